@@ -1,0 +1,1 @@
+"""AV-24 CAN database: the DBC, what a DBC cannot say, and the codecs compiled from both."""

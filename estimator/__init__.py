@@ -1,0 +1,1 @@
+"""State estimation, tyre identification (Eq. 6-8) and diagnosis of what the model lacks."""

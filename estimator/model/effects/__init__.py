@@ -1,0 +1,17 @@
+"""Catalogue of effects the declared model lacks: one small file each, found by importing this package."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from functools import cache
+
+from estimator.model.effects.base import Effect
+
+
+@cache
+def catalogue() -> dict[str, Effect]:
+    """All effects by id; each module of this package but `base` defines one as `EFFECT`."""
+    names = sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name != "base")
+    effects = (importlib.import_module(f"{__name__}.{name}").EFFECT for name in names)
+    return {effect.name: effect for effect in effects}

@@ -1,0 +1,24 @@
+"""Aerodynamic drag: force against the motion through the air, F = -k v|v|."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+
+def _body(terms: Terms, k: Expr) -> None:
+    terms.body_x = terms.body_x - k * terms.vx * ca.fabs(terms.vx)
+
+
+EFFECT = Effect(
+    name="aero_drag",
+    equation="F_x = -k v_x |v_x|",
+    source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 3",
+    parameters=(Parameter("k", "N s2/m2", 0.0, 1.0, 0.0, 5.0, "rho Cd A / 2"),),
+    channels=("ax", "vx_dot"),
+    hooks={"BODY": _body},
+)

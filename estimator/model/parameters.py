@@ -1,0 +1,64 @@
+"""Parameter tables: names, units, priors and bounds of the tyre (Table I of the paper) and of any effect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+Layout = Literal["shared", "per_axle"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One scalar to be learnt. `prior_std` also scales it inside every solver and inside Tr(F) (Eq. 7)."""
+
+    name: str
+    unit: str
+    prior: float
+    prior_std: float
+    lower: float
+    upper: float
+    description: str
+
+
+DEFAULT_TYRE: Mapping[Layout, Mapping[str, float]] = {
+    "shared": {"cx": 50000.0, "b": 9.5, "c": 1.4, "d": 1.35},
+    "per_axle": {"cx": 50000.0, "bf": 9.0, "cf": 1.35, "df": 1.3567, "br": 10.0, "cr": 1.4, "dr": 1.3392},
+}
+
+# kind -> (unit, prior std over prior, lower and upper over prior, absolute bounds, description)
+_KINDS = {
+    "cx": ("N", 0.5, (0.05, 20.0), (0.0, float("inf")), "longitudinal force per unit slip ratio"),
+    "b": ("1", 0.5, (0.05, 8.0), (0.0, 80.0), "stiffness factor of Eq. (2)"),
+    "c": ("1", 0.4, (0.3, 2.5), (0.5, 2.9), "shape factor of Eq. (2); above 2 the force can change sign"),
+    "d": ("1", 0.4, (0.2, 3.0), (0.05, 4.0), "peak lateral force over axle load"),
+}
+
+
+def _tyre_parameter(name: str, value: float) -> Parameter:
+    unit, spread, (low, high), (floor, ceiling), text = _KINDS["cx" if name == "cx" else name[0]]
+    axle = {"f": ", front axle", "r": ", rear axle"}.get(name[1:], "")
+    return Parameter(
+        name, unit, value, spread * value, max(low * value, floor), min(high * value, ceiling), text + axle
+    )
+
+
+def tyre_parameters(layout: Layout, prior: Mapping[str, float] | None = None) -> tuple[Parameter, ...]:
+    """Tyre parameter table of a layout around `prior` (default: the AV-24 numbers), in the order of theta.
+
+    Raises:
+        ValueError: a parameter is missing, unknown or not positive.
+    """
+    values = DEFAULT_TYRE[layout] if prior is None else prior
+    names = tuple(DEFAULT_TYRE[layout])
+    if set(values) != set(names):
+        raise ValueError(f"tyre parameters {sorted(values)} do not fit layout {layout}: expected {sorted(names)}")
+    if bad := [n for n in names if not values[n] > 0]:
+        raise ValueError(f"tyre parameter {bad[0]} = {values[bad[0]]} must be positive")
+    return tuple(_tyre_parameter(n, values[n]) for n in names)
+
+
+def layout_of(values: Mapping[str, float]) -> Layout:
+    """Layout that a set of parameter names belongs to."""
+    return "shared" if "b" in values else "per_axle"

@@ -1,0 +1,147 @@
+"""Single-track model, Eq. (1), evaluated stage by stage so that effects can be added without touching it.
+
+The declared model is this file with no effects. An effect hooks into one or more stages and changes the
+working set `Terms`; the order of the stages is the order in which the physics acts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+
+import casadi as ca
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Layout, Parameter, tyre_parameters
+from estimator.model.tyre import Expr, lateral_force, longitudinal_force, slip_front, slip_rear
+from hil_gateway.vehicle import Vehicle
+
+
+class Stage(Enum):
+    """Where an effect acts, in order of evaluation."""
+
+    INPUT = 1
+    """what the car really does against what is reported: steer, drive, speed"""
+    SLIP = 2
+    LOAD = 3
+    """axle loads, N"""
+    GRIP = 4
+    """factors on D"""
+    FORCE = 5
+    """tyre forces of both axles, N"""
+    BODY = 6
+    """forces and yaw moment on the body that do not come from the tyres' Eq. (2)"""
+    MOTION = 7
+    """gravity: moves the car but is not felt by an accelerometer"""
+    SENSOR = 8
+    """what the sensors make of it"""
+
+
+SIGNALS = ("vx", "vy", "yaw_rate", "steer", "drive")
+"""Arguments every evaluation needs, in order."""
+
+AUXILIARY = (
+    "track_position", "t", "yaw", "throttle", "brake", "gear", "engine_speed", "ax", "steer_rate", "drive_rate",
+)  # fmt: skip
+"""Further signals an effect may ask for; a caller that has none passes the neutral value 0."""
+
+
+@dataclass
+class Terms:
+    """Working set of one evaluation; every attribute is a CasADi expression."""
+
+    vehicle: Vehicle
+    vx: Expr
+    vy: Expr
+    yaw_rate: Expr
+    steer: Expr
+    drive: Expr
+    aux: Mapping[str, Expr] = field(default_factory=dict)
+    slip_f: Expr = 0.0
+    slip_r: Expr = 0.0
+    load_f: Expr = 0.0
+    load_r: Expr = 0.0
+    grip_f: Expr = 1.0
+    grip_r: Expr = 1.0
+    fx_f: Expr = 0.0
+    fx_r: Expr = 0.0
+    fy_f: Expr = 0.0
+    fy_r: Expr = 0.0
+    body_x: Expr = 0.0
+    body_y: Expr = 0.0
+    body_yaw: Expr = 0.0
+    gravity_x: Expr = 0.0
+    gravity_y: Expr = 0.0
+    ax: Expr = 0.0
+    ay: Expr = 0.0
+    yaw_acc: Expr = 0.0
+    vx_dot: Expr = 0.0
+    vy_dot: Expr = 0.0
+    imu_ax: Expr = 0.0
+    imu_ay: Expr = 0.0
+
+
+@dataclass(frozen=True)
+class SingleTrack:
+    """The model of one vehicle with one list of active effects."""
+
+    vehicle: Vehicle
+    layout: Layout
+    effects: tuple[Effect, ...] = ()
+    tyre_prior: Mapping[str, float] | None = None
+
+    @property
+    def tyre_table(self) -> tuple[Parameter, ...]:
+        """Tyre parameters in the order of theta."""
+        return tyre_parameters(self.layout, self.tyre_prior)
+
+    @property
+    def effect_table(self) -> tuple[Parameter, ...]:
+        """Parameters of the active effects, in order; names are `effect.parameter`."""
+        return tuple(p for effect in self.effects for p in effect.parameters)
+
+    def evaluate(self, terms: Terms, theta: Sequence[Expr], phi: Sequence[Expr] = ()) -> Terms:
+        """Fill in every term from the signals, tyre parameters `theta` and effect parameters `phi`."""
+        tyre = dict(zip((p.name for p in self.tyre_table), theta, strict=True))
+        front, rear = (("bf", "cf", "df"), ("br", "cr", "dr")) if self.layout == "per_axle" else (("b", "c", "d"),) * 2
+        v = self.vehicle
+        self._hook(Stage.INPUT, terms, phi)
+        terms.slip_f = slip_front(terms.vx, terms.vy, terms.yaw_rate, terms.steer, v.lf)
+        terms.slip_r = slip_rear(terms.vx, terms.vy, terms.yaw_rate, v.lr)
+        self._hook(Stage.SLIP, terms, phi)
+        terms.load_f, terms.load_r = v.static_load_front, v.static_load_rear
+        self._hook(Stage.LOAD, terms, phi)
+        self._hook(Stage.GRIP, terms, phi)
+        terms.fx_r = longitudinal_force(terms.drive, tyre["cx"])
+        B, C, D = (tyre[n] for n in front)
+        terms.fy_f = lateral_force(terms.slip_f, terms.load_f, B, C, D * terms.grip_f)
+        B, C, D = (tyre[n] for n in rear)
+        terms.fy_r = lateral_force(terms.slip_r, terms.load_r, B, C, D * terms.grip_r)
+        self._hook(Stage.FORCE, terms, phi)
+        self._hook(Stage.BODY, terms, phi)
+        body_accelerations(terms)
+        self._hook(Stage.MOTION, terms, phi)
+        terms.vx_dot = terms.ax + terms.vy * terms.yaw_rate + terms.gravity_x
+        terms.vy_dot = terms.ay - terms.vx * terms.yaw_rate + terms.gravity_y
+        terms.imu_ax, terms.imu_ay = terms.ax, terms.ay
+        self._hook(Stage.SENSOR, terms, phi)
+        return terms
+
+    def _hook(self, stage: Stage, terms: Terms, phi: Sequence[Expr]) -> None:
+        start = 0
+        for effect in self.effects:
+            stop = start + len(effect.parameters)
+            if hook := effect.hooks.get(stage.name):
+                hook(terms, *phi[start:stop])
+            start = stop
+
+
+def body_accelerations(terms: Terms) -> None:
+    """Eq. (1), forces to specific forces and yaw acceleration; the front axle may carry a longitudinal force."""
+    v, sin, cos = terms.vehicle, ca.sin(terms.steer), ca.cos(terms.steer)
+    front_x = terms.fx_f * cos - terms.fy_f * sin
+    front_y = terms.fy_f * cos + terms.fx_f * sin
+    terms.ax = (terms.fx_r + front_x + terms.body_x) / v.mass
+    terms.ay = (terms.fy_r + front_y + terms.body_y) / v.mass
+    terms.yaw_acc = (front_y * v.lf - terms.fy_r * v.lr + terms.body_yaw) / v.yaw_inertia

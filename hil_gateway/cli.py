@@ -1,0 +1,74 @@
+"""The `hil` command: one table of sub-commands, each imported only when it is called."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from hil_gateway.errors import EXIT_FAILURE, EXIT_INPUT, InputError
+
+COMMANDS: dict[str, tuple[str, str]] = {
+    "demo": ("hil_gateway.demo.cli:app", "drive a simulated AV-24 around a track: the whole loop"),
+    "gateway": ("hil_gateway.gateway_cli:app", "CAN to vehicle state, commands to CAN; bring-up check"),
+    "estimator": ("estimator.cli:app", "state, tyre belief and model revisions"),
+    "planner": ("planner.cli:app", "infomax MPCC: plans and commands"),
+    "plant": ("hil_gateway.plant.cli:app", "the simulated AV-24 at the other end of the CAN cable"),
+    "identify": ("estimator.identify.cli:app", "tyre parameters from a session, error before and after"),
+    "diagnose": ("estimator.diagnose.cli:app", "residual, missing effect, error before and after"),
+    "plan": ("planner.plan_cli:app", "planner benchmark in closed loop on the model"),
+    "campaign": ("planner.campaign_cli:app", "long comparisons over seeds"),
+    "session": ("hil_gateway.session.cli:app", "recordings: info, recover, export, import, replay"),
+    "dashboard": ("hil_gateway.dashboard.cli:app", "read-only live page"),
+    "verify": ("hil_gateway.verify_cli:app", "the reliability promises at their stated figures"),
+    "doctor": ("hil_gateway.doctor:app", "what this machine lacks for what, with the remedy"),
+}
+"""name -> (module:attribute of a Typer app, help line)"""
+
+
+class LazyGroup(TyperGroup):
+    """Lists sub-commands from the table and imports one only to run it."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in COMMANDS:
+            return None
+        target, text = COMMANDS[cmd_name]
+        if ctx.resilient_parsing or "--help" in sys.argv[1:2] or len(sys.argv) == 1:
+            return TyperCommand(cmd_name, help=text, short_help=text)
+        module, attribute = target.split(":")
+        return typer.main.get_command(getattr(importlib.import_module(module), attribute))
+
+
+app = typer.Typer(
+    cls=LazyGroup,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Hardware-in-the-loop CAN gateway and active tyre-learning loop for the Dallara AV-24.",
+)
+
+
+@app.callback()
+def _root() -> None:
+    """Hardware-in-the-loop CAN gateway and active tyre-learning loop for the Dallara AV-24."""
+
+
+def main() -> None:
+    """Run the command line; bad input ends in one line on standard error and exit code 2."""
+    try:
+        app(standalone_mode=True)
+    except InputError as error:
+        print(f"hil: {error}", file=sys.stderr)
+        raise SystemExit(EXIT_INPUT) from None
+    except BrokenPipeError:
+        raise SystemExit(EXIT_FAILURE) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""Time as an argument: only nodes hold a clock, everything below them is given `now_ns`.
+
+All times inside the project are monotonic nanoseconds: ages survive a step of the wall clock. Two computers
+never compare their clocks; a message is aged by the receiver's clock, and a command carries back the stamp
+of the vehicle state it answers, so that the gateway ages it by its own.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+NS_PER_S = 1_000_000_000
+
+
+class Clock(Protocol):
+    """Source of monotonic nanoseconds and of pauses."""
+
+    def now_ns(self) -> int:
+        """Current time, ns, never decreasing."""
+        ...
+
+    def sleep_until(self, t_ns: int) -> None:
+        """Block until `t_ns`; returns at once when it has passed."""
+        ...
+
+
+class SystemClock:
+    """CLOCK_MONOTONIC: shared by all processes of one computer."""
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns()
+
+    def sleep_until(self, t_ns: int) -> None:
+        remaining = t_ns - time.monotonic_ns()
+        if remaining > 0:
+            time.sleep(remaining / NS_PER_S)
+
+
+class VirtualClock:
+    """Time that moves only when told to: tests, campaigns, replay."""
+
+    def __init__(self, start_ns: int = 0) -> None:
+        self._now_ns = start_ns
+
+    def now_ns(self) -> int:
+        return self._now_ns
+
+    def sleep_until(self, t_ns: int) -> None:
+        self._now_ns = max(self._now_ns, t_ns)
+
+    def advance(self, duration_ns: int) -> None:
+        """Move time forward by `duration_ns` >= 0."""
+        if duration_ns < 0:
+            raise ValueError(f"virtual time cannot go back: {duration_ns} ns")
+        self._now_ns += duration_ns
+
+
+def wall_offset_ns() -> int:
+    """Nanoseconds to add to a monotonic stamp to get Unix time (for recordings and kernel time stamps)."""
+    return time.time_ns() - time.monotonic_ns()

@@ -1,0 +1,145 @@
+"""One frozen configuration tree: defaults here, then a TOML file, then HIL_... variables, then flags.
+
+An unknown key, a value out of range or an unreadable file is an `InputError` that names file, key, value and
+remedy. `HIL_CAN__CHANNEL=can0` sets `can.channel`.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, ValidationError
+
+from hil_gateway.errors import InputError
+from hil_gateway.messages import Model
+from hil_gateway.vehicle import Vehicle
+
+ENVIRONMENT_PREFIX = "HIL_"
+
+
+class CanConfig(Model):
+    """Which CAN bus, and how."""
+
+    interface: Literal["auto", "socketcan", "udp_multicast", "virtual"] = "auto"
+    channel: str = "vcan0"
+    bitrate: int = Field(default=1_000_000, gt=0, description="bit/s, for the bus load figure")
+    multicast_group: str = "239.74.163.2"
+    multicast_port: int = Field(default=43113, gt=0, lt=65536)
+
+
+class ZenohConfig(Model):
+    """Explicit Zenoh endpoints; loopback unless changed. The gateway listens, the others connect."""
+
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    extra: str = Field(default="", description="path of a Zenoh JSON5 file merged over these (TLS, access control)")
+
+
+class OriginConfig(Model):
+    """Geodetic origin of the local map frame."""
+
+    latitude: float = Field(default=36.5844, ge=-90, le=90, description="deg")
+    longitude: float = Field(default=-121.7535, ge=-180, le=180, description="deg")
+
+
+class GatewayConfig(Model):
+    """Gateway process."""
+
+    mode: Literal["listen", "shadow", "actuator_test", "armed"] = "armed"
+
+
+class PlantConfig(Model):
+    """Simulated car."""
+
+    effects: dict[str, float] = Field(default={}, description="undeclared effect -> size")
+    seed: int = 1
+
+
+class EstimatorConfig(Model):
+    """Estimator process."""
+
+    layout: Literal["shared", "per_axle"] = "per_axle"
+
+
+class PlannerConfig(Model):
+    """Planner process."""
+
+    horizon: int = Field(default=40, ge=5, le=200)
+    dt: float = Field(default=0.05, gt=0, le=0.5, description="s")
+
+
+class RecorderConfig(Model):
+    """Recording of raw frames and topics."""
+
+    flush_s: float = Field(default=0.1, gt=0, le=0.2, description="at most this much is lost by a kill, s")
+
+
+class Config(Model):
+    """The whole tree."""
+
+    vehicle: Vehicle = Vehicle()
+    track: str = Field(default="", description="track file; empty: the road course that is shipped")
+    origin: OriginConfig = OriginConfig()
+    can: CanConfig = CanConfig()
+    zenoh: ZenohConfig = ZenohConfig()
+    gateway: GatewayConfig = GatewayConfig()
+    plant: PlantConfig = PlantConfig()
+    estimator: EstimatorConfig = EstimatorConfig()
+    planner: PlannerConfig = PlannerConfig()
+    recorder: RecorderConfig = RecorderConfig()
+
+
+def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Config:
+    """Merge defaults, TOML file, environment and dotted `overrides` ("can.channel": "can0").
+
+    Raises:
+        InputError: unreadable file, unknown key, value out of range.
+    """
+    tree: dict[str, Any] = _read_toml(path) if path else {}
+    origin = str(path) if path else "defaults"
+    for key, value in _environment().items():
+        _set(tree, key, value)
+    for key, value in (overrides or {}).items():
+        _set(tree, key.split("."), value)
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as error:
+        raise InputError(_explain(error, origin)) from None
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text())
+    except OSError as error:
+        raise InputError(f"{path}: cannot read the configuration: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+
+
+def _environment() -> dict[tuple[str, ...], str]:
+    """HIL_CAN__CHANNEL -> ("can", "channel"); variables without a double underscore are not configuration."""
+    return {
+        tuple(name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")): value
+        for name, value in os.environ.items()
+        if name.startswith(ENVIRONMENT_PREFIX) and "__" in name
+    }
+
+
+def _set(tree: dict[str, Any], keys: Any, value: Any) -> None:
+    *parents, leaf = keys
+    for key in parents:
+        tree = tree.setdefault(key, {})
+    tree[leaf] = value
+
+
+def _explain(error: ValidationError, origin: str) -> str:
+    """First problem in one line."""
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        return f"{origin}: unknown key {key}; `hil doctor --config` lists the known ones"
+    return f"{origin}: {key} = {first['input']!r}: {first['msg'].lower()}"

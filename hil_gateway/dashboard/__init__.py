@@ -1,0 +1,1 @@
+"""Read-only live page: losing it changes nothing on the wire."""

@@ -1,0 +1,17 @@
+"""What a user did or gave that cannot be used: one clear line, exit code 2.
+
+An `InputError` says what is wrong, the value, the limit, where (file, row, key) and what to do.
+Anything else that is raised is a bug.
+"""
+
+from __future__ import annotations
+
+EXIT_OK = 0
+EXIT_FAILURE = 1
+"""the run found a failure: a test, a check, a lost frame"""
+EXIT_INPUT = 2
+"""bad arguments or input"""
+
+
+class InputError(Exception):
+    """Bad input; the message is what the user reads."""

@@ -1,0 +1,248 @@
+"""Messages on Zenoh and in recordings: one frozen Pydantic model each; their JSON is the wire format.
+
+Frames: ISO 8855 (x forward, y left, z up; yaw, steering and lateral force positive to the left); SI units.
+`ax`, `ay` are specific force at the centre of gravity. Positions are in the local map frame (x east, y north
+of the configured origin). Stamps are monotonic nanoseconds of the sender.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Model(BaseModel):
+    """Frozen, strict about names, finite numbers only."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Message(Model):
+    """What every message carries."""
+
+    stamp_ns: int = Field(description="time of validity, sender's monotonic clock, ns")
+    seq: int = Field(ge=0, description="advances by one a message of this sender")
+
+
+class SourceHealth(Model):
+    """One group of CAN messages behind the vehicle state."""
+
+    age_s: float | None = Field(description="seconds since the last frame; null before the first")
+    valid: bool
+
+
+class VehicleState(Message):
+    """What the car reports, decoded to SI, with the health of every source (100 Hz)."""
+
+    valid: bool = Field(description="every source needed for driving is alive and plausible")
+    sources: dict[str, SourceHealth]
+    ax: float
+    ay: float
+    az: float
+    yaw_rate: float
+    roll_rate: float
+    wheel_speed_fl: float = Field(description="circumferential, m/s")
+    wheel_speed_fr: float
+    wheel_speed_rl: float
+    wheel_speed_rr: float
+    steer: float = Field(description="road-wheel angle, rad")
+    steer_rate: float
+    accelerator: float = Field(ge=0, le=1)
+    throttle: float = Field(description="engine throttle, 0..1")
+    brake_front: float = Field(description="Pa")
+    brake_rear: float = Field(description="Pa")
+    drive: float = Field(description="slip-ratio drive command of Eq. (2) equivalent to the reported pedals")
+    gear: int
+    engine_speed: float = Field(description="rad/s")
+    position_x: float
+    position_y: float
+    position_seq: int = Field(description="advances when a new position fix arrived")
+    sys_state: int
+    ct_state: int
+    track_flag: int
+    vehicle_flag: int
+
+
+class Estimate(Message):
+    """Filtered vehicle state at the centre of gravity (100 Hz)."""
+
+    state_stamp_ns: int = Field(description="stamp of the VehicleState this answers, gateway clock")
+    valid: bool
+    x: float
+    y: float
+    yaw: float
+    vx: float
+    vy: float
+    yaw_rate: float
+    bias_ax: float
+    bias_ay: float
+    bias_yaw_rate: float
+    std: tuple[float, ...] = Field(description="standard deviations of x, y, yaw, vx, vy, yaw_rate, biases")
+    steer: float = Field(description="applied road-wheel angle, rad")
+    drive: float = Field(description="applied slip-ratio drive command")
+    innovations_rejected: int = Field(ge=0, description="measurements gated out since start")
+
+
+class Belief(Message):
+    """Gaussian belief over the tyre parameters (Eq. 8)."""
+
+    layout: str = Field(description="shared | per_axle")
+    names: tuple[str, ...]
+    mean: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    samples: int = Field(ge=0, description="samples that passed the activity gates")
+    log_det_information: float = Field(description="log det of the posterior precision in prior-scaled units")
+
+
+class ActiveEffect(Model):
+    """One effect added to the declared model, with its parameters in SI."""
+
+    name: str
+    parameters: dict[str, float]
+    profile: tuple[float, ...] = Field(default=(), description="spline coefficients over track position, if any")
+
+
+class Provenance(Model):
+    """Where a model revision comes from and what it improved."""
+
+    sessions: tuple[str, ...] = Field(default=(), description="SHA-256 of each session it was learnt from")
+    error_before: dict[str, float] = Field(default={}, description="held-out RMSE per channel, before")
+    error_after: dict[str, float] = Field(default={}, description="held-out RMSE per channel, after")
+    note: str = ""
+
+
+class ModelRevision(Message):
+    """The vehicle model the planner is to use: tyre parameters, belief, active effects, provenance."""
+
+    revision: str = Field(description="content hash of layout, tyre and effects")
+    layout: str
+    tyre: dict[str, float]
+    covariance: tuple[tuple[float, ...], ...] = ()
+    effects: tuple[ActiveEffect, ...] = ()
+    provenance: Provenance = Provenance()
+
+
+class PlanStatus(StrEnum):
+    """How a plan came about."""
+
+    SOLVED = "solved"
+    SHIFTED = "shifted"
+    STOP = "stop"
+
+
+class Plan(Message):
+    """Predicted motion over the horizon, stage 0 first; all arrays have the same length."""
+
+    state_stamp_ns: int
+    status: PlanStatus
+    reason: str = Field(default="", description="why the plan is not a fresh solution")
+    dt: float
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    yaw: tuple[float, ...]
+    vx: tuple[float, ...]
+    s: tuple[float, ...]
+    steer: tuple[float, ...]
+    drive: tuple[float, ...]
+    lap: int
+    revision: str = Field(description="model revision the plan was made with")
+    solve_ms: float
+    information_gain: float = Field(default=0.0, description="sum of Delta I over the horizon (Eq. 7)")
+
+
+class Command(Message):
+    """What the planner asks for (first action of the plan)."""
+
+    source: str
+    state_stamp_ns: int = Field(description="stamp of the VehicleState the plan started from, gateway clock")
+    steer: float = Field(description="road-wheel angle, rad")
+    drive: float = Field(description="slip ratio, positive drives, negative brakes")
+
+
+class OperatorAction(StrEnum):
+    """What a person can ask of the gateway."""
+
+    ARM = "arm"
+    DISARM = "disarm"
+    STOP = "stop"
+    EMERGENCY = "emergency"
+
+
+class OperatorCommand(Message):
+    """A person's request; arming is edge-triggered and never remembered."""
+
+    source: str
+    action: OperatorAction
+
+
+class FailsafeAction(StrEnum):
+    """What the gateway does, in rising severity."""
+
+    SILENT = "silent"
+    DRIVE = "drive"
+    CONTROLLED_STOP = "controlled_stop"
+    EMERGENCY_STOP = "emergency_stop"
+
+
+class Applied(Message):
+    """What the gateway really sent this period: the estimator learns from this, never from the request."""
+
+    sent: bool
+    action: FailsafeAction
+    limited: tuple[str, ...] = Field(description="names of the limits that changed the request")
+    steer: float
+    drive: float
+    accelerator_percent: float
+    brake_front_kpa: float
+    brake_rear_kpa: float
+    steering_motor_deg: float
+    gear: int
+
+
+class GatewayStatus(Message):
+    """Health of the gateway and of the bus (10 Hz)."""
+
+    mode: str = Field(description="listen | shadow | actuator_test | armed")
+    armed: bool
+    action: FailsafeAction
+    cause: str
+    missing_for_arming: tuple[str, ...]
+    bus: str
+    bus_state: str
+    frames_received: int
+    frames_lost: int
+    frames_unknown: int
+    frames_malformed: int
+    counter_errors: int
+    commands_sent: int
+    commands_limited: int
+    loop_latency_p50_ms: float | None
+    loop_latency_p99_ms: float | None
+
+
+class Alert(Message):
+    """The model has stopped explaining a channel (live monitor)."""
+
+    channel: str
+    condition: str = Field(description="where it fails, in words: 'right turns above 40 m/s'")
+    suspected_effect: str = ""
+    strength: float = Field(description="residual RMS over its noise floor")
+
+
+class Truth(Message):
+    """The plant's own state, for the referee (off-track count, lap times). No node subscribes to it."""
+
+    x: float
+    y: float
+    z: float
+    yaw: float
+    vx: float
+    vy: float
+    yaw_rate: float
+    s: float
+    lateral_offset: float
+    off_track: bool
+    lap: int
+    lap_times_s: tuple[float, ...] = ()
+    off_track_count: int = 0
