@@ -101,8 +101,8 @@ def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = 
     """
     tree: dict[str, Any] = _read_toml(path) if path else {}
     origin = str(path) if path else "defaults"
-    for key, value in _environment().items():
-        _set(tree, key, value)
+    for keys, text in _environment().items():
+        _set(tree, keys, text)
     for key, value in (overrides or {}).items():
         _set(tree, key.split("."), value)
     try:
