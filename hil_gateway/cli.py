@@ -21,6 +21,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "diagnose": ("estimator.diagnose.cli:app", "residual, missing effect, error before and after"),
     "plan": ("planner.plan_cli:app", "planner benchmark in closed loop on the model"),
     "campaign": ("planner.campaign_cli:app", "long comparisons over seeds"),
+    "recorder": ("hil_gateway.recorder_cli:app", "raw frames and topics into one MCAP file"),
     "session": ("hil_gateway.session.cli:app", "recordings: info, recover, export, import, replay"),
     "dashboard": ("hil_gateway.dashboard.cli:app", "read-only live page"),
     "verify": ("hil_gateway.verify_cli:app", "the reliability promises at their stated figures"),
@@ -50,6 +51,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain help: importing rich would double its time
     help="Hardware-in-the-loop CAN gateway and active tyre-learning loop for the Dallara AV-24.",
 )
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -109,6 +109,29 @@ def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = 
         return Config.model_validate(tree)
     except ValidationError as error:
         raise InputError(_explain(error, origin)) from None
+
+
+def origins(path: Path | None = None) -> dict[str, tuple[Any, str]]:
+    """Every setting as dotted key -> (value, where it came from: the file, a variable, or "default")."""
+    in_file = dict(_leaves(_read_toml(path))) if path else {}
+    in_environment = {".".join(keys) for keys in _environment()}
+
+    def origin(key: str) -> str:
+        if key in in_environment:
+            return f"{ENVIRONMENT_PREFIX}{key.upper().replace('.', '__')}"
+        named = any(key == k or key.startswith(f"{k}.") or k.startswith(f"{key}.") for k in in_file)
+        return str(path) if named else "default"
+
+    tree = load_config(path).model_dump(mode="json")
+    return {key: (value, origin(key)) for key, value in _leaves(tree)}
+
+
+def _leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in tree.items():
+        if isinstance(value, dict) and value:
+            yield from _leaves(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

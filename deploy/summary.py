@@ -1,0 +1,61 @@
+"""Plain summary of one run of deploy/test.sh: steps, tests per kind of CAN, and the totals on a line of their own.
+
+Reads the folder deploy/test.sh fills: `steps` and `failed` (one line each) and JUnit files `normal.xml`, `vcan.xml`.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from xml.etree import ElementTree
+
+NO_CAN = "no CAN"
+
+
+def outcomes(report: Path) -> list[tuple[str, str]]:
+    """(kind of CAN, passed | failed | skipped) of every test in a JUnit file; a missing file has none."""
+    if not report.exists():
+        return []
+    return [(_kind(case), _outcome(case)) for case in ElementTree.parse(report).iter("testcase")]
+
+
+def _kind(case: ElementTree.Element) -> str:
+    kinds = [p.get("value", "") for p in case.iter("property") if p.get("name") == "can"]
+    return kinds[0] if kinds else NO_CAN
+
+
+def _outcome(case: ElementTree.Element) -> str:
+    children = {child.tag for child in case}
+    if children & {"failure", "error"}:
+        return "failed"
+    return "skipped" if "skipped" in children else "passed"
+
+
+def _not_run() -> int:
+    """How many vcan tests there are, when none could be run."""
+    command = [sys.executable, "-m", "pytest", "-m", "vcan", "--collect-only", "-q"]
+    listing = subprocess.run(command, capture_output=True, text=True, check=False)
+    return sum("::" in line for line in listing.stdout.splitlines())
+
+
+def main(folder: Path) -> int:
+    """Print the summary; 1 when a step failed or no test ran."""
+    results = outcomes(folder / "normal.xml") + outcomes(folder / "vcan.xml")
+    if not (folder / "vcan.xml").exists():
+        results += [("vcan (not run)", "skipped")] * _not_run()
+    print((folder / "steps").read_text(), end="")
+    for kind in sorted({kind for kind, _ in results}):
+        counts = Counter(outcome for k, outcome in results if k == kind)
+        print(f"tests on {kind}: " + ", ".join(f"{n} {outcome}" for outcome, n in sorted(counts.items())))
+    total = Counter(outcome for _, outcome in results)
+    print(f"{total['passed']} passed, {total['failed']} failed, {total['skipped']} skipped")
+    failed = (folder / "failed").read_text().split() if (folder / "failed").exists() else []
+    if failed:
+        print("failed steps: " + ", ".join(failed), file=sys.stderr)
+    return int(bool(failed) or total["failed"] > 0 or total["passed"] == 0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(Path(sys.argv[1])))

@@ -1,0 +1,47 @@
+#!/bin/bash
+# deploy/test.sh [PYTEST ARGS]: every check CI runs; ends with a plain summary. Needs no root, but as root it
+# installs the system packages that the vcan and browser tests want.
+set -uo pipefail
+root=$(cd "$(dirname "$0")/.." && pwd)
+cd "$root"
+"$root/deploy/setup.sh" || exit 1
+export PATH="$root/.venv/bin:$PATH" OMP_NUM_THREADS=1
+results=$(mktemp -d)
+trap 'rm -rf "$results"' EXIT
+started=$SECONDS
+
+# step NAME CMD...: output goes to a file and is shown only when CMD fails; the result is a line of the summary
+step() {
+    local name=$1 from=$SECONDS verdict=ok; shift
+    printf '%-34s ' "$name" >&2
+    "$@" >"$results/$name.log" 2>&1 || verdict=FAILED
+    printf '%-6s %4d s\n' "$verdict" "$((SECONDS - from))" | tee -a "$results/steps" >&2
+    [ "$verdict" = ok ] || { tail -n 60 "$results/$name.log" >&2; echo "$name" >>"$results/failed"; }
+}
+
+# `hil doctor --packages` prints what is missing here, by Debian package name
+missing=$(hil doctor --packages)
+if [ -n "$missing" ]; then
+    if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+        # shellcheck disable=SC2086
+        step apt-get sh -c 'export DEBIAN_FRONTEND=noninteractive; apt-get update -qq \
+            && apt-get install -y -qq --no-install-recommends "$@"' sh $missing
+    else
+        echo "missing, and not root to install it: apt-get install $missing" >&2
+    fi
+fi
+
+step ruff ruff check .
+step mypy mypy
+step tests python -m pytest -n 2 --dist worksteal -m "not vcan" --junitxml="$results/normal.xml" "$@"
+if deploy/with-vcan true >"$results/vcan.log" 2>&1; then
+    step vcan-tests deploy/with-vcan python -m pytest -p no:cacheprovider -m vcan --junitxml="$results/vcan.xml" "$@"
+else
+    echo "vcan tests not run: $(tail -n 1 "$results/vcan.log")" >&2
+fi
+for benchmark in benchmarks/[a-z]*.py; do
+    step "benchmark-$(basename "$benchmark" .py)" timeout 180 python "$benchmark"
+done
+
+echo "total $((SECONDS - started)) s" >&2
+python deploy/summary.py "$results"
