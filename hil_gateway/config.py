@@ -63,6 +63,15 @@ class EstimatorConfig(Model):
     """Estimator process."""
 
     layout: Literal["shared", "per_axle"] = "per_axle"
+    measurement: Literal["imu", "imu_yaw", "tyre_force"] = "imu_yaw"
+    model: str = Field(default="", description="model revision (JSON) to start from; empty: the declared model")
+    learn: bool = Field(default=True, description="publish model revisions as the belief moves")
+    revision_hysteresis: float = Field(default=0.02, gt=0, description="smallest relative change worth publishing")
+    revision_max_step: float = Field(default=0.05, gt=0, description="largest relative change of a parameter at once")
+    revision_min_samples: int = Field(default=500, ge=1, description="samples before the first change")
+    revision_bounds: tuple[float, float] = Field(
+        default=(0.5, 2.0), description="published tyre parameters over the starting ones"
+    )
 
 
 class PlannerConfig(Model):
@@ -76,6 +85,10 @@ class RecorderConfig(Model):
     """Recording of raw frames and topics."""
 
     flush_s: float = Field(default=0.1, gt=0, le=0.2, description="at most this much is lost by a kill, s")
+    folder: str = Field(default="sessions", description="where recordings go")
+    name: str = Field(default="", description="name of the recording; empty: date and time")
+    rotate_bytes: int = Field(default=2_000_000_000, ge=100_000, description="size at which the next file begins, B")
+    min_free_bytes: int = Field(default=300_000_000, ge=0, description="recording pauses below this free space, B")
 
 
 class Config(Model):

@@ -1,0 +1,156 @@
+"""Estimator process: vehicle state in; estimate, tyre belief and model revision out.
+
+`Estimator` is a deterministic function of the messages it is given: everything it publishes is timed by their
+stamps, so replaying a session gives the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from estimator.localisation import Localisation
+from estimator.model.measurement import axle_forces
+from estimator.model.single_track import AUXILIARY
+from estimator.revision import RevisionPolicy, declared_revision, load_revision, model_of
+from estimator.tyre_belief import Array, BeliefSettings, Sample, TyreBelief
+from hil_gateway import topics
+from hil_gateway.bus import Bus
+from hil_gateway.clock import NS_PER_S, SystemClock
+from hil_gateway.config import Config
+from hil_gateway.messages import Belief, Estimate, ModelRevision, VehicleState
+from hil_gateway.track import Track, load_track
+
+BELIEF_PERIOD_NS = NS_PER_S // 10
+REVISION_PERIOD_NS = NS_PER_S
+QUEUE_DEPTH = 50
+"""half a second of vehicle states: a pause shorter than that loses no sample"""
+HALF_WINDOW = 3
+"""the yaw acceleration is the slope of the yaw rate over this many samples either side"""
+
+
+class Estimator:
+    """State filter, tyre belief and revision policy behind the bus."""
+
+    def __init__(self, config: Config, bus: Bus, track: Track | None = None) -> None:
+        self._bus = bus
+        self._states = bus.subscribe(topics.VEHICLE_STATE, depth=QUEUE_DEPTH)
+        self.localisation = Localisation(config.vehicle, track or load_track(config.track))
+        start = _starting_revision(config)
+        model, _, phi = model_of(start, config.vehicle)
+        self.belief = TyreBelief(model, BeliefSettings(kind=config.estimator.measurement), phi)
+        if start.covariance:
+            self.belief.set_covariance(np.array(start.covariance))
+        self.policy = RevisionPolicy(config.estimator, start)
+        self._window = SampleWindow(self.belief)
+        self._seq = self._belief_seq = 0
+        self._belief_due_ns = self._revision_due_ns = 0
+
+    def step(self, now_ns: int) -> None:
+        """Work through the vehicle states that have arrived, in order."""
+        for state in self._states.poll(now_ns):
+            self._take(state)
+
+    def _take(self, state: VehicleState) -> None:
+        estimate = self.localisation.step(state, self._seq)
+        self._seq += 1
+        self._bus.publish(topics.ESTIMATE, estimate)
+        if (sample := self._window.push(state, estimate, self.localisation)) is not None:
+            self.belief.update(sample)
+        if state.stamp_ns >= self._belief_due_ns:
+            self._belief_due_ns = state.stamp_ns + BELIEF_PERIOD_NS
+            self._bus.publish(topics.BELIEF, belief_message(self.belief, state.stamp_ns, self._belief_seq))
+            self._belief_seq += 1
+        if state.stamp_ns >= self._revision_due_ns:
+            self._revision_due_ns = state.stamp_ns + REVISION_PERIOD_NS
+            self._bus.publish(topics.MODEL_REVISION, self.policy.message(self.belief, state.stamp_ns))
+
+
+class SampleWindow:
+    """Turns a run of states and estimates into belief samples, `HALF_WINDOW` samples late."""
+
+    def __init__(self, belief: TyreBelief) -> None:
+        self._belief = belief
+        self._rows: deque[tuple[int, VehicleState, Estimate, Array, Array]] = deque(maxlen=2 * HALF_WINDOW + 1)
+
+    def push(self, state: VehicleState, estimate: Estimate, localisation: Localisation) -> Sample | None:
+        """Sample at the middle of the window once that is full, evenly spaced and valid throughout."""
+        if not (state.valid and estimate.valid):
+            self._rows.clear()
+            return None
+        aux = _auxiliary(state, estimate, localisation.track_position)
+        self._rows.append((state.stamp_ns, state, estimate, aux, localisation.motion_covariance))
+        if len(self._rows) < 2 * HALF_WINDOW + 1:
+            return None
+        yaw_acc = slope([r[0] for r in self._rows], [r[2].yaw_rate for r in self._rows])
+        return None if yaw_acc is None else self._sample(yaw_acc)
+
+    def _sample(self, yaw_acc: float) -> Sample:
+        _, state, e, aux, covariance = self._rows[HALF_WINDOW]
+        ax, ay = state.ax - e.bias_ax, state.ay - e.bias_ay
+        kind = self._belief.settings.kind
+        if kind == "tyre_force":
+            z = axle_forces(self._belief.model.vehicle, ax, ay, yaw_acc, e.steer)
+        else:
+            z = np.array([ax, ay, yaw_acc] if kind == "imu_yaw" else [ax, ay])
+        return Sample(np.array([e.vx, e.vy, e.yaw_rate, e.steer, e.drive]), covariance, z, aux)
+
+
+def slope(stamps_ns: Sequence[int], values: Sequence[float]) -> float | None:
+    """Least-squares slope over evenly spaced samples, 1/s; None where a sample is missing or late."""
+    n = len(stamps_ns)
+    dt = (stamps_ns[-1] - stamps_ns[0]) / (n - 1) / NS_PER_S
+    if dt <= 0 or any(not 0.5 * dt < (b - a) / NS_PER_S < 1.5 * dt for a, b in pairwise(stamps_ns)):
+        return None
+    half = (n - 1) // 2
+    weights = range(-half, half + 1)
+    return sum(w * v for w, v in zip(weights, values, strict=True)) / (dt * sum(w * w for w in weights))
+
+
+def _auxiliary(state: VehicleState, estimate: Estimate, track_position: float) -> Array:
+    """Values of `AUXILIARY` as the car reports them; what it does not report stays neutral."""
+    known = {
+        "track_position": track_position, "t": state.stamp_ns / NS_PER_S, "yaw": estimate.yaw,
+        "throttle": state.throttle, "brake": state.brake_front + state.brake_rear, "gear": float(state.gear),
+        "engine_speed": state.engine_speed, "ax": state.ax - estimate.bias_ax, "steer_rate": state.steer_rate,
+    }  # fmt: skip
+    return np.array([known.get(name, 0.0) for name in AUXILIARY])
+
+
+def belief_message(belief: TyreBelief, stamp_ns: int, seq: int) -> Belief:
+    """The belief as it goes on the bus."""
+    return Belief(
+        stamp_ns=stamp_ns,
+        seq=seq,
+        layout=belief.model.layout,
+        names=belief.names,
+        mean=tuple(belief.mean.tolist()),
+        covariance=tuple(map(tuple, belief.covariance.tolist())),
+        samples=belief.samples,
+        log_det_information=belief.log_det_information,
+    )
+
+
+def _starting_revision(config: Config) -> ModelRevision:
+    c = config.estimator
+    return load_revision(c.model) if c.model else declared_revision(c.layout)
+
+
+def run(config: Config, period_s: float = 0.001) -> None:
+    """Run the process until it is interrupted."""
+    from hil_gateway.zenoh_bus import open_bus
+
+    clock, bus = SystemClock(), open_bus(config.zenoh, "estimator")
+    estimator = Estimator(config, bus)
+    try:
+        while True:
+            now_ns = clock.now_ns()
+            estimator.step(now_ns)
+            clock.sleep_until(now_ns + round(period_s * NS_PER_S))
+    except KeyboardInterrupt:
+        pass
+    finally:
+        bus.close()
