@@ -24,17 +24,19 @@ class Stage(Enum):
     INPUT = 1
     """what the car really does against what is reported: steer, drive, speed"""
     SLIP = 2
-    LOAD = 3
+    LONGITUDINAL = 3
+    """longitudinal forces: tyres of both axles and body, N; before the loads, which depend on them"""
+    LOAD = 4
     """axle loads, N"""
-    GRIP = 4
+    GRIP = 5
     """factors on D"""
-    FORCE = 5
-    """tyre forces of both axles, N"""
-    BODY = 6
+    FORCE = 6
+    """lateral tyre forces of both axles, N"""
+    BODY = 7
     """forces and yaw moment on the body that do not come from the tyres' Eq. (2)"""
-    MOTION = 7
+    MOTION = 8
     """gravity: moves the car but is not felt by an accelerometer"""
-    SENSOR = 8
+    SENSOR = 9
     """what the sensors make of it"""
 
 
@@ -44,7 +46,10 @@ SIGNALS = ("vx", "vy", "yaw_rate", "steer", "drive")
 AUXILIARY = (
     "track_position", "t", "yaw", "throttle", "brake", "gear", "engine_speed", "ax", "steer_rate", "drive_rate",
 )  # fmt: skip
-"""Further signals an effect may ask for; a caller that has none passes the neutral value 0."""
+"""Further signals an effect may ask for; a caller that has none leaves them out and gets the neutral value 0."""
+
+CHANNELS = ("ax", "ay", "yaw_acc", "vx_dot", "vy_dot")
+"""What the model predicts: specific forces as the accelerometer reports them, and the motion."""
 
 
 @dataclass
@@ -66,6 +71,8 @@ class Terms:
     grip_r: Expr = 1.0
     fx_f: Expr = 0.0
     fx_r: Expr = 0.0
+    peak_f: Expr = 0.0
+    peak_r: Expr = 0.0
     fy_f: Expr = 0.0
     fy_r: Expr = 0.0
     body_x: Expr = 0.0
@@ -80,6 +87,14 @@ class Terms:
     vy_dot: Expr = 0.0
     imu_ax: Expr = 0.0
     imu_ay: Expr = 0.0
+
+    def auxiliary(self, name: str) -> Expr:
+        """Auxiliary signal, or its neutral value 0 where the caller has none."""
+        return self.aux.get(name, 0.0)
+
+    def channels(self) -> tuple[Expr, ...]:
+        """The five predictions in the order of `CHANNELS`."""
+        return (self.imu_ax, self.imu_ay, self.yaw_acc, self.vx_dot, self.vy_dot)
 
 
 @dataclass(frozen=True)
@@ -102,21 +117,27 @@ class SingleTrack:
         return tuple(p for effect in self.effects for p in effect.parameters)
 
     def evaluate(self, terms: Terms, theta: Sequence[Expr], phi: Sequence[Expr] = ()) -> Terms:
-        """Fill in every term from the signals, tyre parameters `theta` and effect parameters `phi`."""
+        """Fill in every term from the signals, tyre parameters `theta` and effect parameters `phi`.
+
+        An effect with a profile takes its value at the point as its parameter.
+        """
         tyre = dict(zip((p.name for p in self.tyre_table), theta, strict=True))
         front, rear = (("bf", "cf", "df"), ("br", "cr", "dr")) if self.layout == "per_axle" else (("b", "c", "d"),) * 2
         v = self.vehicle
         self._hook(Stage.INPUT, terms, phi)
-        terms.slip_f = slip_front(terms.vx, terms.vy, terms.yaw_rate, terms.steer, v.lf)
-        terms.slip_r = slip_rear(terms.vx, terms.vy, terms.yaw_rate, v.lr)
+        terms.slip_f = slip_front(terms.vx, terms.vy, terms.yaw_rate, terms.steer, v)
+        terms.slip_r = slip_rear(terms.vx, terms.vy, terms.yaw_rate, v)
         self._hook(Stage.SLIP, terms, phi)
+        terms.fx_r = longitudinal_force(terms.drive, tyre["cx"])
+        self._hook(Stage.LONGITUDINAL, terms, phi)
         terms.load_f, terms.load_r = v.static_load_front, v.static_load_rear
         self._hook(Stage.LOAD, terms, phi)
         self._hook(Stage.GRIP, terms, phi)
-        terms.fx_r = longitudinal_force(terms.drive, tyre["cx"])
         B, C, D = (tyre[n] for n in front)
+        terms.peak_f = D * terms.grip_f * terms.load_f
         terms.fy_f = lateral_force(terms.slip_f, terms.load_f, B, C, D * terms.grip_f)
         B, C, D = (tyre[n] for n in rear)
+        terms.peak_r = D * terms.grip_r * terms.load_r
         terms.fy_r = lateral_force(terms.slip_r, terms.load_r, B, C, D * terms.grip_r)
         self._hook(Stage.FORCE, terms, phi)
         self._hook(Stage.BODY, terms, phi)

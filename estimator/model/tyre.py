@@ -6,11 +6,14 @@ from typing import Any
 
 import casadi as ca
 
+from hil_gateway.vehicle import Vehicle
+
 Expr = Any
 """CasADi SX/MX or a float: CasADi overloads both alike and has no common static type."""
 
-KINEMATIC_BLEND_SPEED = 2.0
-"""Below about this vx, m/s, slip angles fade to zero instead of diverging."""
+KINEMATIC_BLEND_RATE = 0.67
+"""Wheelbases per second below which slip angles fade to zero instead of diverging: 2 m/s for the AV-24, and in
+proportion for a model car."""
 
 
 def lateral_force(slip: Expr, load: Expr, B: Expr, C: Expr, D: Expr) -> Expr:
@@ -23,16 +26,21 @@ def longitudinal_force(drive: Expr, C_x: Expr) -> Expr:
     return C_x * drive
 
 
-def safe_speed(vx: Expr, blend: float = KINEMATIC_BLEND_SPEED) -> Expr:
-    """Smooth positive denominator for slip: tends to vx well above `blend`, never below about blend / 2."""
-    return 0.5 * (vx + ca.sqrt(vx * vx + blend * blend))
+def blend_speed(vehicle: Vehicle) -> float:
+    """Speed, m/s, below which `safe_speed` departs from vx."""
+    return KINEMATIC_BLEND_RATE * vehicle.wheelbase
 
 
-def slip_front(vx: Expr, vy: Expr, yaw_rate: Expr, steer: Expr, lf: float) -> Expr:
+def safe_speed(vx: Expr, blend: float) -> Expr:
+    """Smooth positive denominator for slip: |vx| to 0.02 % above 6 `blend`, never below `blend`."""
+    return ca.sqrt(ca.sqrt(vx * vx * vx * vx + blend**4))
+
+
+def slip_front(vx: Expr, vy: Expr, yaw_rate: Expr, steer: Expr, vehicle: Vehicle) -> Expr:
     """Eq. (3): alpha_f = delta - atan((vy + L_f omega) / vx), rad."""
-    return steer - ca.atan((vy + lf * yaw_rate) / safe_speed(vx))
+    return steer - ca.atan((vy + vehicle.lf * yaw_rate) / safe_speed(vx, blend_speed(vehicle)))
 
 
-def slip_rear(vx: Expr, vy: Expr, yaw_rate: Expr, lr: float) -> Expr:
+def slip_rear(vx: Expr, vy: Expr, yaw_rate: Expr, vehicle: Vehicle) -> Expr:
     """Eq. (3): alpha_r = -atan((vy - L_r omega) / vx), rad."""
-    return -ca.atan((vy - lr * yaw_rate) / safe_speed(vx))
+    return -ca.atan((vy - vehicle.lr * yaw_rate) / safe_speed(vx, blend_speed(vehicle)))

@@ -10,15 +10,17 @@ from estimator.model.single_track import Terms
 from estimator.model.tyre import Expr
 
 
-def _body(terms: Terms, k: Expr) -> None:
+def _longitudinal(terms: Terms, k: Expr) -> None:
     terms.body_x = terms.body_x - k * terms.vx * ca.fabs(terms.vx)
 
 
 EFFECT = Effect(
     name="aero_drag",
+    lacks="force against vx that grows with the square of speed",
     equation="F_x = -k v_x |v_x|",
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 3",
     parameters=(Parameter("k", "N s2/m2", 0.0, 1.0, 0.0, 5.0, "rho Cd A / 2"),),
     channels=("ax", "vx_dot"),
-    hooks={"BODY": _body},
+    hooks={"LONGITUDINAL": _longitudinal},
+    separated_by="coasting from high to low speed separates v^2 (drag) from a constant (rolling resistance, bias)",
 )

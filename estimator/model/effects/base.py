@@ -6,10 +6,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
 from estimator.model.parameters import Parameter
 
+Array = NDArray[np.float64]
 Hook = Callable[..., None]
 """hook(terms, *parameters) changes the working set of the model in place."""
+
+Prepare = Callable[[Mapping[str, Array], Any, tuple[float, ...]], dict[str, Array]]
+"""prepare(signals, vehicle, parameters) -> auxiliary signals that depend on the past, for fits on recorded data."""
 
 
 @dataclass(frozen=True)
@@ -18,19 +26,49 @@ class Effect:
 
     `hooks` maps a stage name of `single_track.Stage` to its equation; `channels` are the residual channels it
     acts on; `needs` are auxiliary signals without which it cannot be evaluated.
+
+    Two kinds need more than a point in time. An effect with memory (delay, relaxation) also has `prepare`: on
+    recorded data it computes the delayed signal from the past and hands it in as an auxiliary signal; where
+    there is no past (planner) the hook uses its first-order form. An effect with a `profile` has one
+    parameter, its value at the point; over the lap that value is a periodic spline of the named signal
+    (`estimator.model.profile`), whose coefficients are what is learnt.
     """
 
     name: str
+    lacks: str
     equation: str
     source: str
     parameters: tuple[Parameter, ...]
     channels: tuple[str, ...]
     hooks: Mapping[str, Hook]
     needs: tuple[str, ...] = ()
+    initial: tuple[float, ...] = ()
+    """start of a fit where the neutral value is a stationary point; default: the prior"""
+    profile: str = ""
+    prepare: Prepare | None = None
+    requires_any: tuple[str, ...] = ()
+    """effects of which at least one must be active for this one to show"""
+    separated_by: str = ""
+    """manoeuvre or channel that tells it from its look-alikes"""
 
     def __post_init__(self) -> None:
         assert self.parameters, f"effect {self.name} has no parameters"
+        assert not self.profile or len(self.parameters) == 1, f"profile {self.name} has one value at a point"
 
-    def neutral(self) -> tuple[Any, ...]:
-        """Parameter values at the prior mean."""
+    def neutral(self) -> tuple[float, ...]:
+        """Parameter values at the prior mean, where the declared model is unchanged."""
         return tuple(p.prior for p in self.parameters)
+
+    def start(self) -> tuple[float, ...]:
+        """Parameter values from which a fit starts."""
+        return self.initial or self.neutral()
+
+
+def smooth_sign(value: Any, width: float) -> Any:
+    """Sign of `value`, smooth within about +-`width` of zero, odd."""
+    return value / ca.sqrt(value * value + width * width)
+
+
+def smooth_negative_part(value: Any, width: float) -> Any:
+    """min(value, 0), smooth within about +-`width` of zero; exactly 0 at 0, at most width / 2 above elsewhere."""
+    return 0.5 * (value - ca.sqrt(value * value + width * width) + width)

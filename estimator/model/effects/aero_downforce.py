@@ -1,0 +1,28 @@
+"""Aerodynamic downforce: axle loads, and with them D F_z, grow with the square of speed."""
+
+from __future__ import annotations
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+
+def _load(terms: Terms, k_front: Expr, k_rear: Expr) -> None:
+    terms.load_f = terms.load_f + k_front * terms.vx * terms.vx
+    terms.load_r = terms.load_r + k_rear * terms.vx * terms.vx
+
+
+EFFECT = Effect(
+    name="aero_downforce",
+    lacks="axle loads, and so D F_z, grow with v^2",
+    equation="F_z,i = F_z0,i + k_i v_x^2",
+    source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 3",
+    parameters=(
+        Parameter("k_front", "N s2/m2", 0.0, 0.5, -1.0, 4.0, "-rho Cl A / 2, front axle"),
+        Parameter("k_rear", "N s2/m2", 0.0, 0.5, -1.0, 4.0, "-rho Cl A / 2, rear axle"),
+    ),
+    channels=("ay", "yaw_acc", "vy_dot"),
+    hooks={"LOAD": _load},
+    separated_by="the same corner at very different speeds",
+)

@@ -1,0 +1,37 @@
+"""Combined slip: lateral force falls with longitudinal force on the same axle (friction ellipse)."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+FLOOR = 0.02
+"""Smallest squared share of the lateral force that is left: keeps the root differentiable."""
+
+
+def _left(k: Expr, force: Expr, peak: Expr) -> Expr:
+    used = k * force / peak
+    rest = 1.0 - used * used
+    return ca.sqrt(0.5 * (rest + ca.sqrt(rest * rest + FLOOR * FLOOR)))
+
+
+def _force(terms: Terms, k: Expr) -> None:
+    terms.fy_f = terms.fy_f * _left(k, terms.fx_f, terms.peak_f) / _left(0.0, 0.0, 1.0)
+    terms.fy_r = terms.fy_r * _left(k, terms.fx_r, terms.peak_r) / _left(0.0, 0.0, 1.0)
+
+
+EFFECT = Effect(
+    name="combined_slip",
+    lacks="lateral force falls with longitudinal force on the same axle",
+    equation="F_y = F_y0 sqrt(1 - (k F_x / (D F_z))^2)",
+    source="Pacejka, Tire and Vehicle Dynamics, ch. 1.2 (friction ellipse)",
+    parameters=(Parameter("k", "1", 0.0, 0.7, 0.0, 2.0, "lateral over longitudinal friction; 1: friction circle"),),
+    channels=("ay", "yaw_acc", "vy_dot"),
+    hooks={"FORCE": _force},
+    initial=(0.6,),
+    separated_by="braking and accelerating in the same corner (load transfer changes sign between them)",
+)

@@ -1,0 +1,28 @@
+"""Drive saturation: longitudinal force saturates in slip instead of growing without bound."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+
+def _longitudinal(terms: Terms, force: Expr) -> None:
+    terms.fx_f = force * ca.tanh(terms.fx_f / force)
+    terms.fx_r = force * ca.tanh(terms.fx_r / force)
+
+
+EFFECT = Effect(
+    name="drive_saturation",
+    lacks="longitudinal force saturates in slip",
+    equation="F_x = F_max tanh(C_x d / F_max)",
+    source="Pacejka, Tire and Vehicle Dynamics, ch. 4 (longitudinal force curve); tanh as its one-parameter form",
+    parameters=(Parameter("force", "N", 1e7, 1e7, 500.0, 1e7, "largest longitudinal force F_max"),),
+    channels=("ax", "vx_dot"),
+    hooks={"LONGITUDINAL": _longitudinal},
+    initial=(9000.0,),
+    separated_by="small and large drive commands at the same speed, both signs",
+)

@@ -1,0 +1,33 @@
+"""Front brakes: part of the braking force acts on the front axle, and braking has a gain of its own."""
+
+from __future__ import annotations
+
+from estimator.model.effects.base import Effect, smooth_negative_part
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+SMOOTHING_FORCE = 20.0
+"""The switch from driving to braking is smooth within about this force, N."""
+
+
+def _longitudinal(terms: Terms, share: Expr, gain: Expr) -> None:
+    braking = smooth_negative_part(terms.fx_r, SMOOTHING_FORCE)
+    terms.fx_f = terms.fx_f + share * gain * braking
+    terms.fx_r = terms.fx_r + ((1.0 - share) * gain - 1.0) * braking
+
+
+EFFECT = Effect(
+    name="front_brake",
+    lacks="part of the braking force acts on the front axle",
+    equation="F_x,f = p q C_x min(d, 0); F_x,r = C_x max(d, 0) + (1 - p) q C_x min(d, 0)",
+    source="Gillespie, Fundamentals of Vehicle Dynamics, ch. 3 (brake proportioning)",
+    parameters=(
+        Parameter("share", "1", 0.0, 0.3, 0.0, 1.0, "part of the braking force on the front axle"),
+        Parameter("gain", "1", 1.0, 0.5, 0.1, 10.0, "braking over driving force per unit of slip command"),
+    ),
+    channels=("ax", "ay", "yaw_acc", "vx_dot", "vy_dot"),
+    hooks={"LONGITUDINAL": _longitudinal},
+    initial=(0.3, 1.0),
+    separated_by="braking while turning: the front force then has a lateral component",
+)

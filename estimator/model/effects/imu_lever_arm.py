@@ -1,0 +1,29 @@
+"""IMU lever arm: the accelerometer does not sit at the centre of gravity."""
+
+from __future__ import annotations
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+
+def _sensor(terms: Terms, x: Expr, y: Expr) -> None:
+    square = terms.yaw_rate * terms.yaw_rate
+    terms.imu_ax = terms.imu_ax - terms.yaw_acc * y - square * x
+    terms.imu_ay = terms.imu_ay + terms.yaw_acc * x - square * y
+
+
+EFFECT = Effect(
+    name="imu_lever_arm",
+    lacks="accelerometer away from the centre of gravity",
+    equation="a_imu = a + dw/dt x r + w x (w x r)",
+    source="Goldstein, Classical Mechanics, ch. 4 (acceleration in a rotating frame)",
+    parameters=(
+        Parameter("x", "m", 0.0, 0.3, -5.0, 5.0, "sensor ahead of the centre of gravity"),
+        Parameter("y", "m", 0.0, 0.3, -3.0, 3.0, "sensor to the left of the centre of gravity"),
+    ),
+    channels=("ax", "ay"),
+    hooks={"SENSOR": _sensor},
+    separated_by="tight corners and quick turn-in; shows in ax and ay and not in d/dt vx, d/dt vy",
+)

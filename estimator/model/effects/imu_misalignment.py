@@ -1,0 +1,27 @@
+"""IMU misalignment: the accelerometer is turned about the vertical axis."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+
+def _sensor(terms: Terms, angle: Expr) -> None:
+    cos, sin = ca.cos(angle), ca.sin(angle)
+    terms.imu_ax, terms.imu_ay = cos * terms.imu_ax + sin * terms.imu_ay, cos * terms.imu_ay - sin * terms.imu_ax
+
+
+EFFECT = Effect(
+    name="imu_misalignment",
+    lacks="accelerometer turned about the vertical axis",
+    equation="a_imu = R(psi)^T a",
+    source="definition of a frame rotation",
+    parameters=(Parameter("angle", "rad", 0.0, 0.02, -0.5, 0.5, "sensor axes to the left of the body axes"),),
+    channels=("ax", "ay"),
+    hooks={"SENSOR": _sensor},
+    separated_by="shows in ax and ay and not in d/dt vx, d/dt vy",
+)

@@ -1,0 +1,28 @@
+"""Load sensitivity: the friction coefficient D falls as the axle load rises."""
+
+from __future__ import annotations
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+
+def _grip(terms: Terms, k: Expr) -> None:
+    v = terms.vehicle
+    terms.grip_f = terms.grip_f * (1.0 - k * (terms.load_f / v.static_load_front - 1.0))
+    terms.grip_r = terms.grip_r * (1.0 - k * (terms.load_r / v.static_load_rear - 1.0))
+
+
+EFFECT = Effect(
+    name="load_sensitivity",
+    lacks="D falls with axle load",
+    equation="D_i = D_0,i (1 - k (F_z,i / F_z0,i - 1))",
+    source="Pacejka, Tire and Vehicle Dynamics, eq. 4.E19 (coefficient p_Dy2)",
+    parameters=(Parameter("k", "1", 0.0, 0.3, -0.5, 1.5, "relative loss of D per relative gain of load"),),
+    channels=("ay", "yaw_acc", "vy_dot"),
+    hooks={"GRIP": _grip},
+    initial=(0.1,),
+    requires_any=("aero_downforce", "load_transfer"),
+    separated_by="with static loads it cannot show; needs downforce or load transfer over a wide range of loads",
+)

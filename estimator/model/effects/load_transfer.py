@@ -1,0 +1,30 @@
+"""Longitudinal load transfer: axle loads move with longitudinal acceleration.
+
+The acceleration is the one the longitudinal forces give, (F_x,f + F_x,r + F_x,body) / m. The small part
+-F_y,f sin(delta) is left out: it depends on the load, and would close an algebraic loop.
+"""
+
+from __future__ import annotations
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+
+def _load(terms: Terms, height: Expr) -> None:
+    moved = height / terms.vehicle.wheelbase * (terms.fx_f + terms.fx_r + terms.body_x)
+    terms.load_f = terms.load_f - moved
+    terms.load_r = terms.load_r + moved
+
+
+EFFECT = Effect(
+    name="load_transfer",
+    lacks="axle loads move with longitudinal acceleration",
+    equation="F_z,f = F_z0,f - h m a_x / L; F_z,r = F_z0,r + h m a_x / L",
+    source="Gillespie, Fundamentals of Vehicle Dynamics, eq. 1.7",
+    parameters=(Parameter("height", "m", 0.0, 0.2, -0.2, 1.5, "effective height of the centre of gravity"),),
+    channels=("ay", "yaw_acc", "vy_dot"),
+    hooks={"LOAD": _load},
+    separated_by="braking and accelerating in the same corner (combined slip acts alike for both signs of force)",
+)

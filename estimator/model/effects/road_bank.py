@@ -1,0 +1,29 @@
+"""Road bank: the component of gravity along body y. It moves the car, but an accelerometer does not feel it."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+from hil_gateway.vehicle import GRAVITY
+
+
+def _motion(terms: Terms, bank: Expr) -> None:
+    terms.gravity_y = terms.gravity_y - GRAVITY * ca.sin(bank)
+
+
+EFFECT = Effect(
+    name="road_bank",
+    lacks="gravity component along body y as a function of track position",
+    equation="dv_y/dt += -g sin(phi(s)), phi(s) a periodic cubic spline",
+    source="Rajamani, Vehicle Dynamics and Control, eq. 2.40",
+    parameters=(Parameter("bank", "rad", 0.0, 0.05, -0.6, 0.6, "left side up positive, over track position"),),
+    channels=("vy_dot",),
+    hooks={"MOTION": _motion},
+    needs=("track_position",),
+    profile="track_position",
+    separated_by="shows in d/dt vy and not in ay; a force on the body shows in both",
+)

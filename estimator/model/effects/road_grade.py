@@ -1,0 +1,29 @@
+"""Road grade: the component of gravity along body x. It moves the car, but an accelerometer does not feel it."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+from hil_gateway.vehicle import GRAVITY
+
+
+def _motion(terms: Terms, grade: Expr) -> None:
+    terms.gravity_x = terms.gravity_x - GRAVITY * ca.sin(grade)
+
+
+EFFECT = Effect(
+    name="road_grade",
+    lacks="gravity component along body x as a function of track position",
+    equation="dv_x/dt += -g sin(theta(s)), theta(s) a periodic cubic spline",
+    source="Rajamani, Vehicle Dynamics and Control, eq. 4.1",
+    parameters=(Parameter("grade", "rad", 0.0, 0.05, -0.6, 0.6, "uphill positive, over track position"),),
+    channels=("vx_dot",),
+    hooks={"MOTION": _motion},
+    needs=("track_position",),
+    profile="track_position",
+    separated_by="shows in d/dt vx and not in ax; a force on the body shows in both",
+)

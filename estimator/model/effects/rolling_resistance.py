@@ -1,0 +1,27 @@
+"""Rolling resistance: constant force against the motion."""
+
+from __future__ import annotations
+
+from estimator.model.effects.base import Effect, smooth_sign
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+STANDSTILL_SPEED = 0.5
+"""The force fades below about this speed, m/s, instead of chattering about zero."""
+
+
+def _longitudinal(terms: Terms, force: Expr) -> None:
+    terms.body_x = terms.body_x - force * smooth_sign(terms.vx, STANDSTILL_SPEED)
+
+
+EFFECT = Effect(
+    name="rolling_resistance",
+    lacks="constant force against vx",
+    equation="F_x = -F_0 sign(v_x)",
+    source="Gillespie, Fundamentals of Vehicle Dynamics, ch. 4",
+    parameters=(Parameter("force", "N", 0.0, 300.0, 0.0, 3000.0, "force against the motion"),),
+    channels=("ax", "vx_dot"),
+    hooks={"LONGITUDINAL": _longitudinal},
+    separated_by="an accelerometer bias shows in ax but not in d/dt vx; engine braking only with the throttle closed",
+)

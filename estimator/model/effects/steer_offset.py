@@ -1,0 +1,24 @@
+"""Steering offset: the reported road-wheel angle is off by a constant."""
+
+from __future__ import annotations
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+
+def _input(terms: Terms, offset: Expr) -> None:
+    terms.steer = terms.steer + offset
+
+
+EFFECT = Effect(
+    name="steer_offset",
+    lacks="true road-wheel angle differs from the reported one by a constant",
+    equation="delta = delta_reported + delta_0",
+    source="definition",
+    parameters=(Parameter("offset", "rad", 0.0, 0.01, -0.1, 0.1, "true minus reported angle"),),
+    channels=("ay", "yaw_acc", "vy_dot"),
+    hooks={"INPUT": _input},
+    separated_by="straight driving; a lateral accelerometer bias does not show in the yaw acceleration",
+)

@@ -1,0 +1,24 @@
+"""Steering scale: the reported road-wheel angle is off by a factor."""
+
+from __future__ import annotations
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+
+def _input(terms: Terms, scale: Expr) -> None:
+    terms.steer = scale * terms.steer
+
+
+EFFECT = Effect(
+    name="steer_scale",
+    lacks="true road-wheel angle differs from the reported one by a factor",
+    equation="delta = k delta_reported",
+    source="definition",
+    parameters=(Parameter("scale", "1", 1.0, 0.1, 0.3, 3.0, "true over reported angle"),),
+    channels=("ay", "yaw_acc", "vy_dot"),
+    hooks={"INPUT": _input},
+    separated_by="tight slow corners, where the kinematic part of the angle is large against the slip",
+)

@@ -1,0 +1,51 @@
+"""Tyre relaxation: lateral force builds up over a rolled distance, the relaxation length.
+
+On recorded data the slip angles are passed through the first-order lag sigma / v; without a past the lag is
+left out: at racing speed sigma / v is 10 ms, below the planner's step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from estimator.model.effects.base import Array, Effect
+from estimator.model.memory import relaxed
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+from hil_gateway.vehicle import Vehicle
+
+SLOWEST = 1.0
+"""Below this speed, m/s, the lag does not grow further."""
+
+
+def _slip(terms: Terms, length: Expr) -> None:
+    terms.slip_f = terms.slip_f + terms.aux.get("relaxation_f", 0.0 * length)
+    terms.slip_r = terms.slip_r + terms.aux.get("relaxation_r", 0.0 * length)
+
+
+def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]) -> dict[str, Array]:
+    vx, vy, rate = signals["vx"], signals["vy"], signals["yaw_rate"]
+    speed = np.maximum(vx, SLOWEST)
+    steer = signals.get("steer_delayed", signals["steer"])
+    slips = {
+        "relaxation_f": steer - np.arctan((vy + vehicle.lf * rate) / speed),
+        "relaxation_r": -np.arctan((vy - vehicle.lr * rate) / speed),
+    }
+    return {name: relaxed(signals["t"], slip, parameters[0] / speed) - slip for name, slip in slips.items()}
+
+
+EFFECT = Effect(
+    name="tyre_relaxation",
+    lacks="lateral force builds up over a length",
+    equation="sigma / v_x d(alpha')/dt + alpha' = alpha",
+    source="Pacejka, Tire and Vehicle Dynamics, eq. 7.25",
+    parameters=(Parameter("length", "m", 0.0, 0.4, 0.0, 5.0, "relaxation length sigma"),),
+    channels=("ay", "yaw_acc", "vy_dot"),
+    hooks={"SLIP": _slip},
+    prepare=_prepare,
+    initial=(0.2,),
+    separated_by="the same quick steering at different speeds: the lag falls with speed, a delay does not",
+)

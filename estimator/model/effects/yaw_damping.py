@@ -1,0 +1,24 @@
+"""Yaw damping: moment against yaw, as a locked or limited-slip axle gives."""
+
+from __future__ import annotations
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+
+def _body(terms: Terms, k: Expr) -> None:
+    terms.body_yaw = terms.body_yaw - k * terms.yaw_rate
+
+
+EFFECT = Effect(
+    name="yaw_damping",
+    lacks="moment against yaw (locked or limited-slip axle)",
+    equation="M_z = -k omega",
+    source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 5 (yaw damping)",
+    parameters=(Parameter("k", "N m s/rad", 0.0, 2000.0, 0.0, 30000.0, "moment per yaw rate"),),
+    channels=("yaw_acc",),
+    hooks={"BODY": _body},
+    separated_by="shows in the yaw acceleration and not in ay; steady tight corners",
+)

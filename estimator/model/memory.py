@@ -1,0 +1,38 @@
+"""Signals that depend on the past: pure delay and first-order lag on recorded, possibly irregular, samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def delayed(t: Array, signal: Array, delay: float) -> Array:
+    """signal(t - delay), shape (n,), linear between samples, held before the first and after the last."""
+    return np.interp(t - delay, t, signal)
+
+
+def relaxed(t: Array, signal: Array, time_constant: Array) -> Array:
+    """First-order lag of `signal`, shape (n,), with a time constant, s, that may change from sample to sample.
+
+    The input is taken as linear between samples (exact for a ramp), so the result does not depend on the rate.
+    """
+    ratio = np.diff(t) / np.maximum(time_constant[1:], 1e-9)
+    decay = np.exp(-ratio)
+    slope_gain = np.where(ratio > 1e-6, 1.0 - (1.0 - decay) / np.maximum(ratio, 1e-12), 0.5 * ratio)
+    # y[i] = decay y[i-1] + (1 - decay) u[i-1] + slope_gain (u[i] - u[i-1])
+    drive = (1.0 - decay) * signal[:-1] + slope_gain * np.diff(signal)
+    return _recursion(signal[0], decay, drive)
+
+
+def _recursion(first: float, decay: Array, drive: Array) -> Array:
+    """y[0] = first, y[i+1] = decay[i] y[i] + drive[i]; a linear scan that doubles its reach every pass."""
+    gain = np.concatenate(([1.0], decay))
+    value = np.concatenate(([first], drive))
+    reach = 1
+    while reach < len(value) and np.max(np.abs(gain[reach:])) > 1e-14:
+        value = np.concatenate((value[:reach], value[reach:] + gain[reach:] * value[:-reach]))
+        gain = np.concatenate((gain[:reach], gain[reach:] * gain[:-reach]))
+        reach *= 2
+    return value
