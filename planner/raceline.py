@@ -1,0 +1,246 @@
+"""Race line for the current model: minimum lap time of a quasi-steady point mass, and its speed profile.
+
+The path is optimised over arc length of the centre line (Perantoni & Limebeer 2014; Christ et al. 2021, reference 8 of
+the paper) with the g-g-v envelope of the model: lateral offset n, heading against the track chi and speed v are states,
+path curvature and longitudinal force are controls. The profile along the finished line comes from a forward-backward
+pass on a finer grid. Results are cached by content.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from estimator.model.compiled import cache_directory
+from estimator.model.parameters import layout_of
+from estimator.model.single_track import SingleTrack
+from hil_gateway.track import Track
+from hil_gateway.vehicle import GRAVITY, Vehicle
+from planner.envelope import Array, Envelope, envelope_of
+from planner.speed_profile import lap_time_of, speed_profile
+
+NODE_SPACING = 5.0
+"""m between nodes of the optimisation"""
+LINE_SPACING = 2.0
+"""m between points of the finished line"""
+VERSION = 1
+"""of the method; part of the cache key"""
+
+
+@dataclass(frozen=True)
+class RaceLine:
+    """Closed line at equal steps of its own arc length; arrays (n,), the last point does not repeat the first.
+
+    `width_left`, `width_right` are the distances from the line to the edges of the track, m (no margin taken off);
+    `track_s` is the arc length of the track's centre line beside each point; `heading` is continuous along the lap.
+    """
+
+    s: Array
+    x: Array
+    y: Array
+    heading: Array
+    curvature: Array
+    vx_profile: Array
+    width_left: Array
+    width_right: Array
+    grade: Array
+    bank: Array
+    track_s: Array
+    length: float
+    lap_time: float
+    """s: the quasi-steady minimum for this car on this track"""
+
+    def with_envelope(self, envelope: Envelope) -> RaceLine:
+        """The same path with the speed profile of another model: milliseconds instead of seconds."""
+        v = speed_profile(self.curvature, self.grade, self.bank, self.length, envelope)
+        return replace(self, vx_profile=v, lap_time=lap_time_of(v, self.length))
+
+
+def compute_raceline(
+    track: Track,
+    vehicle: Vehicle,
+    tyre: Mapping[str, float],
+    margin: float = 1.5,
+    *,
+    grip_use: float = 0.9,
+    max_speed: float = 80.0,
+) -> RaceLine:
+    """Minimum-time line of the declared model with tyre parameters `tyre`.
+
+    Args:
+        margin: least distance of the CoG from the edges, m (half the car's width and what the controller needs).
+        grip_use: share of the tyre forces that the line may ask for.
+        max_speed: m/s.
+    """
+    model = SingleTrack(vehicle, layout_of(tyre))
+    theta = [tyre[p.name] for p in model.tyre_table]
+    return raceline_for(track, envelope_of(model, theta, grip_use=grip_use, max_speed=max_speed), margin)
+
+
+def raceline_for(track: Track, envelope: Envelope, margin: float = 1.5) -> RaceLine:
+    """Minimum-time line within `envelope`, from the cache where it was computed before."""
+    path = cache_directory() / f"raceline-{_key(track, envelope, margin)}.npz"
+    try:
+        with np.load(path) as stored:
+            return RaceLine(**{f.name: _unpack(stored[f.name]) for f in fields(RaceLine)})
+    except (OSError, KeyError, ValueError):
+        pass
+    line = _finish(track, _optimise(track, envelope, margin), envelope)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(f".{id(line)}.npz")
+    np.savez(temporary, **{f.name: getattr(line, f.name) for f in fields(RaceLine)})
+    temporary.replace(path)
+    return line
+
+
+def centre_line(track: Track, envelope: Envelope) -> RaceLine:
+    """The centre line with its speed profile: what a first lap or a failed optimisation can use."""
+    return _finish(track, np.zeros(_node_count(track)), envelope)
+
+
+def _key(track: Track, envelope: Envelope, margin: float) -> str:
+    digest = hashlib.sha256(repr((VERSION, NODE_SPACING, LINE_SPACING, margin, envelope.key())).encode())
+    for name in ("x", "y", "width_left", "width_right", "grade", "bank"):
+        digest.update(np.ascontiguousarray(getattr(track, name)).tobytes())
+    return digest.hexdigest()[:32]
+
+
+def _unpack(array: Any) -> Any:
+    return float(array) if array.ndim == 0 else array
+
+
+def _node_count(track: Track) -> int:
+    return max(20, round(track.length / NODE_SPACING))
+
+
+def _optimise(track: Track, envelope: Envelope, margin: float) -> Array:
+    """Lateral offset at equally spaced nodes of the centre line; the centre line itself if the solver fails."""
+    n = _node_count(track)
+    at = track.at(np.arange(n) * track.length / n)
+    lower, upper = -np.maximum(at.width_right - margin, 0.0), np.maximum(at.width_left - margin, 0.0)
+    v = speed_profile(at.curvature, at.grade, at.bank, track.length, envelope)
+    return _solve(_Nodes(track.length / n, at.curvature, at.grade, at.bank, lower, upper, v), envelope)
+
+
+@dataclass(frozen=True)
+class _Nodes:
+    """Centre line at the nodes, bounds of the offset, and a first speed profile."""
+
+    ds: float
+    curvature: Array
+    grade: Array
+    bank: Array
+    lower: Array
+    upper: Array
+    speed: Array
+
+
+_SPEED, _FORCE, _CURVATURE = 30.0, 10.0, 0.02
+"""scales of the decision variables"""
+
+
+def _solve(nodes: _Nodes, envelope: Envelope) -> Array:
+    n = len(nodes.speed)
+    offset, chi, v, kappa, force = (ca.SX.sym(name, n) for name in ("offset", "chi", "v", "kappa", "force"))
+    state = [offset, chi, v * _SPEED, kappa * _CURVATURE, force * _FORCE]
+    stretch, slopes = _motion(nodes, envelope, *state)
+    defects = [_next(z) - z - 0.5 * nodes.ds * (f + _next(f)) for z, f in zip(state[:3], slopes, strict=True)]
+    defects[2] = defects[2] / _SPEED
+    roughness = ca.sumsqr(_next(kappa) - kappa) + 0.02 * ca.sumsqr(_next(force) - force)
+    cost = nodes.ds * ca.sum1(stretch) + 0.05 * roughness
+    limits = _limits(nodes, envelope, state[2], state[3], state[4])
+    problem = {"x": ca.vertcat(offset, chi, v, kappa, force), "f": cost, "g": ca.vertcat(*defects, *limits)}
+    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes", "ipopt.max_iter": 400,
+               "ipopt.tol": 1e-5, "ipopt.mu_strategy": "adaptive"}  # fmt: skip
+    solver = ca.nlpsol("raceline", "ipopt", problem, options)
+    ones, big = np.ones(n), np.inf
+    top = envelope.max_speed / _SPEED * ones
+    bend = envelope.max_curvature / _CURVATURE * ones
+    result = solver(
+        x0=np.concatenate([0 * ones, 0 * ones, 0.9 * nodes.speed / _SPEED, nodes.curvature / _CURVATURE, 0 * ones]),
+        lbx=np.concatenate([nodes.lower, -0.7 * ones, 3.0 / _SPEED * ones, -bend, -5 * ones]),
+        ubx=np.concatenate([nodes.upper, 0.7 * ones, top, bend, 5 * ones]),
+        lbg=np.concatenate([np.zeros(3 * n), -big * np.ones(2 * n)]),
+        ubg=np.concatenate([np.zeros(3 * n), np.zeros(2 * n)]),
+    )
+    if not solver.stats()["success"]:
+        return np.zeros(n)
+    return np.array(result["x"]).ravel()[:n]
+
+
+def _motion(nodes: _Nodes, envelope: Envelope, *state: Any) -> tuple[Any, list[Any]]:
+    """Time per metre of centre line, s/m, and d/ds of offset, chi and speed."""
+    offset, chi, v, kappa, force = state
+    along = (1.0 - offset * nodes.curvature) / ca.cos(chi)
+    drag = envelope.drag[0] + envelope.drag[1] * v * v
+    slope = force - drag - GRAVITY * np.sin(nodes.grade)
+    return along / v, [along * ca.sin(chi), along * kappa - nodes.curvature, along * slope / v]
+
+
+def _limits(nodes: _Nodes, envelope: Envelope, v: Any, kappa: Any, force: Any) -> Sequence[Any]:
+    """Friction ellipse and engine, each <= 0."""
+    lateral = v * v * kappa + GRAVITY * np.sin(nodes.bank)
+    across = lateral / (envelope.lateral[0] + envelope.lateral[1] * v * v)
+    along = force / (envelope.longitudinal[0] + envelope.longitudinal[1] * v * v)
+    # smooth minimum of traction limit and power limit
+    power, traction = envelope.power / v, envelope.traction
+    engine = power * traction / ca.sqrt(power**2 + traction**2)
+    return [across**2 + along**2 - 1.0, (force - engine) / _FORCE]
+
+
+def _next(z: Any) -> Any:
+    """z at the following node of the closed lap."""
+    return ca.vertcat(z[1:], z[0])
+
+
+def _finish(track: Track, offset: Array, envelope: Envelope) -> RaceLine:
+    """Line through the offset nodes, on a uniform grid of its own arc length."""
+    n = len(offset)
+    at = track.at(np.arange(n) * track.length / n)
+    nodes = np.column_stack([at.x - offset * np.sin(at.heading), at.y + offset * np.cos(at.heading)])
+    x, y, length, dx, dy, curvature = _resample(nodes)
+    heading = np.unwrap(np.arctan2(dy, dx))
+    beside = _beside(track, x, y)
+    lateral = np.array([p[1] for p in beside])
+    track_s = np.array([p[0] for p in beside])
+    road = track.at(track_s)
+    v = speed_profile(curvature, road.grade, road.bank, length, envelope)
+    return RaceLine(
+        s=np.arange(len(x)) * length / len(x), x=x, y=y, heading=heading, curvature=curvature, vx_profile=v,
+        width_left=road.width_left - lateral, width_right=road.width_right + lateral,
+        grade=road.grade, bank=road.bank, track_s=track_s, length=length, lap_time=lap_time_of(v, length),
+    )  # fmt: skip
+
+
+def _resample(nodes: Array) -> tuple[Array, Array, float, Array, Array, Array]:
+    """Periodic spline through the nodes at equal steps of arc length: x, y, length, dx/ds, dy/ds, curvature."""
+    closed = np.vstack([nodes, nodes[:1]])
+    for _ in range(3):  # the spline's parameter converges to its arc length
+        chord = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
+        spline = CubicSpline(chord, closed, bc_type="periodic")
+        fine = np.linspace(0.0, chord[-1], 8 * len(closed) + 1)
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(spline(fine), axis=0).T))])
+        count = max(40, round(along[-1] / LINE_SPACING))
+        parameter = np.interp(np.arange(count) * along[-1] / count, along, fine)
+        points = spline(parameter)
+        closed = np.vstack([points, points[:1]])
+    d1, d2 = spline(parameter, 1), spline(parameter, 2)
+    speed = np.hypot(d1[:, 0], d1[:, 1])
+    curvature = (d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]) / speed**3
+    return points[:, 0], points[:, 1], float(along[-1]), d1[:, 0] / speed, d1[:, 1] / speed, curvature
+
+
+def _beside(track: Track, x: Array, y: Array) -> list[tuple[float, float]]:
+    """Arc length and lateral offset of each point of the line on the track's centre line."""
+    found: list[tuple[float, float]] = []
+    hint: float | None = None
+    for px, py in zip(x.tolist(), y.tolist(), strict=True):
+        found.append(track.project(px, py, hint))
+        hint = found[-1][0]
+    return found
