@@ -144,7 +144,8 @@ def _read_columns(path: Path) -> tuple[dict[str, Array], list[str]]:
     if path.suffix == ".mcap":
         from estimator.identify.session_log import read_session
 
-        return read_session(path)
+        columns, notes = read_session(path)
+        return columns, notes
     return read_csv(path, REQUIRED, DERIVABLE, MIN_ROWS)
 
 

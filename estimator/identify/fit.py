@@ -1,0 +1,261 @@
+"""Joint fit of tyre and effect parameters: robust nonlinear least squares with a prior, bounds and honest errors.
+
+Parameters are scaled by their prior standard deviation. The loss is Huber's on residuals over the robust spread of
+each channel; the step is Gauss-Newton with Levenberg's damping inside the bounds. The covariance is the sandwich
+H^-1 M H^-1 with M summed over blocks of time, so that residuals correlated within a block do not make it too small.
+Sources: Nocedal & Wright, Numerical Optimization, ch. 10 and 16; Huber, Robust Statistics; Newey & West (1987).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.identify.evaluate import CHANNELS, ModelColumns
+from estimator.identify.prepare import Samples
+from estimator.model.parameters import Parameter
+
+Array = NDArray[np.float64]
+
+LATERAL_AND_LONGITUDINAL = ("ax", "ay", "yaw_acc")
+"""Channels that determine the tyre parameters; the motion channels add what gravity does."""
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How a fit is done.
+
+    `huber`: residuals beyond so many robust spreads count linearly. `block_s`: residuals further apart are taken
+    as independent. `prior`: whether the prior takes part. `prior_precision`: (p, p) in units scaled by
+    `Parameter.prior_std`, instead of the identity. `spread_rounds`: how often the spreads are estimated anew.
+    `tolerance`: a fit has converged when the next step is shorter than so many standard deviations.
+    """
+
+    channels: tuple[str, ...] = LATERAL_AND_LONGITUDINAL
+    huber: float = 3.0
+    block_s: float = 4.0
+    prior: bool = True
+    prior_precision: Array | None = None
+    spread_rounds: int = 3
+    max_iterations: int = 40
+    tolerance: float = 0.01
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of a fit.
+
+    Attributes:
+        parameters: table the vector is ordered by: tyre, then effects.
+        theta: (p,) estimate, SI.
+        covariance: (p, p) of the estimate, SI; allows for correlated residuals.
+        information: (p, p) Fisher information of the data, in units scaled by the prior standard deviation.
+        spread: channel -> robust standard deviation of its residual.
+        rmse: channel -> root mean square residual on the data fitted.
+        at_bound: names of the parameters that ended on a bound.
+        converged: whether the last step was below the tolerance.
+    """
+
+    parameters: tuple[Parameter, ...]
+    theta: Array
+    covariance: Array
+    information: Array
+    spread: Mapping[str, float]
+    rmse: Mapping[str, float]
+    at_bound: tuple[str, ...]
+    iterations: int
+    converged: bool
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameter names in the order of `theta`."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """name -> estimate, SI."""
+        return dict(zip(self.names, self.theta.tolist(), strict=True))
+
+    @property
+    def std(self) -> dict[str, float]:
+        """name -> standard deviation, SI."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+
+def fit(
+    columns: ModelColumns, samples: Samples, settings: FitSettings | None = None, start: Array | None = None
+) -> Fit:
+    """Estimate all parameters of `columns.model` from `samples`; `start` (p,) SI instead of the prior."""
+    problem = _Problem(columns, samples, settings or FitSettings())
+    u = np.zeros(problem.size) if start is None else problem.scaled(start)
+    iterations, converged = 0, False
+    for _ in range(problem.settings.spread_rounds):
+        problem.spread = problem.robust_spread(u)
+        u, used, converged = _gauss_newton(problem, u)
+        iterations += used
+    return _result(problem, u, iterations, converged)
+
+
+def residuals(columns: ModelColumns, samples: Samples, theta: Array, channels: Sequence[str] = CHANNELS) -> Array:
+    """(len(channels), n) measured minus predicted."""
+    measured = samples.channels[[CHANNELS.index(c) for c in channels]]
+    return np.asarray(measured - columns.predict(samples.inputs, theta, channels), float)
+
+
+def rmse(columns: ModelColumns, samples: Samples, theta: Array, channels: Sequence[str] = CHANNELS) -> dict[str, float]:
+    """channel -> root mean square of measured minus predicted."""
+    errors = residuals(columns, samples, theta, channels)
+    return {c: float(np.sqrt(np.mean(e**2))) for c, e in zip(channels, errors, strict=True)}
+
+
+@dataclass
+class _Problem:
+    """One fit in scaled parameters u = (theta - prior) / prior_std; `spread` (c,) weighs the channels."""
+
+    columns: ModelColumns
+    samples: Samples
+    settings: FitSettings
+    spread: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        table = self.columns.parameters
+        self.size = len(table)
+        self.prior = np.array([p.prior for p in table])
+        self.scale = np.array([p.prior_std for p in table])
+        self.lower = self.scaled(np.array([p.lower for p in table]))
+        self.upper = self.scaled(np.array([p.upper for p in table]))
+        self.precision = self._prior_precision()
+        index = [CHANNELS.index(c) for c in self.settings.channels]
+        self.measured = self.samples.channels[index]
+        self.noise = self.samples.noise[index]
+        self.spread = self.noise
+
+    def _prior_precision(self) -> Array:
+        if not self.settings.prior:
+            return np.zeros((self.size, self.size))
+        given = self.settings.prior_precision
+        return np.eye(self.size) if given is None else np.asarray(given, float)
+
+    def scaled(self, theta: Array) -> Array:
+        return np.asarray((theta - self.prior) / self.scale, float)
+
+    def theta(self, u: Array) -> Array:
+        return np.asarray(self.prior + self.scale * u)
+
+    def residuals(self, u: Array) -> Array:
+        predicted = self.columns.predict(self.samples.inputs, self.theta(u), self.settings.channels)
+        return np.asarray(self.measured - predicted)
+
+    def robust_spread(self, u: Array) -> Array:
+        """Median absolute deviation as a standard deviation, never below the noise floor nor near zero."""
+        errors = np.abs(self.residuals(u))
+        least = 1e-6 * np.sqrt(np.mean(self.measured**2, axis=1)) + 1e-12
+        return np.maximum(np.maximum(1.4826 * np.median(errors, axis=1), 0.5 * self.noise), least)
+
+    def cost(self, u: Array) -> float:
+        z = self.residuals(u) / self.spread[:, None]
+        return float(np.sum(_huber(z, self.settings.huber))) + 0.5 * float(u @ self.precision @ u)
+
+    def normal_equations(self, u: Array) -> tuple[Array, Array]:
+        """Gauss-Newton Hessian (p, p) and gradient (p,) of the cost, prior included."""
+        H, g = self.precision.copy(), self.precision @ u
+        for _, errors, J in self._linearised(u):
+            weighted = J * self._weights(errors)[:, None, :]
+            H += np.einsum("cpn,cqn->pq", weighted, J, optimize=True)
+            g -= np.einsum("cpn,cn->p", weighted, errors)
+        return H, g
+
+    def information_and_scores(self, u: Array) -> tuple[Array, Array]:
+        """Data information (p, p), and the sum over time blocks of the outer products of their scores (p, p)."""
+        block = _blocks(self.samples, self.settings.block_s)
+        scores = np.zeros((self.size, int(block[-1]) + 1))
+        H = np.zeros((self.size, self.size))
+        for rows, errors, J in self._linearised(u):
+            H += np.einsum("cpn,cqn->pq", J * (np.abs(errors) < self.settings.huber)[:, None, :], J, optimize=True)
+            score = np.einsum("cpn,cn->pn", J, self._weights(errors) * errors)
+            for i in range(self.size):
+                scores[i] += np.bincount(block[rows], score[i], scores.shape[1])
+        degrees = max(scores.shape[1] - self.size, 1) / scores.shape[1]
+        return H, scores @ scores.T / degrees
+
+    def _linearised(self, u: Array) -> Iterator[tuple[slice, Array, Array]]:
+        for rows, predicted, J in self.columns.linearise(self.samples.inputs, self.theta(u), self.settings.channels):
+            errors = (self.measured[:, rows] - predicted) / self.spread[:, None]
+            yield rows, errors, J * (self.scale[:, None] / self.spread[:, None, None])
+
+    def _weights(self, errors: Array) -> Array:
+        return np.asarray(np.minimum(1.0, self.settings.huber / np.maximum(np.abs(errors), 1e-12)))
+
+
+def _huber(z: Array, limit: float) -> Array:
+    size = np.abs(z)
+    return np.where(size <= limit, 0.5 * size * size, limit * (size - 0.5 * limit))
+
+
+def _blocks(samples: Samples, block_s: float) -> NDArray[np.int64]:
+    """(n,) number of the time block of each sample; a gap starts a new one."""
+    number = np.floor((samples.t - samples.t[0]) / block_s)
+    change = np.concatenate([[False], (np.diff(number) != 0) | (np.diff(samples.segment) != 0)])
+    return np.cumsum(change).astype(np.int64)
+
+
+def _gauss_newton(problem: _Problem, u: Array) -> tuple[Array, int, bool]:
+    """Damped Gauss-Newton within the bounds: (estimate, iterations, whether the step fell below the tolerance)."""
+    settings, damping, cost = problem.settings, 1e-6, problem.cost(u)
+    box = (problem.lower, problem.upper)
+    for iteration in range(settings.max_iterations):
+        H, g = problem.normal_equations(u)
+        while True:
+            step = bounded_step(H, g, u, box, damping)
+            length = float(np.sqrt(max(step @ H @ step, 0.0)))
+            trial_cost = problem.cost(u + step)
+            if trial_cost <= cost or length < settings.tolerance:
+                break
+            damping = max(10.0 * damping, 1e-4)
+        if trial_cost <= cost:
+            u, cost, damping = u + step, trial_cost, max(0.1 * damping, 1e-9)
+        if length < settings.tolerance:
+            return u, iteration + 1, True
+    return u, settings.max_iterations, False
+
+
+def bounded_step(H: Array, g: Array, u: Array, box: tuple[Array, Array], damping: float) -> Array:
+    """Newton step with Levenberg-Marquardt damping; parameters that would leave their bounds stay on them."""
+    lower, upper = box
+    free = ~(((u <= lower) & (g > 0)) | ((u >= upper) & (g < 0)))
+    step = np.zeros_like(u)
+    for _ in range(len(u)):
+        if not free.any():
+            break
+        part = H[np.ix_(free, free)]
+        part = part + np.diag(damping * np.diag(part) + 1e-12 * (1.0 + np.trace(part)))
+        step[free] = -np.linalg.solve(part, g[free] + H[np.ix_(free, ~free)] @ step[~free])
+        leaving = free & ((u + step < lower) | (u + step > upper))
+        if not leaving.any():
+            break
+        step[leaving] = np.clip(u + step, lower, upper)[leaving] - u[leaving]
+        free &= ~leaving
+    return np.asarray(np.clip(u + step, lower, upper) - u)
+
+
+def _result(problem: _Problem, u: Array, iterations: int, converged: bool) -> Fit:
+    information, scatter = problem.information_and_scores(u)
+    bread = np.linalg.pinv(information + problem.precision, hermitian=True)
+    covariance = bread @ (scatter + problem.precision) @ bread * np.outer(problem.scale, problem.scale)
+    errors = problem.residuals(u)
+    channels, table = problem.settings.channels, problem.columns.parameters
+    bound = [p.name for p, v, lo, hi in zip(table, u, problem.lower, problem.upper, strict=True) if v <= lo or v >= hi]
+    return Fit(
+        parameters=table,
+        theta=problem.theta(u),
+        covariance=covariance,
+        information=information,
+        spread=dict(zip(channels, problem.spread.tolist(), strict=True)),
+        rmse={c: float(np.sqrt(np.mean(e**2))) for c, e in zip(channels, errors, strict=True)},
+        at_bound=tuple(bound),
+        iterations=iterations,
+        converged=converged,
+    )
