@@ -8,6 +8,7 @@ Sources: Nocedal & Wright, Numerical Optimization, ch. 10 and 16; Huber, Robust 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -22,6 +23,9 @@ Array = NDArray[np.float64]
 
 LATERAL_AND_LONGITUDINAL = ("ax", "ay", "yaw_acc")
 """Channels that determine the tyre parameters; the motion channels add what gravity does."""
+
+COARSE, FINE = 1e-3, 1e-8
+"""Relative decreases of the cost at which a round of iterations ends: before the spreads settle, and after."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +96,9 @@ def fit(
     problem = _Problem(columns, samples, settings or FitSettings())
     u = np.zeros(problem.size) if start is None else problem.scaled(start)
     iterations, converged = 0, False
-    for _ in range(problem.settings.spread_rounds):
+    for decrease in (*[COARSE] * (problem.settings.spread_rounds - 1), FINE):
         problem.spread = problem.robust_spread(u)
-        u, used, converged = _gauss_newton(problem, u)
+        u, used, converged = _gauss_newton(problem, u, decrease)
         iterations += used
     return _result(problem, u, iterations, converged)
 
@@ -153,7 +157,8 @@ class _Problem:
         """Median absolute deviation as a standard deviation, never below the noise floor nor near zero."""
         errors = np.abs(self.residuals(u))
         least = 1e-6 * np.sqrt(np.mean(self.measured**2, axis=1)) + 1e-12
-        return np.maximum(np.maximum(1.4826 * np.median(errors, axis=1), 0.5 * self.noise), least)
+        typical = 1.4826 * np.median(errors, axis=1)
+        return np.asarray(np.maximum(np.maximum(typical, 0.5 * self.noise), least), float)
 
     def cost(self, u: Array) -> float:
         z = self.residuals(u) / self.spread[:, None]
@@ -202,7 +207,7 @@ def _blocks(samples: Samples, block_s: float) -> NDArray[np.int64]:
     return np.cumsum(change).astype(np.int64)
 
 
-def _gauss_newton(problem: _Problem, u: Array) -> tuple[Array, int, bool]:
+def _gauss_newton(problem: _Problem, u: Array, decrease: float) -> tuple[Array, int, bool]:
     """Damped Gauss-Newton within the bounds: (estimate, iterations, whether the step fell below the tolerance)."""
     settings, damping, cost = problem.settings, 1e-6, problem.cost(u)
     box = (problem.lower, problem.upper)
@@ -210,14 +215,15 @@ def _gauss_newton(problem: _Problem, u: Array) -> tuple[Array, int, bool]:
         H, g = problem.normal_equations(u)
         while True:
             step = bounded_step(H, g, u, box, damping)
-            length = float(np.sqrt(max(step @ H @ step, 0.0)))
+            length = math.sqrt(max(float(step @ H @ step), 0.0))
             trial_cost = problem.cost(u + step)
             if trial_cost <= cost or length < settings.tolerance:
                 break
             damping = max(10.0 * damping, 1e-4)
+        flat = cost - trial_cost < decrease * cost
         if trial_cost <= cost:
             u, cost, damping = u + step, trial_cost, max(0.1 * damping, 1e-9)
-        if length < settings.tolerance:
+        if length < settings.tolerance or flat:
             return u, iteration + 1, True
     return u, settings.max_iterations, False
 

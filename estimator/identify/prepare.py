@@ -57,7 +57,7 @@ class Samples:
     def __getitem__(self, name: str) -> Array:
         """A signal, auxiliary or channel by name; a name in both means the signal."""
         names = (*SIGNALS, *AUXILIARY)
-        return self.inputs[names.index(name)] if name in names else self.channels[CHANNELS.index(name)]
+        return np.asarray(self.inputs[names.index(name)] if name in names else self.channels[CHANNELS.index(name)])
 
     def select(self, rows: NDArray[np.bool_]) -> Samples:
         """The samples where `rows` (n,) is true."""

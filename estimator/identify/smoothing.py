@@ -49,7 +49,7 @@ def wiener(values: Array, step: float) -> Smoothed:
     padded = np.concatenate([2 * values[0] - values[pad:0:-1], values, 2 * values[-1] - values[-2 : -pad - 2 : -1]])
     trend = np.linspace(padded[0], padded[-1], len(padded))
     spectrum = np.fft.rfft(padded - trend)
-    frequency = np.fft.rfftfreq(len(padded), step)
+    frequency: Array = np.asarray(np.fft.rfftfreq(len(padded), step), float)
     gain, floor = _gain(spectrum, frequency)
     slope = (padded[-1] - padded[0]) / ((len(padded) - 1) * step)
     value = np.fft.irfft(spectrum * gain, len(padded)) + trend
