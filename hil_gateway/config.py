@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError
 
 from hil_gateway.errors import InputError
 from hil_gateway.messages import Model
+from hil_gateway.powertrain import Powertrain
 from hil_gateway.vehicle import Vehicle
 
 ENVIRONMENT_PREFIX = "HIL_"
@@ -46,10 +47,33 @@ class OriginConfig(Model):
     longitude: float = Field(default=-121.7535, ge=-180, le=180, description="deg")
 
 
+class LimitConfig(Model):
+    """Fastest moves the gateway lets out; value limits are the car's own (can_dbc/av24.toml)."""
+
+    steering_rate: float = Field(default=500.0, gt=0, le=500, description="motor angle, deg/s")
+    accelerator_rise: float = Field(default=400.0, gt=0, le=1000, description="%/s; falling is never held back")
+    brake_rise: float = Field(default=180_000.0, gt=0, le=180_000, description="kPa/s")
+    brake_fall: float = Field(default=60_000.0, gt=0, le=180_000, description="kPa/s")
+
+
+class StopConfig(Model):
+    """How hard the gateway brakes by itself."""
+
+    controlled_deceleration: float = Field(default=6.0, gt=0, le=30, description="m/s2")
+    emergency_deceleration: float = Field(default=12.0, gt=0, le=30, description="m/s2 on a straight at low speed")
+    lateral_grip: float = Field(default=1.3, gt=0, le=4, description="lateral specific force the tyres hold, g")
+    downforce: float = Field(default=1.12, ge=0, description="N per (m/s)^2, both axles: grip grows with it")
+    hold_pressure: float = Field(default=2.0e6, gt=0, description="brake pressure at standstill, Pa")
+
+
 class GatewayConfig(Model):
     """Gateway process."""
 
     mode: Literal["listen", "shadow", "actuator_test", "armed"] = "armed"
+    vehicle_number: int = Field(default=1, ge=0, le=255)
+    command_latency_max_s: float = Field(default=0.15, gt=0, le=1, description="older states are not answered any more")
+    limits: LimitConfig = LimitConfig()
+    stop: StopConfig = StopConfig()
 
 
 class PlantConfig(Model):
@@ -95,6 +119,7 @@ class Config(Model):
     """The whole tree."""
 
     vehicle: Vehicle = Vehicle()
+    powertrain: Powertrain = Powertrain()
     track: str = Field(default="", description="track file; empty: the road course that is shipped")
     origin: OriginConfig = OriginConfig()
     can: CanConfig = CanConfig()

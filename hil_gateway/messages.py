@@ -230,6 +230,20 @@ class Alert(Message):
     strength: float = Field(description="residual RMS over its noise floor")
 
 
+class RecorderStatus(Message):
+    """Health of the recording (1 Hz); whatever was not written is counted, never dropped in silence."""
+
+    file: str
+    recording: bool
+    frames: int = Field(ge=0, description="raw CAN frames written")
+    messages: int = Field(ge=0, description="topic messages written")
+    lost: int = Field(ge=0, description="frames and messages that arrived or should have, and were not written")
+    errors: int = Field(ge=0, description="failed disk operations")
+    last_error: str = ""
+    bytes_written: int = Field(ge=0)
+    free_bytes: int | None = Field(description="free space on the disk; null when it cannot be read")
+
+
 class Truth(Message):
     """The plant's own state, for the referee (off-track count, lap times). No node subscribes to it."""
 

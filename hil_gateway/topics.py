@@ -39,6 +39,7 @@ ALERT = Topic("av24/alert", m.Alert, "estimator", 1, 60.0)
 PLAN = Topic("av24/plan", m.Plan, "planner", 20, 0.1)
 COMMAND = Topic("av24/command", m.Command, "planner", 20, 0.1, priority="real_time")
 OPERATOR = Topic("av24/operator", m.OperatorCommand, "operator", 0, 1.0, priority="real_time")
+RECORDER_STATUS = Topic("av24/recorder_status", m.RecorderStatus, "recorder", 1, 3.0)
 TRUTH = Topic("referee/truth", m.Truth, "plant", 20, 1.0)
 
 TOPICS: tuple[Topic[Any], ...] = (
@@ -52,5 +53,6 @@ TOPICS: tuple[Topic[Any], ...] = (
     PLAN,
     COMMAND,
     OPERATOR,
+    RECORDER_STATUS,
     TRUTH,
 )

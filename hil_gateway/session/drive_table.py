@@ -1,0 +1,108 @@
+"""Session -> drive-log columns (docs/drive-log.md): the one place where topics are mapped onto them.
+
+Only what the car reports and what the estimator makes of it is used, never the plant's truth. One row per valid
+estimate, joined with the vehicle state it answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_gateway.clock import NS_PER_S
+from hil_gateway.errors import InputError
+from hil_gateway.messages import Estimate, Plan, VehicleState
+from hil_gateway.session.reader import Item, SessionReader
+from hil_gateway.topics import ESTIMATE, PLAN, VEHICLE_STATE
+
+Array = NDArray[np.float64]
+
+FROM_ESTIMATE: Mapping[str, Callable[[Estimate], float]] = {
+    "vx": lambda e: e.vx,
+    "vy": lambda e: e.vy,
+    "yaw_rate": lambda e: e.yaw_rate,
+    "x": lambda e: e.x,
+    "y": lambda e: e.y,
+    "yaw": lambda e: e.yaw,
+}
+FROM_STATE: Mapping[str, Callable[[VehicleState], float]] = {
+    "ax": lambda v: v.ax,
+    "ay": lambda v: v.ay,
+    "steer": lambda v: v.steer,
+    "drive": lambda v: v.drive,
+    "throttle": lambda v: v.throttle,
+    "brake": lambda v: (v.brake_front + v.brake_rear) / 2,
+    "wheel_speed_fl": lambda v: v.wheel_speed_fl,
+    "wheel_speed_fr": lambda v: v.wheel_speed_fr,
+    "wheel_speed_rl": lambda v: v.wheel_speed_rl,
+    "wheel_speed_rr": lambda v: v.wheel_speed_rr,
+    "gear": lambda v: v.gear,
+    "engine_speed": lambda v: v.engine_speed,
+}
+
+
+@dataclass(frozen=True)
+class DriveTable:
+    """Columns of equal length, SI; `left_out` counts the rows that could not be used, by reason."""
+
+    columns: dict[str, Array]
+    left_out: dict[str, int]
+    damage: tuple[str, ...]
+
+
+def read_drive_table(path: Path) -> DriveTable:
+    """Drive-log columns of one recorded session.
+
+    Raises:
+        InputError: no recording, or one without estimates.
+    """
+    reader = SessionReader(path)
+    rows, left_out, laps = _collect(reader.items())
+    if not rows:
+        raise InputError(f"{path}: holds no valid {ESTIMATE} with its {VEHICLE_STATE}: nothing to make a drive log of")
+    stamps = np.array([state.stamp_ns for state, _ in rows], dtype=np.int64)
+    columns = {"t": (stamps - stamps[0]) / NS_PER_S}
+    columns |= {name: np.array([get(e) for _, e in rows], dtype=float) for name, get in FROM_ESTIMATE.items()}
+    columns |= {name: np.array([get(v) for v, _ in rows], dtype=float) for name, get in FROM_STATE.items()}
+    if laps:
+        columns["lap"] = _held(stamps, laps)
+    return DriveTable(columns, left_out, tuple(map(str, reader.damage)))
+
+
+def _collect(
+    items: Iterable[Item],
+) -> tuple[list[tuple[VehicleState, Estimate]], dict[str, int], list[tuple[int, int]]]:
+    states: dict[int, VehicleState] = {}
+    estimates: dict[int, Estimate] = {}
+    laps: list[tuple[int, int]] = []
+    for item in items:
+        if item.topic == VEHICLE_STATE.key:
+            state = VehicleState.model_validate_json(item.data)
+            states[state.stamp_ns] = state
+        elif item.topic == ESTIMATE.key:
+            estimate = Estimate.model_validate_json(item.data)
+            estimates[estimate.state_stamp_ns] = estimate
+        elif item.topic == PLAN.key:
+            plan = Plan.model_validate_json(item.data)
+            laps.append((plan.state_stamp_ns, plan.lap))
+    valid = {stamp: e for stamp, e in estimates.items() if e.valid}
+    rows = [(states[stamp], valid[stamp]) for stamp in sorted(valid) if stamp in states]
+    left_out = {"estimate not valid": len(estimates) - len(valid), "vehicle state missing": len(valid) - len(rows)}
+    return rows, {reason: count for reason, count in left_out.items() if count}, sorted(laps)
+
+
+def _held(stamps: NDArray[np.int64], laps: list[tuple[int, int]]) -> Array:
+    """Lap number at each stamp: the newest plan's, or the first one's before it."""
+    at, number = np.array(laps, dtype=np.int64).T
+    index = np.searchsorted(at, stamps, side="right") - 1
+    return np.asarray(number[np.maximum(index, 0)], dtype=float)
+
+
+def as_rows(columns: Mapping[str, Array]) -> Iterable[tuple[Any, ...]]:
+    """The table row by row."""
+    return zip(*columns.values(), strict=True)

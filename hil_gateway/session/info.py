@@ -1,0 +1,64 @@
+"""What a session holds: one pass, counts and rates per topic, metadata, and what is damaged."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from hil_gateway.clock import NS_PER_S
+from hil_gateway.session.reader import SessionReader
+
+
+def session_info(path: Path) -> dict[str, Any]:
+    """Summary of one file, ready for JSON; times in s, sizes in B.
+
+    Raises:
+        InputError: not a readable recording.
+    """
+    reader = SessionReader(path)
+    counts: Counter[str] = Counter()
+    first, last = None, 0
+    for item in reader.items():
+        counts[item.topic] += 1
+        first = item.log_ns if first is None else min(first, item.log_ns)
+        last = max(last, item.log_ns)
+    duration = (last - first) / NS_PER_S if first is not None else 0.0
+    session = dict(reader.metadata.get("session", {}))
+    return {
+        "path": str(path),
+        "complete": reader.complete,
+        "damage": [str(damage) for damage in reader.damage],
+        "bytes": path.stat().st_size,
+        "start_unix_s": None if first is None else first / NS_PER_S,
+        "duration_s": duration,
+        "chunks": reader.chunks,
+        "messages": sum(counts.values()),
+        "topics": {topic: {"messages": n, "rate_hz": _rate(n, duration)} for topic, n in sorted(counts.items())},
+        "config": json.loads(session.pop("config", "{}")),
+        "session": session,
+        "model_revision": reader.metadata.get("model_revision", {}),
+    }
+
+
+def _rate(count: int, duration_s: float) -> float | None:
+    return round((count - 1) / duration_s, 3) if duration_s > 0 and count > 1 else None
+
+
+def describe(info: dict[str, Any]) -> list[str]:
+    """The summary in lines for a person."""
+    session = info["session"]
+    ending = "complete" if info["complete"] else "not closed in order (readable up to its last whole chunk)"
+    lines = [
+        f"{info['path']}: {info['duration_s']:.1f} s, {info['bytes'] / 1e6:.1f} MB, {info['messages']} messages",
+        f"  {ending}",
+        f"  recorded {session.get('started', 'at an unknown time')} on {session.get('bus', 'an unknown bus')}"
+        f" by {session.get('software', 'unknown software')}",
+    ]
+    if revision := info["model_revision"].get("revision"):
+        lines.append(f"  newest model revision {revision}")
+    for topic, row in info["topics"].items():
+        rate = "" if row["rate_hz"] is None else f"{row['rate_hz']:8.1f} Hz"
+        lines.append(f"  {topic:24} {row['messages']:9d} {rate}")
+    return lines + [f"  damaged: {damage}" for damage in info["damage"]]

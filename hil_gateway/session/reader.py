@@ -1,0 +1,159 @@
+"""Reads a session file however it ended: killed, cut at any byte, or damaged in the middle.
+
+The file is read once, front to back, without its index. Every whole chunk with a right checksum is given out;
+what is not readable is described in `damage`, with its place, and the reader goes on at the next chunk.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Message, Metadata
+from mcap.stream_reader import breakup_chunk
+
+from hil_gateway.clock import NS_PER_S
+from hil_gateway.errors import InputError
+from hil_gateway.session.format import CAN_TOPIC
+from hil_gateway.topics import TOPICS
+
+MAGIC = b"\x89MCAP0\r\n"
+_HEADER = struct.Struct("<BQ")
+# start, end, uncompressed size, CRC, length and name of the compression: what makes a chunk recognisable
+_CHUNK_START = re.compile(rb"\x06.{8}.{28}\x04\x00\x00\x00zstd|\x06.{8}.{28}\x03\x00\x00\x00lz4", re.DOTALL)
+_SCAN_BYTES = 1 << 20
+_SCAN_OVERLAP = 64
+_KNOWN_OPCODES = {int(code) for code in Opcode}
+
+
+@dataclass(frozen=True)
+class Item:
+    """One recorded message; times are Unix nanoseconds."""
+
+    topic: str
+    log_ns: int
+    publish_ns: int
+    sequence: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Damage:
+    """One unreadable place."""
+
+    offset: int
+    what: str
+
+    def __str__(self) -> str:
+        return f"byte {self.offset}: {self.what}"
+
+
+@dataclass
+class SessionReader:
+    """One pass over a session file; `damage`, `complete` and `metadata` are final when `items` is exhausted.
+
+    Raises:
+        InputError: no such file, or not an MCAP file (from `items`).
+    """
+
+    path: Path
+    damage: list[Damage] = field(default_factory=list)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    complete: bool = False
+    chunks: int = 0
+
+    def items(self) -> Iterator[Item]:
+        """Every readable message, in file order."""
+        try:
+            file = self.path.open("rb")
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot read the session: {error.strerror}") from None
+        with file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise InputError(f"{self.path}: not an MCAP recording (wrong first bytes)")
+            yield from self._records(file, self.path.stat().st_size)
+
+    def _records(self, file: BinaryIO, size: int) -> Iterator[Item]:
+        topics = _default_topics()
+        while (offset := file.tell()) < size:
+            head = file.read(_HEADER.size)
+            if len(head) < _HEADER.size:
+                self._note(offset, f"cut off {len(head)} bytes into a record")
+                return
+            opcode, length = _HEADER.unpack(head)
+            if opcode not in _KNOWN_OPCODES or offset + _HEADER.size + length > size:
+                if not self._resume(file, offset, size):
+                    return
+                continue
+            body = file.read(length)
+            if opcode == Opcode.CHUNK:
+                yield from self._chunk(body, offset, topics)
+            elif opcode == Opcode.METADATA:
+                self._read_metadata(body, offset)
+            elif opcode == Opcode.FOOTER:
+                self.complete = file.read(len(MAGIC)) == MAGIC
+                return
+
+    def _chunk(self, body: bytes, offset: int, topics: dict[int, str]) -> Iterator[Item]:
+        number, self.chunks = self.chunks, self.chunks + 1
+        try:
+            chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+            records = breakup_chunk(chunk, validate_crc=True)
+        except Exception as error:  # whatever a decompressor raises, the chunk is damaged
+            self._note(offset, f"chunk {number}{_span(body)} is corrupt: {type(error).__name__}: {error}")
+            return
+        for record in records:
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic
+            elif isinstance(record, Message):
+                topic = topics.get(record.channel_id, f"channel {record.channel_id}")
+                yield Item(topic, record.log_time, record.publish_time, record.sequence, record.data)
+
+    def _read_metadata(self, body: bytes, offset: int) -> None:
+        try:
+            record = Metadata.read(ReadDataStream(BytesIO(body)))
+        except (McapError, ValueError, struct.error) as error:
+            self._note(offset, f"metadata is corrupt: {error}")
+        else:
+            self.metadata[record.name] = record.metadata
+
+    def _resume(self, file: BinaryIO, offset: int, size: int) -> bool:
+        """Position `file` at the next recognisable chunk after `offset`; False when there is none."""
+        start = offset + 1
+        while start < size:
+            file.seek(start)
+            window = file.read(_SCAN_BYTES)
+            for found in _CHUNK_START.finditer(window):
+                position = start + found.start()
+                length = _HEADER.unpack_from(window, found.start())[1]
+                if position + _HEADER.size + length <= size:
+                    self._note(offset, f"{position - offset} unreadable bytes")
+                    file.seek(position)
+                    return True
+            start += max(len(window) - _SCAN_OVERLAP, 1)
+        self._note(offset, f"cut off: the last {size - offset} bytes are no whole record")
+        return False
+
+    def _note(self, offset: int, what: str) -> None:
+        self.damage.append(Damage(offset, what))
+
+
+def _default_topics() -> dict[int, str]:
+    """Channel numbers as the writer gives them out, for a file whose first chunk is damaged."""
+    return dict(enumerate((CAN_TOPIC, *(t.key for t in TOPICS if t.recorded)), start=1))
+
+
+def _span(body: bytes) -> str:
+    """Times of a chunk, in words, from its own (perhaps damaged) header."""
+    if len(body) < 16:
+        return ""
+    start, end = struct.unpack_from("<QQ", body)
+    return f" ({start / NS_PER_S:.3f} s to {end / NS_PER_S:.3f} s)"

@@ -1,0 +1,94 @@
+"""Plays a session back: in real time, scaled, or as fast as possible; to the bus, to CAN, or to a function.
+
+Safety: only what a car says goes to a CAN bus, never a recorded command to its actuators; and commands are not
+published either unless they are asked for by name.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+from hil_gateway.bus import Bus
+from hil_gateway.can_link import CanLink
+from hil_gateway.clock import NS_PER_S, Clock
+from hil_gateway.errors import InputError
+from hil_gateway.session.format import CAN_TOPIC, unpack_frame
+from hil_gateway.session.reader import Item, SessionReader
+from hil_gateway.topics import COMMAND, OPERATOR, TOPICS
+
+WINDOW_NS = NS_PER_S // 2
+"""messages are recorded in the order they were picked up, at most this much out of order of their stamps"""
+
+Send = Callable[[Item], None]
+DEFAULT_TOPICS = tuple(t.key for t in TOPICS if t.recorded and t not in (COMMAND, OPERATOR))
+
+
+def in_order(items: Iterable[Item]) -> Iterator[Item]:
+    """Items by time of publication; equal times keep their order in the file."""
+    heap: list[tuple[int, int, Item]] = []
+    for number, item in enumerate(items):
+        heapq.heappush(heap, (item.publish_ns, number, item))
+        while heap[0][0] < item.log_ns - WINDOW_NS:
+            yield heapq.heappop(heap)[2]
+    while heap:
+        yield heapq.heappop(heap)[2]
+
+
+def read_all(paths: Sequence[Path]) -> Iterator[Item]:
+    """Items of the parts of one session, one after the other."""
+    for path in paths:
+        yield from in_order(SessionReader(path).items())
+
+
+def replay(items: Iterable[Item], send: Send, clock: Clock, speed: float = 1.0) -> int:
+    """Give every item to `send` at its time divided by `speed` (0: at once); returns the number of items.
+
+    The schedule is absolute: a slow receiver delays, but does not stretch what follows.
+    """
+    count, start_ns, first_ns = 0, clock.now_ns(), None
+    for item in items:
+        if speed > 0:
+            first_ns = item.publish_ns if first_ns is None else first_ns
+            clock.sleep_until(start_ns + int((item.publish_ns - first_ns) / speed))
+        send(item)
+        count += 1
+    return count
+
+
+def to_bus(bus: Bus, keys: Iterable[str] = DEFAULT_TOPICS) -> Send:
+    """Publishes messages of the topics `keys`, unchanged.
+
+    Raises:
+        InputError: a key that is not in the topics table.
+    """
+    by_key = {topic.key: topic for topic in TOPICS}
+    if unknown := sorted(set(keys) - set(by_key)):
+        raise InputError(f"unknown topic {unknown[0]}; known are {', '.join(by_key)}")
+    chosen = {key: by_key[key] for key in keys}
+
+    def send(item: Item) -> None:
+        if topic := chosen.get(item.topic):
+            bus.publish(topic, topic.message.model_validate_json(item.data))
+
+    return send
+
+
+def to_can(link: CanLink, ids: frozenset[int]) -> Send:
+    """Sends the raw frames whose identifier is in `ids`."""
+
+    def send(item: Item) -> None:
+        if item.topic == CAN_TOPIC:
+            frame = unpack_frame(item.data)
+            if frame.id in ids and not frame.is_error:
+                link.send(frame.id, frame.data)
+
+    return send
+
+
+def ids_from_car() -> frozenset[int]:
+    """Identifiers that a car sends, by the DBC."""
+    from can_dbc.codec import load_codec
+
+    return frozenset(m.id for m in load_codec().messages.values() if m.direction == "car")
