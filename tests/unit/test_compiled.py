@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from estimator.model import compiled
-from estimator.model.compiled import CompilerWarning, compile_function, find_compiler
+from hil_gateway import compiled
+from hil_gateway.compiled import CompilerWarning, compile_function, find_compiler
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 
