@@ -33,18 +33,19 @@ class LocalMap:
 
     def to_map(self, latitude: float, longitude: float) -> tuple[float, float]:
         """Degrees to (x, y), m: rotation of the earth-centred difference vector into east and north."""
-        return self._to_map_rad(math.radians(latitude), math.radians(longitude))
+        return self.to_map_radians(math.radians(latitude), math.radians(longitude))
 
     def to_geodetic(self, x: float, y: float) -> tuple[float, float]:
         """(x, y), m, to (latitude, longitude), degrees: inverse of `to_map` by fixed-point iteration."""
         latitude, longitude = self._latitude, self._longitude
         for _ in range(INVERSE_ITERATIONS + 1):
-            reached_x, reached_y = self._to_map_rad(latitude, longitude)
+            reached_x, reached_y = self.to_map_radians(latitude, longitude)
             longitude += (x - reached_x) / (self._normal_radius * math.cos(latitude))
             latitude += (y - reached_y) / self._meridian_radius
         return math.degrees(latitude), math.degrees(longitude)
 
-    def _to_map_rad(self, latitude: float, longitude: float) -> tuple[float, float]:
+    def to_map_radians(self, latitude: float, longitude: float) -> tuple[float, float]:
+        """`to_map` from radians."""
         radius, z = _meridian_point(math.sin(latitude), math.cos(latitude))
         turn = longitude - self._longitude
         outward = radius * math.cos(turn) - self._origin_x

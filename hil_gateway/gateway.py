@@ -1,0 +1,292 @@
+"""The gateway: frames in, vehicle state out; commands in, limited and supervised frames out (100 Hz).
+
+`step` is one period: perceive (frames, messages), decide (failsafe, race control), act (actuation, limits, frames),
+report. It holds all its state, reads no clock and raises nothing but bugs.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from can_dbc.codec import Codec, load_codec
+from hil_gateway import topics
+from hil_gateway.actuation import Actuation, Actuators
+from hil_gateway.bus import Bus, LatestReader
+from hil_gateway.can_link import CanLink
+from hil_gateway.clock import NS_PER_S
+from hil_gateway.command_gate import CommandGate
+from hil_gateway.config import Config
+from hil_gateway.failsafe import HOLDS, Failsafe, Inputs, missing_for_arming
+from hil_gateway.limits import Limits
+from hil_gateway.messages import Applied, FailsafeAction, GatewayStatus, OperatorAction, VehicleState
+from hil_gateway.powertrain import GearChoice
+from hil_gateway.race_control import (
+    KILL_VEHICLE_FLAGS,
+    STOP_TRACK_FLAGS,
+    STOP_VEHICLE_FLAGS,
+    CtState,
+    Demand,
+    Heard,
+    RaceControl,
+    SysState,
+    stronger_track_flag,
+    stronger_vehicle_flag,
+)
+from hil_gateway.stopping import STANDSTILL, Stopping, rear_speed, road_speed
+from hil_gateway.track import Track
+from hil_gateway.transmitter import Transmitter
+from hil_gateway.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
+
+STATUS_PERIOD_NS = NS_PER_S // 10
+LATENCY_WINDOW = 1000
+COMMAND_QUEUE = 16
+OPERATOR_QUEUE = 8
+STOPPING = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
+KILLS = frozenset({"operator_emergency", "vehicle_flag_kill", "car_emergency", "foreign_emergency"})
+"""Causes that put the ladder into emergency even while no actuator command is sent."""
+FAILURE_SIGNALS = ("sd_system_failure", "est4_sd_comms_loss", "est5_motec_comms_loss")
+
+
+class Held:
+    """How long a condition has held, s."""
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+
+    def update(self, holds: bool, now_ns: int) -> float:
+        """0 while it does not hold."""
+        if not holds:
+            self._since_ns = None
+            return 0.0
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        return (now_ns - self._since_ns) / NS_PER_S
+
+
+class Gateway:
+    """Core of the gateway process; `track` lets a stop go on beyond the end of the last plan."""
+
+    def __init__(self, config: Config, bus: Bus, link: CanLink, track: Track | None = None) -> None:
+        self._config = config
+        self._bus = bus
+        self._link = link
+        codec: Codec = load_codec()
+        self._actuation = Actuation(config.vehicle, config.powertrain)
+        self._gears = GearChoice(config.powertrain, config.vehicle.wheel_radius)
+        self._limits = Limits(codec, config.gateway.limits)
+        self._stopping = Stopping(config.vehicle, config.gateway.stop, config.powertrain.force_per_drive, track)
+        self._transmitter = Transmitter(codec, link, config.gateway.vehicle_number)
+        self.builder = VehicleStateBuilder(config, codec, self._actuation)
+        self._commands = bus.subscribe(topics.COMMAND, depth=COMMAND_QUEUE)
+        self._operator = bus.subscribe(topics.OPERATOR, depth=OPERATOR_QUEUE)
+        self._plan = LatestReader(bus, topics.PLAN)
+        self._estimate = LatestReader(bus, topics.ESTIMATE)
+        self._gate = CommandGate(config.gateway.command_latency_max_s)
+        self.failsafe = Failsafe()
+        self.race_control = RaceControl()
+        self._previous = self._limits.neutral
+        self._state_invalid, self._estimate_invalid = Held(), Held()
+        self._last_step_ns: int | None = None
+        self._status_due_ns = 0
+        self._seq = 0
+        self._latency_ms: deque[float] = deque(maxlen=LATENCY_WINDOW)
+        self._answered_seq: int | None = None
+        self._sent = self._limited = 0
+        self.refused: dict[str, int] = {}
+
+    def step(self, now_ns: int) -> None:
+        """One 10 ms period."""
+        self.builder.take(self._link.receive(0.0), now_ns)
+        state = self.builder.build(now_ns, self.race_control.ct_state, *self._flags(now_ns))
+        self._bus.publish(topics.VEHICLE_STATE, state)
+        request = self._read_messages(now_ns, state)
+        inputs = self._inputs(now_ns, state, request)
+        self._decide(now_ns, inputs, state)
+        applied = self._act(now_ns, state)
+        self._bus.publish(topics.APPLIED, applied)
+        if now_ns >= self._status_due_ns:
+            self._status_due_ns = now_ns + STATUS_PERIOD_NS
+            self._bus.publish(topics.GATEWAY_STATUS, self._status(now_ns, inputs))
+        self._last_step_ns = now_ns
+        self._seq += 1
+
+    def shut_down(self, now_ns: int) -> None:
+        """Say controlled shutdown on the wire; the car stops by itself when the commands end."""
+        if self._config.gateway.mode == "armed":
+            self._transmitter.race_control(now_ns, CtState.CONTROLLED_SHUTDOWN, self._heard_flags())
+
+    def _flags(self, now_ns: int) -> tuple[int, int]:
+        """Track and vehicle flag in force: the more restrictive of the two senders."""
+        signal = self.builder.signal
+        marelli = self.builder.age_s("marelli_report_1", now_ns) <= topics.GATEWAY_STATUS.deadline_s
+        track = int(signal("marelli_track_flag")) if marelli else 0
+        vehicle = int(signal("marelli_vehicle_flag")) if marelli else 0
+        return (
+            stronger_track_flag(int(signal("track_flag")), track),
+            stronger_vehicle_flag(int(signal("veh_flag")), vehicle),
+        )
+
+    def _read_messages(self, now_ns: int, state: VehicleState) -> OperatorAction | None:
+        """Take in commands, plan and estimate; the newest request of a person, if one arrived this period."""
+        for command in self._commands.poll(now_ns):
+            refusal = self._gate.offer(command, now_ns, self.failsafe.armed)
+            if refusal is not None:
+                self.refused[refusal] = self.refused.get(refusal, 0) + 1
+        before = self._plan.latest.count
+        plan = self._plan.update(now_ns)
+        if plan.count != before and plan.message is not None:
+            self._stopping.take_plan(plan.message)
+        estimate = self._estimate.update(now_ns)
+        dt = 0.0 if self._last_step_ns is None else (now_ns - self._last_step_ns) / NS_PER_S
+        self._stopping.track_pose(dt, state, estimate.message if estimate.valid(now_ns) else None)
+        return strongest([message.action for message in self._operator.poll(now_ns)])
+
+    def _inputs(self, now_ns: int, state: VehicleState, request: OperatorAction | None) -> Inputs:
+        """Every measure of the failsafe table."""
+        counters = self.builder.counter_faults.drain(now_ns) >= COUNTER_FAULT
+        gap = 0.0 if self._last_step_ns is None else (now_ns - self._last_step_ns) / NS_PER_S
+        failure = any(self.builder.signal(name) for name in FAILURE_SIGNALS)
+        kill = state.vehicle_flag in KILL_VEHICLE_FLAGS
+        stop = state.vehicle_flag in STOP_VEHICLE_FLAGS
+        measures = {
+            "operator_emergency": _holds(request is OperatorAction.EMERGENCY),
+            "operator_stop": _holds(request is OperatorAction.STOP),
+            "vehicle_flag_kill": _holds(kill),
+            "vehicle_flag_stop": _holds(stop),
+            "track_flag_stop": _holds(state.track_flag in STOP_TRACK_FLAGS),
+            "car_emergency": _holds(state.sys_state in (SysState.EMERGENCY, SysState.CRITICAL_LIMIT)),
+            "car_not_driving": _holds(state.sys_state != SysState.DRIVING),
+            "car_failure": _holds(failure),
+            "foreign_emergency": _holds(self.builder.foreign_emergency(now_ns)),
+            "foreign_commands": _holds(self.builder.foreign_commands(now_ns)),
+            "command_age": self._gate.age_s(now_ns),
+            "can_silence": self.builder.silence_s(now_ns),
+            "gateway_gap": gap,
+            "counters_wrong": _holds(counters),
+            "heartbeat_frozen": self.race_control.heartbeat_frozen_s(now_ns),
+            "state_invalid": self._state_invalid.update(not state.valid, now_ns),
+            "estimate_invalid": self._estimate_invalid.update(not self._estimate.latest.valid(now_ns), now_ns),
+        }
+        may_arm = self._config.gateway.mode in ("armed", "shadow")
+        return Inputs(measures, state.valid and road_speed(state) < STANDSTILL, request, may_arm)
+
+    def _decide(self, now_ns: int, inputs: Inputs, state: VehicleState) -> None:
+        before = self.failsafe.action
+        self.failsafe = self.failsafe.step(inputs)
+        action = self.failsafe.action
+        if action in STOPPING and before not in STOPPING:
+            self._stopping.start(self._actuation.to_steer(self._limits.to_actuators(self._previous).steering_motor))
+        killed = any(inputs.measures[cause] > 0 for cause in KILLS)
+        demand = Demand(
+            stop=action is FailsafeAction.CONTROLLED_STOP,
+            emergency=action is FailsafeAction.EMERGENCY_STOP or killed,
+            restart=inputs.request is OperatorAction.DISARM and inputs.standing,
+            armed=action is FailsafeAction.DRIVE,
+        )
+        self.race_control = self.race_control.step(now_ns, self._heard(now_ns, state), demand)
+
+    def _heard(self, now_ns: int, state: VehicleState) -> Heard:
+        return Heard(
+            car_alive=state.sources["vehicle"].valid,
+            sys_state=state.sys_state,
+            mode_switch=self.builder.signal("mode_switch_state") > 0,
+            heartbeat=int(self.builder.signal("base_to_car_heartbeat")),
+            heartbeat_age_s=self.builder.age_s("base_to_car_summary", now_ns),
+            track_flag=state.track_flag,
+            vehicle_flag=state.vehicle_flag,
+        )
+
+    def _act(self, now_ns: int, state: VehicleState) -> Applied:
+        """Send this period's frames; what really left goes into `Applied`."""
+        transmits = self._config.gateway.mode == "armed"
+        if transmits:
+            self._transmitter.race_control(now_ns, self.race_control.ct_state, self._heard_flags())
+        if not self.failsafe.armed:
+            self._previous = self._limits.neutral
+            return self._applied(now_ns, state, False, ())
+        wanted = self._wanted(now_ns, state)
+        self._previous, limited = self._limits.apply(wanted, self._previous)
+        sent = transmits and self._transmitter.actuators(self._previous)
+        self._sent += sent
+        self._limited += bool(limited)
+        self._note_latency(now_ns)
+        return self._applied(now_ns, state, sent, limited)
+
+    def _wanted(self, now_ns: int, state: VehicleState) -> Actuators:
+        gear = self._gears.step(now_ns, rear_speed(state))
+        command = self._gate.newest
+        if self.failsafe.action is FailsafeAction.DRIVE and command is not None:
+            return self._actuation.to_actuators(
+                command.steer, command.drive, state.gear or gear, state.engine_speed, gear
+            )
+        emergency = self.failsafe.action is FailsafeAction.EMERGENCY_STOP
+        steer, drive = self._stopping.command(state, emergency)
+        wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear)
+        if road_speed(state) >= STANDSTILL or not state.valid:
+            return wanted
+        hold = self._config.gateway.stop.hold_pressure
+        return Actuators(wanted.steering_motor, 0.0, hold, hold, gear)
+
+    def _heard_flags(self) -> tuple[int, int, int, int, int]:
+        names = ("veh_flag", "track_flag", "marelli_track_flag", "marelli_vehicle_flag", "marelli_sector_flag")
+        vehicle, track, marelli_track, marelli_vehicle, sector = (int(self.builder.signal(name)) for name in names)
+        return vehicle, track, marelli_track, marelli_vehicle, sector
+
+    def _note_latency(self, now_ns: int) -> None:
+        """CAN report in to the first command frame that answers it."""
+        command = self._gate.newest
+        driving = self.failsafe.action is FailsafeAction.DRIVE
+        if driving and command is not None and command.seq != self._answered_seq:
+            self._answered_seq = command.seq
+            self._latency_ms.append((now_ns - command.state_stamp_ns) / 1e6)
+
+    def _applied(self, now_ns: int, state: VehicleState, sent: bool, limited: tuple[str, ...]) -> Applied:
+        actuators = self._limits.to_actuators(self._previous)
+        return Applied(
+            stamp_ns=now_ns,
+            seq=self._seq,
+            sent=sent,
+            action=self.failsafe.action,
+            limited=limited,
+            steer=self._actuation.to_steer(actuators.steering_motor),
+            drive=self._actuation.to_drive(actuators, state.engine_speed, state.gear),
+            accelerator_percent=100 * actuators.accelerator,
+            brake_front_kpa=actuators.brake_front / 1e3,
+            brake_rear_kpa=actuators.brake_rear / 1e3,
+            steering_motor_deg=actuators.steering_motor * 57.29577951308232,
+            gear=actuators.gear,
+        )
+
+    def _status(self, now_ns: int, inputs: Inputs) -> GatewayStatus:
+        counts, link = self.builder.counts, self._link.stats()
+        latency = sorted(self._latency_ms)
+        return GatewayStatus(
+            stamp_ns=now_ns,
+            seq=self._seq,
+            mode=self._config.gateway.mode,
+            armed=self.failsafe.armed,
+            action=self.failsafe.action,
+            cause=self.failsafe.cause,
+            missing_for_arming=() if self.failsafe.armed else missing_for_arming(inputs),
+            bus=self._link.kind,
+            bus_state=str(link.bus_state),
+            frames_received=counts.received,
+            frames_lost=counts.lost + link.lost,
+            frames_unknown=counts.unknown,
+            frames_malformed=counts.malformed + link.malformed,
+            counter_errors=counts.counter_errors,
+            commands_sent=self._sent,
+            commands_limited=self._limited,
+            loop_latency_p50_ms=latency[len(latency) // 2] if latency else None,
+            loop_latency_p99_ms=latency[int(len(latency) * 0.99)] if latency else None,
+        )
+
+
+def strongest(requests: list[OperatorAction]) -> OperatorAction | None:
+    """The request that counts when several arrived in one period."""
+    order = (OperatorAction.EMERGENCY, OperatorAction.STOP, OperatorAction.DISARM, OperatorAction.ARM)
+    return next((action for action in order if action in requests), None)
+
+
+def _holds(condition: bool) -> float:
+    return HOLDS if condition else 0.0

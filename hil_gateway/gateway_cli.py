@@ -1,0 +1,102 @@
+"""`hil gateway`: the process, the bring-up check, and what a person can ask of a running gateway."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hil_gateway.bus import Subscription
+from hil_gateway.config import Config, load_config
+from hil_gateway.errors import EXIT_FAILURE, InputError
+from hil_gateway.messages import FailsafeAction, GatewayStatus, OperatorAction
+
+app = typer.Typer(no_args_is_help=True, help="CAN to vehicle state, commands to CAN; bring-up check.")
+
+ConfigOption = Annotated[Path | None, typer.Option("--config", help="TOML configuration")]
+ANSWER_S = 3.0
+"""How long a request waits for the gateway's status."""
+EXPECTED = {
+    OperatorAction.ARM: (FailsafeAction.DRIVE,),
+    OperatorAction.DISARM: (FailsafeAction.SILENT, FailsafeAction.CONTROLLED_STOP),
+    OperatorAction.STOP: (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP, FailsafeAction.SILENT),
+    OperatorAction.EMERGENCY: (FailsafeAction.EMERGENCY_STOP, FailsafeAction.SILENT),
+}
+"""Actions after which a request counts as answered."""
+
+
+@app.command()
+def run(config: ConfigOption = None) -> None:
+    """Run the gateway process until SIGINT or SIGTERM."""
+    from hil_gateway.gateway_node import run as run_node
+
+    run_node(load_config(config))
+
+
+@app.command()
+def arm(config: ConfigOption = None) -> None:
+    """Ask the gateway to send actuator commands; says what is missing when it refuses."""
+    _request(load_config(config), OperatorAction.ARM)
+
+
+@app.command()
+def disarm(config: ConfigOption = None) -> None:
+    """Stop sending actuator commands: at once when standing, after a controlled stop when moving."""
+    _request(load_config(config), OperatorAction.DISARM)
+
+
+@app.command()
+def stop(config: ConfigOption = None) -> None:
+    """Controlled stop."""
+    _request(load_config(config), OperatorAction.STOP)
+
+
+@app.command()
+def emergency(config: ConfigOption = None) -> None:
+    """Emergency stop."""
+    _request(load_config(config), OperatorAction.EMERGENCY)
+
+
+def _request(config: Config, action: OperatorAction) -> None:
+    """Send one request and wait for what the gateway says it does."""
+    from hil_gateway import topics
+    from hil_gateway.messages import OperatorCommand
+    from hil_gateway.zenoh_bus import open_bus
+
+    bus = open_bus(config.zenoh, "operator")
+    try:
+        statuses = bus.subscribe(topics.GATEWAY_STATUS)
+        if _wait(statuses) is None:
+            endpoint = ", ".join(config.zenoh.connect)
+            raise InputError(f"no gateway answers at {endpoint} (zenoh.connect); start it with `hil gateway run`")
+        now = time.monotonic_ns()
+        message = OperatorCommand(stamp_ns=now, seq=now // 1000, source=f"cli-{os.getpid()}", action=action)
+        bus.publish(topics.OPERATOR, message)
+        answer = _wait(statuses, EXPECTED[action])
+    finally:
+        bus.close()
+    if answer is None or answer.action not in EXPECTED[action]:
+        missing = ", ".join(answer.missing_for_arming) if answer else "no answer"
+        typer.echo(f"refused: {action.value}: {missing}", err=True)
+        raise typer.Exit(EXIT_FAILURE)
+    typer.echo(f"{answer.action.value}{': ' + answer.cause if answer.cause else ''}")
+
+
+def _wait(
+    statuses: Subscription[GatewayStatus], actions: tuple[FailsafeAction, ...] | None = None
+) -> GatewayStatus | None:
+    """Newest status within `ANSWER_S`; with `actions`, waits for one of them from the second status on."""
+    newest: GatewayStatus | None = None
+    seen = 0
+    deadline = time.monotonic() + ANSWER_S
+    while time.monotonic() < deadline:
+        for status in statuses.poll(time.monotonic_ns()):
+            newest = status
+            seen += 1
+        if newest is not None and (actions is None or (seen > 1 and newest.action in actions)):
+            return newest
+        time.sleep(0.02)
+    return newest

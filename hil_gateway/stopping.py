@@ -1,0 +1,154 @@
+"""Stopping without the planner: steering that keeps the car on its last good path, braking within the grip left.
+
+Steering is pure pursuit (Coulter, CMU-RI-TR-92-01): delta = atan(2 L sin(alpha) / l) towards the point a look-ahead
+distance l along the path. Beyond the end of the plan the path goes on at the same offset from the track's centre
+line. The pose is the newest valid estimate, carried on by reported speed and yaw rate where there is none.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from dataclasses import dataclass
+
+from hil_gateway.config import StopConfig
+from hil_gateway.messages import Estimate, Plan, PlanStatus, VehicleState
+from hil_gateway.track import Track
+from hil_gateway.vehicle import GRAVITY, Vehicle
+
+LOOK_AHEAD_S = 0.5
+LOOK_AHEAD_MIN = 6.0
+"""m"""
+EXTENSION = 400.0
+"""m of track added to a plan: more than a controlled stop from top speed needs"""
+EXTENSION_STEP = 4.0
+STANDSTILL = 0.5
+"""m/s"""
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Polyline over its own arc length, local map frame, m."""
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    s: tuple[float, ...]
+
+    def ahead(self, x: float, y: float, distance: float) -> tuple[float, float]:
+        """Point `distance` along the path from the vertex nearest to (x, y); its last point beyond the end."""
+        nearest = min(range(len(self.x)), key=lambda i: (self.x[i] - x) ** 2 + (self.y[i] - y) ** 2)
+        target = self.s[nearest] + distance
+        i = bisect_left(self.s, target)
+        if i >= len(self.s):
+            return self.x[-1], self.y[-1]
+        if i == 0:
+            return self.x[0], self.y[0]
+        w = (target - self.s[i - 1]) / (self.s[i] - self.s[i - 1])
+        return self.x[i - 1] + w * (self.x[i] - self.x[i - 1]), self.y[i - 1] + w * (self.y[i] - self.y[i - 1])
+
+
+def plan_path(plan: Plan, track: Track | None) -> Path | None:
+    """Path of a plan, extended along the track at the offset it ends with; None when it has no two distinct points."""
+    points = list(zip(plan.x, plan.y, strict=False))
+    if track is not None and points:
+        points += _along_track(track, *points[-1])
+    return _polyline(points)
+
+
+def _along_track(track: Track, x: float, y: float) -> list[tuple[float, float]]:
+    s, lateral = track.project(x, y)
+    steps = int(EXTENSION / EXTENSION_STEP)
+    at = [track.at(s + EXTENSION_STEP * (i + 1)) for i in range(steps)]
+    return [(p.x - lateral * math.sin(p.heading), p.y + lateral * math.cos(p.heading)) for p in at]
+
+
+def _polyline(points: list[tuple[float, float]]) -> Path | None:
+    xs: list[float] = []
+    ys: list[float] = []
+    s: list[float] = []
+    for x, y in points:
+        step = math.hypot(x - xs[-1], y - ys[-1]) if xs else 0.0
+        if xs and step < 1e-3:
+            continue
+        s.append(s[-1] + step if s else 0.0)
+        xs.append(x)
+        ys.append(y)
+    return Path(tuple(xs), tuple(ys), tuple(s)) if len(xs) > 1 else None
+
+
+@dataclass(slots=True)
+class _Pose:
+    x: float
+    y: float
+    yaw: float
+    speed: float
+
+
+class Stopping:
+    """Keeps the last good path and the pose; answers with (steer, drive)."""
+
+    def __init__(self, vehicle: Vehicle, config: StopConfig, force_per_drive: float, track: Track | None) -> None:
+        self._vehicle = vehicle
+        self._config = config
+        self._force_per_drive = force_per_drive
+        self._track = track
+        self._plan: Plan | None = None
+        self._path: Path | None = None
+        self._pose: _Pose | None = None
+        self._steer = 0.0
+
+    def take_plan(self, plan: Plan) -> None:
+        """Keep a plan as the path to stop on (a stop plan of the planner itself is as good)."""
+        if plan.status is not PlanStatus.SHIFTED or self._plan is None:
+            self._plan, self._path = plan, None
+
+    def track_pose(self, dt: float, state: VehicleState, estimate: Estimate | None) -> None:
+        """Newest valid estimate, or dead reckoning over `dt` seconds."""
+        if estimate is not None:
+            self._pose = _Pose(estimate.x, estimate.y, estimate.yaw, estimate.vx)
+        elif self._pose is not None:
+            pose = self._pose
+            pose.speed = rear_speed(state)
+            pose.yaw += state.yaw_rate * dt
+            pose.x += pose.speed * math.cos(pose.yaw) * dt
+            pose.y += pose.speed * math.sin(pose.yaw) * dt
+
+    def start(self, steer: float) -> None:
+        """A stop begins: build the path once; without one the present angle is held."""
+        self._steer = steer
+        self._path = None if self._plan is None else plan_path(self._plan, self._track)
+
+    def command(self, state: VehicleState, emergency: bool) -> tuple[float, float]:
+        """Road-wheel angle (rad) and slip-ratio drive (negative) of this period."""
+        if self._path is not None and self._pose is not None:
+            self._steer = self._pursue(self._path, self._pose)
+        config = self._config
+        wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
+        force = self._vehicle.mass * min(wanted, self._grip_left(state))
+        return self._steer, -force / self._force_per_drive
+
+    def _pursue(self, path: Path, pose: _Pose) -> float:
+        rear_x = pose.x - self._vehicle.lr * math.cos(pose.yaw)
+        rear_y = pose.y - self._vehicle.lr * math.sin(pose.yaw)
+        look_ahead = max(LOOK_AHEAD_MIN, LOOK_AHEAD_S * pose.speed)
+        x, y = path.ahead(rear_x, rear_y, look_ahead)
+        angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw
+        distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_MIN)
+        return math.atan2(2 * self._vehicle.wheelbase * math.sin(angle), distance)
+
+    def _grip_left(self, state: VehicleState) -> float:
+        """Deceleration the friction circle leaves beside the present lateral force, m/s2."""
+        config = self._config
+        weight = GRAVITY + config.downforce * rear_speed(state) ** 2 / self._vehicle.mass
+        grip = config.lateral_grip * weight
+        return math.sqrt(max(grip**2 - state.ay**2, (0.3 * grip) ** 2))
+
+
+def rear_speed(state: VehicleState) -> float:
+    """Road speed for gears and dead reckoning: mean of the rear wheels, m/s."""
+    return 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
+
+
+def road_speed(state: VehicleState) -> float:
+    """Fastest wheel, m/s: a locked wheel must not pass for standstill."""
+    return max(state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr)
