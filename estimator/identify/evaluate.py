@@ -162,14 +162,14 @@ class ModelColumns:
         self.parameters = (*model.tyre_table, *model.effect_table)
 
     @cached_property
-    def _expressions(self) -> tuple[Any, Any, Any]:
+    def expressions(self) -> tuple[Any, Any, Any]:
         """inputs (signals and auxiliaries), parameters, channels."""
         inputs = ca.SX.sym("inputs", len(SIGNALS) + len(AUXILIARY))
         theta = ca.SX.sym("theta", len(self.parameters))
         signals, auxiliary = inputs[: len(SIGNALS)], inputs[len(SIGNALS) :]
-        terms = Terms(
-            self.model.vehicle, *ca.vertsplit(signals), aux=dict(zip(AUXILIARY, ca.vertsplit(auxiliary), strict=True))
-        )
+        vx, vy, yaw_rate, steer, drive = ca.vertsplit(signals)
+        aux = dict(zip(AUXILIARY, ca.vertsplit(auxiliary), strict=True))
+        terms = Terms(self.model.vehicle, vx, vy, yaw_rate, steer, drive, aux=aux)
         split, parts = len(self.model.tyre_table), ca.vertsplit(theta)
         self.model.evaluate(terms, parts[:split], parts[split:])
         return inputs, theta, ca.vertcat(terms.imu_ax, terms.imu_ay, terms.yaw_acc, terms.vx_dot, terms.vy_dot)
@@ -195,7 +195,7 @@ class ModelColumns:
     def _cached(self, channels: tuple[str, ...], derivatives: bool) -> Columns:
         key = (channels, derivatives)
         if key not in self._functions:
-            inputs, theta, all_channels = self._expressions
+            inputs, theta, all_channels = self.expressions
             chosen = ca.vertcat(*(all_channels[CHANNELS.index(c)] for c in channels))
             parts = (chosen, ca.vec(ca.densify(ca.jacobian(chosen, theta)))) if derivatives else (chosen,)
             out = ca.densify(ca.vertcat(*parts))

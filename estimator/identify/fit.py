@@ -9,8 +9,9 @@ Sources: Nocedal & Wright, Numerical Optimization, ch. 10 and 16; Huber, Robust 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,8 +94,13 @@ def fit(
     columns: ModelColumns, samples: Samples, settings: FitSettings | None = None, start: Array | None = None
 ) -> Fit:
     """Estimate all parameters of `columns.model` from `samples`; `start` (p,) SI instead of the prior."""
-    problem = _Problem(columns, samples, settings or FitSettings())
+    return solve(AlgebraicProblem(columns, samples, settings or FitSettings()), start)
+
+
+def solve(problem: Problem, start: Array | None = None) -> Fit:
+    """Minimise the cost of `problem`, with the spreads estimated anew between rounds."""
     u = np.zeros(problem.size) if start is None else problem.scaled(start)
+    u = np.clip(u, problem.lower, problem.upper)
     iterations, converged = 0, False
     for decrease in (*[COARSE] * (problem.settings.spread_rounds - 1), FINE):
         problem.spread = problem.robust_spread(u)
@@ -115,27 +121,43 @@ def rmse(columns: ModelColumns, samples: Samples, theta: Array, channels: Sequen
     return {c: float(np.sqrt(np.mean(e**2))) for c, e in zip(channels, errors, strict=True)}
 
 
-@dataclass
-class _Problem:
+class Problem(ABC):
     """One fit in scaled parameters u = (theta - prior) / prior_std; `spread` (c,) weighs the channels."""
 
-    columns: ModelColumns
-    samples: Samples
-    settings: FitSettings
-    spread: Array = field(init=False)
-
-    def __post_init__(self) -> None:
-        table = self.columns.parameters
-        self.size = len(table)
+    def __init__(self, table: Sequence[Parameter], settings: FitSettings) -> None:
+        """Scale, bounds and prior of `table`."""
+        self.table, self.settings, self.size = tuple(table), settings, len(table)
         self.prior = np.array([p.prior for p in table])
         self.scale = np.array([p.prior_std for p in table])
         self.lower = self.scaled(np.array([p.lower for p in table]))
         self.upper = self.scaled(np.array([p.upper for p in table]))
         self.precision = self._prior_precision()
-        index = [CHANNELS.index(c) for c in self.settings.channels]
-        self.measured = self.samples.channels[index]
-        self.noise = self.samples.noise[index]
-        self.spread = self.noise
+        self.spread = np.ones(len(self.channels))
+
+    @property
+    @abstractmethod
+    def channels(self) -> tuple[str, ...]:
+        """Names of the residual channels."""
+
+    @abstractmethod
+    def residual_rms(self, u: Array) -> Array:
+        """(c,) root mean square residual."""
+
+    @abstractmethod
+    def robust_spread(self, u: Array) -> Array:
+        """(c,) robust standard deviation of the residuals."""
+
+    @abstractmethod
+    def cost(self, u: Array) -> float:
+        """Robust loss plus the prior's."""
+
+    @abstractmethod
+    def normal_equations(self, u: Array) -> tuple[Array, Array]:
+        """Gauss-Newton Hessian (p, p) and gradient (p,) of the cost, prior included."""
+
+    @abstractmethod
+    def information_and_scatter(self, u: Array) -> tuple[Array, Array]:
+        """Data information (p, p), and the sum over time blocks of the outer products of their scores (p, p)."""
 
     def _prior_precision(self) -> Array:
         if not self.settings.prior:
@@ -149,38 +171,59 @@ class _Problem:
     def theta(self, u: Array) -> Array:
         return np.asarray(self.prior + self.scale * u)
 
+    def prior_cost(self, u: Array) -> float:
+        """Half the squared distance to the prior mean."""
+        return 0.5 * float(u @ self.precision @ u)
+
+
+class AlgebraicProblem(Problem):
+    """Forces from measured states against specific forces and yaw acceleration: the paper's formulation."""
+
+    def __init__(self, columns: ModelColumns, samples: Samples, settings: FitSettings) -> None:
+        """`settings.channels` of `samples` against `columns`."""
+        super().__init__(columns.parameters, settings)
+        self.columns, self.samples = columns, samples
+        index = [CHANNELS.index(c) for c in settings.channels]
+        self.measured = samples.channels[index]
+        self.noise = samples.noise[index]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return self.settings.channels
+
     def residuals(self, u: Array) -> Array:
         predicted = self.columns.predict(self.samples.inputs, self.theta(u), self.settings.channels)
         return np.asarray(self.measured - predicted)
 
     def robust_spread(self, u: Array) -> Array:
-        """Median absolute deviation as a standard deviation, never below the noise floor nor near zero."""
         errors = np.abs(self.residuals(u))
+        # never below half the noise floor nor near zero: a perfect fit would otherwise weigh infinitely
         least = 1e-6 * np.sqrt(np.mean(self.measured**2, axis=1)) + 1e-12
         typical = 1.4826 * np.median(errors, axis=1)
         return np.asarray(np.maximum(np.maximum(typical, 0.5 * self.noise), least), float)
 
     def cost(self, u: Array) -> float:
         z = self.residuals(u) / self.spread[:, None]
-        return float(np.sum(_huber(z, self.settings.huber))) + 0.5 * float(u @ self.precision @ u)
+        return float(np.sum(huber_loss(z, self.settings.huber))) + self.prior_cost(u)
+
+    def residual_rms(self, u: Array) -> Array:
+        return np.asarray(np.sqrt(np.mean(self.residuals(u) ** 2, axis=1)))
 
     def normal_equations(self, u: Array) -> tuple[Array, Array]:
-        """Gauss-Newton Hessian (p, p) and gradient (p,) of the cost, prior included."""
         H, g = self.precision.copy(), self.precision @ u
         for _, errors, J in self._linearised(u):
-            weighted = J * self._weights(errors)[:, None, :]
+            weighted = J * huber_weight(errors, self.settings.huber)[:, None, :]
             H += np.einsum("cpn,cqn->pq", weighted, J, optimize=True)
             g -= np.einsum("cpn,cn->p", weighted, errors)
         return H, g
 
-    def information_and_scores(self, u: Array) -> tuple[Array, Array]:
-        """Data information (p, p), and the sum over time blocks of the outer products of their scores (p, p)."""
-        block = _blocks(self.samples, self.settings.block_s)
+    def information_and_scatter(self, u: Array) -> tuple[Array, Array]:
+        block = time_blocks(self.samples, self.settings.block_s)
         scores = np.zeros((self.size, int(block[-1]) + 1))
         H = np.zeros((self.size, self.size))
         for rows, errors, J in self._linearised(u):
             H += np.einsum("cpn,cqn->pq", J * (np.abs(errors) < self.settings.huber)[:, None, :], J, optimize=True)
-            score = np.einsum("cpn,cn->pn", J, self._weights(errors) * errors)
+            score = np.einsum("cpn,cn->pn", J, huber_weight(errors, self.settings.huber) * errors)
             for i in range(self.size):
                 scores[i] += np.bincount(block[rows], score[i], scores.shape[1])
         degrees = max(scores.shape[1] - self.size, 1) / scores.shape[1]
@@ -191,23 +234,26 @@ class _Problem:
             errors = (self.measured[:, rows] - predicted) / self.spread[:, None]
             yield rows, errors, J * (self.scale[:, None] / self.spread[:, None, None])
 
-    def _weights(self, errors: Array) -> Array:
-        return np.asarray(np.minimum(1.0, self.settings.huber / np.maximum(np.abs(errors), 1e-12)))
+
+def huber_weight(z: Array, limit: float) -> Array:
+    """Weight that makes squared residuals act like Huber's loss."""
+    return np.asarray(np.minimum(1.0, limit / np.maximum(np.abs(z), 1e-12)))
 
 
-def _huber(z: Array, limit: float) -> Array:
+def huber_loss(z: Array, limit: float) -> Array:
+    """z^2 / 2 up to `limit`, linear beyond."""
     size = np.abs(z)
     return np.where(size <= limit, 0.5 * size * size, limit * (size - 0.5 * limit))
 
 
-def _blocks(samples: Samples, block_s: float) -> NDArray[np.int64]:
+def time_blocks(samples: Samples, block_s: float) -> NDArray[np.int64]:
     """(n,) number of the time block of each sample; a gap starts a new one."""
     number = np.floor((samples.t - samples.t[0]) / block_s)
     change = np.concatenate([[False], (np.diff(number) != 0) | (np.diff(samples.segment) != 0)])
     return np.cumsum(change).astype(np.int64)
 
 
-def _gauss_newton(problem: _Problem, u: Array, decrease: float) -> tuple[Array, int, bool]:
+def _gauss_newton(problem: Problem, u: Array, decrease: float) -> tuple[Array, int, bool]:
     """Damped Gauss-Newton within the bounds: (estimate, iterations, whether the step fell below the tolerance)."""
     settings, damping, cost = problem.settings, 1e-6, problem.cost(u)
     box = (problem.lower, problem.upper)
@@ -247,20 +293,22 @@ def bounded_step(H: Array, g: Array, u: Array, box: tuple[Array, Array], damping
     return np.asarray(np.clip(u + step, lower, upper) - u)
 
 
-def _result(problem: _Problem, u: Array, iterations: int, converged: bool) -> Fit:
-    information, scatter = problem.information_and_scores(u)
+def _result(problem: Problem, u: Array, iterations: int, converged: bool) -> Fit:
+    information, scatter = problem.information_and_scatter(u)
     bread = np.linalg.pinv(information + problem.precision, hermitian=True)
     covariance = bread @ (scatter + problem.precision) @ bread * np.outer(problem.scale, problem.scale)
-    errors = problem.residuals(u)
-    channels, table = problem.settings.channels, problem.columns.parameters
-    bound = [p.name for p, v, lo, hi in zip(table, u, problem.lower, problem.upper, strict=True) if v <= lo or v >= hi]
+    bound = [
+        p.name
+        for p, v, lo, hi in zip(problem.table, u, problem.lower, problem.upper, strict=True)
+        if v <= lo or v >= hi
+    ]
     return Fit(
-        parameters=table,
+        parameters=problem.table,
         theta=problem.theta(u),
         covariance=covariance,
         information=information,
-        spread=dict(zip(channels, problem.spread.tolist(), strict=True)),
-        rmse={c: float(np.sqrt(np.mean(e**2))) for c, e in zip(channels, errors, strict=True)},
+        spread=dict(zip(problem.channels, problem.spread.tolist(), strict=True)),
+        rmse=dict(zip(problem.channels, problem.residual_rms(u).tolist(), strict=True)),
         at_bound=tuple(bound),
         iterations=iterations,
         converged=converged,

@@ -1,0 +1,170 @@
+"""Output-error fit: vy and yaw rate simulated from steer and vx over windows, against what was measured.
+
+Noise in the measured states never enters the slip angles, so nothing is biased by it, and no acceleration is
+needed. The state at the start of each window is unknown and is eliminated from the normal equations (Schur
+complement), so that the work grows linearly with the length of the log.
+Source: Ljung, System Identification, 2nd ed., ch. 4.3 and 10; Bock (1983) for multiple windows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.identify.drive_log import DriveLog
+from estimator.identify.evaluate import ModelColumns
+from estimator.identify.fit import AlgebraicProblem, Fit, FitSettings, Problem, huber_loss, huber_weight, solve
+from estimator.identify.prepare import Samples
+from estimator.identify.simulate import STATES, Simulator, Trajectory
+from estimator.identify.windows import STATE_ROWS, cut
+
+Array = NDArray[np.float64]
+
+OUTPUTS = ("vy", "yaw_rate", "ay")
+
+WINDOW_S = 4.0
+
+START_STEPS = 3
+"""Newton steps on the windows' start states each time a cost is evaluated."""
+
+
+@dataclass(frozen=True)
+class OutputErrorSettings:
+    """`outputs` simulated and compared; `longitudinal` the algebraic channels that determine C_x."""
+
+    fit: FitSettings = field(default_factory=FitSettings)
+    window_s: float = WINDOW_S
+    outputs: tuple[str, ...] = ("vy", "yaw_rate")
+    longitudinal: tuple[str, ...] = ("ax",)
+
+
+class OutputErrorProblem(Problem):
+    """Residuals of simulated windows, plus the algebraic longitudinal channel."""
+
+    def __init__(self, columns: ModelColumns, log: DriveLog, samples: Samples, settings: OutputErrorSettings) -> None:
+        """Cut `samples` into windows; the longitudinal channel uses a quarter of the rows at most 25 Hz."""
+        self.outputs = tuple(o for o in OUTPUTS if o in settings.outputs)
+        thinned = samples.thin(max(1, round(0.04 / samples.step)))
+        self.algebraic = AlgebraicProblem(
+            columns, thinned, replace(settings.fit, channels=settings.longitudinal, prior=False)
+        )
+        super().__init__(columns.parameters, settings.fit)
+        self.windows = cut(log, samples, settings.window_s, substeps(columns, samples))
+        self.simulator = Simulator(columns)
+        rows = [OUTPUTS.index(o) for o in self.outputs]
+        self.measured = np.stack([self.windows.vy, self.windows.yaw_rate, self.windows.ay])[rows]
+        self.rows = rows
+        self.start = self.windows.inputs[list(STATE_ROWS), 0].copy()
+        self._last: tuple[bytes, Array] | None = None
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (*self.outputs, *self.algebraic.channels)
+
+    def simulate(self, u: Array, sensitivities: bool = True) -> Trajectory:
+        """Windows simulated at u from their best start states."""
+        self._settle_starts(u)
+        return self.simulator.run(self.windows, self.start, self.theta(u), sensitivities)
+
+    def errors(self, trajectory: Trajectory) -> Array:
+        """(o, K, L) measured minus simulated; padding is zero."""
+        return np.asarray((self.measured - trajectory.outputs[self.rows]) * self.windows.weight)
+
+    def _settle_starts(self, u: Array) -> None:
+        """Start states that fit each window best at u; kept until u changes."""
+        key = u.tobytes() + self.spread.tobytes()
+        if self._last is not None and self._last[0] == key:
+            self.start = self._last[1]
+            return
+        for _ in range(START_STEPS):
+            trajectory = self.simulator.run(self.windows, self.start, self.theta(u))
+            self.start = self.start + self._start_step(trajectory)
+        self._last = (key, self.start)
+
+    def _start_step(self, trajectory: Trajectory) -> Array:
+        z, _, J0 = self._weighted(trajectory)
+        H00 = np.einsum("oakl,obkl->lab", J0, J0, optimize=True)
+        g0 = np.einsum("oakl,okl->la", J0, z)
+        return np.asarray(_solve_each(H00, g0[..., None])[..., 0].T)
+
+    def _weighted(self, trajectory: Trajectory) -> tuple[Array, Array, Array]:
+        """Residuals (o, K, L), their Jacobians by u (o, p, K, L) and by start (o, 2, K, L), all times sqrt(weight)."""
+        assert trajectory.by_theta is not None
+        assert trajectory.by_start is not None
+        spread = self.spread[: len(self.outputs), None, None]
+        z = np.nan_to_num(self.errors(trajectory) / spread, nan=1e3, posinf=1e3, neginf=-1e3)
+        root = np.sqrt(huber_weight(z, self.settings.huber)) * self.windows.weight
+        by = root[:, None] / spread[:, None]
+        J = np.nan_to_num(trajectory.by_theta[self.rows] * self.scale[:, None, None] * by)
+        J0 = np.nan_to_num(trajectory.by_start[self.rows] * by)
+        return z * root, J, J0
+
+    def cost(self, u: Array) -> float:
+        z = self.errors(self.simulate(u, sensitivities=False)) / self.spread[: len(self.outputs), None, None]
+        if not np.isfinite(z).all():
+            return np.inf
+        self._pass_spread()
+        return float(np.sum(huber_loss(z, self.settings.huber))) + self.algebraic.cost(u) + self.prior_cost(u)
+
+    def normal_equations(self, u: Array) -> tuple[Array, Array]:
+        self._pass_spread()
+        H, g = self.algebraic.normal_equations(u)
+        information, scores = self._reduced(u)
+        return H + information + self.precision, g - scores.sum(axis=1) + self.precision @ u
+
+    def _reduced(self, u: Array) -> tuple[Array, Array]:
+        """Information (p, p) and score of each window (p, L) with the start states eliminated."""
+        z, J, J0 = self._weighted(self.simulate(u))
+        H = np.einsum("opkl,oqkl->lpq", J, J, optimize=True)
+        cross = np.einsum("opkl,oakl->lpa", J, J0, optimize=True)
+        H00 = np.einsum("oakl,obkl->lab", J0, J0, optimize=True)
+        g, g0 = np.einsum("opkl,okl->lp", J, z), np.einsum("oakl,okl->la", J0, z)
+        gain = _solve_each(H00, cross.swapaxes(1, 2)).swapaxes(1, 2)
+        information = (H - gain @ cross.swapaxes(1, 2)).sum(axis=0)
+        return information, (g - np.einsum("lpa,la->lp", gain, g0)).T
+
+    def information_and_scatter(self, u: Array) -> tuple[Array, Array]:
+        self._pass_spread()
+        H, scatter = self.algebraic.information_and_scatter(u)
+        information, scores = self._reduced(u)
+        degrees = max(self.windows.count - self.size, 1) / self.windows.count
+        return H + information, scatter + scores @ scores.T / degrees
+
+    def robust_spread(self, u: Array) -> Array:
+        errors = np.abs(self.errors(self.simulate(u, sensitivities=False)))
+        used = self.windows.weight > 0
+        typical = np.array([1.4826 * np.median(e[used]) for e in errors])
+        return np.concatenate([np.maximum(typical, 1e-9), self.algebraic.robust_spread(u)])
+
+    def residual_rms(self, u: Array) -> Array:
+        errors = self.errors(self.simulate(u, sensitivities=False))
+        mean_square = (errors**2).sum(axis=(1, 2)) / self.windows.weight.sum()
+        return np.concatenate([np.sqrt(mean_square), self.algebraic.residual_rms(u)])
+
+    def _pass_spread(self) -> None:
+        self.algebraic.spread = self.spread[len(self.outputs) :]
+
+
+def fit_output_error(
+    columns: ModelColumns, log: DriveLog, samples: Samples, settings: OutputErrorSettings, start: Array
+) -> Fit:
+    """Estimate the parameters from `start` (p,), SI, which the algebraic fit or the prior supplies."""
+    return solve(OutputErrorProblem(columns, log, samples, settings), start)
+
+
+def substeps(columns: ModelColumns, samples: Samples) -> int:
+    """Integration steps a sample that keep RK4 well inside its stability at the slowest speed of `samples`."""
+    vehicle = columns.model.vehicle
+    tyre = {p.name: p.prior for p in columns.model.tyre_table}
+    stiffness = 2.0 * max(tyre.get("bf", tyre.get("b", 0.0)) * 2.0, tyre.get("br", 0.0) * 2.0)
+    inertia = 1.0 + vehicle.mass * vehicle.lf * vehicle.lr / vehicle.yaw_inertia
+    rate = stiffness * 9.81 * inertia / (2.0 * float(samples["vx"].min()))
+    return max(1, int(np.ceil(rate * samples.step)))
+
+
+def _solve_each(H: Array, right: Array) -> Array:
+    """Solve the (L, 2, 2) systems for (L, 2, m), with a whisper of damping against windows that say nothing."""
+    damped = H + 1e-9 * np.eye(STATES) * (1.0 + np.trace(H, axis1=1, axis2=2))[:, None, None]
+    return np.asarray(np.linalg.solve(damped, right))

@@ -1,0 +1,102 @@
+"""Windows of a log for simulation: lanes of equal length side by side, padded where the data ends."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.identify.drive_log import DriveLog
+from estimator.identify.prepare import Samples
+from estimator.model.single_track import SIGNALS
+
+Array = NDArray[np.float64]
+
+MIN_WINDOW_SHARE = 0.25
+"""A shorter rest of a stretch is joined to nothing and left out."""
+
+
+@dataclass(frozen=True)
+class Windows:
+    """L windows of K samples on a grid of `substeps` integration steps a sample.
+
+    Attributes:
+        inputs: (k, G, L) model inputs on the integration grid, G = (K - 1) substeps + 1; rows as `Samples.inputs`.
+        vy, yaw_rate, ay: (K, L) as measured.
+        weight: (K, L) 1 for a sample, 0 for padding.
+        index: (K, L) sample each entry comes from (padding repeats the last).
+        step: s between samples.
+        substeps: integration steps a sample.
+    """
+
+    inputs: Array
+    vy: Array
+    yaw_rate: Array
+    ay: Array
+    weight: Array
+    index: NDArray[np.int64]
+    step: float
+    substeps: int
+
+    @property
+    def count(self) -> int:
+        """Number of windows."""
+        return int(self.weight.shape[1])
+
+    @property
+    def grid_step(self) -> float:
+        """Integration step, s."""
+        return self.step / self.substeps
+
+
+def cut(log: DriveLog, samples: Samples, length_s: float, substeps: int = 1) -> Windows:
+    """Windows of `length_s` from every uninterrupted stretch of `samples` (not thinned)."""
+    size = max(8, round(length_s / samples.step) + 1)
+    index, weight = _lanes(samples, size)
+    row = samples.row[index]
+    return Windows(
+        inputs=_refined(samples.inputs[:, index], substeps),
+        vy=log["vy"][row],
+        yaw_rate=log["yaw_rate"][row],
+        ay=log["ay"][row],
+        weight=weight,
+        index=index,
+        step=samples.step,
+        substeps=substeps,
+    )
+
+
+def _lanes(samples: Samples, size: int) -> tuple[NDArray[np.int64], Array]:
+    """(size, L) sample index and weight of each window."""
+    broken = (np.diff(samples.row) > 1) | (np.diff(samples.segment) != 0)
+    edges = np.concatenate([[0], np.flatnonzero(broken) + 1, [len(samples)]])
+    starts, stops = [], []
+    for first, last in itertools.pairwise(edges):
+        for start in range(int(first), int(last), size):
+            stop = min(start + size, int(last))
+            if stop - start >= max(8, MIN_WINDOW_SHARE * size):
+                starts.append(start)
+                stops.append(stop)
+    offset = np.arange(size)[:, None]
+    index = np.array(starts, dtype=np.int64)[None, :] + offset
+    last_index = np.array(stops, dtype=np.int64)[None, :] - 1
+    return np.minimum(index, last_index), (index <= last_index).astype(float)
+
+
+def _refined(inputs: Array, substeps: int) -> Array:
+    """(k, K, L) on the sampling grid -> (k, (K - 1) substeps + 1, L), linear in between."""
+    if substeps == 1:
+        return inputs
+    k, size, lanes = inputs.shape
+    fine = np.empty((k, (size - 1) * substeps + 1, lanes))
+    fine[:, ::substeps] = inputs
+    for j in range(1, substeps):
+        share = j / substeps
+        fine[:, j::substeps] = (1.0 - share) * inputs[:, :-1] + share * inputs[:, 1:]
+    return fine
+
+
+STATE_ROWS = (SIGNALS.index("vy"), SIGNALS.index("yaw_rate"))
+"""Rows of the inputs that a simulation replaces by its own states."""
