@@ -98,14 +98,16 @@ class StateFilter:
         self.covariance = np.diag(std**2)
 
     def predict(self, imu: Imu, dt: float) -> None:
-        """Strap-down step over `dt` s; exact for constant yaw rate and acceleration over the step."""
+        """Strap-down step over `dt` s, second order in it (specific force and yaw rate held)."""
         m = self.mean
         yaw, vx, vy = float(m[YAW]), float(m[VX]), float(m[VY])
         r = imu.yaw_rate - float(m[BIAS_YAW_RATE])
         ax = imu.ax - float(m[BIAS_AX]) + imu.gravity_x
         ay = imu.ay - float(m[BIAS_AY]) + imu.gravity_y
         c, s = cos(r * dt), sin(r * dt)
-        vx1, vy1 = c * vx + s * vy + ax * dt, -s * vx + c * vy + ay * dt
+        # the specific force turns with the body: over the step it acts half a turn later than at the start
+        ch, sh = cos(0.5 * r * dt) * dt, sin(0.5 * r * dt) * dt
+        vx1, vy1 = c * vx + s * vy + ch * ax + sh * ay, -s * vx + c * vy - sh * ax + ch * ay
         vxm, vym, ym = 0.5 * (vx + vx1), 0.5 * (vy + vy1), yaw + 0.5 * r * dt
         cy, sy = cos(ym), sin(ym)
         vex, vey = cy * vxm - sy * vym, sy * vxm + cy * vym
@@ -115,7 +117,7 @@ class StateFilter:
         F[X, BIAS_YAW_RATE], F[Y, BIAS_YAW_RATE] = 0.5 * dt * dt * vey, -0.5 * dt * dt * vex
         F[YAW, BIAS_YAW_RATE] = -dt
         F[VX, VX], F[VX, VY], F[VY, VX], F[VY, VY] = c, s, -s, c
-        F[VX, BIAS_AX] = F[VY, BIAS_AY] = -dt
+        F[VX, BIAS_AX], F[VX, BIAS_AY], F[VY, BIAS_AX], F[VY, BIAS_AY] = -ch, -sh, sh, -ch
         F[VX, BIAS_YAW_RATE], F[VY, BIAS_YAW_RATE] = -dt * (c * vy - s * vx), dt * (c * vx + s * vy)
         # IMU noise enters where the biases do (F's last columns), but leaves the biases themselves alone
         noise = F[:, BIAS_AX:WHEEL_SCALE] * self._imu_std

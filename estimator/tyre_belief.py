@@ -24,6 +24,9 @@ DEFAULT_STD: Mapping[str, float] = {
 }  # fmt: skip
 """Measurement standard deviations: sensor noise and what Eq. (1)-(3) leave out, m/s2, rad/s2, N."""
 
+PLAUSIBLE = 1e6
+"""no signal or measurement of a car is larger in SI; what is, is broken"""
+
 
 @dataclass(frozen=True)
 class BeliefSettings:
@@ -145,7 +148,8 @@ class TyreBelief:
     def _active_channels(self, sample: Sample) -> npt.NDArray[np.bool_]:
         """Which rows of z may teach: enough speed, and slip (lateral) or drive (longitudinal) to learn from."""
         s, (vx, vy, yaw_rate, steer, drive) = self.settings, sample.signals
-        if not (np.isfinite(sample.signals).all() and np.isfinite(sample.z).all() and vx > s.min_speed):
+        plausible = (np.abs(sample.signals) < PLAUSIBLE).all() and (np.abs(sample.z) < PLAUSIBLE).all()  # NaN is not
+        if not (plausible and vx > s.min_speed):
             return np.zeros(len(self._variance), dtype=bool)
         vehicle = self.model.vehicle
         slip_f = steer - np.arctan2(vy + vehicle.lf * yaw_rate, vx)

@@ -155,8 +155,12 @@ def _solve(nodes: _Nodes, envelope: Envelope) -> Array:
     roughness = ca.sumsqr(_next(kappa) - kappa) + 0.02 * ca.sumsqr(_next(force) - force)
     cost = nodes.ds * ca.sum1(stretch) + 0.05 * roughness
     limits = _limits(nodes, envelope, state[2], state[3], state[4])
-    problem = {"x": ca.vertcat(offset, chi, v, kappa, force), "f": cost, "g": ca.vertcat(*defects, *limits)}
-    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes", "ipopt.max_iter": 400,
+    problem: dict[str, Any] = {
+        "x": ca.vertcat(offset, chi, v, kappa, force),
+        "f": cost,
+        "g": ca.vertcat(*defects, *limits),
+    }
+    options: dict[str, Any] = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes", "ipopt.max_iter": 400,
                "ipopt.tol": 1e-5, "ipopt.mu_strategy": "adaptive"}  # fmt: skip
     solver = ca.nlpsol("raceline", "ipopt", problem, options)
     ones, big = np.ones(n), np.inf

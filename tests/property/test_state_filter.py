@@ -1,0 +1,149 @@
+"""The state filter against an independent simulator: consistent, aligned from motion, robust to bad sensors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from estimator.state_filter import STATES, VX, VY, YAW, FilterNoise, Imu, StateFilter
+from hil_gateway.vehicle import Vehicle
+
+DT, FINE = 0.01, 10
+NOISE = FilterNoise()
+
+
+class Drive:
+    """Smooth random motion and its sensors; kinematics only, integrated at 1 kHz, independent of the filter."""
+
+    def __init__(self, rng: np.random.Generator, seconds: float, noise: FilterNoise = NOISE) -> None:
+        t = np.arange(round(seconds / DT) * FINE + 1) * DT / FINE
+        self.vx = rng.uniform(20, 40) + self._waves(rng, t, 6.0, 0.3)
+        self.vy = self._waves(rng, t, 0.7, 1.0)
+        rate = self._waves(rng, t, 0.35, 1.0)
+        yaw = rng.uniform(-np.pi, np.pi) + self._integral(rate, t)
+        x = self._integral(self.vx * np.cos(yaw) - self.vy * np.sin(yaw), t)
+        y = self._integral(self.vx * np.sin(yaw) + self.vy * np.cos(yaw), t)
+        ax, ay = np.gradient(self.vx, t) - self.vy * rate, np.gradient(self.vy, t) + self.vx * rate
+        n = len(t) // FINE
+        accel_std = np.hypot(noise.accel, noise.accel_model)
+        walk = np.sqrt(DT) * np.array([noise.bias_accel_walk] * 2 + [noise.bias_yaw_rate_walk, noise.wheel_scale_walk])
+        start = [noise.initial_bias_accel] * 2 + [noise.initial_bias_yaw_rate, noise.initial_wheel_scale]
+        drift = rng.normal(0, start) + np.cumsum(rng.normal(0, walk, (n + 1, 4)), axis=0)
+        # an inertial unit reports increments: the mean over the sample
+        self.imu = np.column_stack([(0.5 * (s[1:] + s[:-1])).reshape(n, FINE).mean(axis=1) for s in (ax, ay, rate)])
+        self.imu += drift[:-1, :3] + rng.normal(0, [accel_std, accel_std, noise.yaw_rate], (n, 3))
+        self.truth = np.column_stack([a[::FINE] for a in (x, y, yaw, self.vx, self.vy)] + [drift])
+        self.fixes = self.truth[:, :2] + rng.normal(0, noise.position, (n + 1, 2))
+        self.wheels = self.truth[:, [VX, VX]] * (1 + self.truth[:, [8, 8]])
+        self.wheels = self.wheels + rng.normal(0, noise.wheel_speed, (n + 1, 2))
+
+    @staticmethod
+    def _waves(rng: np.random.Generator, t: np.ndarray, size: float, top_hz: float) -> np.ndarray:
+        f, phase = rng.uniform(0.05, top_hz, 4), rng.uniform(0, 2 * np.pi, 4)
+        return size * np.sin(2 * np.pi * np.outer(t, f) + phase).sum(axis=1) / 2
+
+    @staticmethod
+    def _integral(rate: np.ndarray, t: np.ndarray) -> np.ndarray:
+        return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+
+
+def initial_std() -> np.ndarray:
+    n = NOISE
+    return np.array([
+        n.initial_position, n.initial_position, n.initial_yaw, n.initial_speed, n.initial_speed,
+        n.initial_bias_accel, n.initial_bias_accel, n.initial_bias_yaw_rate, n.initial_wheel_scale,
+    ])  # fmt: skip
+
+
+def started(drive: Drive, rng: np.random.Generator) -> StateFilter:
+    f = StateFilter(Vehicle())
+    f.covariance = np.diag(initial_std() ** 2)
+    f.mean = drive.truth[0] + rng.normal(0, initial_std())
+    f.mean[5:] = 0.0
+    return f
+
+
+def step(f: StateFilter, drive: Drive, k: int) -> list[float]:
+    """One sample of all sensors; returns the wheel and position NIS."""
+    f.predict(Imu(*drive.imu[k - 1]), DT)
+    nis = f.update_wheel_speeds(*drive.wheels[k], steer=0.0, drive=0.0)
+    if k % 5 == 0 and (fix := f.update_position(*drive.fixes[k])) is not None:
+        nis.append(fix / 2)
+    return nis
+
+
+@pytest.mark.promise("N3")
+def test_state_filter_is_consistent_over_200_runs_with_known_truth() -> None:
+    runs, seconds = 200, 6.0
+    checks = range(200, round(seconds / DT) + 1, 50)
+    nees = np.zeros((runs, len(checks)))
+    nis: list[float] = []
+    for seed in range(runs):
+        rng = np.random.default_rng([21, seed])
+        drive = Drive(rng, seconds)
+        f = started(drive, rng)
+        for k in range(1, len(drive.truth)):
+            nis += step(f, drive, k)
+            if k in checks:
+                error = f.mean - drive.truth[k]
+                error[YAW] = (error[YAW] + np.pi) % (2 * np.pi) - np.pi
+                nees[seed, checks.index(k)] = error @ np.linalg.solve(f.covariance, error)
+    low, high = stats.chi2.ppf([0.025, 0.975], len(STATES) * runs) / runs
+    inside = (nees.mean(axis=0) > low) & (nees.mean(axis=0) < high)
+    assert inside.mean() >= 0.85, (low, nees.mean(axis=0), high)
+    assert low < nees[:, -1].mean() < high
+    low, high = stats.chi2.ppf([0.025, 0.975], len(nis)) / len(nis)
+    assert low - 0.01 < np.mean(nis) < high + 0.01, "a position fix counts as the mean of its two components"
+
+
+def test_covariance_stays_symmetric_and_psd_over_a_long_drive() -> None:
+    rng = np.random.default_rng(3)
+    drive = Drive(rng, 60.0)
+    f = started(drive, rng)
+    for k in range(1, len(drive.truth)):
+        step(f, drive, k)
+        f.update_rear_slip(float(drive.imu[k - 1, 1]))
+    assert np.array_equal(f.covariance, f.covariance.T)
+    assert np.linalg.eigvalsh(f.covariance)[0] > 0
+
+
+def test_wrong_initial_heading_is_corrected_by_motion() -> None:
+    rng = np.random.default_rng(4)
+    drive = Drive(rng, 4.0)
+    f = started(drive, rng)
+    f.mean[YAW] = drive.truth[0, YAW] + 0.5
+    for k in range(1, len(drive.truth)):
+        step(f, drive, k)
+    assert abs(f.mean[YAW] - drive.truth[-1, YAW]) < 0.02
+
+
+def test_jumping_fixes_and_spinning_wheels_are_gated_out() -> None:
+    rng = np.random.default_rng(5)
+    drive = Drive(rng, 8.0)
+    f = started(drive, rng)
+    for k in range(1, len(drive.truth)):
+        if 400 <= k < 500:
+            drive.fixes[k] += 40.0
+            drive.wheels[k, 1] *= 1.5
+        step(f, drive, k)
+    assert f.rejected >= 20 + 90
+    assert np.hypot(*(f.mean - drive.truth[-1])[:2]) < 0.3
+    assert abs(f.mean[VX] - drive.truth[-1, VX]) < 0.3
+    assert abs(f.mean[VY] - drive.truth[-1, VY]) < 0.4
+
+
+def test_standing_still_reveals_the_biases() -> None:
+    rng = np.random.default_rng(6)
+    f = StateFilter(Vehicle())
+    f.initialise(0.0, 0.0, 0.3)
+    bias = np.array([0.12, -0.08, 0.004])
+    for k in range(500):
+        imu = Imu(*(bias + rng.normal(0, [0.1, 0.1, 0.003])))
+        f.predict(imu, DT)
+        f.update_standstill(imu)
+        if k % 5 == 0:
+            f.update_position(*rng.normal(0, 0.05, 2))
+    assert np.allclose(f.mean[5:7], bias[:2], atol=0.03)
+    assert f.mean[7] == pytest.approx(bias[2], abs=5e-4)
+    assert abs(f.mean[YAW] - 0.3) < 0.01
