@@ -79,8 +79,11 @@ class GatewayConfig(Model):
 class PlantConfig(Model):
     """Simulated car."""
 
-    effects: dict[str, float] = Field(default={}, description="undeclared effect -> size")
-    seed: int = 1
+    base: Literal["av24", "paper"] = Field(default="av24", description="realistic car, or nearly that of Eq. 1-3")
+    effects: dict[str, float] = Field(default={}, description="undeclared effect -> size (docs/plant.md)")
+    car: dict[str, float] = Field(default={}, description="single numbers of the simulated car, SI")
+    start_s: float = Field(default=0.0, ge=0, description="where on the track the car stands at first, m")
+    seed: int = Field(default=1, ge=0, description="of all sensor noise")
 
 
 class EstimatorConfig(Model):

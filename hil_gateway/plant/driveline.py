@@ -1,0 +1,59 @@
+"""Engine, gears, limited-slip rear axle and brakes: torques at the wheels.
+
+L. Guzzella and A. Sciarretta, Vehicle Propulsion Systems, 2013, ch. 2 and 3; locking differential: Milliken and
+Milliken, ch. 20.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from hil_gateway.plant.parameters import ENGINE_SPEEDS
+
+Expr = Any
+STANDSTILL = 0.8
+"""rad/s of a wheel over which brake and drag torques fade to zero"""
+LOCKING = 3.0
+"""rad/s of difference between the rear wheels at which the differential locks at its full torque"""
+LIMITER = 50.0
+"""rad/s above the last point of the map within which the limiter takes the torque away"""
+
+
+def full_throttle_torque(speed: Expr, torques: list[Expr]) -> Expr:
+    """Engine map, linear between its points, constant before and cut off after, N m."""
+    total = torques[0]
+    for i in range(len(ENGINE_SPEEDS) - 1):
+        low, high = ENGINE_SPEEDS[i], ENGINE_SPEEDS[i + 1]
+        slope = (torques[i + 1] - torques[i]) / (high - low)
+        total = total + slope * (ca.fmin(ca.fmax(speed, low), high) - low)
+    return total * (1.0 - ca.fmin(ca.fmax((speed - ENGINE_SPEEDS[-1]) / LIMITER, 0.0), 1.0))
+
+
+def engine_speed(p: Any, axle_speed: Expr, ratio: Expr) -> Expr:
+    """Engine speed behind the clutch, rad/s; the clutch slips below `engine_clutch`."""
+    return ca.fmax(axle_speed * ratio, p.engine_clutch)
+
+
+def axle_torque(p: Any, throttle: Expr, speed: Expr, ratio: Expr, running: Expr) -> Expr:
+    """Torque of the engine at the rear axle, both wheels together, N m; `ratio` 0 is neutral.
+
+    The engine drags (throttle closed) once the clutch grips: F. Heywood's motoring friction as one constant.
+    """
+    turning = ca.fmin(ca.fmax(speed / p.engine_clutch - 1.0, 0.0) * 4.0, 1.0)
+    drive = running * throttle * full_throttle_torque(speed, p.engine_torque)
+    return ratio * (p.driveline_efficiency * drive - p.engine_drag * (1.0 - throttle) * turning)
+
+
+def differential(p: Any, torque: Expr, speed_left: Expr, speed_right: Expr) -> tuple[Expr, Expr]:
+    """Torque of each rear wheel, N m: half each, plus a locking torque from the quicker to the slower wheel."""
+    locking = (p.lsd_preload + p.lsd_ramp * ca.fabs(torque)) * ca.tanh((speed_left - speed_right) / LOCKING)
+    return 0.5 * torque - 0.5 * locking, 0.5 * torque + 0.5 * locking
+
+
+def brake_torques(p: Any, front: Expr, rear: Expr, speeds: list[Expr]) -> list[Expr]:
+    """Torque of each brake, N m, from circuit pressures (Pa), against the wheel's rotation (rad/s)."""
+    on_front = p.front_brake * p.brake_gain_front * front
+    on_rear = p.brake_gain_rear * rear + (1.0 - p.front_brake) * p.brake_gain_front * front
+    return [-t * ca.tanh(w / STANDSTILL) for t, w in zip((on_front, on_front, on_rear, on_rear), speeds, strict=True)]

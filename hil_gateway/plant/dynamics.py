@@ -1,0 +1,198 @@
+"""The physics of the car as one ordinary differential equation, dx/dt = f(x, u, p), and its Runge-Kutta step.
+
+Symbolic (CasADi), so that one text serves the compiled step, the interpreted one and the tests; parameters are
+an input, so that no effect needs a compiler.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+
+from hil_gateway.plant import chassis, driveline, tyre
+from hil_gateway.plant.parameters import AV24, CarParameters
+from hil_gateway.vehicle import GRAVITY
+
+Expr = Any
+
+STATES = (
+    "x", "y", "yaw", "vx", "vy", "yaw_rate",
+    "spin_fl", "spin_fr", "spin_rl", "spin_rr",
+    "slip_x_fl", "slip_x_fr", "slip_x_rl", "slip_x_rr",
+    "slip_y_fl", "slip_y_fr", "slip_y_rl", "slip_y_rr",
+    "load_ax", "load_ay",
+    "steer", "throttle", "brake_front", "brake_rear",
+)  # fmt: skip
+"""position m, velocity m/s, wheel spin rad/s, slips 1, lagged specific force m/s2, actuators (rad, 0..1, Pa)"""
+
+INPUTS = (
+    "steer_command", "throttle_command", "brake_front_command", "brake_rear_command",
+    "ratio", "engine_running",
+    "gravity_x", "gravity_y", "gravity_z", "grip",
+    "late_steer", "late_throttle", "late_brake_front", "late_brake_rear",
+)  # fmt: skip
+"""delayed commands, engine over axle speed, 0 or 1, gravity in body axes m/s2, factor on friction, delayed actuators"""
+
+OUTPUTS = (
+    "ax", "ay", "az", "yaw_acc", "engine_speed", "axle_torque",
+    "load_fl", "load_fr", "load_rl", "load_rr",
+    "force_x_front", "force_x_rear", "force_y_front", "force_y_rear", "power_loss",
+)  # fmt: skip
+"""specific force m/s2, rad/s2, rad/s, N m, N; lateral and longitudinal axle forces in wheel axes; W lost in tyres,
+air, brakes and rolling"""
+
+
+def _bind(names: tuple[str, ...], vector: Any) -> Any:
+    return SimpleNamespace(**{name: vector[i] for i, name in enumerate(names)})
+
+
+def _effective_inputs(s: Any, u: Any, p: Any) -> tuple[Expr, Expr, Expr, Expr]:
+    """What really acts on the car: road-wheel angle, throttle, brake pressures."""
+    reported = s.steer + p.steer_late * (u.late_steer - s.steer)
+
+    def late(now: Expr, before: Expr) -> Expr:
+        return now + p.drive_late * (before - now)
+
+    return (
+        p.steer_scale * reported + p.steer_offset,
+        late(s.throttle, u.late_throttle),
+        late(s.brake_front, u.late_brake_front),
+        late(s.brake_rear, u.late_brake_rear),
+    )
+
+
+def _tyre_forces(s: Any, u: Any, p: Any, steers: list[Expr], loads: list[Expr]) -> Any:
+    """Per wheel: force along and across, slip rates, velocity along and across, slip powers."""
+    nominal = chassis.static_loads(p, GRAVITY)
+    xs, ys = chassis.wheel_positions(p)
+    out = SimpleNamespace(along=[], across=[], rate_x=[], rate_y=[], power=0.0)
+    for i, name in enumerate(("fl", "fr", "rl", "rr")):
+        grip = u.grip * tyre.friction_factor(loads[i], nominal[i], p.load_sensitivity)
+        B, C, D, E = (p.bf, p.cf, p.df, p.ef) if i in chassis.FRONT else (p.br, p.cr, p.dr, p.er)
+        contact = tyre.Tyre(
+            load=loads[i],
+            along=tyre.Curve(p.bx, p.cx, p.dx * grip, p.ex),
+            across=tyre.Curve(B, C, D * grip, E),
+            combined=p.combined_slip,
+            saturation=p.saturation,
+            stiffness=nominal[i] * p.bx * p.cx * p.dx,
+        )
+        rim = getattr(s, f"spin_{name}") * p.wheel_radius
+        velocity = chassis.wheel_velocity(s.vx, s.vy, s.yaw_rate, x=xs[i], y=ys[i], steer=steers[i])
+        relaxed = getattr(s, f"slip_x_{name}"), getattr(s, f"slip_y_{name}")
+        rate_x, rate_y = tyre.slip_rates(velocity, rim, relaxed, (p.relaxation_x, p.relaxation_y))
+        slip = tyre.damped(velocity, rim, relaxed)
+        fx, fy = tyre.forces(slip, contact)
+        fy = fy * (1.0 + p.turn_asymmetry * ca.tanh(slip[1] / 0.01))
+        out.along.append(fx)
+        out.across.append(fy)
+        out.rate_x.append(rate_x)
+        out.rate_y.append(rate_y)
+        out.power += fx * (rim - velocity[0]) - fy * velocity[1]
+    return out
+
+
+def _actuator_rates(s: Any, u: Any, p: Any) -> list[Expr]:
+    """First-order lags with rate limits: steering, throttle, both brake circuits."""
+
+    def towards(value: Expr, command: Expr, bandwidth: Expr, limit: Expr) -> Expr:
+        return ca.fmax(-limit, ca.fmin(limit, bandwidth * (command - value)))
+
+    wanted = ca.fmax(-p.steer_max, ca.fmin(p.steer_max, u.steer_command))
+    return [
+        towards(s.steer, wanted, p.steer_bandwidth, p.steer_rate),
+        towards(s.throttle, u.throttle_command, p.throttle_bandwidth, 100.0),
+        towards(s.brake_front, u.brake_front_command, p.brake_bandwidth, p.brake_rate),
+        towards(s.brake_rear, u.brake_rear_command, p.brake_bandwidth, p.brake_rate),
+    ]
+
+
+def _rates(x: Expr, u: Expr, p: Any) -> tuple[Expr, Expr]:
+    """dx/dt and outputs."""
+    s, u = _bind(STATES, x), _bind(INPUTS, u)
+    steer, throttle, brake_front, brake_rear = _effective_inputs(s, u, p)
+    steers: list[Expr] = [steer, steer, 0.0, 0.0]
+    drag, side, downforce = chassis.air_forces(p, s.vx, s.vy, s.yaw)
+    loads = chassis.wheel_loads(p, u.gravity_z, s.load_ax, s.load_ay, downforce)
+    tyres = _tyre_forces(s, u, p, steers, loads)
+
+    spins = [s.spin_fl, s.spin_fr, s.spin_rl, s.spin_rr]
+    speed = driveline.engine_speed(p, 0.5 * (s.spin_rl + s.spin_rr), u.ratio)
+    torque = driveline.axle_torque(p, throttle, speed, u.ratio, u.engine_running)
+    driven = [0.0, 0.0, *driveline.differential(p, torque, s.spin_rl, s.spin_rr)]
+    braked = driveline.brake_torques(p, brake_front, brake_rear, spins)
+    inertia = [p.wheel_inertia, p.wheel_inertia] + 2 * [p.wheel_inertia + 0.5 * p.engine_inertia * u.ratio**2]
+    spin_rates = [(driven[i] + braked[i] - p.wheel_radius * tyres.along[i]) / inertia[i] for i in range(4)]
+
+    rolling = -p.rolling_resistance * ca.tanh(s.vx)
+    xs, ys = chassis.wheel_positions(p)
+    bodies = [chassis.to_body(tyres.along[i], tyres.across[i], steers[i]) for i in range(4)]
+    ax = (sum(b[0] for b in bodies) + drag + rolling) / p.mass
+    ay = (sum(b[1] for b in bodies) + side) / p.mass
+    moment = sum(xs[i] * bodies[i][1] - ys[i] * bodies[i][0] for i in range(4)) - p.yaw_damping * s.yaw_rate
+    yaw_acc = moment / p.yaw_inertia
+    rates = [
+        s.vx * ca.cos(s.yaw) - s.vy * ca.sin(s.yaw),
+        s.vx * ca.sin(s.yaw) + s.vy * ca.cos(s.yaw),
+        s.yaw_rate,
+        ax + s.vy * s.yaw_rate + u.gravity_x,
+        ay - s.vx * s.yaw_rate + u.gravity_y,
+        yaw_acc,
+        *spin_rates,
+        *tyres.rate_x,
+        *tyres.rate_y,
+        (ax - s.load_ax) / p.load_lag,
+        (ay - s.load_ay) / p.load_lag,
+        *_actuator_rates(s, u, p),
+    ]
+    lost = (
+        tyres.power
+        - drag * s.vx
+        - side * s.vy
+        - rolling * s.vx
+        + p.yaw_damping * s.yaw_rate**2
+        - sum(t * w for t, w in zip(braked, spins, strict=True))
+        + driven[2] * (0.5 * (s.spin_rl + s.spin_rr) - s.spin_rl)
+        + driven[3] * (0.5 * (s.spin_rl + s.spin_rr) - s.spin_rr)
+    )
+    outputs = [
+        ax, ay, sum(loads) / p.mass, yaw_acc, speed, torque, *loads,
+        tyres.along[0] + tyres.along[1], tyres.along[2] + tyres.along[3],
+        tyres.across[0] + tyres.across[1], tyres.across[2] + tyres.across[3], lost,
+    ]  # fmt: skip
+    return ca.vertcat(*rates), ca.vertcat(*outputs)
+
+
+def _symbols() -> tuple[Expr, Expr, Expr, Any]:
+    vector = ca.SX.sym("p", len(AV24.car.vector()))
+    return ca.SX.sym("x", len(STATES)), ca.SX.sym("u", len(INPUTS)), vector, AV24.car.symbols(vector)
+
+
+@cache
+def rates_function() -> ca.Function:
+    """(x, u, p) -> (dx/dt, outputs)."""
+    x, u, vector, p = _symbols()
+    return ca.Function("plant_rates", [x, u, vector], list(_rates(x, u, p)), ["x", "u", "p"], ["rates", "outputs"])
+
+
+@cache
+def step_function() -> ca.Function:
+    """(x, u, p, h) -> (x after h seconds, outputs at the start): classical fourth-order Runge-Kutta.
+
+    Outputs are those of the first stage: they cost nothing and belong to the time of the state given.
+    """
+    x, u, vector, _ = _symbols()
+    h = ca.SX.sym("h")
+    f = rates_function()
+    k1, outputs = f(x, u, vector)
+    k2, _ = f(x + 0.5 * h * k1, u, vector)
+    k3, _ = f(x + 0.5 * h * k2, u, vector)
+    k4, _ = f(x + h * k3, u, vector)
+    after = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return ca.Function("plant_step", [x, u, vector, h], [after, outputs], ["x", "u", "p", "h"], ["after", "outputs"])
+
+
+__all__ = ["INPUTS", "OUTPUTS", "STATES", "CarParameters", "rates_function", "step_function"]

@@ -1,0 +1,119 @@
+"""The vehicle controller's side: sys_state ladder, command supervision, and what the actuators get in each state.
+
+The states and who moves first are described in docs/failsafe.md. Pure: time is an argument.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from hil_gateway.clock import NS_PER_S
+from hil_gateway.plant.car import Commands
+
+AT_REST = Commands()
+COMMAND_TIMEOUT_S = 0.2
+"""a command counter that stands still for longer puts the car into EMERGENCY"""
+PARKING_BRAKE_PA = 1.0e6
+EMERGENCY_BRAKE_PA = 3.0e6
+MARELLI_KILL = (32, 33)
+"""vehicle flags purple and e-kill: the car obeys them by itself"""
+
+
+class SysState(IntEnum):
+    """What the car reports in `misc_report`."""
+
+    POWER_ON = 1
+    CONNECTED = 2
+    TESTING = 3
+    TEST_DONE = 4
+    CRANK_READY = 5
+    PRE_CRANK = 6
+    CRANKING = 7
+    IDLE = 8
+    DRIVING = 9
+    SHUT_ENGINE = 10
+    EMERGENCY = 16
+    CRITICAL_LIMIT = 18
+
+
+CLIMB: dict[SysState, tuple[int, float, SysState]] = {
+    SysState.POWER_ON: (0, 0.3, SysState.CONNECTED),
+    SysState.CONNECTED: (3, 0.0, SysState.TESTING),
+    SysState.TESTING: (3, 0.3, SysState.TEST_DONE),
+    SysState.TEST_DONE: (4, 0.0, SysState.CRANK_READY),
+    SysState.CRANK_READY: (5, 0.0, SysState.PRE_CRANK),
+    SysState.PRE_CRANK: (5, 0.2, SysState.CRANKING),
+    SysState.CRANKING: (5, 0.8, SysState.IDLE),
+    SysState.IDLE: (7, 0.0, SysState.DRIVING),
+}
+"""state -> (least ct_state that lets it move on, least time in it (s), next state)"""
+
+
+@dataclass(slots=True)
+class Heard:
+    """What the computer said last."""
+
+    ct_state: int = 0
+    commands: Commands = AT_REST
+    counters_ns: tuple[int, ...] | None = None
+    """when each command counter last advanced; None before the first command of all"""
+
+
+class VehicleController:
+    """sys_state and its timing."""
+
+    def __init__(self) -> None:
+        self.state = SysState.POWER_ON
+        self.cause = ""
+        self._entered_ns: int | None = None
+
+    @property
+    def engine_running(self) -> bool:
+        """Whether the engine turns."""
+        return self.state in (SysState.IDLE, SysState.DRIVING)
+
+    def step(self, now_ns: int, heard: Heard, standing: bool) -> None:
+        """Move at most one rung."""
+        if self._entered_ns is None:
+            self._entered_ns = now_ns
+        following = self._next(now_ns, heard, standing, (now_ns - self._entered_ns) / NS_PER_S)
+        if following is not self.state:
+            self.state, self._entered_ns = following, now_ns
+
+    def _next(self, now_ns: int, heard: Heard, standing: bool, in_state_s: float) -> SysState:
+        if self.state is SysState.EMERGENCY:
+            return SysState.CONNECTED if standing and heard.ct_state in (1, 2) else self.state
+        if heard.ct_state == 12 and self.state > SysState.CONNECTED:
+            self.cause = "ct_state emergency"
+            return SysState.EMERGENCY
+        if self.silent(now_ns, heard):
+            self.cause = "commands silent"
+            return SysState.EMERGENCY
+        if heard.ct_state == 11:
+            return SysState.SHUT_ENGINE
+        if self.state is SysState.SHUT_ENGINE:
+            return SysState.CONNECTED if standing and heard.ct_state in (1, 2) else self.state
+        least, pause_s, following = CLIMB.get(self.state, (99, 0.0, self.state))
+        return following if least <= heard.ct_state <= 10 and in_state_s >= pause_s else self.state
+
+    def kill(self, cause: str) -> None:
+        """Race control stops the car by itself."""
+        if self.state is not SysState.EMERGENCY:
+            self.state, self.cause, self._entered_ns = SysState.EMERGENCY, cause, None
+
+    @staticmethod
+    def silent(now_ns: int, heard: Heard) -> bool:
+        """Whether commands were heard once and a counter has stood still for too long."""
+        return heard.counters_ns is not None and now_ns - min(heard.counters_ns) > COMMAND_TIMEOUT_S * NS_PER_S
+
+    def obeyed(self, now_ns: int, heard: Heard) -> Commands:
+        """What the actuators get."""
+        asked = heard.commands
+        if self.state is SysState.DRIVING:
+            return asked
+        if self.state is not SysState.EMERGENCY:
+            return Commands(brake_front=PARKING_BRAKE_PA, brake_rear=PARKING_BRAKE_PA)
+        if heard.counters_ns is not None and not self.silent(now_ns, heard):
+            return Commands(asked.steer, 0.0, asked.brake_front, asked.brake_rear, 0)
+        return Commands(asked.steer, 0.0, EMERGENCY_BRAKE_PA, EMERGENCY_BRAKE_PA, 0)

@@ -1,0 +1,31 @@
+"""The plant as a process: real clock, real CAN."""
+
+from __future__ import annotations
+
+from hil_gateway.can_link import open_link
+from hil_gateway.clock import SystemClock
+from hil_gateway.config import Config
+from hil_gateway.plant.plant import Plant
+from hil_gateway.process import stop_requested
+from hil_gateway.zenoh_bus import open_bus
+
+PERIOD_NS = 2_000_000
+"""wake-ups; the physics inside steps every millisecond"""
+
+
+def run_plant(config: Config) -> None:
+    """Run until SIGINT or SIGTERM."""
+    stopped = stop_requested()
+    clock = SystemClock()
+    link = open_link(config.can)
+    bus = open_bus(config.zenoh, "plant")
+    plant = Plant(config, link, bus)
+    next_ns = clock.now_ns()
+    try:
+        while not stopped():
+            plant.step(clock.now_ns())
+            next_ns = max(next_ns + PERIOD_NS, clock.now_ns() - PERIOD_NS)
+            clock.sleep_until(next_ns)
+    finally:
+        bus.close()
+        link.close()

@@ -1,0 +1,95 @@
+"""The simulated AV-24 as one core: CAN frames in, CAN frames out, physics at 1 kHz in between."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from can_dbc.codec import load_codec
+from hil_gateway.bus import Bus
+from hil_gateway.can_link import CanLink
+from hil_gateway.clock import NS_PER_S
+from hil_gateway.config import Config, PlantConfig
+from hil_gateway.errors import InputError
+from hil_gateway.plant.car import STEP_S, Car
+from hil_gateway.plant.effects import configure
+from hil_gateway.plant.ladder import MARELLI_KILL, SysState, VehicleController
+from hil_gateway.plant.parameters import PlantParameters
+from hil_gateway.plant.receive import CommandReceiver
+from hil_gateway.plant.referee import Referee
+from hil_gateway.plant.sensors import Sensors
+from hil_gateway.plant.transmit import RaceControl, Transmitter
+from hil_gateway.topics import TRUTH
+from hil_gateway.track import Track, load_track
+
+STEP_NS = round(STEP_S * NS_PER_S)
+TRUTH_PERIOD_NS = NS_PER_S // 20
+CATCH_UP_NS = NS_PER_S // 5
+"""a process that was held up loses what is older: it must not answer with a burst of stale frames"""
+
+
+def plant_parameters(config: PlantConfig) -> PlantParameters:
+    """Parameters of a configuration: base, effects, then single numbers of the car.
+
+    Raises:
+        InputError: unknown base, effect or number, or a size outside its range.
+    """
+    parameters = configure(config.base, config.effects)
+    for name, value in config.car.items():
+        if not isinstance(getattr(parameters.car, name, None), float):
+            raise InputError(f"plant.car.{name} is not a number of the simulated car; docs/plant.md lists them")
+        changed: Any = {name: value}
+        parameters = replace(parameters, car=replace(parameters.car, **changed))
+    return parameters
+
+
+class Plant:
+    """`step(now_ns)` advances the car to `now_ns` and exchanges frames with the computer."""
+
+    def __init__(self, config: Config, link: CanLink, truth_bus: Bus | None = None, track: Track | None = None) -> None:
+        codec = load_codec()
+        parameters = plant_parameters(config.plant)
+        self.car = Car(parameters, track or load_track(config.track or None), start_s=config.plant.start_s)
+        self.controller = VehicleController()
+        self.race_control = RaceControl()
+        self.referee = Referee(self.car)
+        self._receiver = CommandReceiver(codec, config.vehicle.steering_ratio)
+        sensors = Sensors(self.car, parameters.sensors, config.origin, config.plant.seed)
+        self._transmitter = Transmitter(
+            codec=codec,
+            link=link,
+            car=self.car,
+            sensors=sensors,
+            controller=self.controller,
+            referee=self.referee,
+            race_control=self.race_control,
+            steering_ratio=config.vehicle.steering_ratio,
+        )
+        self._link, self._truth_bus = link, truth_bus
+        self._reached_ns: int | None = None
+        self._truth_ns = 0
+
+    def step(self, now_ns: int) -> None:
+        """Advance to `now_ns` (monotonic, ns) in whole milliseconds."""
+        self._receiver.take(self._link.receive(0.0), now_ns)
+        if self._reached_ns is None or now_ns - self._reached_ns > CATCH_UP_NS:
+            self._reached_ns = now_ns - STEP_NS
+        while now_ns - self._reached_ns >= STEP_NS:
+            self._reached_ns += STEP_NS
+            self._millisecond(self._reached_ns)
+
+    def _millisecond(self, t_ns: int) -> None:
+        heard = self._receiver.heard
+        before = self.controller.state
+        if self.race_control.vehicle_flag in MARELLI_KILL:
+            self.controller.kill("race control")
+        self.controller.step(t_ns, heard, self.car.standing)
+        if before is SysState.EMERGENCY and self.controller.state is not before:
+            self._receiver.forget()
+        self.car.step(self.controller.obeyed(t_ns, heard), self.controller.engine_running)
+        self._transmitter.step(t_ns, heard)
+        if self.car.steps % 10 == 0:
+            self.referee.step(self.car.time_s)
+        if self._truth_bus is not None and t_ns - self._truth_ns >= TRUTH_PERIOD_NS:
+            self._truth_ns = t_ns
+            self._truth_bus.publish(TRUTH, self.referee.truth(t_ns))

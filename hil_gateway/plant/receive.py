@@ -1,0 +1,70 @@
+"""Command frames to what the vehicle controller has heard."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from can_dbc.codec import Codec, Fault
+from hil_gateway.can_link import Frame
+from hil_gateway.plant.car import Commands
+from hil_gateway.plant.ladder import Heard
+
+COUNTERS = {
+    "steering_cmd": "steering_motor_cmd_counter",
+    "accelerator_cmd": "acc_pedal_cmd_counter",
+    "brake_pressure_cmd": "brk_pressure_cmd_counter",
+}
+
+
+class CommandReceiver:
+    """Keeps the newest commands and when their counters advanced."""
+
+    def __init__(self, codec: Codec, steering_ratio: float) -> None:
+        self._codec = codec
+        self._ratio = steering_ratio
+        self._counters: dict[str, int] = {}
+        self._advanced_ns: dict[str, int] = {}
+        self._values: dict[str, float] = {}
+        self.heard = Heard()
+
+    def take(self, frames: Iterable[Frame], now_ns: int) -> None:
+        """Take in frames, oldest first; what cannot be decoded or comes from the car itself says nothing."""
+        changed = False
+        for frame in frames:
+            layout = self._codec.by_id.get(frame.id)
+            if frame.is_error or layout is None or layout.direction != "computer":
+                continue
+            values = self._codec.decode(frame.id, frame.data)
+            if isinstance(values, Fault):
+                continue
+            self._values.update(values)
+            changed = True
+            if layout.name in COUNTERS:
+                self._count(layout.name, int(values[COUNTERS[layout.name]]), now_ns)
+        if changed:
+            self._update()
+
+    def forget(self) -> None:
+        """Supervision starts anew with the next command (after an emergency has been left)."""
+        self._advanced_ns.clear()
+        self._counters.clear()
+        self.heard.counters_ns = None
+
+    def _count(self, name: str, counter: int, now_ns: int) -> None:
+        if not self._advanced_ns:
+            self._advanced_ns = dict.fromkeys(COUNTERS, now_ns)
+        if counter != self._counters.get(name):
+            self._counters[name] = counter
+            self._advanced_ns[name] = now_ns
+
+    def _update(self) -> None:
+        value = self._values.get
+        self.heard.ct_state = int(value("ct_state", 0))
+        self.heard.commands = Commands(
+            steer=value("steering_motor_ang_cmd", 0.0) / self._ratio,
+            throttle=min(max(value("acc_pedal_cmd", 0.0), 0.0), 1.0),
+            brake_front=value("F_brake_pressure_cmd", 0.0),
+            brake_rear=value("R_brake_pressure_cmd", 0.0),
+            gear=int(value("desired_gear", 0)),
+        )
+        self.heard.counters_ns = tuple(self._advanced_ns.values()) if self._advanced_ns else None

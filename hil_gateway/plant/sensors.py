@@ -1,0 +1,77 @@
+"""What the car's sensors make of its motion: mounting, scale, bias, noise. Quantisation is that of the CAN signals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hil_gateway.config import OriginConfig
+from hil_gateway.geodesy import LocalMap
+from hil_gateway.plant.car import Car
+from hil_gateway.plant.parameters import SensorParameters
+
+BLOCK = 4096
+
+
+class Noise:
+    """Standard normal numbers in blocks: drawing them one by one would cost more than the physics."""
+
+    def __init__(self, seed: int) -> None:
+        self._generator = np.random.default_rng(seed)
+        self._block: list[float] = []
+
+    def __call__(self) -> float:
+        if not self._block:
+            self._block = self._generator.standard_normal(BLOCK).tolist()
+        return self._block.pop()
+
+
+class Sensors:
+    """Readings in SI, as signals of the DBC."""
+
+    def __init__(self, car: Car, parameters: SensorParameters, origin: OriginConfig, seed: int) -> None:
+        self._car = car
+        self._p = parameters
+        self._map = LocalMap(origin)
+        self._noise = Noise(seed)
+        self._cos, self._sin = math.cos(parameters.imu_yaw), math.sin(parameters.imu_yaw)
+
+    def imu(self) -> dict[str, float]:
+        """Specific force and rates where and how the IMU is mounted, m/s2 and rad/s.
+
+        a_imu = a + yaw_acc x r - yaw_rate^2 r, turned by the mounting angle, plus bias.
+        """
+        p, car, noise = self._p, self._car, self._noise
+        rate = car["yaw_rate"]
+        x = car.output("ax") - rate * rate * p.imu_x
+        y = car.output("ay") + car.output("yaw_acc") * p.imu_x
+        return {
+            "imu_ax": self._cos * x + self._sin * y + p.imu_bias_x + p.acceleration_noise * noise(),
+            "imu_ay": self._cos * y - self._sin * x + p.imu_bias_y + p.acceleration_noise * noise(),
+            "imu_az": car.output("az") + p.acceleration_noise * noise(),
+            "imu_yaw_rate": rate + p.yaw_rate_noise * noise(),
+            "imu_roll_rate": p.yaw_rate_noise * noise(),
+        }
+
+    def wheel_speeds(self) -> dict[str, float]:
+        """Circumferential speeds, m/s; the sensor knows no direction."""
+        radius = self._car.parameters.car.wheel_radius * self._p.speed_scale
+        noise = self._p.speed_noise
+        moving = not self._car.standing
+        return {
+            f"wheel_speed_{wheel.upper()}": abs(self._car[f"spin_{wheel}"] * radius + moving * noise * self._noise())
+            for wheel in ("fl", "fr", "rl", "rr")
+        }
+
+    def steering(self) -> float:
+        """Road-wheel angle as the motor's sensor has it, rad."""
+        return self._car["steer"] + self._p.steer_noise * self._noise()
+
+    def position(self) -> tuple[float, float]:
+        """Latitude and longitude, rad."""
+        noise = self._p.position_noise
+        latitude, longitude = self._map.to_geodetic(
+            self._car["x"] + noise * self._noise(), self._car["y"] + noise * self._noise()
+        )
+        return math.radians(latitude), math.radians(longitude)
