@@ -1,0 +1,75 @@
+"""`hil demo`: drive a simulated AV-24 around a track."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hil_gateway.errors import EXIT_FAILURE
+
+if TYPE_CHECKING:
+    from hil_gateway.demo.options import DemoOptions, DemoSetup
+    from hil_gateway.demo.run import RunResult
+    from hil_gateway.demo.view import View
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+@app.command()
+def demo(
+    *,
+    laps: Annotated[int | None, typer.Option(help="end after this many laps (default 1)")] = None,
+    seconds: Annotated[float | None, typer.Option(help="end after this time under way")] = None,
+    track: Annotated[str, typer.Option(help="track file, or the name of a shipped track")] = "",
+    effect: Annotated[list[str] | None, typer.Option(help="NAME=SIZE: what the car has and the model lacks")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder for session.mcap and logs")] = None,
+    config_file: Annotated[Path | None, typer.Option("--config", help="TOML file")] = None,
+    channel: Annotated[str, typer.Option(help="SocketCAN interface (default: vcan0 where there is one)")] = "",
+    zenoh_port: Annotated[int | None, typer.Option(help="TCP port of the gateway (default: a free one)")] = None,
+    model: Annotated[str, typer.Option(help="model revision (model.json) to start from")] = "",
+    headless: Annotated[bool, typer.Option("--headless", help="no live view")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Plant, gateway, estimator, planner and recorder as separate processes over a CAN bus and Zenoh.
+
+    Exit 0: driven as asked; 1: something went wrong on the way; 2: bad arguments.
+    """
+    from hil_gateway.demo.options import DemoOptions, prepare
+    from hil_gateway.demo.summary import describe, summarise
+
+    options = DemoOptions(laps, seconds, track, tuple(effect or ()), out, config_file, channel, zenoh_port, model)
+    setup = prepare(options)
+    print(f"CAN bus: {setup.bus}; session: {setup.session}", file=sys.stderr)
+    result = _run(options, setup, headless)
+    summary = summarise(options, setup, result)
+    print(json.dumps(summary) if as_json else "\n".join(describe(summary)))
+    if not summary["ok"]:
+        raise typer.Exit(EXIT_FAILURE)
+
+
+def _run(options: DemoOptions, setup: DemoSetup, headless: bool) -> RunResult:
+    from hil_gateway.demo.run import Run
+    from hil_gateway.process import stop_requested
+    from hil_gateway.supervisor import Supervisor
+
+    stopping = stop_requested()
+    with Supervisor(setup.config_file, setup.folder / "logs") as supervisor:
+        supervisor.start()
+        view = _view(setup, headless)
+        try:
+            return Run(options, setup, supervisor, view, stopping).drive()
+        finally:
+            view.close()
+
+
+def _view(setup: DemoSetup, headless: bool) -> View:
+    from hil_gateway.demo.view import LiveView, PlainView
+    from hil_gateway.track import load_track
+
+    if headless or not sys.stderr.isatty():
+        return PlainView()
+    return LiveView(load_track(setup.config.track))

@@ -1,0 +1,35 @@
+"""The operator: arms once when the gateway has everything it needs, and stops the car when told to give up."""
+
+from __future__ import annotations
+
+from hil_gateway.bus import Bus
+from hil_gateway.clock import NS_PER_S
+from hil_gateway.messages import FailsafeAction, GatewayStatus, OperatorAction, OperatorCommand
+from hil_gateway.topics import OPERATOR
+
+REPEAT_NS = NS_PER_S // 2
+
+
+class Operator:
+    """Never arms again after the gateway has stopped the car: that is for a person to decide."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self._seq = 0
+        self._next_ns = 0
+        self.driving = False
+        """the car has been under way"""
+
+    def update(self, status: GatewayStatus | None, now_ns: int) -> None:
+        """Arm when nothing is missing any more, again every `REPEAT_NS` until it is done."""
+        if status is None:
+            return
+        self.driving = self.driving or status.action is FailsafeAction.DRIVE
+        if not self.driving and not status.missing_for_arming and now_ns >= self._next_ns:
+            self._next_ns = now_ns + REPEAT_NS
+            self.ask(OperatorAction.ARM, now_ns)
+
+    def ask(self, action: OperatorAction, now_ns: int) -> None:
+        """Send one request to the gateway."""
+        self._seq += 1
+        self._bus.publish(OPERATOR, OperatorCommand(stamp_ns=now_ns, seq=self._seq, source="operator", action=action))

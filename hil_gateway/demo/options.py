@@ -1,0 +1,175 @@
+"""From command-line flags to the configuration every process of the demo reads."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+import socket
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hil_gateway.can_link import open_link, resolve_kind
+from hil_gateway.config import Config, load_config
+from hil_gateway.errors import InputError
+from hil_gateway.track import load_track
+
+DEFAULT_LAPS = 1
+
+
+@dataclass(frozen=True)
+class DemoOptions:
+    """What was asked for. Without `laps` and `seconds`, one lap is driven."""
+
+    laps: int | None = None
+    seconds: float | None = None
+    track: str = ""
+    effects: tuple[str, ...] = ()
+    out: Path | None = None
+    config_file: Path | None = None
+    channel: str = ""
+    zenoh_port: int | None = None
+    model: str = ""
+
+    @property
+    def target_laps(self) -> int | None:
+        """Laps after which the run ends; None: it ends by time."""
+        return DEFAULT_LAPS if self.laps is None and self.seconds is None else self.laps
+
+
+@dataclass(frozen=True)
+class DemoSetup:
+    """A configuration that has been checked, and where the results go."""
+
+    config: Config
+    folder: Path
+    bus: str
+    """which CAN bus, in words"""
+    track_name: str
+
+    @property
+    def config_file(self) -> Path:
+        return self.folder / "config.toml"
+
+    @property
+    def session(self) -> Path:
+        return self.folder / "session.mcap"
+
+
+def prepare(options: DemoOptions) -> DemoSetup:
+    """Check everything a user can get wrong, before any process starts.
+
+    Raises:
+        InputError: one line with the remedy.
+    """
+    _check_extent(options)
+    folder = (options.out or Path("sessions") / f"demo-{dt.datetime.now():%Y%m%d-%H%M%S}").absolute()
+    config = load_config(options.config_file, _overrides(options, folder))
+    track = load_track(config.track)
+    _check_effects(config)
+    _make(folder)
+    config = _with_free_ports(config, options)
+    open_link(config.can).close()
+    kind = resolve_kind(config.can)
+    bus = f"socketcan {config.can.channel}" if kind == "socketcan" else kind
+    setup = DemoSetup(config, folder, bus, track.name)
+    setup.config_file.write_text(to_toml(config.model_dump(mode="json")))
+    return setup
+
+
+def _check_extent(options: DemoOptions) -> None:
+    if options.laps is not None and options.laps < 1:
+        raise InputError(f"--laps {options.laps}: at least 1 lap, or leave it out and give --seconds")
+    if options.seconds is not None and not 0 < options.seconds < float("inf"):
+        raise InputError(f"--seconds {options.seconds}: must be positive")
+
+
+def _overrides(options: DemoOptions, folder: Path) -> dict[str, Any]:
+    values: dict[str, Any] = {"recorder.folder": str(folder), "recorder.name": "session"}
+    if options.track:
+        values["track"] = str(Path(options.track).absolute()) if Path(options.track).exists() else options.track
+    if options.channel:
+        values |= {"can.channel": options.channel, "can.interface": "socketcan"}
+    if options.effects:
+        values["plant.effects"] = parse_effects(options.effects)
+    if options.zenoh_port is not None:
+        values["zenoh.connect"] = (f"tcp/127.0.0.1:{options.zenoh_port}",)
+    if options.model:
+        values["estimator.model"] = str(Path(options.model).absolute())
+    return values
+
+
+def parse_effects(texts: Sequence[str]) -> dict[str, float]:
+    """NAME=SIZE pairs.
+
+    Raises:
+        InputError: not of this form.
+    """
+    sizes: dict[str, float] = {}
+    for text in texts:
+        name, equals, size = text.partition("=")
+        try:
+            sizes[name.strip()] = float(size)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise InputError(f"--effect {text}: expected NAME=SIZE with a number, for example aero_drag=0.6")
+    return sizes
+
+
+def _check_effects(config: Config) -> None:
+    from hil_gateway.plant.effects import configure
+
+    configure(effects=config.plant.effects)
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "config.toml").touch()
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write there: {error.strerror}; choose another --out") from None
+
+
+def _with_free_ports(config: Config, options: DemoOptions) -> Config:
+    """Ports nobody uses, unless the user named them: several demos can run on one computer."""
+    if options.zenoh_port is not None:
+        _check_port(options.zenoh_port)
+    elif config.zenoh == Config().zenoh:
+        zenoh = config.zenoh.model_copy(update={"connect": (f"tcp/127.0.0.1:{_free_port(socket.SOCK_STREAM)}",)})
+        config = config.model_copy(update={"zenoh": zenoh})
+    if resolve_kind(config.can) == "udp_multicast" and config.can == Config().can:
+        can = config.can.model_copy(update={"multicast_port": _free_port(socket.SOCK_DGRAM)})
+        config = config.model_copy(update={"can": can})
+    return config
+
+
+def _check_port(port: int) -> None:
+    with socket.socket() as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except (OSError, OverflowError) as error:
+            raise InputError(
+                f"--zenoh-port {port}: cannot be used: {error}; leave it out and a free one is taken"
+            ) from None
+
+
+def _free_port(kind: socket.SocketKind) -> int:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def to_toml(tree: Mapping[str, Any]) -> str:
+    """TOML of nested tables of strings, numbers, booleans and lists of them (what a configuration holds)."""
+    return "\n".join(_toml_lines(tree, ""))
+
+
+def _toml_lines(tree: Mapping[str, Any], prefix: str) -> list[str]:
+    plain = {key: value for key, value in tree.items() if not isinstance(value, dict) and value is not None}
+    lines = [f"{key} = {json.dumps(value)}" for key, value in plain.items()]
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            lines += ["", f"[{prefix}{key}]", *_toml_lines(value, f"{prefix}{key}.")]
+    return lines

@@ -1,0 +1,54 @@
+"""The referee: laps, track limits, distance and speed, from the plant's own state. Nobody drives by it."""
+
+from __future__ import annotations
+
+import math
+
+from hil_gateway.bus import Bus
+from hil_gateway.messages import Truth
+from hil_gateway.topics import TRUTH
+
+STANDSTILL_MPS = 0.3
+
+
+class Referee:
+    """Watches the truth topic."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._subscription = bus.subscribe(TRUTH, depth=64)
+        self.truth: Truth | None = None
+        self.distance_m = 0.0
+        self.peak_speed = 0.0
+
+    def update(self, now_ns: int) -> None:
+        """Take in what has arrived."""
+        for truth in self._subscription.poll(now_ns):
+            if self.truth is not None:
+                self.distance_m += math.hypot(truth.x - self.truth.x, truth.y - self.truth.y)
+            self.truth = truth
+            self.peak_speed = max(self.peak_speed, truth.vx)
+
+    @property
+    def laps(self) -> int:
+        """Laps completed."""
+        return len(self.lap_times_s)
+
+    @property
+    def lap_times_s(self) -> tuple[float, ...]:
+        """Times of the completed laps, s."""
+        return self.truth.lap_times_s if self.truth else ()
+
+    @property
+    def off_track(self) -> int:
+        """Times the car left the track."""
+        return self.truth.off_track_count if self.truth else 0
+
+    @property
+    def speed(self) -> float:
+        """m/s; 0 before the first message."""
+        return self.truth.vx if self.truth else 0.0
+
+    @property
+    def standing(self) -> bool:
+        """Whether the car stands still."""
+        return abs(self.speed) < STANDSTILL_MPS

@@ -1,0 +1,100 @@
+"""The report of a run: one JSON object, or lines for a person."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from hil_gateway.demo.options import DemoOptions, DemoSetup
+from hil_gateway.demo.run import Ending, RunResult
+
+
+def summarise(options: DemoOptions, setup: DemoSetup, result: RunResult) -> dict[str, Any]:
+    """Summary of a run (docs/commands.md). `model_error` is filled in by the caller."""
+    status, referee, plans = result.monitor.status, result.referee, result.monitor.plans
+    recorder = result.monitor.recorder
+    return {
+        "laps": referee.laps,
+        "lap_times_s": list(referee.lap_times_s),
+        "distance_m": round(referee.distance_m, 1),
+        "peak_speed_mps": round(referee.peak_speed, 2),
+        "off_track": referee.off_track,
+        "frames_received": status.frames_received if status else 0,
+        "frames_lost": status.frames_lost if status else 0,
+        "commands_sent": status.commands_sent if status else 0,
+        "commands_limited": status.commands_limited if status else 0,
+        "loop_latency_ms": {
+            "p50": status.loop_latency_p50_ms if status else None,
+            "p99": status.loop_latency_p99_ms if status else None,
+        },
+        "plan_ms": _percentiles(plans.solve_ms),
+        "plans": len(plans.solve_ms),
+        "plan_failures": plans.failures,
+        "plan_failure_reasons": plans.reasons,
+        "failsafes": [asdict(failsafe) for failsafe in result.monitor.failsafes],
+        "model_error": {"before": None, "after": None},
+        "bus": setup.bus,
+        "session": str(setup.session),
+        "recorder": recorder.model_dump(include={"frames", "messages", "lost", "errors", "last_error"})
+        if recorder
+        else {},
+        "cpu": {name: round(share, 3) for name, share in result.cpu_share.items()},
+        "seconds": round(result.seconds, 2),
+        "track": setup.track_name,
+        "effects": dict(setup.config.plant.effects),
+        "ending": result.ending.value,
+        "events": result.events,
+        "ok": succeeded(options, result),
+    }
+
+
+def succeeded(options: DemoOptions, result: RunResult) -> bool:
+    """Whether nothing was found that a test would call a failure."""
+    status, recorder, referee = result.monitor.status, result.monitor.recorder, result.referee
+    if result.ending is Ending.DONE and options.seconds is None and referee.laps < (options.target_laps or 0):
+        return False
+    clean = not (result.exits or result.monitor.failsafes or referee.off_track)
+    nothing_lost = status is not None and status.frames_lost == 0 and (recorder is None or recorder.errors == 0)
+    return result.ending in (Ending.DONE, Ending.INTERRUPTED) and clean and nothing_lost
+
+
+def _percentiles(values: list[float]) -> dict[str, float | None]:
+    if not values:
+        return {"p50": None, "p99": None}
+    return {"p50": round(float(np.percentile(values, 50)), 3), "p99": round(float(np.percentile(values, 99)), 3)}
+
+
+def describe(summary: dict[str, Any]) -> list[str]:
+    """The summary for a person."""
+    laps = ", ".join(f"{t:.2f} s" for t in summary["lap_times_s"]) or "none"
+    latency, plan = summary["loop_latency_ms"], summary["plan_ms"]
+    cpu = ", ".join(f"{name} {100 * share:.0f} %" for name, share in summary["cpu"].items())
+    return [
+        f"laps             {summary['laps']} ({laps})",
+        f"distance         {summary['distance_m']:.0f} m, peak speed {summary['peak_speed_mps']:.1f} m/s",
+        f"off track        {summary['off_track']}",
+        f"CAN              {summary['bus']}, {summary['frames_received']} frames in, {summary['frames_lost']} lost,"
+        f" {summary['commands_sent']} commands sent, {summary['commands_limited']} limited",
+        f"loop latency     p50 {_ms(latency['p50'])}, p99 {_ms(latency['p99'])}",
+        f"planning         p50 {_ms(plan['p50'])}, p99 {_ms(plan['p99'])}, {summary['plans']} plans,"
+        f" {summary['plan_failures']} not fresh",
+        f"processor        {cpu}",
+        *_error_lines(summary["model_error"]),
+        *(f"failsafe         {f['action']} at {f['t_s']:.1f} s: {f['cause']}" for f in summary["failsafes"]),
+        f"ended            {summary['ending']}",
+        f"session          {summary['session']}",
+    ]
+
+
+def _error_lines(error: dict[str, Any]) -> list[str]:
+    before, after = error["before"], error["after"]
+    if not before or not after:
+        return [f"model error      not measured: {error.get('reason', 'too little was driven')}"]
+    parts = [f"{name} {before[name]:.4g} -> {after[name]:.4g}" for name in before]
+    return [f"model error      {', '.join(parts)} (held-out, before -> after)"]
+
+
+def _ms(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f} ms"

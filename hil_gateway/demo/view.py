@@ -1,0 +1,208 @@
+"""What a person sees during the demo: the car on the track, and why the loop does what it does.
+
+In a terminal a live page on standard error; elsewhere one plain line every `LINE_S`.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from hil_gateway.demo.canvas import Canvas
+from hil_gateway.demo.monitor import Monitor
+from hil_gateway.demo.referee import Referee
+from hil_gateway.messages import FailsafeAction
+from hil_gateway.track import Track
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+    from rich.table import Table
+
+LINE_S = 5.0
+REFRESH_HZ = 8
+MAP_WIDTH, MAP_HEIGHT = 58, 24
+MAP_POINTS = 1500
+COLOURS = {
+    FailsafeAction.DRIVE: "green",
+    FailsafeAction.SILENT: "yellow",
+    FailsafeAction.CONTROLLED_STOP: "dark_orange",
+    FailsafeAction.EMERGENCY_STOP: "red",
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that is shown at one moment."""
+
+    now_ns: int
+    elapsed_s: float
+    monitor: Monitor
+    referee: Referee
+    cpu_share: Mapping[str, float]
+    alive: Mapping[str, int]
+    heading: str
+
+
+class View(Protocol):
+    """Shows scenes; `say` is for what must not be missed."""
+
+    def show(self, scene: Scene) -> None: ...
+    def say(self, text: str) -> None: ...
+    def close(self) -> None: ...
+
+
+class PlainView:
+    """Lines on standard error."""
+
+    def __init__(self, period_s: float = LINE_S) -> None:
+        self._period_ns, self._next_ns = int(period_s * 1e9), 0
+
+    def show(self, scene: Scene) -> None:
+        if scene.now_ns >= self._next_ns:
+            self._next_ns = scene.now_ns + self._period_ns
+            self.say(line(scene))
+
+    def say(self, text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+
+class LiveView:
+    """A page that redraws itself."""
+
+    def __init__(self, track: Track) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        step = max(len(track.x) // MAP_POINTS, 1)
+        self._canvas = Canvas(list(track.x[::step]), list(track.y[::step]), MAP_WIDTH, MAP_HEIGHT)
+        self._map = self._canvas.lines()
+        self._notes: list[str] = []
+        self._live = Live(console=Console(stderr=True), auto_refresh=False, screen=False)
+        self._live.start()
+        self._next_ns = 0
+
+    def show(self, scene: Scene) -> None:
+        if scene.now_ns >= self._next_ns:
+            self._next_ns = scene.now_ns + int(1e9 / REFRESH_HZ)
+            self._live.update(self.page(scene), refresh=True)
+
+    def say(self, text: str) -> None:
+        self._notes.append(text)
+        self._live.console.print(text, highlight=False, markup=False)
+
+    def close(self) -> None:
+        self._live.stop()
+
+    def page(self, scene: Scene) -> RenderableType:
+        """The whole page as a rich object."""
+        from rich.columns import Columns
+        from rich.console import Group
+        from rich.panel import Panel
+
+        tables = Group(_car_table(scene), _belief_table(scene), _loop_table(scene), _process_table(scene))
+        return Group(_headline(scene), Columns([Panel(self._draw_map(scene), title=scene.heading), tables]))
+
+    def _draw_map(self, scene: Scene) -> RenderableType:
+        from rich.text import Text
+
+        text = Text("\n".join(self._map), style="grey62", no_wrap=True)
+        where = scene.monitor.estimate or scene.referee.truth
+        if where is not None and math.isfinite(where.x):
+            cell = self._canvas.cell(where.x, where.y)
+            start = cell.row * (MAP_WIDTH + 1) + cell.column
+            text = Text.assemble(text[:start], ("●", "bold red"), text[start + 1 :])
+        return text
+
+
+def _headline(scene: Scene) -> RenderableType:
+    from rich.text import Text
+
+    status = scene.monitor.status
+    if status is None:
+        return Text(" waiting for the gateway", style="yellow")
+    text = Text(f" {status.action.value.upper()} ", style=f"bold reverse {COLOURS[status.action]}")
+    text.append(f"  {status.cause}" if status.cause else "", style="reset")
+    if status.missing_for_arming and status.action is FailsafeAction.SILENT:
+        text.append("  waiting for " + ", ".join(status.missing_for_arming), style="reset yellow")
+    return text
+
+
+def _table(title: str, *columns: str) -> Table:
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 1))
+    for number, column in enumerate(columns):
+        table.add_column(column, justify="left" if number == 0 else "right", no_wrap=True, header_style="dim")
+    return table
+
+
+def _car_table(scene: Scene) -> Table:
+    estimate, plan, referee = scene.monitor.estimate, scene.monitor.plan, scene.referee
+    table = _table("car", "", "")
+    if estimate:
+        table.add_row("speed", f"{estimate.vx:6.1f} m/s  {3.6 * estimate.vx:4.0f} km/h")
+        table.add_row("steering", f"{math.degrees(estimate.steer):+6.2f} deg at the wheel")
+        table.add_row("drive", f"{estimate.drive:+7.4f} slip")
+    table.add_row("laps", f"{referee.laps}   {'  '.join(f'{t:.2f} s' for t in referee.lap_times_s[-3:])}")
+    table.add_row("off track", str(referee.off_track))
+    if plan:
+        table.add_row("plan", f"{plan.solve_ms:5.1f} ms  {plan.status.value}  {plan.reason}".rstrip())
+    return table
+
+
+def _belief_table(scene: Scene) -> Table:
+    belief, prior = scene.monitor.belief, scene.monitor.prior
+    table = _table("tyre belief", "", "mean", "std", "change")
+    if belief and prior:
+        spread = np.sqrt(np.clip(np.diag(np.asarray(belief.covariance)), 0.0, None))
+        for name, mean, std, start in zip(belief.names, belief.mean, spread, prior.mean, strict=True):
+            change = f"{100 * (mean / start - 1):+6.1f} %" if start else ""
+            table.add_row(name, f"{mean:.4g}", f"{std:.2g}", change)
+    return table
+
+
+def _loop_table(scene: Scene) -> Table:
+    status, recorder = scene.monitor.status, scene.monitor.recorder
+    table = _table("loop", "message", "age", "")
+    for key, (age_s, alive) in scene.monitor.ages_s(scene.now_ns).items():
+        age = "never" if math.isinf(age_s) else f"{1e3 * age_s:5.0f} ms"
+        table.add_row(key.removeprefix("av24/"), age, "[green]ok[/]" if alive else "[red]old[/]")
+    if status and status.loop_latency_p50_ms is not None:
+        table.add_row("latency p50, p99", f"{status.loop_latency_p50_ms:.1f}", f"{status.loop_latency_p99_ms:.1f} ms")
+    if recorder:
+        table.add_row("recorded", f"{recorder.bytes_written / 1e6:.1f} MB", f"{recorder.lost} lost")
+    return table
+
+
+def _process_table(scene: Scene) -> Table:
+    table = _table("processes", "", "pid", "CPU")
+    for name, share in scene.cpu_share.items():
+        pid = scene.alive.get(name)
+        table.add_row(name, str(pid) if pid else "[red]ended[/]", f"{100 * share:.0f} %")
+    return table
+
+
+def line(scene: Scene) -> str:
+    """The scene in one line."""
+    status, estimate, plan, referee = scene.monitor.status, scene.monitor.estimate, scene.monitor.plan, scene.referee
+    parts = [f"{scene.elapsed_s:6.1f} s"]
+    parts.append(status.action.value if status else "waiting for the gateway")
+    if status and status.cause:
+        parts.append(f"({status.cause})")
+    if status and status.action is FailsafeAction.SILENT and status.missing_for_arming:
+        parts.append("waiting for " + ", ".join(status.missing_for_arming))
+    if estimate:
+        parts.append(f"{estimate.vx:5.1f} m/s, steering {math.degrees(estimate.steer):+5.1f} deg")
+    if plan:
+        parts.append(f"plan {plan.solve_ms:.0f} ms")
+    if referee.truth:
+        parts.append(f"lap {referee.laps + 1}, {referee.distance_m:.0f} m, off track {referee.off_track}")
+    return "  ".join(parts)

@@ -1,0 +1,132 @@
+"""Starts and stops the processes of the loop from one table, and says which died."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+PR_SET_PDEATHSIG = 1
+CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
+STOP_S = 1.0
+"""what the drivers of the loop get to end in order; the recorder, asked last, gets the same again"""
+
+
+@dataclass(frozen=True)
+class ProcessSpec:
+    """One process of the loop: `hil <name> run --config FILE`. `stops_last`: it has the end of the others to hear."""
+
+    name: str
+    stops_last: bool = False
+
+
+PROCESSES: tuple[ProcessSpec, ...] = (
+    ProcessSpec("gateway"),
+    ProcessSpec("recorder", stops_last=True),
+    ProcessSpec("plant"),
+    ProcessSpec("estimator"),
+    ProcessSpec("planner"),
+)
+
+
+@dataclass(frozen=True)
+class Exit:
+    """A process that ended without being asked to."""
+
+    name: str
+    code: int
+    last_words: str
+
+    def __str__(self) -> str:
+        how = (
+            f"was killed by {signal.Signals(-self.code).name}" if self.code < 0 else f"ended with exit code {self.code}"
+        )
+        return f"{self.name} {how}" + (f": {self.last_words}" if self.last_words else "")
+
+
+class Supervisor:
+    """The running processes. Each has its own process group, so that Ctrl-C reaches only the parent, and gets
+    SIGTERM when the parent dies in any way. Their standard error goes to `folder`/NAME.log."""
+
+    def __init__(self, config_file: Path, folder: Path, specs: Sequence[ProcessSpec] = PROCESSES) -> None:
+        self._config_file, self._folder, self._specs = config_file, folder, specs
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._cpu_s: dict[str, float] = {}
+
+    def __enter__(self) -> Supervisor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process identifier of everything that still runs."""
+        return {name: process.pid for name, process in self._running.items()}
+
+    def start(self) -> None:
+        """Start every process of the table, in its order."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for spec in self._specs:
+            command = [sys.executable, "-m", "hil_gateway.cli", spec.name, "run", "--config", str(self._config_file)]
+            with self._log(spec.name).open("wb") as log:
+                self._running[spec.name] = subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                    start_new_session=True, preexec_fn=_end_with_parent,  # noqa: PLW1509  no thread is running yet
+                )  # fmt: skip
+
+    def poll(self) -> list[Exit]:
+        """Processes that ended since the last call."""
+        ended = [name for name, process in self._running.items() if process.poll() is not None]
+        return [Exit(name, self._running.pop(name).returncode, self._last_words(name)) for name in ended]
+
+    def cpu_seconds(self) -> dict[str, float]:
+        """Processor time each process has used so far (its last known value once it has ended)."""
+        for name, pid in self.pids.items():
+            if (used := _cpu_seconds(pid)) is not None:
+                self._cpu_s[name] = used
+        return dict(self._cpu_s)
+
+    def stop(self) -> None:
+        """End everything in at most twice `STOP_S`; what does not end by itself is killed."""
+        for last in (False, True):
+            self._end([s.name for s in self._specs if s.stops_last == last and s.name in self._running])
+
+    def _end(self, names: Sequence[str]) -> None:
+        for name in names:
+            self._running[name].terminate()
+        deadline = time.monotonic() + STOP_S
+        for name in names:
+            process = self._running.pop(name)
+            try:
+                process.wait(max(deadline - time.monotonic(), 0.0))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    def _log(self, name: str) -> Path:
+        return self._folder / f"{name}.log"
+
+    def _last_words(self, name: str) -> str:
+        lines = self._log(name).read_text(errors="replace").strip().splitlines()
+        return lines[-1].removeprefix("hil: ") if lines else ""
+
+
+def _end_with_parent() -> None:
+    """In the child: no orphan drives on when the supervisor is killed."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def _cpu_seconds(pid: int) -> float | None:
+    """User and system time of a process, from proc(5) stat fields 14 and 15; None when it is gone."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return None
+    return (int(fields[11]) + int(fields[12])) / CLOCK_TICKS
