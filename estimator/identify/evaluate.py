@@ -160,6 +160,9 @@ class ModelColumns:
         """Nothing is built before it is asked for."""
         self.model = model
         self.parameters = (*model.tyre_table, *model.effect_table)
+        effects = (value for effect in model.effects for value in effect.start())
+        self.start = np.array([*(p.prior for p in model.tyre_table), *effects])
+        """where a fit starts: the prior, or beside it for effects whose neutral value is a stationary point"""
 
     @cached_property
     def expressions(self) -> tuple[Any, Any, Any]:

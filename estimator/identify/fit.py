@@ -94,13 +94,14 @@ def fit(
     columns: ModelColumns, samples: Samples, settings: FitSettings | None = None, start: Array | None = None
 ) -> Fit:
     """Estimate all parameters of `columns.model` from `samples`; `start` (p,) SI instead of the prior."""
-    return solve(AlgebraicProblem(columns, samples, settings or FitSettings()), start)
+    return solve(
+        AlgebraicProblem(columns, samples, settings or FitSettings()), columns.start if start is None else start
+    )
 
 
-def solve(problem: Problem, start: Array | None = None) -> Fit:
-    """Minimise the cost of `problem`, with the spreads estimated anew between rounds."""
-    u = np.zeros(problem.size) if start is None else problem.scaled(start)
-    u = np.clip(u, problem.lower, problem.upper)
+def solve(problem: Problem, start: Array) -> Fit:
+    """Minimise the cost of `problem` from `start` (p,) SI, with the spreads estimated anew between rounds."""
+    u = np.clip(problem.scaled(start), problem.lower, problem.upper)
     iterations, converged = 0, False
     for decrease in (*[COARSE] * (problem.settings.spread_rounds - 1), FINE):
         problem.spread = problem.robust_spread(u)

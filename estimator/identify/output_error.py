@@ -26,8 +26,17 @@ OUTPUTS = ("vy", "yaw_rate", "ay")
 
 WINDOW_S = 4.0
 
-START_STEPS = 3
-"""Newton steps on the windows' start states each time a cost is evaluated."""
+
+@dataclass(frozen=True)
+class _Starts:
+    """Start states (2, L) that fit best near u: `best` - `gain` (L, 2, p) (u - `at`), from the last linearisation."""
+
+    at: Array
+    best: Array
+    gain: Array
+
+    def near(self, u: Array) -> Array:
+        return np.asarray(self.best - (self.gain @ (u - self.at)).T)
 
 
 @dataclass(frozen=True)
@@ -56,38 +65,21 @@ class OutputErrorProblem(Problem):
         rows = [OUTPUTS.index(o) for o in self.outputs]
         self.measured = np.stack([self.windows.vy, self.windows.yaw_rate, self.windows.ay])[rows]
         self.rows = rows
-        self.start = self.windows.inputs[list(STATE_ROWS), 0].copy()
-        self._last: tuple[bytes, Array] | None = None
+        lanes = self.windows.count
+        measured = self.windows.inputs[list(STATE_ROWS), 0]
+        self.starts = _Starts(np.zeros(self.size), measured, np.zeros((lanes, STATES, self.size)))
 
     @property
     def channels(self) -> tuple[str, ...]:
         return (*self.outputs, *self.algebraic.channels)
 
     def simulate(self, u: Array, sensitivities: bool = True) -> Trajectory:
-        """Windows simulated at u from their best start states."""
-        self._settle_starts(u)
-        return self.simulator.run(self.windows, self.start, self.theta(u), sensitivities)
+        """Windows simulated at u from the start states that fit best there."""
+        return self.simulator.run(self.windows, self.starts.near(u), self.theta(u), sensitivities)
 
     def errors(self, trajectory: Trajectory) -> Array:
         """(o, K, L) measured minus simulated; padding is zero."""
         return np.asarray((self.measured - trajectory.outputs[self.rows]) * self.windows.weight)
-
-    def _settle_starts(self, u: Array) -> None:
-        """Start states that fit each window best at u; kept until u changes."""
-        key = u.tobytes() + self.spread.tobytes()
-        if self._last is not None and self._last[0] == key:
-            self.start = self._last[1]
-            return
-        for _ in range(START_STEPS):
-            trajectory = self.simulator.run(self.windows, self.start, self.theta(u))
-            self.start = self.start + self._start_step(trajectory)
-        self._last = (key, self.start)
-
-    def _start_step(self, trajectory: Trajectory) -> Array:
-        z, _, J0 = self._weighted(trajectory)
-        H00 = np.einsum("oakl,obkl->lab", J0, J0, optimize=True)
-        g0 = np.einsum("oakl,okl->la", J0, z)
-        return np.asarray(_solve_each(H00, g0[..., None])[..., 0].T)
 
     def _weighted(self, trajectory: Trajectory) -> tuple[Array, Array, Array]:
         """Residuals (o, K, L), their Jacobians by u (o, p, K, L) and by start (o, 2, K, L), all times sqrt(weight)."""
@@ -115,13 +107,15 @@ class OutputErrorProblem(Problem):
         return H + information + self.precision, g - scores.sum(axis=1) + self.precision @ u
 
     def _reduced(self, u: Array) -> tuple[Array, Array]:
-        """Information (p, p) and score of each window (p, L) with the start states eliminated."""
+        """Information (p, p) and score (p, L) of each window with the start states eliminated; moves those on."""
         z, J, J0 = self._weighted(self.simulate(u))
         H = np.einsum("opkl,oqkl->lpq", J, J, optimize=True)
         cross = np.einsum("opkl,oakl->lpa", J, J0, optimize=True)
         H00 = np.einsum("oakl,obkl->lab", J0, J0, optimize=True)
         g, g0 = np.einsum("opkl,okl->lp", J, z), np.einsum("oakl,okl->la", J0, z)
         gain = _solve_each(H00, cross.swapaxes(1, 2)).swapaxes(1, 2)
+        shift = _solve_each(H00, g0[..., None])[..., 0].T
+        self.starts = _Starts(u.copy(), self.starts.near(u) + shift, gain.swapaxes(1, 2))
         information = (H - gain @ cross.swapaxes(1, 2)).sum(axis=0)
         return information, (g - np.einsum("lpa,la->lp", gain, g0)).T
 
