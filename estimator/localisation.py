@@ -42,9 +42,11 @@ class Localisation:
         self._fixes: deque[tuple[float, float]] = deque(maxlen=LOST_AFTER_FIXES)
 
     def step(self, state: VehicleState, seq: int) -> Estimate:
-        """Estimate at the time of `state`."""
+        """Estimate at the time of `state`; one with the stamp of the last (nothing new arrived) changes nothing."""
+        if state.stamp_ns == self._stamp_ns:
+            return self._estimate(state, seq)
         fix = self._new_fix(state)
-        if self._started and not self._predict(state):
+        if self._started and not (_fresh(state, "imu") and self._predict(state)):
             self._started = False
         if self._started:
             self._update(state, fix)
@@ -72,8 +74,8 @@ class Localisation:
 
     def _predict(self, state: VehicleState) -> bool:
         """Prediction to the stamp of `state`; False when the gap is too long to bridge."""
-        dt = (state.stamp_ns - (self._stamp_ns or state.stamp_ns)) / NS_PER_S
-        if not 0.0 <= dt <= MAX_GAP_S:
+        dt = (state.stamp_ns - (self._stamp_ns or 0)) / NS_PER_S
+        if not 0.0 < dt <= MAX_GAP_S:
             return False
         self.filter.predict(self._imu(state), dt)
         return True
@@ -84,7 +86,7 @@ class Localisation:
         rear = 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
         if max(front, rear) < STANDSTILL_SPEED and abs(f.mean[VX]) < 1.0:
             f.update_standstill(self._imu(state))
-        else:
+        elif _fresh(state, "wheel_speeds"):
             f.update_wheel_speeds(front, rear, state.steer, state.drive)
             f.update_rear_slip(state.ay - float(f.mean[6]))
         if fix is not None:
@@ -132,6 +134,12 @@ class Localisation:
             std=(*std[:5], f.yaw_rate_std, *std[5:8]),
             steer=state.steer, drive=state.drive, innovations_rejected=f.rejected,
         )  # fmt: skip
+
+
+def _fresh(state: VehicleState, source: str) -> bool:
+    """Whether a source is alive, as the gateway judges it."""
+    health = state.sources.get(source)
+    return health is None or health.valid
 
 
 _SIGNS = np.outer([1.0, 1.0, -1.0], [1.0, 1.0, -1.0])

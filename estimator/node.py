@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 
 from estimator.localisation import Localisation
-from estimator.model.measurement import axle_forces
+from estimator.model.measurement import MeasurementKind, axle_forces
 from estimator.model.single_track import AUXILIARY
-from estimator.revision import RevisionPolicy, declared_revision, load_revision, model_of
+from estimator.revision import RevisedModel, RevisionPolicy, declared_revision, load_revision, model_of
 from estimator.tyre_belief import Array, BeliefSettings, Sample, TyreBelief
 from hil_gateway import topics
 from hil_gateway.bus import Bus
@@ -31,6 +31,8 @@ QUEUE_DEPTH = 50
 HALF_WINDOW = 3
 """the yaw acceleration is the slope of the yaw rate over this many samples either side"""
 
+_TRACK_POSITION = [AUXILIARY.index("track_position")]
+
 
 class Estimator:
     """State filter, tyre belief and revision policy behind the bus."""
@@ -38,14 +40,15 @@ class Estimator:
     def __init__(self, config: Config, bus: Bus, track: Track | None = None) -> None:
         self._bus = bus
         self._states = bus.subscribe(topics.VEHICLE_STATE, depth=QUEUE_DEPTH)
-        self.localisation = Localisation(config.vehicle, track or load_track(config.track))
+        track = track or load_track(config.track)
+        self.localisation = Localisation(config.vehicle, track)
         start = _starting_revision(config)
-        model, _, phi = model_of(start, config.vehicle)
-        self.belief = TyreBelief(model, BeliefSettings(kind=config.estimator.measurement), phi)
+        revised = model_of(start, config.vehicle, track.length)
+        self.belief = TyreBelief(revised.model, BeliefSettings(kind=config.estimator.measurement))
         if start.covariance:
             self.belief.set_covariance(np.array(start.covariance))
         self.policy = RevisionPolicy(config.estimator, start)
-        self._window = SampleWindow(self.belief)
+        self._window = SampleWindow(revised, self.belief.settings.kind)
         self._seq = self._belief_seq = 0
         self._belief_due_ns = self._revision_due_ns = 0
 
@@ -72,8 +75,8 @@ class Estimator:
 class SampleWindow:
     """Turns a run of states and estimates into belief samples, `HALF_WINDOW` samples late."""
 
-    def __init__(self, belief: TyreBelief) -> None:
-        self._belief = belief
+    def __init__(self, revised: RevisedModel, kind: MeasurementKind) -> None:
+        self._revised, self._kind = revised, kind
         self._rows: deque[tuple[int, VehicleState, Estimate, Array, Array]] = deque(maxlen=2 * HALF_WINDOW + 1)
 
     def push(self, state: VehicleState, estimate: Estimate, localisation: Localisation) -> Sample | None:
@@ -91,12 +94,12 @@ class SampleWindow:
     def _sample(self, yaw_acc: float) -> Sample:
         _, state, e, aux, covariance = self._rows[HALF_WINDOW]
         ax, ay = state.ax - e.bias_ax, state.ay - e.bias_ay
-        kind = self._belief.settings.kind
-        if kind == "tyre_force":
-            z = axle_forces(self._belief.model.vehicle, ax, ay, yaw_acc, e.steer)
+        if self._kind == "tyre_force":
+            z = axle_forces(self._revised.model.vehicle, ax, ay, yaw_acc, e.steer)
         else:
-            z = np.array([ax, ay, yaw_acc] if kind == "imu_yaw" else [ax, ay])
-        return Sample(np.array([e.vx, e.vy, e.yaw_rate, e.steer, e.drive]), covariance, z, aux)
+            z = np.array([ax, ay, yaw_acc] if self._kind == "imu_yaw" else [ax, ay])
+        phi = self._revised.phi_at(aux[_TRACK_POSITION])[:, 0]
+        return Sample(np.array([e.vx, e.vy, e.yaw_rate, e.steer, e.drive]), covariance, z, aux, phi)
 
 
 def slope(stamps_ns: Sequence[int], values: Sequence[float]) -> float | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from pydantic import ValidationError
 
 from estimator.model.effects import catalogue
 from estimator.model.parameters import DEFAULT_TYRE, Layout, layout_of
+from estimator.model.profile import profile_basis
 from estimator.model.single_track import SingleTrack
 from estimator.tyre_belief import Array, TyreBelief
 from hil_gateway.config import EstimatorConfig
@@ -54,17 +56,39 @@ def load_revision(path: str | Path) -> ModelRevision:
     return revision
 
 
-def model_of(revision: ModelRevision, vehicle: Vehicle) -> tuple[SingleTrack, tuple[float, ...], tuple[float, ...]]:
-    """Single-track model, tyre parameters theta and effect parameters phi of a revision, in the model's order."""
+@dataclass(frozen=True)
+class RevisedModel:
+    """The single-track model of a revision with its numbers."""
+
+    model: SingleTrack
+    theta: Array
+    """tyre parameters in the order of `model.tyre_table`, SI"""
+    constants: Array
+    """effect parameters in the order of `model.effect_table`; 0 where a profile over the lap takes their place"""
+    profiles: Mapping[int, Array]
+    """index into `constants` -> spline coefficients over track position"""
+    lap_length: float
+
+    def phi_at(self, track_position: Array) -> Array:
+        """Effect parameters at track positions (K,), m: shape (n_phi, K)."""
+        phi = np.repeat(self.constants[:, None], len(track_position), axis=1)
+        for row, coefficients in self.profiles.items():
+            phi[row] = profile_basis(track_position, self.lap_length, len(coefficients)) @ coefficients
+        return phi
+
+
+def model_of(revision: ModelRevision, vehicle: Vehicle, lap_length: float) -> RevisedModel:
+    """The model a revision describes, on a track of `lap_length` m."""
     effects = tuple(catalogue()[e.name] for e in revision.effects)
     model = SingleTrack(vehicle, layout_of(revision.tyre), effects, tyre_prior=revision.tyre)
-    theta = tuple(revision.tyre[p.name] for p in model.tyre_table)
-    phi = tuple(
-        active.parameters[p.name]
-        for effect, active in zip(effects, revision.effects, strict=True)
-        for p in effect.parameters
-    )
-    return model, theta, phi
+    constants: list[float] = []
+    profiles: dict[int, Array] = {}
+    for effect, active in zip(effects, revision.effects, strict=True):
+        if active.profile:
+            profiles[len(constants)] = np.array(active.profile)
+        constants += [active.parameters.get(p.name, 0.0) for p in effect.parameters]
+    theta = np.array([revision.tyre[p.name] for p in model.tyre_table])
+    return RevisedModel(model, theta, np.array(constants), profiles, lap_length)
 
 
 class RevisionPolicy:

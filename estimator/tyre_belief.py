@@ -7,7 +7,7 @@ covariance stays symmetric positive semi-definite whatever the rounding.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,19 +58,21 @@ class Sample:
     """One measurement with the state it was taken in.
 
     `signals`: vx, vy, yaw_rate, steer, drive; `signal_covariance` (3, 3) of the first three;
-    `z` as the channels of the measurement kind; `aux` as `single_track.AUXILIARY`.
+    `z` as the channels of the measurement kind; `aux` as `single_track.AUXILIARY`; `phi` the parameters of the active
+    effects there.
     """
 
     signals: Array
     signal_covariance: Array
     z: Array
     aux: Array
+    phi: Array | tuple[float, ...] = ()
 
 
 class TyreBelief:
     """Mean and covariance of theta given the data so far (p(theta_k | z_1..k) of the paper)."""
 
-    def __init__(self, model: SingleTrack, settings: BeliefSettings | None = None, phi: Sequence[float] = ()) -> None:
+    def __init__(self, model: SingleTrack, settings: BeliefSettings | None = None) -> None:
         self.model, self.settings = model, settings or BeliefSettings()
         table = model.tyre_table
         self.names = tuple(p.name for p in table)
@@ -80,7 +82,7 @@ class TyreBelief:
         self.upper = (np.array([p.upper for p in table]) - self.prior) / self.scale
         self._variance = self.settings.channel_std() ** 2
         self._longitudinal = np.array([c in ("imu_ax", "fx_r") for c in CHANNELS[self.settings.kind]])
-        self._h = MeasurementEvaluation(model, self.settings.kind, phi)
+        self._h = MeasurementEvaluation(model, self.settings.kind)
         self.resets = 0
         self.reset()
 
@@ -115,7 +117,7 @@ class TyreBelief:
         active = self._active_channels(sample)
         if not active.any():
             return np.empty(0)
-        h, h_theta, h_signals = self._h(sample.signals, sample.aux, self.mean)
+        h, h_theta, h_signals = self._h(sample.signals, sample.aux, self.mean, sample.phi)
         if not (np.isfinite(h).all() and np.isfinite(h_theta).all() and np.isfinite(h_signals).all()):
             return np.empty(0)
         slip_noise = np.einsum("ij,jk,ik->i", h_signals[:, :3], sample.signal_covariance, h_signals[:, :3])
@@ -178,20 +180,20 @@ class TyreBelief:
 
 
 class MeasurementEvaluation:
-    """h and its Jacobians for one model with fixed effect parameters.
+    """h and its Jacobians for one model.
 
     Interpreted, not compiled: a dozen microseconds a call, and the same bits on every computer.
     """
 
-    def __init__(self, model: SingleTrack, kind: MeasurementKind, phi: Sequence[float] = ()) -> None:
+    def __init__(self, model: SingleTrack, kind: MeasurementKind) -> None:
         self._function = compile_function(measurement_function(model, kind), compiled=False)
-        if len(phi):
-            self._function.inputs[3][:, 0] = phi
 
-    def __call__(self, signals: Array, aux: Array, theta: Array) -> tuple[Array, Array, Array]:
+    def __call__(
+        self, signals: Array, aux: Array, theta: Array, phi: Array | tuple[float, ...] = ()
+    ) -> tuple[Array, Array, Array]:
         """h (m,), dh/dtheta (m, n), dh/dsignals (m, 5); copies, safe to keep."""
-        for array, values in zip(self._function.inputs, (signals, aux, theta), strict=False):
-            array[:, 0] = values
+        for array, values in zip(self._function.inputs, (signals, aux, theta, phi), strict=True):
+            array.ravel(order="F")[:] = values
         self._function()
         h, h_theta, h_signals = self._function.outputs
         return h[:, 0].copy(), h_theta.copy(), h_signals.copy()
