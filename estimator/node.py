@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,14 +16,16 @@ import numpy as np
 from estimator.localisation import Localisation
 from estimator.model.measurement import MeasurementKind, axle_forces
 from estimator.model.single_track import AUXILIARY
+from estimator.monitor import ResidualMonitor
 from estimator.revision import RevisedModel, RevisionPolicy, declared_revision, load_revision, model_of
 from estimator.tyre_belief import Array, BeliefSettings, Sample, TyreBelief
 from hil_gateway import topics
 from hil_gateway.bus import Bus
 from hil_gateway.clock import NS_PER_S, SystemClock
 from hil_gateway.config import Config
-from hil_gateway.messages import Belief, Estimate, ModelRevision, VehicleState
+from hil_gateway.messages import Alert, Belief, Estimate, ModelRevision, VehicleState
 from hil_gateway.track import Track, load_track
+from hil_gateway.vehicle import Vehicle
 
 BELIEF_PERIOD_NS = NS_PER_S // 10
 REVISION_PERIOD_NS = NS_PER_S
@@ -48,8 +51,9 @@ class Estimator:
         if start.covariance:
             self.belief.set_covariance(np.array(start.covariance))
         self.policy = RevisionPolicy(config.estimator, start)
-        self._window = SampleWindow(revised, self.belief.settings.kind)
-        self._seq = self._belief_seq = 0
+        self._window = SampleWindow(revised)
+        self._monitor = ResidualMonitor(revised.model)
+        self._seq = self._belief_seq = self._alert_seq = 0
         self._belief_due_ns = self._revision_due_ns = 0
 
     def step(self, now_ns: int) -> None:
@@ -62,7 +66,7 @@ class Estimator:
         self._seq += 1
         self._bus.publish(topics.ESTIMATE, estimate)
         if (sample := self._window.push(state, estimate, self.localisation)) is not None:
-            self.belief.update(sample)
+            self._learn(sample, state.stamp_ns)
         if state.stamp_ns >= self._belief_due_ns:
             self._belief_due_ns = state.stamp_ns + BELIEF_PERIOD_NS
             self._bus.publish(topics.BELIEF, belief_message(self.belief, state.stamp_ns, self._belief_seq))
@@ -71,12 +75,26 @@ class Estimator:
             self._revision_due_ns = state.stamp_ns + REVISION_PERIOD_NS
             self._bus.publish(topics.MODEL_REVISION, self.policy.message(self.belief, state.stamp_ns))
 
+    def _learn(self, sample: Sample, stamp_ns: int) -> None:
+        """Watch the model with the belief held so far, then let the sample teach."""
+        for finding in self._monitor.push(sample, self.belief.mean, stamp_ns):
+            self._bus.publish(topics.ALERT, Alert(stamp_ns=stamp_ns, seq=self._alert_seq, **asdict(finding)))
+            self._alert_seq += 1
+        self.belief.update(in_kind(sample, self.belief.settings.kind, self.belief.model.vehicle))
+
+
+def in_kind(sample: Sample, kind: MeasurementKind, vehicle: Vehicle) -> Sample:
+    """An `imu_yaw` sample as another measurement variant."""
+    if kind == "tyre_force":
+        return replace(sample, z=axle_forces(vehicle, *sample.z.tolist(), float(sample.signals[3])))
+    return sample if kind == "imu_yaw" else replace(sample, z=sample.z[:2])
+
 
 class SampleWindow:
-    """Turns a run of states and estimates into belief samples, `HALF_WINDOW` samples late."""
+    """Turns a run of states and estimates into `imu_yaw` samples, `HALF_WINDOW` samples late."""
 
-    def __init__(self, revised: RevisedModel, kind: MeasurementKind) -> None:
-        self._revised, self._kind = revised, kind
+    def __init__(self, revised: RevisedModel) -> None:
+        self._revised = revised
         self._rows: deque[tuple[int, VehicleState, Estimate, Array, Array]] = deque(maxlen=2 * HALF_WINDOW + 1)
 
     def push(self, state: VehicleState, estimate: Estimate, localisation: Localisation) -> Sample | None:
@@ -93,11 +111,7 @@ class SampleWindow:
 
     def _sample(self, yaw_acc: float) -> Sample:
         _, state, e, aux, covariance = self._rows[HALF_WINDOW]
-        ax, ay = state.ax - e.bias_ax, state.ay - e.bias_ay
-        if self._kind == "tyre_force":
-            z = axle_forces(self._revised.model.vehicle, ax, ay, yaw_acc, e.steer)
-        else:
-            z = np.array([ax, ay, yaw_acc] if self._kind == "imu_yaw" else [ax, ay])
+        z = np.array([state.ax - e.bias_ax, state.ay - e.bias_ay, yaw_acc])
         phi = self._revised.phi_at(aux[_TRACK_POSITION])[:, 0]
         return Sample(np.array([e.vx, e.vy, e.yaw_rate, e.steer, e.drive]), covariance, z, aux, phi)
 
