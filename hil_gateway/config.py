@@ -106,6 +106,22 @@ class PlannerConfig(Model):
 
     horizon: int = Field(default=40, ge=5, le=200)
     dt: float = Field(default=0.05, gt=0, le=0.5, description="s")
+    backend: Literal["auto", "hpipm", "piqp", "conic"] = "auto"
+    model: str = Field(default="", description="model revision (JSON) to start from; empty: the declared model")
+    information_weight: float = Field(default=0.0, ge=0, description="q_I of Eq. (9); 0 is the plain MPCC")
+    information_bound: float = Field(default=40.0, gt=0, description="largest Delta I of one stage, Eq. (9)")
+    information_criterion: Literal["trace", "log_det"] = "trace"
+    convexification: Literal["abs", "projection"] = "abs"
+    load_limit: Literal["ellipse", "literal"] = "ellipse"
+    sigma_level: float = Field(default=1.0, ge=0, le=3, description="Eq. (10) holds at this many sigma of the belief")
+    load_use: float = Field(default=0.95, gt=0, le=1, description="load limits of a first run over peak tyre force")
+    load_limits: str = Field(default="", description="file of load limits carried from run to run; empty: first run")
+    actuator_delay_s: float = Field(default=0.04, ge=0, le=0.5, description="command to first motion")
+    steer_bandwidth_hz: float = Field(default=3.0, gt=0)
+    drive_bandwidth_hz: float = Field(default=5.0, gt=0)
+    estimate_age_s: float = Field(default=0.01, ge=0, le=0.2, description="age of an estimate when it arrives")
+    compute_s: float = Field(default=0.004, ge=0, le=0.05, description="time from estimate to command, expected")
+    deadline_s: float = Field(default=0.04, gt=0, description="a solution later than this is not used")
 
 
 class RecorderConfig(Model):
@@ -116,6 +132,14 @@ class RecorderConfig(Model):
     name: str = Field(default="", description="name of the recording; empty: date and time")
     rotate_bytes: int = Field(default=2_000_000_000, ge=100_000, description="size at which the next file begins, B")
     min_free_bytes: int = Field(default=300_000_000, ge=0, description="recording pauses below this free space, B")
+
+
+class DashboardConfig(Model):
+    """Read-only live page."""
+
+    host: str = Field(default="127.0.0.1", description="address to serve on; loopback unless changed")
+    port: int = Field(default=8024, gt=0, lt=65536)
+    rate_hz: float = Field(default=10.0, gt=0, le=50, description="updates a second sent to each page")
 
 
 class Config(Model):
@@ -132,6 +156,7 @@ class Config(Model):
     estimator: EstimatorConfig = EstimatorConfig()
     planner: PlannerConfig = PlannerConfig()
     recorder: RecorderConfig = RecorderConfig()
+    dashboard: DashboardConfig = DashboardConfig()
 
 
 def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Config:

@@ -1,1 +1,1 @@
-"""Read-only live page: losing it changes nothing on the wire."""
+"""Read-only live page: subscribes, never publishes; nothing on it comes from another server."""
