@@ -37,6 +37,19 @@ def run(config: ConfigOption = None) -> None:
 
 
 @app.command()
+def check(
+    channel: Annotated[str | None, typer.Option(help="SocketCAN interface; without it the configured bus")] = None,
+    seconds: Annotated[float, typer.Option(help="how long to listen")] = 5.0,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+    config: ConfigOption = None,
+) -> None:
+    """Bring-up: listen only, and say what is there, what is not, and what arming still needs."""
+    from hil_gateway.check import run_check
+
+    raise typer.Exit(run_check(load_config(config), channel, seconds, as_json))
+
+
+@app.command()
 def arm(config: ConfigOption = None) -> None:
     """Ask the gateway to send actuator commands; says what is missing when it refuses."""
     _request(load_config(config), OperatorAction.ARM)
