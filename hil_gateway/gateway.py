@@ -88,7 +88,7 @@ class Gateway:
         self._state_invalid, self._estimate_invalid = Held(), Held()
         self._last_step_ns: int | None = None
         self._status_due_ns = 0
-        self._seq = 0
+        self._seq = self._status_seq = 0
         self._latency_ms: deque[float] = deque(maxlen=LATENCY_WINDOW)
         self._answered_seq: int | None = None
         self._sent = self._limited = 0
@@ -107,6 +107,7 @@ class Gateway:
         if now_ns >= self._status_due_ns:
             self._status_due_ns = now_ns + STATUS_PERIOD_NS
             self._bus.publish(topics.GATEWAY_STATUS, self._status(now_ns, inputs))
+            self._status_seq += 1
         self._last_step_ns = now_ns
         self._seq += 1
 
@@ -262,7 +263,7 @@ class Gateway:
         latency = sorted(self._latency_ms)
         return GatewayStatus(
             stamp_ns=now_ns,
-            seq=self._seq,
+            seq=self._status_seq,
             mode=self._config.gateway.mode,
             armed=self.failsafe.armed,
             action=self.failsafe.action,
