@@ -10,6 +10,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from hil_gateway.errors import EXIT_FAILURE, EXIT_INPUT, InputError
+from hil_gateway.process import end_with_parent
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "demo": ("hil_gateway.demo.cli:app", "drive a simulated AV-24 around a track: the whole loop"),
@@ -63,6 +64,7 @@ def _root() -> None:
 
 def main() -> None:
     """Run the command line; bad input ends in one line on standard error and exit code 2."""
+    end_with_parent()
     try:
         app(standalone_mode=True)
     except InputError as error:

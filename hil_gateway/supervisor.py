@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import subprocess
@@ -12,7 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-PR_SET_PDEATHSIG = 1
+from hil_gateway.process import PARENT_VARIABLE
+
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 STOP_S = 1.0
 """what the drivers of the loop get to end in order; the recorder, asked last, gets the same again"""
@@ -20,19 +20,26 @@ STOP_S = 1.0
 
 @dataclass(frozen=True)
 class ProcessSpec:
-    """One process of the loop: `hil <name> run --config FILE`. `stops_last`: it has the end of the others to hear."""
+    """One process of the loop: `hil <name> run --config FILE`.
+
+    Stage 0 starts first, the rest when the recorder listens, so that a recording begins before what it records.
+    `stops_last`: it has the end of the others to hear. Losing an `optional` one is no reason to end.
+    """
 
     name: str
+    stage: int = 1
     stops_last: bool = False
+    optional: bool = False
 
 
 PROCESSES: tuple[ProcessSpec, ...] = (
-    ProcessSpec("gateway"),
-    ProcessSpec("recorder", stops_last=True),
+    ProcessSpec("gateway", stage=0),
+    ProcessSpec("recorder", stage=0, stops_last=True),
     ProcessSpec("plant"),
     ProcessSpec("estimator"),
     ProcessSpec("planner"),
 )
+DASHBOARD = ProcessSpec("dashboard", optional=True)
 
 
 @dataclass(frozen=True)
@@ -42,6 +49,7 @@ class Exit:
     name: str
     code: int
     last_words: str
+    optional: bool = False
 
     def __str__(self) -> str:
         how = (
@@ -70,21 +78,24 @@ class Supervisor:
         """Process identifier of everything that still runs."""
         return {name: process.pid for name, process in self._running.items()}
 
-    def start(self) -> None:
-        """Start every process of the table, in its order."""
+    def start(self, stage: int) -> None:
+        """Start the processes of one stage."""
         self._folder.mkdir(parents=True, exist_ok=True)
-        for spec in self._specs:
-            command = [sys.executable, "-m", "hil_gateway.cli", spec.name, "run", "--config", str(self._config_file)]
+        for spec in (s for s in self._specs if s.stage == stage):
             with self._log(spec.name).open("wb") as log:
                 self._running[spec.name] = subprocess.Popen(
-                    command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                    start_new_session=True, preexec_fn=_end_with_parent,  # noqa: PLW1509  no thread is running yet
+                    self.command(spec), stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+                    env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
                 )  # fmt: skip
+
+    def command(self, spec: ProcessSpec) -> list[str]:
+        """What is run for a process."""
+        return [sys.executable, "-m", "hil_gateway.cli", spec.name, "run", "--config", str(self._config_file)]
 
     def poll(self) -> list[Exit]:
         """Processes that ended since the last call."""
-        ended = [name for name, process in self._running.items() if process.poll() is not None]
-        return [Exit(name, self._running.pop(name).returncode, self._last_words(name)) for name in ended]
+        ended = [s for s in self._specs if s.name in self._running and self._running[s.name].poll() is not None]
+        return [Exit(s.name, self._running.pop(s.name).returncode, self._last_words(s.name), s.optional) for s in ended]
 
     def cpu_seconds(self) -> dict[str, float]:
         """Processor time each process has used so far (its last known value once it has ended)."""
@@ -116,11 +127,6 @@ class Supervisor:
     def _last_words(self, name: str) -> str:
         lines = self._log(name).read_text(errors="replace").strip().splitlines()
         return lines[-1].removeprefix("hil: ") if lines else ""
-
-
-def _end_with_parent() -> None:
-    """In the child: no orphan drives on when the supervisor is killed."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _cpu_seconds(pid: int) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from pathlib import Path
@@ -31,6 +32,7 @@ def demo(
     channel: Annotated[str, typer.Option(help="SocketCAN interface (default: vcan0 where there is one)")] = "",
     zenoh_port: Annotated[int | None, typer.Option(help="TCP port of the gateway (default: a free one)")] = None,
     model: Annotated[str, typer.Option(help="model revision (model.json) to start from")] = "",
+    dashboard: Annotated[bool, typer.Option("--dashboard", help="also serve the live page")] = False,
     headless: Annotated[bool, typer.Option("--headless", help="no live view")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
@@ -44,6 +46,8 @@ def demo(
     options = DemoOptions(laps, seconds, track, tuple(effect or ()), out, config_file, channel, zenoh_port, model)
     setup = prepare(options)
     print(f"CAN bus: {setup.bus}; session: {setup.session}", file=sys.stderr)
+    if dashboard:
+        print(f"dashboard: http://{setup.config.dashboard.host}:{setup.config.dashboard.port}/", file=sys.stderr)
     result = _run(options, setup, headless)
     summary = summarise(options, setup, result)
     print(json.dumps(summary) if as_json else "\n".join(describe(summary)))
@@ -54,16 +58,17 @@ def demo(
 def _run(options: DemoOptions, setup: DemoSetup, headless: bool) -> RunResult:
     from hil_gateway.demo.run import Run
     from hil_gateway.process import stop_requested
-    from hil_gateway.supervisor import Supervisor
+    from hil_gateway.supervisor import DASHBOARD, PROCESSES, Supervisor
 
     stopping = stop_requested()
-    with Supervisor(setup.config_file, setup.folder / "logs") as supervisor:
-        supervisor.start()
-        view = _view(setup, headless)
-        try:
-            return Run(options, setup, supervisor, view, stopping).drive()
-        finally:
-            view.close()
+    specs = (*PROCESSES, DASHBOARD) if options.dashboard else PROCESSES
+    view = _view(setup, headless)
+    with contextlib.closing(view), Supervisor(setup.config_file, setup.folder / "logs", specs) as supervisor:
+        supervisor.start(stage=0)
+        run = Run(options, setup, supervisor, view, stopping)
+        result = run.drive()
+    run.close()
+    return result
 
 
 def _view(setup: DemoSetup, headless: bool) -> View:

@@ -31,6 +31,7 @@ class DemoOptions:
     channel: str = ""
     zenoh_port: int | None = None
     model: str = ""
+    dashboard: bool = False
 
     @property
     def target_laps(self) -> int | None:

@@ -20,6 +20,7 @@ from hil_gateway.zenoh_bus import open_bus
 PERIOD_NS = NS_PER_S // 20
 START_S = 180.0
 """the planner may have to compile its functions the first time"""
+RECORDER_READY_S = 5.0
 STOP_S = 20.0
 """a car at full speed stands within this after a stop began"""
 STUCK_S = 15.0
@@ -68,6 +69,7 @@ class Run:
         self._stop_ns: int | None = None
         self._distance_m = 0.0
         self._told = 0
+        self._rest_started = False
         self._cpu = CpuMeter(supervisor)
 
     def drive(self) -> RunResult:
@@ -79,8 +81,11 @@ class Run:
         finally:
             self.result.seconds = self._driving_s(self._clock.now_ns())
             self.result.cpu_share = self._cpu.share()
-            self._bus.close()
         return self.result
+
+    def close(self) -> None:
+        """Leave the bus (after the processes have, which would still be talking to it)."""
+        self._bus.close()
 
     def _step(self) -> Ending | None:
         now_ns = self._clock.now_ns()
@@ -93,15 +98,25 @@ class Run:
             self._cpu.restart()
             self._tell("under way")
         self._cpu.update(now_ns)
+        self._start_rest(now_ns)
         self._watch_processes(now_ns)
         self._watch_gateway(now_ns)
         self._view.show(self._scene(now_ns))
         return self._ending(now_ns)
 
+    def _start_rest(self, now_ns: int) -> None:
+        """The second stage, once the recorder listens (or has had long enough to)."""
+        late = now_ns - self._started_ns > RECORDER_READY_S * NS_PER_S
+        if not self._rest_started and (self.result.monitor.recorder is not None or late):
+            self._rest_started = True
+            self._supervisor.start(stage=1)
+
     def _watch_processes(self, now_ns: int) -> None:
         for gone in self._supervisor.poll():
-            self.result.exits.append(gone)
             self._tell(str(gone))
+            if gone.optional:
+                continue
+            self.result.exits.append(gone)
             self._begin_stop(now_ns)
             # without a recording the run is worth nothing, without the rest the gateway stops by itself
             self._operator.ask(OperatorAction.STOP, now_ns)
