@@ -11,7 +11,7 @@ from math import cos, hypot, sin
 
 import numpy as np
 
-from estimator.state_filter import BIAS_YAW_RATE, VX, VY, YAW, Array, Imu, StateFilter, course
+from estimator.state_filter import BIAS_AY, BIAS_YAW_RATE, VX, VY, YAW, Array, Imu, StateFilter, course
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.messages import Estimate, VehicleState
 from hil_gateway.track import Track
@@ -88,7 +88,7 @@ class Localisation:
             f.update_standstill(self._imu(state))
         elif _fresh(state, "wheel_speeds"):
             f.update_wheel_speeds(front, rear, state.steer, state.drive)
-            f.update_rear_slip(state.ay - float(f.mean[6]))
+            f.update_rear_slip(state.ay - float(f.mean[BIAS_AY]))
         if fix is not None:
             self._refused = 0 if f.update_position(*fix) is not None else self._refused + 1
         if self._refused >= LOST_AFTER_FIXES or not f.healthy:
@@ -124,7 +124,7 @@ class Localisation:
 
     def _estimate(self, state: VehicleState, seq: int) -> Estimate:
         f = self.filter
-        x, y, yaw, vx, vy, bax, bay, br, _ = f.mean.tolist()
+        x, y, yaw, vx, vy, bax, bay, br, *_ = f.mean.tolist()
         std = f.std().tolist()
         valid = self._started and state.valid and max(std[0], std[1]) < MAX_POSITION_STD
         return Estimate(

@@ -86,7 +86,8 @@ class Estimator:
 def in_kind(sample: Sample, kind: MeasurementKind, vehicle: Vehicle) -> Sample:
     """An `imu_yaw` sample as another measurement variant."""
     if kind == "tyre_force":
-        return replace(sample, z=axle_forces(vehicle, *sample.z.tolist(), float(sample.signals[3])))
+        ax, ay, yaw_acc = sample.z.tolist()
+        return replace(sample, z=axle_forces(vehicle, ax, ay, yaw_acc, float(sample.signals[3])))
     return sample if kind == "imu_yaw" else replace(sample, z=sample.z[:2])
 
 

@@ -6,9 +6,11 @@ The IMU drives the prediction, so the filter does not depend on the tyre model i
     vx, vy                         body frame at the CoG, m/s
     bias_ax, bias_ay, bias_yaw_rate    IMU biases, m/s2 and rad/s
     wheel_scale                    (indicated wheel speed) / (true) - 1: rolling radius
+    slope_share                    share of the declared track map's grade and bank that is real
 
-The yaw rate is the bias-corrected gyro. Gravity on grade and bank comes from the declared track map. Every
-measurement is gated by its normalised innovation squared (Bar-Shalom, Estimation with Applications, ch. 5).
+The yaw rate is the bias-corrected gyro. Gravity on grade and bank comes from the declared track map, which may be
+wrong as a whole (a flat road under a hilly map): the share of it that is real is estimated too. Every measurement is
+gated by its normalised innovation squared (Bar-Shalom, Estimation with Applications to Tracking, ch. 5).
 """
 
 from __future__ import annotations
@@ -23,9 +25,9 @@ from hil_gateway.vehicle import Vehicle
 
 Array = npt.NDArray[np.float64]
 
-STATES = ("x", "y", "yaw", "vx", "vy", "bias_ax", "bias_ay", "bias_yaw_rate", "wheel_scale")
-X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE = range(9)
-_EYE = np.eye(9)
+STATES = ("x", "y", "yaw", "vx", "vy", "bias_ax", "bias_ay", "bias_yaw_rate", "wheel_scale", "slope_share")
+X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, SLOPE_SHARE = range(10)
+_EYE = np.eye(10)
 
 
 @dataclass(frozen=True)
@@ -40,14 +42,15 @@ class FilterNoise:
     """m/s2 per square root of a second"""
     bias_yaw_rate_walk: float = 2e-4
     wheel_scale_walk: float = 5e-4
-    position: float = 0.10
+    slope_share_walk: float = 0.01
+    position: float = 0.05
     wheel_speed: float = 0.3
     """per axle, including what stays correlated from sample to sample, m/s"""
     wheel_slip: float = 0.6
     """share of vx * drive by which a driven or braked wheel may slip unseen"""
-    rear_slip: float = 0.01
-    """rear slip angle on a straight, rad"""
-    rear_slip_per_ay: float = 0.03
+    rear_slip: float = 0.03
+    """rear slip angle on a straight, with what stays correlated from sample to sample, rad"""
+    rear_slip_per_ay: float = 0.2
     """growth of the above with lateral acceleration, rad per m/s2"""
     initial_position: float = 0.3
     initial_yaw: float = 0.3
@@ -55,6 +58,7 @@ class FilterNoise:
     initial_bias_accel: float = 0.2
     initial_bias_yaw_rate: float = 0.01
     initial_wheel_scale: float = 0.01
+    initial_slope_share: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -77,23 +81,24 @@ class StateFilter:
 
     def __init__(self, vehicle: Vehicle, noise: FilterNoise | None = None) -> None:
         self.vehicle, self.noise = vehicle, noise or FilterNoise()
-        self.mean = np.zeros(9)
-        self.covariance = np.eye(9)
+        self.mean = np.zeros(len(STATES))
+        self.covariance = np.eye(len(STATES))
         self.yaw_rate = 0.0
         self.rejected = 0
         n = self.noise
         self._imu_std = np.array([hypot(n.accel, n.accel_model), hypot(n.accel, n.accel_model), n.yaw_rate])
-        walk = (n.bias_accel_walk, n.bias_accel_walk, n.bias_yaw_rate_walk, n.wheel_scale_walk)
+        walk = (n.bias_accel_walk, n.bias_accel_walk, n.bias_yaw_rate_walk, n.wheel_scale_walk, n.slope_share_walk)
         self._walk_variance = np.array([0.0] * 5 + [w * w for w in walk])
 
     def initialise(self, x: float, y: float, yaw: float, vx: float = 0.0, yaw_std: float | None = None) -> None:
         """Start at a position fix with a heading that may be wrong by `yaw_std` (default: `initial_yaw`)."""
         n = self.noise
-        self.mean = np.array([x, y, yaw, vx, 0.0, 0.0, 0.0, 0.0, 0.0])
+        self.mean = np.array([x, y, yaw, vx, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         yaw_std = n.initial_yaw if yaw_std is None else yaw_std
         std = np.array([
             n.initial_position, n.initial_position, yaw_std, n.initial_speed, n.initial_speed + 0.1 * abs(vx),
             n.initial_bias_accel, n.initial_bias_accel, n.initial_bias_yaw_rate, n.initial_wheel_scale,
+            n.initial_slope_share,
         ])  # fmt: skip
         self.covariance = np.diag(std**2)
 
@@ -102,8 +107,9 @@ class StateFilter:
         m = self.mean
         yaw, vx, vy = float(m[YAW]), float(m[VX]), float(m[VY])
         r = imu.yaw_rate - float(m[BIAS_YAW_RATE])
-        ax = imu.ax - float(m[BIAS_AX]) + imu.gravity_x
-        ay = imu.ay - float(m[BIAS_AY]) + imu.gravity_y
+        slope = float(m[SLOPE_SHARE])
+        ax = imu.ax - float(m[BIAS_AX]) + slope * imu.gravity_x
+        ay = imu.ay - float(m[BIAS_AY]) + slope * imu.gravity_y
         c, s = cos(r * dt), sin(r * dt)
         # the specific force turns with the body: over the step it acts half a turn later than at the start
         ch, sh = cos(0.5 * r * dt) * dt, sin(0.5 * r * dt) * dt
@@ -118,12 +124,14 @@ class StateFilter:
         F[YAW, BIAS_YAW_RATE] = -dt
         F[VX, VX], F[VX, VY], F[VY, VX], F[VY, VY] = c, s, -s, c
         F[VX, BIAS_AX], F[VX, BIAS_AY], F[VY, BIAS_AX], F[VY, BIAS_AY] = -ch, -sh, sh, -ch
+        F[VX, SLOPE_SHARE] = ch * imu.gravity_x + sh * imu.gravity_y
+        F[VY, SLOPE_SHARE] = ch * imu.gravity_y - sh * imu.gravity_x
         F[VX, BIAS_YAW_RATE], F[VY, BIAS_YAW_RATE] = -dt * (c * vy - s * vx), dt * (c * vx + s * vy)
-        # IMU noise enters where the biases do (F's last columns), but leaves the biases themselves alone
+        # IMU noise enters where the biases do (their columns of F), but leaves the biases themselves alone
         noise = F[:, BIAS_AX:WHEEL_SCALE] * self._imu_std
         noise[BIAS_AX:] = 0.0
         P = F @ self.covariance @ F.T + noise @ noise.T
-        P.flat[::10] += self._walk_variance * dt
+        P.flat[:: len(STATES) + 1] += self._walk_variance * dt
         self.covariance = P
         m[X], m[Y], m[YAW] = m[X] + dt * vex, m[Y] + dt * vey, yaw + r * dt
         m[VX], m[VY] = vx1, vy1
@@ -148,12 +156,12 @@ class StateFilter:
         r, vx, vy = self.yaw_rate, float(m[VX]), float(m[VY])
         scale, c, s = 1.0 + float(m[WHEEL_SCALE]), cos(steer), sin(steer)
         rolling = vx * c + (vy + v.lf * r) * s
-        H = np.zeros(9)
+        H = np.zeros(len(STATES))
         H[VX], H[VY], H[BIAS_YAW_RATE], H[WHEEL_SCALE] = c * scale, s * scale, -v.lf * s * scale, rolling
         slip = n.wheel_slip * vx * drive
         used = [self._gated(H, front - rolling * scale, n.wheel_speed**2 + min(slip, 0.0) ** 2)]
         scale, vx = 1.0 + float(m[WHEEL_SCALE]), float(self.mean[VX])
-        H = np.zeros(9)
+        H = np.zeros(len(STATES))
         H[VX], H[WHEEL_SCALE] = scale, vx
         used.append(self._gated(H, rear - vx * scale, n.wheel_speed**2 + slip**2))
         return [nis for nis in used if nis is not None]
@@ -161,7 +169,7 @@ class StateFilter:
     def update_rear_slip(self, ay: float) -> float | None:
         """The rear axle hardly slides on a straight: vy - l_r r = 0, the less certain the more the car corners."""
         vx, lr, n = float(self.mean[VX]), self.vehicle.lr, self.noise
-        H = np.zeros(9)
+        H = np.zeros(len(STATES))
         H[VY], H[BIAS_YAW_RATE] = 1.0, lr
         std = (n.rear_slip + n.rear_slip_per_ay * abs(ay)) * abs(vx) + 0.05
         return self._gated(H, -(float(self.mean[VY]) - lr * self.yaw_rate), std * std)
@@ -173,11 +181,13 @@ class StateFilter:
         n = self.noise
         self._update(_unit(BIAS_YAW_RATE), imu.yaw_rate - float(self.mean[BIAS_YAW_RATE]), n.yaw_rate**2)
         accel_variance = 10 * (n.accel**2 + n.accel_model**2)
-        self._update(_unit(BIAS_AX), imu.ax + imu.gravity_x - float(self.mean[BIAS_AX]), accel_variance)
-        self._update(_unit(BIAS_AY), imu.ay + imu.gravity_y - float(self.mean[BIAS_AY]), accel_variance)
+        for bias, force, gravity in ((BIAS_AX, imu.ax, imu.gravity_x), (BIAS_AY, imu.ay, imu.gravity_y)):
+            H = np.zeros(len(STATES))
+            H[bias], H[SLOPE_SHARE] = 1.0, -gravity
+            self._update(H, force - float(H @ self.mean), accel_variance)
 
     def std(self) -> Array:
-        """Standard deviations of `STATES`, shape (9,)."""
+        """Standard deviations of `STATES`, shape (10,)."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
     @property
