@@ -13,8 +13,10 @@ import casadi as ca
 from hil_gateway.plant.parameters import ENGINE_SPEEDS
 
 Expr = Any
-STANDSTILL = 0.8
-"""rad/s of a wheel over which brake and drag torques fade to zero"""
+BRAKE_FADE = 0.1
+"""rad/s of a wheel below which a brake's torque fades to zero"""
+BRAKE_STIFFNESS = 1200.0
+"""1/s, the quickest a brake may stop a wheel: what the 1 kHz integration can follow"""
 LOCKING = 3.0
 """rad/s of difference between the rear wheels at which the differential locks at its full torque"""
 LIMITER = 50.0
@@ -56,4 +58,6 @@ def brake_torques(p: Any, front: Expr, rear: Expr, speeds: list[Expr]) -> list[E
     """Torque of each brake, N m, from circuit pressures (Pa), against the wheel's rotation (rad/s)."""
     on_front = p.front_brake * p.brake_gain_front * front
     on_rear = p.brake_gain_rear * rear + (1.0 - p.front_brake) * p.brake_gain_front * front
-    return [-t * ca.tanh(w / STANDSTILL) for t, w in zip((on_front, on_front, on_rear, on_rear), speeds, strict=True)]
+    torques = (on_front, on_front, on_rear, on_rear)
+    fades = [BRAKE_FADE + t / (BRAKE_STIFFNESS * p.wheel_inertia) for t in torques]
+    return [-t * ca.tanh(w / f) for t, w, f in zip(torques, speeds, fades, strict=True)]

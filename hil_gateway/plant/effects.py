@@ -27,6 +27,8 @@ class Switch:
     example: float
     """a size that is clearly visible in 8 laps, used by campaigns"""
     set: Setter
+    brings: tuple[str, ...] = ()
+    """effects without which this one shows nothing; they come at the realistic base's size where the base lacks them"""
 
 
 def _car(**names: float) -> Setter:
@@ -49,11 +51,6 @@ def _part(part: str, offset: float = 0.0, **names: float) -> Setter:
     return apply
 
 
-def _wind(p: PlantParameters, size: float) -> PlantParameters:
-    drag = p.car.drag or AV24.car.drag
-    return replace(p, car=replace(p.car, wind_x=size, drag=drag))
-
-
 def _steer_scale(p: PlantParameters, size: float) -> PlantParameters:
     return replace(p, car=replace(p.car, steer_scale=1.0 + size))
 
@@ -69,14 +66,17 @@ def _drive_delay(p: PlantParameters, size: float) -> PlantParameters:
 _imu_bias = _part("sensors", imu_bias_x=1.0, imu_bias_y=1.0)
 _speed_scale = _part("sensors", offset=1.0, speed_scale=1.0)
 
+LOADS = ("aero_downforce", "load_transfer")
+REALISTIC = {"aero_drag": AV24.car.drag, "aero_downforce": AV24.car.downforce, "load_transfer": AV24.car.load_transfer}
+
 SWITCHES: dict[str, Switch] = {
     "aero_drag": Switch("N s2/m2", "k in F = k v^2 against the air", 0.0, 3.0, 0.6, _car(drag=1.0)),
-    "rolling_resistance": Switch("N", "constant force", 0.0, 3000.0, 300.0, _car(rolling_resistance=1.0)),
+    "rolling_resistance": Switch("N", "constant", 0.0, 3000.0, 300.0, _car(rolling_resistance=1.0)),
     "road_grade": Switch("1", "share of the track file's grade", -2.0, 2.0, 1.0, _part("road", grade=1.0)),
     "road_bank": Switch("1", "share of the track file's bank", -2.0, 2.0, 1.0, _part("road", bank=1.0)),
     "aero_downforce": Switch("N s2/m2", "k of both axles together", 0.0, 6.0, 1.5, _car(downforce=1.0)),
     "load_transfer": Switch("1", "share of the real transfer", 0.0, 3.0, 1.0, _car(load_transfer=1.0)),
-    "load_sensitivity": Switch("1", "loss of friction when the load doubles", 0.0, 0.6, 0.25, _car(load_sensitivity=1.0)),
+    "load_sensitivity": Switch("1", "loss of friction at twice the load", 0.0, 0.6, 0.25, _car(load_sensitivity=1.0), LOADS),
     "combined_slip": Switch("1", "0: none, 1: similarity method", 0.0, 1.0, 1.0, _car(combined_slip=1.0)),
     "drive_saturation": Switch("1", "0: linear in slip, 1: magic formula", 0.0, 1.0, 1.0, _car(saturation=1.0)),
     "front_brake": Switch("1", "share of the front circuit acting in front", 0.0, 1.0, 1.0, _car(front_brake=1.0)),
@@ -91,10 +91,15 @@ SWITCHES: dict[str, Switch] = {
     "imu_lever_arm": Switch("m", "IMU ahead of the centre of gravity", -3.0, 3.0, 0.8, _part("sensors", imu_x=1.0)),
     "imu_bias": Switch("m/s2", "added to ax and ay", -3.0, 3.0, 0.3, _imu_bias),
     "speed_scale": Switch("1", "excess of reported over true speed", -0.2, 0.2, 0.04, _speed_scale),
-    "wind": Switch("m/s", "air along map x; brings the real drag", -30.0, 30.0, 10.0, _wind),
+    "wind": Switch("m/s", "air along map x", -30.0, 30.0, 10.0, _car(wind_x=1.0), ("aero_drag",)),
     "yaw_damping": Switch("N m s", "moment against yaw", 0.0, 10000.0, 1500.0, _car(yaw_damping=1.0)),
     "turn_asymmetry": Switch("1", "gain of grip to the left", -0.3, 0.3, 0.06, _car(turn_asymmetry=1.0)),
 }  # fmt: skip
+
+
+def implied(name: str) -> tuple[str, ...]:
+    """Effects that come with `name` on the base `paper`."""
+    return SWITCHES[name].brings if name in SWITCHES else ()
 
 
 def configure(base: str = "av24", effects: Mapping[str, float] | None = None) -> PlantParameters:
@@ -106,7 +111,10 @@ def configure(base: str = "av24", effects: Mapping[str, float] | None = None) ->
     if base not in BASES:
         raise InputError(f"plant base {base!r} is unknown; known: {', '.join(BASES)}")
     parameters = BASES[base]
-    for name, size in (effects or {}).items():
+    sizes = dict(effects or {})
+    if base == "paper":
+        sizes = {**{n: REALISTIC[n] for name in sizes for n in implied(name)}, **sizes}
+    for name, size in sizes.items():
         if name not in SWITCHES:
             raise InputError(f"effect {name!r} is unknown; known: {', '.join(SWITCHES)}")
         switch = SWITCHES[name]

@@ -1,0 +1,98 @@
+"""Every effect of the simulated car does what its table says, and nothing where it is off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil_gateway.errors import InputError
+from hil_gateway.plant.cli import parse_effects
+from hil_gateway.plant.effects import SWITCHES, configure
+from hil_gateway.plant.experiment import Drive, drive
+from hil_gateway.plant.parameters import PAPER
+
+CAR = PAPER.car
+
+
+def _drive(effects: dict[str, float] | None = None, seed: int = 3) -> Drive:
+    """From the climb through the Corkscrew to the last corners."""
+    return drive(effects, laps=1, seconds=36.0, start_s=1850.0, seed=seed, levels=(0.75, 0.75))
+
+
+@pytest.fixture(scope="module")
+def plain() -> Drive:
+    return _drive()
+
+
+def _single_track_error(d: Drive) -> tuple[float, ...]:
+    """Root mean square of ax, ay, motion (m/s2) and yaw acceleration (rad/s2) that Eq. (1)-(3) leave."""
+    c = d.columns
+    front = c["steer"] - np.arctan((c["vy"] + CAR.lf * c["yaw_rate"]) / c["vx"])
+    rear = -np.arctan((c["vy"] - CAR.lr * c["yaw_rate"]) / c["vx"])
+    fy_f = CAR.df * CAR.static_load_front * np.sin(CAR.cf * np.arctan(CAR.bf * front))
+    fy_r = CAR.dr * CAR.static_load_rear * np.sin(CAR.cr * np.arctan(CAR.br * rear))
+    along = c["ax"] + fy_f * np.sin(c["steer"]) / CAR.mass
+    cx = np.dot(along, c["drive"]) / np.dot(c["drive"], c["drive"])
+    ay = c["ay"] - (fy_r + fy_f * np.cos(c["steer"])) / CAR.mass
+    window = np.ones(50) / 50
+    smooth = {name: np.convolve(c[name], window, "same") for name in ("vx", "vy")}
+    motion_x = np.gradient(smooth["vx"], 0.01) - np.convolve(c["ax"] + c["vy"] * c["yaw_rate"], window, "same")
+    motion_y = np.gradient(smooth["vy"], 0.01) - np.convolve(c["ay"] - c["vx"] * c["yaw_rate"], window, "same")
+    motion = np.hypot(motion_x, motion_y)[100:-100]
+    yaw_acc = np.gradient(np.convolve(c["yaw_rate"], window, "same"), 0.01)
+    moment = np.convolve(fy_f * CAR.lf * np.cos(c["steer"]) - fy_r * CAR.lr, window, "same") / CAR.yaw_inertia
+    return (
+        float(np.std(along - cx * c["drive"])),
+        float(np.std(ay)),
+        float(np.sqrt(np.mean(motion**2))),
+        float(np.std((yaw_acc - moment)[100:-100])),
+    )
+
+
+def test_paper_base_leaves_only_sensor_noise(plain: Drive) -> None:
+    ax, ay, *_ = _single_track_error(plain)
+    assert plain.off_track == 0
+    assert ax < 0.125  # the accelerometer's own noise is 0.11 m/s2
+    assert ay < 0.35  # with the noise of vy in the slip angles
+
+
+@pytest.mark.parametrize("name", SWITCHES)
+def test_each_effect_shows_and_leaves_the_car_drivable(plain: Drive, name: str) -> None:
+    effect = _drive({name: SWITCHES[name].example})
+    assert effect.columns["t"][-1] > 35.9
+    assert effect.off_track == 0
+    before, after = _single_track_error(plain), _single_track_error(effect)
+    weak = {"load_transfer": 1.005, "engine_braking": 1.005, "combined_slip": 1.005, "drive_saturation": 1.002}
+    gain = max(a / b for a, b in zip(after, before, strict=True))
+    assert gain > weak.get(name, 1.02), f"{name}: {before} -> {after}"
+
+
+def test_one_seed_gives_one_log(plain: Drive) -> None:
+    again, other = _drive(), _drive(seed=4)
+    assert all(np.array_equal(plain.columns[name], again.columns[name]) for name in plain.columns)
+    assert not np.array_equal(plain.columns["ax"], other.columns["ax"])
+
+
+def test_unknown_effect_lists_the_known_ones() -> None:
+    with pytest.raises(InputError, match=r"effect 'aero_dragg' is unknown; known: aero_drag, rolling_resistance"):
+        configure(effects={"aero_dragg": 1.0})
+
+
+def test_size_out_of_range_names_range_and_unit() -> None:
+    with pytest.raises(InputError, match=r"effect steer_offset = 0.5 is outside -0.05 to 0.05 rad"):
+        configure(effects={"steer_offset": 0.5})
+
+
+@pytest.mark.parametrize("text", ["aero_drag", "aero_drag=", "aero_drag=much"])
+def test_malformed_effect_shows_the_form(text: str) -> None:
+    with pytest.raises(InputError, match="write NAME=SIZE"):
+        parse_effects([text])
+
+
+def test_realistic_base_has_what_the_paper_leaves_out() -> None:
+    realistic = drive(base="av24", seconds=36.0, start_s=1850.0, levels=(0.75, 0.75))
+    ax, ay, motion, _ = _single_track_error(realistic)
+    assert realistic.off_track == 0
+    assert ax > 0.3
+    assert ay > 0.5
+    assert motion > 0.2
