@@ -84,7 +84,7 @@ class Gateway:
         self._gate = CommandGate(config.gateway.command_latency_max_s)
         self.failsafe = Failsafe()
         self.race_control = RaceControl()
-        self._previous = self._limits.neutral
+        self._previous = self._limits.resting(0.0)
         self._state_invalid, self._estimate_invalid = Held(), Held()
         self._last_step_ns: int | None = None
         self._status_due_ns = 0
@@ -203,7 +203,7 @@ class Gateway:
         if transmits:
             self._transmitter.race_control(now_ns, self.race_control.ct_state, self._heard_flags())
         if not self.failsafe.armed:
-            self._previous = self._limits.neutral
+            self._previous = self._limits.resting(self.builder.signal("average_steering_ang_fdbk"))
             return self._applied(now_ns, state, False, ())
         wanted = self._wanted(now_ns, state)
         self._previous, limited = self._limits.apply(wanted, self._previous)

@@ -70,16 +70,28 @@ class Limits:
             name: _signal_limit(signal, *(_steps(rate, signal, free) for rate in rates[name]))
             for name, signal in signals.items()
         }
-        self.neutral = RawCommand(0, 0, 0, 0, 1)
+        self._overlap = round(PEDAL_OVERLAP_PA / self.signals["F_brake_pressure_cmd"].scale)
+
+    def resting(self, steering_motor: float) -> RawCommand:
+        """Where commands start from: pedals free, the steering (rad at the motor) where it is."""
+        steering = self.signals["steering_motor_ang_cmd"]
+        return RawCommand(min(max(round(steering_motor / steering.scale), steering.low), steering.high), 0, 0, 0, 1)
 
     def apply(self, wanted: Actuators, previous: RawCommand) -> tuple[RawCommand, tuple[str, ...]]:
-        """Admissible command nearest to `wanted` after `previous`, and the names of the signals it had to change."""
+        """Admissible command nearest to `wanted` after `previous`, and the names of the signals it had to change.
+
+        The accelerator is closed while the brakes that are sent (not those asked for) still bite.
+        """
         signals = self.signals
+        front = signals["F_brake_pressure_cmd"].apply(wanted.brake_front, previous.brake_front)
+        rear = signals["R_brake_pressure_cmd"].apply(wanted.brake_rear, previous.brake_rear)
+        braking = max(front, rear) > self._overlap
+        accelerator = 0.0 if braking or math.isnan(wanted.accelerator) else wanted.accelerator
         command = RawCommand(
             signals["steering_motor_ang_cmd"].apply(wanted.steering_motor, previous.steering_motor),
-            signals["acc_pedal_cmd"].apply(self._accelerator(wanted), previous.accelerator),
-            signals["F_brake_pressure_cmd"].apply(wanted.brake_front, previous.brake_front),
-            signals["R_brake_pressure_cmd"].apply(wanted.brake_rear, previous.brake_rear),
+            signals["acc_pedal_cmd"].apply(accelerator, previous.accelerator),
+            front,
+            rear,
             signals["desired_gear"].apply(wanted.gear, previous.gear),
         )
         return command, self._changed(wanted, command)
@@ -94,12 +106,6 @@ class Limits:
             command.brake_rear * signals["R_brake_pressure_cmd"].scale,
             command.gear,
         )
-
-    @staticmethod
-    def _accelerator(wanted: Actuators) -> float:
-        """Closed while braking, and when it is not a number."""
-        braking = max(wanted.brake_front, wanted.brake_rear) > PEDAL_OVERLAP_PA
-        return 0.0 if braking or math.isnan(wanted.accelerator) else wanted.accelerator
 
     def _changed(self, wanted: Actuators, command: RawCommand) -> tuple[str, ...]:
         sent = self.to_actuators(command)

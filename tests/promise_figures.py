@@ -9,6 +9,9 @@ from pathlib import Path
 FIGURES_VARIABLE = "HIL_PROMISE_FIGURES"
 """Environment variable with the file the figures are appended to, one JSON object a line."""
 
+LONG_VARIABLE = "HIL_LONG"
+"""Set by `hil verify --long`."""
+
 
 def record_figure(promise: str, figure: str) -> None:
     """Note that `promise` ("S1") was proved at `figure` ("10^6 commands, 0 outside limits")."""
@@ -16,3 +19,8 @@ def record_figure(promise: str, figure: str) -> None:
     if target:
         with Path(target).open("a") as file:
             file.write(json.dumps({"promise": promise, "figure": figure}) + "\n")
+
+
+def volume(usual: int, long: int) -> int:
+    """How much a test does: `usual` in CI, `long` under `hil verify --long`."""
+    return long if os.environ.get(LONG_VARIABLE) else usual
