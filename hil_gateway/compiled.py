@@ -93,19 +93,20 @@ def _build(compiler: str, source: str, libraries: tuple[str, ...], path: Path) -
     return path
 
 
-def _compiled(function: ca.Function) -> ca.Function | None:
-    """The same function backed by a compiled library; one the cache holds damaged is built anew."""
+def compile_library(function: ca.Function) -> Path | None:
+    """Library of a function with dense arguments, from the cache or freshly built; a damaged one is built anew."""
     generator = ca.CodeGenerator(f"{function.name()}.c")
     generator.add(function)
-    path = compile_source(generator.dump())
+    source = generator.dump()
+    path = compile_source(source)
     if path is None:
         return None
     try:
         ctypes.CDLL(str(path))
     except OSError:
         path.unlink(missing_ok=True)
-        path = compile_source(generator.dump())
-    return None if path is None else ca.external(function.name(), str(path))
+        path = compile_source(source)
+    return path
 
 
 class CompiledFunction:
@@ -148,12 +149,18 @@ def compile_function(function: ca.Function, compiled: bool = True) -> CompiledFu
 
     Sparse arguments become dense, so that every array has its full shape.
     """
-    dense = _dense(function)
-    library = _compiled(dense) if compiled else None
-    return CompiledFunction(library or dense, "vm" if library is None else "compiled")
+    dense = densified(function)
+    path = compile_library(dense) if compiled else None
+    return CompiledFunction(dense, "vm") if path is None else load_function(function.name(), path)
 
 
-def _dense(function: ca.Function) -> ca.Function:
+def load_function(name: str, path: Path) -> CompiledFunction:
+    """Function `name` of a library built before, possibly by another process: no symbolic work, milliseconds."""
+    return CompiledFunction(ca.external(name, str(path)), "compiled")
+
+
+def densified(function: ca.Function) -> ca.Function:
+    """The same function with dense inputs and outputs."""
     names_in, names_out = function.name_in(), function.name_out()
     if all(function.sparsity_in(i).is_dense() for i in range(function.n_in())) and all(
         function.sparsity_out(i).is_dense() for i in range(function.n_out())

@@ -7,8 +7,11 @@ from hil_gateway.compiled import (
     CompilerWarning,
     cache_directory,
     compile_function,
+    compile_library,
     compile_source,
+    densified,
     find_compiler,
+    load_function,
 )
 
 __all__ = [
@@ -16,6 +19,9 @@ __all__ = [
     "CompilerWarning",
     "cache_directory",
     "compile_function",
+    "compile_library",
     "compile_source",
+    "densified",
     "find_compiler",
+    "load_function",
 ]

@@ -1,0 +1,147 @@
+"""Prepares a solution for `acceptance`: the plan as it would be published, beside the track, with its bounds.
+
+Offsets and widths come from the race line by plain projection, forces from the equations of the declared model
+written out again in numpy, or, with active effects, from the model evaluated by CasADi's interpreter.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from estimator.model.single_track import SIGNALS, Terms
+from estimator.revision import RevisedModel
+from hil_gateway.vehicle import Vehicle
+from planner import acceptance
+from planner.acceptance import AxleForces, Bounds, ForceModel
+from planner.adoption import Adopted
+from planner.controller import Controller
+from planner.raceline import RaceLine
+from planner.settings import Settings
+from planner.sqp import Solution
+
+Array = npt.NDArray[np.float64]
+
+WINDOW = 6
+"""points of the race line either side of the predicted progress among which the nearest is sought"""
+
+
+class PlanCheck:
+    """Checks solutions of one planner; `first_loads` are the shares of the load limits at the plan's start."""
+
+    def __init__(self, settings: Settings, vehicle: Vehicle) -> None:
+        self._settings, self._vehicle = settings, vehicle
+        self._model: RevisedModel | None = None
+        self._forces: ForceModel | None = None
+        self.first_loads = (0.0, 0.0)
+
+    def __call__(self, controller: Controller, adopted: Adopted, solution: Solution) -> list[str]:
+        """Limits the solution breaks, in words; empty when it may be published."""
+        forces = self._force_model(adopted)
+        bounds = bounds_of(self._settings, controller.knowledge.load_max, float(solution.z[7, 0]))
+        plan = plan_of(solution, controller.reference.line)
+        front, rear = acceptance.load_shares(plan, bounds, forces)
+        self.first_loads = float(front[0]), float(rear[0])
+        return acceptance.violations(plan, bounds, forces, defects(plan, bounds.dt, forces, self._vehicle))
+
+    def _force_model(self, adopted: Adopted) -> ForceModel:
+        if self._forces is None or adopted.revised is not self._model:
+            self._model = adopted.revised
+            effects = adopted.revised.model.effects
+            self._forces = (
+                interpreted_forces(adopted.revised) if effects
+                else acceptance.declared_forces(self._vehicle, adopted.revision.tyre)
+            )  # fmt: skip
+        return self._forces
+
+
+def bounds_of(settings: Settings, load_max: tuple[float, float], drive: float) -> Bounds:
+    """Limits of Eq. (4), (9), (10); `drive` is where the plan starts, which may still be outside its range."""
+    limits, info = settings.limits, settings.information
+    return Bounds(
+        dt=settings.dt, steer=limits.steer, steer_rate=limits.steer_rate,
+        drive=(min(limits.drive_min, drive), max(limits.drive_max, drive)), drive_rate=limits.drive_rate,
+        speed=limits.speed, load_max=load_max, clearance=limits.car_half_width,
+        literal_load=settings.load_limit == "literal", information=info.bound if info.weight > 0 else np.inf,
+    )  # fmt: skip
+
+
+def plan_of(solution: Solution, line: RaceLine) -> acceptance.Plan:
+    """The solution beside the race line."""
+    z = solution.z
+    offset, index = lateral_offset(z[0], z[1], z[6], line)
+    return acceptance.Plan(
+        x=z[0], y=z[1], yaw=z[2], vx=z[3], vy=z[4], yaw_rate=z[5], drive=z[7], steer=z[8], offset=offset,
+        width_left=line.width_left[index], width_right=line.width_right[index],
+        information=np.concatenate([[0.0], solution.information]),
+    )  # fmt: skip
+
+
+def lateral_offset(x: Array, y: Array, s: Array, line: RaceLine) -> tuple[Array, npt.NDArray[np.intp]]:
+    """Distance to the left of the line (m) of points (K,) near progress `s`, and the nearest point of the line."""
+    n = len(line.s)
+    around = np.round(s / line.length * n)[:, None] + np.arange(-WINDOW, WINDOW + 1)
+    index = (around % n).astype(np.intp)
+    dx, dy = x[:, None] - line.x[index], y[:, None] - line.y[index]
+    nearest = np.argmin(dx**2 + dy**2, axis=1)
+    rows = np.arange(len(x))
+    chosen = index[rows, nearest]
+    heading = line.heading[chosen]
+    return -np.sin(heading) * dx[rows, nearest] + np.cos(heading) * dy[rows, nearest], chosen
+
+
+MIN_DYNAMIC_SPEED = 12.0
+"""m/s: below it the plan is kinematic and its lateral motion is not judged by Eq. (1)"""
+
+
+def defects(plan: acceptance.Plan, dt: float, forces: ForceModel, vehicle: Vehicle) -> Array:
+    """Gap (6, N) between each stage and the motion by Eq. (1) from the one before: Heun's method, four sub-steps.
+
+    Gravity on grade and bank is left out, it is far below what counts as a gap.
+    """
+    state = np.vstack([plan.x, plan.y, plan.yaw, plan.vx, plan.vy, plan.yaw_rate])
+    inputs = np.vstack([plan.steer, plan.drive])
+    now, n_sub = state[:, :-1], 4
+    start, change = inputs[:, :-1], np.diff(inputs, axis=1)
+    for i in range(n_sub):
+        first = _motion(now, start + change * i / n_sub, forces, vehicle)
+        second = _motion(now + dt / n_sub * first, start + change * (i + 1) / n_sub, forces, vehicle)
+        now = now + 0.5 * dt / n_sub * (first + second)
+    gap = state[:, 1:] - now
+    gap[4:] *= state[3, :-1] > MIN_DYNAMIC_SPEED
+    gap[:3] *= state[3, :-1] > MIN_DYNAMIC_SPEED
+    return gap
+
+
+def _motion(state: Array, inputs: Array, forces: ForceModel, vehicle: Vehicle) -> Array:
+    """Eq. (1)."""
+    _, _, yaw, vx, vy, rate = state
+    steer, drive = inputs
+    f = forces(vx, vy, rate, steer, drive)
+    front_x = f.fx_f * np.cos(steer) - f.fy_f * np.sin(steer)
+    front_y = f.fy_f * np.cos(steer) + f.fx_f * np.sin(steer)
+    return np.vstack([
+        vx * np.cos(yaw) - vy * np.sin(yaw),
+        vx * np.sin(yaw) + vy * np.cos(yaw),
+        rate,
+        (f.fx_r + front_x) / vehicle.mass + vy * rate,
+        (f.fy_r + front_y) / vehicle.mass - vx * rate,
+        (front_y * vehicle.lf - f.fy_r * vehicle.lr) / vehicle.yaw_inertia,
+    ])  # fmt: skip
+
+
+def interpreted_forces(revised: RevisedModel) -> ForceModel:
+    """Axle forces of a model with effects, evaluated by CasADi's interpreter at the start of the lap's profiles."""
+    model = revised.model
+    signals = ca.SX.sym("signals", len(SIGNALS))
+    named = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
+    phi = list(revised.phi_at(np.zeros(1))[:, 0])
+    terms = model.evaluate(Terms(model.vehicle, **named), list(revised.theta), phi)
+    names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r")
+    function = ca.Function("forces", [signals], [ca.vertcat(*(getattr(terms, n) for n in names))])
+
+    def forces(vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array) -> AxleForces:
+        return AxleForces(*np.array(function(np.vstack([vx, vy, yaw_rate, steer, drive]))))
+
+    return forces

@@ -1,0 +1,174 @@
+"""One solver with its parameters: from the car's state to a solution of the optimal-control problem.
+
+Holds what changes slowly (model, belief, reference, load limits) as parameter vectors of the compiled functions, so
+that a new belief or race line needs no new code; only another list of active effects does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from planner import infomax
+from planner.functions import Functions
+from planner.mpcc import DRIVE, NU, PROGRESS, VX, Problem, S
+from planner.sqp import Solution, Sqp, Stopwatch
+from planner.track import Reference
+
+Array = npt.NDArray[np.float64]
+
+COLD_START_ITERATIONS = 15
+MIN_POWER_SPEED = 10.0
+"""below this the drive command is not limited by engine power, m/s"""
+
+
+@dataclass(frozen=True)
+class TyreKnowledge:
+    """Tyre parameters the motion is predicted with, and the belief about them.
+
+    `theta`, `mean` (n,), `covariance` (n, n), `prior_std` (n,); `load_max` the limits F-bar over axle load (front,
+    rear).
+    """
+
+    theta: Array
+    mean: Array
+    covariance: Array
+    prior_std: Array
+    load_max: tuple[float, float]
+
+
+PhiAt = Callable[[Array], Array]
+"""effect parameters (n_phi, K) at track positions (K,), m"""
+
+
+def _no_effects(track_position: Array) -> Array:
+    return np.zeros((0, len(track_position)))
+
+
+class Controller:
+    """MPCC of one model and settings on one reference."""
+
+    def __init__(
+        self, problem: Problem, functions: Functions, reference: Reference, knowledge: TyreKnowledge,
+        *, phi_at: PhiAt | None = None, backend: str = "auto",
+    ) -> None:  # fmt: skip
+        self.problem, self.settings = problem, problem.settings
+        self.sqp = Sqp(problem, functions, backend)
+        self._advance = functions.advance
+        self.phi_at = phi_at or _no_effects
+        active = {effect.name for effect in problem.model.effects}
+        # an effect learnt from data stands for grade or bank as they are felt: not both
+        self._road_share = np.array([[float("road_grade" not in active)], [float("road_bank" not in active)]])
+        self.reference = reference
+        self.common = np.zeros(self.problem.common.size)
+        self.stages = np.zeros((self.problem.stage.size, self.settings.horizon), order="F")
+        self.set_knowledge(knowledge)
+
+    def set_knowledge(self, knowledge: TyreKnowledge) -> None:
+        """Take over tyre parameters, belief and load limits; no recompilation."""
+        self.knowledge = knowledge
+        k, names, info = knowledge, self.problem.common, self.settings.information
+        front, rear = infomax.axle_indices(self.problem.model)
+        level = self.settings.sigma_level
+        values = {
+            "theta": k.theta,
+            "lap": self.reference.length,
+            "load_max": k.load_max,
+            "sigma_f": self._choices(front, level),
+            "sigma_r": self._choices(rear, level),
+            "information_theta": k.mean,
+            "information_weight": self._information_weight().ravel(),
+            "trace_weight": k.prior_std**2,
+            "q_information": info.weight,
+        }
+        for name, value in values.items():
+            self.common[names[name]] = value
+
+    def _choices(self, indices: tuple[int, ...], level: float) -> Array:
+        """theta in force and the sigma points of one axle's parameters, column after column."""
+        k = self.knowledge
+        points = infomax.sigma_points(k.mean, k.covariance, indices, level)
+        return np.column_stack([k.theta, points]).ravel(order="F")
+
+    def _information_weight(self) -> Array:
+        """W of Tr(W F): prior variances for `trace`, the posterior covariance for `log_det`."""
+        k = self.knowledge
+        if self.settings.information.criterion == "trace":
+            return np.diag(k.prior_std**2)
+        return k.covariance
+
+    def fill_stages(self, s: Array, vx: Array, drive: float) -> None:
+        """Stage parameters at predicted progress `s` (N,), speed `vx` (N,) and present drive command."""
+        names, p = self.problem.stage, self.stages
+        knot, cubics, road = self.reference.stages(s)
+        limits, w = self.settings.limits, self.settings.weights
+        p[names["s"]] = knot
+        p[names["cubic_x"]], p[names["cubic_y"]] = cubics[:4], cubics[4:]
+        clearance = limits.car_half_width + limits.track_margin
+        p[names["width_left"]], p[names["width_right"]] = road[0] - clearance, road[1] - clearance
+        p[names["speed"]] = road[2:4]
+        p[names["progress"]] = w.progress
+        p[names["progress"], -1] = 0.0  # the last one would push v_s against the horizon's end
+        p[names["drive_max"]] = self._drive_max(vx, drive)
+        p[names["grade"]], p[names["bank"]] = road[4:6] * self._road_share
+        if self.problem.model.effects:
+            p[names["phi"]] = self.phi_at(road[6])
+
+    def _drive_max(self, vx: Array, drive: float) -> Array:
+        """Upper drive limit of each stage, 1: engine power at the predicted speed, within reach from `drive`."""
+        limits = self.settings.limits
+        power = limits.power / (self.knowledge.theta[0] * np.maximum(vx, MIN_POWER_SPEED))
+        reach = drive - limits.drive_rate * self.settings.dt * np.arange(1, len(vx) + 1)
+        return np.maximum(np.minimum(power, limits.drive_max), reach)
+
+    def solve(self, z0: Array, stopwatch: Stopwatch, iterations: int | None = None) -> Solution:
+        """Solution from state `z0` (NZ,), warm-started from the held guess."""
+        guess = self.sqp.z
+        self.fill_stages(guess[S, 1:], guess[VX, 1:], float(z0[DRIVE]))
+        return self.sqp.solve(z0, self.stages, self.common, iterations or self.settings.iterations, stopwatch)
+
+    def shift(self) -> None:
+        """Move the guess one interval on."""
+        self.sqp.shift(self.stages[:, -1], self.common)
+
+    def cold_start(self, z0: Array, stopwatch: Stopwatch) -> Solution:
+        """Solve without a previous solution: a guess along the reference, iterated."""
+        self.sqp.set_guess(self._along_reference(z0), np.zeros((NU, self.settings.horizon)))
+        solution = self.solve(z0, stopwatch, 1)
+        for _ in range(COLD_START_ITERATIONS - 1):
+            if not solution.usable:
+                break
+            solution = self.solve(z0, stopwatch, 1)
+        return solution
+
+    def advance(self, car: Array, drive: float, steer: float, duration: float) -> Array:
+        """The six car states (6,) after `duration` s with the inputs held, by the model of the plan."""
+        stage = self.stages[:, 0]
+        for target, value in zip(
+            self._advance.inputs, (car, (drive, steer), duration, stage, self.common), strict=True
+        ):
+            target[:, 0] = value
+        self._advance()
+        return self._advance.outputs[0][:, 0].copy()
+
+    def _along_reference(self, z0: Array) -> Array:
+        """Trajectory (NZ, N+1) on the reference from the progress and speed of `z0`, gently towards the speed limit."""
+        n, dt = self.settings.horizon, self.settings.dt
+        z = np.repeat(z0[:, None], n + 1, axis=1)
+        speed = max(float(z0[VX]), 1.0)
+        for k in range(n):
+            limit = float(self.reference.speed_limit(np.array([z[S, k]]))[0])
+            speed += float(np.clip(limit - speed, -6.0 * dt, 3.0 * dt))
+            z[S, k + 1], z[VX, k + 1] = z[S, k] + speed * dt, speed
+        point = self.reference.at(z[S, 1:])
+        z[0, 1:], z[1, 1:] = point.x, point.y
+        heading = np.unwrap(np.concatenate([[z0[2]], point.heading]))
+        z[2, 1:] = heading[1:]
+        z[5, 1:] = point.curvature * z[VX, 1:]
+        z[8, 1:] = np.clip(np.arctan(point.curvature * self.problem.model.vehicle.wheelbase), -0.25, 0.25)
+        z[4, 1:] = 0.0
+        z[PROGRESS, 1:] = z[VX, 1:]
+        return z

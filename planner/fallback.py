@@ -1,0 +1,101 @@
+"""What to do without a fresh solution: the last accepted plan shifted, then a stop plan. Never a partial one.
+
+Both have the full horizon. The stop plan needs no optimiser: it steers by pure pursuit of the reference and brakes
+within the load limits until the car stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from planner.mpcc import DRIVE, NU, NZ, PROGRESS, STEER, VX, S
+from planner.settings import Limits
+from planner.track import Reference
+
+Array = npt.NDArray[np.float64]
+
+PREVIEW_S = 0.5
+MIN_PREVIEW = 6.0
+"""m"""
+STANDSTILL = 0.5
+"""m/s: below this the car counts as standing"""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """States (NZ, N+1) at equal steps from `start_ns`, and input changes (NU, N)."""
+
+    z: Array
+    du: Array
+    start_ns: int
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """How to stop: motion of one interval, limits, and the drive command to brake with (negative).
+
+    `step(z, du)` gives the state one interval later.
+    """
+
+    step: Callable[[Array, Array], Array]
+    reference: Reference
+    limits: Limits
+    dt: float
+    wheelbase: float
+    drive: float
+
+    def roll(self, z: Array, intervals: int) -> tuple[Array, Array]:
+        """`intervals` states (NZ, n) after `z` and the changes (NU, n) that lead there."""
+        states, changes = np.zeros((NZ, intervals)), np.zeros((NU, intervals))
+        for k in range(intervals):
+            du = self._change(z)
+            after = self.step(z, du)
+            after[DRIVE], after[STEER] = z[DRIVE] + du[0], z[STEER] + du[1]
+            if z[VX] < STANDSTILL:
+                after[:7], after[3:6], after[PROGRESS] = z[:7], 0.0, 0.0
+            after[PROGRESS] = max(after[VX], 0.0)
+            states[:, k], changes[:, k] = after, after[7:] - z[7:]
+            z = after
+        return states, changes
+
+    def _change(self, z: Array) -> Array:
+        steer = self.limits.steer_rate * self.dt
+        drive = self.limits.drive_rate * self.dt
+        # standing on the brake, or coasting at less than walking pace, where the model would roll backwards
+        target = self.drive if z[VX] > STANDSTILL else 0.3 * self.drive
+        return np.array([
+            np.clip(target - z[DRIVE], -drive, drive),
+            np.clip(self._pursuit(z) - z[STEER], -steer, steer),
+            0.0,
+        ])  # fmt: skip
+
+    def _pursuit(self, z: Array) -> float:
+        """Steering angle of pure pursuit (Coulter, 1992), rad."""
+        ahead = self.reference.at(np.array([z[S] + max(MIN_PREVIEW, PREVIEW_S * float(z[VX]))]))
+        dx, dy = float(ahead.x[0] - z[0]), float(ahead.y[0] - z[1])
+        lateral = np.cos(z[2]) * dy - np.sin(z[2]) * dx
+        angle = np.arctan(2 * self.wheelbase * lateral / max(dx**2 + dy**2, 1.0))
+        return float(np.clip(angle, -self.limits.steer, self.limits.steer))
+
+
+def stop_plan(z0: Array, start_ns: int, horizon: int, stopping: Stopping) -> Trajectory:
+    """Stop from a finite state `z0` (NZ,)."""
+    states, changes = stopping.roll(z0, horizon)
+    return Trajectory(np.column_stack([z0, states]), changes, start_ns)
+
+
+def shifted(plan: Trajectory, intervals: int, stopping: Stopping) -> Trajectory | None:
+    """A plan `intervals` later: what is left of it, completed by stopping; None when nothing is left."""
+    horizon = plan.du.shape[1]
+    if not 0 <= intervals < horizon:
+        return None
+    states, changes = stopping.roll(plan.z[:, -1], intervals)
+    return Trajectory(
+        np.hstack([plan.z[:, intervals:], states]),
+        np.hstack([plan.du[:, intervals:], changes]),
+        plan.start_ns + round(intervals * stopping.dt * 1e9),
+    )

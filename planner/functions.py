@@ -1,0 +1,104 @@
+"""The compiled functions of one optimal-control problem, built here or by a process beside this one.
+
+A new list of active effects needs new functions. Building them is a second or two of symbolic work and gcc, most
+of it holding Python's lock; so it happens in a child process, and the planner loads the finished libraries.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from estimator.model.compiled import (
+    CompiledFunction,
+    compile_function,
+    compile_library,
+    densified,
+    load_function,
+)
+from estimator.model.effects import catalogue
+from estimator.model.parameters import Layout
+from estimator.model.single_track import SingleTrack
+from hil_gateway.vehicle import Vehicle
+from planner.mpcc import Problem
+from planner.settings import Information, Limits, Settings, Slack, Weights
+
+BUILD_TIMEOUT_S = 120.0
+
+
+@dataclass(frozen=True)
+class Functions:
+    """`horizon`: QP blocks of all stages; `step`: one interval of motion; `advance`: a short time with held inputs."""
+
+    horizon: CompiledFunction
+    step: CompiledFunction
+    advance: CompiledFunction
+
+
+def _symbolic(problem: Problem) -> dict[str, Any]:
+    return {
+        "horizon": problem.horizon_function(),
+        "step": problem.step_function(),
+        "advance": problem.advance_function(),
+    }
+
+
+def build_functions(problem: Problem, compiled: bool = True) -> Functions:
+    """Build in this process; interpreted where there is no compiler."""
+    return Functions(**{name: compile_function(f, compiled) for name, f in _symbolic(problem).items()})
+
+
+def build_in_child(problem: Problem) -> Functions:
+    """Build in a child process and load the result; blocks until it is there (call from a worker thread).
+
+    Raises:
+        RuntimeError: the child failed; its message.
+    """
+    command = [sys.executable, "-m", "planner.functions"]
+    try:
+        child = subprocess.run(
+            command, input=_describe(problem), capture_output=True, text=True, timeout=BUILD_TIMEOUT_S, check=False
+        )
+    except (OSError, subprocess.SubprocessError) as error:
+        raise RuntimeError(f"cannot build the planner's functions: {error}") from None
+    if child.returncode:
+        raise RuntimeError(f"cannot build the planner's functions: {child.stderr.strip()[-400:]}")
+    paths: Mapping[str, str | None] = json.loads(child.stdout)
+    if not all(paths.values()):
+        return build_functions(problem)  # no compiler: interpreted functions cannot be handed over
+    return Functions(**{name: load_function(name, Path(str(path))) for name, path in paths.items()})
+
+
+def _describe(problem: Problem) -> str:
+    model = problem.model
+    return json.dumps({
+        "vehicle": model.vehicle.model_dump(), "layout": model.layout, "effects": [e.name for e in model.effects],
+        "tyre_prior": dict(model.tyre_prior) if model.tyre_prior else None, "settings": asdict(problem.settings),
+    })  # fmt: skip
+
+
+def _restore(text: str) -> Problem:
+    data = json.loads(text)
+    settings = data["settings"]
+    for name, kind in (("weights", Weights), ("limits", Limits), ("slack", Slack), ("information", Information)):
+        settings[name] = kind(**settings[name])
+    layout: Layout = data["layout"]
+    effects = tuple(catalogue()[name] for name in data["effects"])
+    model = SingleTrack(Vehicle(**data["vehicle"]), layout, effects, data["tyre_prior"])
+    return Problem(model, Settings(**settings))
+
+
+def _main() -> None:
+    """Child process: problem on standard input, paths of the libraries on standard output."""
+    problem = _restore(sys.stdin.read())
+    paths = {name: compile_library(densified(f)) for name, f in _symbolic(problem).items()}
+    print(json.dumps({name: None if path is None else str(path) for name, path in paths.items()}))
+
+
+if __name__ == "__main__":
+    _main()

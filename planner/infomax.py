@@ -1,0 +1,140 @@
+"""Information in the planner: Eq. (7) as a stage cost of Eq. (9), its convexification, and the belief's sigma points.
+
+The information of one stage is Tr(W F_k) with F_k = H' Sigma_z^-1 H:
+- `trace`: W = diag(prior variance) gives the paper's Tr(F) in prior-scaled parameters;
+- `log_det`: W = (P^-1 + sum F)^-1, the gradient of the log det of the posterior precision, which does not
+  keep paying for what is already known.
+
+-q_I Tr(W F) is concave in places, so a Gauss-Newton method needs help. F depends on the state through drive command
+and slip angles y = (d, alpha_f, alpha_r). `abs` keeps the exact gradient and takes
+sum_i |d2I/dy_i2| grad y_i grad y_i' as Hessian; `projection` (the reference) takes the exact Hessian with its
+negative eigenvalues cut off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from estimator.information import stage_information
+from estimator.model.measurement import CHANNELS
+from estimator.model.single_track import SingleTrack
+from estimator.model.tyre import Expr
+from estimator.tyre_belief import DEFAULT_STD
+
+if TYPE_CHECKING:
+    from planner.mpcc import Problem
+
+Array = npt.NDArray[np.float64]
+
+FORCE_STATES = (3, 4, 5, 7, 8)
+"""vx, vy, yaw_rate, drive, steer: entries of z that tyre forces depend on"""
+
+
+@dataclass(frozen=True)
+class CostTerms:
+    """Contribution of -q_I I to one stage; `gain` is Delta I = Tr(F_k) of Eq. (9)."""
+
+    gradient: Expr
+    hessian: Expr
+    gain: Expr
+    exact_hessian: Expr
+
+
+def no_terms() -> CostTerms:
+    """q_I = 0: exactly the plain MPCC."""
+    n = len(FORCE_STATES)
+    return CostTerms(ca.SX(10, 1), ca.SX(10, 10), ca.SX(1, 1), ca.SX(n, n))
+
+
+def axle_indices(model: SingleTrack) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Positions in theta of the parameters that the load of the front and of the rear axle depends on."""
+    names = [p.name for p in model.tyre_table]
+    if model.layout == "shared":
+        return tuple(range(1, len(names))), tuple(range(len(names)))
+    return tuple(names.index(n) for n in ("bf", "cf", "df")), tuple(names.index(n) for n in ("cx", "br", "cr", "dr"))
+
+
+def sigma_points(mean: Array, covariance: Array, indices: tuple[int, ...], level: float) -> Array:
+    """Mean and mean +- `level` sigma along each principal axis of the marginal belief of `indices`.
+
+    Returns shape (n_theta, 2 len(indices) + 1); the other parameters stay at the mean. Parameters keep to a tenth
+    of their mean at least: a Gaussian reaches below zero, a tyre does not.
+    """
+    rows = list(indices)
+    values, axes = np.linalg.eigh(covariance[np.ix_(rows, rows)])
+    steps = level * axes * np.sqrt(np.maximum(values, 0.0))
+    points = np.repeat(mean[:, None], 2 * len(rows) + 1, axis=1)
+    points[rows, 1::2] += steps
+    points[rows, 2::2] -= steps
+    return np.maximum(points, 0.1 * mean[:, None])
+
+
+def information_matrix(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> Expr:
+    """F_k of Eq. (7) in unscaled parameters at a state of the horizon and the belief's mean, shape (n, n)."""
+    theta = ca.SX.sym("theta", len(problem.model.tyre_table))
+    terms = problem.evaluate(z, theta, p)
+    channels = CHANNELS[problem.settings.information.kind]
+    h = ca.vertcat(*(getattr(terms, name) for name in channels))
+    F = stage_information(h, theta, [DEFAULT_STD[c] for c in channels], [1.0] * theta.numel())
+    return ca.substitute(F, theta, p["information_theta"])
+
+
+def trace_gain(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> Expr:
+    """Delta I_k = Tr(F_k) in prior-scaled parameters."""
+    return ca.dot(ca.diag(information_matrix(problem, z, p)), p["trace_weight"])
+
+
+def weighted_gain(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> Expr:
+    """Tr(W F_k)."""
+    return ca.dot(ca.vec(information_matrix(problem, z, p)), p["information_weight"])
+
+
+def cost_terms(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> CostTerms:
+    """Gradient and convex Hessian of -q_I Tr(W F_k) in z, Delta I_k, and the exact Hessian in `FORCE_STATES`."""
+    weight, value = p["q_information"], weighted_gain(problem, z, p)
+    exact = _exact_hessian(value, z)
+    hessian = ca.SX(z.numel(), z.numel())
+    if problem.settings.information.convexification == "abs":
+        for gradient, direction in _slip_directions(problem, z, p):
+            curvature = ca.fabs(ca.dot(direction, exact @ direction))
+            block = curvature * (gradient.T @ gradient)
+            for a, i in enumerate(FORCE_STATES):
+                for b, j in enumerate(FORCE_STATES):
+                    hessian[i, j] += block[a, b]
+    gradient = -weight * ca.gradient(value, z)
+    return CostTerms(gradient, weight * hessian, trace_gain(problem, z, p), -weight * exact)
+
+
+def _exact_hessian(value: Expr, z: Expr) -> Expr:
+    full: Any = ca.hessian(value, z)[0]
+    index = list(FORCE_STATES)
+    return full[index, index]
+
+
+def _slip_directions(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> list[tuple[Expr, Expr]]:
+    """For d, alpha_f, alpha_r: gradient in `FORCE_STATES` and a direction that moves it alone, at unit rate.
+
+    d and delta move d and alpha_f alone; (v_y, omega) along (L_f, -1) leaves alpha_f and moves alpha_r.
+    """
+    terms = problem.evaluate(z, p["theta"], p)
+    lf = problem.model.vehicle.lf
+    bases = (ca.DM([0, 0, 0, 1, 0]), ca.DM([0, 0, 0, 0, 1]), ca.DM([0, lf, -1, 0, 0]))
+    result = []
+    for signal, base in zip((z[7], terms.slip_f, terms.slip_r), bases, strict=True):
+        full = ca.jacobian(signal, z)
+        gradient = ca.horzcat(*(full[i] for i in FORCE_STATES))
+        rate = gradient @ base
+        result.append((gradient, base / rate))
+    return result
+
+
+def project(hessians: Array) -> Array:
+    """Nearest positive semi-definite matrices (Frobenius norm) of a batch, shape (..., n, n)."""
+    values, vectors = np.linalg.eigh(hessians)
+    return np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2))

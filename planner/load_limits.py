@@ -1,0 +1,96 @@
+"""Load limits F-bar of Eq. (10) and how they widen from run to run (envelope expansion).
+
+The rule, per axle, in units of axle load:
+
+    supported = (1 - SAFETY) * (mean - CONFIDENCE * std) of the peak factor D at the end of a run
+    demonstrated = largest load held for `HOLD_S` in the run, times (1 + STEP)
+    next = supported                                      if that is below the present limit: shrink at once
+    next = min(supported, demonstrated, present * (1 + STEP))  otherwise, never below the present limit
+
+So the envelope grows only as far as the belief supports it, by at most STEP a run, and not beyond STEP over what
+the car has been seen to hold.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from hil_gateway.errors import InputError
+
+SAFETY = 0.03
+CONFIDENCE = 2.0
+STEP = 0.1
+HOLD_S = 0.2
+
+
+@dataclass(frozen=True)
+class LoadLimits:
+    """F-bar over axle load, front and rear."""
+
+    front: float
+    rear: float
+
+    @property
+    def pair(self) -> tuple[float, float]:
+        """(front, rear)"""
+        return self.front, self.rear
+
+
+@dataclass(frozen=True)
+class RunEvidence:
+    """What one run showed of one axle: belief about D at its end, largest load held over axle load."""
+
+    peak_mean: float
+    peak_std: float
+    held: float
+
+
+def next_limit(present: float, run: RunEvidence) -> float:
+    """Limit of one axle for the next run."""
+    supported = (1.0 - SAFETY) * (run.peak_mean - CONFIDENCE * run.peak_std)
+    if supported < present:
+        return max(supported, 0.1)
+    return max(present, min(supported, (1.0 + STEP) * run.held, (1.0 + STEP) * present))
+
+
+class HeldLoad:
+    """Largest load held without a break for `HOLD_S`, from samples every `period` s."""
+
+    def __init__(self, period: float) -> None:
+        self._recent: list[float] = []
+        self._length = max(1, round(HOLD_S / period))
+        self.value = 0.0
+
+    def push(self, load: float) -> None:
+        """Add one sample of load over axle load."""
+        self._recent = [*self._recent, load][-self._length :]
+        if len(self._recent) == self._length:
+            self.value = max(self.value, min(self._recent))
+
+
+def load_limits(path: str | Path) -> LoadLimits | None:
+    """Limits stored by an earlier run; None where there was none.
+
+    Raises:
+        InputError: a file that is not one of ours.
+    """
+    try:
+        data = json.loads(Path(path).read_text())
+        limits = LoadLimits(float(data["front"]), float(data["rear"]))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: not a file of load limits ({error}); delete it to start from the prior") from None
+    if not (0 < limits.front < 5 and 0 < limits.rear < 5):
+        raise InputError(f"{path}: load limits {limits.pair} are not within 0..5 axle loads; delete the file")
+    return limits
+
+
+def store_limits(path: str | Path, limits: LoadLimits) -> None:
+    """Write limits for the next run; a reader sees the old file or the new one."""
+    target = Path(path)
+    temporary = target.with_suffix(".tmp")
+    temporary.write_text(json.dumps(asdict(limits)))
+    temporary.replace(target)

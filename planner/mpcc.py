@@ -1,0 +1,360 @@
+"""The planner's optimal-control problem as symbolic stage functions: MPCC, Eq. (4), (5), and Infomax, Eq. (9), (10).
+
+State z = [X, Y, yaw, v_x, v_y, omega, s, d, delta, v_s]: Eq. (1) and the inputs themselves; the control is their
+change over one interval, along which they move linearly. The stage function gives, for one interval and the state
+at its end, all the blocks of the QP of one SQP iteration; CasADi maps it over the horizon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from estimator.model.discretise import rk4, state_derivative
+from estimator.model.single_track import AUXILIARY, SingleTrack, Terms
+from estimator.model.tyre import Expr
+from hil_gateway.vehicle import GRAVITY
+from planner import infomax
+from planner.settings import Settings
+
+STATES = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "s", "drive", "steer", "progress")
+CONTROLS = ("drive_change", "steer_change", "progress_change")
+NZ, NU = len(STATES), len(CONTROLS)
+VX, S, DRIVE, STEER, PROGRESS = (STATES.index(n) for n in ("vx", "s", "drive", "steer", "progress"))
+BOUNDED = (DRIVE, STEER, PROGRESS)
+"""states with hard bounds: the inputs of the car"""
+
+BLEND_SPEED = 6.0
+BLEND_WIDTH = 1.5
+KINEMATIC_TIME = 0.15
+"""Below about 6 m/s tyre dynamics are too stiff for one step of 0.05 s and the car is driven kinematically."""
+
+OUTPUTS = (
+    "A", "B", "b", "Q", "q", "R", "r", "C", "lower_row", "upper_row", "lower_z", "upper_z", "lower_u", "upper_u",
+)  # fmt: skip
+"""Blocks of `qp.StageQp`, in the order of the stage function; `info`, `info_hessian` follow."""
+
+
+class Names:
+    """Named slices of a parameter vector."""
+
+    def __init__(self, sizes: Mapping[str, int]) -> None:
+        self.slices: dict[str, slice] = {}
+        start = 0
+        for name, size in sizes.items():
+            self.slices[name] = slice(start, start + size)
+            start += size
+        self.size = start
+
+    def __getitem__(self, name: str) -> slice:
+        return self.slices[name]
+
+    def split(self, vector: Expr) -> dict[str, Expr]:
+        """Symbolic parts by name."""
+        return {name: vector[s] for name, s in self.slices.items()}
+
+
+def stage_names(model: SingleTrack) -> Names:
+    """Parameters of one stage.
+
+    Knot s and cubics of the reference line in s - knot (power 0..3), distances to the track limits (m), speed
+    limit at the knot and its slope, weight q_v (0 at the last stage), multipliers of the two load rows, upper drive
+    limit, grade and bank (rad) of the track as far as no effect of the model stands for them, effect parameters at the stage's place.
+    """
+    sizes = {"s": 1, "cubic_x": 4, "cubic_y": 4, "width_left": 1, "width_right": 1, "speed": 2, "progress": 1}
+    return Names({**sizes, "multiplier": 2, "drive_max": 1, "grade": 1, "bank": 1, "phi": len(model.effect_table)})
+
+
+def common_names(model: SingleTrack) -> Names:
+    """Parameters shared by all stages.
+
+    `sigma_f`, `sigma_r` are the choices of theta in Eq. (10) in columns: the one in force, then the sigma points;
+    `information_theta` is the belief's mean,
+    `information_weight` W of Tr(W F), `trace_weight` the diagonal that makes it Tr(F) in prior-scaled parameters.
+    """
+    n = len(model.tyre_table)
+    front, rear = infomax.axle_indices(model)
+    return Names(
+        {
+            "theta": n,
+            "lap": 1,
+            "load_max": 2,
+            "sigma_f": n * (2 * len(front) + 2),
+            "sigma_r": n * (2 * len(rear) + 2),
+            "information_theta": n,
+            "information_weight": n * n,
+            "trace_weight": n,
+            "q_information": 1,
+        }
+    )
+
+
+def auxiliary(
+    model: SingleTrack, z: Sequence[Expr], du: Sequence[Expr], theta: Expr, lap: Expr, dt: float
+) -> dict[str, Expr]:
+    """Signals effects may need, as far as a plan knows them; the rest is neutral."""
+    known = {
+        "track_position": z[S] - lap * ca.floor(z[S] / lap),
+        "yaw": z[2],
+        "ax": theta[0] * z[DRIVE] / model.vehicle.mass,
+        "steer_rate": du[1] / dt,
+        "drive_rate": du[0] / dt,
+    }
+    return {name: known.get(name, 0.0) for name in AUXILIARY}
+
+
+def split(vector: Expr) -> list[Expr]:
+    """Elements of a column vector."""
+    return ca.vertsplit(vector) if vector.numel() else []
+
+
+def dynamic_share(vx: Expr) -> Expr:
+    """Share of the tyre dynamics in the motion: 0 at standstill, 1 from about 10 m/s on."""
+    return 0.5 * (1.0 + ca.tanh((vx - BLEND_SPEED) / BLEND_WIDTH))
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """z_{k+1} = F(z_k, du_k): Eq. (1) with a kinematic blend at low speed, inputs ramping over the interval."""
+
+    model: SingleTrack
+    dt: float
+
+    def derivative(self, x: Expr, u: Expr, du: Expr, p: Mapping[str, Expr]) -> Expr:
+        """d/dt of the seven car states for inputs u = [d, delta, v_s]."""
+        z = ca.vertsplit(ca.vertcat(x, u))
+        theta, phi = split(p["theta"]), split(p["phi"])
+        aux = auxiliary(self.model, z, ca.vertsplit(du), p["theta"], p["lap"], self.dt)
+        car = state_derivative(self.model, z[:6], (z[STEER], z[DRIVE]), theta, phi, aux=aux)
+        _, _, _, vx, vy, yaw_rate, _, _, steer, progress = z
+        weight = dynamic_share(vx)
+        v = self.model.vehicle
+        gravity = [GRAVITY * ca.sin(p[name]) for name in ("grade", "bank")]
+        rolling_yaw_rate = vx * ca.tan(steer) / v.wheelbase
+        lateral = (v.lr * rolling_yaw_rate - vy) / KINEMATIC_TIME
+        yaw = (rolling_yaw_rate - yaw_rate) / KINEMATIC_TIME
+        sliding, turning = weight * (car[4] - gravity[1]), weight * car[5]
+        blended = ca.vertcat(sliding + (1 - weight) * lateral, turning + (1 - weight) * yaw)
+        return ca.vertcat(car[:3], car[3] - gravity[0], blended, progress)
+
+    def step(self, z: Expr, du: Expr, p: Mapping[str, Expr]) -> Expr:
+        """One interval by RK4; the inputs move linearly from u to u + du."""
+        x, u, h = z[:7], z[7:], self.dt
+
+        def f(state: Expr, share: float) -> Expr:
+            return self.derivative(state, u + share * du, du, p)
+
+        k1 = f(x, 0.0)
+        k2 = f(x + h / 2 * k1, 0.5)
+        k3 = f(x + h / 2 * k2, 0.5)
+        k4 = f(x + h * k3, 1.0)
+        return ca.vertcat(x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), u + du)
+
+
+def path_errors(z: Expr, stage: Mapping[str, Expr]) -> tuple[Expr, Expr]:
+    """Contouring and lag error, Eq. (5), m; the reference is the local cubic of the stage."""
+    t = z[S] - stage["s"]
+    powers, slopes = ca.vertcat(1, t, t**2, t**3), ca.vertcat(0, 1, 2 * t, 3 * t**2)
+    x_d, y_d = ca.dot(stage["cubic_x"], powers), ca.dot(stage["cubic_y"], powers)
+    dx, dy = ca.dot(stage["cubic_x"], slopes), ca.dot(stage["cubic_y"], slopes)
+    norm = ca.sqrt(dx**2 + dy**2)
+    cos, sin = dx / norm, dy / norm
+    contouring = sin * (z[0] - x_d) - cos * (z[1] - y_d)
+    lag = -cos * (z[0] - x_d) - sin * (z[1] - y_d)
+    return contouring, lag
+
+
+LOAD_SMOOTHING = 0.02
+"""rounds the tip of the friction cone at zero force, share of the bound"""
+
+
+@dataclass(frozen=True)
+class LoadRow:
+    """Load of one axle over its bound, its gradient (1, NZ) and the curvature of the ellipse in z (NZ, NZ)."""
+
+    value: Expr
+    gradient: Expr
+    curvature: Expr
+
+
+class Problem:
+    """Eq. (4), (5), (9), (10) for one model (list of active effects) and one set of settings."""
+
+    def __init__(self, model: SingleTrack, settings: Settings) -> None:
+        self.model, self.settings = model, settings
+        self.dynamics = Dynamics(model, settings.dt)
+        self.stage, self.common = stage_names(model), common_names(model)
+        self.informative = settings.information.weight > 0
+        self.rows = ("track", "load_front", "load_rear", "speed", *(("information",) if self.informative else ()))
+
+    def evaluate(self, z: Expr, theta: Expr, p: Mapping[str, Expr]) -> Terms:
+        """The vehicle model at a state of the horizon."""
+        parts = ca.vertsplit(z)
+        aux = auxiliary(self.model, parts, [0.0, 0.0, 0.0], theta, p["lap"], self.settings.dt)
+        signals = (z[VX], z[4], z[5], z[STEER], z[DRIVE])
+        return self.model.evaluate(Terms(self.model.vehicle, *signals, aux=aux), split(theta), split(p["phi"]))
+
+    def residuals(self, z: Expr, stage: Mapping[str, Expr]) -> Expr:
+        """Least-squares terms of the stage cost; the Gauss-Newton Hessian is J'J."""
+        w = self.settings.weights
+        contouring, lag = path_errors(z, stage)
+        terms = (
+            (w.contouring, contouring),
+            (w.lag, lag),
+            (w.lateral_speed, z[4]),
+            (w.yaw_rate, z[5]),
+        )
+        return ca.vertcat(*(ca.sqrt(2 * weight) * value for weight, value in terms))
+
+    def change_weights(self) -> Expr:
+        """Diagonal R of Eq. (4) times two."""
+        w, bounds = self.settings.weights, self.change_bounds()
+        weights = (w.drive_change, w.steer_change, w.progress_change)
+        return ca.vertcat(*(2 * weight / bound**2 for weight, bound in zip(weights, bounds, strict=True)))
+
+    def change_bounds(self) -> tuple[float, float, float]:
+        """Largest change of each input over one interval (actuator bandwidths of Eq. (4))."""
+        limits, dt = self.settings.limits, self.settings.dt
+        return limits.drive_rate * dt, limits.steer_rate * dt, limits.progress_rate * dt
+
+    def load_row(self, axle: str, z: Expr, theta: Expr, p: Mapping[str, Expr]) -> LoadRow:
+        """Eq. (10) over its bound: friction ellipse, or the signed sum of the paper (`literal`).
+
+        The ellipse is a convex function of the two forces. Its linearisation is flat across the force that is
+        small, where the next iteration would run away; adding its curvature times the multiplier of the row to the
+        Hessian (sequential convex quadratic programming, Verschueren et al. 2016) makes the iterations contract.
+        """
+        terms = self.evaluate(z, theta, p)
+        bound = p["load_max"]["fr".index(axle)] * getattr(terms, f"load_{axle}")
+        # driven kinematically, a car has no slip angles to limit
+        forces = ca.vertcat(getattr(terms, f"fx_{axle}"), dynamic_share(z[VX]) * getattr(terms, f"fy_{axle}")) / bound
+        slopes: Expr = ca.jacobian(forces, z)
+        if self.settings.load_limit == "literal":
+            ones = ca.DM([[1.0, 1.0]])
+            return LoadRow(ca.sum1(forces), ones @ slopes, ca.SX(NZ, NZ))
+        value = ca.sqrt(ca.sumsqr(forces) + LOAD_SMOOTHING**2)
+        normal = forces / value
+        curvature = (ca.SX.eye(2) - normal @ normal.T) / value
+        return LoadRow(value, normal.T @ slopes, slopes.T @ curvature @ slopes)
+
+    def worst_load(self, axle: str, z: Expr, p: Mapping[str, Expr]) -> LoadRow:
+        """The row at the sigma point where it is largest.
+
+        The gradient of a maximum is that of the member attaining it, so the choice is made on values only.
+        """
+        theta = ca.SX.sym("theta", len(self.model.tyre_table))
+        row = self.load_row(axle, z, theta, p)
+        points = ca.horzsplit(ca.reshape(p[f"sigma_{axle}"], theta.numel(), -1))
+        chosen, largest = points[0], ca.fabs(ca.substitute(row.value, theta, points[0]))
+        for point in points[1:]:
+            value = ca.fabs(ca.substitute(row.value, theta, point))
+            chosen = ca.if_else(value > largest, point, chosen)
+            largest = ca.fmax(value, largest)
+        return LoadRow(*(ca.substitute(part, theta, chosen) for part in (row.value, row.gradient, row.curvature)))
+
+    def stage_rows(
+        self, z: Expr, loads: Sequence[LoadRow], stage: Mapping[str, Expr], p: Mapping[str, Expr]
+    ) -> tuple[Expr, Expr, Expr, Expr]:
+        """Soft rows with their Jacobian, lower and upper bounds; the order is `rows`."""
+        offset = -path_errors(z, stage)[0]
+        speed = z[VX] - stage["speed"][0] - stage["speed"][1] * (z[S] - stage["s"])
+        values = [offset, loads[0].value, loads[1].value, speed]
+        gradients = [ca.jacobian(offset, z), loads[0].gradient, loads[1].gradient, ca.jacobian(speed, z)]
+        lower, upper = [-stage["width_right"], -1.0, -1.0, 0.0], [stage["width_left"], 1.0, 1.0, 0.0]
+        if self.informative:
+            gain = infomax.trace_gain(self, z, p) / self.settings.information.bound
+            values, gradients = [*values, gain], [*gradients, ca.jacobian(gain, z)]
+            lower, upper = [*lower, -1.0], [*upper, 1.0]
+        return ca.vertcat(*values), ca.vertcat(*gradients), ca.vertcat(*lower), ca.vertcat(*upper)
+
+    @property
+    def mask_lower(self) -> tuple[float, ...]:
+        """1 where the lower side of a soft row exists."""
+        signed = float(self.settings.load_limit == "literal")
+        return (1.0, signed, signed, 0.0, *((0.0,) if self.informative else ()))
+
+    def slack(self) -> tuple[tuple[float, float], ...]:
+        """L1 and L2 penalty of each soft row."""
+        s = self.settings.slack
+        return (s.track, s.load, s.load, s.speed, *((s.information,) if self.informative else ()))
+
+    def stage_function(self) -> ca.Function:
+        """(z, du, z_next, stage, common) -> blocks of the QP, Delta I at z_next and its exact Hessian."""
+        z, du, zn = ca.SX.sym("z", NZ), ca.SX.sym("du", NU), ca.SX.sym("z_next", NZ)
+        stage_vector, common_vector = ca.SX.sym("stage", self.stage.size), ca.SX.sym("common", self.common.size)
+        stage = self.stage.split(stage_vector)
+        p = {**stage, **self.common.split(common_vector)}
+        after = self.dynamics.step(z, du, p)
+        residuals = self.residuals(zn, stage)
+        J = ca.jacobian(residuals, zn)
+        regularisation = self.settings.weights.regularisation
+        Q, q = J.T @ J + regularisation * ca.DM.eye(NZ), J.T @ residuals
+        q[PROGRESS] -= stage["progress"]
+        info = infomax.cost_terms(self, zn, p) if self.informative else infomax.no_terms()
+        proximal = ca.vertcat(*(2 * self.settings.weights.proximal / b**2 for b in self.change_bounds()))
+        weights = self.change_weights()
+        loads = [self.worst_load(axle, zn, p) for axle in "fr"]
+        for row, multiplier in zip(loads, ca.vertsplit(stage["multiplier"]), strict=True):
+            Q += multiplier * row.curvature
+        value, C, lower, upper = self.stage_rows(zn, loads, stage, p)
+        limits = self.settings.limits
+        bound_u = ca.DM(self.change_bounds())
+        top = ca.vertcat(stage["drive_max"], limits.steer, limits.speed)
+        bottom = ca.vertcat(limits.drive_min, -limits.steer, 0.0)
+        bounded = ca.vertcat(*(zn[i] for i in BOUNDED))
+        results = (
+            ca.jacobian(after, z), ca.jacobian(after, du), after - zn, Q + info.hessian, q + info.gradient,
+            ca.diag(weights + proximal), weights * du,
+            C, lower - value, upper - value, bottom - bounded, top - bounded, -bound_u - du, bound_u - du,
+            info.gain, info.exact_hessian,
+        )  # fmt: skip
+        arguments: Any = [z, du, zn, stage_vector, common_vector]
+        dense: Any = [ca.densify(r) for r in ca.cse(list(map(ca.SX, results)))]
+        names = ["z", "du", "z_next", "stage", "common"], [*OUTPUTS, "info", "info_hessian"]
+        return ca.Function("stage", arguments, dense, *names)
+
+    def horizon_function(self) -> ca.Function:
+        """The stage function mapped over the horizon; `common` is given once."""
+        function: Any = self.stage_function().map("horizon", "serial", self.settings.horizon, [4], [])
+        return function
+
+    def cost_function(self) -> ca.Function:
+        """(z_next, du, stage, common) -> stage cost without soft penalties, soft rows and their bounds.
+
+        For solvers the SQP method is measured against.
+        """
+        z, du = ca.SX.sym("z", NZ), ca.SX.sym("du", NU)
+        stage_vector, common_vector = ca.SX.sym("stage", self.stage.size), ca.SX.sym("common", self.common.size)
+        stage = self.stage.split(stage_vector)
+        p = {**stage, **self.common.split(common_vector)}
+        cost = 0.5 * ca.sumsqr(self.residuals(z, stage)) - stage["progress"] * z[PROGRESS]
+        cost += 0.5 * ca.dot(self.change_weights(), du**2)
+        if self.informative:
+            cost -= p["q_information"] * infomax.weighted_gain(self, z, p)
+        value, _, lower, upper = self.stage_rows(z, [self.worst_load(axle, z, p) for axle in "fr"], stage, p)
+        arguments: Any = [z, du, stage_vector, common_vector]
+        return ca.Function("stage_cost", arguments, [cost, value, lower, upper])
+
+    def step_function(self) -> ca.Function:
+        """(z, du, stage, common) -> z_next."""
+        z, du = ca.SX.sym("z", NZ), ca.SX.sym("du", NU)
+        stage, common = ca.SX.sym("stage", self.stage.size), ca.SX.sym("common", self.common.size)
+        p = {**self.stage.split(stage), **self.common.split(common)}
+        arguments: Any = [z, du, stage, common]
+        return ca.Function("step", arguments, [self.dynamics.step(z, du, p)])
+
+    def advance_function(self) -> ca.Function:
+        """(car[6], inputs[2] = drive, steer, h, stage, common) -> car after h seconds with the inputs held."""
+        car, inputs, h = ca.SX.sym("car", 6), ca.SX.sym("inputs", 2), ca.SX.sym("h")
+        stage, common = ca.SX.sym("stage", self.stage.size), ca.SX.sym("common", self.common.size)
+        p = {**self.stage.split(stage), **self.common.split(common)}
+        u, still = ca.vertcat(inputs, 0.0), ca.DM.zeros(NU)
+
+        def f(x: Expr) -> Expr:
+            return self.dynamics.derivative(ca.vertcat(x, p["s"]), u, still, p)[:6]
+
+        arguments: Any = [car, inputs, h, stage, common]
+        return ca.Function("advance", arguments, [rk4(f, car, h)])

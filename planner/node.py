@@ -1,0 +1,289 @@
+"""Planner process: estimate, belief and model revision in; plan and command out, 20 times a second (Algorithm 1)."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import numpy.typing as npt
+
+from estimator.revision import declared_revision, load_revision
+from hil_gateway import topics
+from hil_gateway.bus import Bus, LatestReader
+from hil_gateway.clock import NS_PER_S, SystemClock
+from hil_gateway.config import Config
+from hil_gateway.messages import Applied, Command, Estimate, Plan, PlanStatus
+from hil_gateway.track import Track, load_track
+from planner.adoption import Adoption
+from planner.checks import PlanCheck
+from planner.fallback import Stopping, Trajectory, shifted, stop_plan
+from planner.load_limits import HeldLoad, LoadLimits, RunEvidence, load_limits, next_limit, store_limits
+from planner.mpcc import DRIVE, NZ, PROGRESS, STEER, VX, S
+from planner.prediction import Actuators, Sent, predict
+from planner.settings import Information, Settings
+from planner.sqp import Stopwatch
+
+Array = npt.NDArray[np.float64]
+
+MAX_SHIFT_S = 0.4
+"""a shifted plan is used for this long at most; then the car is stopped"""
+EXTRA_ITERATIONS = 3
+"""SQP iterations more for a plan that is not accepted as it is"""
+COLD_GAP_S = 0.3
+COLD_DISTANCE = 5.0
+"""a state this far (m) from the plan, or a pause this long, starts the solver afresh"""
+BRAKE_SHARE = 0.6
+"""of the rear load limit a stop plan uses for braking; the rest is left for cornering"""
+
+
+def settings_of(config: Config) -> Settings:
+    """Settings of the optimal-control problem from the configuration."""
+    p = config.planner
+    information = Information(
+        weight=p.information_weight, bound=p.information_bound, criterion=p.information_criterion,
+        kind=config.estimator.measurement, convexification=p.convexification,
+    )  # fmt: skip
+    return Settings(
+        horizon=p.horizon, dt=p.dt, information=information, load_limit=p.load_limit, sigma_level=p.sigma_level
+    )
+
+
+class Planner:
+    """The planner behind the bus; `step` makes one plan and its command."""
+
+    def __init__(
+        self, config: Config, bus: Bus, track: Track | None = None,
+        *, stopwatch: Stopwatch = lambda: 0, background: bool = False,
+    ) -> None:  # fmt: skip
+        self._config, self._bus, self._stopwatch = config, bus, stopwatch
+        self.settings = settings_of(config)
+        p = config.planner
+        start = load_revision(p.model) if p.model else declared_revision(config.estimator.layout)
+        self.limits = starting_limits(config, start.tyre)
+        self.adoption = Adoption(
+            config, track or load_track(config.track), self.settings, self.limits, start, background=background
+        )
+        self._estimate: LatestReader[Estimate] = LatestReader(bus, topics.ESTIMATE)
+        self._belief = LatestReader(bus, topics.BELIEF)
+        self._revision = LatestReader(bus, topics.MODEL_REVISION)
+        self._applied = bus.subscribe(topics.APPLIED, depth=50)
+        self._actuators = Actuators(p)
+        self._plan: Trajectory | None = None
+        self._solution_start_ns: int | None = None
+        self._check = PlanCheck(self.settings, config.vehicle)
+        self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
+        self._seq = 0
+
+    def step(self, now_ns: int) -> Plan | None:
+        """Plan from the newest estimate and publish; None while there has never been one."""
+        started = self._stopwatch()
+        self._take_in(now_ns)
+        start_ns = now_ns + round((self._config.planner.compute_s + self._config.planner.actuator_delay_s) * NS_PER_S)
+        z0 = self._initial_state(now_ns, start_ns)
+        plan, status, reason, gain = self._decide(z0, start_ns, started)
+        if plan is None:
+            return None
+        self._plan = plan
+        return self._publish(plan, status, reason, gain, now_ns, started)
+
+    def store_limits(self) -> None:
+        """Write the load limits the next run may use, if a file is configured."""
+        if not (path := self._config.planner.load_limits):
+            return
+        k, names = self.adoption.controller.knowledge, list(self.adoption.current.revision.tyre)
+        pair = []
+        for present, held, peak in zip(self.limits.pair, self._held, ("df", "dr"), strict=True):
+            i = names.index(peak if peak in names else "d")
+            run = RunEvidence(float(k.mean[i]), float(np.sqrt(k.covariance[i, i])), held.value)
+            pair.append(next_limit(present, run))
+        store_limits(path, LoadLimits(*pair))
+
+    def _take_in(self, now_ns: int) -> None:
+        """Everything that has arrived except the estimate."""
+        self._record(self._applied.poll(now_ns), now_ns)
+        seen = self._belief.latest.count, self._revision.latest.count
+        belief, revision = self._belief.update(now_ns), self._revision.update(now_ns)
+        if belief.count != seen[0] and belief.message is not None:
+            self.adoption.offer_belief(belief.message)
+        if revision.count != seen[1] and revision.message is not None:
+            self.adoption.offer(revision.message)
+        self.adoption.advance()
+
+    def _record(self, applied: list[Applied], now_ns: int) -> None:
+        """What the gateway sent, on the own clock: the newest counts as just sent."""
+        for message in applied:
+            age_ns = applied[-1].stamp_ns - message.stamp_ns
+            self._actuators.record(Sent(now_ns - age_ns, message.steer, message.drive))
+
+    def _initial_state(self, now_ns: int, start_ns: int) -> Array | None:
+        """z at `start_ns` predicted from the newest estimate; None where that is missing, stale or not finite."""
+        latest = self._estimate.update(now_ns)
+        e = latest.message
+        if e is None or not latest.valid(now_ns) or latest.received_ns is None:
+            return None
+        car = np.array([e.x, e.y, e.yaw, e.vx, e.vy, e.yaw_rate])
+        if not (np.isfinite(car).all() and np.isfinite([e.drive, e.steer]).all()):
+            return None
+        controller = self.adoption.controller
+        guess = controller.sqp.z
+        car[2] += 2 * np.pi * np.round((guess[2, 0] - car[2]) / (2 * np.pi))
+        measured_ns = latest.received_ns - round(self._config.planner.estimate_age_s * NS_PER_S)
+        car, drive, steer = predict(self._actuators, controller.advance, car, e.drive, e.steer, measured_ns, start_ns)
+        hint = self._expected(start_ns)
+        s = controller.reference.project(float(car[0]), float(car[1]), None if hint is None else float(hint[S]))
+        progress = float(car[3]) if hint is None else float(hint[PROGRESS])
+        limits = self.settings.limits
+        z = np.concatenate([
+            car, [s, np.clip(drive, limits.drive_min, limits.drive_max), np.clip(steer, -limits.steer, limits.steer),
+                  np.clip(progress, 0.0, limits.speed)],
+        ])  # fmt: skip
+        return z if np.isfinite(z).all() else None
+
+    def _expected(self, start_ns: int) -> Array | None:
+        """State the last plan has at `start_ns`."""
+        if self._plan is None:
+            return None
+        k = round((start_ns - self._plan.start_ns) / (self.settings.dt * NS_PER_S))
+        return self._plan.z[:, min(max(k, 0), self.settings.horizon)]
+
+    def _decide(
+        self, z0: Array | None, start_ns: int, started: int
+    ) -> tuple[Trajectory | None, PlanStatus, str, float]:
+        """A fresh plan if there is one, else the last one shifted, else a stop plan."""
+        reason = "no valid estimate"
+        if z0 is not None:
+            plan, reason, gain = self._solve(z0, start_ns, started)
+            self.adoption.judge(plan is not None)
+            if plan is not None:
+                return plan, PlanStatus.SOLVED, "", gain
+        return (*self._fall_back(z0, start_ns), reason, 0.0)
+
+    def _solve(self, z0: Array, start_ns: int, started: int) -> tuple[Trajectory | None, str, float]:
+        """Fresh plan, or the reason there is none."""
+        controller = self.adoption.controller
+        if self._is_cold(z0, start_ns):
+            solution = controller.cold_start(z0, self._stopwatch)
+            late = False
+        else:
+            for _ in range(self._intervals_since(start_ns)):
+                controller.shift()
+            solution = controller.solve(z0, self._stopwatch)
+            late = self._late(started)
+        found = self._check(controller, self.adoption.current, solution) if solution.usable else []
+        for _ in range(EXTRA_ITERATIONS):
+            # one iteration may leave a far stage beyond a curved limit; another one straightens it out
+            if not found or not solution.usable or self._late(started):
+                break
+            solution = controller.solve(z0, self._stopwatch, 1)
+            found = self._check(controller, self.adoption.current, solution) if solution.usable else []
+        self._solution_start_ns = start_ns if solution.usable else None
+        if not solution.usable:
+            return None, f"solver: {solution.status.value}", 0.0
+        if late:
+            return None, f"solver: later than {1e3 * self._config.planner.deadline_s:.0f} ms", 0.0
+        if found:
+            return None, f"not accepted: {'; '.join(found)}", 0.0
+        self._note_loads()
+        return Trajectory(solution.z, solution.du, start_ns), "", float(solution.information.sum())
+
+    def _late(self, started: int) -> bool:
+        return (self._stopwatch() - started) / NS_PER_S > self._config.planner.deadline_s
+
+    def _note_loads(self) -> None:
+        for held, share, limit in zip(self._held, self._check.first_loads, self.limits.pair, strict=True):
+            held.push(share * limit)
+
+    def _intervals_since(self, start_ns: int) -> int:
+        assert self._solution_start_ns is not None
+        return max(0, round((start_ns - self._solution_start_ns) / (self.settings.dt * NS_PER_S)))
+
+    def _is_cold(self, z0: Array, start_ns: int) -> bool:
+        if self._solution_start_ns is None or start_ns - self._solution_start_ns > COLD_GAP_S * NS_PER_S:
+            return True
+        expected = self._expected(start_ns)
+        return expected is None or float(np.hypot(*(expected[:2] - z0[:2]))) > COLD_DISTANCE
+
+    def _fall_back(self, z0: Array | None, start_ns: int) -> tuple[Trajectory | None, PlanStatus]:
+        """The last plan shifted while it is young and fits the state, then a stop plan."""
+        last = self._plan
+        if last is None and z0 is None:
+            return None, PlanStatus.STOP
+        stopping = self._stopping()
+        if last is not None:
+            age = (start_ns - (self._solution_start_ns or last.start_ns)) / NS_PER_S
+            intervals = max(0, round((start_ns - last.start_ns) / (self.settings.dt * NS_PER_S)))
+            rest = shifted(last, intervals, stopping)
+            off = 0.0 if z0 is None or rest is None else float(np.hypot(*(rest.z[:2, 0] - z0[:2])))
+            if rest is not None and self._fallbacks(age) and off < COLD_DISTANCE:
+                return rest, PlanStatus.SHIFTED
+            z0 = rest.z[:, 0] if z0 is None and rest is not None else z0
+        if z0 is None:
+            z0 = last.z[:, -1] if last is not None else np.zeros(NZ)
+        return stop_plan(z0, start_ns, self.settings.horizon, stopping), PlanStatus.STOP
+
+    def _fallbacks(self, age: float) -> bool:
+        return age <= MAX_SHIFT_S
+
+    def _stopping(self) -> Stopping:
+        controller, vehicle = self.adoption.controller, self._config.vehicle
+        force = BRAKE_SHARE * self.limits.rear * vehicle.static_load_rear
+        drive = max(self.settings.limits.drive_min, -force / float(controller.knowledge.theta[0]))
+        return Stopping(
+            lambda z, du: controller.sqp.propagate(z, du, controller.stages[:, 0], controller.common),
+            controller.reference, self.settings.limits, self.settings.dt, vehicle.wheelbase, drive,
+        )  # fmt: skip
+
+    def _publish(
+        self, plan: Trajectory, status: PlanStatus, reason: str, gain: float, now_ns: int, started: int
+    ) -> Plan:
+        z, e, dt = plan.z, self._estimate.latest.message, self.settings.dt
+        stamp = e.state_stamp_ns if e is not None else 0
+        steer = self._actuators.lead(z[STEER, 0], z[STEER, 1], dt, self._actuators.steer_lag)
+        drive = self._actuators.lead(z[DRIVE, 0], z[DRIVE, 1], dt, self._actuators.drive_lag)
+        limits = self.settings.limits
+        command = Command(
+            stamp_ns=now_ns, seq=self._seq, source="planner", state_stamp_ns=stamp,
+            steer=float(np.clip(steer, -limits.steer, limits.steer)),
+            drive=float(np.clip(drive, limits.drive_min, limits.drive_max)),
+        )  # fmt: skip
+        rows = {"x": 0, "y": 1, "yaw": 2, "vx": VX, "s": S, "steer": STEER, "drive": DRIVE}
+        message = Plan(
+            stamp_ns=now_ns, seq=self._seq, state_stamp_ns=stamp, status=status, reason=reason, dt=dt,
+            **{name: tuple(z[row].tolist()) for name, row in rows.items()},
+            lap=max(0, int(z[S, 0] // self.adoption.controller.reference.length)),
+            revision=self.adoption.current.revision.revision,
+            solve_ms=(self._stopwatch() - started) / 1e6, information_gain=gain,
+        )  # fmt: skip
+        self._seq += 1
+        self._bus.publish(topics.COMMAND, command)
+        self._bus.publish(topics.PLAN, message)
+        return message
+
+
+def starting_limits(config: Config, tyre: dict[str, float]) -> LoadLimits:
+    """Load limits of this run: stored by the last one, else a share of the peak forces of the starting model."""
+    stored = load_limits(config.planner.load_limits) if config.planner.load_limits else None
+    if stored is not None:
+        return stored
+    use = config.planner.load_use
+    return LoadLimits(use * tyre.get("df", tyre.get("d", 1.0)), use * tyre.get("dr", tyre.get("d", 1.0)))
+
+
+def run(config: Config) -> None:
+    """Plan at 20 Hz until asked to stop."""
+    from hil_gateway.process import stop_requested
+    from hil_gateway.zenoh_bus import open_bus
+
+    stop, clock = stop_requested(), SystemClock()
+    bus = open_bus(config.zenoh, "planner")
+    planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
+    period_ns = round(config.planner.dt * NS_PER_S)
+    due_ns = clock.now_ns()
+    try:
+        while not stop():
+            planner.step(clock.now_ns())
+            due_ns = max(due_ns + period_ns, clock.now_ns())
+            clock.sleep_until(due_ns)
+    finally:
+        planner.store_limits()
+        bus.close()

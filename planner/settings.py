@@ -1,0 +1,95 @@
+"""Weights, limits and switches of the planner that are not facts of the car."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from estimator.model.measurement import MeasurementKind
+
+LoadLimit = Literal["ellipse", "literal"]
+Convexification = Literal["abs", "projection"]
+Criterion = Literal["trace", "log_det"]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of Eq. (4); inputs changes are a stage, in units of their bound."""
+
+    contouring: float = 0.1
+    """q_c, 1/m2"""
+    lag: float = 20.0
+    """q_l, 1/m2"""
+    progress: float = 0.2
+    """q_v, s/m"""
+    drive_change: float = 0.05
+    steer_change: float = 2.0
+    progress_change: float = 0.01
+    """diagonal of R on changes divided by their bounds"""
+    lateral_speed: float = 0.02
+    yaw_rate: float = 0.5
+    """slight damping of v_y and omega: without it one SQP iteration a step lost the car near 60 m/s"""
+    regularisation: float = 1e-4
+    """added to the diagonal of every Hessian"""
+    proximal: float = 0.3
+    """weight on the step of an input change from one iteration to the next, in units of its bound, in the Hessian
+    only: what the Gauss-Newton Hessian leaves out (curvature of active load rows) would let steps oscillate"""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Actuator and state limits of Eq. (4); rates are per second."""
+
+    steer: float = 0.26
+    steer_rate: float = 0.3
+    drive_max: float = 0.12
+    drive_min: float = -0.16
+    drive_rate: float = 0.8
+    speed: float = 85.0
+    progress_rate: float = 25.0
+    power: float = 340e3
+    """engine power at the wheels, W: bounds the drive command at speed"""
+    car_half_width: float = 1.0
+    track_margin: float = 0.4
+    """kept clear of the edge beyond the car's own width, m"""
+
+
+@dataclass(frozen=True)
+class Slack:
+    """L1 and L2 penalties on soft rows."""
+
+    track: tuple[float, float] = (40.0, 40.0)
+    load: tuple[float, float] = (200.0, 1000.0)
+    speed: tuple[float, float] = (0.01, 2.0)
+    information: tuple[float, float] = (2.0, 10.0)
+
+
+@dataclass(frozen=True)
+class Information:
+    """Eq. (9): weight q_I, bound on Delta I a stage, criterion, measurement model."""
+
+    weight: float = 0.0
+    bound: float = 40.0
+    criterion: Criterion = "trace"
+    kind: MeasurementKind = "tyre_force"
+    convexification: Convexification = "abs"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that shapes the optimal-control problem."""
+
+    horizon: int = 40
+    dt: float = 0.05
+    weights: Weights = Weights()
+    limits: Limits = Limits()
+    slack: Slack = Slack()
+    information: Information = Information()
+    load_limit: LoadLimit = "ellipse"
+    sigma_level: float = 1.0
+    """Eq. (10) holds at the mean and at this many standard deviations along each principal axis of the belief"""
+
+    @property
+    def iterations(self) -> int:
+        """SQP iterations a step: one (real-time iteration), two with information."""
+        return 2 if self.information.weight > 0 else 1

@@ -1,0 +1,137 @@
+"""Sequential quadratic programming in real time: linearise, solve one QP, take the full step.
+
+One iteration a control period from the shifted last solution (real-time iteration, Diehl et al. 2005), two with
+information. The stage functions are compiled; the QP solver works on the arrays they write.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from planner import infomax
+from planner.functions import Functions
+from planner.mpcc import BOUNDED, NU, NZ, OUTPUTS, Problem
+from planner.qp import QpSize, QpStatus, StageQp, make_qp_solver
+
+Array = npt.NDArray[np.float64]
+Stopwatch = Callable[[], int]
+"""nanoseconds, for measuring durations"""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """States (NZ, N+1) and changes (NU, N) of a solve; `information` is Delta I of stages 1..N, last linearisation."""
+
+    status: QpStatus
+    z: Array
+    du: Array
+    information: Array
+    step_norm: float
+    """largest scaled change of the inputs in the last iteration: how far from converged"""
+    linearise_ns: int
+    qp_ns: int
+    qp_iterations: int
+
+    @property
+    def usable(self) -> bool:
+        """Whether every iteration ended in a QP solution."""
+        return self.status is QpStatus.SOLVED
+
+
+class Sqp:
+    """Solver of one `Problem`; holds the guess (`z`, `du`) from step to step."""
+
+    def __init__(self, problem: Problem, functions: Functions, backend: str = "auto") -> None:
+        self.problem = problem
+        self.N = problem.settings.horizon
+        self._horizon, self._step = functions.horizon, functions.step
+        self.qp = self._bind()
+        self._solver = make_qp_solver(self.qp, backend)
+        self.z, self.du = np.zeros((NZ, self.N + 1), order="F"), np.zeros((NU, self.N), order="F")
+        self.multiplier = np.zeros((len(problem.rows), self.N), order="F")
+        self._loads = [problem.rows.index(name) for name in ("load_front", "load_rear")]
+        self._bounds = np.array(problem.change_bounds())[:, None]
+        self._informative = problem.informative
+        self._project = problem.settings.information.convexification == "projection"
+
+    @property
+    def backend(self) -> str:
+        """QP solver and kind of stage functions, for reports."""
+        return f"{self._solver.name}, stage functions {self._horizon.backend}"
+
+    def _bind(self) -> StageQp:
+        """A QP whose arrays are the outputs of the stage functions."""
+        problem = self.problem
+        qp = StageQp(QpSize(self.N, NZ, NU, BOUNDED, len(problem.rows)))
+        for name, array in zip(OUTPUTS, self._horizon.outputs, strict=False):
+            setattr(qp, name, array)
+        qp.mask_lower[:] = problem.mask_lower
+        for row, (l1, l2) in enumerate(problem.slack()):
+            qp.slack_l1[row], qp.slack_l2[row] = l1, l2
+        return qp
+
+    def solve(self, z0: Array, stages: Array, common: Array, iterations: int, stopwatch: Stopwatch) -> Solution:
+        """SQP iterations from the held guess with initial state `z0` (NZ,).
+
+        `stages` (n, N) are the parameters of stages 1..N, `common` those of all stages (`Problem.common`).
+        The guess becomes the solution when every QP was solved, and is left alone otherwise.
+        """
+        z, du = self.z.copy(order="F"), self.du.copy(order="F")
+        z[:, 0] = z0
+        multiplier = self.multiplier
+        arguments = self._horizon.inputs
+        arguments[3][:], arguments[4][:, 0] = stages, common
+        status, linearise_ns, qp_ns, count = QpStatus.SOLVED, 0, 0, 0
+        for _ in range(iterations):
+            start = stopwatch()
+            arguments[3][self.problem.stage["multiplier"]] = multiplier[self._loads]
+            arguments[0][:], arguments[1][:], arguments[2][:] = z[:, :-1], du, z[:, 1:]
+            self._horizon()
+            if self._informative and self._project:
+                self._add_projected_hessian()
+            middle = stopwatch()
+            status = self._solver.solve()
+            linearise_ns, qp_ns = linearise_ns + middle - start, qp_ns + stopwatch() - middle
+            count += self._solver.iterations
+            if status is not QpStatus.SOLVED:
+                break
+            z[:, 1:] += self.qp.dz
+            du += self.qp.du
+            multiplier = self.qp.multiplier
+        if status is QpStatus.SOLVED:
+            self.z, self.du = z, du
+            self.multiplier[:] = multiplier
+        step = float(np.max(np.abs(self.qp.du / self._bounds)))
+        information = self._horizon.outputs[len(OUTPUTS)][0].copy()
+        return Solution(status, z, du, information, step, linearise_ns, qp_ns, count)
+
+    def _add_projected_hessian(self) -> None:
+        """Reference convexification: exact Hessian of the information with negative eigenvalues cut off."""
+        n = len(infomax.FORCE_STATES)
+        exact = self._horizon.outputs[len(OUTPUTS) + 1].reshape(n, self.N, n, order="A").transpose(1, 0, 2)
+        blocks = self.qp.Q.reshape(NZ, self.N, NZ, order="A")
+        index = np.array(infomax.FORCE_STATES)
+        blocks[index[:, None], :, index[None, :]] += infomax.project(exact).transpose(1, 2, 0)
+
+    def propagate(self, z: Array, du: Array, stage: Array, common: Array) -> Array:
+        """z_next = F(z, du)."""
+        for target, value in zip(self._step.inputs, (z, du, stage, common), strict=True):
+            target[:, 0] = value
+        self._step()
+        return self._step.outputs[0][:, 0].copy()
+
+    def shift(self, stage: Array, common: Array) -> None:
+        """Move the guess one interval on; the last interval holds the inputs."""
+        last = self.propagate(self.z[:, -1], np.zeros(NU), stage, common)
+        self.z[:, :-1], self.z[:, -1] = self.z[:, 1:].copy(), last
+        self.du[:, :-1], self.du[:, -1] = self.du[:, 1:].copy(), 0.0
+        self.multiplier[:, :-1] = self.multiplier[:, 1:].copy()
+
+    def set_guess(self, z: Array, du: Array) -> None:
+        """Start from another trajectory (cold start, new model)."""
+        self.z, self.du = np.asfortranarray(z), np.asfortranarray(du)
+        self.multiplier[:] = 0.0

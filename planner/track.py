@@ -1,0 +1,92 @@
+"""The reference path as the optimal-control problem sees it: one cubic, limits and road angles a stage.
+
+A cubic of the whole periodic spline has the same values and derivatives as the spline at the point where a stage
+is linearised, so nothing of the track is inside the compiled functions: a new track or race line needs no new code.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from planner.raceline import RaceLine
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ReferencePoint:
+    """Reference path at positions `s`, arrays of one shape."""
+
+    x: Array
+    y: Array
+    heading: Array
+    curvature: Array
+
+
+class Reference:
+    """A race line with its speed limit on a uniform grid, addressed by unwrapped progress s (m, grows over laps)."""
+
+    def __init__(self, line: RaceLine) -> None:
+        self.line = line
+        self.length = line.length
+        n = len(line.s)
+        grid = np.append(line.s, line.length)
+        points = np.column_stack([line.x, line.y])
+        spline = CubicSpline(grid, np.vstack([points, points[:1]]), bc_type="periodic")
+        self._spacing = line.length / n
+        self._cubics = np.ascontiguousarray(spline.c[::-1].transpose(2, 0, 1).reshape(8, n))
+        self._spline = spline
+        speed = line.vx_profile
+        slope = (np.roll(speed, -1) - speed) / self._spacing
+        self._road = np.vstack([line.width_left, line.width_right, speed, slope, line.grade, line.bank, line.track_s])
+
+    def _cell(self, s: Array) -> tuple[Array, npt.NDArray[np.intp]]:
+        """Unwrapped knot position below each s, and its index on the grid."""
+        number = np.floor(s / self._spacing)
+        return number * self._spacing, (number % len(self.line.s)).astype(np.intp)
+
+    def stages(self, s: Array) -> tuple[Array, Array, Array]:
+        """Knots (K,), cubic coefficients of x then y by rising power (8, K), and road data (7, K) at s (K,).
+
+        Road rows: width left, width right (m, from the line to the track's edge), speed limit at the knot (m/s)
+        and its slope (1/s), grade and bank (rad), arc length of the track's centre line (m).
+        """
+        knot, index = self._cell(s)
+        return knot, self._cubics[:, index], self._road[:, index]
+
+    def at(self, s: Array) -> ReferencePoint:
+        """Position, heading (rad, principal value) and curvature at s."""
+        wrapped = np.mod(s, self.length)
+        (x, y), (dx, dy), (ddx, ddy) = (self._spline(wrapped, order).T for order in (0, 1, 2))
+        return ReferencePoint(x, y, np.arctan2(dy, dx), (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3)
+
+    def speed_limit(self, s: Array) -> Array:
+        """Speed profile at s, m/s."""
+        return np.interp(np.mod(s, self.length), np.append(self.line.s, self.length), self._closed_speed())
+
+    def _closed_speed(self) -> Array:
+        return np.append(self.line.vx_profile, self.line.vx_profile[0])
+
+    def project(self, x: float, y: float, hint: float | None = None) -> float:
+        """Unwrapped s of the nearest point; near `hint` (within some 30 m) where one is given, else on lap 0."""
+        n = len(self.line.s)
+        if hint is None:
+            start = int(np.argmin((self.line.x - x) ** 2 + (self.line.y - y) ** 2)) * self._spacing
+        else:
+            window = hint + self._spacing * np.arange(-15, 16)
+            index = (np.round(window / self._spacing) % n).astype(np.intp)
+            nearest = np.argmin((self.line.x[index] - x) ** 2 + (self.line.y[index] - y) ** 2)
+            start = float(np.round(window[nearest] / self._spacing) * self._spacing)
+        return self._refine(x, y, start)
+
+    def _refine(self, x: float, y: float, s: float) -> float:
+        """Newton steps along the tangent."""
+        for _ in range(4):
+            point = self.at(np.array([s]))
+            along = np.cos(point.heading) * (x - point.x) + np.sin(point.heading) * (y - point.y)
+            s += float(np.clip(along[0], -self._spacing, self._spacing))
+        return s
