@@ -64,7 +64,8 @@ class PlanCount:
         self.solve_ms.append(plan.solve_ms)
         if plan.status is not PlanStatus.SOLVED:
             self.failures += 1
-            self.reasons[plan.reason or plan.status] = self.reasons.get(plan.reason or plan.status, 0) + 1
+            kind = ":".join((plan.reason or plan.status).split(":")[:2])  # without the figures of this plan
+            self.reasons[kind] = self.reasons.get(kind, 0) + 1
 
 
 class Monitor:

@@ -23,6 +23,8 @@ START_S = 180.0
 RECORDER_READY_S = 5.0
 STOP_S = 20.0
 """a car at full speed stands within this after a stop began"""
+OWN_STOP_S = 1.0
+"""the gateway has stopped the car by itself within this, or the operator does"""
 STUCK_S = 15.0
 CPU_PERIOD_NS = NS_PER_S
 
@@ -70,6 +72,7 @@ class Run:
         self._distance_m = 0.0
         self._told = 0
         self._rest_started = False
+        self._asked_to_stop = False
         self._cpu = CpuMeter(supervisor)
 
     def drive(self) -> RunResult:
@@ -118,7 +121,8 @@ class Run:
                 continue
             self.result.exits.append(gone)
             self._begin_stop(now_ns)
-            # without a recording the run is worth nothing, without the rest the gateway stops by itself
+        if self._stop_ns is not None and now_ns - self._stop_ns > OWN_STOP_S * NS_PER_S and not self._asked_to_stop:
+            self._asked_to_stop = True  # the gateway drives on without a recorder, but the run is worth nothing
             self._operator.ask(OperatorAction.STOP, now_ns)
 
     def _watch_gateway(self, now_ns: int) -> None:
@@ -156,7 +160,7 @@ class Run:
         if plant_runs and not self.result.referee.standing and waited_s < STOP_S and self._under_way_ns is not None:
             return None
         if self._under_way_ns is not None:
-            truth = "the plant is gone" if not plant_runs else f"the car is at {self.result.referee.speed:.1f} m/s"
+            truth = "the plant is gone" if not plant_runs else f"the car is at {abs(self.result.referee.speed):.1f} m/s"
             self._tell(f"{truth} {waited_s:.1f} s later")
         return Ending.PROCESS_DIED if self.result.exits else Ending.STOPPED
 

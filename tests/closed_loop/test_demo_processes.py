@@ -1,0 +1,109 @@
+"""The demo as a user runs it: real processes over CAN and Zenoh, one of which dies, or the user has had enough.
+
+HIL_LONG=1 kills every process of the table; otherwise the ones whose loss ends differently.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil_gateway.session.info import session_info
+from hil_gateway.supervisor import PROCESSES
+
+UP_S = 120.0
+LONG = bool(os.environ.get("HIL_LONG"))
+VICTIMS = tuple(p.name for p in PROCESSES) if LONG else ("planner", "gateway", "recorder")
+
+
+class Demo:
+    """`hil demo` in a process of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.said = folder, ""
+        command = [sys.executable, "-m", "hil_gateway.cli", "demo", "--seconds", "120", "--headless", "--json"]
+        self.process = subprocess.Popen(
+            [*command, "--out", str(folder)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+
+    def __enter__(self) -> Demo:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+    def wait_under_way(self) -> None:
+        """Until the car drives by itself."""
+        assert self.process.stderr is not None
+        deadline = time.monotonic() + UP_S
+        while "under way" not in self.said:
+            line = self.process.stderr.readline()
+            self.said += line
+            assert line, f"the demo ended early: {self.said}"
+            assert time.monotonic() < deadline, self.said
+        time.sleep(1.5)
+
+    def pid_of(self, name: str) -> int:
+        """Process identifier of one of its processes."""
+        for entry in Path("/proc").glob("[0-9]*/cmdline"):
+            try:
+                words = entry.read_bytes().decode().split("\0")
+            except OSError:
+                continue
+            if name in words and str(self.folder / "config.toml") in words:
+                return int(entry.parent.name)
+        raise AssertionError(f"{name} does not run")
+
+    def result(self, timeout_s: float) -> dict[str, Any]:
+        """Its summary, once it has ended."""
+        out, err = self.process.communicate(timeout=timeout_s)
+        self.said += err
+        summary: dict[str, Any] = json.loads(out)
+        return summary
+
+
+@pytest.mark.slow
+@pytest.mark.promise("L6")
+@pytest.mark.parametrize("victim", VICTIMS)
+def test_losing_any_process_ends_in_a_stop_and_the_demo_says_so(victim: str, tmp_path: Path) -> None:
+    with Demo(tmp_path / "out") as demo:
+        demo.wait_under_way()
+        os.kill(demo.pid_of(victim), signal.SIGKILL)
+        summary = demo.result(timeout_s=40)
+    assert demo.process.returncode == 1
+    assert summary["ending"] == "process died"
+    assert any(f"{victim} was killed by SIGKILL" in event for event in summary["events"])
+    assert any("m/s" in event or "plant is gone" in event for event in summary["events"])
+    if victim not in ("gateway", "plant"):
+        assert summary["failsafes"][0]["action"] in ("controlled_stop", "emergency_stop")
+    if victim != "plant":
+        assert "the car is at 0." in " ".join(summary["events"])
+    info = session_info(tmp_path / "out" / "session.mcap")
+    assert info["complete"] == (victim != "recorder")
+    assert info["topics"]["av24/can"]["messages"] > 1000
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_everything_within_3_s_with_a_readable_recording(tmp_path: Path) -> None:
+    with Demo(tmp_path / "out") as demo:
+        demo.wait_under_way()
+        pids = [demo.pid_of(p.name) for p in PROCESSES]
+        begin = time.monotonic()
+        demo.process.send_signal(signal.SIGINT)
+        summary = demo.result(timeout_s=10)
+        took_s = time.monotonic() - begin
+    assert took_s < 3.0
+    assert summary["ending"] == "interrupted"
+    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+    info = session_info(tmp_path / "out" / "session.mcap")
+    assert info["complete"]
+    assert not info["damage"]
