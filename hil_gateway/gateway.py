@@ -42,7 +42,7 @@ LATENCY_WINDOW = 1000
 COMMAND_QUEUE = 16
 OPERATOR_QUEUE = 8
 STOPPING = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
-KILLS = frozenset({"operator_emergency", "vehicle_flag_kill", "car_emergency", "foreign_emergency"})
+KILLS = frozenset({"operator_emergency", "vehicle_flag_kill", "foreign_emergency"})
 """Causes that put the ladder into emergency even while no actuator command is sent."""
 FAILURE_SIGNALS = ("sd_system_failure", "est4_sd_comms_loss", "est5_motec_comms_loss")
 
@@ -177,7 +177,10 @@ class Gateway:
         action = self.failsafe.action
         if action in STOPPING and before not in STOPPING:
             self._stopping.start(self._actuation.to_steer(self._limits.to_actuators(self._previous).steering_motor))
-        killed = any(inputs.measures[cause] > 0 for cause in KILLS)
+        # once the ladder starts over, the car is still in its emergency until it hears so
+        started_over = self.race_control.ct_state <= CtState.INIT
+        killed = any(inputs.measures[measure] > 0 for measure in KILLS)
+        killed |= inputs.measures["car_emergency"] > 0 and not started_over
         demand = Demand(
             stop=action is FailsafeAction.CONTROLLED_STOP,
             emergency=action is FailsafeAction.EMERGENCY_STOP or killed,

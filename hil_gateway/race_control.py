@@ -138,10 +138,10 @@ def _severity(flag: int) -> int:
 
 def _next(ct: CtState, heard: Heard, demand: Demand, heartbeat: bool) -> CtState:  # noqa: PLR0911 (one rung a line)
     sys_state = heard.sys_state if heard.car_alive else 0
-    if demand.emergency:
+    if ct is CtState.EMERGENCY and demand.restart:
+        return CtState.INIT
+    if demand.emergency or ct is CtState.EMERGENCY:
         return CtState.EMERGENCY
-    if ct is CtState.EMERGENCY:
-        return CtState.INIT if demand.restart else ct
     if demand.stop and ct >= CtState.INIT_DRIVING:
         return CtState.COORDINATED_STOP
     if ct > CtState.ACTUATOR_TEST and heard.car_alive and sys_state <= SysState.CONNECTED:
