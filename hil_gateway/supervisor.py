@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -14,6 +15,7 @@ from pathlib import Path
 from hil_gateway.process import PARENT_VARIABLE
 
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
+NICENESS = -10
 STOP_S = 1.0
 """what the drivers of the loop get to end in order; the recorder, asked last, gets the same again"""
 
@@ -87,6 +89,7 @@ class Supervisor:
                     self.command(spec), stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
                     env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
                 )  # fmt: skip
+            _prefer(self._running[spec.name].pid)
 
     def command(self, spec: ProcessSpec) -> list[str]:
         """What is run for a process."""
@@ -127,6 +130,12 @@ class Supervisor:
     def _last_words(self, name: str) -> str:
         lines = self._log(name).read_text(errors="replace").strip().splitlines()
         return lines[-1].removeprefix("hil: ") if lines else ""
+
+
+def _prefer(pid: int) -> None:
+    """Ahead of ordinary work on this computer, where the user may ask for that (root may)."""
+    with contextlib.suppress(PermissionError, ProcessLookupError):
+        os.setpriority(os.PRIO_PROCESS, pid, NICENESS)
 
 
 def _cpu_seconds(pid: int) -> float | None:
