@@ -6,8 +6,9 @@ Nothing that arrives can raise: a frame that cannot be decoded is counted, a val
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 
 from can_dbc.codec import Codec, Fault, FaultKind
@@ -60,6 +61,7 @@ class _Received:
 
     layout: FrameLayout
     limits: tuple[tuple[str, float, float], ...]
+    deadline_ns: int
     stamp_ns: int | None = None
     data: bytes = b""
     plausible: bool = False
@@ -104,16 +106,6 @@ class FrameCounts:
     implausible: int = 0
 
 
-@dataclass(slots=True)
-class _Body:
-    """Signals that are always there: neutral until the car reports them (the sources say whether it has)."""
-
-    values: dict[str, float] = field(default_factory=dict)
-
-    def __getitem__(self, name: str) -> float:
-        return self.values.get(name, 0.0)
-
-
 class VehicleStateBuilder:
     """Keeps the newest plausible values of every message; one `build` a period."""
 
@@ -122,12 +114,13 @@ class VehicleStateBuilder:
         self._actuation = actuation
         self._map = LocalMap(config.origin)
         self._received = {
-            layout.id: _Received(layout, _limits(layout))
+            layout.id: _Received(layout, _limits(layout), round(layout.deadline_s * NS_PER_S))
             for layout in codec.messages.values()
             if layout.direction == "car"
         }
         self._by_name = {entry.layout.name: entry for entry in self._received.values()}
-        self._signals = _Body()
+        self._sources = {name: tuple(self._by_name[m] for m in messages) for name, messages in SOURCES.items()}
+        self._signals: defaultdict[str, float] = defaultdict(float)
         self._position = (0.0, 0.0)
         self._position_seq = 0
         self._seq = 0
@@ -160,22 +153,22 @@ class VehicleStateBuilder:
 
     def signal(self, name: str) -> float:
         """Newest plausible value of a signal, SI; 0 before the first."""
-        return self._signals[name]
+        return self._signals.get(name, 0.0)
 
     def build(self, now_ns: int, ct_state: int, track_flag: int, vehicle_flag: int) -> VehicleState:
         """State at `now_ns`; flags and ct_state come from race control."""
-        sources = {name: self._health(messages, now_ns) for name, messages in SOURCES.items()}
+        sources = {name: self._health(entries, now_ns) for name, entries in self._sources.items()}
         signals = self._signals
         pedals = Actuators(
             steering_motor=signals["average_steering_ang_fdbk"],
-            accelerator=min(signals["acc_pedal_fdbk"], 1.0),
+            accelerator=min(max(signals["acc_pedal_fdbk"], 0.0), 1.0),
             brake_front=signals["brake_pressure_fdbk_front"],
             brake_rear=signals["brake_pressure_fdbk_rear"],
             gear=int(signals["current_gear"]),
         )
         engine_speed = signals["engine_speed_rpm"]
         self._seq += 1
-        return VehicleState.model_construct(
+        return VehicleState(
             stamp_ns=self._stamp(now_ns),
             seq=self._seq,
             valid=all(sources[name].valid for name in REQUIRED),
@@ -230,7 +223,7 @@ class VehicleStateBuilder:
         entry.data = frame.data
         entry.plausible = self._plausible(entry, values)
         if entry.plausible:
-            self._signals.values.update(values)
+            self._signals.update(values)
             if entry.layout.name == "novatel_report":
                 self._position = self._map.to_map_radians(values["novatel_lat"], values["novatel_long"])
                 self._position_seq += 1
@@ -274,15 +267,18 @@ class VehicleStateBuilder:
             return entry.repeats < STUCK_FRAMES or self._signals["wheel_speed_RL"] < MOVING
         return True
 
-    def _health(self, messages: tuple[str, ...], now_ns: int) -> SourceHealth:
-        entries = [self._by_name[name] for name in messages]
-        ages = [_age_s(entry.stamp_ns, now_ns) for entry in entries]
-        alive = all(age <= entry.layout.deadline_s for age, entry in zip(ages, entries, strict=True))
-        oldest = max(ages)
-        return SourceHealth.model_construct(
-            age_s=oldest if oldest < float("inf") else None,
-            valid=alive and all(entry.plausible for entry in entries),
-        )
+    def _health(self, entries: tuple[_Received, ...], now_ns: int) -> SourceHealth:
+        """As old as its oldest message; valid when every message is in time and plausible."""
+        valid, oldest_ns = True, now_ns
+        for entry in entries:
+            if entry.stamp_ns is None:
+                return _NEVER_HEARD
+            valid = valid and entry.plausible and now_ns - entry.stamp_ns <= entry.deadline_ns
+            oldest_ns = min(oldest_ns, entry.stamp_ns)
+        return SourceHealth(age_s=(now_ns - oldest_ns) / NS_PER_S, valid=valid)
+
+
+_NEVER_HEARD = SourceHealth(age_s=None, valid=False)
 
 
 def _limits(layout: FrameLayout) -> tuple[tuple[str, float, float], ...]:
