@@ -133,9 +133,13 @@ class Supervisor:
 
 
 def _prefer(pid: int) -> None:
-    """Ahead of ordinary work on this computer, where the user may ask for that (root may)."""
-    with contextlib.suppress(PermissionError, ProcessLookupError):
+    """Ahead of ordinary work on this computer, where the user may ask for that (root may).
+
+    Where the kernel groups tasks by session (sched(7), autogroup), it is the group that has to be preferred.
+    """
+    with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, pid, NICENESS)
+        Path(f"/proc/{pid}/autogroup").write_text(str(NICENESS))
 
 
 def _cpu_seconds(pid: int) -> float | None:
