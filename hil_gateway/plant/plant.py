@@ -13,7 +13,7 @@ from hil_gateway.config import Config, PlantConfig
 from hil_gateway.errors import InputError
 from hil_gateway.plant.car import STEP_S, Car
 from hil_gateway.plant.effects import configure
-from hil_gateway.plant.ladder import MARELLI_KILL, SysState, VehicleController
+from hil_gateway.plant.ladder import AT_REST, MARELLI_KILL, SysState, VehicleController
 from hil_gateway.plant.parameters import PlantParameters
 from hil_gateway.plant.receive import CommandReceiver
 from hil_gateway.plant.referee import Referee
@@ -24,6 +24,8 @@ from hil_gateway.track import Track, load_track
 
 STEP_NS = round(STEP_S * NS_PER_S)
 TRUTH_PERIOD_NS = NS_PER_S // 20
+CONTROLLER_STEPS = 10
+"""the vehicle controller runs at 100 Hz"""
 CATCH_UP_NS = NS_PER_S // 5
 """a process that was held up loses what is older: it must not answer with a burst of stale frames"""
 
@@ -67,6 +69,7 @@ class Plant:
         )
         self._link, self._truth_bus = link, truth_bus
         self._reached_ns: int | None = None
+        self._obeyed = AT_REST
         self._truth_ns = 0
 
     def step(self, now_ns: int) -> None:
@@ -79,17 +82,21 @@ class Plant:
             self._millisecond(self._reached_ns)
 
     def _millisecond(self, t_ns: int) -> None:
-        heard = self._receiver.heard
-        before = self.controller.state
+        if self.car.steps % CONTROLLER_STEPS == 0:
+            self._supervise(t_ns)
+        self.car.step(self._obeyed, self.controller.engine_running)
+        self._transmitter.step(t_ns, self._receiver.heard)
+        if self._truth_bus is not None and t_ns - self._truth_ns >= TRUTH_PERIOD_NS:
+            self._truth_ns = t_ns
+            self._truth_bus.publish(TRUTH, self.referee.truth(t_ns))
+
+    def _supervise(self, t_ns: int) -> None:
+        """The vehicle controller's own period: ladder, supervision, what the actuators get; and the referee's look."""
+        heard, before = self._receiver.heard, self.controller.state
         if self.race_control.vehicle_flag in MARELLI_KILL:
             self.controller.kill("race control")
         self.controller.step(t_ns, heard, self.car.standing)
         if before is SysState.EMERGENCY and self.controller.state is not before:
             self._receiver.forget()
-        self.car.step(self.controller.obeyed(t_ns, heard), self.controller.engine_running)
-        self._transmitter.step(t_ns, heard)
-        if self.car.steps % 10 == 0:
-            self.referee.step(self.car.time_s)
-        if self._truth_bus is not None and t_ns - self._truth_ns >= TRUTH_PERIOD_NS:
-            self._truth_ns = t_ns
-            self._truth_bus.publish(TRUTH, self.referee.truth(t_ns))
+        self._obeyed = self.controller.obeyed(t_ns, heard)
+        self.referee.step(self.car.time_s)

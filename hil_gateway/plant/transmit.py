@@ -56,9 +56,12 @@ class Transmitter:
                 period_ns = round(message.period_s * NS_PER_S)
                 self._by_period.setdefault(period_ns, []).append((message, self._source(message)))
         self._due_ns: dict[int, int] = {}
+        self._next_ns = 0
 
     def step(self, now_ns: int, heard: Heard) -> None:
         """Send every message whose period has passed."""
+        if now_ns < self._next_ns:
+            return
         self._heard = heard
         for period_ns, messages in self._by_period.items():
             due = self._due_ns.setdefault(period_ns, now_ns)
@@ -68,6 +71,7 @@ class Transmitter:
             self._imu.clear()
             for message, source in messages:
                 self._send(message, source())
+        self._next_ns = min(self._due_ns.values())
 
     def _send(self, message: Message, values: Values) -> None:
         if message.counter is not None:

@@ -147,7 +147,7 @@ def test_engine_work_is_kinetic_energy_plus_losses() -> None:
     slip=st.floats(-0.2, 0.2), throttle=st.floats(0.0, 1.0), ay=st.floats(-20.0, 20.0),
 )  # fmt: skip
 def test_mirror_image_of_the_car_moves_as_a_mirror_image(
-    vx: float, vy: float, rate: float, steer: float, slip: float, throttle: float, ay: float
+    *, vx: float, vy: float, rate: float, steer: float, slip: float, throttle: float, ay: float
 ) -> None:
     spin = vx / CAR.wheel_radius
 
