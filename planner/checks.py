@@ -6,6 +6,8 @@ written out again in numpy, or, with active effects, from the model evaluated by
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
@@ -135,7 +137,7 @@ def interpreted_forces(revised: RevisedModel) -> ForceModel:
     """Axle forces of a model with effects, evaluated by CasADi's interpreter at the start of the lap's profiles."""
     model = revised.model
     signals = ca.SX.sym("signals", len(SIGNALS))
-    named = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
+    named: dict[str, Any] = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
     phi = list(revised.phi_at(np.zeros(1))[:, 0])
     terms = model.evaluate(Terms(model.vehicle, **named), list(revised.theta), phi)
     names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r")

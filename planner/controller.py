@@ -73,7 +73,7 @@ class Controller:
         k, names, info = knowledge, self.problem.common, self.settings.information
         front, rear = infomax.axle_indices(self.problem.model)
         level = self.settings.sigma_level
-        values = {
+        values: dict[str, npt.ArrayLike] = {
             "theta": k.theta,
             "lap": self.reference.length,
             "load_max": k.load_max,
@@ -122,7 +122,7 @@ class Controller:
         limits = self.settings.limits
         power = limits.power / (self.knowledge.theta[0] * np.maximum(vx, MIN_POWER_SPEED))
         reach = drive - limits.drive_rate * self.settings.dt * np.arange(1, len(vx) + 1)
-        return np.maximum(np.minimum(power, limits.drive_max), reach)
+        return np.asarray(np.maximum(np.minimum(power, limits.drive_max), reach))
 
     def solve(self, z0: Array, stopwatch: Stopwatch, iterations: int | None = None) -> Solution:
         """Solution from state `z0` (NZ,), warm-started from the held guess."""

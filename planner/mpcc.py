@@ -240,19 +240,25 @@ class Problem:
         curvature = (ca.SX.eye(2) - normal @ normal.T) / value
         return LoadRow(value, normal.T @ slopes, slopes.T @ curvature @ slopes)
 
+    def worst_choice(self, axle: str, z: Expr, p: Mapping[str, Expr]) -> Expr:
+        """The choice of theta in Eq. (10) that loads the axle most, (n_theta, 1)."""
+        theta = ca.SX.sym("theta", len(self.model.tyre_table))
+        row = self.load_row(axle, z, theta, p).value
+        points = ca.horzsplit(ca.reshape(p[f"sigma_{axle}"], theta.numel(), -1))
+        chosen, largest = points[0], ca.fabs(ca.substitute(row, theta, points[0]))
+        for point in points[1:]:
+            value = ca.fabs(ca.substitute(row, theta, point))
+            chosen = ca.if_else(value > largest, point, chosen)
+            largest = ca.fmax(value, largest)
+        return chosen
+
     def worst_load(self, axle: str, z: Expr, p: Mapping[str, Expr]) -> LoadRow:
-        """The row at the sigma point where it is largest.
+        """The row at the choice of theta where it is largest.
 
         The gradient of a maximum is that of the member attaining it, so the choice is made on values only.
         """
         theta = ca.SX.sym("theta", len(self.model.tyre_table))
-        row = self.load_row(axle, z, theta, p)
-        points = ca.horzsplit(ca.reshape(p[f"sigma_{axle}"], theta.numel(), -1))
-        chosen, largest = points[0], ca.fabs(ca.substitute(row.value, theta, points[0]))
-        for point in points[1:]:
-            value = ca.fabs(ca.substitute(row.value, theta, point))
-            chosen = ca.if_else(value > largest, point, chosen)
-            largest = ca.fmax(value, largest)
+        row, chosen = self.load_row(axle, z, theta, p), self.worst_choice(axle, z, p)
         return LoadRow(*(ca.substitute(part, theta, chosen) for part in (row.value, row.gradient, row.curvature)))
 
     def stage_rows(
@@ -283,14 +289,13 @@ class Problem:
 
     def stage_function(self) -> ca.Function:
         """(z, du, z_next, stage, common) -> blocks of the QP, Delta I at z_next and its exact Hessian."""
-        z, du, zn = ca.SX.sym("z", NZ), ca.SX.sym("du", NU), ca.SX.sym("z_next", NZ)
-        stage_vector, common_vector = ca.SX.sym("stage", self.stage.size), ca.SX.sym("common", self.common.size)
-        stage = self.stage.split(stage_vector)
-        p = {**stage, **self.common.split(common_vector)}
+        z, zn = ca.SX.sym("z", NZ), ca.SX.sym("z_next", NZ)
+        _, du, stage_vector, stage, common_vector, p = self._symbols()
         after = self.dynamics.step(z, du, p)
         residuals = self.residuals(zn, stage)
         J = ca.jacobian(residuals, zn)
         regularisation = self.settings.weights.regularisation
+        Q: Expr
         Q, q = J.T @ J + regularisation * ca.DM.eye(NZ), J.T @ residuals
         q[PROGRESS] -= stage["progress"]
         info = infomax.cost_terms(self, zn, p) if self.informative else infomax.no_terms()
@@ -318,39 +323,47 @@ class Problem:
 
     def horizon_function(self) -> ca.Function:
         """The stage function mapped over the horizon; `common` is given once."""
-        function: Any = self.stage_function().map("horizon", "serial", self.settings.horizon, [4], [])
-        return function
+        stage: Any = self.stage_function()
+        mapped: ca.Function = stage.map("horizon", "serial", self.settings.horizon, [4], [])
+        return mapped
 
-    def cost_function(self) -> ca.Function:
-        """(z_next, du, stage, common) -> stage cost without soft penalties, soft rows and their bounds.
+    def reference_functions(self) -> tuple[ca.Function, ca.Function]:
+        """The same problem for solvers the SQP method is measured against.
 
-        For solvers the SQP method is measured against.
+        `cost`: (z_next, du, stage, common, theta_f, theta_r) -> stage cost without soft penalties, soft rows and
+        their lower and upper bounds; `choice`: (z_next, stage, common) -> theta_f, theta_r, the choices of Eq. (10).
         """
-        z, du = ca.SX.sym("z", NZ), ca.SX.sym("du", NU)
-        stage_vector, common_vector = ca.SX.sym("stage", self.stage.size), ca.SX.sym("common", self.common.size)
-        stage = self.stage.split(stage_vector)
-        p = {**stage, **self.common.split(common_vector)}
+        z, du, stage_vector, stage, common_vector, p = self._symbols()
+        theta_f, theta_r = (ca.SX.sym(name, len(self.model.tyre_table)) for name in ("theta_f", "theta_r"))
         cost = 0.5 * ca.sumsqr(self.residuals(z, stage)) - stage["progress"] * z[PROGRESS]
         cost += 0.5 * ca.dot(self.change_weights(), du**2)
         if self.informative:
             cost -= p["q_information"] * infomax.weighted_gain(self, z, p)
-        value, _, lower, upper = self.stage_rows(z, [self.worst_load(axle, z, p) for axle in "fr"], stage, p)
-        arguments: Any = [z, du, stage_vector, common_vector]
-        return ca.Function("stage_cost", arguments, [cost, value, lower, upper])
+        loads = [self.load_row(axle, z, theta, p) for axle, theta in (("f", theta_f), ("r", theta_r))]
+        value, _, lower, upper = self.stage_rows(z, loads, stage, p)
+        arguments: Any = [z, du, stage_vector, common_vector, theta_f, theta_r]
+        choices: Any = [self.worst_choice(axle, z, p) for axle in "fr"]
+        return (
+            ca.Function("stage_cost", arguments, [cost, value, lower, upper]),
+            ca.Function("choice", [z, stage_vector, common_vector], choices),
+        )
+
+    def _symbols(self) -> tuple[Expr, Expr, Expr, dict[str, Expr], Expr, dict[str, Expr]]:
+        """State, change, stage vector and its parts, common vector, all parameters by name."""
+        z, du = ca.SX.sym("z", NZ), ca.SX.sym("du", NU)
+        stage_vector, common_vector = ca.SX.sym("stage", self.stage.size), ca.SX.sym("common", self.common.size)
+        stage = self.stage.split(stage_vector)
+        return z, du, stage_vector, stage, common_vector, {**stage, **self.common.split(common_vector)}
 
     def step_function(self) -> ca.Function:
         """(z, du, stage, common) -> z_next."""
-        z, du = ca.SX.sym("z", NZ), ca.SX.sym("du", NU)
-        stage, common = ca.SX.sym("stage", self.stage.size), ca.SX.sym("common", self.common.size)
-        p = {**self.stage.split(stage), **self.common.split(common)}
-        arguments: Any = [z, du, stage, common]
-        return ca.Function("step", arguments, [self.dynamics.step(z, du, p)])
+        z, du, stage_vector, _, common_vector, p = self._symbols()
+        return ca.Function("step", [z, du, stage_vector, common_vector], [self.dynamics.step(z, du, p)])
 
     def advance_function(self) -> ca.Function:
         """(car[6], inputs[2] = drive, steer, h, stage, common) -> car after h seconds with the inputs held."""
         car, inputs, h = ca.SX.sym("car", 6), ca.SX.sym("inputs", 2), ca.SX.sym("h")
-        stage, common = ca.SX.sym("stage", self.stage.size), ca.SX.sym("common", self.common.size)
-        p = {**self.stage.split(stage), **self.common.split(common)}
+        _, _, stage, _, common, p = self._symbols()
         u, still = ca.vertcat(inputs, 0.0), ca.DM.zeros(NU)
 
         def f(x: Expr) -> Expr:

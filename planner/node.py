@@ -19,7 +19,7 @@ from planner.checks import PlanCheck
 from planner.fallback import Stopping, Trajectory, shifted, stop_plan
 from planner.load_limits import HeldLoad, LoadLimits, RunEvidence, load_limits, next_limit, store_limits
 from planner.mpcc import DRIVE, NZ, PROGRESS, STEER, VX, S
-from planner.prediction import Actuators, Sent, predict
+from planner.prediction import Actuators, Moment, Sent, predict
 from planner.settings import Information, Settings
 from planner.sqp import Stopwatch
 
@@ -128,7 +128,9 @@ class Planner:
         guess = controller.sqp.z
         car[2] += 2 * np.pi * np.round((guess[2, 0] - car[2]) / (2 * np.pi))
         measured_ns = latest.received_ns - round(self._config.planner.estimate_age_s * NS_PER_S)
-        car, drive, steer = predict(self._actuators, controller.advance, car, e.drive, e.steer, measured_ns, start_ns)
+        measured = Moment(measured_ns, car, e.drive, e.steer)
+        then = predict(self._actuators, controller.advance, measured, start_ns)
+        car, drive, steer = then.car, then.drive, then.steer
         hint = self._expected(start_ns)
         s = controller.reference.project(float(car[0]), float(car[1]), None if hint is None else float(hint[S]))
         progress = float(car[3]) if hint is None else float(hint[PROGRESS])

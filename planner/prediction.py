@@ -66,23 +66,26 @@ class Actuators:
         return now - (then - now) / math.expm1(-dt / lag)
 
 
+@dataclass(frozen=True)
+class Moment:
+    """Car state (6,) = X, Y, yaw, vx, vy, omega with the actuators' positions, at one time."""
+
+    at_ns: int
+    car: Array
+    drive: float
+    steer: float
+
+
 def predict(
-    actuators: Actuators,
-    advance: Callable[[Array, float, float, float], Array],
-    car: Array,
-    drive: float,
-    steer: float,
-    start_ns: int,
-    end_ns: int,
-) -> tuple[Array, float, float]:
-    """Car state (6,), drive and steer at `end_ns` from those at `start_ns`; `advance(car, drive, steer, duration)`."""
-    t_ns = start_ns
-    while t_ns < end_ns:
-        step_ns = min(round(SUB_STEP_S * NS_PER_S), end_ns - t_ns)
+    actuators: Actuators, advance: Callable[[Array, float, float, float], Array], now: Moment, end_ns: int
+) -> Moment:
+    """The moment `end_ns` from `now`; `advance(car, drive, steer, duration)` moves the car with inputs held."""
+    while now.at_ns < end_ns:
+        step_ns = min(round(SUB_STEP_S * NS_PER_S), end_ns - now.at_ns)
         duration = step_ns / NS_PER_S
-        next_drive, next_steer = actuators.follow(drive, steer, t_ns, duration)
-        car = advance(car, 0.5 * (drive + next_drive), 0.5 * (steer + next_steer), duration)
+        drive, steer = actuators.follow(now.drive, now.steer, now.at_ns, duration)
+        car = advance(now.car, 0.5 * (drive + now.drive), 0.5 * (steer + now.steer), duration)
         # a brake holds a standing car, it does not push it backwards
         car[3] = max(car[3], 0.0)
-        drive, steer, t_ns = next_drive, next_steer, t_ns + step_ns
-    return car, drive, steer
+        now = Moment(now.at_ns + step_ns, car, drive, steer)
+    return now

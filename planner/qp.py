@@ -14,6 +14,7 @@ them without a copy. Block k of A, B, b, R, r, du is interval k = 0..N-1; block 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
@@ -96,7 +97,7 @@ def objective(qp: StageQp) -> float:
     total = 0.0
     for k in range(qp.size.N):
         z, u = qp.dz[:, k], qp.du[:, k]
-        total += 0.5 * z @ qp.stage(qp.Q, k) @ z + qp.q[:, k] @ z + 0.5 * u @ qp.stage(qp.R, k) @ u + qp.r[:, k] @ u
+        total += float(0.5 * z @ qp.stage(qp.Q, k) @ z + qp.q[:, k] @ z + 0.5 * u @ qp.stage(qp.R, k) @ u + qp.r[:, k] @ u)
         value = qp.stage(qp.C, k) @ z
         for excess, mask in ((qp.lower_row[:, k] - value, qp.mask_lower), (value - qp.upper_row[:, k], qp.mask_upper)):
             slack = np.maximum(excess, 0.0) * mask
@@ -134,18 +135,18 @@ def make_qp_solver(qp: StageQp, backend: str = "auto") -> QpSolver:
     from planner.hpipm import HpipmSolver, self_test
     from planner.qp_sparse import ConicSolver, PiqpSolver
 
+    solvers: dict[str, Callable[[StageQp], QpSolver]]
+    solvers = {"hpipm": HpipmSolver, "piqp": PiqpSolver, "conic": ConicSolver}
     order = ("hpipm", "piqp", "conic") if backend == "auto" else (backend,)
-    if unknown := set(order) - {"hpipm", "piqp", "conic"}:
+    if unknown := set(order) - set(solvers):
         raise ValueError(f"unknown QP backend {unknown.pop()}")
     for name in order:
         try:
             if name == "hpipm":
                 self_test()
-            solver = {"hpipm": HpipmSolver, "piqp": PiqpSolver, "conic": ConicSolver}[name](qp)
+            return solvers[name](qp)
         except (OSError, AttributeError, ImportError, RuntimeError) as error:
             warnings.warn(f"QP solver {name} is not usable ({error}); {_COST[name]}", QpWarning, stacklevel=2)
-            continue
-        return solver
     raise RuntimeError("no QP solver is usable")
 
 

@@ -124,7 +124,7 @@ class ConicSolver:
         P, c, A, low, up, lower_x, upper_x = self.form.matrices()
         P_dm, A_dm = ca.DM(P.tocsc()), ca.DM(A.tocsc())
         osqp = {"verbose": False, "eps_abs": 1e-5, "eps_rel": 1e-5, "max_iter": 20000}
-        options = {"error_on_fail": False, "osqp": osqp}
+        options: Any = {"error_on_fail": False, "osqp": osqp}
         solver = ca.conic("qp", "osqp", {"h": P_dm.sparsity(), "a": A_dm.sparsity()}, options)
         result = solver(h=P_dm, g=c, a=A_dm, lba=low, uba=up, lbx=lower_x, ubx=upper_x)
         stats = solver.stats()

@@ -1,0 +1,58 @@
+"""`hil plan bench`: the planner in closed loop on the model."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from hil_gateway.config import load_config
+from hil_gateway.errors import EXIT_FAILURE
+
+app = typer.Typer(no_args_is_help=True, help="Planner benchmark in closed loop on the model.")
+
+
+@app.callback()
+def _group() -> None:
+    """Planner benchmark in closed loop on the model."""
+
+
+@app.command()
+def bench(
+    track: Annotated[str, typer.Option(help="track file or shipped track; default: the road course")] = "",
+    laps: Annotated[int, typer.Option(min=1, help="flying laps to drive")] = 1,
+    information: Annotated[Literal["on", "off"], typer.Option(help="Eq. (9) or the plain MPCC")] = "off",
+    weight: Annotated[float | None, typer.Option(min=0, help="q_I with information on")] = None,
+    backend: Annotated[str, typer.Option(help="QP solver: auto, hpipm, piqp, conic")] = "auto",
+    compiler: Annotated[bool, typer.Option(help="compile the stage functions")] = True,
+    ipopt: Annotated[bool, typer.Option(help="solve some of the same problems with warm-started IPOPT")] = True,
+    config: Annotated[Path | None, typer.Option(help="configuration (TOML)")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Drive laps on the planner's own model and report timings and safety figures."""
+    from hil_gateway.track import load_track
+    from planner import bench as b
+    from planner.node import settings_of
+
+    loaded = load_config(config, {"track": track} if track else None)
+    settings = settings_of(loaded)
+    if information == "on":
+        q_i = b.INFORMATION_WEIGHT if weight is None else weight
+        settings = replace(settings, information=replace(settings.information, weight=q_i))
+    controller, line = b.bench_controller(
+        load_track(loaded.track), loaded.vehicle, settings, backend=backend, compiled=compiler
+    )
+    run = b.drive(controller, laps, ipopt=ipopt)
+    result = b.summary(run, controller, line)
+    if as_json:
+        json.dump(result, sys.stdout)
+        print()
+    else:
+        for name, value in result.items():
+            print(f"{name:28} {value}")
+    if result["laps"] < laps or any(run.violations.values()):
+        raise typer.Exit(EXIT_FAILURE)
