@@ -58,8 +58,7 @@ class Localisation:
     @property
     def motion_covariance(self) -> Array:
         """Covariance of vx, vy, yaw_rate, shape (3, 3)."""
-        index = [VX, VY, BIAS_YAW_RATE]
-        P = self.filter.covariance[np.ix_(index, index)] * _SIGNS
+        P = self.filter.covariance[_MOTION] * _SIGNS
         P[2, 2] += self.filter.noise.yaw_rate**2
         return np.asarray(P)
 
@@ -142,5 +141,6 @@ def _fresh(state: VehicleState, source: str) -> bool:
     return health is None or health.valid
 
 
+_MOTION = np.ix_([VX, VY, BIAS_YAW_RATE], [VX, VY, BIAS_YAW_RATE])
 _SIGNS = np.outer([1.0, 1.0, -1.0], [1.0, 1.0, -1.0])
 """the yaw rate falls as its bias grows"""

@@ -212,8 +212,9 @@ class StateFilter:
         """Scalar Kalman update, Joseph form."""
         PH = self.covariance @ H
         K = PH / (float(H @ PH) + variance)
-        A = _EYE - np.outer(K, H)
-        P = A @ self.covariance @ A.T + variance * np.outer(K, K)
+        column = K[:, None]
+        A = _EYE - column * H
+        P = A @ self.covariance @ A.T + variance * column * K
         self.covariance = 0.5 * (P + P.T)
         change = K * innovation
         self.mean += change

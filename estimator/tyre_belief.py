@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import atan2, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -39,7 +40,7 @@ class BeliefSettings:
 
     kind: MeasurementKind = "imu_yaw"
     std: Mapping[str, float] | None = None
-    correlation_samples: float = 10.0
+    correlation_samples: float = 50.0
     drift: float = 0.0
     gate_sigma: float = 5.0
     min_speed: float = 8.0
@@ -83,6 +84,7 @@ class TyreBelief:
         self._variance = self.settings.channel_std() ** 2
         self._longitudinal = np.array([c in ("imu_ax", "fx_r") for c in CHANNELS[self.settings.kind]])
         self._h = MeasurementEvaluation(model, self.settings.kind)
+        self._eye = np.eye(len(table))
         self.resets = 0
         self.reset()
 
@@ -141,22 +143,24 @@ class TyreBelief:
             self.innovations_rejected += 1
             return nis
         K = PH / S
-        A = np.eye(len(H)) - np.outer(K, H)
-        P = A @ self.scaled_covariance @ A.T + variance * np.outer(K, K)
+        column = K[:, None]
+        A = self._eye - column * H
+        P = A @ self.scaled_covariance @ A.T + variance * column * K
         self.scaled_covariance = 0.5 * (P + P.T)
         self.deviation = self.deviation + K * innovation
         return nis
 
     def _active_channels(self, sample: Sample) -> npt.NDArray[np.bool_]:
         """Which rows of z may teach: enough speed, and slip (lateral) or drive (longitudinal) to learn from."""
-        s, (vx, vy, yaw_rate, steer, drive) = self.settings, sample.signals
-        plausible = (np.abs(sample.signals) < PLAUSIBLE).all() and (np.abs(sample.z) < PLAUSIBLE).all()  # NaN is not
+        s, signals = self.settings, sample.signals.tolist()
+        vx, vy, yaw_rate, steer, drive = signals
+        plausible = all(abs(value) < PLAUSIBLE for value in (*signals, *sample.z.tolist()))  # NaN is not
         if not (plausible and vx > s.min_speed):
             return np.zeros(len(self._variance), dtype=bool)
         vehicle = self.model.vehicle
-        slip_f = steer - np.arctan2(vy + vehicle.lf * yaw_rate, vx)
-        slip_r = -np.arctan2(vy - vehicle.lr * yaw_rate, vx)
-        well_known = np.sqrt(max(sample.signal_covariance[1, 1], 0.0)) < s.max_slip_std * vx
+        slip_f = steer - atan2(vy + vehicle.lf * yaw_rate, vx)
+        slip_r = -atan2(vy - vehicle.lr * yaw_rate, vx)
+        well_known = sqrt(max(float(sample.signal_covariance[1, 1]), 0.0)) < s.max_slip_std * vx
         lateral = well_known and max(abs(slip_f), abs(slip_r)) > s.min_slip
         return np.asarray(np.where(self._longitudinal, abs(drive) > s.min_drive, lateral))
 
