@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -26,3 +27,20 @@ def run(
     from estimator.node import run as run_node
 
     run_node(load_config(config, {"estimator.model": model} if model else None))
+
+
+@app.command()
+def score(
+    session: Annotated[Path, typer.Argument(help="a recorded .mcap file")],
+    config: Annotated[Path | None, typer.Option(help="configuration (TOML)")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Prediction error over one second, with the first model revision of a session and with the learnt one."""
+    from estimator.score import score_session
+
+    result = score_session(session, load_config(config))
+    if as_json:
+        print(json.dumps(result))
+        return
+    for channel, before in result["before"].items():
+        print(f"{channel:10} {before:.4g} -> {result['after'][channel]:.4g}")

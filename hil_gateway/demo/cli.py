@@ -6,7 +6,7 @@ import contextlib
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -49,10 +49,20 @@ def demo(
     if dashboard:
         print(f"dashboard: http://{setup.config.dashboard.host}:{setup.config.dashboard.port}/", file=sys.stderr)
     result = _run(options, setup, headless)
-    summary = summarise(options, setup, result)
+    summary = summarise(options, setup, result, _model_error(setup, result))
     print(json.dumps(summary) if as_json else "\n".join(describe(summary)))
     if not summary["ok"]:
         raise typer.Exit(EXIT_FAILURE)
+
+
+def _model_error(setup: DemoSetup, result: RunResult) -> dict[str, Any]:
+    from hil_gateway.demo.model_error import measure, unknown
+    from hil_gateway.demo.run import Ending
+
+    if result.ending is not Ending.DONE:  # who interrupts does not want to wait
+        return unknown(f"the run ended early: {result.ending.value}")
+    print("measuring the model error on the recording", file=sys.stderr)
+    return measure(setup)
 
 
 def _run(options: DemoOptions, setup: DemoSetup, headless: bool) -> RunResult:

@@ -11,8 +11,8 @@ from hil_gateway.demo.options import DemoOptions, DemoSetup
 from hil_gateway.demo.run import Ending, RunResult
 
 
-def summarise(options: DemoOptions, setup: DemoSetup, result: RunResult) -> dict[str, Any]:
-    """Summary of a run (docs/commands.md). `model_error` is filled in by the caller."""
+def summarise(options: DemoOptions, setup: DemoSetup, result: RunResult, error: dict[str, Any]) -> dict[str, Any]:
+    """Summary of a run, with the model error measured on its recording."""
     status, referee, plans = result.monitor.status, result.referee, result.monitor.plans
     recorder = result.monitor.recorder
     return {
@@ -34,7 +34,7 @@ def summarise(options: DemoOptions, setup: DemoSetup, result: RunResult) -> dict
         "plan_failures": plans.failures,
         "plan_failure_reasons": plans.reasons,
         "failsafes": [asdict(failsafe) for failsafe in result.monitor.failsafes],
-        "model_error": {"before": None, "after": None},
+        "model_error": error,
         "bus": setup.bus,
         "session": str(setup.session),
         "recorder": recorder.model_dump(include={"frames", "messages", "lost", "errors", "last_error"})
@@ -89,11 +89,10 @@ def describe(summary: dict[str, Any]) -> list[str]:
 
 
 def _error_lines(error: dict[str, Any]) -> list[str]:
-    before, after = error["before"], error["after"]
-    if not before or not after:
-        return [f"model error      not measured: {error.get('reason', 'too little was driven')}"]
-    parts = [f"{name} {before[name]:.4g} -> {after[name]:.4g}" for name in before]
-    return [f"model error      {', '.join(parts)} (held-out, before -> after)"]
+    if error["before"] is None:
+        return [f"model error      not measured: {error['reason']}"]
+    channels = (f"{name} {row['before']:.3g} -> {row['after']:.3g}" for name, row in error["channels"].items())
+    return [f"model error      after 1 s of prediction, before -> after learning: {', '.join(channels)}"]
 
 
 def _ms(value: float | None) -> str:

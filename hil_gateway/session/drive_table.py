@@ -51,6 +51,8 @@ class DriveTable:
     """Columns of equal length, SI; `left_out` counts the rows that could not be used, by reason."""
 
     columns: dict[str, Array]
+    start_ns: int
+    """stamp of the first row, gateway clock: row times are `t` after it"""
     left_out: dict[str, int]
     damage: tuple[str, ...]
 
@@ -61,7 +63,7 @@ def read_drive_table(path: Path) -> DriveTable:
     Raises:
         InputError: no recording, or one without estimates.
     """
-    reader = SessionReader(path)
+    reader = SessionReader(path, frozenset({VEHICLE_STATE.key, ESTIMATE.key, PLAN.key}))
     rows, left_out, laps = _collect(reader.items())
     if not rows:
         raise InputError(f"{path}: holds no valid {ESTIMATE} with its {VEHICLE_STATE}: nothing to make a drive log of")
@@ -71,7 +73,7 @@ def read_drive_table(path: Path) -> DriveTable:
     columns |= {name: np.array([get(v) for v, _ in rows], dtype=float) for name, get in FROM_STATE.items()}
     if laps:
         columns["lap"] = _held(stamps, laps)
-    return DriveTable(columns, left_out, tuple(map(str, reader.damage)))
+    return DriveTable(columns, int(stamps[0]), left_out, tuple(map(str, reader.damage)))
 
 
 def _collect(

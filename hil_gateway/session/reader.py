@@ -17,8 +17,8 @@ from typing import BinaryIO
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Message, Metadata
-from mcap.stream_reader import breakup_chunk
+from mcap.records import Channel, Chunk, Metadata
+from mcap.stream_reader import get_chunk_data_stream
 
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.errors import InputError
@@ -27,6 +27,7 @@ from hil_gateway.topics import TOPICS
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEADER = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
 # start, end, uncompressed size, CRC, length and name of the compression: what makes a chunk recognisable
 _CHUNK_START = re.compile(rb"\x06.{8}.{28}\x04\x00\x00\x00zstd|\x06.{8}.{28}\x03\x00\x00\x00lz4", re.DOTALL)
 _SCAN_BYTES = 1 << 20
@@ -58,13 +59,15 @@ class Damage:
 
 @dataclass
 class SessionReader:
-    """One pass over a session file; `damage`, `complete` and `metadata` are final when `items` is exhausted.
+    """One pass over a session file. `damage`, `complete` and `metadata` are final when `items` is exhausted.
 
     Raises:
         InputError: no such file, or not an MCAP file (from `items`).
     """
 
     path: Path
+    topics: frozenset[str] | None = None
+    """only these are given out, which is much quicker where raw frames are not wanted; None: all"""
     damage: list[Damage] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     complete: bool = False
@@ -106,16 +109,24 @@ class SessionReader:
         number, self.chunks = self.chunks, self.chunks + 1
         try:
             chunk = Chunk.read(ReadDataStream(BytesIO(body)))
-            records = breakup_chunk(chunk, validate_crc=True)
+            stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+            data = stream.read(length)
         except Exception as error:  # whatever a decompressor raises, the chunk is damaged
             self._note(offset, f"chunk {number}{_span(body)} is corrupt: {type(error).__name__}: {error}")
             return
-        for record in records:
-            if isinstance(record, Channel):
+        position = 0
+        while position < length:
+            opcode, size = _HEADER.unpack_from(data, position)
+            position += _HEADER.size
+            if opcode == Opcode.MESSAGE:
+                channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, position)
+                topic = topics.get(channel, f"channel {channel}")
+                if self.topics is None or topic in self.topics:
+                    yield Item(topic, log_ns, publish_ns, sequence, data[position + _MESSAGE.size : position + size])
+            elif opcode == Opcode.CHANNEL:
+                record = Channel.read(ReadDataStream(BytesIO(data[position : position + size])))
                 topics[record.id] = record.topic
-            elif isinstance(record, Message):
-                topic = topics.get(record.channel_id, f"channel {record.channel_id}")
-                yield Item(topic, record.log_time, record.publish_time, record.sequence, record.data)
+            position += size
 
     def _read_metadata(self, body: bytes, offset: int) -> None:
         try:
