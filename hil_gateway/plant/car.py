@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from struct import Struct
 from typing import Any
+
+import numpy as np
 
 from hil_gateway.compiled import compile_function
 from hil_gateway.plant.dynamics import INPUTS, OUTPUTS, STATES, step_function
@@ -17,6 +20,8 @@ ROAD_STEPS = 5
 """the road is looked up every so many steps: 0.4 m at 80 m/s"""
 STATE = {name: i for i, name in enumerate(STATES)}
 OUTPUT = {name: i for i, name in enumerate(OUTPUTS)}
+STEER = STATE["steer"]
+PACK = Struct(f"{len(INPUTS)}d")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +46,21 @@ class DelayLine:
         return self._line[0]
 
 
+class LateActuators:
+    """Actuator positions as they were: steering, throttle and both brakes, each after its own extra delay."""
+
+    def __init__(self, parameters: PlantParameters) -> None:
+        self._steer = DelayLine(round(parameters.steer_late / STEP_S))
+        self._drive = DelayLine(round(parameters.drive_late / STEP_S))
+        self._delayed = parameters.steer_late > 0 or parameters.drive_late > 0
+
+    def __call__(self, actuators: memoryview) -> Any:
+        if not self._delayed:
+            return actuators
+        steer, *drive = actuators
+        return self._steer(steer), *self._drive(drive)
+
+
 class Car:
     """State of the simulated car. `step` advances it by `STEP_S`."""
 
@@ -48,15 +68,16 @@ class Car:
         self.parameters = parameters
         self.road = Road(track, parameters.road)
         self._function = compile_function(step_function())
-        self._x, self._u, p, h = (a[:, 0] for a in self._function.inputs)
-        self._after, self.outputs = (a[:, 0] for a in self._function.outputs)
+        self._x, u, p, h = (a[:, 0] for a in self._function.inputs)
+        self._after, outputs = (a[:, 0] for a in self._function.outputs)
+        # single numbers are read and written through memory views: several times quicker than array elements
+        self._state, self._outputs, self._u = self._x.data, outputs.data, u.data
         p[:] = parameters.car.vector()
         h[0] = STEP_S
         self._steer_line = DelayLine(round(parameters.steer_delay / STEP_S))
         self._brake_line = DelayLine(round(parameters.brake_delay / STEP_S))
         self._throttle_line = DelayLine(round(parameters.throttle_delay / STEP_S))
-        self._late_steer = DelayLine(round(parameters.steer_late / STEP_S))
-        self._late_drive = DelayLine(round(parameters.drive_late / STEP_S))
+        self._late_line = LateActuators(parameters)
         self.gear = 0
         self.shifting = 0
         self.steps = 0
@@ -75,16 +96,11 @@ class Car:
 
     def __getitem__(self, name: str) -> float:
         """A state by name (`dynamics.STATES`), SI."""
-        return float(self._x[STATE[name]])
+        return self._state[STATE[name]]
 
     def output(self, name: str) -> float:
         """An output by name (`dynamics.OUTPUTS`), SI, at the start of the last step."""
-        return float(self.outputs[OUTPUT[name]])
-
-    @property
-    def state(self) -> Any:
-        """View of the state vector, shape (len(STATES),)."""
-        return self._x
+        return self._outputs[OUTPUT[name]]
 
     @property
     def time_s(self) -> float:
@@ -94,32 +110,30 @@ class Car:
     @property
     def standing(self) -> bool:
         """Whether the car stands still."""
-        return abs(float(self._x[3])) < 0.1
+        return abs(self["vx"]) < 0.1
 
     def step(self, commands: Commands, engine_running: bool) -> None:
         """Advance by one millisecond under the commands as they arrive at the actuators."""
-        x = self._x
-        yaw, vx, yaw_rate = x[2], x[3], x[5]
+        state = self._state
         if self.steps % ROAD_STEPS == 0:
-            self.road.locate(float(x[0]), float(x[1]))
-            self._gravity = self.road.gravity(float(yaw), float(vx), float(yaw_rate))
-        grip = max(0.1, 1.0 + self.parameters.road.grip_drift * self.time_s)
-        brakes = self._brake_line((commands.brake_front, commands.brake_rear))
-        late = self._late_drive((x[21], x[22], x[23]))
-        self._u[:] = (
+            x, y, yaw, vx, _, yaw_rate = state[:6]
+            self.road.locate(x, y)
+            self._gravity = self.road.gravity(yaw, vx, yaw_rate)
+        PACK.pack_into(
+            self._u,
+            0,
             self._steer_line(commands.steer),
             self._throttle_line(commands.throttle),
-            *brakes,
+            *self._brake_line((commands.brake_front, commands.brake_rear)),
             self._ratio(commands.gear),
-            float(engine_running),
+            engine_running,
             *self._gravity,
-            grip,
-            self._late_steer(x[20]),
-            *late,
+            max(0.1, 1.0 + self.parameters.road.grip_drift * self.time_s),
+            *self._late_line(state[STEER : STEER + 4]),
         )
         self._function()
-        self.steer_rate = float(self._after[20] - x[20]) / STEP_S
-        x[:] = self._after
+        self.steer_rate = (self._after[STEER] - state[STEER]) / STEP_S
+        np.copyto(self._x, self._after)
         self.steps += 1
 
     def _ratio(self, wanted: int) -> float:
@@ -132,6 +146,3 @@ class Car:
             self.shifting -= 1
             return 0.0
         return p.gears[self.gear - 1] * p.final_drive if self.gear else 0.0
-
-
-assert len(INPUTS) == 14  # the order in which `step` writes them

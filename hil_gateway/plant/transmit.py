@@ -50,11 +50,17 @@ class Transmitter:
         self._counters: dict[str, int] = {}
         self._imu: Values = {}
         self._ratio = steering_ratio
-        self._by_period: dict[int, list[tuple[Message, Callable[[], Values]]]] = {}
+        self._by_period: dict[int, list[tuple[Message, Callable[[], Values] | None]]] = {}
+        sources = self._sources()
         for message in codec.messages.values():
             if message.direction == "car":
                 period_ns = round(message.period_s * NS_PER_S)
-                self._by_period.setdefault(period_ns, []).append((message, self._source(message)))
+                self._by_period.setdefault(period_ns, []).append((message, sources.get(message.name)))
+        self._resting = {
+            name: codec.encode(name, {s.name: _resting(s.name, s.unit) for s in message.signals})
+            for name, message in codec.messages.items()
+            if name not in sources
+        }
         self._due_ns: dict[int, int] = {}
         self._next_ns = 0
 
@@ -70,7 +76,10 @@ class Transmitter:
             self._due_ns[period_ns] = due + period_ns if now_ns - due < period_ns else now_ns + period_ns
             self._imu.clear()
             for message, source in messages:
-                self._send(message, source())
+                if source is None:
+                    self._link.send(*self._resting[message.name])
+                else:
+                    self._send(message, source())
         self._next_ns = min(self._due_ns.values())
 
     def _send(self, message: Message, values: Values) -> None:
@@ -79,14 +88,6 @@ class Transmitter:
             self._counters[message.name] = count
             values[message.counter.signal] = count
         self._link.send(*self._codec.encode(message.name, values))
-
-    def _source(self, message: Message) -> Callable[[], Values]:
-        """The function that fills a message; one without is sent with resting values."""
-        source = self._sources().get(message.name)
-        if source is not None:
-            return source
-        resting = {signal.name: _resting(signal.name, signal.unit) for signal in message.signals}
-        return lambda: dict(resting)
 
     def _sources(self) -> Mapping[str, Callable[[], Values]]:
         return {
