@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from hil_gateway.config import load_config
+from hil_gateway.errors import EXIT_FAILURE
 
 app = typer.Typer(no_args_is_help=True, help="State, tyre belief and model revisions.")
 
@@ -44,3 +46,20 @@ def score(
         return
     for channel, before in result["before"].items():
         print(f"{channel:10} {before:.4g} -> {result['after'][channel]:.4g}")
+
+
+@app.command()
+def replay(
+    session: Annotated[Path, typer.Argument(help="a recorded .mcap file")],
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Replay a session through the estimator; exit 1 unless it gives the recorded outputs byte for byte."""
+    from estimator.replay import compare, recorded_config, replay_estimator
+
+    result = compare(session, replay_estimator(session, recorded_config(session)))
+    if as_json:
+        print(json.dumps({key: asdict(row) for key, row in result.items()}))
+    else:
+        print("\n".join(f"{key:22} {row.identical} of {row.recorded} identical" for key, row in result.items()))
+    if any(row.identical < row.recorded for row in result.values()):
+        raise typer.Exit(EXIT_FAILURE)

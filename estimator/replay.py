@@ -1,0 +1,90 @@
+"""Replays a session through the estimator: recorded and replayed outputs must be the same bytes.
+
+The estimator is a function of the vehicle states it is given, in their order, and of its configuration; both are
+in the recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from estimator.node import Estimator
+from hil_gateway.bus import LocalBus
+from hil_gateway.config import Config
+from hil_gateway.errors import InputError
+from hil_gateway.messages import Estimate, VehicleState
+from hil_gateway.session.reader import Item, SessionReader
+from hil_gateway.topics import BELIEF, ESTIMATE, MODEL_REVISION, VEHICLE_STATE
+
+OUTPUTS = (ESTIMATE, BELIEF, MODEL_REVISION)
+DEPTH = 64
+"""outputs of one step that are kept"""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Outputs of a topic: how many were recorded, and how many of these the replay reproduced byte for byte."""
+
+    recorded: int
+    identical: int
+
+
+def recorded_config(path: Path) -> Config:
+    """The configuration a session was recorded with.
+
+    Raises:
+        InputError: it holds none that this version understands.
+    """
+    reader = SessionReader(path, frozenset())
+    for _ in reader.items():
+        pass
+    try:
+        return Config.model_validate_json(reader.metadata.get("session", {}).get("config", ""))
+    except ValidationError as error:
+        raise InputError(f"{path}: holds no configuration of this version: {error.errors()[0]['msg']}") from None
+
+
+def replay_estimator(path: Path, config: Config) -> dict[str, list[bytes]]:
+    """Everything the estimator publishes when given the vehicle states of a session, by topic, in order.
+
+    It begins with the state its first recorded estimate answers: what came before never reached it.
+    """
+    items = _by_stamp(SessionReader(path, frozenset({VEHICLE_STATE.key, ESTIMATE.key})))
+    bus = LocalBus()
+    estimator = Estimator(config, bus)
+    outputs = {topic: bus.subscribe(topic, depth=DEPTH) for topic in OUTPUTS}
+    published: dict[str, list[bytes]] = {topic.key: [] for topic in OUTPUTS}
+    for state in items:
+        bus.publish(VEHICLE_STATE, state)
+        estimator.step(state.stamp_ns)
+        for topic, subscription in outputs.items():
+            published[topic.key] += [m.model_dump_json().encode() for m in subscription.poll(state.stamp_ns)]
+    return published
+
+
+def _by_stamp(reader: SessionReader) -> list[VehicleState]:
+    states, first_ns = [], None
+    for item in reader.items():
+        if item.topic == VEHICLE_STATE.key:
+            states.append(VehicleState.model_validate_json(item.data))
+        elif first_ns is None:
+            first_ns = Estimate.model_validate_json(item.data).state_stamp_ns
+    if first_ns is None:
+        raise InputError(f"{reader.path}: holds no {ESTIMATE}: there is nothing to compare with")
+    return [state for state in states if state.stamp_ns >= first_ns]
+
+
+def compare(path: Path, replayed: Mapping[str, list[bytes]]) -> dict[str, Comparison]:
+    """How much of the recorded outputs the replay reproduces."""
+    recorded: dict[str, list[Item]] = {key: [] for key in replayed}
+    for item in SessionReader(path, frozenset(replayed)).items():
+        recorded[item.topic].append(item)
+    return {
+        key: Comparison(len(items), sum(item.data in known for item in items))
+        for key, items in recorded.items()
+        for known in (set(replayed[key]),)
+    }
