@@ -62,7 +62,7 @@ class Driver:
     def __init__(self, car: Car, vehicle: Vehicle, level: float) -> None:
         self._car, self._vehicle = car, vehicle
         self._track = car.road.track
-        train = Powertrain()
+        train = self._train = Powertrain()
         self._actuation = Actuation(vehicle, train)
         self._gears = GearChoice(train, vehicle.wheel_radius)
         self._n = len(self._track.s)
@@ -82,7 +82,7 @@ class Driver:
         steer = self._steer(vx)
         force = self._vehicle.mass * self._acceleration(vx)
         gear = self._gears.step(now_ns, vx)
-        drive = force / Powertrain().force_per_drive
+        drive = force / self._train.force_per_drive
         a = self._actuation.to_actuators(steer, drive, car.gear or gear, car.output("engine_speed"), gear)
         return Commands(steer, a.accelerator, a.brake_front, a.brake_rear, gear)
 
