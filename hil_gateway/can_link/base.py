@@ -5,13 +5,13 @@ from __future__ import annotations
 import errno
 import select
 import socket
-import struct
 import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Protocol
 
+from hil_gateway.can_link.batch import SLOTS, SO_RXQ_OVFL, SO_TIMESTAMPNS, BatchReceiver
 from hil_gateway.clock import NS_PER_S, wall_offset_ns
 
 EXTENDED_ID = 0x8000_0000
@@ -22,12 +22,7 @@ FRAMES_PER_CALL = 16_384
 """Bound of one `receive`: a flood cannot hold the caller for ever."""
 RETRY_NS = 100_000_000
 """Pause between attempts to get a lost interface back."""
-SO_TIMESTAMPNS = 35
-SO_RXQ_OVFL = 40
 SO_RCVBUFFORCE = 33
-_ANCILLARY_BYTES = socket.CMSG_SPACE(16) + socket.CMSG_SPACE(4)
-_TIMESPEC = struct.Struct("@qq")
-_COUNT = struct.Struct("@I")
 _GONE = {errno.ENODEV, errno.ENXIO, errno.EBADF, errno.EADDRNOTAVAIL}
 """errors after which the socket itself is of no more use"""
 
@@ -103,6 +98,7 @@ class SocketLink(ABC):
     def __init__(self) -> None:
         self.counts = LinkStats()
         self._socket: socket.socket | None = self._open()
+        self._batch = BatchReceiver()
         self._kernel_drops = 0
         self._drained_ns = time.monotonic_ns()
         self._retry_ns = 0
@@ -161,27 +157,23 @@ class SocketLink(ABC):
     def _drain(self, source: socket.socket) -> list[Frame]:
         """Everything the kernel holds now, at most `FRAMES_PER_CALL`."""
         frames: list[Frame] = []
-        earliest, offset = self._drained_ns, wall_offset_ns()
-        receive, parse = source.recvmsg, self._parse
-        for _ in range(FRAMES_PER_CALL):
+        earliest, offset, batch, count = self._drained_ns, wall_offset_ns(), self._batch, SLOTS
+        while count == SLOTS and len(frames) < FRAMES_PER_CALL:
             try:
-                payload, ancillary, _, _ = receive(512, _ANCILLARY_BYTES)
-            except BlockingIOError:
-                self._drained_ns = time.monotonic_ns()
-                break
+                count = batch.receive(source)
             except OSError as error:
                 self._fail(error)
                 break
-            stamp_ns = time.monotonic_ns()
-            for _, kind, value in ancillary:
-                if kind == SO_TIMESTAMPNS:
-                    seconds, nanoseconds = _TIMESPEC.unpack(value)
-                    stamp_ns = max(earliest, min(seconds * NS_PER_S + nanoseconds - offset, stamp_ns))
-                elif kind == SO_RXQ_OVFL:
-                    self._count_drops(_COUNT.unpack(value)[0])
-            frame = parse(payload, stamp_ns)
-            if frame is not None:
-                frames.append(frame)
+            for payload, wall_ns, drops in batch.datagrams(count):
+                if drops is not None:
+                    self._count_drops(drops)
+                frame = self._parse(payload, max(wall_ns - offset, earliest))
+                if frame is not None:
+                    frames.append(frame)
+        now_ns = time.monotonic_ns()
+        if count < SLOTS:
+            self._drained_ns = now_ns
+        _hold_back(frames, now_ns)
         return frames
 
     def _count_drops(self, kernel_total: int) -> None:
@@ -217,6 +209,13 @@ class SocketLink(ABC):
     def _is_up(self) -> bool:
         """Whether frames can flow at all."""
         return True
+
+
+def _hold_back(frames: list[Frame], now_ns: int) -> None:
+    """No frame comes from the future; after a step of the wall clock all of one drain seem to."""
+    if frames and frames[-1].stamp_ns > now_ns:
+        for frame in frames:
+            frame.stamp_ns = min(frame.stamp_ns, now_ns)
 
 
 def prepare(source: socket.socket) -> socket.socket:

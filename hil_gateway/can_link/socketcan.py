@@ -1,8 +1,8 @@
 """SocketCAN: python-can opens and configures the raw socket, frames are read from it directly.
 
-Reading through python-can costs about three times as much (benchmarks/gateway.py) and hides the kernel's
-drop counter. Commands are sent one by one and never with `send_periodic`: that would transmit from inside
-the kernel and go on after this process hangs.
+Reading through python-can costs several times as much (benchmarks/gateway.py) and hides the kernel's drop
+counter. Commands are sent one by one and never with `send_periodic`: that would transmit from inside the
+kernel and go on after this process hangs.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import doctest
+
 import cantools
 import pytest
 
@@ -72,3 +74,8 @@ def test_directions_are_those_of_the_car() -> None:
 def test_a_database_that_does_not_fit_is_refused_by_name(dbc: str, toml: str, complaint: str) -> None:
     with pytest.raises(DatabaseError, match=complaint):
         parse_database(dbc, toml)
+
+
+def test_the_examples_of_the_readme_are_right() -> None:
+    result = doctest.testfile(str(DBC_PATH.with_name("README.md")), module_relative=False)
+    assert (result.failed, result.attempted > 4) == (0, True)

@@ -91,7 +91,7 @@ def datagram(link: UdpLink, payload: bytes, interface: str = "127.0.0.1") -> Non
 
 @pytest.mark.promise("F1")
 @pytest.mark.parametrize(
-    "payload", [b"", b"junk", b"\x81\xa1x\x01", b"\x81\xa2id\x01", b"\xff" * 500, b"\x93\x01\x02\x03"]
+    "payload", [b"", b"junk", b"\x81\xa1x\x01", b"\x81\xa2id\x01", b"\xff" * 500, b"\x80", b"\x93\x01\x02\x03"]
 )
 def test_foreign_datagrams_are_counted_not_raised(udp: UdpLink, payload: bytes) -> None:
     datagram(udp, payload)
@@ -114,6 +114,14 @@ def test_python_can_datagrams_are_understood(udp: UdpLink) -> None:
     ]
     assert frames[2].is_error
     assert (udp.stats().malformed, udp.stats().error_frames, udp.stats().lost) == (1, 1, 0)
+
+
+def test_python_can_understands_our_datagrams(udp: UdpLink) -> None:
+    from can.interfaces.udp_multicast.utils import unpack_message
+
+    message = unpack_message(udp._pack(0x514, b"12345678"), replace={"timestamp": 1.0}, check=True)
+    assert (message.arbitration_id, bytes(message.data), message.is_extended_id) == (0x514, b"12345678", False)
+    assert not (message.is_error_frame or message.is_remote_frame or message.is_fd)
 
 
 def test_a_gap_in_a_senders_numbers_is_counted_as_lost(udp: UdpLink) -> None:
