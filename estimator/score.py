@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 
 HORIZON_S = 1.0
 SPACING_S = 0.25
+LONGEST_STEP_S = 0.06
+"""a longer one is a gap, over which no window reaches"""
 LEARNT_SHARE = 2.0 / 3.0
 """part of the session a revision may have learnt from; the rest is held out"""
 MIN_SPEED = 8.0
@@ -42,10 +44,10 @@ STATES = ("vx", "vy", "yaw_rate", "yaw", "x", "y")
 
 @dataclass(frozen=True)
 class Windows:
-    """Stretches of equal length: `signals` name -> (steps + 1, windows), uniform steps of `step` s."""
+    """Stretches of equal length: `signals` name -> (steps + 1, windows); `steps` (steps, windows), s."""
 
     signals: Mapping[str, Array]
-    step: float
+    steps: Array
 
     @cached_property
     def count(self) -> int:
@@ -64,7 +66,7 @@ def score_session(path: Path, config: Config) -> dict[str, Any]:
         InputError: too short a session, or one without model revisions.
     """
     table = read_drive_table(path)
-    split_s = LEARNT_SHARE * float(table.columns["t"][-1])
+    split_s = _split(table.columns)
     first, learnt = _revisions(path, table.start_ns + int(split_s * NS_PER_S))
     track = load_track(config.track)
     windows = held_out_windows(table.columns, split_s, track)
@@ -76,6 +78,12 @@ def score_session(path: Path, config: Config) -> dict[str, Any]:
         "before": before,
         "after": after,
     }
+
+
+def _split(columns: Mapping[str, Array]) -> float:
+    """Time before which `LEARNT_SHARE` of the driving lies, s."""
+    driving = columns["t"][columns["vx"] > MIN_SPEED]
+    return float(driving[int(LEARNT_SHARE * len(driving))]) if len(driving) else 0.0
 
 
 def _revisions(path: Path, until_ns: int) -> tuple[ModelRevision, ModelRevision]:
@@ -102,14 +110,14 @@ def held_out_windows(columns: Mapping[str, Array], split_s: float, track: Track)
     signals["steer_rate"], signals["drive_rate"] = (np.gradient(columns[n], t) for n in ("steer", "drive"))
     starts = np.arange(int(np.searchsorted(t, split_s)), len(t) - length, spacing)
     rows = starts + np.arange(length + 1)[:, None]
-    even = np.diff(t[rows], axis=0).max(axis=0) < 1.5 * step
-    rows = rows[:, even & (columns["vx"][rows].min(axis=0) > MIN_SPEED)]
+    whole = np.diff(t[rows], axis=0).max(axis=0, initial=0.0) < LONGEST_STEP_S
+    rows = rows[:, whole & (columns["vx"][rows].min(axis=0, initial=np.inf) > MIN_SPEED)]
     if rows.shape[1] < MIN_WINDOWS:
         raise InputError(
             f"only {rows.shape[1]} windows of {HORIZON_S:g} s above {MIN_SPEED:g} m/s in the last third of the session:"
             f" at least {MIN_WINDOWS} are needed for a score; drive longer"
         )
-    return Windows({name: column[rows] for name, column in signals.items()}, step)
+    return Windows({name: column[rows] for name, column in signals.items()}, np.diff(t[rows], axis=0))
 
 
 def _track_positions(columns: Mapping[str, Array], track: Track) -> Array:
@@ -138,8 +146,8 @@ def simulate(revised: RevisedModel, windows: Windows) -> Array:
     phi = [revised.phi_at(position) for position in signals["track_position"]]
     zero = np.zeros_like(signals["vx"])
     inputs = np.stack([signals.get(name, zero) for name in (*SIGNALS[3:], *AUXILIARY)])
-    x, h = np.stack([signals[name][0] for name in STATES]), windows.step
-    for k in range(inputs.shape[1] - 1):
+    x = np.stack([signals[name][0] for name in STATES])
+    for k, h in enumerate(windows.steps):
         here, there = inputs[:, k], inputs[:, k + 1]
         middle = (here + there) / 2
         k1 = rates(x, here, phi[k])
