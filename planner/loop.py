@@ -6,6 +6,7 @@ computes. Faults enter at three places only: frames at a link, messages at a bus
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
@@ -139,7 +140,11 @@ class Loop:
     def __init__(
         self, config: Config, *, faults: Faults | None = None, keep: Sequence[Topic[Any]] = (),
         track: Track | None = None, arm: bool = True, components: dict[str, Callable[..., Core]] | None = None,
+        timed: bool = False,
     ) -> None:  # fmt: skip
+        """`keep`: topics whose messages go into the result. `components` replaces "estimator" or "planner" by another
+        factory(config, bus, track). `timed`: the planner measures its solver with the machine's clock, and is late when
+        that is late: realistic, and no longer the same every time."""
         self.clock = VirtualClock(START_NS)
         self.faults = faults or Faults()
         self.wire = VirtualWire(self.clock)
@@ -149,7 +154,7 @@ class Loop:
         track = track or load_track(config.track)
         self.plant = Plant(config, self._link("plant"), self.bus, track)
         self.gateway = Gateway(config, self.bus, self._link("gateway"), track)
-        made = {**_default_components(), **(components or {})}
+        made = {**_default_components(timed), **(components or {})}
         self.estimator = made["estimator"](config, self.bus, track)
         self.planner = made["planner"](config, self.bus, track)
         self._status: LocalSubscription[GatewayStatus] = self.bus.subscribe(topics.GATEWAY_STATUS)
@@ -222,8 +227,13 @@ class Loop:
             self.result.solve_ms.append(message.solve_ms)
 
 
-def _default_components() -> dict[str, Callable[..., Core]]:
+def _default_components(timed: bool) -> dict[str, Callable[..., Core]]:
     from estimator.node import Estimator
     from planner.node import Planner
 
-    return {"estimator": Estimator, "planner": Planner}
+    stopwatch: Callable[[], int] = time.perf_counter_ns if timed else lambda: 0
+
+    def planner(config: Config, bus: LocalBus, track: Track) -> Core:
+        return Planner(config, bus, track, stopwatch=stopwatch)
+
+    return {"estimator": Estimator, "planner": planner}

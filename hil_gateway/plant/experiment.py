@@ -120,7 +120,7 @@ class _Recorder:
                 self._actuation.to_drive(pedals, engine_speed, car.gear),
                 float(lap),
                 car["throttle"],
-                front + rear,
+                0.5 * (front + rear),
                 float(car.gear),
                 engine_speed,
                 wheels["wheel_speed_FL"],

@@ -10,11 +10,11 @@ from hil_gateway import topics
 from hil_gateway.config import load_config
 from hil_gateway.messages import Estimate, VehicleState
 from planner.loop import Loop, LoopResult
+from planner.loop_log import LOGGED, drive_log
 
 
 def _loop(track: str = "road_course", **overrides: Any) -> Loop:
-    keep = (topics.ESTIMATE, topics.VEHICLE_STATE)
-    return Loop(load_config(None, {"track": track, **overrides}), keep=keep)
+    return Loop(load_config(None, {"track": track, **overrides}), keep=LOGGED)
 
 
 @pytest.mark.slow
@@ -55,3 +55,7 @@ def test_estimate_follows_the_true_state() -> None:
     assert estimate.yaw == pytest.approx(car["yaw"], abs=0.01)
     assert estimate.vx == pytest.approx(car["vx"], abs=0.3)
     assert state.steer == pytest.approx(car["steer"], abs=0.003)
+    log = drive_log(loop.result)
+    assert log.segments() == [slice(0, len(log))]
+    assert log["vx"][-1] == estimate.vx
+    assert log["ax"].std() > 0.1
