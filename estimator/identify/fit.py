@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.identify.coordinates import StepCoordinates
 from estimator.identify.evaluate import CHANNELS, ModelColumns
 from estimator.identify.prepare import Samples
 from estimator.model.parameters import Parameter
@@ -27,6 +28,9 @@ LATERAL_AND_LONGITUDINAL = ("ax", "ay", "yaw_acc")
 
 COARSE, FINE = 1e-3, 1e-8
 """Relative decreases of the cost at which a round of iterations ends: before the spreads settle, and after."""
+
+LONGEST_STEP = 2.0
+"""Prior standard deviations a parameter moves at most in one step: farther, the linearisation says nothing."""
 
 
 @dataclass(frozen=True)
@@ -257,26 +261,38 @@ def time_blocks(samples: Samples, block_s: float) -> NDArray[np.int64]:
 def _gauss_newton(problem: Problem, u: Array, decrease: float) -> tuple[Array, int, bool]:
     """Damped Gauss-Newton within the bounds: (estimate, iterations, whether the step fell below the tolerance)."""
     settings, damping, cost = problem.settings, 1e-6, problem.cost(u)
-    box = (problem.lower, problem.upper)
+    coordinates = StepCoordinates(problem.table)
+    box = coordinates.box(problem.lower, problem.upper)
     for iteration in range(settings.max_iterations):
         H, g = problem.normal_equations(u)
+        T, w = coordinates.tangent(u), coordinates.forward(u)
         while True:
-            step = bounded_step(H, g, u, box, damping)
-            length = math.sqrt(max(float(step @ H @ step), 0.0))
-            trial_cost = problem.cost(u + step)
+            step = bounded_step(T.T @ H @ T, T.T @ g, w, box, damping)
+            trial = _within_reach(problem, coordinates, u, w, step)
+            length = math.sqrt(max(float((trial - u) @ H @ (trial - u)), 0.0))
+            trial_cost = problem.cost(trial)
             if trial_cost <= cost or length < settings.tolerance:
                 break
-            damping = max(10.0 * damping, 1e-4)
+            damping = max(10.0 * damping, 1e-3)
         flat = cost - trial_cost < decrease * cost
         if trial_cost <= cost:
-            u, cost, damping = u + step, trial_cost, max(0.1 * damping, 1e-9)
+            u, cost, damping = trial, trial_cost, max(0.03 * damping, 1e-9)
         if length < settings.tolerance or flat:
             return u, iteration + 1, True
     return u, settings.max_iterations, False
 
 
+def _within_reach(problem: Problem, coordinates: StepCoordinates, u: Array, w: Array, step: Array) -> Array:
+    """u after the step, shortened to `LONGEST_STEP` and clipped to the bounds."""
+    trial = np.clip(coordinates.inverse(w + step), problem.lower, problem.upper)
+    longest = float(np.max(np.abs(trial - u)))
+    if longest > LONGEST_STEP:
+        trial = np.clip(coordinates.inverse(w + step * LONGEST_STEP / longest), problem.lower, problem.upper)
+    return np.asarray(trial)
+
+
 def bounded_step(H: Array, g: Array, u: Array, box: tuple[Array, Array], damping: float) -> Array:
-    """Newton step with Levenberg-Marquardt damping; parameters that would leave their bounds stay on them."""
+    """Newton step within `box` from u with Levenberg-Marquardt damping; what would leave its bounds stays on them."""
     lower, upper = box
     free = ~(((u <= lower) & (g > 0)) | ((u >= upper) & (g < 0)))
     step = np.zeros_like(u)

@@ -15,7 +15,7 @@ from estimator.model.single_track import AUXILIARY, SIGNALS
 
 Array = NDArray[np.float64]
 
-MOVING_SHARE = 0.15
+MOVING_SHARE = 0.25
 """Samples slower than this share of the log's fast speed (95th percentile) carry no tyre information."""
 
 EDGE_S = 0.5
@@ -61,6 +61,14 @@ class Samples:
 
     def select(self, rows: NDArray[np.bool_]) -> Samples:
         """The samples where `rows` (n,) is true."""
+        return replace(
+            self, inputs=self.inputs[:, rows], channels=self.channels[:, rows], t=self.t[rows],
+            segment=self.segment[rows], row=self.row[rows],
+        )  # fmt: skip
+
+    def select_range(self, start: int, stop: int) -> Samples:
+        """Samples `start` to `stop`, without copying."""
+        rows = slice(start, stop)
         return replace(
             self, inputs=self.inputs[:, rows], channels=self.channels[:, rows], t=self.t[rows],
             segment=self.segment[rows], row=self.row[rows],

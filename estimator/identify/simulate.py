@@ -7,13 +7,16 @@ parameters and to the initial state follow the linearised dynamics along the tra
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.identify.evaluate import CHANNELS, Columns, ModelColumns
+from estimator.identify.nuisance import VY_SENSOR, reported_vy
 from estimator.identify.windows import STATE_ROWS, Windows
+from estimator.model.single_track import SIGNALS
 
 Array = NDArray[np.float64]
 
@@ -36,15 +39,17 @@ class Simulator:
     """Simulates one model; functions are built once."""
 
     def __init__(self, columns: ModelColumns) -> None:
-        """Build dynamics (vy_dot, yaw_acc) and the output ay of `columns.model`."""
+        """Build the dynamics (vy_dot, yaw_acc) and the outputs of `columns.model`."""
         inputs, theta, channels = columns.expressions
         self.parameters = len(columns.parameters)
         rates = ca.vertcat(channels[CHANNELS.index("vy_dot")], channels[CHANNELS.index("yaw_acc")])
-        everything = ca.vertcat(rates, channels[CHANNELS.index("ay")])
+        outputs = _outputs(columns)
+        everything = ca.vertcat(rates, outputs)
         state = ca.vertcat(*(inputs[i] for i in STATE_ROWS))
         jacobian = ca.horzcat(ca.jacobian(everything, state), ca.jacobian(everything, theta))
-        out = ca.densify(ca.vertcat(everything, ca.vec(jacobian.T)))
         self._rates = Columns(ca.Function("rates", [inputs, theta], [ca.densify(rates)], {"cse": True}))
+        self._outputs = Columns(ca.Function("outputs", [inputs, theta], [ca.densify(outputs)], {"cse": True}))
+        out = ca.densify(ca.vertcat(outputs, ca.vec(jacobian.T)))
         self._linear = Columns(ca.Function("linear", [inputs, theta], [out], {"cse": True}))
 
     def run(self, windows: Windows, start: Array, theta: Array, sensitivities: bool = True) -> Trajectory:
@@ -53,17 +58,16 @@ class Simulator:
         inputs = windows.inputs.copy()
         inputs[list(STATE_ROWS)] = states
         k, grid, lanes = inputs.shape
-        values = self._linear(inputs.reshape(k, -1), theta).reshape(-1, grid, lanes)
         sampled = slice(None, None, windows.substeps)
-        outputs = np.concatenate([states, values[2:3]])[:, sampled]
         if not sensitivities:
-            return Trajectory(outputs)
-        J = values[3:].reshape(3, STATES + self.parameters, grid, lanes)
-        S = _propagate(J[:2], windows.grid_step)[:, :, sampled]
-        ay = np.einsum("xkl,xpkl->pkl", J[2, :STATES, sampled], S)
-        ay[STATES:] += J[2, STATES:, sampled]
-        full = np.concatenate([S, ay[None]])
-        return Trajectory(outputs, by_theta=full[:, STATES:], by_start=full[:, :STATES])
+            coarse = inputs[:, sampled]
+            return Trajectory(self._outputs(coarse.reshape(k, -1), theta).reshape(3, -1, lanes))
+        values = self._linear(inputs.reshape(k, -1), theta).reshape(-1, grid, lanes)
+        J = values[3:].reshape(STATES + 3, STATES + self.parameters, grid, lanes)
+        S = _propagate(J[:STATES], windows.grid_step)[:, :, sampled]
+        full = np.einsum("oxkl,xpkl->opkl", J[STATES:, :STATES, sampled], S)
+        full[:, STATES:] += J[STATES:, STATES:, sampled]
+        return Trajectory(values[:3, sampled], by_theta=full[:, STATES:], by_start=full[:, :STATES])
 
     def _integrate(self, windows: Windows, start: Array, theta: Array) -> Array:
         """(2, G, L) states on the integration grid, RK4; diverging lanes end as nan."""
@@ -85,6 +89,16 @@ class Simulator:
                 k4 = f(there, s + h * k3)
                 states[:, g + 1] = s = s + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
         return states
+
+
+def _outputs(columns: ModelColumns) -> Any:
+    """vy as reported, yaw rate, ay."""
+    inputs, theta, channels = columns.expressions
+    vx, (vy, yaw_rate) = inputs[SIGNALS.index("vx")], (inputs[i] for i in STATE_ROWS)
+    names = [p.name for p in columns.parameters]
+    sensor = [theta[i] for i, name in enumerate(names) if name.startswith(f"{VY_SENSOR}.")]
+    vy_out = reported_vy(vx, vy, yaw_rate, sensor) if sensor else vy
+    return ca.vertcat(vy_out, yaw_rate, channels[CHANNELS.index("ay")])
 
 
 def _propagate(J: Array, h: float) -> Array:

@@ -1,0 +1,211 @@
+"""What the data determines and what not: Fisher information (Eq. 6, 7), its criteria, and its weak directions in words.
+
+The analysis is in logarithms of B, C and D, so that a direction means a relative change of each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.identify.fit import Fit
+from estimator.identify.prepare import Samples
+from estimator.information import a_criterion, d_criterion, e_criterion, trace_criterion
+from estimator.model.parameters import Layout
+from hil_gateway.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+KNOWN_TO = 0.15
+"""A parameter counts as identified when the data alone gives its relative standard deviation below this."""
+
+EXCITATION_STEPS = tuple(1.0 + 0.1 * k for k in range(1, 91))
+"""Factors on the slip angles tried to find how much more excitation would do."""
+
+
+@dataclass(frozen=True)
+class Axle:
+    """One axle's slip and what it tells; angles in rad.
+
+    `relative_std` of B, C, D from this axle's lateral force alone; `needed_slip` is the 99th percentile of |slip|
+    at which all three would be known to `KNOWN_TO` (None: they are, or no excitation tried would do).
+    """
+
+    name: str
+    slip_99: float
+    slip_at_peak: float
+    relative_std: dict[str, float]
+    condition_number: float
+    needed_slip: float | None
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Criteria of the scaled Fisher information of the tyre parameters, and conclusions.
+
+    `identifiable` per parameter; `statements` in words, weakest combination first; `data_std` relative standard
+    deviation of each parameter from the data alone, without the prior.
+    """
+
+    trace: float
+    d_criterion: float
+    a_criterion: float
+    e_criterion: float
+    condition_number: float
+    data_std: dict[str, float]
+    identifiable: dict[str, bool]
+    statements: tuple[str, ...]
+    axles: tuple[Axle, ...]
+
+
+def analyse(fit: Fit, samples: Samples, vehicle: Vehicle, layout: Layout) -> Identifiability:
+    """Identifiability of the tyre parameters at the estimate of `fit`."""
+    tyre = [i for i, name in enumerate(fit.names) if "." not in name]
+    names = [fit.names[i] for i in tyre]
+    scaled = marginal_information(fit.information, tyre)
+    theta, scale = fit.theta[tyre], np.array([fit.parameters[i].prior_std for i in tyre])
+    inflation = _inflation(fit, tyre)
+    relative = theta / scale
+    logarithmic = scaled * np.outer(relative, relative) / inflation
+    std = np.sqrt(np.maximum(np.diag(_inverse(logarithmic)), 0.0))
+    data_std = dict(zip(names, std.tolist(), strict=True))
+    axles = tuple(_axle(name, fit.values, samples, vehicle) for name in _axle_names(layout))
+    return Identifiability(
+        trace=trace_criterion(scaled),
+        d_criterion=d_criterion(scaled),
+        a_criterion=a_criterion(scaled),
+        e_criterion=e_criterion(scaled),
+        condition_number=float(np.linalg.cond(logarithmic)),
+        data_std=data_std,
+        identifiable={n: bool(s < KNOWN_TO) and n not in fit.at_bound for n, s in data_std.items()},
+        statements=(*_weak_directions(logarithmic, names, axles), *_at_bounds(fit)),
+        axles=axles,
+    )
+
+
+def marginal_information(information: Array, kept: Sequence[int]) -> Array:
+    """Information about `kept` when the other parameters are unknown: their Schur complement."""
+    rest = [i for i in range(len(information)) if i not in kept]
+    A = information[np.ix_(kept, kept)]
+    if not rest:
+        return A
+    B, C = information[np.ix_(kept, rest)], information[np.ix_(rest, rest)]
+    return np.asarray(A - B @ np.linalg.pinv(C, hermitian=True) @ B.T)
+
+
+def _inflation(fit: Fit, tyre: list[int]) -> float:
+    """By how much correlated residuals inflate the variance: sandwich over plain, typical of the parameters."""
+    scale = np.array([p.prior_std for p in fit.parameters])
+    plain = np.diag(_inverse(fit.information + np.eye(len(scale)))) * scale**2
+    ratio = np.diag(fit.covariance)[tyre] / plain[tyre]
+    return float(max(1.0, np.median(ratio)))
+
+
+def _inverse(matrix: Array) -> Array:
+    """Inverse of an information matrix; directions without information get a huge but finite variance."""
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    return np.asarray((vectors / np.maximum(values, 1e-12 * max(float(values[-1]), 1e-300))) @ vectors.T)
+
+
+def _weak_directions(logarithmic: Array, names: list[str], axles: tuple[Axle, ...]) -> list[str]:
+    values, vectors = np.linalg.eigh(logarithmic)
+    statements = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        if value > KNOWN_TO**-2:
+            break
+        involved = [n for n, v in zip(names, vector, strict=True) if abs(v) > 0.3 * np.max(np.abs(vector))]
+        statements.append(_in_words(sorted(involved, key=_importance), axles))
+    return list(dict.fromkeys(statements))
+
+
+def _importance(name: str) -> int:
+    """D before C before B, as engineers name them."""
+    return "dcbx".index(name[0] if name != "cx" else "x")
+
+
+def _in_words(involved: list[str], axles: tuple[Axle, ...]) -> str:
+    if involved == ["cx"]:
+        return "C_x is not determined: too little driving and braking"
+    touched = [axle for axle in axles if any(_on(axle, name) for name in involved)]
+    parts = [_of_axle(axle, [n for n in involved if _on(axle, n)]) for axle in touched]
+    return "; ".join(parts)
+
+
+def _of_axle(axle: Axle, names: list[str]) -> str:
+    letters = [name[0].upper() for name in names]
+    where = "" if axle.name == "both axles" else f" of the {axle.name} axle"
+    what = (
+        f"{letters[0]}{where} is not determined"
+        if len(letters) == 1
+        else (f"{', '.join(letters[:-1])} and {letters[-1]}{where} cannot be separated")
+    )
+    largest = f"largest slip {np.degrees(axle.slip_99):.1f} deg (99th percentile)"
+    if axle.needed_slip is None:
+        return f"{what}: {largest}, the force peaks near {np.degrees(axle.slip_at_peak):.0f} deg"
+    return f"{what}: {largest}, about {np.degrees(axle.needed_slip):.1f} deg would separate them"
+
+
+def _on(axle: Axle, name: str) -> bool:
+    if name == "cx":
+        return False
+    return len(name) == 1 or name[1] == axle.name[0]
+
+
+def _at_bounds(fit: Fit) -> list[str]:
+    return [f"{name} = {fit.values[name]:.4g} ended on its bound" for name in fit.at_bound if "." not in name]
+
+
+def _axle_names(layout: Layout) -> tuple[str, ...]:
+    return ("front", "rear") if layout == "per_axle" else ("both axles",)
+
+
+def _axle(name: str, values: dict[str, float], samples: Samples, vehicle: Vehicle) -> Axle:
+    suffix = "" if name == "both axles" else name[0]
+    B, C, D = (values[letter + suffix] for letter in "bcd")
+    slip = slip_angles(samples, vehicle)
+    alpha = np.concatenate(slip) if not suffix else slip[0 if suffix == "f" else 1]
+    alpha = alpha[:: max(1, len(alpha) // 5000)]
+    std, condition = _curve_std(alpha, B, C, D)
+    slip_99 = float(np.quantile(np.abs(alpha), 0.99))
+    return Axle(
+        name=name,
+        slip_99=slip_99,
+        slip_at_peak=float(np.tan(np.pi / (2.0 * C)) / B) if C > 1.0 else float(np.pi / 2),
+        relative_std=dict(zip("bcd", std.tolist(), strict=True)),
+        condition_number=condition,
+        needed_slip=_needed(alpha, B, C, D, slip_99) if std.max() > KNOWN_TO else None,
+    )
+
+
+def slip_angles(samples: Samples, vehicle: Vehicle) -> tuple[Array, Array]:
+    """(front, rear) slip angles, Eq. (3), rad."""
+    vx, vy, yaw_rate, steer = (samples[n] for n in ("vx", "vy", "yaw_rate", "steer"))
+    front = steer - np.arctan2(vy + vehicle.lf * yaw_rate, vx)
+    return front, -np.arctan2(vy - vehicle.lr * yaw_rate, vx)
+
+
+FORCE_NOISE = 0.03
+"""Noise of the lateral force over axle load taken for the excitation advice: 0.3 m/s2, model error included."""
+
+INDEPENDENT_PER_LOG = 500.0
+"""Independent samples a log is worth for the same advice, whatever its rate."""
+
+
+def _curve_std(alpha: Array, B: float, C: float, D: float) -> tuple[Array, float]:
+    """Relative standard deviations of B, C, D from force samples at `alpha`, and the information's condition number."""
+    atan, inside = np.arctan(B * alpha), B * alpha / (1.0 + (B * alpha) ** 2)
+    by_b = D * np.cos(C * atan) * C * inside
+    by_c = D * np.cos(C * atan) * C * atan
+    J = np.stack([by_b, by_c, D * np.sin(C * atan)]) / FORCE_NOISE
+    information = J @ J.T * (INDEPENDENT_PER_LOG / len(alpha))
+    return np.sqrt(np.diag(_inverse(information))), float(np.linalg.cond(information))
+
+
+def _needed(alpha: Array, B: float, C: float, D: float, slip_99: float) -> float | None:
+    for factor in EXCITATION_STEPS:
+        if _curve_std(alpha * factor, B, C, D)[0].max() < KNOWN_TO:
+            return factor * slip_99
+    return None

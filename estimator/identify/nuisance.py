@@ -1,0 +1,62 @@
+"""What a log's sensors add to the model: parameters that are estimated along with the tyres but are not of the car.
+
+Left out, they would be taken for tyre parameters. Each is an `Effect` with a prior, so every fit can carry it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+STEER_TIMING = "steer_timing"
+VY_SENSOR = "vy_sensor"
+
+
+def _delayed(terms: Terms, tau: Expr) -> None:
+    terms.steer = terms.steer - tau * terms.aux["steer_rate"]
+
+
+def steer_timing(step: float) -> Effect:
+    """Delay of the road wheels behind the reported angle, s, for a log sampled every `step` s.
+
+    A log says when a row was written, not when within the sample each channel was taken. A millisecond moves the
+    front axle's B by most of a percent, so the delay is estimated, with half a sample as its prior.
+    """
+    parameter = Parameter(f"{STEER_TIMING}.tau", "s", 0.0, 0.5 * step, -3.0 * step, 3.0 * step, "delay")
+    return Effect(
+        name=STEER_TIMING,
+        lacks="the reported angle is sampled at the same instant as the states",
+        equation="steer(t) = reported(t) - tau d/dt reported",
+        source="first order of a pure delay",
+        parameters=(parameter,),
+        channels=("ay", "yaw_acc", "vy_dot"),
+        hooks={"INPUT": _delayed},
+        needs=("steer_rate",),
+    )
+
+
+def vy_sensor() -> Effect:
+    """Sensor of vy ahead of the CoG, turned against the car, with a bias: used where log health finds it so."""
+    return Effect(
+        name=VY_SENSOR,
+        lacks="vy is that of the centre of gravity",
+        equation="vy reported = vy + x yaw_rate + angle vx + bias",
+        source="rigid-body kinematics",
+        parameters=(
+            Parameter(f"{VY_SENSOR}.x", "m", 0.0, 1.0, -5.0, 5.0, "position ahead of the CoG"),
+            Parameter(f"{VY_SENSOR}.angle", "rad", 0.0, 0.02, -0.2, 0.2, "misalignment"),
+            Parameter(f"{VY_SENSOR}.bias", "m/s", 0.0, 0.1, -2.0, 2.0, "bias"),
+        ),
+        channels=(),
+        hooks={},
+    )
+
+
+def reported_vy(vx: Expr, vy: Expr, yaw_rate: Expr, sensor: Sequence[Expr]) -> Expr:
+    """What a sensor of vy reports, m/s; `sensor`: distance ahead of the CoG, misalignment, bias."""
+    x, angle, bias = sensor
+    return vy + x * yaw_rate + angle * vx + bias
