@@ -20,13 +20,16 @@ from hil_gateway.messages import FailsafeAction
 from hil_gateway.track import Track
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, RenderableType
     from rich.table import Table
 
 LINE_S = 5.0
 REFRESH_HZ = 8
-MAP_WIDTH, MAP_HEIGHT = 58, 24
 MAP_POINTS = 1500
+TABLE_COLUMNS = 44
+"""characters one stack of tables needs"""
+MAP_COLUMNS, MAP_ROWS = (26, 58), (10, 24)
+"""smallest and largest map"""
 COLOURS = {
     FailsafeAction.DRIVE: "green",
     FailsafeAction.SILENT: "yellow",
@@ -75,17 +78,22 @@ class PlainView:
 
 
 class LiveView:
-    """A page that redraws itself."""
+    """A page that redraws itself, laid out for the size of the terminal."""
 
-    def __init__(self, track: Track) -> None:
+    def __init__(self, track: Track, console: Console | None = None) -> None:
         from rich.console import Console
         from rich.live import Live
 
+        self._console = console or Console(stderr=True)
+        columns, rows = self._console.size
+        self._wide = columns >= MAP_COLUMNS[0] + 2 * TABLE_COLUMNS
+        free = columns - (2 if self._wide else 1) * TABLE_COLUMNS
         step = max(len(track.x) // MAP_POINTS, 1)
-        self._canvas = Canvas(list(track.x[::step]), list(track.y[::step]), MAP_WIDTH, MAP_HEIGHT)
-        self._map = self._canvas.lines()
-        self._notes: list[str] = []
-        self._live = Live(console=Console(stderr=True), auto_refresh=False, screen=False)
+        self._canvas = Canvas(
+            track.x[::step].tolist(), track.y[::step].tolist(), _within(free, MAP_COLUMNS), _within(rows - 5, MAP_ROWS)
+        )
+        self._map = "\n".join(self._canvas.lines())
+        self._live = Live(console=self._console, auto_refresh=False, vertical_overflow="crop")
         self._live.start()
         self._next_ns = 0
 
@@ -95,31 +103,38 @@ class LiveView:
             self._live.update(self.page(scene), refresh=True)
 
     def say(self, text: str) -> None:
-        self._notes.append(text)
-        self._live.console.print(text, highlight=False, markup=False)
+        self._console.print(text, highlight=False, markup=False)
 
     def close(self) -> None:
         self._live.stop()
 
     def page(self, scene: Scene) -> RenderableType:
-        """The whole page as a rich object."""
-        from rich.columns import Columns
+        """The whole page: map, car and belief, and on a wide terminal also the loop and its processes."""
         from rich.console import Group
         from rich.panel import Panel
+        from rich.table import Table
 
-        tables = Group(_car_table(scene), _belief_table(scene), _loop_table(scene), _process_table(scene))
-        return Group(_headline(scene), Columns([Panel(self._draw_map(scene), title=scene.heading), tables]))
+        stacks = [Group(_car_table(scene), _belief_table(scene))]
+        if self._wide:
+            stacks.append(Group(_loop_table(scene), _process_table(scene)))
+        grid = Table.grid(padding=(0, 2))
+        grid.add_row(Panel.fit(self._draw_map(scene), title=scene.heading), *stacks)
+        return Group(_headline(scene), grid, *(() if self._wide else (_ages_line(scene),)))
 
     def _draw_map(self, scene: Scene) -> RenderableType:
         from rich.text import Text
 
-        text = Text("\n".join(self._map), style="grey62", no_wrap=True)
+        text = Text(self._map, style="grey62", no_wrap=True)
         where = scene.monitor.estimate or scene.referee.truth
         if where is not None and math.isfinite(where.x):
             cell = self._canvas.cell(where.x, where.y)
-            start = cell.row * (MAP_WIDTH + 1) + cell.column
+            start = cell.row * (self._canvas.width + 1) + cell.column
             text = Text.assemble(text[:start], ("●", "bold red"), text[start + 1 :])
         return text
+
+
+def _within(value: int, bounds: tuple[int, int]) -> int:
+    return min(max(value, bounds[0]), bounds[1])
 
 
 def _headline(scene: Scene) -> RenderableType:
@@ -147,6 +162,7 @@ def _table(title: str, *columns: str) -> Table:
 def _car_table(scene: Scene) -> Table:
     estimate, plan, referee = scene.monitor.estimate, scene.monitor.plan, scene.referee
     table = _table("car", "", "")
+    table.show_header = False
     if estimate:
         table.add_row("speed", f"{estimate.vx:6.1f} m/s  {3.6 * estimate.vx:4.0f} km/h")
         table.add_row("steering", f"{math.degrees(estimate.steer):+6.2f} deg at the wheel")
@@ -165,8 +181,12 @@ def _belief_table(scene: Scene) -> Table:
         spread = np.sqrt(np.clip(np.diag(np.asarray(belief.covariance)), 0.0, None))
         for name, mean, std, start in zip(belief.names, belief.mean, spread, prior.mean, strict=True):
             change = f"{100 * (mean / start - 1):+6.1f} %" if start else ""
-            table.add_row(name, f"{mean:.4g}", f"{std:.2g}", change)
+            table.add_row(name, _figure(mean), _figure(std), change)
     return table
+
+
+def _figure(value: float) -> str:
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def _loop_table(scene: Scene) -> Table:
@@ -180,6 +200,17 @@ def _loop_table(scene: Scene) -> Table:
     if recorder:
         table.add_row("recorded", f"{recorder.bytes_written / 1e6:.1f} MB", f"{recorder.lost} lost")
     return table
+
+
+def _ages_line(scene: Scene) -> RenderableType:
+    """Message ages where there is no room for their table."""
+    from rich.text import Text
+
+    text = Text(" ms old: ", style="dim", no_wrap=True, overflow="ellipsis")
+    for key, (age_s, alive) in scene.monitor.ages_s(scene.now_ns).items():
+        age = "never" if math.isinf(age_s) else f"{1e3 * age_s:.0f}"
+        text.append(f"{key.removeprefix('av24/')} {age}  ", style="reset" if alive else "red")
+    return text
 
 
 def _process_table(scene: Scene) -> Table:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import socket
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from hil_gateway import messages as m
 from hil_gateway.bus import LocalBus
@@ -17,9 +19,10 @@ from hil_gateway.demo.monitor import Monitor
 from hil_gateway.demo.operator import Operator
 from hil_gateway.demo.options import DemoOptions, parse_effects, prepare, to_toml
 from hil_gateway.demo.referee import Referee
-from hil_gateway.demo.view import Scene, line
+from hil_gateway.demo.view import LiveView, Scene, line
 from hil_gateway.errors import InputError
 from hil_gateway.topics import GATEWAY_STATUS, OPERATOR, PLAN, TRUTH
+from hil_gateway.track import load_track
 
 MS = 1_000_000
 
@@ -165,6 +168,31 @@ def test_plain_line_says_why_nothing_moves_and_what_the_car_does() -> None:
     referee.update(0)
     assert "waiting for plan, estimate" in line(scene)
     assert "off track 0" in line(scene)
+
+
+@pytest.mark.parametrize(("columns", "rows", "wide"), [(150, 40, True), (80, 24, False)])
+def test_live_page_fits_the_terminal_and_shows_car_cause_and_ages(columns: int, rows: int, wide: bool) -> None:
+    bus = LocalBus()
+    monitor, referee = Monitor(bus), Referee(bus)
+    bus.publish(GATEWAY_STATUS, status("controlled_stop", cause="plan older than 100 ms"))
+    bus.publish(TRUTH, truth(12.0, laps=(88.5,)))
+    monitor.update(0, driving=True)
+    referee.update(0)
+    console = Console(width=columns, height=rows, file=io.StringIO(), record=True)
+    view = LiveView(load_track("oval"), console)
+    view.close()
+    scene = Scene(5 * MS, 1.0, monitor, referee, {"plant": 0.1}, {}, "oval on vcan0")
+    console.export_text()
+    console.print(view.page(scene))
+    text = console.export_text()
+    assert "CONTROLLED_STOP" in text
+    assert "plan older than 100 ms" in text
+    assert "88.50 s" in text
+    assert text.count("●") == 1
+    assert ("ended" in text) == wide
+    assert "vehicle_state" in text
+    assert len(text.splitlines()) <= rows
+    assert max(map(len, text.splitlines())) <= columns
 
 
 def test_map_is_drawn_to_scale_with_the_car_inside() -> None:
