@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 
 import casadi as ca
 
@@ -106,7 +107,7 @@ class SingleTrack:
     effects: tuple[Effect, ...] = ()
     tyre_prior: Mapping[str, float] | None = None
 
-    @property
+    @cached_property
     def tyre_table(self) -> tuple[Parameter, ...]:
         """Tyre parameters in the order of theta."""
         return tyre_parameters(self.layout, self.tyre_prior)
