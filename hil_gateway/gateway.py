@@ -209,8 +209,12 @@ class Gateway:
             self._previous = self._limits.resting(self.builder.signal("average_steering_ang_fdbk"))
             return self._applied(now_ns, state, False, ())
         wanted = self._wanted(now_ns, state)
-        self._previous, limited = self._limits.apply(wanted, self._previous)
-        sent = transmits and self._transmitter.actuators(self._previous)
+        command, limited = self._limits.apply(wanted, self._previous)
+        sent = False
+        if transmits:
+            self._previous, sent = self._transmitter.actuators(command, self._previous)
+        else:  # shadow: as if it had left
+            self._previous = command
         self._sent += sent
         self._limited += bool(limited)
         self._note_latency(now_ns)

@@ -8,8 +8,20 @@ of the configured origin). Stamps are monotonic nanoseconds of the sender.
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
+
+# Bounds far outside what a car can do: a number that has lost its meaning is refused where it arrives, and what
+# is computed from the rest stays finite.
+Reported = Annotated[float, Field(ge=-200, le=200)]
+"""a speed, rate or acceleration as a sensor reports it"""
+Motion = Annotated[float, Field(ge=-1e4, le=1e4)]
+"""a speed or rate as it is estimated"""
+Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
+Slip = Annotated[float, Field(ge=-100, le=100)]
+Position = Annotated[float, Field(ge=-1e7, le=1e7)]
+Pressure = Annotated[float, Field(ge=-1e8, le=1e8)]
 
 
 class Model(BaseModel):
@@ -37,26 +49,26 @@ class VehicleState(Message):
 
     valid: bool = Field(description="every source needed for driving is alive and plausible")
     sources: dict[str, SourceHealth]
-    ax: float
-    ay: float
-    az: float
-    yaw_rate: float
-    roll_rate: float
-    wheel_speed_fl: float = Field(description="circumferential, m/s")
-    wheel_speed_fr: float
-    wheel_speed_rl: float
-    wheel_speed_rr: float
-    steer: float = Field(description="road-wheel angle, rad")
-    steer_rate: float
+    ax: Reported
+    ay: Reported
+    az: Reported
+    yaw_rate: Reported
+    roll_rate: Reported
+    wheel_speed_fl: Reported = Field(description="circumferential, m/s")
+    wheel_speed_fr: Reported
+    wheel_speed_rl: Reported
+    wheel_speed_rr: Reported
+    steer: Angle = Field(description="road-wheel angle, rad")
+    steer_rate: Reported
     accelerator: float = Field(ge=0, le=1)
-    throttle: float = Field(description="engine throttle, 0..1")
-    brake_front: float = Field(description="Pa")
-    brake_rear: float = Field(description="Pa")
-    drive: float = Field(description="slip-ratio drive command of Eq. (2) equivalent to the reported pedals")
+    throttle: Slip = Field(description="engine throttle, 0..1")
+    brake_front: Pressure = Field(description="Pa")
+    brake_rear: Pressure = Field(description="Pa")
+    drive: Slip = Field(description="slip-ratio drive command of Eq. (2) equivalent to the reported pedals")
     gear: int
     engine_speed: float = Field(description="rad/s")
-    position_x: float
-    position_y: float
+    position_x: Position
+    position_y: Position
     position_seq: int = Field(description="advances when a new position fix arrived")
     sys_state: int
     ct_state: int
@@ -69,18 +81,18 @@ class Estimate(Message):
 
     state_stamp_ns: int = Field(description="stamp of the VehicleState this answers, gateway clock")
     valid: bool
-    x: float
-    y: float
-    yaw: float
-    vx: float
-    vy: float
-    yaw_rate: float
-    bias_ax: float
-    bias_ay: float
-    bias_yaw_rate: float
+    x: Position
+    y: Position
+    yaw: Angle
+    vx: Motion
+    vy: Motion
+    yaw_rate: Motion
+    bias_ax: Motion
+    bias_ay: Motion
+    bias_yaw_rate: Motion
     std: tuple[float, ...] = Field(description="standard deviations of x, y, yaw, vx, vy, yaw_rate, biases")
-    steer: float = Field(description="applied road-wheel angle, rad")
-    drive: float = Field(description="applied slip-ratio drive command")
+    steer: Angle = Field(description="applied road-wheel angle, rad")
+    drive: Slip = Field(description="applied slip-ratio drive command")
     innovations_rejected: int = Field(ge=0, description="measurements gated out since start")
 
 
@@ -156,8 +168,8 @@ class Command(Message):
 
     source: str
     state_stamp_ns: int = Field(description="stamp of the VehicleState the plan started from, gateway clock")
-    steer: float = Field(description="road-wheel angle, rad")
-    drive: float = Field(description="slip ratio, positive drives, negative brakes")
+    steer: Angle = Field(description="road-wheel angle, rad")
+    drive: Slip = Field(description="slip ratio, positive drives, negative brakes")
 
 
 class OperatorAction(StrEnum):
@@ -191,8 +203,8 @@ class Applied(Message):
     sent: bool
     action: FailsafeAction
     limited: tuple[str, ...] = Field(description="names of the limits that changed the request")
-    steer: float
-    drive: float
+    steer: Angle
+    drive: Slip
     accelerator_percent: float
     brake_front_kpa: float
     brake_rear_kpa: float

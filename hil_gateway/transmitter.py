@@ -50,8 +50,12 @@ class Transmitter:
         self.failed += not sent
         return sent
 
-    def actuators(self, command: RawCommand) -> bool:
-        """The four actuator frames of one period; False when one could not be sent."""
+    def actuators(self, command: RawCommand, before: RawCommand) -> tuple[RawCommand, bool]:
+        """The four actuator frames of one period: what now stands on the wire, and whether all of it left.
+
+        A frame that could not be sent leaves its values and its counter as they were `before`, so that the next one
+        continues from what the car has really heard.
+        """
         steering = {
             "steering_motor_ang_cmd": command.steering_motor,
             "driver_steering_P_cmd": 0,
@@ -60,10 +64,18 @@ class Transmitter:
             "driver_steering_FF_cmd": 0,
         }
         brakes = {"F_brake_pressure_cmd": command.brake_front, "R_brake_pressure_cmd": command.brake_rear}
-        sent = self._message("steering_cmd", steering)
-        sent &= self._message("brake_pressure_cmd", brakes)
-        sent &= self._message("accelerator_cmd", {"acc_pedal_cmd": command.accelerator})
-        return sent & self._message("gear_shift_cmd", {"desired_gear": command.gear})
+        steered = self._message("steering_cmd", steering)
+        braked = self._message("brake_pressure_cmd", brakes)
+        pushed = self._message("accelerator_cmd", {"acc_pedal_cmd": command.accelerator})
+        shifted = self._message("gear_shift_cmd", {"desired_gear": command.gear})
+        left = RawCommand(
+            command.steering_motor if steered else before.steering_motor,
+            command.accelerator if pushed else before.accelerator,
+            command.brake_front if braked else before.brake_front,
+            command.brake_rear if braked else before.brake_rear,
+            command.gear if shifted else before.gear,
+        )
+        return left, steered and braked and pushed and shifted
 
     def race_control(self, now_ns: int, ct_state: CtState, flags: tuple[int, int, int, int, int]) -> None:
         """State and acknowledged flags, on every change and once a period.
@@ -95,7 +107,9 @@ class Transmitter:
         """Encode raw integers, add the counter, send."""
         layout = self._codec.messages[name]
         values = {signal: value * layout.signal[signal].scale for signal, value in raw.items()}
-        if layout.counter is not None:
-            values[layout.counter.signal] = self._counters[name]
-            self._counters[name] = (self._counters[name] + 1) % layout.counter.modulus
-        return self.send(*self._codec.encode_raw(name, values))
+        if layout.counter is None:
+            return self.send(*self._codec.encode_raw(name, values))
+        values[layout.counter.signal] = self._counters[name]
+        sent = self.send(*self._codec.encode_raw(name, values))
+        self._counters[name] = (self._counters[name] + sent) % layout.counter.modulus
+        return sent

@@ -49,6 +49,8 @@ MOVING = 5.0
 """m/s"""
 SENSOR_DISAGREEMENT = 0.15
 """Primary against secondary steering angle, rad at the motor (about 9 deg)."""
+MAP_RADIUS = 50e3
+"""A position further from the origin is no position of this map, m (receivers report 0, 0 before their first fix)."""
 COUNTER_LEAK_NS = NS_PER_S // 10
 """One wrong counter is forgiven every so often."""
 COUNTER_FAULT = 5
@@ -222,11 +224,19 @@ class VehicleStateBuilder:
         entry.stamp_ns = self._newest_ns = min(frame.stamp_ns, now_ns)
         entry.data = frame.data
         entry.plausible = self._plausible(entry, values)
-        if entry.plausible:
+        if not entry.plausible:
+            self.counts.implausible += 1
+        elif entry.layout.name == "novatel_report":
+            self._take_position(entry, values)
+        else:
             self._signals.update(values)
-            if entry.layout.name == "novatel_report":
-                self._position = self._map.to_map_radians(values["novatel_lat"], values["novatel_long"])
-                self._position_seq += 1
+
+    def _take_position(self, entry: _Received, values: Mapping[str, float]) -> None:
+        x, y = self._map.to_map_radians(values["novatel_lat"], values["novatel_long"])
+        entry.plausible = max(abs(x), abs(y)) < MAP_RADIUS
+        if entry.plausible:
+            self._position = x, y
+            self._position_seq += 1
         else:
             self.counts.implausible += 1
 

@@ -9,7 +9,6 @@ from itertools import pairwise
 import pytest
 from promise_figures import record_figure, volume
 from scripted_car import ACTUATOR_IDS, PERIOD_NS, Rig
-from wire_judge import STEPS, VALUES, Judge
 
 from can_dbc.codec import load_codec
 from hil_gateway import topics
@@ -21,6 +20,7 @@ from hil_gateway.limits import Limits
 from hil_gateway.messages import Command, FailsafeAction, OperatorAction
 from hil_gateway.powertrain import Powertrain
 from hil_gateway.transmitter import TRANSMITTED, Transmitter
+from hil_gateway.wire_judge import STEPS, VALUES, Judge
 
 HOSTILE = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.0, -0.0, 1e9, -1e9)
 
@@ -47,8 +47,9 @@ def test_hostile_actuator_values_never_leave_the_limits():
             hostile_number(rng, 4.2), hostile_number(rng, 1.0), hostile_number(rng, 6e6), hostile_number(rng, 6e6),
             rng.choice((0, 1, 3, 6, 7, -1, 10**9)),
         )  # fmt: skip
-        previous, _ = limits.apply(wanted, previous)
-        assert transmitter.actuators(previous)
+        command, _ = limits.apply(wanted, previous)
+        previous, sent = transmitter.actuators(command, previous)
+        assert sent
         for frame in ear.receive():
             judge.take(frame.id, frame.data)
         assert not judge.faults, (i, wanted, judge.faults)
@@ -102,8 +103,8 @@ def test_a_legal_command_passes_unchanged_to_one_lsb():
         asked = legal_successor(rng, asked)
         steering, pedal, front, rear = asked.values()
         wanted = Actuators(math.radians(steering), pedal / 100, front * 1e3, rear * 1e3, 3)
-        previous, _ = limits.apply(wanted, previous)
-        transmitter.actuators(previous)
+        command, _ = limits.apply(wanted, previous)
+        previous, _ = transmitter.actuators(command, previous)
         for frame in ear.receive():
             judge.take(frame.id, frame.data)
         apart = {name: abs(judge.last[name] - value) / LSB[name] for name, value in asked.items()}
@@ -160,6 +161,36 @@ def test_command_counters_advance_by_one_and_frames_leave_every_10_ms():
     for times in stamps.values():
         assert {b - a for a, b in pairwise(times)} == {PERIOD_NS}
     record_figure("S4", f"{judge.frames:,} frames on the virtual clock: counters +1 mod 256, period exactly 10 ms")
+
+
+class FailingLink:
+    """A wire that loses what it is told to."""
+
+    kind = "failing"
+
+    def __init__(self, rng: random.Random) -> None:
+        self.rng, self.judge, self.sent = rng, Judge(), 0
+
+    def send(self, frame_id: int, data: bytes) -> bool:
+        if self.rng.random() < 0.3:
+            return False
+        self.judge.take(frame_id, data)
+        self.sent += 1
+        return True
+
+
+@pytest.mark.promise("S4")
+def test_a_frame_that_could_not_leave_costs_no_counter_and_no_limit():
+    rng = random.Random(4)
+    link, limits = FailingLink(rng), Limits(load_codec(), LimitConfig())
+    transmitter, previous = Transmitter(load_codec(), link, 1), limits.resting(0.0)
+    for _ in range(5000):
+        wanted = Actuators(rng.uniform(-4, 4), rng.uniform(0, 1), rng.choice((0, 5e6)), rng.choice((0, 5e6)), 3)
+        command, _ = limits.apply(wanted, previous)
+        previous, _ = transmitter.actuators(command, previous)
+    assert transmitter.failed > 1000
+    assert not link.judge.faults
+    record_figure("S4", f"{link.sent:,} frames around {transmitter.failed:,} failed ones: counters +1, limits kept")
 
 
 def test_gear_ratios_and_brakes_are_the_declared_ones():

@@ -6,6 +6,7 @@ import itertools
 import socket
 import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -14,26 +15,37 @@ from hil_gateway.can_link.socketcan import SocketCanLink
 _names = (f"vcant{number}" for number in itertools.count())
 
 
-def ip(*arguments: str) -> None:
-    """Run `ip`, raising on failure."""
-    subprocess.run(["ip", *arguments], check=True, capture_output=True, text=True)
-
-
-@pytest.fixture
-def channel() -> Iterator[str]:
-    """Name of a fresh vcan interface that is up; the test is skipped where there can be none."""
+@contextmanager
+def _fresh_interface() -> Iterator[str]:
+    """A new vcan interface that is up; the test is skipped where there can be none."""
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError:
         pytest.skip("this kernel has no SocketCAN: run through deploy/with-vcan")
     name = next(_names)
     try:
-        ip("link", "add", name, "type", "vcan")
-        ip("link", "set", name, "up")
+        subprocess.run(["ip", "link", "add", name, "type", "vcan"], check=True, capture_output=True)
+        subprocess.run(["ip", "link", "set", name, "up"], check=True, capture_output=True)
     except (OSError, subprocess.CalledProcessError):
         pytest.skip(f"cannot create {name}: run through deploy/with-vcan")
-    yield name
-    subprocess.run(["ip", "link", "del", name], check=False, capture_output=True)
+    try:
+        yield name
+    finally:
+        subprocess.run(["ip", "link", "del", name], check=False, capture_output=True)
+
+
+@pytest.fixture
+def channel() -> Iterator[str]:
+    """Name of a fresh vcan interface."""
+    with _fresh_interface() as name:
+        yield name
+
+
+@pytest.fixture(scope="module")
+def shared_channel() -> Iterator[str]:
+    """Name of a fresh vcan interface for all tests of a file."""
+    with _fresh_interface() as name:
+        yield name
 
 
 @pytest.fixture

@@ -1,17 +1,16 @@
 """Judges the bytes that left by an independent decoder (cantools) and by limits written down here a second time.
 
-Nothing of the gateway is imported: a mistake there must not excuse itself here.
+Nothing of the gateway's chain is imported: a mistake there must not excuse itself here.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
+from functools import cache
 from typing import Any
 
-import cantools
+from can_dbc.database import DBC_PATH
 
-DBC = Path(__file__).resolve().parents[1] / "can_dbc" / "av24.dbc"
 VALUES = {
     "steering_motor_ang_cmd": (-239.8, 239.8),
     "acc_pedal_cmd": (0.0, 100.0),
@@ -35,11 +34,18 @@ COUNTERS = {
 DLC = {0x578: 8, 0x579: 8, 0x57A: 8, 0x57B: 8, 0x57C: 8, 0x57D: 8}
 
 
+@cache
+def _decoder() -> Any:
+    import cantools
+
+    return cantools.database.load_file(DBC_PATH).decode_message
+
+
 @dataclass
 class Judge:
     """Takes frames in order; `faults` says what was wrong, if anything."""
 
-    decode: Any = field(default_factory=lambda: cantools.database.load_file(DBC).decode_message)
+    decode: Any = field(default_factory=_decoder)
     last: dict[str, float] = field(default_factory=dict)
     frames: int = 0
     faults: list[str] = field(default_factory=list)

@@ -1,0 +1,397 @@
+"""The gateway process on a real CAN interface, driven by programs that are not ours.
+
+canplayer plays the car from a log that cantools encoded with our DBC, candump and cantools read what the gateway
+sends, and the state is read on Zenoh.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import cantools
+import pytest
+
+from can_dbc.database import DBC_PATH
+from hil_gateway import topics
+from hil_gateway.bus import Bus, LatestReader
+from hil_gateway.config import Config, load_config
+from hil_gateway.messages import (
+    Command,
+    Estimate,
+    FailsafeAction,
+    GatewayStatus,
+    OperatorAction,
+    OperatorCommand,
+    VehicleState,
+)
+from hil_gateway.zenoh_bus import open_bus
+
+pytestmark = pytest.mark.vcan
+PEER = cantools.database.load_file(DBC_PATH)
+LOG_PERIODS = 256
+"""Length of the played log: every 8-bit counter is back where it began."""
+ACTUATORS = {0x578, 0x579, 0x57A, 0x57B}
+
+REPORTS: dict[str, dict[str, float]] = {
+    "imu_1": {"imu_yaw_rate": 1.5, "imu_ay": 0.01},
+    "imu_2": {"imu_roll_rate": -0.5, "imu_ax": 0.02},
+    "imu_3": {"imu_az": 1.0},
+    "wheel_speed_report": {"wheel_speed_FL": 1.1, "wheel_speed_FR": 1.2, "wheel_speed_RL": 1.3, "wheel_speed_RR": 1.4},
+    "brake_pressure_report": {"brake_pressure_fdbk_front": 310, "brake_pressure_fdbk_rear": 270},
+    "accelerator_report": {"acc_pedal_fdbk": 4.2},
+    "steering_report": {"primary_steering_angular_rate": 0.0, "commanded_steering_rate": 0.0},
+    "steering_report_extd": {
+        "primary_steering_angle_fbk": 12.0, "secondary_steering_ang_fdbk": 12.5, "average_steering_ang_fdbk": 12.0,
+    },
+    "misc_report": {"battery_voltage": 13.1, "sys_state": 9, "mode_switch_state": 1},
+    "pt_report_1": {"engine_speed_rpm": 1500, "current_gear": 1, "throttle_position": 7.5, "engine_state": 1},
+    "novatel_report": {"novatel_lat": 36.585, "novatel_long": -121.753},
+    "base_to_car_summary": {"track_flag": 1},
+    "marelli_report_1": {"marelli_track_flag": 1},
+    "diagnostic_report": {},
+}  # fmt: skip
+"""What the played car says, DBC units; counters and heartbeat run by themselves."""
+COUNTERS = {
+    "brake_pressure_report": "brk_pressure_fdbk_counter", "accelerator_report": "acc_pedal_fdbk_counter",
+    "steering_report": "steering_motor_fdbk_counter", "misc_report": "raptor_rolling_counter",
+    "base_to_car_summary": "base_to_car_heartbeat",
+}  # fmt: skip
+COMMAND_COUNTERS = {
+    "steering_cmd": "steering_motor_cmd_counter", "brake_pressure_cmd": "brk_pressure_cmd_counter",
+    "accelerator_cmd": "acc_pedal_cmd_counter",
+}  # fmt: skip
+SLOW = {"novatel_report": 5, "base_to_car_summary": 8, "marelli_report_1": 8}
+"""message -> 10 ms periods between its frames (dividing the log)"""
+
+
+def write_log(path: Path, channel: str) -> None:
+    """A candump log of the car, 10 ms a period."""
+    lines = []
+    for period in range(LOG_PERIODS):
+        for offset, (name, values) in enumerate(REPORTS.items()):
+            if period % SLOW.get(name, 1):
+                continue
+            message = PEER.get_message_by_name(name)
+            filled = dict.fromkeys((s.name for s in message.signals), 0) | values
+            if name in COUNTERS:
+                filled[COUNTERS[name]] = period // SLOW.get(name, 1) % (16 if name in SLOW else 256)
+            data = message.encode(filled, strict=False).hex().upper()
+            lines.append(f"({1000 + period * 0.01 + offset * 1e-4:.6f}) {channel} {message.frame_id:03X}#{data}")
+    path.write_text("\n".join(lines) + "\n")
+
+
+@contextmanager
+def played_car(log: Path) -> Iterator[subprocess.Popen[bytes]]:
+    with subprocess.Popen(["canplayer", "-I", str(log), "-l", "i"], stdout=subprocess.DEVNULL) as player:
+        try:
+            yield player
+        finally:
+            player.kill()
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Gateway:
+    """A gateway process and our seat on its Zenoh bus."""
+
+    def __init__(self, channel: str, folder: Path) -> None:
+        self.channel = channel
+        path = folder / "gateway.toml"
+        path.write_text(
+            f'[can]\ninterface = "socketcan"\nchannel = "{channel}"\n'
+            f'[zenoh]\nconnect = ["tcp/127.0.0.1:{free_port()}"]\n'
+        )
+        self.config: Config = load_config(path)
+        command = [sys.executable, "-m", "hil_gateway.cli", "gateway", "run", "--config", str(path)]
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        self.bus: Bus = open_bus(self.config.zenoh, "test")
+        self._status = LatestReader(self.bus, topics.GATEWAY_STATUS)
+        self._state = LatestReader(self.bus, topics.VEHICLE_STATE)
+        self.wait(lambda: self.status is not None, 60)
+
+    @property
+    def status(self) -> GatewayStatus | None:
+        return self._status.update(time.monotonic_ns()).message
+
+    @property
+    def state(self) -> VehicleState | None:
+        return self._state.update(time.monotonic_ns()).message
+
+    def wait(self, condition: Callable[[], bool], seconds: float = 5.0) -> float:
+        """Seconds until `condition` held."""
+        started = time.monotonic()
+        while not condition():
+            if self.process.poll() is not None:
+                assert self.process.stderr is not None
+                raise AssertionError(f"the gateway ended: {self.process.stderr.read()[-2000:]}")
+            assert time.monotonic() < started + seconds, f"{self.status}"
+            time.sleep(0.01)
+        return time.monotonic() - started
+
+    def valid(self) -> bool:
+        return self.state is not None and self.state.valid
+
+    def acts(self, *actions: FailsafeAction) -> Callable[[], bool]:
+        return lambda: self.status is not None and self.status.action in actions
+
+    def ask(self, action: OperatorAction) -> None:
+        now = time.monotonic_ns()
+        self.bus.publish(topics.OPERATOR, OperatorCommand(stamp_ns=now, seq=now, source="test", action=action))
+
+    def close(self) -> None:
+        self.bus.close()
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.communicate(timeout=10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.communicate()
+
+
+@pytest.fixture(scope="module")
+def log(shared_channel: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("car") / "car.log"
+    write_log(path, shared_channel)
+    return path
+
+
+@pytest.fixture(scope="module")
+def gateway(shared_channel: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
+    gateway = Gateway(shared_channel, tmp_path_factory.mktemp("gateway"))
+    yield gateway
+    gateway.close()
+
+
+@contextmanager
+def planner(gateway: Gateway, steer: float, drive: float) -> Iterator[None]:
+    """Publishes an estimate and a command for every second state until the block ends."""
+    stopped = threading.Event()
+    states = gateway.bus.subscribe(topics.VEHICLE_STATE)
+
+    def drive_on() -> None:
+        seq = time.monotonic_ns()
+        while not stopped.wait(0.02):
+            for state in states.poll(0)[-1:]:
+                seq += 1
+                stamp = time.monotonic_ns()
+                pose = dict.fromkeys(
+                    ("x", "y", "yaw", "vx", "vy", "yaw_rate", "bias_ax", "bias_ay", "bias_yaw_rate"), 0.0
+                )
+                gateway.bus.publish(topics.ESTIMATE, Estimate(
+                    stamp_ns=stamp, seq=seq, state_stamp_ns=state.stamp_ns, valid=True, std=(0.1,) * 9,
+                    steer=0.0, drive=0.0, innovations_rejected=0, **pose,
+                ))  # fmt: skip
+                gateway.bus.publish(topics.COMMAND, Command(
+                    stamp_ns=stamp, seq=seq, source="test", state_stamp_ns=state.stamp_ns, steer=steer, drive=drive,
+                ))  # fmt: skip
+
+    thread = threading.Thread(target=drive_on)
+    thread.start()
+    try:
+        yield
+    finally:
+        stopped.set()
+        thread.join()
+
+
+def dumped(channel: str, seconds: float) -> list[tuple[float, int, bytes]]:
+    """(time s, identifier, data) of everything candump hears."""
+    command = ["timeout", "-s", "INT", str(seconds), "candump", "-L", channel]
+    text = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+    rows = re.findall(r"\((\d+\.\d+)\) \w+ ([0-9A-F]+)#([0-9A-F]*)", text)
+    return [(float(stamp), int(frame_id, 16), bytes.fromhex(data)) for stamp, frame_id, data in rows]
+
+
+def decoded(rows: list[tuple[float, int, bytes]], name: str) -> list[dict[str, float]]:
+    message = PEER.get_message_by_name(name)
+    return [message.decode(data, decode_choices=False) for _, frame_id, data in rows if frame_id == message.frame_id]
+
+
+def test_state_on_zenoh_is_what_cantools_encoded(gateway: Gateway, log: Path) -> None:
+    with played_car(log):
+        gateway.wait(gateway.valid)
+        time.sleep(0.3)
+        state, status = gateway.state, gateway.status
+    assert state is not None and status is not None
+    assert [getattr(state, f"wheel_speed_{w}") for w in ("fl", "fr", "rl", "rr")] == pytest.approx(
+        [1.1 / 3.6, 1.2 / 3.6, 1.3 / 3.6, 1.4 / 3.6]
+    )
+    assert state.steer == pytest.approx(math.radians(12) / 15)
+    assert (state.brake_front, state.brake_rear) == (310e3, 270e3)
+    assert (state.accelerator, state.throttle) == pytest.approx((0.042, 0.075))
+    assert (state.gear, state.sys_state, state.track_flag) == (1, 9, 1)
+    assert state.engine_speed == pytest.approx(1500 * math.tau / 60)
+    assert state.yaw_rate == pytest.approx(math.radians(1.5), abs=math.radians(0.005))
+    assert state.az == pytest.approx(9.80665, abs=0.002)
+    assert all(source.valid for source in state.sources.values())
+    assert (status.bus, status.bus_state) == ("socketcan", "error_active")
+    assert (status.frames_unknown, status.frames_malformed) == (0, 0)
+
+
+@pytest.mark.promise("S5")
+def test_nothing_but_race_control_is_said_before_arming(gateway: Gateway, log: Path) -> None:
+    with played_car(log), planner(gateway, steer=0.05, drive=0.01):
+        gateway.wait(gateway.valid)
+        rows = dumped(gateway.channel, 0.5)
+    from_us = {frame_id for _, frame_id, _ in rows} - {PEER.get_message_by_name(name).frame_id for name in REPORTS}
+    assert from_us <= {0x57C, 0x57D, 0x57E, 0x5AA}
+    assert len(rows) > 300
+
+
+@pytest.mark.promise("S4")
+def test_commands_on_the_bus_are_those_of_the_planner_and_stop_with_it(gateway: Gateway, log: Path) -> None:
+    """Armed by a person: counters advance by one, 10 ms apart. Planner dead: brakes, steering held."""
+    with played_car(log):
+        with planner(gateway, steer=0.05, drive=0.02):
+            gateway.wait(gateway.valid)
+            gateway.wait(lambda: gateway.status is not None and not gateway.status.missing_for_arming)
+            gateway.ask(OperatorAction.ARM)
+            gateway.wait(gateway.acts(FailsafeAction.DRIVE))
+            time.sleep(0.5)  # the steering rate limit has let it arrive
+            rows = dumped(gateway.channel, 1.0)
+        gateway.wait(gateway.acts(FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP))
+        after = dumped(gateway.channel, 0.5)
+        gateway.ask(OperatorAction.DISARM)
+        gateway.wait(gateway.acts(FailsafeAction.SILENT))
+        silent = dumped(gateway.channel, 0.3)
+    assert set(ACTUATORS) <= {frame_id for _, frame_id, _ in rows}
+    for name, counter in COMMAND_COUNTERS.items():
+        counts = [int(values[counter]) for values in decoded(rows, name)]
+        assert len(counts) > 50
+        assert {(b - a) % 256 for a, b in pairwise(counts)} == {1}, name
+    stamps = [stamp for stamp, frame_id, _ in rows if frame_id == 0x57A]
+    periods = sorted(b - a for a, b in pairwise(stamps))
+    assert periods[len(periods) // 2] == pytest.approx(0.01, abs=0.002)
+    wanted = math.degrees(0.05) * 15
+    assert decoded(rows, "steering_cmd")[-1]["steering_motor_ang_cmd"] == pytest.approx(wanted, abs=0.5)
+    assert decoded(rows, "accelerator_cmd")[-1]["acc_pedal_cmd"] > 0
+    assert decoded(rows, "brake_pressure_cmd")[-1]["F_brake_pressure_cmd"] == 0
+    assert decoded(after, "brake_pressure_cmd")[-1]["F_brake_pressure_cmd"] > 100
+    assert decoded(after, "accelerator_cmd")[-1]["acc_pedal_cmd"] == 0
+    assert not {frame_id for _, frame_id, _ in silent} & ACTUATORS
+
+
+@pytest.mark.promise("L7")
+@pytest.mark.parametrize(
+    ("loss", "repair"),
+    [
+        (["link set {} down"], ["link set {} up"]),
+        (["link del {}"], ["link add {} type vcan", "link set {} up"]),
+    ],
+    ids=["down", "deleted"],
+)
+def test_a_lost_interface_makes_the_state_invalid_and_is_recovered_within_a_second(
+    gateway: Gateway, log: Path, loss: list[str], repair: list[str]
+) -> None:
+    def ip(commands: list[str]) -> None:
+        for command in commands:
+            subprocess.run(["ip", *command.format(gateway.channel).split()], check=True, capture_output=True)
+
+    with played_car(log):
+        gateway.wait(gateway.valid)
+    ip(loss)
+    gateway.wait(lambda: gateway.status is not None and gateway.status.bus_state == "down")
+    gateway.wait(lambda: not gateway.valid())
+    ip(repair)
+    recovered = gateway.wait(lambda: gateway.status is not None and gateway.status.bus_state == "error_active")
+    assert recovered < 1.0
+    with played_car(log):
+        assert gateway.wait(gateway.valid) < 1.0 + 1.0  # canplayer itself needs a moment to start
+
+
+def test_error_frames_show_in_the_status(gateway: Gateway) -> None:
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as injector:
+        injector.bind((gateway.channel,))
+        for error_class, state in ((0x40, "bus_off"), (0x100, "error_active")):
+            injector.send(struct.pack("=IB3x8s", 0x2000_0000 | error_class, 8, bytes(8)))
+            gateway.wait(lambda state=state: gateway.status is not None and gateway.status.bus_state == state)
+
+
+def test_frames_lost_while_the_process_was_stopped_are_counted(gateway: Gateway) -> None:
+    """More frames than the kernel's queue holds while the gateway does not run: none is lost silently."""
+    gateway.wait(lambda: gateway.status is not None)
+    time.sleep(0.3)
+    before = gateway.status
+    gateway.process.send_signal(signal.SIGSTOP)
+    burst = 60_000
+    subprocess.run(["cangen", gateway.channel, "-g", "0", "-n", str(burst), "-I", "7F0", "-L", "8", "-i"], check=True)
+    gateway.process.send_signal(signal.SIGCONT)
+    time.sleep(1.0)
+    subprocess.run(["cansend", gateway.channel, "7F0#00"], check=True)  # the kernel tells of losses with the next frame
+    assert before is not None
+
+    def counted() -> int:
+        status = gateway.status
+        assert status is not None
+        return status.frames_received + status.frames_lost - before.frames_received - before.frames_lost
+
+    gateway.wait(lambda: counted() >= burst + 1)
+    time.sleep(0.3)
+    assert counted() == burst + 1
+    assert gateway.status is not None and gateway.status.frames_lost > before.frames_lost
+
+
+def test_what_can_gw_drops_and_alters_is_noticed(gateway: Gateway, log: Path, tmp_path: Path) -> None:
+    """The car behind a gateway of the kernel that drops 0x514 and freezes the counter of 0x516."""
+    inner, outer = "vxgwa", "vxgwb"
+    subprocess.run(["ip", "link", "add", inner, "type", "vxcan", "peer", "name", outer], check=True)
+    try:
+        for name in (inner, outer):
+            subprocess.run(["ip", "link", "set", name, "up"], check=True)
+        route = ["cangw", "-A", "-s", inner, "-d", gateway.channel, "-e"]
+        subprocess.run([*route, "-f", "516:7FF", "-m", "AND:D:516.3.FFFF000000000000"], check=True)
+        for name in REPORTS:
+            frame_id = PEER.get_message_by_name(name).frame_id
+            if frame_id not in (0x514, 0x516):
+                subprocess.run([*route, "-f", f"{frame_id:03X}:7FF"], check=True)
+        faulty = tmp_path / "faulty.log"
+        faulty.write_text(log.read_text().replace(gateway.channel, outer))
+        errors = gateway.status.counter_errors if gateway.status else 0
+        with played_car(faulty):
+            gateway.wait(lambda: gateway.state is not None and gateway.state.sources["imu"].valid)
+            gateway.wait(lambda: gateway.status is not None and gateway.status.counter_errors > errors + 20)
+            state = gateway.state
+        assert state is not None
+        assert not state.valid
+        assert {name for name, source in state.sources.items() if not source.valid} == {"wheel_speeds"}
+    finally:
+        subprocess.run(["cangw", "-F"], check=False)
+        subprocess.run(["ip", "link", "del", inner], check=False)
+
+
+@pytest.mark.promise("S5")
+def test_the_check_agrees_with_candump_and_sends_nothing(shared_channel: str, log: Path) -> None:
+    command = [sys.executable, "-m", "hil_gateway.cli", "gateway", "check", "--seconds", "2", "--json"]
+    command += ["--channel", shared_channel]
+    pipe = subprocess.PIPE
+    with played_car(log), subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as check:
+        assert check.stderr is not None
+        assert "nothing is sent" in check.stderr.readline()
+        rows = dumped(shared_channel, 2.0)
+        report = json.loads(check.communicate(timeout=60)[0])
+    heard = {row["id"]: row["hz"] for row in report["messages"] if row["frames"]}
+    dumped_ids = {frame_id for _, frame_id, _ in rows}
+    assert {PEER.get_message_by_name(name).frame_id for name in REPORTS} <= set(heard) <= dumped_ids
+    duration = rows[-1][0] - rows[0][0]
+    for frame_id in (0x70, 0x514, 0x546):
+        rate = sum(other == frame_id for _, other, _ in rows) / duration
+        assert heard[frame_id] == pytest.approx(rate, rel=0.15)
+    assert report["interface"]["kind"] == "vcan"
+    assert {"imu_1", "wheel_speed_report"} <= {row["name"] for row in report["messages"] if row["verdict"] == "ok"}
