@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from hil_gateway.config import load_config
-from hil_gateway.errors import EXIT_FAILURE
+from hil_gateway.errors import EXIT_FAILURE, InputError
 
 app = typer.Typer(no_args_is_help=True, help="State, tyre belief and model revisions.")
 
@@ -35,17 +35,22 @@ def run(
 def score(
     session: Annotated[Path, typer.Argument(help="a recorded .mcap file")],
     config: Annotated[Path | None, typer.Option(help="configuration (TOML)")] = None,
+    before: Annotated[Path | None, typer.Option(help="model revision (JSON), with --after")] = None,
+    after: Annotated[Path | None, typer.Option(help="model revision (JSON), with --before")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
-    """Prediction error over one second, with the first model revision of a session and with the learnt one."""
-    from estimator.score import score_session
+    """Prediction error over one second: of two given models, or of the first and the learnt one of the session."""
+    from estimator.score import score_models, score_session
 
-    result = score_session(session, load_config(config))
+    if (before is None) != (after is None):
+        raise InputError("--before and --after belong together: give both models, or none")
+    tree = load_config(config)
+    result = score_models(session, before, after, tree) if before and after else score_session(session, tree)
     if as_json:
         print(json.dumps(result))
         return
-    for channel, before in result["before"].items():
-        print(f"{channel:10} {before:.4g} -> {result['after'][channel]:.4g}")
+    for channel, error in result["before"].items():
+        print(f"{channel:10} {error:.4g} -> {result['after'][channel]:.4g}")
 
 
 @app.command()

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.model.single_track import AUXILIARY, SIGNALS, Terms
-from estimator.revision import RevisedModel, model_of
+from estimator.revision import RevisedModel, load_revision, model_of
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.config import Config
 from hil_gateway.errors import InputError
@@ -68,8 +68,23 @@ def score_session(path: Path, config: Config) -> dict[str, Any]:
     table = read_drive_table(path)
     split_s = _split(table.columns)
     first, learnt = _revisions(path, table.start_ns + int(split_s * NS_PER_S))
+    return _score(table.columns, split_s, first, learnt, config)
+
+
+def score_models(path: Path, before: Path, after: Path, config: Config) -> dict[str, Any]:
+    """The same for two given models, on the whole of a session neither has learnt from.
+
+    Raises:
+        InputError: too short a session, or a file that is no model revision.
+    """
+    return _score(read_drive_table(path).columns, 0.0, load_revision(before), load_revision(after), config)
+
+
+def _score(
+    columns: Mapping[str, Array], from_s: float, first: ModelRevision, learnt: ModelRevision, config: Config
+) -> dict[str, Any]:
     track = load_track(config.track)
-    windows = held_out_windows(table.columns, split_s, track)
+    windows = held_out_windows(columns, from_s, track)
     before, after = (prediction_error(model_of(r, config.vehicle, track.length), windows) for r in (first, learnt))
     return {
         "horizon_s": HORIZON_S,
@@ -114,7 +129,7 @@ def held_out_windows(columns: Mapping[str, Array], split_s: float, track: Track)
     rows = rows[:, whole & (columns["vx"][rows].min(axis=0, initial=np.inf) > MIN_SPEED)]
     if rows.shape[1] < MIN_WINDOWS:
         raise InputError(
-            f"only {rows.shape[1]} windows of {HORIZON_S:g} s above {MIN_SPEED:g} m/s in the last third of the session:"
+            f"only {rows.shape[1]} windows of {HORIZON_S:g} s above {MIN_SPEED:g} m/s in the part that is held out:"
             f" at least {MIN_WINDOWS} are needed for a score; drive longer"
         )
     return Windows({name: column[rows] for name, column in signals.items()}, np.diff(t[rows], axis=0))

@@ -1,4 +1,4 @@
-"""Prediction error of the vehicle model before and after the drive, measured by the estimator's own command.
+"""Prediction error of the vehicle model before and after a drive, measured by the estimator's own command.
 
 The command line is the seam: this package may not import the estimator.
 """
@@ -8,31 +8,57 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from hil_gateway.demo.options import DemoSetup
+from hil_gateway.demo.options import CONFIG_NAME
 
 TIMEOUT_S = 120.0
 FIGURE = "position"
 """channel that stands for the others: m after one second of open-loop prediction"""
 
 
-def measure(setup: DemoSetup) -> dict[str, Any]:
-    """`before` and `after`: error on the last third of the session, m; null with a `reason` where it has none."""
-    command = [sys.executable, "-m", "hil_gateway.cli", "estimator", "score", str(setup.session)]
-    command += ["--config", str(setup.config_file), "--json"]
+@dataclass(frozen=True)
+class Answer:
+    """What a command of the project said: its JSON, or why there is none."""
+
+    content: dict[str, Any]
+    reason: str = ""
+
+
+def ask(arguments: Sequence[str], timeout_s: float) -> Answer:
+    """Run `hil ARGUMENTS --json`; progress goes to our standard error, a failure becomes a reason."""
+    command = [sys.executable, "-m", "hil_gateway.cli", *arguments, "--json"]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, check=False)
     except subprocess.TimeoutExpired:
-        return unknown(f"`hil estimator score` took longer than {TIMEOUT_S:g} s")
+        return Answer({}, f"`hil {arguments[0]}` took longer than {timeout_s:g} s")
     if done.returncode != 0:
         lines = done.stderr.strip().splitlines()
-        return unknown(lines[-1].removeprefix("hil: ") if lines else "`hil estimator score` failed")
-    score = json.loads(done.stdout)
+        return Answer({}, lines[-1].removeprefix("hil: ") if lines else f"`hil {arguments[0]}` failed")
+    return Answer(json.loads(done.stdout))
+
+
+def measure(session: Path, models: tuple[Path, Path] | None = None) -> dict[str, Any]:
+    """`before` and `after`, m, on the session of a drive; null with a `reason` where they could not be measured.
+
+    Without `models`: the revision the session began with and the one it had learnt, on its last third. With: these
+    two, on the whole session.
+    """
+    arguments = ["estimator", "score", str(session), "--config", str(session.with_name(CONFIG_NAME))]
+    if models:
+        arguments += ["--before", str(models[0]), "--after", str(models[1])]
+    answer = ask(arguments, TIMEOUT_S)
+    if answer.reason:
+        return unknown(answer.reason)
+    score = answer.content
+    part = "a session neither model has learnt from" if models else "last third of the session"
     return {
         "before": score["before"][FIGURE],
         "after": score["after"][FIGURE],
-        "unit": "m, position after 1 s of open-loop prediction, last third of the session",
+        "unit": f"m, position after {score['horizon_s']:g} s of open-loop prediction, {part}",
         "channels": {
             name: {"before": score["before"][name], "after": score["after"][name]} for name in score["before"]
         },

@@ -16,6 +16,7 @@ from hil_gateway.errors import InputError
 from hil_gateway.track import load_track
 
 DEFAULT_LAPS = 1
+CONFIG_NAME = "config.toml"
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class DemoOptions:
     zenoh_port: int | None = None
     model: str = ""
     dashboard: bool = False
+    headless: bool = False
 
     @property
     def target_laps(self) -> int | None:
@@ -51,7 +53,7 @@ class DemoSetup:
 
     @property
     def config_file(self) -> Path:
-        return self.folder / "config.toml"
+        return self.folder / CONFIG_NAME
 
     @property
     def session(self) -> Path:
@@ -97,7 +99,7 @@ def _overrides(options: DemoOptions, folder: Path) -> dict[str, Any]:
     if options.zenoh_port is not None:
         values["zenoh.connect"] = (f"tcp/127.0.0.1:{options.zenoh_port}",)
     if options.model:
-        values["estimator.model"] = str(Path(options.model).absolute())
+        values["estimator.model"] = values["planner.model"] = str(Path(options.model).absolute())
     return values
 
 
@@ -122,13 +124,13 @@ def parse_effects(texts: Sequence[str]) -> dict[str, float]:
 def _check_effects(config: Config) -> None:
     from hil_gateway.plant.effects import configure
 
-    configure(effects=config.plant.effects)
+    configure(config.plant.base, config.plant.effects)
 
 
 def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "config.toml").touch()
+        (folder / CONFIG_NAME).touch()
     except OSError as error:
         raise InputError(f"{folder}: cannot write there: {error.strerror}; choose another --out") from None
 

@@ -1,0 +1,60 @@
+"""One drive: set up, run, measured, summarised."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from typing import Any
+
+from hil_gateway.demo.model_error import measure, unknown
+from hil_gateway.demo.options import DemoOptions, DemoSetup, prepare
+from hil_gateway.demo.run import Ending, Run, RunResult
+from hil_gateway.demo.summary import summarise
+from hil_gateway.demo.view import LiveView, PlainView, View
+from hil_gateway.process import stop_requested
+from hil_gateway.supervisor import DASHBOARD, PROCESSES, Supervisor
+from hil_gateway.track import load_track
+
+
+def drive(options: DemoOptions) -> dict[str, Any]:
+    """Drive as asked; the summary.
+
+    Raises:
+        InputError: something a user got wrong.
+    """
+    setup = prepare(options)
+    say(f"CAN bus: {setup.bus}; session: {setup.session}")
+    if options.dashboard:
+        say(f"dashboard: http://{setup.config.dashboard.host}:{setup.config.dashboard.port}/")
+    result = _run(options, setup)
+    return summarise(options, setup, result, _model_error(setup, result))
+
+
+def say(text: str) -> None:
+    """Progress, on standard error."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def _model_error(setup: DemoSetup, result: RunResult) -> dict[str, Any]:
+    if result.ending is not Ending.DONE:  # who interrupts does not want to wait
+        return unknown(f"the run ended early: {result.ending.value}")
+    say("measuring the model error on the recording")
+    return measure(setup.session)
+
+
+def _run(options: DemoOptions, setup: DemoSetup) -> RunResult:
+    stopping = stop_requested()
+    specs = (*PROCESSES, DASHBOARD) if options.dashboard else PROCESSES
+    view = _view(options, setup)
+    with contextlib.closing(view), Supervisor(setup.config_file, setup.folder / "logs", specs) as supervisor:
+        supervisor.start(stage=0)
+        run = Run(options, setup, supervisor, view, stopping)
+        result = run.drive()
+    run.close()
+    return result
+
+
+def _view(options: DemoOptions, setup: DemoSetup) -> View:
+    if options.headless or not sys.stderr.isatty():
+        return PlainView()
+    return LiveView(load_track(setup.config.track))
