@@ -42,7 +42,6 @@ class Estimator:
 
     def __init__(self, config: Config, bus: Bus, track: Track | None = None) -> None:
         self._bus = bus
-        self._states = bus.subscribe(topics.VEHICLE_STATE, depth=QUEUE_DEPTH)
         track = track or load_track(config.track)
         self.localisation = Localisation(config.vehicle, track)
         start = _starting_revision(config)
@@ -55,6 +54,8 @@ class Estimator:
         self._monitor = ResidualMonitor(revised.model)
         self._seq = self._belief_seq = self._alert_seq = 0
         self._belief_due_ns = self._revision_due_ns = 0
+        # last: what arrives while the model is being built would be old, and its answers a burst
+        self._states = bus.subscribe(topics.VEHICLE_STATE, depth=QUEUE_DEPTH)
 
     def step(self, now_ns: int) -> None:
         """Work through the vehicle states that have arrived, in order."""
@@ -66,7 +67,7 @@ class Estimator:
         self._seq += 1
         self._bus.publish(topics.ESTIMATE, estimate)
         if (sample := self._window.push(state, estimate, self.localisation)) is not None:
-            self._learn(sample, state.stamp_ns)
+            self.learn(sample, state.stamp_ns)
         if state.stamp_ns >= self._belief_due_ns:
             self._belief_due_ns = state.stamp_ns + BELIEF_PERIOD_NS
             self._bus.publish(topics.BELIEF, belief_message(self.belief, state.stamp_ns, self._belief_seq))
@@ -75,7 +76,7 @@ class Estimator:
             self._revision_due_ns = state.stamp_ns + REVISION_PERIOD_NS
             self._bus.publish(topics.MODEL_REVISION, self.policy.message(self.belief, state.stamp_ns))
 
-    def _learn(self, sample: Sample, stamp_ns: int) -> None:
+    def learn(self, sample: Sample, stamp_ns: int) -> None:
         """Watch the model with the belief held so far, then let the sample teach."""
         for finding in self._monitor.push(sample, self.belief.mean, stamp_ns):
             self._bus.publish(topics.ALERT, Alert(stamp_ns=stamp_ns, seq=self._alert_seq, **asdict(finding)))
