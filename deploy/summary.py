@@ -42,7 +42,8 @@ def _not_run() -> int:
 
 def main(folder: Path) -> int:
     """Print the summary; 1 when a step failed or no test ran."""
-    results = outcomes(folder / "normal.xml") + outcomes(folder / "vcan.xml")
+    kind = (folder / "vcan-kind").read_text().strip() if (folder / "vcan-kind").exists() else ""
+    results = outcomes(folder / "normal.xml") + [(f"{k} ({kind})", o) for k, o in outcomes(folder / "vcan.xml")]
     if not (folder / "vcan.xml").exists():
         results += [("vcan (not run)", "skipped")] * _not_run()
     print((folder / "steps").read_text(), end="")

@@ -34,7 +34,7 @@ fi
 step ruff ruff check .
 step mypy mypy
 step tests python -m pytest -n 2 --dist worksteal -m "not vcan" --junitxml="$results/normal.xml" "$@"
-if deploy/with-vcan true >"$results/vcan.log" 2>&1; then
+if deploy/with-vcan --which >"$results/vcan-kind" 2>"$results/vcan.log"; then
     step vcan-tests deploy/with-vcan python -m pytest -p no:cacheprovider -m vcan --junitxml="$results/vcan.xml" "$@"
 else
     echo "vcan tests not run: $(tail -n 1 "$results/vcan.log")" >&2

@@ -1,11 +1,18 @@
-"""Shared fixtures: optional measured data, which the repository does not carry."""
+"""Shared fixtures: optional measured data, which the repository does not carry; and which CAN a test ran on."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from promise_figures import note_outcome, select
+
+from hil_gateway.can_link.udp import UdpLink
+from hil_gateway.can_link.virtual import VirtualLink
+from hil_gateway.can_link.wire import WireLink
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -27,3 +34,47 @@ def measured_data() -> Path:
 def measured_tracks() -> Path:
     """Folder with tracks in the TUM convention; the test is skipped where it is absent."""
     return _optional("HIL_TRACKS", "tracks")
+
+
+_opened: set[str] = set()
+"""kinds of CAN the running test has opened in this process"""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    for link in (UdpLink, VirtualLink, WireLink):
+        _note_opening(link)
+
+
+def _note_opening(link: type[Any]) -> None:
+    opening = link.__init__
+
+    def noted(self: Any, *args: Any, **kwargs: Any) -> None:
+        _opened.add(link.kind)
+        opening(self, *args, **kwargs)
+
+    link.__init__ = noted  # type: ignore[misc]
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    _opened.clear()
+
+
+def pytest_runtest_teardown(item: pytest.Item) -> None:
+    """Kind of CAN of the test, for the summary of deploy/test.sh."""
+    if item.get_closest_marker("vcan"):
+        item.user_properties.append(("can", "vcan"))
+    elif _opened:
+        item.user_properties.append(("can", " and ".join(sorted(_opened))))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Iterator[Any]:
+    """Outcomes of the promises' tests, for docs/promises.md."""
+    report = yield
+    note_outcome(item, report)
+    return report
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """`hil verify --only`."""
+    items[:] = select(items)

@@ -11,14 +11,18 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from hil_gateway.can_link import resolve_kind
+from hil_gateway.config import load_config
 from hil_gateway.session.info import session_info
 from hil_gateway.supervisor import PROCESSES
 
+Recorder = Callable[[str, object], None]
 UP_S = 120.0
 LONG = bool(os.environ.get("HIL_LONG"))
 VICTIMS = tuple(p.name for p in PROCESSES) if LONG else ("planner", "gateway", "recorder")
@@ -27,7 +31,8 @@ VICTIMS = tuple(p.name for p in PROCESSES) if LONG else ("planner", "gateway", "
 class Demo:
     """`hil demo` in a process of its own."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, record_property: Recorder) -> None:
+        record_property("can", resolve_kind(load_config().can))
         self.folder, self.said = folder, ""
         command = [sys.executable, "-m", "hil_gateway.cli", "demo", "--seconds", "120", "--headless", "--json"]
         self.process = subprocess.Popen(
@@ -74,8 +79,10 @@ class Demo:
 @pytest.mark.slow
 @pytest.mark.promise("L6")
 @pytest.mark.parametrize("victim", VICTIMS)
-def test_losing_any_process_ends_in_a_stop_and_the_demo_says_so(victim: str, tmp_path: Path) -> None:
-    with Demo(tmp_path / "out") as demo:
+def test_losing_any_process_ends_in_a_stop_and_the_demo_says_so(
+    victim: str, tmp_path: Path, record_property: Recorder
+) -> None:
+    with Demo(tmp_path / "out", record_property) as demo:
         demo.wait_under_way()
         os.kill(demo.pid_of(victim), signal.SIGKILL)
         summary = demo.result(timeout_s=40)
@@ -93,8 +100,8 @@ def test_losing_any_process_ends_in_a_stop_and_the_demo_says_so(victim: str, tmp
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_everything_within_3_s_with_a_readable_recording(tmp_path: Path) -> None:
-    with Demo(tmp_path / "out") as demo:
+def test_ctrl_c_ends_everything_within_3_s_with_a_readable_recording(tmp_path: Path, record_property: Recorder) -> None:
+    with Demo(tmp_path / "out", record_property) as demo:
         demo.wait_under_way()
         pids = [demo.pid_of(p.name) for p in PROCESSES]
         begin = time.monotonic()
