@@ -109,7 +109,7 @@ class PlannerConfig(Model):
     backend: Literal["auto", "hpipm", "piqp", "conic"] = "auto"
     model: str = Field(default="", description="model revision (JSON) to start from; empty: the declared model")
     information_weight: float = Field(default=0.0, ge=0, description="q_I of Eq. (9); 0 is the plain MPCC")
-    information_bound: float = Field(default=40.0, gt=0, description="largest Delta I of one stage, Eq. (9)")
+    information_bound: float = Field(default=400.0, gt=0, description="largest Delta I of one stage, Eq. (9)")
     information_criterion: Literal["trace", "log_det"] = "trace"
     convexification: Literal["abs", "projection"] = "abs"
     load_limit: Literal["ellipse", "literal"] = "ellipse"

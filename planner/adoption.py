@@ -34,7 +34,7 @@ SLEW = 0.01
 """largest relative change of a tyre parameter from one plan to the next"""
 PROFILE_SHARE = 0.9
 """of the load limits that the race line's speed profile asks for; the rest corrects errors"""
-PROFILE_CHANGE = 0.02
+PROFILE_CHANGE = 0.03
 """relative change of usable grip that is worth a new speed profile"""
 PROBATION = 40
 """plans after an adoption during which failures count against the new revision"""
@@ -43,12 +43,31 @@ RACE_LINE_MARGIN = 1.6
 """least distance of the race line from the edges, m"""
 
 
+@dataclass(frozen=True)
+class TyreNames:
+    """Order, prior spread and peak factors of a model's tyre parameters."""
+
+    names: tuple[str, ...]
+    prior_std: Array
+    peaks: tuple[int, int]
+    """positions of the peak factor D of front and rear"""
+
+    @classmethod
+    def of(cls, revised: RevisedModel) -> TyreNames:
+        """Of a revised model."""
+        table = revised.model.tyre_table
+        names = tuple(p.name for p in table)
+        front, rear = ("df", "dr") if "df" in names else ("d", "d")
+        return cls(names, np.array([p.prior_std for p in table]), (names.index(front), names.index(rear)))
+
+
 @dataclass
 class Adopted:
     """A controller with the revision it was built for."""
 
     revision: ModelRevision
     revised: RevisedModel
+    tyre: TyreNames
     controller: Controller
 
 
@@ -66,6 +85,8 @@ class Adoption:
         self._previous: Adopted | None = None
         self._ready: Adopted | None = None
         self._worker: threading.Thread | None = None
+        self._new_reference: Reference | None = None
+        self._changed = True
         self._probation = self._failures = 0
         self.notes: list[str] = []
         """what was refused or rolled back, and why; newest last"""
@@ -88,22 +109,28 @@ class Adoption:
             revised = model_of(revision, self._config.vehicle, self._track.length)
             self.current.revision, self.current.revised = revision, revised
             self.controller.phi_at = revised.phi_at
+            self._changed = True
         elif self._worker is None:
             self._build(revision)
 
     def offer_belief(self, belief: Belief) -> None:
         """Use a belief for Eq. (7) and (10), if it fits the model."""
-        names = tuple(p.name for p in self.current.revised.model.tyre_table)
-        if belief.names == names:
-            self._belief = belief
+        if belief.names == self.current.tyre.names:
+            self._belief, self._changed = belief, True
 
-    def advance(self) -> bool:
-        """Move parameters towards the revision in force and swap in a finished build; True if the path changed."""
-        swapped = self._ready is not None
+    def advance(self) -> None:
+        """Move parameters towards the revision in force and swap in what was built meanwhile."""
         if self._ready is not None:
             self._swap(self._ready)
-        self.controller.set_knowledge(self._knowledge(self.controller.knowledge.theta))
-        return self._refresh_profile() or swapped
+        if self._new_reference is not None:
+            self.controller.reference, self._new_reference = self._new_reference, None
+        if not self._changed:
+            return
+        current, theta = self.current, self.controller.knowledge.theta
+        knowledge = self._knowledge(theta, current.revised, current.tyre, current.revision)
+        self.controller.set_knowledge(knowledge)
+        self._changed = not np.array_equal(knowledge.theta, current.revised.theta)
+        self._refresh_profile(current, knowledge)
 
     def judge(self, accepted: bool) -> None:
         """Outcome of a plan with the model in force; rolls a new model back that keeps failing."""
@@ -120,78 +147,88 @@ class Adoption:
         self.notes = [*self.notes[-99:], f"revision {revision.revision}: {reason}"]
 
     def _build(self, revision: ModelRevision) -> None:
-        if not self._background:
-            self._ready = self._adopt(revision, build_functions)
-            return
+        build = build_in_child if self._background else build_functions
 
         def work() -> None:
             try:
-                self._ready = self._adopt(revision, build_in_child)
+                self._ready = self._adopt(revision, build)
             except RuntimeError as error:
                 self._refuse(revision, str(error))
-            finally:
-                self._worker = None
 
-        self._worker = threading.Thread(target=work, name="model build", daemon=True)
-        self._worker.start()
+        self._run(work)
 
     def _adopt(self, revision: ModelRevision, build: Callable[[Problem], Functions]) -> Adopted:
         revised = model_of(revision, self._config.vehicle, self._track.length)
+        tyre = TyreNames.of(revised)
         problem = Problem(revised.model, self._settings)
         functions = build(problem)
-        knowledge = self._knowledge(None, revised, revision)
-        reference = self._reference(revised, knowledge)
+        knowledge = self._knowledge(None, revised, tyre, revision)
+        reference = self._reference(revised, tyre, knowledge)
         backend = self._config.planner.backend
         controller = Controller(problem, functions, reference, knowledge, phi_at=revised.phi_at, backend=backend)
-        return Adopted(revision, revised, controller)
+        return Adopted(revision, revised, tyre, controller)
 
     def _swap(self, new: Adopted) -> None:
         """Carry the guess over: the new model starts from the plan of the old one."""
         old = self.controller.sqp
         new.controller.sqp.set_guess(old.z.copy(), old.du.copy())
         self._previous, self.current, self._ready = self.current, new, None
-        self._probation, self._failures = PROBATION, 0
+        self._probation, self._failures, self._changed = PROBATION, 0, True
 
     def _knowledge(
-        self, theta: Array | None, revised: RevisedModel | None = None, revision: ModelRevision | None = None
+        self, theta: Array | None, revised: RevisedModel, tyre: TyreNames, revision: ModelRevision
     ) -> TyreKnowledge:
         """Tyre parameters one slew step from `theta` towards the revision, with the newest belief."""
-        revised, revision = revised or self.current.revised, revision or self.current.revision
         target = revised.theta
         if theta is not None and len(theta) == len(target):
             target = np.clip(target, theta * (1 - SLEW), theta * (1 + SLEW))
-        prior_std = np.array([p.prior_std for p in revised.model.tyre_table])
         belief = self._belief
-        if belief is not None and len(belief.mean) == len(target):
+        if belief is not None and belief.names == tyre.names:
             mean, covariance = np.array(belief.mean), np.array(belief.covariance)
         elif revision.covariance:
             mean, covariance = target, np.array(revision.covariance)
         else:
-            mean, covariance = target, np.diag(prior_std**2)
+            mean, covariance = target, np.diag(tyre.prior_std**2)
         # within a run the limits may only shrink: the model in force has less grip than they were set for
         use = self._config.planner.load_use
-        front, rear = (min(a, use * b) for a, b in zip(self._limits.pair, _peaks(revised, target), strict=True))
-        return TyreKnowledge(target, mean, covariance, prior_std, (front, rear))
+        front, rear = (min(a, use * float(target[i])) for a, i in zip(self._limits.pair, tyre.peaks, strict=True))
+        return TyreKnowledge(target, mean, covariance, tyre.prior_std, (front, rear))
 
-    def _reference(self, revised: RevisedModel, knowledge: TyreKnowledge) -> Reference:
+    def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""
-        grip = usable_grip(revised, knowledge)
+        share = usable_share(tyre, knowledge)
         at_start = revised.phi_at(np.zeros(1))[:, 0]
-        maximum = self._settings.limits.speed - 2.0
-        envelope = envelope_of(revised.model, list(knowledge.theta), list(at_start), grip_use=grip, max_speed=maximum)
+        top = self._settings.limits.speed - 2.0
+        envelope = envelope_of(revised.model, list(knowledge.theta), list(at_start), grip_use=share, max_speed=top)
         if self._line is None:
             self._line = raceline_for(self._track, envelope, RACE_LINE_MARGIN)
         self._line = self._line.with_envelope(envelope)
-        self._grip = grip * float(np.mean(_peaks(revised, knowledge.theta)))
+        self._grip = usable_grip(tyre, knowledge)
         return Reference(self._line)
 
-    def _refresh_profile(self) -> bool:
-        """New speed profile on the same path when the usable grip has changed."""
-        knowledge, revised = self.controller.knowledge, self.current.revised
-        grip = usable_grip(revised, knowledge) * float(np.mean(_peaks(revised, knowledge.theta)))
-        if abs(grip / self._grip - 1.0) > PROFILE_CHANGE:
-            self.controller.reference = self._reference(revised, knowledge)
-        return False
+    def _refresh_profile(self, current: Adopted, knowledge: TyreKnowledge) -> None:
+        """New speed profile on the same path when the usable grip has changed: tens of ms, beside the planner."""
+        if abs(usable_grip(current.tyre, knowledge) / self._grip - 1.0) < PROFILE_CHANGE or self._worker is not None:
+            return
+        self._run(lambda: self._take_reference(self._reference(current.revised, current.tyre, knowledge)))
+
+    def _take_reference(self, reference: Reference) -> None:
+        self._new_reference = reference
+
+    def _run(self, work: Callable[[], None]) -> None:
+        """Do `work` in the worker thread, or at once where everything is to be deterministic."""
+        if not self._background:
+            work()
+            return
+
+        def guarded() -> None:
+            try:
+                work()
+            finally:
+                self._worker = None
+
+        self._worker = threading.Thread(target=guarded, name="planner worker", daemon=True)
+        self._worker.start()
 
 
 def implausible(revision: ModelRevision, layout: str) -> str:
@@ -209,22 +246,18 @@ def implausible(revision: ModelRevision, layout: str) -> str:
     return ""
 
 
-def _peaks(revised: RevisedModel, theta: Array) -> tuple[float, float]:
-    """Peak factors D of front and rear."""
-    names = [p.name for p in revised.model.tyre_table]
-    front, rear = ("df", "dr") if "df" in names else ("d", "d")
-    return float(theta[names.index(front)]), float(theta[names.index(rear)])
-
-
-def usable_grip(revised: RevisedModel, knowledge: TyreKnowledge) -> float:
+def usable_share(tyre: TyreNames, knowledge: TyreKnowledge) -> float:
     """Share of the model's peak tyre force the speed profile may ask for, given load limits and belief.
 
     Eq. (10) holds at the sigma points, which stand for up to one sigma more force at the same slip.
     """
-    names = [p.name for p in revised.model.tyre_table]
     shares = []
-    for peak_name, limit in zip(("df", "dr") if "df" in names else ("d", "d"), knowledge.load_max, strict=True):
-        i = names.index(peak_name)
+    for i, limit in zip(tyre.peaks, knowledge.load_max, strict=True):
         worst = knowledge.mean[i] + np.sqrt(max(knowledge.covariance[i, i], 0.0))
         shares.append(limit / max(worst, knowledge.theta[i]))
     return float(np.clip(PROFILE_SHARE * min(shares), 0.3, 0.95))
+
+
+def usable_grip(tyre: TyreNames, knowledge: TyreKnowledge) -> float:
+    """Mean over the axles of the force over load that the profile may ask for."""
+    return usable_share(tyre, knowledge) * float(np.mean([knowledge.theta[i] for i in tyre.peaks]))

@@ -9,10 +9,15 @@ import time
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from estimator.information import fisher_information, trace_criterion
+from estimator.model.measurement import CHANNELS, measurement_function
+from estimator.model.single_track import AUXILIARY
 from estimator.revision import declared_revision, model_of
+from estimator.tyre_belief import DEFAULT_STD
 from hil_gateway.track import Track
 from hil_gateway.vehicle import Vehicle
 from planner import acceptance
@@ -35,7 +40,7 @@ LOAD_USE, PROFILE_USE, MARGIN = 0.95, 0.81, 1.6
 IPOPT_EVERY = 40
 """steps between two comparisons with IPOPT; the step before each gives IPOPT its multipliers"""
 TIME_LIMIT_S = 300.0
-INFORMATION_WEIGHT = 0.05
+INFORMATION_WEIGHT = 0.01
 """q_I when information is on"""
 EXECUTED_TOLERANCE = {"track": 0.0, "load": 0.02, "actuator": 1e-6, "information": 0.02}
 """what counts as a violation by an executed state: m beyond the edge, shares of the bounds"""
@@ -47,6 +52,7 @@ clock = time.thread_time_ns
 class Run:
     """Record of one closed-loop drive; lists have one entry a step."""
 
+    measurement: ca.Function
     solve_ns: list[int] = field(default_factory=list)
     linearise_ns: list[int] = field(default_factory=list)
     qp_ns: list[int] = field(default_factory=list)
@@ -93,7 +99,12 @@ def drive(
 
     `converge` > 0 solves every step with up to that many SQP iterations instead of the settings' number.
     """
-    run, z, dt = Run(), start_state(controller), controller.settings.dt
+    kind = controller.settings.information.kind
+    run, z, dt = (
+        Run(measurement_function(controller.problem.model, kind)),
+        start_state(controller),
+        controller.settings.dt,
+    )
     controller.cold_start(z, clock)
     nlp = ReferenceNlp(controller) if ipopt else None
     crossing, length = 0.0, controller.reference.length
@@ -146,7 +157,7 @@ def _note(run: Run, controller: Controller, z: Array, solution: Solution) -> Non
     run.linearise_ns.append(solution.linearise_ns)
     run.qp_ns.append(solution.qp_ns)
     run.step_norm.append(solution.step_norm)
-    run.information.append(float(solution.information[0]))
+    run.information.append(executed_gain(controller, run.measurement, z))
     run.cost.append(stage_cost(controller, solution))
     settings = controller.settings
     bounds = replace(bounds_of(settings, controller.knowledge.load_max, float(z[7])), tolerances=EXECUTED_TOLERANCE)
@@ -155,6 +166,15 @@ def _note(run: Run, controller: Controller, z: Array, solution: Solution) -> Non
     found = acceptance.excesses(plan_of(solution, controller.reference.line), bounds, forces)
     for name, tolerance in EXECUTED_TOLERANCE.items():
         run.violations[name] += bool(found[name][1] > tolerance)
+
+
+def executed_gain(controller: Controller, measurement: ca.Function, z: Array) -> float:
+    """Delta I of Eq. (9) at an executed state, by the estimator's measurement model."""
+    signals, kind = z[[3, 4, 5, 8, 7]], controller.settings.information.kind
+    outputs: Any = measurement(signals, np.zeros(len(AUXILIARY)), controller.knowledge.mean, [])
+    jacobian = outputs[1]
+    std = np.array([DEFAULT_STD[c] for c in CHANNELS[kind]])
+    return trace_criterion(fisher_information(np.array(jacobian)[None], std, controller.knowledge.prior_std))
 
 
 def stage_cost(controller: Controller, solution: Solution) -> float:

@@ -98,13 +98,13 @@ MIN_DYNAMIC_SPEED = 12.0
 
 
 def defects(plan: acceptance.Plan, dt: float, forces: ForceModel, vehicle: Vehicle) -> Array:
-    """Gap (6, N) between each stage and the motion by Eq. (1) from the one before: Heun's method, four sub-steps.
+    """Gap (6, N) between each stage and the motion by Eq. (1) from the one before: Heun's method, two sub-steps.
 
     Gravity on grade and bank is left out, it is far below what counts as a gap.
     """
     state = np.vstack([plan.x, plan.y, plan.yaw, plan.vx, plan.vy, plan.yaw_rate])
     inputs = np.vstack([plan.steer, plan.drive])
-    now, n_sub = state[:, :-1], 4
+    now, n_sub = state[:, :-1], 2
     start, change = inputs[:, :-1], np.diff(inputs, axis=1)
     for i in range(n_sub):
         first = _motion(now, start + change * i / n_sub, forces, vehicle)

@@ -80,7 +80,6 @@ class Controller:
             "sigma_f": self._choices(front, level),
             "sigma_r": self._choices(rear, level),
             "information_theta": k.mean,
-            "information_weight": self._information_weight().ravel(),
             "trace_weight": k.prior_std**2,
             "q_information": info.weight,
         }
@@ -93,12 +92,18 @@ class Controller:
         points = infomax.sigma_points(k.mean, k.covariance, indices, level)
         return np.column_stack([k.theta, points]).ravel(order="F")
 
-    def _information_weight(self) -> Array:
-        """W of Tr(W F): prior variances for `trace`, the posterior covariance for `log_det`."""
+    def _weigh_information(self) -> None:
+        """W of Tr(W F): prior variances for `trace`; for `log_det` the covariance after the horizon's information.
+
+        d log det(P^-1 + sum F) = Tr(W dF) with W = (P^-1 + sum F)^-1, taken at the guess.
+        """
         k = self.knowledge
-        if self.settings.information.criterion == "trace":
-            return np.diag(k.prior_std**2)
-        return k.covariance
+        W: Array = np.diag(k.prior_std**2)
+        if self.problem.informative and self.settings.information.criterion == "log_det":
+            F = self.sqp.horizon_information(self.common)
+            # (P^-1 + F)^-1 without inverting P, which may be singular
+            W = np.asarray(np.linalg.solve(np.eye(len(k.mean)) + k.covariance @ F, k.covariance))
+        self.common[self.problem.common["information_weight"]] = W.ravel()
 
     def fill_stages(self, s: Array, vx: Array, drive: float) -> None:
         """Stage parameters at predicted progress `s` (N,), speed `vx` (N,) and present drive command."""
@@ -128,6 +133,7 @@ class Controller:
         """Solution from state `z0` (NZ,), warm-started from the held guess."""
         guess = self.sqp.z
         self.fill_stages(guess[S, 1:], guess[VX, 1:], float(z0[DRIVE]))
+        self._weigh_information()
         return self.sqp.solve(z0, self.stages, self.common, iterations or self.settings.iterations, stopwatch)
 
     def shift(self) -> None:
@@ -146,10 +152,9 @@ class Controller:
 
     def advance(self, car: Array, drive: float, steer: float, duration: float) -> Array:
         """The six car states (6,) after `duration` s with the inputs held, by the model of the plan."""
-        stage = self.stages[:, 0]
-        for target, value in zip(
-            self._advance.inputs, (car, (drive, steer), duration, stage, self.common), strict=True
-        ):
+        inputs = np.array([drive, steer])
+        values = (car, inputs, np.array([duration]), self.stages[:, 0], self.common)
+        for target, value in zip(self._advance.inputs, values, strict=True):
             target[:, 0] = value
         self._advance()
         return self._advance.outputs[0][:, 0].copy()

@@ -33,19 +33,26 @@ BUILD_TIMEOUT_S = 120.0
 
 @dataclass(frozen=True)
 class Functions:
-    """`horizon`: QP blocks of all stages; `step`: one interval of motion; `advance`: a short time with held inputs."""
+    """`horizon`: QP blocks of all stages; `step`: one interval of motion; `advance`: a short time with held inputs.
+
+    `information`: F_k of Eq. (7) of all stages, where the D-criterion needs it.
+    """
 
     horizon: CompiledFunction
     step: CompiledFunction
     advance: CompiledFunction
+    information: CompiledFunction | None = None
 
 
 def _symbolic(problem: Problem) -> dict[str, Any]:
-    return {
+    functions = {
         "horizon": problem.horizon_function(),
         "step": problem.step_function(),
         "advance": problem.advance_function(),
     }
+    if problem.informative and problem.settings.information.criterion == "log_det":
+        functions["information"] = problem.information_function()
+    return functions
 
 
 def build_functions(problem: Problem, compiled: bool = True) -> Functions:

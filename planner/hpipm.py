@@ -19,8 +19,8 @@ import numpy as np
 
 from planner.qp import Array, QpSize, QpStatus, StageQp, objective, violation
 
-SPEED_ABS = 0
-"""enum hpipm_mode: absolute formulation, fastest"""
+SPEED_ABS, BALANCE = 0, 2
+"""enum hpipm_mode: absolute formulation, fastest; relative formulation with refinement, for what that cannot solve"""
 
 STATUS = {0: QpStatus.SOLVED, 1: QpStatus.ITERATION_LIMIT, 2: QpStatus.SMALL_STEP, 3: QpStatus.NOT_FINITE}
 """enum hpipm_status"""
@@ -83,13 +83,16 @@ class HpipmSolver:
     name = "hpipm"
 
     def __init__(self, qp: StageQp, condensed_stages: int = CONDENSED_STAGES) -> None:
-        self.qp = qp
-        self.iterations = 0
+        self.qp, self.iterations = qp, 0
+        self._condensed_stages = condensed_stages
         self._lib = _library()
+        self._create()
+
+    def _create(self) -> None:
+        qp, condensed_stages = self.qp, self._condensed_stages
         self._make_qp(qp)
         self._make_condensed(min(condensed_stages, qp.size.N))
-        self._arg = self._make_arguments()
-        self._workspace = _Object("ocp_qp_ipm_ws", self._part_dim.pointer, self._arg.pointer)
+        self._methods = [self._make_method(mode) for mode in (SPEED_ABS, BALANCE)]
         self._set_all = self._bind_data()
         self._get_all = self._bind_solution()
         self._set_masks()
@@ -98,14 +101,26 @@ class HpipmSolver:
         lib, full, part = self._lib, self._full.pointer, self._part.pointer
         lib.d_ocp_qp_set_all(*self._set_all)
         lib.d_part_cond_qp_cond(full, part, self._cond_arg.pointer, self._cond_ws.pointer)
-        lib.d_ocp_qp_ipm_solve(part, self._part_sol.pointer, self._arg.pointer, self._workspace.pointer)
+        self.iterations = 0
+        for method in self._methods:
+            status = self._attempt(*method)
+            if status is QpStatus.SOLVED:
+                return status
+        if status is QpStatus.NOT_FINITE:
+            self._create()  # NaN stays in the solver's memory and would spoil every later solve
+        return status
+
+    def _attempt(self, arg: _Object, workspace: _Object) -> QpStatus:
+        """Interior-point iterations on the condensed QP, result into the arrays of the `StageQp`."""
+        lib, full, part = self._lib, self._full.pointer, self._part.pointer
+        lib.d_ocp_qp_ipm_solve(part, self._part_sol.pointer, arg.pointer, workspace.pointer)
         lib.d_part_cond_qp_expand_sol(
             full, self._part_sol.pointer, self._full_sol.pointer, self._cond_arg.pointer, self._cond_ws.pointer
         )
         lib.d_ocp_qp_sol_get_all(*self._get_all)
-        lib.d_ocp_qp_ipm_get_status(self._workspace.pointer, ctypes.byref(self._status))
-        lib.d_ocp_qp_ipm_get_iter(self._workspace.pointer, ctypes.byref(self._iter))
-        self.iterations = self._iter.value
+        lib.d_ocp_qp_ipm_get_status(workspace.pointer, ctypes.byref(self._status))
+        lib.d_ocp_qp_ipm_get_iter(workspace.pointer, ctypes.byref(self._iter))
+        self.iterations += self._iter.value
         # status 0 with NaN in the solution has been seen: the numbers have the last word
         if not np.isfinite(self.qp.du).all() or not np.isfinite(self.qp.dz).all():
             return QpStatus.NOT_FINITE
@@ -143,16 +158,17 @@ class HpipmSolver:
             "part_cond_qp_ws", self._dim.pointer, sizes, self._part_dim.pointer, self._cond_arg.pointer
         )
 
-    def _make_arguments(self) -> _Object:
+    def _make_method(self, mode: int) -> tuple[_Object, _Object]:
+        """Arguments and workspace of the interior-point method in one of its modes."""
         arg = _Object("ocp_qp_ipm_arg", self._part_dim.pointer)
         lib = self._lib
-        lib.d_ocp_qp_ipm_arg_set_default(SPEED_ABS, arg.pointer)
+        lib.d_ocp_qp_ipm_arg_set_default(mode, arg.pointer)
         for name, integer in (("iter_max", ITERATION_LIMIT), ("var_init_scheme", 1), ("warm_start", 0)):
             getattr(lib, f"d_ocp_qp_ipm_arg_set_{name}")(ctypes.byref(_Int(integer)), arg.pointer)
         for name in ("tol_stat", "tol_eq", "tol_ineq", "tol_comp"):
             getattr(lib, f"d_ocp_qp_ipm_arg_set_{name}")(ctypes.byref(_Double(TOLERANCE)), arg.pointer)
         lib.d_ocp_qp_ipm_arg_set_mu0(ctypes.byref(_Double(MU0)), arg.pointer)
-        return arg
+        return arg, _Object("ocp_qp_ipm_ws", self._part_dim.pointer, arg.pointer)
 
     def _blocks(self, array: Array) -> list[Array | None]:
         return [self.qp.stage(array, k) for k in range(self.qp.size.N)]

@@ -62,7 +62,8 @@ def stage_names(model: SingleTrack) -> Names:
 
     Knot s and cubics of the reference line in s - knot (power 0..3), distances to the track limits (m), speed
     limit at the knot and its slope, weight q_v (0 at the last stage), multipliers of the two load rows, upper drive
-    limit, grade and bank (rad) of the track as far as no effect of the model stands for them, effect parameters at the stage's place.
+    limit, grade and bank (rad) of the track as far as no effect of the model stands for them, effect parameters at
+    the stage's place.
     """
     sizes = {"s": 1, "cubic_x": 4, "cubic_y": 4, "width_left": 1, "width_right": 1, "speed": 2, "progress": 1}
     return Names({**sizes, "multiplier": 2, "drive_max": 1, "grade": 1, "bank": 1, "phi": len(model.effect_table)})
@@ -93,13 +94,14 @@ def common_names(model: SingleTrack) -> Names:
 
 
 def auxiliary(
-    model: SingleTrack, z: Sequence[Expr], du: Sequence[Expr], theta: Expr, lap: Expr, dt: float
+    model: SingleTrack, z: Sequence[Expr], du: Sequence[Expr], p: Mapping[str, Expr], dt: float
 ) -> dict[str, Expr]:
     """Signals effects may need, as far as a plan knows them; the rest is neutral."""
+    lap = p["lap"]
     known = {
         "track_position": z[S] - lap * ca.floor(z[S] / lap),
         "yaw": z[2],
-        "ax": theta[0] * z[DRIVE] / model.vehicle.mass,
+        "ax": p["theta"][0] * z[DRIVE] / model.vehicle.mass,
         "steer_rate": du[1] / dt,
         "drive_rate": du[0] / dt,
     }
@@ -127,7 +129,7 @@ class Dynamics:
         """d/dt of the seven car states for inputs u = [d, delta, v_s]."""
         z = ca.vertsplit(ca.vertcat(x, u))
         theta, phi = split(p["theta"]), split(p["phi"])
-        aux = auxiliary(self.model, z, ca.vertsplit(du), p["theta"], p["lap"], self.dt)
+        aux = auxiliary(self.model, z, ca.vertsplit(du), p, self.dt)
         car = state_derivative(self.model, z[:6], (z[STEER], z[DRIVE]), theta, phi, aux=aux)
         _, _, _, vx, vy, yaw_rate, _, _, steer, progress = z
         weight = dynamic_share(vx)
@@ -193,7 +195,7 @@ class Problem:
     def evaluate(self, z: Expr, theta: Expr, p: Mapping[str, Expr]) -> Terms:
         """The vehicle model at a state of the horizon."""
         parts = ca.vertsplit(z)
-        aux = auxiliary(self.model, parts, [0.0, 0.0, 0.0], theta, p["lap"], self.settings.dt)
+        aux = auxiliary(self.model, parts, [0.0, 0.0, 0.0], p, self.settings.dt)
         signals = (z[VX], z[4], z[5], z[STEER], z[DRIVE])
         return self.model.evaluate(Terms(self.model.vehicle, *signals, aux=aux), split(theta), split(p["phi"]))
 
@@ -208,6 +210,11 @@ class Problem:
             (w.yaw_rate, z[5]),
         )
         return ca.vertcat(*(ca.sqrt(2 * weight) * value for weight, value in terms))
+
+    def gauss_newton(self, residuals: Expr, z: Expr) -> tuple[Expr, Expr]:
+        """Hessian J'J with a small multiple of the identity, and gradient."""
+        J: Expr = ca.jacobian(residuals, z)
+        return J.T @ J + self.settings.weights.regularisation * ca.DM.eye(NZ), J.T @ residuals
 
     def change_weights(self) -> Expr:
         """Diagonal R of Eq. (4) times two."""
@@ -231,11 +238,11 @@ class Problem:
         bound = p["load_max"]["fr".index(axle)] * getattr(terms, f"load_{axle}")
         # driven kinematically, a car has no slip angles to limit
         forces = ca.vertcat(getattr(terms, f"fx_{axle}"), dynamic_share(z[VX]) * getattr(terms, f"fy_{axle}")) / bound
-        slopes: Expr = ca.jacobian(forces, z)
+        slopes: Any = ca.jacobian(forces, z)
         if self.settings.load_limit == "literal":
             ones = ca.DM([[1.0, 1.0]])
             return LoadRow(ca.sum1(forces), ones @ slopes, ca.SX(NZ, NZ))
-        value = ca.sqrt(ca.sumsqr(forces) + LOAD_SMOOTHING**2)
+        value: Any = ca.sqrt(ca.sumsqr(forces) + LOAD_SMOOTHING**2)
         normal = forces / value
         curvature = (ca.SX.eye(2) - normal @ normal.T) / value
         return LoadRow(value, normal.T @ slopes, slopes.T @ curvature @ slopes)
@@ -245,6 +252,8 @@ class Problem:
         theta = ca.SX.sym("theta", len(self.model.tyre_table))
         row = self.load_row(axle, z, theta, p).value
         points = ca.horzsplit(ca.reshape(p[f"sigma_{axle}"], theta.numel(), -1))
+        chosen: Any
+        largest: Any
         chosen, largest = points[0], ca.fabs(ca.substitute(row, theta, points[0]))
         for point in points[1:]:
             value = ca.fabs(ca.substitute(row, theta, point))
@@ -293,10 +302,7 @@ class Problem:
         _, du, stage_vector, stage, common_vector, p = self._symbols()
         after = self.dynamics.step(z, du, p)
         residuals = self.residuals(zn, stage)
-        J = ca.jacobian(residuals, zn)
-        regularisation = self.settings.weights.regularisation
-        Q: Expr
-        Q, q = J.T @ J + regularisation * ca.DM.eye(NZ), J.T @ residuals
+        Q, q = self.gauss_newton(residuals, zn)
         q[PROGRESS] -= stage["progress"]
         info = infomax.cost_terms(self, zn, p) if self.informative else infomax.no_terms()
         proximal = ca.vertcat(*(2 * self.settings.weights.proximal / b**2 for b in self.change_bounds()))
@@ -359,6 +365,15 @@ class Problem:
         """(z, du, stage, common) -> z_next."""
         z, du, stage_vector, _, common_vector, p = self._symbols()
         return ca.Function("step", [z, du, stage_vector, common_vector], [self.dynamics.step(z, du, p)])
+
+    def information_function(self) -> ca.Function:
+        """(z of stages 1..N, common) -> F_k of Eq. (7) at the belief's mean, shape (n_theta, n_theta N)."""
+        z, _, stage, _, common, p = self._symbols()
+        arguments: Any = [z, common]
+        F: Expr = ca.substitute(ca.densify(infomax.information_matrix(self, z, p)), stage, ca.SX.zeros(stage.shape))
+        one: Any = ca.Function("information_stage", arguments, [F])
+        mapped: ca.Function = one.map("information", "serial", self.settings.horizon, [1], [])
+        return mapped
 
     def advance_function(self) -> ca.Function:
         """(car[6], inputs[2] = drive, steer, h, stage, common) -> car after h seconds with the inputs held."""

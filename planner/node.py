@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -18,10 +19,10 @@ from planner.adoption import Adoption
 from planner.checks import PlanCheck
 from planner.fallback import Stopping, Trajectory, shifted, stop_plan
 from planner.load_limits import HeldLoad, LoadLimits, RunEvidence, load_limits, next_limit, store_limits
-from planner.mpcc import DRIVE, NZ, PROGRESS, STEER, VX, S
+from planner.mpcc import DRIVE, PROGRESS, STEER, VX, S
 from planner.prediction import Actuators, Moment, Sent, predict
 from planner.settings import Information, Settings
-from planner.sqp import Stopwatch
+from planner.sqp import Solution, Stopwatch
 
 Array = npt.NDArray[np.float64]
 
@@ -48,6 +49,16 @@ def settings_of(config: Config) -> Settings:
     )
 
 
+@dataclass(frozen=True)
+class Decision:
+    """What to publish: a full trajectory, how it came about, and the information it gains (Eq. 7)."""
+
+    plan: Trajectory
+    status: PlanStatus
+    reason: str = ""
+    gain: float = 0.0
+
+
 class Planner:
     """The planner behind the bus; `step` makes one plan and its command."""
 
@@ -70,6 +81,7 @@ class Planner:
         self._actuators = Actuators(p)
         self._plan: Trajectory | None = None
         self._solution_start_ns: int | None = None
+        self._fresh_ns = 0
         self._check = PlanCheck(self.settings, config.vehicle)
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
         self._seq = 0
@@ -80,11 +92,11 @@ class Planner:
         self._take_in(now_ns)
         start_ns = now_ns + round((self._config.planner.compute_s + self._config.planner.actuator_delay_s) * NS_PER_S)
         z0 = self._initial_state(now_ns, start_ns)
-        plan, status, reason, gain = self._decide(z0, start_ns, started)
-        if plan is None:
+        decision = self._decide(z0, start_ns, started)
+        if decision is None:
             return None
-        self._plan = plan
-        return self._publish(plan, status, reason, gain, now_ns, started)
+        self._plan = decision.plan
+        return self._publish(decision, now_ns, started)
 
     def store_limits(self) -> None:
         """Write the load limits the next run may use, if a file is configured."""
@@ -148,45 +160,50 @@ class Planner:
         k = round((start_ns - self._plan.start_ns) / (self.settings.dt * NS_PER_S))
         return self._plan.z[:, min(max(k, 0), self.settings.horizon)]
 
-    def _decide(
-        self, z0: Array | None, start_ns: int, started: int
-    ) -> tuple[Trajectory | None, PlanStatus, str, float]:
-        """A fresh plan if there is one, else the last one shifted, else a stop plan."""
+    def _decide(self, z0: Array | None, start_ns: int, started: int) -> Decision | None:
+        """A fresh plan if there is one, else the last one shifted, else a stop plan; None before the first estimate."""
         reason = "no valid estimate"
         if z0 is not None:
-            plan, reason, gain = self._solve(z0, start_ns, started)
-            self.adoption.judge(plan is not None)
-            if plan is not None:
-                return plan, PlanStatus.SOLVED, "", gain
-        return (*self._fall_back(z0, start_ns), reason, 0.0)
+            solved = self._solve(z0, start_ns, started)
+            self.adoption.judge(isinstance(solved, Decision))
+            if isinstance(solved, Decision):
+                return solved
+            reason = solved
+        return self._fall_back(z0, start_ns, reason)
 
-    def _solve(self, z0: Array, start_ns: int, started: int) -> tuple[Trajectory | None, str, float]:
+    def _solve(self, z0: Array, start_ns: int, started: int) -> Decision | str:
         """Fresh plan, or the reason there is none."""
         controller = self.adoption.controller
         if self._is_cold(z0, start_ns):
             solution = controller.cold_start(z0, self._stopwatch)
-            late = False
         else:
             for _ in range(self._intervals_since(start_ns)):
                 controller.shift()
             solution = controller.solve(z0, self._stopwatch)
-            late = self._late(started)
-        found = self._check(controller, self.adoption.current, solution) if solution.usable else []
+        found = self._judge(solution)
         for _ in range(EXTRA_ITERATIONS):
             # one iteration may leave a far stage beyond a curved limit; another one straightens it out
             if not found or not solution.usable or self._late(started):
                 break
             solution = controller.solve(z0, self._stopwatch, 1)
-            found = self._check(controller, self.adoption.current, solution) if solution.usable else []
+            found = self._judge(solution)
         self._solution_start_ns = start_ns if solution.usable else None
-        if not solution.usable:
-            return None, f"solver: {solution.status.value}", 0.0
-        if late:
-            return None, f"solver: later than {1e3 * self._config.planner.deadline_s:.0f} ms", 0.0
         if found:
-            return None, f"not accepted: {'; '.join(found)}", 0.0
+            return found
+        if self._late(started):
+            return f"solver: later than {1e3 * self._config.planner.deadline_s:.0f} ms"
+        self._fresh_ns = start_ns
         self._note_loads()
-        return Trajectory(solution.z, solution.du, start_ns), "", float(solution.information.sum())
+        return Decision(
+            Trajectory(solution.z, solution.du, start_ns), PlanStatus.SOLVED, gain=float(solution.information.sum())
+        )
+
+    def _judge(self, solution: Solution) -> str:
+        """Why a solution must not be published; empty when it may."""
+        if not solution.usable:
+            return f"solver: {solution.status.value}"
+        found = self._check(self.adoption.controller, self.adoption.current, solution)
+        return f"not accepted: {'; '.join(found)}" if found else ""
 
     def _late(self, started: int) -> bool:
         return (self._stopwatch() - started) / NS_PER_S > self._config.planner.deadline_s
@@ -205,26 +222,19 @@ class Planner:
         expected = self._expected(start_ns)
         return expected is None or float(np.hypot(*(expected[:2] - z0[:2]))) > COLD_DISTANCE
 
-    def _fall_back(self, z0: Array | None, start_ns: int) -> tuple[Trajectory | None, PlanStatus]:
-        """The last plan shifted while it is young and fits the state, then a stop plan."""
-        last = self._plan
-        if last is None and z0 is None:
-            return None, PlanStatus.STOP
-        stopping = self._stopping()
-        if last is not None:
-            age = (start_ns - (self._solution_start_ns or last.start_ns)) / NS_PER_S
-            intervals = max(0, round((start_ns - last.start_ns) / (self.settings.dt * NS_PER_S)))
-            rest = shifted(last, intervals, stopping)
-            off = 0.0 if z0 is None or rest is None else float(np.hypot(*(rest.z[:2, 0] - z0[:2])))
-            if rest is not None and self._fallbacks(age) and off < COLD_DISTANCE:
-                return rest, PlanStatus.SHIFTED
-            z0 = rest.z[:, 0] if z0 is None and rest is not None else z0
+    def _fall_back(self, z0: Array | None, start_ns: int, reason: str) -> Decision | None:
+        """The last plan shifted while its solution is young and fits the state, then a stop plan."""
+        stopping, rest = self._stopping(), None
+        if self._plan is not None:
+            ahead_s = (start_ns - self._plan.start_ns) / NS_PER_S
+            rest = shifted(self._plan, max(0, round(ahead_s / self.settings.dt)), stopping)
+        if rest is not None and start_ns - self._fresh_ns <= MAX_SHIFT_S * NS_PER_S and _fits(rest, z0):
+            return Decision(rest, PlanStatus.SHIFTED, reason)
+        if z0 is None and self._plan is not None:
+            z0 = self._plan.z[:, -1] if rest is None else rest.z[:, 0]
         if z0 is None:
-            z0 = last.z[:, -1] if last is not None else np.zeros(NZ)
-        return stop_plan(z0, start_ns, self.settings.horizon, stopping), PlanStatus.STOP
-
-    def _fallbacks(self, age: float) -> bool:
-        return age <= MAX_SHIFT_S
+            return None
+        return Decision(stop_plan(z0, start_ns, self.settings.horizon, stopping), PlanStatus.STOP, reason)
 
     def _stopping(self) -> Stopping:
         controller, vehicle = self.adoption.controller, self._config.vehicle
@@ -235,10 +245,8 @@ class Planner:
             controller.reference, self.settings.limits, self.settings.dt, vehicle.wheelbase, drive,
         )  # fmt: skip
 
-    def _publish(
-        self, plan: Trajectory, status: PlanStatus, reason: str, gain: float, now_ns: int, started: int
-    ) -> Plan:
-        z, e, dt = plan.z, self._estimate.latest.message, self.settings.dt
+    def _publish(self, decision: Decision, now_ns: int, started: int) -> Plan:
+        z, e, dt = decision.plan.z, self._estimate.latest.message, self.settings.dt
         stamp = e.state_stamp_ns if e is not None else 0
         steer = self._actuators.lead(z[STEER, 0], z[STEER, 1], dt, self._actuators.steer_lag)
         drive = self._actuators.lead(z[DRIVE, 0], z[DRIVE, 1], dt, self._actuators.drive_lag)
@@ -250,16 +258,22 @@ class Planner:
         )  # fmt: skip
         rows = {"x": 0, "y": 1, "yaw": 2, "vx": VX, "s": S, "steer": STEER, "drive": DRIVE}
         message = Plan(
-            stamp_ns=now_ns, seq=self._seq, state_stamp_ns=stamp, status=status, reason=reason, dt=dt,
+            stamp_ns=now_ns, seq=self._seq, state_stamp_ns=stamp, status=decision.status,
+            reason=decision.reason, dt=dt,
             **{name: tuple(z[row].tolist()) for name, row in rows.items()},
             lap=max(0, int(z[S, 0] // self.adoption.controller.reference.length)),
             revision=self.adoption.current.revision.revision,
-            solve_ms=(self._stopwatch() - started) / 1e6, information_gain=gain,
+            solve_ms=(self._stopwatch() - started) / 1e6, information_gain=decision.gain,
         )  # fmt: skip
         self._seq += 1
         self._bus.publish(topics.COMMAND, command)
         self._bus.publish(topics.PLAN, message)
         return message
+
+
+def _fits(plan: Trajectory, z0: Array | None) -> bool:
+    """Whether a plan starts near the state, as far as that is known."""
+    return z0 is None or float(np.hypot(*(plan.z[:2, 0] - z0[:2]))) < COLD_DISTANCE
 
 
 def starting_limits(config: Config, tyre: dict[str, float]) -> LoadLimits:

@@ -22,7 +22,7 @@ def _group() -> None:
 
 
 @app.command()
-def bench(
+def bench(  # noqa: PLR0917 - options of a command line
     track: Annotated[str, typer.Option(help="track file or shipped track; default: the road course")] = "",
     laps: Annotated[int, typer.Option(min=1, help="flying laps to drive")] = 1,
     information: Annotated[Literal["on", "off"], typer.Option(help="Eq. (9) or the plain MPCC")] = "off",

@@ -97,7 +97,9 @@ def objective(qp: StageQp) -> float:
     total = 0.0
     for k in range(qp.size.N):
         z, u = qp.dz[:, k], qp.du[:, k]
-        total += float(0.5 * z @ qp.stage(qp.Q, k) @ z + qp.q[:, k] @ z + 0.5 * u @ qp.stage(qp.R, k) @ u + qp.r[:, k] @ u)
+        total += float(
+            0.5 * z @ qp.stage(qp.Q, k) @ z + qp.q[:, k] @ z + 0.5 * u @ qp.stage(qp.R, k) @ u + qp.r[:, k] @ u
+        )
         value = qp.stage(qp.C, k) @ z
         for excess, mask in ((qp.lower_row[:, k] - value, qp.mask_lower), (value - qp.upper_row[:, k], qp.mask_upper)):
             slack = np.maximum(excess, 0.0) * mask

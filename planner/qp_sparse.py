@@ -22,7 +22,10 @@ class SparseForm:
         self.qp = qp
         self.width = size.nu + size.nx + 2 * size.rows
         self.n = self.width * size.N
-        self.n_rows = size.N * (size.nx + 2 * size.rows)
+        # the sides that exist: (slack above the lower bound, below the upper bound)
+        self._lower_rows = np.flatnonzero(qp.mask_lower > 0)
+        self._upper_rows = np.flatnonzero(qp.mask_upper > 0)
+        self.height = size.nx + len(self._lower_rows) + len(self._upper_rows)
         self._u = slice(0, size.nu)
         self._z = slice(size.nu, size.nu + size.nx)
         self._low = slice(size.nu + size.nx, size.nu + size.nx + size.rows)
@@ -36,22 +39,24 @@ class SparseForm:
         rows = size.rows
         cost: list[Array] = []
         c, lower_x, upper_x = (np.zeros((size.N, self.width)) for _ in range(3))
-        A = sparse.lil_matrix((self.n_rows, self.n))
-        low_a, up_a = np.zeros((size.N, size.nx + 2 * rows)), np.zeros((size.N, size.nx + 2 * rows))
+        A = sparse.lil_matrix((self.height * size.N, self.n))
+        low_a, up_a = np.zeros((size.N, self.height)), np.zeros((size.N, self.height))
         for k in range(size.N):
             cost += [qp.stage(qp.R, k), qp.stage(qp.Q, k), np.diag(np.tile(qp.slack_l2[:, k], 2))]
             c[k] = np.concatenate([qp.r[:, k], qp.q[:, k], np.tile(qp.slack_l1[:, k], 2)])
             lower_x[k], upper_x[k] = self._bounds(k)
             low_a[k], up_a[k] = self._row_bounds(k)
-            r, v = k * (size.nx + 2 * rows), k * self.width
+            r, v = k * self.height, k * self.width
             A[r : r + size.nx, v : v + size.nu] = qp.stage(qp.B, k)
             A[r : r + size.nx, v + size.nu : v + size.nu + size.nx] = -np.eye(size.nx)
             if k:
                 A[r : r + size.nx, v - self.width + size.nu : v - self.width + size.nu + size.nx] = qp.stage(qp.A, k)
-            for i, slack, sign in ((0, self._low, 1.0), (1, self._up, -1.0)):
-                block = slice(r + size.nx + i * rows, r + size.nx + (i + 1) * rows)
-                A[block, v + self._z.start : v + self._z.stop] = qp.stage(qp.C, k)
-                A[block, v + slack.start : v + slack.stop] = sign * np.eye(rows)
+            r += size.nx
+            for sides, slack, sign in ((self._lower_rows, self._low, 1.0), (self._upper_rows, self._up, -1.0)):
+                block = slice(r, r + len(sides))
+                A[block, v + self._z.start : v + self._z.stop] = qp.stage(qp.C, k)[sides]
+                A[block, v + slack.start : v + slack.stop] = sign * np.eye(rows)[sides]
+                r += len(sides)
         P = sparse.block_diag(cost, format="csc")
         return P, c.ravel(), A.tocsc(), low_a.ravel(), up_a.ravel(), lower_x.ravel(), upper_x.ravel()
 
@@ -66,10 +71,15 @@ class SparseForm:
 
     def _row_bounds(self, k: int) -> tuple[Array, Array]:
         qp = self.qp
-        lower = np.where(qp.mask_lower > 0, qp.lower_row[:, k], -UNBOUNDED)
-        upper = np.where(qp.mask_upper > 0, qp.upper_row[:, k], UNBOUNDED)
-        free = np.full(qp.size.rows, UNBOUNDED)
-        return np.concatenate([-qp.b[:, k], lower, -free]), np.concatenate([-qp.b[:, k], free, upper])
+        low, up = qp.lower_row[self._lower_rows, k], qp.upper_row[self._upper_rows, k]
+        lower = np.concatenate([-qp.b[:, k], low, np.full(len(up), -np.inf)])
+        return lower, np.concatenate([-qp.b[:, k], np.full(len(low), np.inf), up])
+
+    def store_multipliers(self, values: Array) -> None:
+        """Multipliers >= 0 of the upper sides, given those of all soft sides in the order of the rows of A."""
+        blocks = values.reshape(self.qp.size.N, self.height - self.qp.size.nx)
+        self.qp.multiplier[:] = 0.0
+        self.qp.multiplier[self._upper_rows] = blocks[:, len(self._lower_rows) :].T
 
     def store(self, x: Array) -> QpStatus:
         """Write the solution back into the `StageQp`."""
@@ -105,6 +115,7 @@ class PiqpSolver:
         if status != piqp.PIQP_SOLVED:
             limit = status == piqp.PIQP_MAX_ITER_REACHED
             return QpStatus.ITERATION_LIMIT if limit else QpStatus.INFEASIBLE
+        self.form.store_multipliers(np.asarray(solver.result.z_u))
         return self.form.store(np.asarray(solver.result.x))
 
 
@@ -116,7 +127,6 @@ class ConicSolver:
     def __init__(self, qp: StageQp) -> None:
         self.form = SparseForm(qp)
         self.iterations = 0
-        self._solver: Any = None
 
     def solve(self) -> QpStatus:
         import casadi as ca
@@ -129,4 +139,8 @@ class ConicSolver:
         result = solver(h=P_dm, g=c, a=A_dm, lba=low, uba=up, lbx=lower_x, ubx=upper_x)
         stats = solver.stats()
         self.iterations = int(stats.get("iter_count", 0))
-        return self.form.store(np.array(result["x"]).ravel()) if stats["success"] else QpStatus.INFEASIBLE
+        if not stats["success"]:
+            return QpStatus.INFEASIBLE
+        soft = np.asarray(low != up)
+        self.form.store_multipliers(np.maximum(np.array(result["lam_a"]).ravel()[soft], 0.0))
+        return self.form.store(np.array(result["x"]).ravel())

@@ -79,7 +79,7 @@ class ReferenceNlp:
         return ca.nlpsol("reference", "ipopt", nlp, options)
 
     def _bounds(self, z0: Array) -> dict[str, Array]:
-        N, nz, nu, rows = self._shape
+        N, nz, _, rows = self._shape
         controller = self._controller
         limits, stages = controller.settings.limits, controller.stages
         lower, upper = np.full((nz, N), -np.inf), np.full((nz, N), np.inf)
@@ -105,9 +105,7 @@ class ReferenceNlp:
         N, nz, nu, rows = self._shape
         controller = self._controller
         theta = np.vstack([np.array(t) for t in self._choice(z[:, 1:], controller.stages, controller.common)])
-        parameters = np.concatenate(
-            [z0, controller.stages.ravel(order="F"), controller.common, theta.ravel(order="F")]
-        )
+        parameters = np.concatenate([z0, controller.stages.ravel(order="F"), controller.common, theta.ravel(order="F")])
         slack = np.zeros(2 * rows * N)
         x0 = np.concatenate([z[:, 1:].ravel(order="F"), du.ravel(order="F"), slack])
         duals = {} if self._duals is None else {"lam_x0": self._duals[0], "lam_g0": self._duals[1]}

@@ -69,7 +69,7 @@ class Information:
     """Eq. (9): weight q_I, bound on Delta I a stage, criterion, measurement model."""
 
     weight: float = 0.0
-    bound: float = 40.0
+    bound: float = 400.0
     criterion: Criterion = "trace"
     kind: MeasurementKind = "tyre_force"
     convexification: Convexification = "abs"

@@ -49,6 +49,7 @@ class Sqp:
         self.problem = problem
         self.N = problem.settings.horizon
         self._horizon, self._step = functions.horizon, functions.step
+        self._information = functions.information
         self.qp = self._bind()
         self._solver = make_qp_solver(self.qp, backend)
         self.z, self.du = np.zeros((NZ, self.N + 1), order="F"), np.zeros((NU, self.N), order="F")
@@ -112,10 +113,18 @@ class Sqp:
     def _add_projected_hessian(self) -> None:
         """Reference convexification: exact Hessian of the information with negative eigenvalues cut off."""
         n = len(infomax.FORCE_STATES)
-        exact = self._horizon.outputs[len(OUTPUTS) + 1].reshape(n, self.N, n, order="A").transpose(1, 0, 2)
-        blocks = self.qp.Q.reshape(NZ, self.N, NZ, order="A")
+        exact = self._horizon.outputs[len(OUTPUTS) + 1].reshape(n, n, self.N, order="F").transpose(2, 0, 1)
+        blocks = self.qp.Q.reshape(NZ, NZ, self.N, order="F")
         index = np.array(infomax.FORCE_STATES)
-        blocks[index[:, None], :, index[None, :]] += infomax.project(exact).transpose(1, 2, 0)
+        blocks[index[:, None], index[None, :]] += infomax.project(exact).transpose(1, 2, 0)
+
+    def horizon_information(self, common: Array) -> Array:
+        """sum_k F_k of the guess in unscaled parameters, (n_theta, n_theta); only with information."""
+        assert self._information is not None
+        self._information.inputs[0][:], self._information.inputs[1][:, 0] = self.z[:, 1:], common
+        self._information()
+        n = self._information.outputs[0].shape[0]
+        return np.asarray(self._information.outputs[0].reshape(n, n, self.N, order="F").sum(axis=2))
 
     def propagate(self, z: Array, du: Array, stage: Array, common: Array) -> Array:
         """z_next = F(z, du)."""

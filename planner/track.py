@@ -6,6 +6,7 @@ is linearised, so nothing of the track is inside the compiled functions: a new t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +40,6 @@ class Reference:
         spline = CubicSpline(grid, np.vstack([points, points[:1]]), bc_type="periodic")
         self._spacing = line.length / n
         self._cubics = np.ascontiguousarray(spline.c[::-1].transpose(2, 0, 1).reshape(8, n))
-        self._spline = spline
         speed = line.vx_profile
         slope = (np.roll(speed, -1) - speed) / self._spacing
         self._road = np.vstack([line.width_left, line.width_right, speed, slope, line.grade, line.bank, line.track_s])
@@ -59,17 +59,19 @@ class Reference:
         return knot, self._cubics[:, index], self._road[:, index]
 
     def at(self, s: Array) -> ReferencePoint:
-        """Position, heading (rad, principal value) and curvature at s."""
-        wrapped = np.mod(s, self.length)
-        (x, y), (dx, dy), (ddx, ddy) = (self._spline(wrapped, order).T for order in (0, 1, 2))
+        """Position, heading (rad, principal value) and curvature at s (K,)."""
+        knot, index = self._cell(s)
+        t = s - knot
+        (x0, x1, x2, x3), (y0, y1, y2, y3) = self._cubics[:4, index], self._cubics[4:, index]
+        dx, dy = x1 + t * (2 * x2 + 3 * t * x3), y1 + t * (2 * y2 + 3 * t * y3)
+        ddx, ddy = 2 * x2 + 6 * t * x3, 2 * y2 + 6 * t * y3
+        x, y = x0 + t * (x1 + t * (x2 + t * x3)), y0 + t * (y1 + t * (y2 + t * y3))
         return ReferencePoint(x, y, np.arctan2(dy, dx), (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3)
 
     def speed_limit(self, s: Array) -> Array:
-        """Speed profile at s, m/s."""
-        return np.interp(np.mod(s, self.length), np.append(self.line.s, self.length), self._closed_speed())
-
-    def _closed_speed(self) -> Array:
-        return np.append(self.line.vx_profile, self.line.vx_profile[0])
+        """Speed profile at s (K,), m/s."""
+        knot, index = self._cell(s)
+        return np.asarray(self._road[2, index] + (s - knot) * self._road[3, index])
 
     def project(self, x: float, y: float, hint: float | None = None) -> float:
         """Unwrapped s of the nearest point; near `hint` (within some 30 m) where one is given, else on lap 0."""
@@ -85,8 +87,9 @@ class Reference:
 
     def _refine(self, x: float, y: float, s: float) -> float:
         """Newton steps along the tangent."""
-        for _ in range(4):
+        for _ in range(3):
             point = self.at(np.array([s]))
-            along = np.cos(point.heading) * (x - point.x) + np.sin(point.heading) * (y - point.y)
-            s += float(np.clip(along[0], -self._spacing, self._spacing))
+            heading = float(point.heading[0])
+            along = math.cos(heading) * (x - point.x[0]) + math.sin(heading) * (y - point.y[0])
+            s += min(max(float(along), -self._spacing), self._spacing)
         return s
