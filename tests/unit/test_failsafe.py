@@ -89,19 +89,19 @@ def test_the_documented_table_is_the_code_s():
     assert table_markdown() in text, "docs/failsafe.md: replace its table with failsafe.table_markdown()"
 
 
-@pytest.mark.parametrize("row", TABLE, ids=lambda row: row.cause)
 @pytest.mark.promise("S5")
-def test_one_missing_condition_is_enough_to_refuse_arming(row):
+def test_one_missing_condition_is_enough_to_refuse_arming():
     good = Inputs(dict.fromkeys(MEASURES, 0.0), standing=True, request=OperatorAction.ARM)
     assert Failsafe().step(good).action is FailsafeAction.DRIVE
-    below = dict(good.measures) | {row.measure: max(row.threshold_s - 1e-6, 0.0)}
-    at = dict(good.measures) | {row.measure: row.threshold_s or math.inf}
-    assert row.cause not in missing_for_arming(Inputs(below, standing=True))
-    assert Failsafe().step(Inputs(at, True, OperatorAction.ARM)).action is FailsafeAction.SILENT
-    assert row.cause in missing_for_arming(Inputs(at, standing=True))
-    absent = {name: held for name, held in good.measures.items() if name != row.measure}
-    assert Failsafe().step(Inputs(absent, True, OperatorAction.ARM)).action is FailsafeAction.SILENT
-    record_figure("S5", f"arming refused with only {row.cause} wrong")
+    for row in TABLE:
+        below = dict(good.measures) | {row.measure: max(row.threshold_s - 1e-6, 0.0)}
+        at = dict(good.measures) | {row.measure: row.threshold_s or math.inf}
+        assert row.cause not in missing_for_arming(Inputs(below, standing=True))
+        assert Failsafe().step(Inputs(at, True, OperatorAction.ARM)).action is FailsafeAction.SILENT
+        assert row.cause in missing_for_arming(Inputs(at, standing=True))
+        absent = {name: held for name, held in good.measures.items() if name != row.measure}
+        assert Failsafe().step(Inputs(absent, True, OperatorAction.ARM)).action is FailsafeAction.SILENT
+    record_figure("S5", f"arming refused with each of {len(TABLE)} rows alone at its threshold, or its measure missing")
 
 
 @pytest.mark.promise("S5")
@@ -176,7 +176,7 @@ def test_the_whole_gateway_refuses_to_arm_with_one_thing_missing(spoil):
     assert rig.action is FailsafeAction.SILENT
     assert rig.frames() == []
     assert rig.status.missing_for_arming
-    record_figure("S5", f"gateway refuses with {spoil} missing: {', '.join(rig.status.missing_for_arming)}")
+    record_figure("S5", f"gateway refuses with {spoil} missing")
 
 
 @pytest.mark.promise("S5")

@@ -1,0 +1,200 @@
+"""Mutation run over the safety files: every small change of the code must make a test fail.
+
+One mutant at a time, in a forked copy of a process that has everything imported: the changed module is put in
+place before the tests import it. A survivor needs a reason, written in `EQUIVALENT` and checked to be still there.
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+import importlib
+import importlib.util
+import os
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+TARGETS: dict[str, tuple[str, ...]] = {
+    "hil_gateway.limits": ("tests/unit/test_limits.py",),
+    "hil_gateway.failsafe": ("tests/unit/test_failsafe.py",),
+    "can_dbc.codec": ("tests/unit/test_codec.py", "tests/property/test_codec_properties.py"),
+}
+"""Module -> the tests that must notice."""
+TIMEOUT_S = 90
+"""A mutant that runs longer loops for ever: noticed."""
+EQUIVALENT: dict[tuple[str, str], str] = {}
+"""(module, description) of a survivor -> why no test can tell it from the original."""
+
+COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
+    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
+}  # fmt: skip
+OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.Mult, ast.LShift: ast.RShift, ast.RShift: ast.LShift, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
+}  # fmt: skip
+NAMES = {"min": "max", "max": "min", "floor": "ceil", "ceil": "floor", "any": "all", "all": "any"}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One changed module."""
+
+    module: str
+    line: int
+    description: str
+    tree: ast.Module
+
+
+def mutants(module: str, path: Path) -> Iterator[Mutant]:
+    """Every single change of a module; docstrings, annotations and error texts are left alone."""
+    original = ast.parse(path.read_text())
+    for number, node in enumerate(list(ast.walk(original))):
+        for variant, change in enumerate(_changes(node)):
+            tree = copy.deepcopy(original)
+            target = list(ast.walk(tree))[number]
+            before = ast.unparse(target)
+            list(_changes(target))[variant].apply(target)
+            after = ast.unparse(target)
+            if before != after:
+                line = getattr(node, "lineno", 0)
+                yield Mutant(module, line, f"line {line}: {before} -> {after} ({change.name})", tree)
+
+
+@dataclass(frozen=True)
+class _Change:
+    name: str
+    field: str
+    value: Any
+    index: int | None = None
+
+    def apply(self, node: ast.AST) -> None:
+        if self.index is None:
+            setattr(node, self.field, self.value)
+        else:
+            getattr(node, self.field)[self.index] = self.value
+
+
+def _changes(node: ast.AST) -> Iterator[_Change]:
+    match node:
+        case ast.Compare():
+            for index, operator in enumerate(node.ops):
+                yield _Change("comparison", "ops", COMPARISONS[type(operator)](), index)
+        case ast.BinOp() if type(node.op) in OPERATORS and not _text(node):
+            yield _Change("operator", "op", OPERATORS[type(node.op)]())
+        case ast.BoolOp():
+            yield _Change("and/or", "op", ast.Or() if isinstance(node.op, ast.And) else ast.And())
+        case ast.UnaryOp(op=ast.Not()):
+            yield _Change("not", "op", ast.UAdd())
+        case ast.UnaryOp(op=ast.USub()):
+            yield _Change("sign", "op", ast.UAdd())
+        case ast.Constant(value=bool(truth)):
+            yield _Change("constant", "value", not truth)
+        case ast.Constant(value=int(number) | float(number)):
+            yield _Change("constant", "value", number + 1)
+        case ast.If() | ast.IfExp() | ast.While():
+            yield _Change("condition", "test", ast.Constant(value=False))
+            yield _Change("condition", "test", ast.Constant(value=True))
+        case ast.Call(func=ast.Name(id=name)) if name in NAMES:
+            yield _Change("function", "func", ast.Name(id=NAMES[name], ctx=ast.Load()))
+        case ast.Call(func=ast.Attribute(value=of, attr=name)) if name in NAMES:
+            yield _Change("function", "func", ast.Attribute(of, NAMES[name], ast.Load()))
+
+
+def _text(node: ast.BinOp) -> bool:
+    """Types like `int | None` and joined strings are no arithmetic."""
+    sides = (node.left, node.right)
+    return isinstance(node.op, ast.BitOr) and any(isinstance(side, ast.Constant | ast.Subscript) for side in sides)
+
+
+def run(root: Path) -> dict[str, Any]:
+    """Run every mutant; the report of `hil verify --mutation`."""
+    os.chdir(root)
+    os.environ.setdefault("HIL_SHARE", "0.02")
+    sys.path.insert(0, str(root / "tests"))
+    _import_everything_else()
+    started = time.perf_counter()
+    survivors: list[str] = []
+    counts: dict[str, dict[str, int]] = {}
+    for module, tests in TARGETS.items():
+        path = root / (module.replace(".", "/") + ".py")
+        noticed = total = 0
+        for mutant in mutants(module, path):
+            total += 1
+            if _noticed(mutant, tests):
+                noticed += 1
+            else:
+                survivors.append(f"{module} {mutant.description}")
+            print(f"\r{module}: {total} mutants, {total - noticed} survived", end="", file=sys.stderr)
+        print(file=sys.stderr)
+        counts[module] = {"mutants": total, "noticed": noticed}
+    unexplained = [text for text in survivors if _reason(text) is None]
+    return {
+        "ok": not unexplained,
+        "counts": counts,
+        "survivors": {text: _reason(text) for text in survivors},
+        "unexplained": unexplained,
+        "seconds": round(time.perf_counter() - started),
+    }
+
+
+def _reason(survivor: str) -> str | None:
+    """Why a survivor is no fault of the tests; line numbers may have moved."""
+    module, _, description = survivor.partition(" ")
+    change = description.partition(": ")[2]
+    return EQUIVALENT.get((module, change))
+
+
+def _import_everything_else() -> None:
+    """What the tests need and the mutants do not touch, once."""
+    for name in ("pytest", "hypothesis", "cantools", "hil_gateway.config", "can_dbc.database", "numpy", "scipy"):
+        importlib.import_module(name)
+
+
+def _noticed(mutant: Mutant, tests: tuple[str, ...]) -> bool:
+    """Run the tests with the mutant in a forked copy of this process."""
+    pid = os.fork()
+    if not pid:
+        _run_child(mutant, tests)
+    deadline = time.monotonic() + TIMEOUT_S
+    while time.monotonic() < deadline:
+        finished, status = os.waitpid(pid, os.WNOHANG)
+        if finished:
+            return os.waitstatus_to_exitcode(status) != 0
+        time.sleep(0.01)
+    os.kill(pid, 9)
+    os.waitpid(pid, 0)
+    return True
+
+
+def _run_child(mutant: Mutant, tests: tuple[str, ...]) -> None:
+    """Never returns; exit code 0 only when every test passed."""
+    status = 1
+    try:
+        silence = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(silence, 1)
+        os.dup2(silence, 2)
+        _install(mutant)
+        import pytest
+
+        status = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-m", "not vcan and not slow", *tests]))
+    finally:
+        os._exit(status)
+
+
+def _install(mutant: Mutant) -> None:
+    """Put the mutant where the tests will find it; modules that imported the original are imported anew."""
+    for name in [name for name in sys.modules if name.startswith(("hil_gateway.", "can_dbc.codec", "estimator"))]:
+        del sys.modules[name]
+    specification = importlib.util.find_spec(mutant.module)
+    assert specification is not None
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[mutant.module] = module
+    code = compile(ast.fix_missing_locations(mutant.tree), f"<mutant of {mutant.module}>", "exec")
+    exec(code, module.__dict__)
+    parent, _, name = mutant.module.rpartition(".")
+    setattr(importlib.import_module(parent), name, module)

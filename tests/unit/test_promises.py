@@ -1,0 +1,56 @@
+"""Every promise has a test, every marked test a promise, and the report says what happened."""
+
+from __future__ import annotations
+
+import ast
+import json
+from pathlib import Path
+
+import pytest
+
+from hil_gateway.promises import PROMISES, as_json, markdown, read_evidence
+
+TESTS = Path(__file__).resolve().parents[1]
+
+
+def marked() -> dict[str, set[str]]:
+    """Promise -> tests marked with it, read from the sources."""
+    found: dict[str, set[str]] = {}
+    for path in TESTS.rglob("test_*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            is_mark = (
+                isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "promise"
+            )
+            if is_mark and node.args and isinstance(node.args[0], ast.Constant):
+                found.setdefault(str(node.args[0].value), set()).add(path.name)
+    return found
+
+
+@pytest.mark.parametrize("promise", PROMISES, ids=lambda promise: promise.id)
+def test_a_promise_without_a_test_fails(promise):
+    assert marked().get(promise.id), f"{promise.id} ({promise.text}) has no test"
+
+
+def test_a_mark_without_a_promise_fails():
+    assert set(marked()) <= {promise.id for promise in PROMISES}
+
+
+def test_the_report_takes_the_worst_outcome_and_every_figure_once(tmp_path):
+    lines = [
+        {"promise": "S1", "test": "a.py::test_x[1]", "outcome": "passed"},
+        {"promise": "S1", "test": "a.py::test_x[1]", "outcome": "failed"},
+        {"promise": "S1", "figure": "10 | 20"},
+        {"promise": "S1", "figure": "10 | 20"},
+        {"promise": "S2", "test": "a.py::test_y", "outcome": "passed"},
+        {"promise": "S3", "test": "a.py::test_z", "outcome": "skipped"},
+    ]
+    path = tmp_path / "figures.jsonl"
+    path.write_text("\n".join(map(json.dumps, lines)))
+    evidence = read_evidence(path)
+    assert [evidence[name].verdict for name in ("S1", "S2", "S3", "S4")] == [
+        "BROKEN", "kept", "not proved here", "not proved here",
+    ]  # fmt: skip
+    text = markdown(evidence, "now")
+    assert text.count("10 \\| 20") == 1
+    assert "`a.py` (1)" in text
+    assert len(as_json(evidence)) == len(PROMISES) == 24
