@@ -44,7 +44,10 @@ class LazyGroup(TyperGroup):
         if ctx.resilient_parsing or "--help" in sys.argv[1:2] or len(sys.argv) == 1:
             return TyperCommand(cmd_name, help=text, short_help=text)
         module, attribute = target.split(":")
-        return typer.main.get_command(getattr(importlib.import_module(module), attribute))
+        sub: typer.Typer = getattr(importlib.import_module(module), attribute)
+        sub.rich_markup_mode = None  # the same plain help everywhere
+        sub._add_completion = False
+        return typer.main.get_command(sub)
 
 
 app = typer.Typer(
@@ -62,16 +65,31 @@ def _root() -> None:
     """Hardware-in-the-loop CAN gateway and active tyre-learning loop for the Dallara AV-24."""
 
 
+_UsageError: Any = typer.BadParameter.__bases__[0]
+"""what typer raises for wrong arguments; its own module for it is private"""
+
+
 def main() -> None:
     """Run the command line; bad input ends in one line on standard error and exit code 2."""
     end_with_parent()
     try:
-        app(standalone_mode=True)
+        code = app(standalone_mode=False, prog_name="hil")
     except InputError as error:
         print(f"hil: {error}", file=sys.stderr)
-        raise SystemExit(EXIT_INPUT) from None
-    except BrokenPipeError:
-        raise SystemExit(EXIT_FAILURE) from None
+        code = EXIT_INPUT
+    except _UsageError as error:
+        print(_explain_usage(error), file=sys.stderr)
+        code = EXIT_INPUT
+    except (BrokenPipeError, KeyboardInterrupt, typer.Abort):
+        code = EXIT_FAILURE
+    raise SystemExit(code)
+
+
+def _explain_usage(error: Any) -> str:
+    """One line, or the help of a group that was called without a command."""
+    text = str(error.format_message()).strip()
+    command = error.ctx.command_path if error.ctx else "hil"
+    return text if "\n" in text else f"hil: {text.rstrip('.')}; `{command} --help` lists what there is"
 
 
 if __name__ == "__main__":
