@@ -39,6 +39,7 @@ def capture(link: CanLink, clock: Clock, seconds: float) -> Capture:
     """Listen for `seconds`, never longer; nothing is sent."""
     frames: list[Frame] = []
     delays: list[int] = []
+    link.receive()  # what came before the stretch began
     start_ns = now_ns = clock.now_ns()
     end_ns = start_ns + int(seconds * NS_PER_S)
     while now_ns < end_ns and len(frames) < FRAMES_MAX:
