@@ -61,7 +61,7 @@ class Slack:
     track: tuple[float, float] = (40.0, 40.0)
     load: tuple[float, float] = (200.0, 1000.0)
     speed: tuple[float, float] = (0.01, 2.0)
-    information: tuple[float, float] = (2.0, 10.0)
+    information: tuple[float, float] = (20.0, 100.0)
 
 
 @dataclass(frozen=True)

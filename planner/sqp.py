@@ -136,8 +136,9 @@ class Sqp:
     def shift(self, stage: Array, common: Array) -> None:
         """Move the guess one interval on; the last interval holds the inputs."""
         last = self.propagate(self.z[:, -1], np.zeros(NU), stage, common)
-        self.z[:, :-1], self.z[:, -1] = self.z[:, 1:].copy(), last
-        self.du[:, :-1], self.du[:, -1] = self.du[:, 1:].copy(), 0.0
+        # new arrays: the old ones belong to the solution handed out
+        self.z = np.asfortranarray(np.column_stack([self.z[:, 1:], last]))
+        self.du = np.asfortranarray(np.column_stack([self.du[:, 1:], np.zeros(NU)]))
         self.multiplier[:, :-1] = self.multiplier[:, 1:].copy()
 
     def set_guess(self, z: Array, du: Array) -> None:
