@@ -69,7 +69,7 @@ class Plant:
         )
         self._link, self._truth_bus = link, truth_bus
         self._reached_ns: int | None = None
-        self._obeyed = AT_REST
+        self._obeyed, self._engine_running = AT_REST, False
         self._truth_ns = 0
 
     def step(self, now_ns: int) -> None:
@@ -77,18 +77,18 @@ class Plant:
         self._receiver.take(self._link.receive(0.0), now_ns)
         if self._reached_ns is None or now_ns - self._reached_ns > CATCH_UP_NS:
             self._reached_ns = now_ns - STEP_NS
-        while now_ns - self._reached_ns >= STEP_NS:
-            self._reached_ns += STEP_NS
-            self._millisecond(self._reached_ns)
-
-    def _millisecond(self, t_ns: int) -> None:
-        if self.car.steps % CONTROLLER_STEPS == 0:
-            self._supervise(t_ns)
-        self.car.step(self._obeyed, self.controller.engine_running)
-        self._transmitter.step(t_ns, self._receiver.heard)
-        if self._truth_bus is not None and t_ns - self._truth_ns >= TRUTH_PERIOD_NS:
-            self._truth_ns = t_ns
-            self._truth_bus.publish(TRUTH, self.referee.truth(t_ns))
+        reached_ns, car, transmitter = self._reached_ns, self.car, self._transmitter
+        while now_ns - reached_ns >= STEP_NS:
+            reached_ns += STEP_NS
+            if car.steps % CONTROLLER_STEPS == 0:
+                self._supervise(reached_ns)
+            car.step(self._obeyed, self._engine_running)
+            if reached_ns >= transmitter.next_ns:
+                transmitter.step(reached_ns, self._receiver.heard)
+        self._reached_ns = reached_ns
+        if self._truth_bus is not None and reached_ns - self._truth_ns >= TRUTH_PERIOD_NS:
+            self._truth_ns = reached_ns
+            self._truth_bus.publish(TRUTH, self.referee.truth(reached_ns))
 
     def _supervise(self, t_ns: int) -> None:
         """The vehicle controller's own period: ladder, supervision, what the actuators get; and the referee's look."""
@@ -98,5 +98,5 @@ class Plant:
         self.controller.step(t_ns, heard, self.car.standing)
         if before is SysState.EMERGENCY and self.controller.state is not before:
             self._receiver.forget()
-        self._obeyed = self.controller.obeyed(t_ns, heard)
+        self._obeyed, self._engine_running = self.controller.obeyed(t_ns, heard), self.controller.engine_running
         self.referee.step(self.car.time_s)

@@ -21,6 +21,7 @@ class CommandReceiver:
 
     def __init__(self, codec: Codec, steering_ratio: float) -> None:
         self._codec = codec
+        self._layouts = {m.id: m for m in codec.messages.values() if m.direction == "computer"}
         self._ratio = steering_ratio
         self._counters: dict[str, int] = {}
         self._advanced_ns: dict[str, int] = {}
@@ -31,8 +32,8 @@ class CommandReceiver:
         """Take in frames, oldest first; what cannot be decoded or comes from the car itself says nothing."""
         changed = False
         for frame in frames:
-            layout = self._codec.by_id.get(frame.id)
-            if frame.is_error or layout is None or layout.direction != "computer":
+            layout = self._layouts.get(frame.id)
+            if frame.is_error or layout is None:
                 continue
             values = self._codec.decode(frame.id, frame.data)
             if isinstance(values, Fault):

@@ -12,6 +12,7 @@ from hil_gateway.plant.car import Car
 from hil_gateway.plant.parameters import SensorParameters
 
 BLOCK = 4096
+WHEELS = tuple((f"wheel_speed_{wheel.upper()}", f"spin_{wheel}") for wheel in ("fl", "fr", "rl", "rr"))
 
 
 class Noise:
@@ -56,13 +57,10 @@ class Sensors:
 
     def wheel_speeds(self) -> dict[str, float]:
         """Circumferential speeds, m/s; the sensor knows no direction."""
-        radius = self._car.parameters.car.wheel_radius * self._p.speed_scale
-        noise = self._p.speed_noise
-        moving = not self._car.standing
-        return {
-            f"wheel_speed_{wheel.upper()}": abs(self._car[f"spin_{wheel}"] * radius + moving * noise * self._noise())
-            for wheel in ("fl", "fr", "rl", "rr")
-        }
+        car, draw = self._car, self._noise
+        radius = car.parameters.car.wheel_radius * self._p.speed_scale
+        noise = 0.0 if car.standing else self._p.speed_noise
+        return {signal: abs(car[spin] * radius + noise * draw()) for signal, spin in WHEELS}
 
     def steering(self) -> float:
         """Road-wheel angle as the motor's sensor has it, rad."""

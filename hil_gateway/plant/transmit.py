@@ -16,6 +16,7 @@ from hil_gateway.plant.sensors import Sensors
 
 Values = dict[str, float]
 AMBIENT_C = 25.0
+LOADS = tuple((f"wheel_strain_gauge_{wheel.upper()}", f"load_{wheel}") for wheel in ("fl", "fr", "rl", "rr"))
 
 
 @dataclass
@@ -62,12 +63,12 @@ class Transmitter:
             if name not in sources
         }
         self._due_ns: dict[int, int] = {}
-        self._next_ns = 0
+        self.next_ns = 0
+        """when the next message is due; nothing needs to be called before"""
+        self._healthy: Values = dict.fromkeys((s.name for s in codec.messages["diagnostic_report"].signals), 0.0)
 
     def step(self, now_ns: int, heard: Heard) -> None:
         """Send every message whose period has passed."""
-        if now_ns < self._next_ns:
-            return
         self._heard = heard
         for period_ns, messages in self._by_period.items():
             due = self._due_ns.setdefault(period_ns, now_ns)
@@ -80,7 +81,7 @@ class Transmitter:
                     self._link.send(*self._resting[message.name])
                 else:
                     self._send(message, source())
-        self._next_ns = min(self._due_ns.values())
+        self.next_ns = min(self._due_ns.values())
 
     def _send(self, message: Message, values: Values) -> None:
         if message.counter is not None:
@@ -165,7 +166,7 @@ class Transmitter:
         }
 
     def _loads(self) -> Values:
-        return {f"wheel_strain_gauge_{w.upper()}": self._car.output(f"load_{w}") for w in ("fl", "fr", "rl", "rr")}
+        return {signal: self._car.output(load) for signal, load in LOADS}
 
     def _brake_positions(self) -> Values:
         asked = self._heard.commands
@@ -216,14 +217,10 @@ class Transmitter:
         }
 
     def _diagnostics(self) -> Values:
-        names = (signal.name for signal in self._codec.messages["diagnostic_report"].signals)
-        values = dict.fromkeys(names, 0.0)
-        emergency = self._controller.state is SysState.EMERGENCY
-        values["est5_motec_comms_loss"] = values["adlink_hb_lost"] = float(
-            emergency and self._controller.cause == "commands silent"
-        )
-        values["rc_lost"] = float(not self._race_control.beating)
-        return values
+        control = self._controller
+        silent = float(control.state is SysState.EMERGENCY and control.cause == "commands silent")
+        lost = float(not self._race_control.beating)
+        return {**self._healthy, "est5_motec_comms_loss": silent, "adlink_hb_lost": silent, "rc_lost": lost}
 
     def _position(self, latitude: str, longitude: str) -> Values:
         return dict(zip((latitude, longitude), self._sensors.position(), strict=True))
