@@ -41,6 +41,8 @@ EXCITATION_MAX = 0.02
 """rad"""
 KEEP_EVERY = 10
 """one sample in so many is kept for held-out scoring"""
+SLIP_SPEED = 10.0
+"""m/s"""
 LOAD_TOLERANCE = 0.02
 """share of the load limit by which an executed state may exceed it"""
 
@@ -187,16 +189,18 @@ def _safety(
 
 
 def load_shares(kept: list[tuple[int, Sample]], tyre: Mapping[str, float], limits: tuple[float, float]) -> Array:
-    """Force of either axle over its load limit at every kept sample, shape (2 K,), with the true tyres.
+    """Force of either axle over its load limit at every kept sample, shape (2 K,) at most, with the true tyres.
 
-    Written out in numpy so as not to judge the planner by its own model. `limits` are over static axle load.
+    Written out in numpy so as not to judge the planner by its own model. `limits` are over static axle load. At
+    walking speed a slip angle is mostly sensor noise: those samples are left out.
     """
     from hil_gateway.vehicle import Vehicle
 
     if not kept:
         return np.zeros(0)
     v = Vehicle()
-    vx, vy, rate, steer, drive = np.array([sample.signals for _, sample in kept]).T
+    signals = np.array([sample.signals for _, sample in kept])
+    vx, vy, rate, steer, drive = signals[signals[:, 0] > SLIP_SPEED].T
     slip_f = steer - np.arctan2(vy + v.lf * rate, vx)
     slip_r = -np.arctan2(vy - v.lr * rate, vx)
     front = tyre["df"] * np.sin(tyre["cf"] * np.arctan(tyre["bf"] * slip_f))

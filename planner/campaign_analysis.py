@@ -1,0 +1,208 @@
+"""What the trials of a learning campaign come to: samples to a target, lap time, safety, with intervals over seeds.
+
+Two targets, both per car:
+
+- D-criterion: the log det of the belief's information that plain driving has at the end of its lap (first or last);
+- held-out RMSE: within a tenth of the noise-free best of the lateral acceleration on the other drives of the car.
+
+A drive that never gets there counts with its whole length and is said to be censored. Ratios are paired by seed;
+intervals are 95 % bootstrap percentiles over seeds (Efron & Tibshirani 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from estimator.model.measurement import CHANNELS, measurement_function
+from estimator.model.parameters import tyre_parameters
+from estimator.model.single_track import AUXILIARY, SingleTrack
+from estimator.tyre_belief import Array
+from hil_gateway.vehicle import Vehicle
+
+RATE_HZ = 100.0
+LATERAL = CHANNELS["imu_yaw"].index("imu_ay")
+RMSE_MARGIN = 0.10
+"""a belief is as good as it need be when its held-out RMSE is this share above that of the true tyres"""
+BOOTSTRAP = 4000
+SCORE_EVERY = 5
+"""beliefs are scored twice a second"""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One trial as the analysis sees it: times are driven seconds since the car was armed."""
+
+    method: str
+    seed: int
+    t: Array
+    log_det: Array
+    mean: Array
+    rmse_t: Array
+    rmse: Array
+    floor: float
+    lap_times_s: tuple[float, ...]
+    parameter_error: Array
+    """|mean / truth - 1| of the tyre's lateral parameters at the end"""
+    safety: dict[str, Any]
+
+    @property
+    def seconds(self) -> float:
+        """Length of the drive."""
+        return float(self.t[-1])
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Median over seeds with its 95 % interval."""
+
+    median: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.median:.2f} ({self.low:.2f} to {self.high:.2f})"
+
+
+def drives_of(results: Sequence[dict[str, Any]]) -> list[Drive]:
+    """Analysis view of all trials; held-out data of a drive are the other drives of the same car."""
+    score = _Score()
+    return [
+        _drive(r, [o for o in results if o["trial"]["seed"] == r["trial"]["seed"] and o is not r], score)
+        for r in results
+    ]
+
+
+def _drive(result: dict[str, Any], others: Sequence[dict[str, Any]], score: _Score) -> Drive:
+    belief, start = result["belief"], result["start_s"]
+    t, mean = np.array(belief["t"]) - start, np.array(belief["mean"])
+    moving = t >= 0.0
+    t, mean = t[moving], mean[moving]
+    truth = np.array([result["truth"].get(name, np.nan) for name in belief["names"]])
+    signals = np.concatenate([np.array(o["kept"]["signals"]) for o in others])
+    z = np.concatenate([np.array(o["kept"]["z"])[:, LATERAL] for o in others])
+    true_theta = np.where(np.isnan(truth), mean[-1], truth)
+    return Drive(
+        method=result["trial"]["method"],
+        seed=result["trial"]["seed"],
+        t=t,
+        log_det=np.array(belief["log_det"])[moving],
+        mean=mean,
+        rmse_t=t[::SCORE_EVERY],
+        rmse=np.array([score(theta, signals, z) for theta in mean[::SCORE_EVERY]]),
+        floor=score(true_theta, signals, z),
+        lap_times_s=tuple(result["lap_times_s"]),
+        parameter_error=np.abs(mean[-1] / truth - 1.0)[~np.isnan(truth)],
+        safety=result["safety"],
+    )
+
+
+class _Score:
+    """Held-out RMSE of the lateral acceleration, m/s2, all samples in one call."""
+
+    def __init__(self) -> None:
+        model = SingleTrack(Vehicle(), "per_axle")
+        self._h = measurement_function(model, "imu_yaw")
+        assert len(tyre_parameters("per_axle")) == 7
+
+    def __call__(self, theta: Array, signals: Array, z: Array) -> float:
+        aux = np.zeros((len(AUXILIARY), 1))
+        predicted = np.array(self._h(signals.T, aux, theta, np.zeros((0, 1)))[0])[LATERAL]
+        return float(np.sqrt(np.mean((z - predicted) ** 2)))
+
+
+def seconds_to(t: Array, values: Array, target: float, rising: bool) -> tuple[float, bool]:
+    """First time from which `values` stay at or beyond `target`; the whole length and False where they do not."""
+    beyond = values >= target if rising else values <= target
+    if not beyond[-1]:
+        return float(t[-1]), False
+    last_miss = np.flatnonzero(~beyond)
+    return float(t[0] if len(last_miss) == 0 else t[last_miss[-1] + 1]), True
+
+
+def bootstrap(values: Sequence[float]) -> Interval:
+    """Median and its 95 % bootstrap interval over seeds."""
+    rng = np.random.default_rng(0)
+    data = np.array(values)
+    medians = np.median(rng.choice(data, (BOOTSTRAP, len(data))), axis=1)
+    return Interval(float(np.median(data)), *(float(q) for q in np.percentile(medians, [2.5, 97.5])))
+
+
+def samples_to_targets(drives: Sequence[Drive]) -> dict[str, dict[str, dict[int, tuple[float, bool]]]]:
+    """target -> method -> seed -> (samples, reached): samples are 100 Hz states driven."""
+    plain = {d.seed: d for d in drives if d.method == "plain"}
+    table: dict[str, dict[str, dict[int, tuple[float, bool]]]] = {"first_lap": {}, "all_laps": {}, "rmse": {}}
+    for d in drives:
+        reference = plain[d.seed]
+        first = float(np.interp(reference.lap_times_s[0], reference.t, reference.log_det))
+        times = {
+            "first_lap": seconds_to(d.t, d.log_det, first, rising=True),
+            "all_laps": seconds_to(d.t, d.log_det, float(reference.log_det[-1]), rising=True),
+            "rmse": seconds_to(d.rmse_t, d.rmse, (1.0 + RMSE_MARGIN) * d.floor, rising=False),
+        }
+        for target, (seconds, reached) in times.items():
+            table[target].setdefault(d.method, {})[d.seed] = (seconds * RATE_HZ, reached)
+    return table
+
+
+def summarise(drives: Sequence[Drive]) -> dict[str, Any]:
+    """The campaign in one JSON object."""
+    samples = samples_to_targets(drives)
+    methods = sorted({d.method for d in drives})
+    return {
+        "seeds": len({d.seed for d in drives}),
+        "methods": {method: _method(method, drives, samples) for method in methods},
+        "targets": {
+            "first_lap": "D-criterion of the belief that plain driving has after its first lap",
+            "all_laps": "D-criterion of the belief that plain driving has at its end",
+            "rmse": f"held-out RMSE of ay within {RMSE_MARGIN:.0%} of the true tyres'",
+        },
+    }
+
+
+def _method(method: str, drives: Sequence[Drive], samples: dict[str, Any]) -> dict[str, Any]:
+    own = [d for d in drives if d.method == method]
+    plain = {d.seed: d for d in drives if d.method == "plain"}
+    laps = [d.lap_times_s for d in own]
+    lost = [
+        100.0 * (sum(d.lap_times_s) / sum(plain[d.seed].lap_times_s) - 1.0)
+        for d in own
+        if len(d.lap_times_s) == len(plain[d.seed].lap_times_s) > 0
+    ]
+    targets = {}
+    for target, by_method in samples.items():
+        mine, theirs = by_method[method], by_method["plain"]
+        ratios = [theirs[seed][0] / max(mine[seed][0], 1.0) for seed in mine]
+        targets[target] = {
+            "samples": vars(bootstrap([n for n, _ in mine.values()])),
+            "laps": vars(bootstrap([_laps_of(d, mine[d.seed][0] / RATE_HZ) for d in own])),
+            "fewer_than_plain": vars(bootstrap(ratios)),
+            "reached": sum(reached for _, reached in mine.values()),
+        }
+    return {
+        "targets": targets,
+        "lap_time_lost_percent": vars(bootstrap(lost)) if lost else None,
+        "lap_times_s": [vars(bootstrap([lap[i] for lap in laps if len(lap) > i])) for i in range(max(map(len, laps)))],
+        "parameter_error": vars(bootstrap([float(np.mean(d.parameter_error)) for d in own])),
+        "rmse_at_end": vars(bootstrap([float(d.rmse[-1]) for d in own])),
+        "rmse_floor": vars(bootstrap([d.floor for d in own])),
+        "violations": {
+            "track": sum(d.safety["off_track"] for d in own),
+            "load": sum(d.safety["load_violations"] for d in own),
+        },
+        "worst_load_share": max(d.safety["worst_load_share"] for d in own),
+        "worst_margin_m": min(d.safety["worst_margin_m"] for d in own),
+        "plan_failures": sum(d.safety["plan_failures"] for d in own),
+        "failsafes": sum(len(d.safety["failsafes"]) for d in own),
+    }
+
+
+def _laps_of(drive: Drive, seconds: float) -> float:
+    """Driven seconds as laps, with the fraction of the lap under way taken by time."""
+    ends = np.concatenate([[0.0], np.cumsum(drive.lap_times_s)])
+    if len(ends) < 2:
+        return float("nan")
+    return float(np.interp(seconds, ends, np.arange(len(ends))))

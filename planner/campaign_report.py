@@ -1,0 +1,149 @@
+"""The learning campaign as one HTML page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.html_report import COLOURS, Report, new_figure, plot_style
+from estimator.tyre_belief import Array
+from planner.campaign_analysis import Drive, samples_to_targets
+
+COLOUR = {
+    "infomax": COLOURS["after"], "plain": COLOURS["before"], "prbs": COLOURS["accent"], "sine": COLOURS["extra"],
+}  # fmt: skip
+LABEL = {"infomax": "infomax MPCC", "plain": "plain MPCC", "prbs": "plain + PRBS on steering", "sine": "plain + sine"}
+
+
+def write_report(drives: Sequence[Drive], summary: dict[str, Any], path: Path) -> Path:
+    """Write the page."""
+    methods = [m for m in LABEL if m in summary["methods"]]
+    report = Report("Learning campaign", f"{summary['seeds']} cars, closed loop on the simulated car")
+    _verdict(report, summary)
+    with plot_style():
+        report.section(
+            "How fast the tyres become known", "Median over cars, band from the 25th to the 75th percentile."
+        )
+        report.figure(_curves(drives, methods), "Left: information in the belief. "
+                      "Right: what the belief predicts of the other drives of the same car.")  # fmt: skip
+        report.section("Samples to the targets", "Paired by car: how many times fewer samples than plain driving.")
+        report.figure(_ratios(drives, methods), "One dot a car; the bar is the median. Above 1 is fewer samples.")
+        _table(report, summary, methods)
+        report.section("What learning costs, and whether it stayed safe")
+        report.figure(_laps(drives, methods), "Lap times by car; the first lap starts from standstill.")
+    _safety(report, summary, methods)
+    report.section("How it was done")
+    report.items([f"{name}: {text}" for name, text in summary["targets"].items()])
+    report.items([
+        "Every car has other tyres, drawn around the declared ones; all ways of driving meet the same cars.",
+        "Samples are 100 Hz vehicle states driven since arming. A drive that does not reach a target counts in full.",
+        "Track and load violations are those of the true car as driven, not of plans.",
+        "Intervals are 95 % bootstrap percentiles of the median over cars.",
+    ])  # fmt: skip
+    return report.write(path)
+
+
+def interval(value: dict[str, float] | None, digits: int = 2) -> str:
+    """Median with its interval, for tables."""
+    if value is None or not np.isfinite(value["median"]):
+        return "-"
+    return f"{value['median']:.{digits}f} ({value['low']:.{digits}f} to {value['high']:.{digits}f})"
+
+
+def _verdict(report: Report, summary: dict[str, Any]) -> None:
+    infomax = summary["methods"].get("infomax")
+    if infomax is None:
+        return
+    gain, lost = infomax["targets"]["first_lap"]["fewer_than_plain"], infomax["lap_time_lost_percent"]
+    violations = sum(infomax["violations"].values())
+    lap = "not measured" if lost is None else f"{lost['median']:+.1f} %"
+    good = gain["median"] >= 2.0 and violations == 0 and lost is not None and lost["median"] <= 3.0
+    report.verdict(
+        f"Driving to learn needs {gain['median']:.1f} times fewer samples than driving normally, "
+        f"lap time {lap}, {violations} violations.",
+        "good" if good else "warn",
+    )
+
+
+def _curves(drives: Sequence[Drive], methods: Sequence[str]) -> Any:
+    figure, (left, right) = new_figure(1, 2, (10.0, 3.6))
+    for method in methods:
+        own = [d for d in drives if d.method == method]
+        grid = np.linspace(1.0, min(d.seconds for d in own), 200)
+        _band(left, grid, [np.interp(grid, d.t, d.log_det) for d in own], method)
+        _band(right, grid, [np.interp(grid, d.rmse_t, d.rmse) for d in own], method)
+    left.set(xlabel="driven, s", ylabel="log det of information", title="D-criterion of the belief")
+    right.axhline(float(np.median([d.floor for d in drives])), color=COLOURS["muted"], ls="--", label="true tyres")
+    right.set(xlabel="driven, s", ylabel="m/s²", title="Held-out RMSE of lateral acceleration", yscale="log")
+    left.legend()
+    right.legend()
+    return figure
+
+
+def _band(axes: Any, grid: Array, curves: list[Array], method: str) -> None:
+    low, middle, high = np.percentile(curves, [25, 50, 75], axis=0)
+    axes.fill_between(grid, low, high, color=COLOUR[method], alpha=0.15, lw=0)
+    axes.plot(grid, middle, color=COLOUR[method], label=LABEL[method])
+
+
+def _ratios(drives: Sequence[Drive], methods: Sequence[str]) -> Any:
+    table = samples_to_targets(drives)
+    figure, panels = new_figure(1, len(table), (10.0, 3.2), sharey=True)
+    others = [m for m in methods if m != "plain"]
+    for axes, (target, by_method) in zip(panels, table.items(), strict=True):
+        for i, method in enumerate(others):
+            seeds = sorted(by_method[method])
+            ratios = [by_method["plain"][s][0] / max(by_method[method][s][0], 1.0) for s in seeds]
+            spread = np.linspace(-0.15, 0.15, len(seeds))
+            axes.plot(i + spread, ratios, "o", ms=3.5, color=COLOUR[method], alpha=0.6)
+            axes.hlines(np.median(ratios), i - 0.25, i + 0.25, color=COLOUR[method], lw=2.5)
+        axes.axhline(1.0, color=COLOURS["muted"], lw=1)
+        axes.set(xticks=range(len(others)), xticklabels=others, title=target.replace("_", " "), yscale="log")
+        axes.set_yticks([0.5, 1, 2, 4, 8], ["0.5", "1", "2", "4", "8"])
+    panels[0].set_ylabel("times fewer samples than plain")
+    return figure
+
+
+def _laps(drives: Sequence[Drive], methods: Sequence[str]) -> Any:
+    count = max(len(d.lap_times_s) for d in drives)
+    figure, axes = new_figure(1, 1, (10.0, 3.0))
+    for i, method in enumerate(methods):
+        for lap in range(count):
+            times = [d.lap_times_s[lap] for d in drives if d.method == method and len(d.lap_times_s) > lap]
+            at = lap + 0.18 * (i - (len(methods) - 1) / 2)
+            axes.plot(np.full(len(times), at), times, "o", ms=3.5, alpha=0.5, color=COLOUR[method],
+                      label=LABEL[method] if lap == 0 else None)  # fmt: skip
+            if times:
+                axes.hlines(np.median(times), at - 0.07, at + 0.07, color=COLOUR[method], lw=2.5)
+    axes.set(xticks=range(count), xticklabels=[f"lap {k + 1}" for k in range(count)], ylabel="s", title="Lap times")
+    axes.legend(ncols=4, loc="upper right")
+    return figure
+
+
+def _table(report: Report, summary: dict[str, Any], methods: Sequence[str]) -> None:
+    rows = []
+    for method in methods:
+        m = summary["methods"][method]
+        for target, t in m["targets"].items():
+            reached = f"{t['reached']} of {summary['seeds']}"
+            rows.append([f"{LABEL[method]}: {target.replace('_', ' ')}", interval(t["samples"], 0), interval(t["laps"]),
+                         interval(t["fewer_than_plain"]), reached])  # fmt: skip
+    report.table(["way of driving: target", "samples", "laps", "times fewer than plain", "cars that got there"], rows,
+                 "Median over cars with its 95 % interval.")  # fmt: skip
+
+
+def _safety(report: Report, summary: dict[str, Any], methods: Sequence[str]) -> None:
+    rows = []
+    for method in methods:
+        m = summary["methods"][method]
+        rows.append([
+            LABEL[method], interval(m["lap_time_lost_percent"]), str(m["violations"]["track"]),
+            str(m["violations"]["load"]), f"{m['worst_load_share']:.2f}", f"{m['worst_margin_m']:.2f}",
+            str(m["plan_failures"]), interval(m["parameter_error"], 3), interval(m["rmse_at_end"], 3),
+        ])  # fmt: skip
+    header = ["way of driving", "lap time lost, %", "off track", "over load limit", "largest load share",
+              "least margin, m", "failed plans", "parameter error", "held-out RMSE, m/s²"]  # fmt: skip
+    report.table(header, rows, "Off track and over the load limit: counts over all cars.")
