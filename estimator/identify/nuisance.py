@@ -24,9 +24,10 @@ def steer_timing(step: float) -> Effect:
     """Delay of the road wheels behind the reported angle, s, for a log sampled every `step` s.
 
     A log says when a row was written, not when within the sample each channel was taken. A millisecond moves the
-    front axle's B by most of a percent, so the delay is estimated, with half a sample as its prior.
+    front axle's B by most of a percent, so the delay is estimated; servos delay by tens of milliseconds.
     """
-    parameter = Parameter(f"{STEER_TIMING}.tau", "s", 0.0, 0.5 * step, -3.0 * step, 3.0 * step, "delay")
+    spread = max(0.5 * step, 0.03)
+    parameter = Parameter(f"{STEER_TIMING}.tau", "s", 0.0, spread, -5.0 * spread, 5.0 * spread, "delay")
     return Effect(
         name=STEER_TIMING,
         lacks="the reported angle is sampled at the same instant as the states",

@@ -75,6 +75,9 @@ def batch(
 
 RELINEARISED_PASSES = 2
 
+REPEAT_INFLATION = 25.0
+"""Covariance with which the second sample-by-sample pass starts: the first counts for a 25th of the information."""
+
 CURVE_CHANNELS = ("ax", "ay", "yaw_acc")
 
 
@@ -161,8 +164,8 @@ def sample(
 ) -> Recursion:
     """Eq. (8) per sample in Joseph form: the recursion the estimator process runs live.
 
-    Like the batches it goes twice through the data, the second time from the first estimate with the prior's
-    covariance, since its first linearisations were made far from the answer.
+    Like the batches it goes twice through the data, since its first linearisations were made far from the answer;
+    the second time it starts from the first estimate with its covariance inflated.
     """
     theta = _last(_moving_pass(columns, train)).theta
     problem = AlgebraicProblem(columns, train, FitSettings(prior=False))
@@ -178,6 +181,7 @@ def sample(
             progress(0.5 * i / len(train))
     again = TyreBelief(columns.model, settings)
     again.deviation = belief.deviation
+    again.scaled_covariance = REPEAT_INFLATION * belief.scaled_covariance
     for one in _samples_of(train):
         again.update(one, train.step)
     belief = again
@@ -198,7 +202,7 @@ def _belief_settings(noise: Array, correlated: float) -> BeliefSettings:
 
 
 def _samples_of(samples: Samples) -> Iterator[Sample]:
-    covariance = np.diag(samples.state_error**2)
+    covariance = np.zeros((3, 3))  # what is left of the noise in the states is in the spread of the residuals already
     k = len(SIGNALS)
     for i in range(len(samples)):
         inputs = samples.inputs[:, i]

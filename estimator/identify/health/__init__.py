@@ -1,0 +1,64 @@
+"""Log health: what is wrong with a recording, found from the recording itself before anything is fitted.
+
+Finders are small modules with `find(log, vehicle)`; they run in an order in which each can rely on what the ones
+before it repaired. Every repair can be switched off by the finding's name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+
+from estimator.identify.drive_log import DriveLog
+from estimator.identify.health import acceleration, lateral_velocity, offsets, sampling, steering, units, wheels
+from estimator.identify.health.finding import Action, Finding
+from hil_gateway.vehicle import Vehicle
+
+__all__ = ["Action", "Finding", "HealthReport", "examine"]
+
+FINDERS: tuple[Callable[[DriveLog, Vehicle], list[Finding]], ...] = (
+    sampling.find,
+    units.find,
+    acceleration.find,
+    offsets.find,
+    lateral_velocity.find,
+    steering.find,
+    wheels.find,
+)
+
+
+@dataclass(frozen=True)
+class HealthReport:
+    """What was found, and the log with what was repaired."""
+
+    findings: tuple[Finding, ...]
+    log: DriveLog
+
+    @property
+    def vy_is_displaced(self) -> bool:
+        """Whether vy is not simply that of the CoG: a fit then estimates its sensor along with the tyres."""
+        return any(f.channel == "vy" and f.action is Action.CORRECTED for f in self.findings)
+
+
+def examine(log: DriveLog, vehicle: Vehicle, keep: Collection[str] = ()) -> HealthReport:
+    """Run all finders on `log`; findings named in `keep` are reported but not acted on."""
+    findings: list[Finding] = []
+    for finder in FINDERS:
+        found = [_switched(finding, keep) for finding in finder(log, vehicle)]
+        for finding in found:
+            if finding.repair is not None:
+                log = _rederive(finding.repair(log), finding.channel)
+        findings += found
+    return HealthReport(tuple(findings), log)
+
+
+def _switched(finding: Finding, keep: Collection[str]) -> Finding:
+    return replace(finding, action=Action.LEFT, repair=None) if finding.name in keep else finding
+
+
+def _rederive(log: DriveLog, changed: str) -> DriveLog:
+    """Accelerations that were derived follow what they were derived from."""
+    axes = tuple(axis for axis in ("ax", "ay") if axis in log.derived)
+    if changed not in ("vx", "vy", "yaw_rate") or not axes:
+        return log
+    return acceleration.rederived(log, axes, f"{', '.join(axes)} derived again after {changed} was repaired")

@@ -1,0 +1,217 @@
+"""The whole of an identification: health, smoothing, split, fit by the chosen method, scores, identifiability."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.identify.drive_log import DriveLog
+from estimator.identify.evaluate import ModelColumns
+from estimator.identify.fit import Fit, fit, rmse
+from estimator.identify.health import HealthReport, examine
+from estimator.identify.identifiability import Identifiability, analyse
+from estimator.identify.nuisance import steer_timing, vy_sensor
+from estimator.identify.output_error import OutputErrorSettings, fit_output_error
+from estimator.identify.prepare import Samples, prepare
+from estimator.identify.recursive import CurvePoint, Recursion, averaged, batch, sample
+from estimator.identify.rollout import Rollout, roll_out
+from estimator.identify.split import Split, split
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Layout
+from estimator.model.single_track import SingleTrack
+from hil_gateway.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+Method = Literal["batch", "sample", "nls"]
+Formulation = Literal["auto", "algebraic", "output_error"]
+Progress = Callable[[str, float], None]
+
+ALGEBRAIC_CHANNELS = ("ax", "ay", "yaw_acc")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to do; `keep` names health findings that are reported but not acted on."""
+
+    layout: Layout = "per_axle"
+    method: Method = "nls"
+    formulation: Formulation = "auto"
+    window_s: float = 4.0
+    keep: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Everything a report needs.
+
+    `initial` and `final` are tyre parameters; `rmse` is channel -> (initial, final) on held-out data; `rollouts` are
+    (initial, final) open-loop predictions of the held-out data, `samples` are those of the whole log.
+    """
+
+    options: Options
+    vehicle: Vehicle
+    formulation: Formulation
+    log: DriveLog
+    samples: Samples
+    split: Split
+    health: HealthReport
+    columns: ModelColumns
+    fit: Fit
+    initial: Mapping[str, float]
+    rmse: Mapping[str, tuple[float, float]]
+    curve: tuple[CurvePoint, ...]
+    identifiability: Identifiability
+    rollouts: tuple[Rollout, Rollout]
+    seconds: float
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def final(self) -> dict[str, float]:
+        """Tyre parameters identified."""
+        return {n: self.fit.values[n] for n in self.initial}
+
+    def summary(self) -> dict[str, Any]:
+        """The `--json` object."""
+        known = self.identifiability
+        return {
+            "layout": self.options.layout,
+            "method": self.options.method,
+            "formulation": self.formulation,
+            "initial": dict(self.initial),
+            "final": self.final,
+            "std": {n: self.fit.std[n] for n in self.initial},
+            "covariance": {"names": list(self.fit.names), "matrix": self.fit.covariance.tolist()},
+            "identifiable": known.identifiable,
+            "not_determined": list(known.statements),
+            "information": {
+                "trace": known.trace,
+                "d_criterion": _finite(known.d_criterion),
+                "a_criterion": _finite(known.a_criterion),
+                "e_criterion": known.e_criterion,
+                "condition_number": _finite(known.condition_number),
+            },
+            "nuisance": {n: {"value": v, "std": self.fit.std[n]} for n, v in self.fit.values.items() if "." in n},
+            "rmse": {c: {"initial": i, "final": f} for c, (i, f) in self.rmse.items()},
+            "curve": [{"batch": p.batch, **p.rmse} for p in self.curve],
+            "health": [finding.summary() for finding in self.health.findings],
+            "rows": len(self.log),
+            "samples": len(self.samples),
+            "split": self.split.kind,
+            "notes": [*self.log.notes, *self.notes],
+            "seconds": self.seconds,
+        }
+
+
+def identify(
+    log: DriveLog,
+    vehicle: Vehicle,
+    tyre_prior: Mapping[str, float] | None,
+    options: Options,
+    progress: Progress = lambda what, share: None,
+) -> Identification:
+    """Identify the tyre parameters of `vehicle` from `log`."""
+    began = time.perf_counter()
+    progress("log health", 0.0)
+    health = examine(log, vehicle, options.keep)
+    log = health.log
+    progress("smoothing", 0.1)
+    samples = prepare(log)
+    divided = split(log, samples)
+    train = samples.select(divided.train)
+    held_out = samples.select(divided.test)
+    task = _Task(log, vehicle, tyre_prior, options, _formulation(options), progress)
+    columns = _columns(task, health)
+    result, curve = _fit(task, columns, train, held_out)
+    progress("held-out error", 0.9)
+    rollouts = tuple(
+        roll_out(columns, log, held_out, theta, options.window_s) for theta in (columns.start, result.theta)
+    )
+    scores = _scores(columns, held_out, result, rollouts, task.formulation)
+    known = analyse(result, train, vehicle, options.layout)
+    progress("done", 1.0)
+    return Identification(
+        options=options,
+        vehicle=vehicle,
+        formulation=task.formulation,
+        log=log,
+        samples=samples,
+        split=divided,
+        health=health,
+        columns=columns,
+        fit=result,
+        initial={p.name: p.prior for p in columns.model.tyre_table},
+        rmse=scores,
+        curve=curve,
+        identifiability=known,
+        rollouts=(rollouts[0], rollouts[1]),
+        seconds=time.perf_counter() - began,
+    )
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What all steps of one identification share."""
+
+    log: DriveLog
+    vehicle: Vehicle
+    prior: Mapping[str, float] | None
+    options: Options
+    formulation: Formulation
+    progress: Progress
+
+
+def _formulation(options: Options) -> Formulation:
+    """The recursions are algebraic; a full fit simulates: neither noisy slip angles nor bad accelerations bias it."""
+    if options.method != "nls":
+        return "algebraic"
+    return "output_error" if options.formulation == "auto" else options.formulation
+
+
+def _columns(task: _Task, health: HealthReport) -> ModelColumns:
+    options = task.options
+    nuisances: list[Effect] = [] if options.method == "sample" else [steer_timing(task.log.step)]
+    if task.formulation == "output_error" and health.vy_is_displaced:
+        nuisances.append(vy_sensor())
+    return ModelColumns(SingleTrack(task.vehicle, options.layout, tuple(nuisances), task.prior))
+
+
+def _fit(task: _Task, columns: ModelColumns, train: Samples, held_out: Samples) -> tuple[Fit, tuple[CurvePoint, ...]]:
+    recursion = _recursion(task, columns, train, averaged(held_out))
+    if task.options.method != "nls":
+        return recursion.fit, recursion.curve
+    task.progress("nonlinear least squares", 0.5)
+    trusted = not {"ax", "ay"} & set(task.log.derived)
+    start = fit(columns, averaged(train)) if trusted or task.formulation == "algebraic" else None
+    if start is not None and task.formulation == "algebraic":
+        return start, recursion.curve
+    outputs = ("vy", "yaw_rate", "ay") if trusted else ("vy", "yaw_rate")
+    settings = OutputErrorSettings(window_s=task.options.window_s, outputs=outputs)
+    theta = columns.start if start is None else start.theta
+    return fit_output_error(columns, task.log, train, settings, theta), recursion.curve
+
+
+def _recursion(task: _Task, columns: ModelColumns, train: Samples, held_out: Samples) -> Recursion:
+    method = sample if task.options.method == "sample" else batch
+    name = "sample by sample" if task.options.method == "sample" else "batches"
+    return method(columns, averaged(train), held_out, lambda share: task.progress(name, 0.2 + 0.3 * share))
+
+
+def _scores(
+    columns: ModelColumns, held_out: Samples, result: Fit, rollouts: tuple[Rollout, ...], formulation: Formulation
+) -> dict[str, tuple[float, float]]:
+    """Held-out RMSE before and after: along the simulation where that was fitted, else at the smoothed states."""
+    before, after = (rmse(columns, held_out, theta, ALGEBRAIC_CHANNELS) for theta in (columns.start, result.theta))
+    scores = {c: (before[c], after[c]) for c in ALGEBRAIC_CHANNELS}
+    if formulation == "output_error":
+        simulated = [r.rmse for r in rollouts]
+        scores |= {c: (simulated[0][c], simulated[1][c]) for c in ("ay", "vy", "yaw_rate")}
+    return scores
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
