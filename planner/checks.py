@@ -30,13 +30,17 @@ WINDOW = 6
 
 
 class PlanCheck:
-    """Checks solutions of one planner; `first_loads` are the shares of the load limits at the plan's start."""
+    """Checks solutions of one planner.
+
+    `first_loads` are the shares of the load limits at the plan's start, `first_gain` is Delta I of its first stage.
+    """
 
     def __init__(self, settings: Settings, vehicle: Vehicle) -> None:
         self._settings, self._vehicle = settings, vehicle
         self._model: RevisedModel | None = None
         self._forces: ForceModel | None = None
         self.first_loads = (0.0, 0.0)
+        self.first_gain = 0.0
 
     def __call__(self, controller: Controller, adopted: Adopted, solution: Solution) -> list[str]:
         """Limits the solution breaks, in words; empty when it may be published."""
@@ -45,6 +49,7 @@ class PlanCheck:
         plan = plan_of(solution, controller.reference.line)
         front, rear = acceptance.load_shares(plan, bounds, forces)
         self.first_loads = float(front[0]), float(rear[0])
+        self.first_gain = float(solution.information[0])
         return acceptance.violations(plan, bounds, forces, defects(plan, bounds.dt, forces, self._vehicle))
 
     def _force_model(self, adopted: Adopted) -> ForceModel:

@@ -6,7 +6,7 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -48,11 +48,38 @@ def bench(  # noqa: PLR0917 - options of a command line
     )
     run = b.drive(controller, laps, ipopt=ipopt)
     result = b.summary(run, controller, line)
+    _print(result, as_json)
+    if result["laps"] < laps or any(run.violations.values()):
+        raise typer.Exit(EXIT_FAILURE)
+
+
+@app.command()
+def safety(  # noqa: PLR0917 - options of a command line
+    track: Annotated[str, typer.Option(help="track file or shipped track; default: the road course")] = "",
+    laps: Annotated[int, typer.Option(min=1)] = 10,
+    mismatch: Annotated[float, typer.Option(min=0, max=0.5, help="relative error of every tyre parameter")] = 0.1,
+    seed: Annotated[int, typer.Option(help="signs of the errors")] = 1,
+    information: Annotated[Literal["on", "off"], typer.Option(help="Eq. (9) or the plain MPCC")] = "off",
+    config: Annotated[Path | None, typer.Option(help="configuration (TOML)")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Drive laps on the simulated car with a wrong model and count violations of any limit."""
+    from planner import bench as b
+    from planner import safety as s
+
+    overrides: dict[str, object] = {"track": track} if track else {}
+    if information == "on":
+        overrides["planner.information_weight"] = b.INFORMATION_WEIGHT
+    result = s.drive(load_config(config, overrides), laps, mismatch, seed)
+    _print(result, as_json)
+    if result["laps"] < laps or any(result["violations"].values()):
+        raise typer.Exit(EXIT_FAILURE)
+
+
+def _print(result: dict[str, Any], as_json: bool) -> None:
     if as_json:
         json.dump(result, sys.stdout)
         print()
-    else:
-        for name, value in result.items():
-            print(f"{name:28} {value}")
-    if result["laps"] < laps or any(run.violations.values()):
-        raise typer.Exit(EXIT_FAILURE)
+        return
+    for name, value in result.items():
+        print(f"{name:28} {value}")
