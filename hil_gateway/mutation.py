@@ -15,8 +15,11 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
+
+from hil_gateway.errors import InputError
 
 TARGETS: dict[str, tuple[str, ...]] = {
     "hil_gateway.limits": ("tests/unit/test_limits.py",),
@@ -24,6 +27,10 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "can_dbc.codec": ("tests/unit/test_codec.py", "tests/property/test_codec_properties.py"),
 }
 """Module -> the tests that must notice."""
+PYTEST_OPTIONS = (
+    "-x", "-q", "--assert=plain", "-p", "no:cacheprovider", "-o", "filterwarnings=ignore",
+    "-m", "not vcan and not slow",
+)  # fmt: skip
 TIMEOUT_S = 90
 """A mutant that runs longer loops for ever: noticed."""
 EQUIVALENT: dict[tuple[str, str], str] = {}
@@ -111,8 +118,12 @@ def _text(node: ast.BinOp) -> bool:
     return isinstance(node.op, ast.BitOr) and any(isinstance(side, ast.Constant | ast.Subscript) for side in sides)
 
 
-def run(root: Path) -> dict[str, Any]:
-    """Run every mutant; the report of `hil verify --mutation`."""
+def run(root: Path, modules: tuple[str, ...] = tuple(TARGETS), every: int = 1) -> dict[str, Any]:
+    """Run every (or every so many-th) mutant of `modules`; the report of `hil verify --mutation`.
+
+    Raises:
+        InputError: the tests fail without a mutant.
+    """
     os.chdir(root)
     os.environ.setdefault("HIL_SHARE", "0.02")
     sys.path.insert(0, str(root / "tests"))
@@ -120,10 +131,14 @@ def run(root: Path) -> dict[str, Any]:
     started = time.perf_counter()
     survivors: list[str] = []
     counts: dict[str, dict[str, int]] = {}
-    for module, tests in TARGETS.items():
+    for module in modules:
+        tests = TARGETS[module]
         path = root / (module.replace(".", "/") + ".py")
+        original = Mutant(module, 0, "the original", ast.parse(path.read_text()))
+        if _noticed(original, tests):
+            raise InputError(f"{', '.join(tests)}: fails without any mutation; run it by itself first")
         noticed = total = 0
-        for mutant in mutants(module, path):
+        for mutant in islice(mutants(module, path), 0, None, every):
             total += 1
             if _noticed(mutant, tests):
                 noticed += 1
@@ -181,7 +196,7 @@ def _run_child(mutant: Mutant, tests: tuple[str, ...]) -> None:
         _install(mutant)
         import pytest
 
-        status = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-m", "not vcan and not slow", *tests]))
+        status = int(pytest.main([*PYTEST_OPTIONS, *tests]))
     finally:
         os._exit(status)
 

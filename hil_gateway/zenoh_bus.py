@@ -161,23 +161,29 @@ def _listen_endpoints(config: ZenohConfig, name: str) -> tuple[str, ...]:
 def _read_extra(path: str) -> dict[str, Any]:
     import zenoh
 
+    tree = read_json5(Path(path))
     try:
-        text = Path(path).read_text()
-        zenoh.Config.from_json5(text)
-    except OSError as error:
-        raise InputError(f"{path}: cannot read (zenoh.extra): {error.strerror}") from None
+        zenoh.Config.from_json5(json.dumps(tree))
     except zenoh.ZError as error:
         raise InputError(f"{path}: not a Zenoh configuration (zenoh.extra): {error}") from None
-    return dict(_json5(text))
+    return tree
 
 
-def _json5(text: str) -> dict[str, Any]:
-    """Tree of a JSON5 text that uses nothing beyond JSON but // comments."""
-    lines = (line for line in text.splitlines() if not line.lstrip().startswith("//"))
+def read_json5(path: Path) -> dict[str, Any]:
+    """Tree of a file that uses nothing of JSON5 but `//` comment lines.
+
+    Raises:
+        InputError: unreadable, or not that.
+    """
     try:
+        text = path.read_text()
+    except OSError as error:
+        raise InputError(f"{path}: cannot read (zenoh.extra): {error.strerror}") from None
+    try:
+        lines = (line for line in text.splitlines() if not line.lstrip().startswith("//"))
         return dict(json.loads("\n".join(lines)))
     except ValueError as error:
-        raise InputError(f"zenoh.extra: only JSON with // comment lines is read: {error}") from None
+        raise InputError(f"{path}: not JSON with // comment lines (zenoh.extra): {error}") from None
 
 
 def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

@@ -122,7 +122,7 @@ def test_a_busy_port_is_one_clear_line(config, port):
 
 @pytest.mark.parametrize(
     ("content", "text"),
-    [(None, "cannot read"), ("{", "not a Zenoh configuration"), ('{"nonsense": 1}', "not a Zenoh configuration")],
+    [(None, "cannot read"), ("{", "not JSON"), ('{"nonsense": 1}', "not a Zenoh configuration")],
 )
 def test_a_broken_extra_file_is_one_clear_line(tmp_path, content, text):
     path = tmp_path / "extra.json5"
