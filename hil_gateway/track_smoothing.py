@@ -70,7 +70,9 @@ def smooth(survey: Survey) -> Track:
         )
     profiles = np.vstack([survey.z, survey.bank, survey.width_left, survey.width_right])
     along = np.interp(grid, parameter, np.arange(n + 1.0))
-    levels = np.vstack([np.interp(along, np.arange(n + 1.0), row) for row in _wrap(profiles)])
+    raw_levels = np.vstack([np.interp(along, np.arange(n + 1.0), row) for row in _wrap(profiles)])
+    smoothed = [_cross_validated(np.fft.rfft(row[None, :]), period, n)[0][0] for row in raw_levels]
+    levels = np.vstack([np.fft.irfft(spectrum, n) for spectrum in smoothed])
     return _resample(survey, coefficients, levels, period, removed)
 
 

@@ -54,6 +54,14 @@ def test_survey_noise_does_not_reach_the_curvature(tmp_path: Path, noise: float,
     assert 0.3 * noise < track.deviation < 1.5 * noise
 
 
+def test_survey_noise_does_not_reach_the_grade(tmp_path: Path) -> None:
+    angle = np.arange(300) * 2 * np.pi / 300
+    z = 15.0 * np.sin(angle) + np.random.default_rng(2).normal(0.0, 0.2, 300)
+    rows = [f"{150 * np.cos(a):.4f},{150 * np.sin(a):.4f},6,6,{h:.4f}" for a, h in zip(angle, z, strict=True)]
+    track = _load(tmp_path, [HEADER + ",z_m", *rows])
+    assert np.tan(track.grade) == pytest.approx(0.1 * np.cos(track.s / 150.0), abs=0.01)
+
+
 @settings(max_examples=60, deadline=None)
 @given(s=st.floats(0, 3600), lateral=st.floats(-5.5, 5.5), error=st.floats(-30, 30))
 def test_projection_inverts_position_on_the_road_course(s: float, lateral: float, error: float) -> None:
