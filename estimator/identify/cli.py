@@ -40,7 +40,7 @@ class FormulationName(StrEnum):
 
 
 @app.command()
-def identify(
+def identify(  # noqa: PLR0917 - every option of the command is a parameter
     sessions: Annotated[list[Path], typer.Argument(help="recorded .mcap or drive-log .csv files: one data set")],
     vehicle: Annotated[Path | None, typer.Option(help="vehicle JSON; default: the AV-24")] = None,
     tyre: Annotated[Path | None, typer.Option(help="tyre prior JSON; default: the AV-24's")] = None,

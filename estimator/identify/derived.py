@@ -12,13 +12,13 @@ from hil_gateway.errors import InputError
 
 Array = NDArray[np.float64]
 
-DERIVATIVE_SPAN_S = 0.15
-"""Span of the local parabola that differentiates velocities."""
+DERIVATIVE_SPAN_S = 0.3
+"""Span of the local parabola that differentiates velocities: passes what a car does, up to about 3 Hz."""
 
 FULL_THROTTLE_DRIVE = 0.10
 """Slip ratio taken to stand for full throttle."""
 
-FULL_BRAKE_DRIVE = 0.25
+FULL_BRAKE_DRIVE = 0.30
 """Slip ratio taken to stand for full braking, 6 MPa or pedal 1: brakes act on four wheels, the engine on two."""
 
 FULL_BRAKE_PA = 6.0e6
@@ -55,13 +55,13 @@ def derivative(t: Array, values: Array, segment: NDArray[np.int64], span: float 
 
     step = float(np.median(np.diff(t)))
     window = max(5, 2 * round(0.5 * span / step) + 1)
-    result = np.empty_like(values)
+    result = np.zeros_like(values)
     bounds = np.concatenate([[0], np.flatnonzero(np.diff(segment)) + 1, [len(t)]])
     for a, b in itertools.pairwise(bounds):
         if b - a >= window:
             result[a:b] = savgol_filter(values[a:b], window, 2, deriv=1, delta=step)
-        else:
-            result[a:b] = np.gradient(values[a:b], t[a:b]) if b - a > 1 else 0.0
+        elif b - a > 1:
+            result[a:b] = np.gradient(values[a:b], t[a:b])
     return result
 
 

@@ -72,7 +72,9 @@ def analyse(fit: Fit, samples: Samples, vehicle: Vehicle, layout: Layout) -> Ide
     logarithmic = scaled * np.outer(relative, relative) / inflation
     std = np.sqrt(np.maximum(np.diag(_inverse(logarithmic)), 0.0))
     data_std = dict(zip(names, std.tolist(), strict=True))
-    axles = tuple(_axle(name, fit.values, samples, vehicle) for name in _axle_names(layout))
+    identifiable = _identifiable(data_std, fit.at_bound)
+    axles = tuple(_axle(name, fit, samples, vehicle) for name in _axle_names(layout))
+    known_product = {axle.name: _product_std(logarithmic, names, axle) for axle in axles}
     return Identifiability(
         trace=trace_criterion(scaled),
         d_criterion=d_criterion(scaled),
@@ -80,8 +82,8 @@ def analyse(fit: Fit, samples: Samples, vehicle: Vehicle, layout: Layout) -> Ide
         e_criterion=e_criterion(scaled),
         condition_number=float(np.linalg.cond(logarithmic)),
         data_std=data_std,
-        identifiable={n: bool(s < KNOWN_TO) and n not in fit.at_bound for n, s in data_std.items()},
-        statements=(*_weak_directions(logarithmic, names, axles), *_at_bounds(fit)),
+        identifiable=identifiable,
+        statements=(*_in_words(identifiable, known_product, axles), *_at_bounds(fit)),
         axles=axles,
     )
 
@@ -110,48 +112,48 @@ def _inverse(matrix: Array) -> Array:
     return np.asarray((vectors / np.maximum(values, 1e-12 * max(float(values[-1]), 1e-300))) @ vectors.T)
 
 
-def _weak_directions(logarithmic: Array, names: list[str], axles: tuple[Axle, ...]) -> list[str]:
-    values, vectors = np.linalg.eigh(logarithmic)
-    statements = []
-    for value, vector in zip(values, vectors.T, strict=True):
-        if value > KNOWN_TO**-2:
-            break
-        involved = [n for n, v in zip(names, vector, strict=True) if abs(v) > 0.3 * np.max(np.abs(vector))]
-        statements.append(_in_words(sorted(involved, key=_importance), axles))
-    return list(dict.fromkeys(statements))
+def _identifiable(data_std: dict[str, float], at_bound: Sequence[str]) -> dict[str, bool]:
+    """An axle with a parameter on its bound is not identified: its information belongs to the bound, not the data."""
+    stuck = {name[1:] for name in at_bound if name[0] in "bcd" and "." not in name}
+    return {n: s < KNOWN_TO and not (n != "cx" and n[1:] in stuck) and n not in at_bound for n, s in data_std.items()}
+
+
+def _product_std(logarithmic: Array, names: list[str], axle: Axle) -> float:
+    """Relative standard deviation of the cornering stiffness B C D of an axle."""
+    direction = np.array([1.0 if _on(axle, name) else 0.0 for name in names])
+    return float(np.sqrt(direction @ _inverse(logarithmic) @ direction))
+
+
+def _in_words(identifiable: dict[str, bool], known_product: dict[str, float], axles: tuple[Axle, ...]) -> list[str]:
+    statements = [] if identifiable["cx"] else ["C_x is not determined: too little driving and braking"]
+    for axle in axles:
+        unknown = [n[0].upper() for n in sorted(identifiable, key=_importance) if _on(axle, n) and not identifiable[n]]
+        if unknown:
+            statements.append(_of_axle(axle, unknown, known_product[axle.name]))
+    return statements
 
 
 def _importance(name: str) -> int:
     """D before C before B, as engineers name them."""
-    return "dcbx".index(name[0] if name != "cx" else "x")
+    return "dcb".find(name[0])
 
 
-def _in_words(involved: list[str], axles: tuple[Axle, ...]) -> str:
-    if involved == ["cx"]:
-        return "C_x is not determined: too little driving and braking"
-    touched = [axle for axle in axles if any(_on(axle, name) for name in involved)]
-    parts = [_of_axle(axle, [n for n in involved if _on(axle, n)]) for axle in touched]
-    return "; ".join(parts)
-
-
-def _of_axle(axle: Axle, names: list[str]) -> str:
-    letters = [name[0].upper() for name in names]
+def _of_axle(axle: Axle, letters: list[str], product: float) -> str:
     where = "" if axle.name == "both axles" else f" of the {axle.name} axle"
-    what = (
-        f"{letters[0]}{where} is not determined"
-        if len(letters) == 1
-        else (f"{', '.join(letters[:-1])} and {letters[-1]}{where} cannot be separated")
-    )
-    largest = f"largest slip {np.degrees(axle.slip_99):.1f} deg (99th percentile)"
-    if axle.needed_slip is None:
-        return f"{what}: {largest}, the force peaks near {np.degrees(axle.slip_at_peak):.0f} deg"
-    return f"{what}: {largest}, about {np.degrees(axle.needed_slip):.1f} deg would separate them"
+    if len(letters) == 1:
+        what = f"{letters[0]}{where} is not determined"
+    else:
+        what = f"{', '.join(letters[:-1])} and {letters[-1]}{where} cannot be separated"
+    text = f"{what}: largest slip {np.degrees(axle.slip_99):.1f} deg (99th percentile)"
+    if axle.needed_slip is not None:
+        text += f", about {np.degrees(axle.needed_slip):.1f} deg would separate them"
+    if product < KNOWN_TO:
+        text += f"; their product, the cornering stiffness, is known to {100 * product:.1g} %"
+    return text
 
 
 def _on(axle: Axle, name: str) -> bool:
-    if name == "cx":
-        return False
-    return len(name) == 1 or name[1] == axle.name[0]
+    return name != "cx" and (len(name) == 1 or name[1] == axle.name[0])
 
 
 def _at_bounds(fit: Fit) -> list[str]:
@@ -162,9 +164,9 @@ def _axle_names(layout: Layout) -> tuple[str, ...]:
     return ("front", "rear") if layout == "per_axle" else ("both axles",)
 
 
-def _axle(name: str, values: dict[str, float], samples: Samples, vehicle: Vehicle) -> Axle:
+def _axle(name: str, fit: Fit, samples: Samples, vehicle: Vehicle) -> Axle:
     suffix = "" if name == "both axles" else name[0]
-    B, C, D = (values[letter + suffix] for letter in "bcd")
+    B, C, D = _curve_of(suffix, fit)
     slip = slip_angles(samples, vehicle)
     alpha = np.concatenate(slip) if not suffix else slip[0 if suffix == "f" else 1]
     alpha = alpha[:: max(1, len(alpha) // 5000)]
@@ -178,6 +180,15 @@ def _axle(name: str, values: dict[str, float], samples: Samples, vehicle: Vehicl
         condition_number=condition,
         needed_slip=_needed(alpha, B, C, D, slip_99) if std.max() > KNOWN_TO else None,
     )
+
+
+def _curve_of(suffix: str, fit: Fit) -> tuple[float, float, float]:
+    """B, C, D of an axle; where one is on its bound, the prior's C and D with the stiffness that was found."""
+    B, C, D = (fit.values[letter + suffix] for letter in "bcd")
+    if not any(name in fit.at_bound for name in (f"b{suffix}", f"c{suffix}", f"d{suffix}")):
+        return B, C, D
+    prior = {p.name: p.prior for p in fit.parameters}
+    return B * C * D / (prior[f"c{suffix}"] * prior[f"d{suffix}"]), prior[f"c{suffix}"], prior[f"d{suffix}"]
 
 
 def slip_angles(samples: Samples, vehicle: Vehicle) -> tuple[Array, Array]:

@@ -15,11 +15,12 @@ from estimator.identify.evaluate import ModelColumns
 from estimator.identify.fit import Fit, fit, rmse
 from estimator.identify.health import HealthReport, examine
 from estimator.identify.identifiability import Identifiability, analyse
-from estimator.identify.nuisance import steer_timing, vy_sensor
+from estimator.identify.nuisance import steer_timing, vy_sensor, yaw_rate_timing
 from estimator.identify.output_error import OutputErrorSettings, fit_output_error
 from estimator.identify.prepare import Samples, prepare
 from estimator.identify.recursive import CurvePoint, Recursion, averaged, batch, sample
 from estimator.identify.rollout import Rollout, roll_out
+from estimator.identify.simulate import OUTPUTS
 from estimator.identify.split import Split, split
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Layout
@@ -177,6 +178,8 @@ def _columns(task: _Task, health: HealthReport) -> ModelColumns:
     nuisances: list[Effect] = [] if options.method == "sample" else [steer_timing(task.log.step)]
     if task.formulation == "output_error" and health.vy_is_displaced:
         nuisances.append(vy_sensor())
+    if task.formulation == "output_error" and health.yaw_rate_was_moved:
+        nuisances.append(yaw_rate_timing())
     return ModelColumns(SingleTrack(task.vehicle, options.layout, tuple(nuisances), task.prior))
 
 
@@ -209,7 +212,7 @@ def _scores(
     scores = {c: (before[c], after[c]) for c in ALGEBRAIC_CHANNELS}
     if formulation == "output_error":
         simulated = [r.rmse for r in rollouts]
-        scores |= {c: (simulated[0][c], simulated[1][c]) for c in ("ay", "vy", "yaw_rate")}
+        scores |= {c: (simulated[0][c], simulated[1][c]) for c in OUTPUTS}
     return scores
 
 

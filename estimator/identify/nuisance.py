@@ -14,6 +14,7 @@ from estimator.model.tyre import Expr
 
 STEER_TIMING = "steer_timing"
 VY_SENSOR = "vy_sensor"
+YAW_RATE_TIMING = "yaw_rate_timing"
 
 
 def _delayed(terms: Terms, tau: Expr) -> None:
@@ -52,6 +53,19 @@ def vy_sensor() -> Effect:
             Parameter(f"{VY_SENSOR}.angle", "rad", 0.0, 0.02, -0.2, 0.2, "misalignment"),
             Parameter(f"{VY_SENSOR}.bias", "m/s", 0.0, 0.1, -2.0, 2.0, "bias"),
         ),
+        channels=(),
+        hooks={},
+    )
+
+
+def yaw_rate_timing() -> Effect:
+    """What is left of the yaw rate's lag after log health has re-aligned it."""
+    return Effect(
+        name=YAW_RATE_TIMING,
+        lacks="yaw rate is recorded when it happens",
+        equation="yaw_rate reported = yaw_rate - tau yaw_acc",
+        source="first order of a pure delay",
+        parameters=(Parameter(f"{YAW_RATE_TIMING}.tau", "s", 0.0, 0.05, -0.2, 0.2, "delay"),),
         channels=(),
         hooks={},
     )

@@ -17,12 +17,10 @@ from estimator.identify.drive_log import DriveLog
 from estimator.identify.evaluate import ModelColumns
 from estimator.identify.fit import AlgebraicProblem, Fit, FitSettings, Problem, huber_loss, huber_weight, solve
 from estimator.identify.prepare import Samples
-from estimator.identify.simulate import STATES, Simulator, Trajectory
+from estimator.identify.simulate import OUTPUTS, STATES, Simulator, Trajectory
 from estimator.identify.windows import STATE_ROWS, cut
 
 Array = NDArray[np.float64]
-
-OUTPUTS = ("vy", "yaw_rate", "ay")
 
 WINDOW_S = 4.0
 
@@ -63,7 +61,7 @@ class OutputErrorProblem(Problem):
         self.windows = cut(log, samples, settings.window_s, substeps(columns, samples))
         self.simulator = Simulator(columns)
         rows = [OUTPUTS.index(o) for o in self.outputs]
-        self.measured = np.stack([self.windows.vy, self.windows.yaw_rate, self.windows.ay])[rows]
+        self.measured = self.windows.measured[rows]
         self.rows = rows
         lanes = self.windows.count
         measured = self.windows.inputs[list(STATE_ROWS), 0]

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from estimator.identify.drive_log import DriveLog
 from estimator.identify.evaluate import ModelColumns
 from estimator.identify.nuisance import VY_SENSOR
-from estimator.identify.output_error import OUTPUTS, substeps
+from estimator.identify.output_error import substeps
 from estimator.identify.prepare import Samples
-from estimator.identify.simulate import Simulator
+from estimator.identify.simulate import OUTPUTS, Simulator
 from estimator.identify.windows import STATE_ROWS, cut
 from estimator.model.single_track import SIGNALS
 
@@ -24,7 +24,7 @@ RUN_IN_S = 0.5
 
 @dataclass(frozen=True)
 class Rollout:
-    """Simulated and measured `OUTPUTS` (3, n) at `index` (n,) of the samples; `rmse` per output."""
+    """Simulated and measured `OUTPUTS` (4, n) at `index` (n,) of the samples; `rmse` per output."""
 
     simulated: Array
     measured: Array
@@ -45,9 +45,8 @@ def roll_out(columns: ModelColumns, log: DriveLog, samples: Samples, theta: Arra
     outputs = Simulator(columns).run(windows, start, theta, sensitivities=False).outputs
     scored = windows.weight > 0
     scored[: round(RUN_IN_S / windows.step)] = False
-    measured = np.stack([windows.vy, windows.yaw_rate, windows.ay])
     simulated = np.where(np.isfinite(outputs), outputs, 0.0)
-    return Rollout(simulated[:, scored], measured[:, scored], windows.index[scored])
+    return Rollout(simulated[:, scored], windows.measured[:, scored], windows.index[scored])
 
 
 def _sensor_offset(columns: ModelColumns, theta: Array, vx: Array, yaw_rate: Array) -> Array | float:

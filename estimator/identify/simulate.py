@@ -14,20 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.identify.evaluate import CHANNELS, Columns, ModelColumns
-from estimator.identify.nuisance import VY_SENSOR, reported_vy
+from estimator.identify.nuisance import VY_SENSOR, YAW_RATE_TIMING, reported_vy
 from estimator.identify.windows import STATE_ROWS, Windows
 from estimator.model.single_track import SIGNALS
 
 Array = NDArray[np.float64]
 
 STATES = 2
+OUTPUTS = ("vy", "yaw_rate", "ay", "yaw_acc")
+"""What is simulated: vy as its sensor reports it, yaw rate, specific force, yaw acceleration."""
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Simulated outputs (3, K, L): vy, yaw rate, ay; with their derivatives where asked for.
+    """Simulated `OUTPUTS` (4, K, L), with their derivatives where asked for.
 
-    `by_theta` (3, p, K, L) and `by_start` (3, 2, K, L) belong to the parameters and the state at the window's start.
+    `by_theta` (4, p, K, L) and `by_start` (4, 2, K, L) belong to the parameters and the state at the window's start.
     """
 
     outputs: Array
@@ -61,13 +63,13 @@ class Simulator:
         sampled = slice(None, None, windows.substeps)
         if not sensitivities:
             coarse = inputs[:, sampled]
-            return Trajectory(self._outputs(coarse.reshape(k, -1), theta).reshape(3, -1, lanes))
+            return Trajectory(self._outputs(coarse.reshape(k, -1), theta).reshape(len(OUTPUTS), -1, lanes))
         values = self._linear(inputs.reshape(k, -1), theta).reshape(-1, grid, lanes)
-        J = values[3:].reshape(STATES + 3, STATES + self.parameters, grid, lanes)
+        J = values[len(OUTPUTS) :].reshape(STATES + len(OUTPUTS), STATES + self.parameters, grid, lanes)
         S = _propagate(J[:STATES], windows.grid_step)[:, :, sampled]
         full = np.einsum("oxkl,xpkl->opkl", J[STATES:, :STATES, sampled], S)
         full[:, STATES:] += J[STATES:, STATES:, sampled]
-        return Trajectory(values[:3, sampled], by_theta=full[:, STATES:], by_start=full[:, :STATES])
+        return Trajectory(values[: len(OUTPUTS), sampled], by_theta=full[:, STATES:], by_start=full[:, :STATES])
 
     def _integrate(self, windows: Windows, start: Array, theta: Array) -> Array:
         """(2, G, L) states on the integration grid, RK4; diverging lanes end as nan."""
@@ -92,13 +94,18 @@ class Simulator:
 
 
 def _outputs(columns: ModelColumns) -> Any:
-    """vy as reported, yaw rate, ay."""
     inputs, theta, channels = columns.expressions
     vx, (vy, yaw_rate) = inputs[SIGNALS.index("vx")], (inputs[i] for i in STATE_ROWS)
-    names = [p.name for p in columns.parameters]
-    sensor = [theta[i] for i, name in enumerate(names) if name.startswith(f"{VY_SENSOR}.")]
+    ay, yaw_acc = (channels[CHANNELS.index(name)] for name in ("ay", "yaw_acc"))
+    sensor, timing = (_values_of(name, columns, theta) for name in (VY_SENSOR, YAW_RATE_TIMING))
     vy_out = reported_vy(vx, vy, yaw_rate, sensor) if sensor else vy
-    return ca.vertcat(vy_out, yaw_rate, channels[CHANNELS.index("ay")])
+    yaw_rate_out = yaw_rate - timing[0] * yaw_acc if timing else yaw_rate
+    return ca.vertcat(vy_out, yaw_rate_out, ay, yaw_acc)
+
+
+def _values_of(effect: str, columns: ModelColumns, theta: Any) -> list[Any]:
+    """Symbols of the parameters of one effect; empty where the model does not carry it."""
+    return [theta[i] for i, p in enumerate(columns.parameters) if p.name.startswith(f"{effect}.")]
 
 
 def _propagate(J: Array, h: float) -> Array:

@@ -24,7 +24,7 @@ class Windows:
 
     Attributes:
         inputs: (k, G, L) model inputs on the integration grid, G = (K - 1) substeps + 1; rows as `Samples.inputs`.
-        vy, yaw_rate, ay: (K, L) as measured.
+        measured: (4, K, L) vy, yaw rate, ay as measured, and the yaw acceleration from the yaw rate.
         weight: (K, L) 1 for a sample, 0 for padding.
         index: (K, L) sample each entry comes from (padding repeats the last).
         step: s between samples.
@@ -32,9 +32,7 @@ class Windows:
     """
 
     inputs: Array
-    vy: Array
-    yaw_rate: Array
-    ay: Array
+    measured: Array
     weight: Array
     index: NDArray[np.int64]
     step: float
@@ -58,9 +56,7 @@ def cut(log: DriveLog, samples: Samples, length_s: float, substeps: int = 1) -> 
     row = samples.row[index]
     return Windows(
         inputs=_refined(samples.inputs[:, index], substeps),
-        vy=log["vy"][row],
-        yaw_rate=log["yaw_rate"][row],
-        ay=log["ay"][row],
+        measured=np.stack([*(log[name][row] for name in ("vy", "yaw_rate", "ay")), samples["yaw_acc"][index]]),
         weight=weight,
         index=index,
         step=samples.step,

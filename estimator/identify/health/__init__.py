@@ -39,6 +39,11 @@ class HealthReport:
         """Whether vy is not simply that of the CoG: a fit then estimates its sensor along with the tyres."""
         return any(f.channel == "vy" and f.action is Action.CORRECTED for f in self.findings)
 
+    @property
+    def yaw_rate_was_moved(self) -> bool:
+        """Whether the yaw rate was re-aligned: a fit then estimates what is left of its lag."""
+        return any(f.channel == "yaw_rate" and f.action is Action.REALIGNED for f in self.findings)
+
 
 def examine(log: DriveLog, vehicle: Vehicle, keep: Collection[str] = ()) -> HealthReport:
     """Run all finders on `log`; findings named in `keep` are reported but not acted on."""

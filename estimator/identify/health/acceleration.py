@@ -30,7 +30,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
         names = [axis] if axis not in log.derived else []
         names += [n for n in log.extra if re.match(rf"{axis}(_|$)", n)]
         for name in names:
-            lag = lag_between(expected, log[name], moving, log.step, LONGEST_S)
+            lag = lag_between(expected, log[name], moving, log.step, LONGEST_S, slowest=4.0)
             if lag is not None and _useless(lag):
                 findings.append(_finding(log, name, axis, lag))
     return findings

@@ -24,15 +24,17 @@ class Lag:
     gain: float
 
 
-def lag_between(earlier: Array, later: Array, usable: NDArray[np.bool_], step: float, longest: float) -> Lag | None:
+def lag_between(  # noqa: PLR0917 - a signal pair, where it counts, and three times
+    earlier: Array, later: Array, usable: NDArray[np.bool_], step: float, longest: float, slowest: float = 2.0
+) -> Lag | None:
     """Lag of `later` (n,) behind `earlier` (n,) up to `longest` seconds either way; None without a clear answer.
 
-    Slow drift is taken out first: only motion faster than twice the longest lag tells the time.
+    Motion slower than `slowest` times the longest lag is taken out first: drift tells no time.
     """
     reach = max(2, round(longest / step))
     if usable.sum() < 20 * reach:
         return None
-    a, b = (np.where(usable, _fast_part(x, 2 * reach), 0.0) for x in (earlier, later))
+    a, b = (np.where(usable, _fast_part(x, round(slowest * reach)), 0.0) for x in (earlier, later))
     edges = np.linspace(0, len(a), PARTS + 1).astype(int)
     sums = np.stack([_cross_sums(a[i:j], b[i:j], reach) for i, j in itertools.pairwise(edges)])
     whole = sums.sum(axis=0)
