@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from hil_gateway.errors import InputError
-from hil_gateway.plant.cli import parse_effects
+from hil_gateway.plant.cli import app, parse_effects
 from hil_gateway.plant.effects import SWITCHES, configure
 from hil_gateway.plant.experiment import Drive, drive
-from hil_gateway.plant.parameters import PAPER
+from hil_gateway.plant.parameters import AV24, PAPER
 
 CAR = PAPER.car
 
@@ -96,3 +100,31 @@ def test_realistic_base_has_what_the_paper_leaves_out() -> None:
     assert ax > 0.3
     assert ay > 0.5
     assert motion > 0.2
+
+
+def test_table_of_effects_is_one_json_object() -> None:
+    result = CliRunner().invoke(app, ["effects", "--json"])
+    assert result.exit_code == 0
+    table = json.loads(result.stdout)
+    assert set(table) == set(SWITCHES)
+    assert table["steer_offset"] == {
+        "unit": "rad",
+        "meaning": "true minus reported road-wheel angle",
+        "range": [-0.05, 0.05],
+    }
+
+
+def test_every_effect_is_documented() -> None:
+    text = (Path(__file__).resolve().parents[2] / "docs" / "plant.md").read_text()
+    assert [name for name in SWITCHES if f"`{name}`" not in text] == []
+
+
+def test_examples_lie_within_their_range() -> None:
+    assert all(s.low <= s.example <= s.high for s in SWITCHES.values())
+
+
+def test_an_effect_without_a_carrier_brings_it_on_the_paper_base_only() -> None:
+    assert configure("paper", {"wind": 5.0}).car.drag == AV24.car.drag
+    assert configure("paper", {"wind": 5.0, "aero_drag": 0.9}).car.drag == 0.9
+    assert configure("av24", {"aero_drag": 0.0, "wind": 5.0}).car.drag == 0.0
+    assert configure("paper", {"load_sensitivity": 0.2}).car.downforce > 0
