@@ -1,4 +1,4 @@
-"""Session -> drive-log columns (docs/drive-log.md): the one place where topics are mapped onto them.
+"""Session -> drive-log columns (docs/formats.md): the one place where topics are mapped onto them.
 
 Only what the car reports and what the estimator makes of it is used, never the plant's truth. One row per valid
 estimate, joined with the vehicle state it answers.
