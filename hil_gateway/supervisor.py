@@ -16,6 +16,7 @@ from hil_gateway.process import PARENT_VARIABLE
 
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 NICENESS = -10
+REAL_TIME_PRIORITY = 10
 STOP_S = 1.0
 """what the drivers of the loop get to end in order; the recorder, asked last, gets the same again"""
 
@@ -25,21 +26,23 @@ class ProcessSpec:
     """One process of the loop: `hil <name> run --config FILE`.
 
     Stage 0 starts first, the rest when the recorder listens, so that a recording begins before what it records.
-    `stops_last`: it has the end of the others to hear. Losing an `optional` one is no reason to end.
+    `stops_last`: it has the end of the others to hear. Losing an `optional` one is no reason to end. `real_time`: it
+    must not wait for other work on the computer while the car drives.
     """
 
     name: str
     stage: int = 1
     stops_last: bool = False
     optional: bool = False
+    real_time: bool = False
 
 
 PROCESSES: tuple[ProcessSpec, ...] = (
-    ProcessSpec("gateway", stage=0),
+    ProcessSpec("gateway", stage=0, real_time=True),
     ProcessSpec("recorder", stage=0, stops_last=True),
-    ProcessSpec("plant"),
-    ProcessSpec("estimator"),
-    ProcessSpec("planner"),
+    ProcessSpec("plant", real_time=True),
+    ProcessSpec("estimator", real_time=True),
+    ProcessSpec("planner", real_time=True),
 )
 DASHBOARD = ProcessSpec("dashboard", optional=True)
 
@@ -90,6 +93,18 @@ class Supervisor:
                     env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
                 )  # fmt: skip
             _prefer(self._running[spec.name].pid)
+
+    def prefer_real_time(self) -> None:
+        """Let the processes that drive come before everything else, where the user may ask for that (root may).
+
+        Whatever they start later, a compiler for instance, runs as ordinary work again.
+        """
+        policy, priority = os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(REAL_TIME_PRIORITY)
+        for spec in self._specs:
+            if spec.real_time and spec.name in self._running:
+                with contextlib.suppress(OSError):
+                    for task in Path(f"/proc/{self._running[spec.name].pid}/task").iterdir():
+                        os.sched_setscheduler(int(task.name), policy, priority)
 
     def command(self, spec: ProcessSpec) -> list[str]:
         """What is run for a process."""

@@ -99,6 +99,7 @@ class Run:
         if self._operator.driving and self._under_way_ns is None:
             self._under_way_ns = now_ns
             self._cpu.restart()
+            self._supervisor.prefer_real_time()
             self._tell("under way")
         self._cpu.update(now_ns)
         self._start_rest(now_ns)

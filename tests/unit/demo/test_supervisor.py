@@ -9,6 +9,8 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from hil_gateway.supervisor import ProcessSpec, Supervisor
 
 SLEEP = "import time; print('up', flush=True); time.sleep(60)"
@@ -101,6 +103,17 @@ def test_processor_time_is_measured_per_process(tmp_path: Path) -> None:
         after = supervisor.cpu_seconds()
         assert after["busy"] - before["busy"] > 0.1
         assert after["idle"] - before["idle"] < 0.1
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may ask for real-time priority")
+def test_only_what_drives_gets_real_time_priority(tmp_path: Path) -> None:
+    specs = (ProcessSpec("gateway", real_time=True), ProcessSpec("recorder"))
+    with Scripts(tmp_path, {"gateway": SLEEP, "recorder": SLEEP}, specs) as supervisor:
+        supervisor.start(1)
+        supervisor.wait_up()
+        supervisor.prefer_real_time()
+        policy = {name: os.sched_getscheduler(pid) & ~os.SCHED_RESET_ON_FORK for name, pid in supervisor.pids.items()}
+    assert policy == {"gateway": os.SCHED_RR, "recorder": os.SCHED_OTHER}
 
 
 def test_no_orphan_survives_a_killed_supervisor(tmp_path: Path) -> None:
