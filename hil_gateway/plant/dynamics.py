@@ -192,6 +192,7 @@ def step_function() -> ca.Function:
     k3, _ = f(x + 0.5 * h * k2, u, vector)
     k4, _ = f(x + h * k3, u, vector)
     after = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    after, outputs = ca.cse([after, outputs])  # what depends on parameters alone is worked out once, not 16 times
     return ca.Function("plant_step", [x, u, vector, h], [after, outputs], ["x", "u", "p", "h"], ["after", "outputs"])
 
 
