@@ -215,6 +215,17 @@ def test_after_an_emergency_arming_alone_is_not_enough():
     assert rig.action is FailsafeAction.DRIVE
 
 
+def test_the_first_cause_of_an_action_keeps_its_name():
+    well = dict.fromkeys(MEASURES, 0.0)
+    failsafe = Failsafe().step(Inputs(well, True, OperatorAction.ARM))
+    failsafe = failsafe.step(Inputs(well | {"heartbeat_frozen": 1.0}, False))
+    assert failsafe.cause == "heartbeat_frozen"
+    failsafe = failsafe.step(Inputs(well | {"operator_stop": math.inf}, False))
+    assert failsafe.cause == "heartbeat_frozen"
+    failsafe = failsafe.step(Inputs(well | {"operator_stop": math.inf, "can_silence": 1.0}, False))
+    assert (failsafe.action, failsafe.cause) == (FailsafeAction.EMERGENCY_STOP, "can_silent")
+
+
 def test_disarming_while_moving_stops_the_car_first():
     rig = Rig()
     rig.drive_off(3.0)

@@ -1,0 +1,59 @@
+"""The whole loop under seeded faults: the promises hold in every one of them, and every seed can be repeated."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections import Counter
+
+import pytest
+from promise_figures import record_figure, volume
+
+from hil_gateway.clock import NS_PER_S
+from planner.fault_simulation.faults import Kind, draw
+
+SEEDS = volume(500, 5000)
+
+
+@pytest.mark.slow
+@pytest.mark.promise("L1")
+@pytest.mark.promise("S1")
+def test_the_promises_hold_under_seeded_faults():
+    """In a process of its own: it forks, and single-threaded numerics make it repeatable."""
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", "hil_gateway.cli", "verify", "--seeds", str(SEEDS), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.stdout, done.stderr[-3000:]
+    report = json.loads(done.stdout)
+    assert report["broken"] == [], "\n".join(f"{b['broken']}; repeat: {b['repeat']}" for b in report["broken"])
+    assert report["seeds"] == SEEDS
+    assert set(report["kinds"]) == {kind.value for kind in Kind}
+    assert min(report["actions"].get(name, 0) for name in ("drive", "controlled_stop", "emergency_stop")) > SEEDS / 50
+    speed = f"{report['times_real_time']} times real time ({report['times_real_time_per_core']} per CPU second)"
+    record_figure("L1", f"{SEEDS:,} seeds of the fault simulation, 0 broken, {speed}")
+    record_figure("S1", f"{SEEDS:,} seeds of the fault simulation: every frame that left inside limits")
+
+
+@pytest.mark.slow
+def test_a_seed_alone_does_what_it_does_in_a_campaign():
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    script = (
+        "import json, sys; from dataclasses import asdict; from planner.fault_simulation.campaign import Campaign;"
+        "alone = Campaign().run_here(5); among = {r.seed: r for r in Campaign().run([0, 5, 10])};"
+        "print(json.dumps([asdict(alone), asdict(among[5])]))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, env=environment)
+    alone, among = json.loads(done.stdout)
+    assert alone == among
+
+
+def test_every_kind_of_fault_gets_its_share_of_seeds():
+    kinds = Counter(episode.kind for seed in range(500) for episode in draw(seed, NS_PER_S))
+    assert set(kinds) == set(Kind)
+    assert min(kinds.values()) >= 500 // len(Kind)
+
+
+def test_a_seed_always_draws_the_same_faults():
+    assert [draw(seed, NS_PER_S) for seed in range(50)] == [draw(seed, NS_PER_S) for seed in range(50)]
