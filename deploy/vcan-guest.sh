@@ -1,6 +1,6 @@
 # Process 1 of user-mode Linux, appended by with-vcan to the settings of one run: directory, modules, channel,
 # guest, terminal, command. Its last act is to write down the exit code and to halt the machine.
-# shellcheck shell=bash disable=SC2154
+# shellcheck shell=bash disable=SC2154,SC1091
 mount -t proc proc /proc
 mount -t sysfs sysfs /sys
 mount -t tmpfs tmpfs /run
@@ -36,11 +36,20 @@ ip link set "$channel" up
 
 cd "$directory" || exit
 if [ "$terminal" = yes ]; then
-    "${command[@]}" </dev/null >/dev/ttyS0 2>/dev/ttyS1
+    stty -F /dev/ttyS0 sane
+    setsid --ctty --wait "${command[@]}" <>/dev/ttyS0 >&0 2>&1
     code=$?
 else
-    { { "${command[@]}" </dev/null; echo $? >"$guest/code.part"; } 2>&3 | cat >/dev/ttyS0; } 3>&1 | cat >/dev/ttyS1
-    code=$(cat "$guest/code.part")
+    # through pipes, so that the command sees no terminal; something it left in the background may still hold them
+    mkfifo /run/out /run/err
+    cat /run/out >/dev/ttyS0 &
+    cat /run/err >/dev/ttyS1 &
+    "${command[@]}" </dev/null >/run/out 2>/run/err
+    code=$?
+    for _ in 1 2 3 4 5 6 7 8 9 10; do
+        [ -z "$(jobs -r)" ] && break
+        sleep 0.1
+    done
 fi
 stty -F /dev/ttyS0 >/dev/null # waits until the last output has been written
 echo "$code" >"$guest/code"
