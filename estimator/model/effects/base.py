@@ -46,6 +46,8 @@ class Effect:
     """start of a fit where the neutral value is a stationary point; default: the prior"""
     profile: str = ""
     prepare: Prepare | None = None
+    remembers: tuple[str, ...] = ()
+    """auxiliary signals that `prepare` makes"""
     requires_any: tuple[str, ...] = ()
     """effects of which at least one must be active for this one to show"""
     separated_by: str = ""

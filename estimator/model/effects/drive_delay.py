@@ -34,6 +34,6 @@ EFFECT = Effect(
     channels=("ax", "vx_dot"),
     hooks={"INPUT": _input},
     prepare=_prepare,
-    initial=(0.02,),
+    remembers=("drive_delayed",),
     separated_by="fast changes of throttle or brake",
 )

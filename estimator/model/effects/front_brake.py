@@ -28,6 +28,5 @@ EFFECT = Effect(
     ),
     channels=("ax", "ay", "yaw_acc", "vx_dot", "vy_dot"),
     hooks={"LONGITUDINAL": _longitudinal},
-    initial=(0.3, 1.0),
     separated_by="braking while turning: the front force then has a lateral component",
 )

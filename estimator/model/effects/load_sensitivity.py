@@ -22,7 +22,6 @@ EFFECT = Effect(
     parameters=(Parameter("k", "1", 0.0, 0.3, -0.5, 1.5, "relative loss of D per relative gain of load"),),
     channels=("ay", "yaw_acc", "vy_dot"),
     hooks={"GRIP": _grip},
-    initial=(0.1,),
     requires_any=("aero_downforce", "load_transfer"),
     separated_by="with static loads it cannot show; needs downforce or load transfer over a wide range of loads",
 )

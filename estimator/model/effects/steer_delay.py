@@ -34,6 +34,6 @@ EFFECT = Effect(
     channels=("ay", "yaw_acc", "vy_dot"),
     hooks={"INPUT": _input},
     prepare=_prepare,
-    initial=(0.02,),
+    remembers=("steer_delayed",),
     separated_by="fast steering at different speeds: a delay is the same at any speed, relaxation shrinks with it",
 )

@@ -1,0 +1,194 @@
+"""The whole chain on one record: split, search, empirical term, scores, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.diagnose.empirical import Term, search_terms
+from estimator.diagnose.fit import Fit
+from estimator.diagnose.record import Record
+from estimator.diagnose.whiteness import structured
+from estimator.diagnose.score import noise_floor, rmse, rollout
+from estimator.diagnose.search import (
+    Evidence,
+    Search,
+    Setting,
+    Trial,
+    compare,
+    earns_its_place,
+    fit_names,
+    search,
+)
+from estimator.model.parameters import Layout
+from estimator.model.single_track import SingleTrack
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Progress = Callable[[str], None]
+
+TEST_SHARE = 0.375
+"""Share of the laps, the last ones, that no fit or choice sees: 3 of 8."""
+TERM_SHARE = 0.05
+"""Least gain per block for an empirical term: it has more freedom than an effect, and must earn it."""
+TERM_RELATIVE = 0.03
+"""Least gain of an empirical term relative to what the accepted effects gained: less is their imperfect shape."""
+MAX_TERMS = 2
+WHITE_FOR_TERMS = 1.3
+"""Empirical terms are looked for only where averages of the residual vary so much more than white noise does."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model with its numbers."""
+
+    model: SingleTrack
+    parameters: Array
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything a result or a report needs.
+
+    Attributes:
+        record: the whole log; train_laps, test_laps: lap numbers of the split.
+        models: "declared", "refit", "catalogue", "with_effects" -> model and parameters.
+        channels: channel -> those names -> RMSE on the test laps; plus "noise_floor".
+        rollout: state -> those names -> RMS error after the horizon.
+        gains: evidence of each accepted effect given everything else; terms: accepted empirical terms.
+    """
+
+    record: Record
+    train_laps: tuple[int, ...]
+    test_laps: tuple[int, ...]
+    test_rows: Ints
+    search: Search
+    fit: Fit
+    accepted: tuple[str, ...]
+    gains: Mapping[str, Evidence]
+    terms: tuple[Term, ...]
+    models: Mapping[str, Model]
+    channels: Mapping[str, Mapping[str, float]]
+    rollout: Mapping[str, Mapping[str, float]]
+    term_trials: tuple[Term, ...]
+
+    @property
+    def verdict(self) -> str:
+        """none | effect | unexplained."""
+        if self.terms:
+            return "unexplained"
+        return "effect" if self.accepted else "none"
+
+
+def split_laps(record: Record) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Laps to learn from and laps to be scored on; without laps every third block of time is for scoring."""
+    laps = sorted({int(lap) for lap in record.lap})
+    if not record.has_laps:
+        test = tuple(laps[2::3])
+    else:
+        test = tuple(laps[-max(1, round(TEST_SHARE * len(laps))) :])
+    return tuple(lap for lap in laps if lap not in test), test
+
+
+def diagnose(
+    record: Record, layout: Layout, prior: Mapping[str, float] | None, progress: Progress = lambda _: None
+) -> Diagnosis:
+    """Find what the declared model lacks."""
+    train_laps, test_laps = split_laps(record)
+    train = record.select(np.isin(record.lap, train_laps))
+    train = replace(train, lap=np.searchsorted(np.array(train_laps), train.lap))
+    setting = Setting(train, layout, prior)
+    found = search(setting, progress)
+    accepted, gains, terms, final, tried = _with_terms(setting, found, progress)
+    progress("scoring on the test laps")
+    test_rows = np.sort(record.rows[np.isin(record.lap, test_laps)].ravel())
+    models = _models(setting, found, accepted, terms, final)
+    scores = {name: rmse(record, test_rows, m.model, m.parameters) for name, m in models.items()}
+    ahead = {name: rollout(record, test_rows, m.model, m.parameters) for name, m in models.items()}
+    floor = noise_floor(record)
+    channels = {c: {name: s[c] for name, s in scores.items()} | {"noise_floor": floor[c]} for c in floor}
+    states = {n: {name: a[n] for name, a in ahead.items()} for n in ahead["refit"]}
+    return Diagnosis(
+        record, train_laps, test_laps, test_rows, found, final, accepted, gains, terms, models, channels, states, tried
+    )
+
+
+def _with_terms(
+    setting: Setting, found: Search, progress: Progress
+) -> tuple[tuple[str, ...], Mapping[str, Evidence], tuple[Term, ...], Fit, tuple[Term, ...]]:
+    """Add empirical terms while they earn their place; drop effects that were only standing in for them."""
+    accepted, gains, current = list(found.accepted), dict(found.gains), found.final
+    terms: list[Term] = []
+    tried: list[Term] = []
+    while len(terms) < MAX_TERMS and structured(current, WHITE_FOR_TERMS):
+        trials = search_terms(setting, accepted, current, progress)
+        tried.extend(trials[:6])
+        total = _total_gain(found.base, current)
+        if not trials or not _term_earns_its_place(trials[0].evidence, setting.record, total):
+            break
+        best = trials[0]
+        terms.append(best)
+        setting = replace(setting, extra=(*setting.extra, best.effect))
+        assert best.fit is not None
+        accepted, gains, current = _drop_stand_ins(setting, accepted, best.fit, best.evidence.gain, progress)
+    ordered = tuple(sorted(accepted, key=lambda n: -gains[n].gain))
+    return ordered, gains, tuple(terms), current, tuple(tried)
+
+
+def _total_gain(base: Fit, current: Fit) -> float:
+    return compare(base.held_out(), current.held_out(), base.normal.count).gain if current is not base else 0.0
+
+
+def _term_earns_its_place(evidence: Evidence, record: Record, total: float) -> bool:
+    blocks = record.rows.shape[0] * record.rows.shape[1]
+    return evidence.gain > max(TERM_SHARE * blocks, TERM_RELATIVE * total) and evidence.consistent
+
+
+STAND_IN_SHARE = 0.1
+"""An effect accepted before the empirical term must still gain this share of what the term gains."""
+
+
+def _drop_stand_ins(
+    setting: Setting, accepted: Sequence[str], current: Fit, gain: float, progress: Progress
+) -> tuple[list[str], dict[str, Evidence], Fit]:
+    """Remove, weakest first, effects that gain little once the empirical term is there."""
+    kept = list(accepted)
+    while True:
+        gains = {}
+        for name in kept:
+            progress(f"without {name}, with the empirical term")
+            without = fit_names(setting, [n for n in kept if n != name], current)
+            gains[name] = compare(without.held_out(), current.held_out(), current.normal.count)
+        weak = [
+            n for n in kept
+            if not earns_its_place(gains[n], setting.record, 0.0) or gains[n].gain < STAND_IN_SHARE * gain
+        ]  # fmt: skip
+        if not weak:
+            return kept, gains, current
+        kept.remove(min(weak, key=lambda n: gains[n].gain))
+        current = fit_names(setting, kept, current)
+
+
+def _models(
+    setting: Setting, found: Search, accepted: Sequence[str], terms: Sequence[Term], final: Fit
+) -> dict[str, Model]:
+    declared = SingleTrack(setting.record.vehicle, setting.layout, (), setting.prior)
+    tyre = np.array([p.prior for p in declared.tyre_table])
+    catalogue_fit = fit_names(setting, accepted, final) if terms else final
+    return {
+        "declared": Model(declared, tyre),
+        "refit": Model(found.base.predictor.model, found.base.parameters),
+        "catalogue": Model(catalogue_fit.predictor.model, catalogue_fit.parameters),
+        "with_effects": Model(final.predictor.model, final.parameters),
+    }
+
+
+def alternatives(found: Search, name: str) -> list[Trial]:
+    """What else was tried in the round in which `name` was accepted, best first."""
+    for trials in found.rounds:
+        if trials and any(t.name == name and t.fit for t in trials):
+            return [t for t in trials if t.name != name]
+    return []

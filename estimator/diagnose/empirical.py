@@ -1,0 +1,243 @@
+"""What no catalogue effect explains: an empirical term, a regularised spline of one signal acting in one place.
+
+Places where it can act and signals it can depend on are tried against each other by the same held-out evidence
+as the catalogue. `grip` and `steer_gain` multiply by what the tyre or the driver does, so they depend on two
+signals. The term is a model of the data, not of the physics, and is reported as such.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.diagnose.fit import Fit
+from estimator.diagnose.normal import Normal, accumulate
+from estimator.diagnose.predict import Predictor
+from estimator.diagnose.propagate import residual_and_sensitivity
+from estimator.diagnose.record import Record
+from estimator.diagnose.search import Evidence, Setting, Trial, _warm, compare, fit_names
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import SingleTrack, Terms
+from estimator.model.tyre import Expr
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an empirical term acts."""
+
+    stage: str
+    hook: Callable[..., None]
+    unit: str
+    std: float
+    channels: tuple[str, ...]
+    words: str
+
+
+def _force_x(terms: Terms, value: Expr) -> None:
+    terms.body_x = terms.body_x + terms.vehicle.mass * value
+
+
+def _force_y(terms: Terms, value: Expr) -> None:
+    terms.body_y = terms.body_y + terms.vehicle.mass * value
+
+
+def _moment(terms: Terms, value: Expr) -> None:
+    terms.body_yaw = terms.body_yaw + terms.vehicle.yaw_inertia * value
+
+
+def _grip(terms: Terms, value: Expr) -> None:
+    terms.grip_f, terms.grip_r = terms.grip_f * (1 + value), terms.grip_r * (1 + value)
+
+
+def _grip_front(terms: Terms, value: Expr) -> None:
+    terms.grip_f = terms.grip_f * (1 + value)
+
+
+def _grip_rear(terms: Terms, value: Expr) -> None:
+    terms.grip_r = terms.grip_r * (1 + value)
+
+
+def _steer(terms: Terms, value: Expr) -> None:
+    terms.steer = terms.steer + value
+
+
+def _steer_gain(terms: Terms, value: Expr) -> None:
+    terms.steer = terms.steer * (1 + value)
+
+
+def _drive_gain(terms: Terms, value: Expr) -> None:
+    terms.drive = terms.drive * (1 + value)
+
+
+def _motion_x(terms: Terms, value: Expr) -> None:
+    terms.gravity_x = terms.gravity_x + value
+
+
+def _motion_y(terms: Terms, value: Expr) -> None:
+    terms.gravity_y = terms.gravity_y + value
+
+
+def _sensor_x(terms: Terms, value: Expr) -> None:
+    terms.imu_ax = terms.imu_ax + value
+
+
+def _sensor_y(terms: Terms, value: Expr) -> None:
+    terms.imu_ay = terms.imu_ay + value
+
+
+PLACES = {
+    "force_x": Place("LONGITUDINAL", _force_x, "m/s2", 0.5, ("ax", "vx_dot"), "longitudinal force"),
+    "force_y": Place("BODY", _force_y, "m/s2", 0.5, ("ay", "vy_dot"), "lateral force"),
+    "moment": Place("BODY", _moment, "rad/s2", 0.3, ("yaw_acc",), "yaw moment"),
+    "grip": Place("GRIP", _grip, "1", 0.1, ("ay", "yaw_acc", "vy_dot"), "tyre grip of both axles"),
+    "grip_front": Place("GRIP", _grip_front, "1", 0.1, ("ay", "yaw_acc", "vy_dot"), "tyre grip of the front axle"),
+    "grip_rear": Place("GRIP", _grip_rear, "1", 0.1, ("ay", "yaw_acc", "vy_dot"), "tyre grip of the rear axle"),
+    "steer": Place("INPUT", _steer, "rad", 0.005, ("ay", "yaw_acc", "vy_dot"), "road-wheel angle"),
+    "steer_gain": Place("INPUT", _steer_gain, "1", 0.1, ("ay", "yaw_acc", "vy_dot"), "gain of the steering"),
+    "drive_gain": Place("INPUT", _drive_gain, "1", 0.1, ("ax", "vx_dot"), "gain of the drive command"),
+    "motion_x": Place("MOTION", _motion_x, "m/s2", 0.3, ("vx_dot",), "longitudinal motion, not felt by the accelerometer"),
+    "motion_y": Place("MOTION", _motion_y, "m/s2", 0.3, ("vy_dot",), "lateral motion, not felt by the accelerometer"),
+    "sensor_x": Place("SENSOR", _sensor_x, "m/s2", 0.3, ("ax",), "longitudinal accelerometer alone"),
+    "sensor_y": Place("SENSOR", _sensor_y, "m/s2", 0.3, ("ay",), "lateral accelerometer alone"),
+}  # fmt: skip
+
+SIGNALS = (
+    "vx", "ay", "yaw_rate", "vy", "steer", "steer_rate", "drive", "drive_rate", "track_position", "t", "yaw",
+    "throttle", "brake", "gear", "engine_speed", "z",
+)  # fmt: skip
+SCREENING_STRIDE = 3
+"""Screening uses every third window."""
+FITTED = 4
+
+
+def term(place: str, signal: str) -> Effect:
+    """The empirical term as an effect whose profile runs over `signal`."""
+    p = PLACES[place]
+    return Effect(
+        name=f"empirical_{place}_{signal}",
+        lacks=f"empirical: {p.words} as a function of {signal}",
+        equation=f"{place} += spline({signal})",
+        source="empirical, fitted to this data",
+        parameters=(Parameter("value", p.unit, 0.0, p.std, -50 * p.std, 50 * p.std, p.words),),
+        channels=p.channels,
+        hooks={p.stage: p.hook},
+        profile=signal,
+    )
+
+
+@dataclass(frozen=True)
+class Term:
+    """An empirical term tried on top of a model."""
+
+    place: str
+    signal: str
+    evidence: Evidence
+    fit: Fit | None = None
+
+    @property
+    def effect(self) -> Effect:
+        """The term as an effect."""
+        return term(self.place, self.signal)
+
+
+def search_terms(
+    setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]
+) -> list[Term]:
+    """Empirical terms by held-out evidence, best first; the most promising fitted to the end."""
+    progress("anything else, by any signal")
+    screened = _screen(setting, accepted, current)
+    before, count = current.held_out(), current.normal.count
+    done = []
+    for trial in screened[:FITTED]:
+        progress(f"spline of {trial.signal} in {trial.place}")
+        fitted = fit_names(replace(setting, extra=(*setting.extra, trial.effect)), accepted, current)
+        done.append(Term(trial.place, trial.signal, compare(before, fitted.held_out(), count), fitted))
+    return sorted(done, key=lambda t: -t.evidence.gain) + screened[FITTED:]
+
+
+def explanatory(record: Record) -> list[str]:
+    """Signals an empirical term may depend on: those the record has, and every extra column."""
+    return [n for n in dict.fromkeys((*SIGNALS, *record.extra)) if n in record.bases]
+
+
+def _screen(setting: Setting, accepted: Sequence[str], current: Fit) -> list[Term]:
+    """Predicted evidence of every place and signal from one linearisation at the current fit."""
+    thin = np.arange(setting.record.windows) % SCREENING_STRIDE == 0
+    if np.unique(setting.record.lap[thin]).size != np.unique(setting.record.lap).size:
+        thin[:] = True
+    record = setting.record.select(thin)
+    predictor, normal_base, parts = _linearise_places(setting, accepted, current, record)
+    before = normal_base.held_out(current.normal.variance)
+    terms = []
+    for signal in explanatory(record):
+        basis = record.bases[signal].matrix(record.thin(record.signals[signal]).ravel())
+        for place in PLACES:
+            normal = _with_term(predictor, current, record, parts, place, record.bases[signal], basis)
+            after = normal.held_out(current.normal.variance)
+            terms.append(Term(place, signal, compare(before, after, normal.count * SCREENING_STRIDE)))
+    return sorted(terms, key=lambda t: -t.evidence.gain)
+
+
+_Parts = tuple[Array, Array, Array, Array]
+
+
+def _linearise_places(
+    setting: Setting, accepted: Sequence[str], current: Fit, record: Record
+) -> tuple[Predictor, Normal, _Parts]:
+    """Predictions, derivatives by states, by parameters, and by a unit at each place, (5, places, w, b)."""
+    model = setting.model(accepted)
+    points = tuple(replace(term(place, "t"), profile="", name=place) for place in PLACES)
+    wide = Predictor(replace(model, effects=(*model.effects, *points)), record)
+    at = _warm(wide, wide.start([p.prior for p in model.tyre_table]), current)
+    values, state_by, jacobian = wide.linearise(at)
+    size = len(current.parameters)
+    parts = (values, state_by, jacobian[:, :size], jacobian[:, size:])
+    predictor = Predictor(model, record)
+    error, sensitivity = residual_and_sensitivity(record, *parts[:3], current.deviation)
+    normal = _normal(predictor, current, record, error, sensitivity, current.normal.prior)
+    return predictor, normal, parts
+
+
+def _with_term(
+    predictor: Predictor, current: Fit, record: Record, parts: _Parts, place: str, basis: object, matrix: Array
+) -> Normal:
+    """Normal equations of the current parameters and the coefficients of one term."""
+    values, state_by, jacobian, by_place = parts
+    shape = values.shape[1:]
+    unit = by_place[:, list(PLACES).index(place)].reshape(5, 1, -1)
+    columns = (unit * matrix.T).reshape(5, matrix.shape[1], *shape)
+    error, sensitivity = residual_and_sensitivity(
+        record, values, state_by, np.concatenate([jacobian, columns], axis=1), current.deviation
+    )
+    size = jacobian.shape[1]
+    prior = np.zeros((size + matrix.shape[1],) * 2)
+    prior[:size, :size] = current.normal.prior
+    prior[size:, size:] = basis.precision(PLACES[place].std)  # type: ignore[attr-defined]
+    return _normal(predictor, current, record, error, sensitivity, prior)
+
+
+def _normal(
+    predictor: Predictor, current: Fit, record: Record, error: Array, sensitivity: Array, prior: Array
+) -> Normal:
+    laps = int(record.lap.max()) + 1
+    count = np.array([np.count_nonzero(record.lap == lap) for lap in range(laps)]) * float(record.rows.shape[1])
+    size = len(current.parameters)
+    pull = np.zeros(len(prior))
+    pull[:size] = -current.normal.prior @ (current.parameters - np.array([p.prior for p in predictor.table]))
+    return Normal(*accumulate(error, sensitivity, record.lap), count, prior, pull, record.block_noise**2)
+
+
+def as_trial(found: Term) -> Trial:
+    """The term in the list of things tried."""
+    return Trial(found.effect.name, found.evidence, found.fit)
+
+
+def model_with(setting: Setting, accepted: Sequence[str], found: Sequence[Term]) -> SingleTrack:
+    """The model with catalogue effects and empirical terms."""
+    return replace(setting, extra=tuple(f.effect for f in found)).model(accepted)

@@ -1,0 +1,64 @@
+"""Laps and position along the lap, from what a log offers: lap numbers, positions, or neither."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.identify.drive_log import DriveLog
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TIME_BLOCK_S = 40.0
+"""Without laps, stretches of this length take their place in every split."""
+SHORTEST_LAP_S = 15.0
+RETURN_RADIUS_M = 25.0
+
+
+def lap_numbers(log: DriveLog) -> tuple[Ints, bool]:
+    """(n,) lap of every row, and whether these are real laps (else blocks of time)."""
+    if "lap" in log and len(np.unique(log["lap"])) >= 3:
+        return log["lap"].astype(np.int64), True
+    if "x" in log and "y" in log:
+        laps = _laps_from_position(log)
+        if laps.max() >= 3:
+            return laps, True
+    return ((log["t"] - log["t"][0]) // TIME_BLOCK_S).astype(np.int64) + 10_000 * log.segment, False
+
+
+def _laps_from_position(log: DriveLog) -> Ints:
+    """Counts returns, in the same direction, to where the car was at half its fastest speed for the first time."""
+    speed = np.hypot(log["vx"], log["vy"])
+    start = int(np.argmax(speed > 0.5 * np.quantile(speed, 0.95)))
+    distance = np.hypot(log["x"] - log["x"][start], log["y"] - log["y"][start])
+    laps = np.zeros(len(log), np.int64)
+    near = distance < RETURN_RADIUS_M
+    last = log["t"][start]
+    for i in np.flatnonzero(np.diff(near.astype(int)) == 1):
+        if i > start and log["t"][i] - last > SHORTEST_LAP_S:
+            stop = i + int(np.argmax(~near[i + 1 :])) + 1
+            closest = i + int(np.argmin(distance[i : stop + 1]))
+            laps[closest:] += 1
+            last = log["t"][closest]
+    return laps
+
+
+def track_position(log: DriveLog, lap: Ints, has_laps: bool) -> tuple[Array, float]:
+    """(n,) m along the lap, every lap stretched to the median length, and that length; 0 without laps.
+
+    Incomplete first and last laps are placed by the position nearest to a complete lap where x, y exist.
+    """
+    if not has_laps:
+        return np.zeros(len(log)), 0.0
+    step = np.diff(log["t"], prepend=log["t"][0])
+    step[1:][np.diff(log.segment) != 0] = 0.0
+    travelled = np.cumsum(np.hypot(log["vx"], log["vy"]) * step)
+    bounds = np.concatenate([[0], np.flatnonzero(np.diff(lap)) + 1, [len(lap)]])
+    lengths = np.array([travelled[b - 1] - travelled[a] for a, b in zip(bounds[:-1], bounds[1:], strict=True)])
+    whole = float(np.median(lengths[1:-1])) if len(lengths) > 3 else float(np.median(lengths))
+    position = np.zeros(len(log))
+    for a, b, length in zip(bounds[:-1], bounds[1:], lengths, strict=True):
+        stretch = whole / length if abs(length / whole - 1) < 0.1 else 1.0
+        position[a:b] = (travelled[a:b] - travelled[a]) * stretch
+    return position, whole

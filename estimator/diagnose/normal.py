@@ -1,0 +1,101 @@
+"""Normal equations of a linearised fit, kept per channel and lap: steps, held-out errors, any subset of parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+RIDGE = 1e-10
+"""Relative to the diagonal: keeps a direction that the data does not determine from failing the solve."""
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Sum of squares around one point of the parameters.
+
+    Attributes:
+        squares: (5, laps) sum of squared residuals.
+        gradient: (5, laps, p) sensitivity times residual.
+        hessian: (5, laps, p, p) sensitivity times sensitivity.
+        count: (laps,) residuals a channel.
+        prior: (p, p) prior precision; prior_pull: (p,) its pull at this point.
+        floor: (5,) variance of the sensor noise.
+    """
+
+    squares: Array
+    gradient: Array
+    hessian: Array
+    count: Array
+    prior: Array
+    prior_pull: Array
+    floor: Array
+
+    @cached_property
+    def variance(self) -> Array:
+        """(5,) of the residuals, at least that of the noise."""
+        return np.maximum(self.squares.sum(1) / self.count.sum(), self.floor)
+
+    def subset(self, rows: Ints) -> Normal:
+        """The same with only some of the parameters free."""
+        return Normal(
+            self.squares, self.gradient[:, :, rows], self.hessian[:, :, rows][..., rows], self.count,
+            self.prior[np.ix_(rows, rows)], self.prior_pull[rows], self.floor,
+        )  # fmt: skip
+
+    def precision(self, variance: Array) -> Array:
+        """(p, p) posterior precision."""
+        return np.einsum("clij,c->ij", self.hessian, 1 / variance, optimize=True) + self.prior
+
+    def pull(self, variance: Array) -> Array:
+        """(p,) right-hand side of the step."""
+        return np.einsum("cli,c->i", self.gradient, 1 / variance) + self.prior_pull
+
+    def step(self, variance: Array) -> Array:
+        """(p,) step to the minimum of the quadratic."""
+        return _solve(self.precision(variance), self.pull(variance))
+
+    def squares_after(self, step: Array, lap: int | None = None) -> Array:
+        """(5, laps) or (5,) squares after `step`, by the quadratic."""
+        which = slice(None) if lap is None else slice(lap, lap + 1)
+        change = -2 * self.gradient[:, which] @ step + np.einsum(
+            "i,clij,j->cl", step, self.hessian[:, which], step, optimize=True
+        )
+        out: Array = np.maximum(self.squares[:, which] + change, 0.0)
+        return out if lap is None else out[:, 0]
+
+    def held_out(self, variance: Array) -> Array:
+        """(5, laps) squares of each lap predicted by a fit to all the others."""
+        total, pull = self.precision(variance), self.pull(variance)
+        out = np.empty_like(self.squares)
+        for lap in range(self.squares.shape[1]):
+            own = np.einsum("cij,c->ij", self.hessian[:, lap], 1 / variance)
+            own_pull = np.einsum("ci,c->i", self.gradient[:, lap], 1 / variance)
+            out[:, lap] = self.squares_after(_solve(total - own, pull - own_pull), lap)
+        return out
+
+
+def _solve(precision: Array, pull: Array) -> Array:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
+    scaled = precision * scale[:, None] * scale + RIDGE * np.eye(len(pull))
+    step: Array = np.linalg.solve(scaled, pull * scale) * scale
+    return step
+
+
+def accumulate(error: Array, jacobian: Array, lap: Ints) -> tuple[Array, Array, Array]:
+    """Squares, gradient and hessian per channel and lap from residual (5, w, b) and sensitivity (5, p, w, b)."""
+    laps, p = int(lap.max()) + 1, jacobian.shape[1]
+    squares, gradient, hessian = np.zeros((5, laps)), np.zeros((5, laps, p)), np.zeros((5, laps, p, p))
+    for number in range(laps):
+        own = lap == number
+        for c in range(5):
+            j, e = jacobian[c][:, own].reshape(p, -1), error[c][own].ravel()
+            squares[c, number] = e @ e
+            gradient[c, number] = j @ e
+            hessian[c, number] = j @ j.T
+    return squares, gradient, hessian

@@ -1,0 +1,166 @@
+"""A drive log cut into windows: smoothed states, measured channels with white noise, laps.
+
+Every fit works on block means over 40 ms inside windows of 2 s. What is compared with a model are the five
+measured signals themselves, whose noise is white: differentiating a sensor would make it blue. Smoothing acts
+only on the states a prediction is linearised at, so that no filter can shift a channel in time and pass for an
+effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.diagnose.basis import Basis, make_basis
+from estimator.diagnose.laps import lap_numbers, track_position
+from estimator.identify.drive_log import DriveLog
+from estimator.identify.smoothing import smooth_velocity, wiener
+from estimator.model.single_track import AUXILIARY
+from hil_gateway.errors import InputError
+from hil_gateway.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+BLOCK_S = 0.04
+"""Block means thin the data to 25 Hz, above anything a car's body does."""
+WINDOW_S = 2.0
+"""Long enough for slow effects to add up, short enough that the integrated yaw-rate noise stays below the sensor's."""
+SLOWEST = 0.15
+"""Windows slower than this share of the log's fast speed (95th percentile) carry no tyre information."""
+EDGE_S = 0.3
+MEASURED = ("ax", "ay", "yaw_rate", "vx", "vy")
+"""Measured counterpart of each predicted channel of `single_track.CHANNELS`: itself, or its integral."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One data set ready to be explained.
+
+    Attributes:
+        signals: (n,) arrays at the log's rate: smoothed states, inputs, auxiliaries, extra columns.
+        measured: (5, n) as measured, in the order of `MEASURED`.
+        noise: (5,) standard deviation of the white noise of each measured channel.
+        rows: (windows, blocks, q) rows of each block of each window.
+        lap: (windows,) lap number, consecutive from 0; blocks of time where the log has no laps.
+        lap_length: m; 0 where there is no track position.
+    """
+
+    signals: Mapping[str, Array]
+    measured: Array
+    noise: Array
+    rows: Ints
+    lap: Ints
+    step: float
+    lap_length: float
+    has_laps: bool
+    vehicle: Vehicle
+    extra: tuple[str, ...] = ()
+    bases: Mapping[str, Basis] = field(default_factory=dict)
+
+    @property
+    def windows(self) -> int:
+        """Number of windows."""
+        return int(self.rows.shape[0])
+
+    @property
+    def block_noise(self) -> Array:
+        """(5,) standard deviation of the noise of a block mean."""
+        return self.noise / np.sqrt(self.rows.shape[2])
+
+    @property
+    def block_step(self) -> float:
+        """Time between blocks, s."""
+        return self.step * self.rows.shape[2]
+
+    def thin(self, signal: Array) -> Array:
+        """(windows, blocks) block means of an (n,) signal."""
+        return np.asarray(signal[self.rows].mean(axis=2))
+
+    def select(self, windows: NDArray[np.bool_]) -> Record:
+        """The windows where `windows` is true."""
+        return replace(self, rows=self.rows[windows], lap=self.lap[windows])
+
+    def measured_blocks(self) -> Array:
+        """(5, windows, blocks) block means of what was measured."""
+        return np.stack([self.thin(channel) for channel in self.measured])
+
+    def states(self) -> tuple[Array, Array]:
+        """Smoothed vx, vy, yaw rate: block means (3, windows, blocks) and at block edges (3, windows, blocks + 1)."""
+        names = ("vx", "vy", "yaw_rate")
+        means = np.stack([self.thin(self.signals[n]) for n in names])
+        first, after = self.rows[:, :, 0], self.rows[:, -1:, -1] + 1
+        edge = np.concatenate([first, after], axis=1)
+        edges = np.stack([0.5 * (self.signals[n][edge - 1] + self.signals[n][edge]) for n in names])
+        return means, edges
+
+
+def make_record(log: DriveLog, vehicle: Vehicle) -> Record:
+    """Smooth, differentiate inputs, find laps, cut windows.
+
+    Raises:
+        InputError: no uninterrupted stretch long enough.
+    """
+    signals = {name: np.array(log[name], float) for name in log.columns}
+    noise = np.zeros((5, 0))
+    pieces = []
+    for rows in log.segments():
+        if (rows.stop - rows.start) * log.step > 2 * WINDOW_S:
+            pieces.append((rows, _smooth(log, rows, signals)))
+    if not pieces:
+        raise InputError(f"the log has no uninterrupted stretch of {2 * WINDOW_S:g} s: nothing can be diagnosed")
+    weight = np.array([rows.stop - rows.start for rows, _ in pieces], float)
+    noise = np.sqrt(np.average(np.array([n**2 for _, n in pieces]), axis=0, weights=weight))
+    lap, has_laps = lap_numbers(log)
+    position, length = track_position(log, lap, has_laps)
+    signals |= {"track_position": position} if has_laps else {}
+    for name in ("steer", "drive"):
+        signals[f"{name}_rate"] = np.gradient(signals[name], log["t"])
+    signals["ay"] = signals["vx"] * signals["yaw_rate"]
+    rows, window_lap = _cut(log, lap, signals["vx"])
+    measured = np.stack([log[name] for name in MEASURED])
+    bases = {n: make_basis(n, signals[n][rows], length) for n in signals if np.ptp(signals[n][rows]) > 0}
+    return Record(
+        signals, measured, noise, rows, window_lap, log.step, length, has_laps, vehicle, tuple(log.extra), bases
+    )
+
+
+def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> Array:
+    """Replace the states of one segment by smoothed ones; returns the noise (5,) of the measured channels."""
+    vx, vy, rate, ax, ay = (np.array(log[n][rows], float) for n in ("vx", "vy", "yaw_rate", "ax", "ay"))
+    omega = wiener(rate, log.step)
+    forward = smooth_velocity(vx, ax + vy * omega.value, log.step)
+    sideways = smooth_velocity(vy, ay - forward.value * omega.value, log.step)
+    for name, smoothed in (("vx", forward), ("vy", sideways), ("yaw_rate", omega)):
+        signals[name][rows] = smoothed.value
+    forces = [wiener(a, log.step).noise for a in (ax, ay)]
+    return np.array([*forces, omega.noise, forward.noise, sideways.noise])
+
+
+def _cut(log: DriveLog, lap: Ints, vx: Array) -> tuple[Ints, Ints]:
+    """Rows (windows, blocks, q) and lap of every full window inside one lap of one segment."""
+    q = max(1, round(BLOCK_S / log.step))
+    blocks = max(8, round(WINDOW_S / (q * log.step)))
+    size, edge = q * blocks, round(EDGE_S / log.step)
+    slowest = SLOWEST * float(np.quantile(vx, 0.95))
+    starts: list[int] = []
+    for segment in log.segments():
+        first, last = segment.start + edge, segment.stop - edge
+        cuts = [first, *(np.flatnonzero(np.diff(lap[first:last])) + first + 1).tolist(), last]
+        for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+            starts.extend(range(a, b - size + 1, size))
+    keep = np.array([s for s in starts if vx[s : s + size].min() > slowest], dtype=np.int64)
+    if len(keep) < 20:
+        raise InputError(f"only {len(keep) * WINDOW_S:.0f} s of driving in the log: at least {20 * WINDOW_S:.0f} s are needed")
+    rows = keep[:, None] + np.arange(size)
+    laps, number = np.unique(lap[keep], return_inverse=True)
+    del laps
+    return rows.reshape(len(keep), blocks, q), number.astype(np.int64)
+
+
+def available(record: Record) -> frozenset[str]:
+    """Auxiliary signals the record has."""
+    return frozenset(name for name in AUXILIARY if name in record.signals)

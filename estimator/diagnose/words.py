@@ -1,0 +1,82 @@
+"""Where, when and above which value something acts, in words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.diagnose.basis import Basis
+
+Array = NDArray[np.float64]
+
+UNITS = {
+    "vx": "m/s", "ay": "m/s2", "yaw_rate": "rad/s", "vy": "m/s", "steer": "rad", "steer_rate": "rad/s",
+    "drive": "slip", "drive_rate": "slip/s", "track_position": "m", "t": "s", "yaw": "rad", "engine_speed": "rad/s",
+}  # fmt: skip
+NAMES = {
+    "vx": "speed", "ay": "lateral acceleration", "yaw_rate": "yaw rate", "vy": "lateral velocity",
+    "steer": "steering angle", "steer_rate": "steering rate", "drive": "drive command",
+    "drive_rate": "rate of the drive command", "track_position": "track position", "t": "time", "yaw": "heading",
+}  # fmt: skip
+CHANNEL_NAMES = {
+    "ax": "longitudinal specific force", "ay": "lateral specific force", "yaw_acc": "yaw acceleration",
+    "vx_dot": "d/dt vx", "vy_dot": "d/dt vy",
+}  # fmt: skip
+
+
+def describe(basis: Basis, values: Array, coefficients: Array) -> str:
+    """Over which stretch of its signal a fitted term is active: where it deviates by half its largest deviation.
+
+    Args:
+        basis: of the term; values: (n,) the signal as driven; coefficients: (basis.size,) fitted.
+    """
+    low, high = np.quantile(values, (0.002, 0.998))
+    at = np.linspace(low, high, 400)
+    term = basis.matrix(at) @ coefficients
+    rest = float(np.median(basis.matrix(values[:: max(1, len(values) // 5000)]) @ coefficients))
+    active = np.abs(term - rest) > 0.5 * np.max(np.abs(term - rest))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
+    spans = [(at[a], at[min(b, len(at)) - 1]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return _span_words(basis.signal, spans[:3], float(low), float(high))
+
+
+def _span_words(signal: str, spans: list[tuple[float, float]], low: float, high: float) -> str:
+    unit, name = UNITS.get(signal, ""), NAMES.get(signal, signal)
+    tolerance = 0.01 * (high - low)
+    parts = []
+    for a, b in spans:
+        if a <= low + tolerance and b >= high - tolerance:
+            parts.append("throughout")
+        elif b >= high - tolerance:
+            parts.append(f"{'after' if signal == 't' else 'above'} {a:.3g} {unit}".strip())
+        elif a <= low + tolerance:
+            parts.append(f"{'before' if signal == 't' else 'below'} {b:.3g} {unit}".strip())
+        else:
+            parts.append(f"between {a:.3g} and {b:.3g} {unit}".strip())
+    return f"{name} {' and '.join(parts)}" if parts else name
+
+
+def parameter_words(name: str, parameter: dict[str, float | str]) -> str:
+    """'force 420 +- 2 N'."""
+    unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
+    return f"{name} {parameter['value']:.4g} ± {parameter['std']:.2g}{unit}"
+
+
+def verdict_sentence(summary: dict[str, Any]) -> str:
+    """The result of a diagnosis in a sentence."""
+    from estimator.model.effects import catalogue
+
+    found = [
+        f"{e['name']} ({', '.join(parameter_words(n, p) for n, p in e['parameters'].items())})"
+        for e in summary["effects"]
+    ]
+    if summary["verdict"] == "none":
+        return "The declared model, re-identified, explains this session down to its sensor noise: nothing is missing."
+    if summary["verdict"] == "effect":
+        lacks = "; ".join(catalogue()[e["name"]].lacks for e in summary["effects"])
+        return f"The declared model lacks {' and '.join(found)}: {lacks}."
+    first = summary["unexplained"][0]
+    beside = f" Beside it: {', '.join(found)}." if found else ""
+    return f"Something outside the catalogue acts on {first['description']}.{beside}"
