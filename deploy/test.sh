@@ -13,9 +13,10 @@ started=$SECONDS
 # step NAME CMD...: output goes to a file and is shown only when CMD fails; the result is a line of the summary
 step() {
     local name=$1 from=$SECONDS verdict=ok; shift
-    printf '%-34s ' "$name" >&2
+    printf '%-24s ' "$name" >&2
     "$@" >"$results/$name.log" 2>&1 || verdict=FAILED
-    printf '%-6s %4d s\n' "$verdict" "$((SECONDS - from))" | tee -a "$results/steps" >&2
+    printf '%-6s %4d s\n' "$verdict" "$((SECONDS - from))" >&2
+    printf '%-24s %-6s %4d s\n' "$name" "$verdict" "$((SECONDS - from))" >>"$results/steps"
     [ "$verdict" = ok ] || { tail -n 60 "$results/$name.log" >&2; echo "$name" >>"$results/failed"; }
 }
 
