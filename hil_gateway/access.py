@@ -10,8 +10,10 @@ from typing import Any
 
 from hil_gateway.topics import TOPICS
 
-ROLES = ("gateway", "estimator", "planner", "operator", "recorder", "dashboard", "plant")
-"""Common names of the certificates; recorder and dashboard publish nothing."""
+ROUTER = "router"
+"""Passes on what others publish: it enforces the list itself, so the processes behind it have to trust it."""
+ROLES = ("gateway", "estimator", "planner", "operator", "recorder", "dashboard", "plant", ROUTER)
+"""Common names of the certificates; what a role publishes is in the topics table."""
 KEYS = ("av24/**", "referee/**")
 
 
@@ -43,7 +45,7 @@ def access_control() -> dict[str, Any]:
         "subjects": [{"id": role, "cert_common_names": [role]} for role in ROLES],
         "policies": [
             {"rules": ["read", "send"], "subjects": list(ROLES)},
-            *({"rules": [f"publish-{name}"], "subjects": [name]} for name in publishers),
+            *({"rules": [f"publish-{name}"], "subjects": [name, ROUTER]} for name in publishers),
         ],
     }
 

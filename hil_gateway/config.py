@@ -37,6 +37,9 @@ class ZenohConfig(Model):
 
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    mode: Literal["peer", "client"] = Field(
+        default="peer", description="client: everything goes through the router that `connect` names"
+    )
     extra: str = Field(default="", description="path of a Zenoh JSON5 file merged over these (TLS, access control)")
 
 

@@ -1,4 +1,4 @@
-"""The bus between processes: Zenoh peers with explicit endpoints, no multicast scouting, no router.
+"""The bus between processes: Zenoh peers with explicit endpoints, no multicast scouting, no router needed.
 
 The gateway listens where the others connect; peers then learn of each other through it and link directly, so
 the estimate reaches the planner in one hop. Receiving is pull only: a ring of fixed depth behind every
@@ -117,15 +117,16 @@ def open_bus(config: ZenohConfig, name: str) -> ZenohBus:
 
 def session_config(config: ZenohConfig, name: str) -> dict[str, Any]:
     """Zenoh configuration tree of process `name`: ours, with the user's extra file merged over it."""
-    connect = () if name == HUB else config.connect
+    client = config.mode == "client"
+    connect = () if name == HUB and not client else config.connect
     tree: dict[str, Any] = {
-        "mode": "peer",
+        "mode": config.mode,
         "metadata": {"name": name},
         "listen": {"endpoints": list(_listen_endpoints(config, name)), "exit_on_failure": True},
         "connect": {
             "endpoints": list(connect),
-            "timeout_ms": -1,
-            "exit_on_failure": False,
+            "timeout_ms": 0 if client else -1,  # a client is nothing without its router, a peer waits for the others
+            "exit_on_failure": client,
             "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
         },
         "open": {"return_conditions": {"connect_scouted": False}},
@@ -148,7 +149,7 @@ def session_config(config: ZenohConfig, name: str) -> dict[str, Any]:
 
 def _listen_endpoints(config: ZenohConfig, name: str) -> tuple[str, ...]:
     """Explicit ones, else the hub's own; the other processes listen on a free port of the same loopback."""
-    if config.listen or not config.connect:
+    if config.listen or not config.connect or config.mode == "client":
         return config.listen
     first = config.connect[0]
     if name == HUB:
@@ -199,5 +200,8 @@ def _explain(text: str, tree: dict[str, Any]) -> str:
     endpoints = ", ".join(tree["listen"]["endpoints"]) or "no endpoint"
     if "in use" in text:
         return f"{endpoints}: the port is busy (zenoh.listen); stop the other gateway or choose another endpoint"
+    if tree["mode"] == "client":
+        routers = ", ".join(tree["connect"]["endpoints"])
+        return f"no Zenoh router at {routers} (zenoh.connect); start zenohd there, or set zenoh.mode to peer"
     reason = text.partition(" at /")[0]
     return f"cannot open Zenoh on {endpoints} (zenoh.listen, zenoh.connect): {reason}"

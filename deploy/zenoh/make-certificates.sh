@@ -7,7 +7,7 @@ set -euo pipefail
 usage="usage: make-certificates.sh FOLDER [HOST...]"
 folder=${1:?$usage}; shift
 hosts=("$@"); [ ${#hosts[@]} -gt 0 ] || hosts=(localhost 127.0.0.1)
-roles=(gateway estimator planner operator recorder dashboard plant)
+roles=(gateway estimator planner operator recorder dashboard plant router)
 days=398
 here=$(cd "$(dirname "$0")" && pwd)
 

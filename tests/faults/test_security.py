@@ -77,7 +77,7 @@ def heard(senders: dict[str, ZenohBus], reader: Subscription[Command], seconds: 
 def test_only_the_planner_commands(join):
     gateway = join("gateway")
     commands = gateway.subscribe(topics.COMMAND, 64)
-    count = heard({role: join(role) for role in ROLES if role != "gateway"}, commands)
+    count = heard({role: join(role) for role in ROLES if role not in ("gateway", "router")}, commands)
     assert count["planner"] > 5
     assert set(count) == {"planner"}
 
@@ -112,6 +112,29 @@ def test_a_peer_without_a_certificate_cannot_connect(join, certificates, tmp_pat
     gateway.publish(topics.OPERATOR, OperatorCommand(stamp_ns=1, seq=1, source="g", action=OperatorAction.STOP))
     time.sleep(0.3)
     assert states.poll(0) == [], "nothing may be overheard either"
+
+
+def test_through_a_router_the_same_rights_hold(certificates, port):
+    """A Zenoh session in router mode is what zenohd runs."""
+    import zenoh
+
+    tree = secure_session("router", str(certificates))
+    tree |= {"mode": "router", "listen": {"endpoints": [f"tls/127.0.0.1:{port}"]}}
+    tree["scouting"] = {"multicast": {"enabled": False}}
+
+    def client(role: str) -> ZenohBus:
+        extra = str(certificates / f"{role}.json5")
+        return open_bus(ZenohConfig(mode="client", connect=(f"tls/127.0.0.1:{port}",), extra=extra), role)
+
+    with pytest.raises(InputError, match=r"no Zenoh router at tls/127.0.0.1.*start zenohd there"):
+        client("gateway")
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(tree))), ExitStack() as stack:
+        buses = {role: client(role) for role in ("gateway", "planner", "dashboard", "estimator")}
+        for bus in buses.values():
+            stack.callback(bus.close)
+        commands = buses["gateway"].subscribe(topics.COMMAND, 64)
+        count = heard({role: bus for role, bus in buses.items() if role != "gateway"}, commands)
+    assert set(count) == {"planner"}
 
 
 def test_a_certificate_of_another_authority_is_no_certificate(join, tmp_path, certificates):
