@@ -33,7 +33,7 @@ def with_effects(**values: float) -> dict[str, Any]:
     ("rollout", "words"),
     [
         (BETTER, ""),
-        (with_effects(yaw_rate=1.2), "prediction of yaw_rate gets 1.20 times worse"),
+        (with_effects(yaw_rate=1.6), "prediction of yaw_rate gets 1.60 times worse"),
         (with_effects(vx=1.0, vy=1.0, yaw_rate=1.05), "does not get better"),
     ],
 )
