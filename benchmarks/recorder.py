@@ -88,19 +88,13 @@ def main() -> int:
         log_us = best_us(lambda: record_with(can.CanutilsLogWriter, log, messages))
         assert read_own(own) == read_with_mcap(own) == FRAMES
         read_us, mcap_us = best_us(lambda: read_own(own)), best_us(lambda: read_with_mcap(own))
-        size = own.stat().st_size
-        print(
-            f"record  {record_us:4.1f} us a frame, {own.stat().st_size / FRAMES:.1f} B, flushed every {PER_FLUSH} frames"
-        )
+        print(f"record  {record_us:4.1f} us a frame, {own.stat().st_size / FRAMES:.1f} B")
         for name, cost_us, path in (("BLF", blf_us, blf), ("candump", log_us, log)):
-            ratio = record_us / cost_us
-            print(
-                f"  python-can {name:8} {cost_us:4.1f} us, {path.stat().st_size / FRAMES:.1f} B: ours costs {ratio:.1f} times that"
-            )
+            size, ratio = path.stat().st_size / FRAMES, record_us / cost_us
+            print(f"  python-can {name:8} {cost_us:4.1f} us, {size:.1f} B: ours costs {ratio:.1f} times that")
         ratio = mcap_us / read_us
-        print(
-            f"read    {read_us:4.1f} us a frame; mcap package {mcap_us:.1f} us: {ratio:.1f} times as fast (required {REQUIRED:g})"
-        )
+        print(f"read    {read_us:4.1f} us a frame")
+        print(f"  mcap package        {mcap_us:4.1f} us: ours is {ratio:.1f} times as fast (required {REQUIRED:g})")
     return int(ratio < REQUIRED)
 
 
