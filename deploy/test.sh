@@ -5,8 +5,8 @@ set -uo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
 cd "$root"
 "$root/deploy/setup.sh" || exit 1
-export PATH="$root/.venv/bin:$PATH" OMP_NUM_THREADS=1
 results=$(mktemp -d)
+export PATH="$root/.venv/bin:$PATH" OMP_NUM_THREADS=1 HIL_PROMISE_FIGURES="$results/figures"
 trap 'rm -rf "$results"' EXIT
 started=$SECONDS
 
@@ -40,6 +40,7 @@ if deploy/with-vcan --which >"$results/vcan-kind" 2>"$results/vcan.log"; then
 else
     echo "vcan tests not run: $(tail -n 1 "$results/vcan.log")" >&2
 fi
+step promises hil verify --from "$HIL_PROMISE_FIGURES"   # writes docs/promises.md
 for benchmark in benchmarks/[a-z]*.py; do
     step "benchmark-$(basename "$benchmark" .py)" timeout 180 python "$benchmark"
 done

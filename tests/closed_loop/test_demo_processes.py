@@ -21,6 +21,7 @@ from hil_gateway.can_link import resolve_kind
 from hil_gateway.config import load_config
 from hil_gateway.session.info import session_info
 from hil_gateway.supervisor import PROCESSES
+from tests.promise_figures import record_figure
 
 Recorder = Callable[[str, object], None]
 UP_S = 120.0
@@ -97,6 +98,7 @@ def test_losing_any_process_ends_in_a_stop_and_the_demo_says_so(
     info = session_info(tmp_path / "out" / "session.mcap")
     assert info["complete"] == (victim != "recorder")
     assert info["topics"]["av24/can"]["messages"] > 1000
+    record_figure("L6", f"{victim} killed in a running demo: {summary['events'][-1]}")
 
 
 @pytest.mark.slow

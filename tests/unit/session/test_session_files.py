@@ -27,6 +27,7 @@ from hil_gateway.session.reader import SessionReader
 from hil_gateway.session.recover import recover
 from hil_gateway.session.writer import SessionWriter
 from hil_gateway.topics import COMMAND, MODEL_REVISION, TOPICS
+from tests.promise_figures import record_figure
 
 UNIX_NS = 1_700_000_000 * 10**9
 CONFIG = RecorderConfig(min_free_bytes=0)
@@ -146,6 +147,7 @@ def test_a_disk_that_fails_at_any_write_costs_only_counted_messages(tmp_path: Pa
         assert status.errors == 1
         assert "No space left" in status.last_error
         assert all(not SessionReader(path).damage for path in files)
+    record_figure("R2", f"each of {calls} writes failed once: every message on disk or counted lost")
 
 
 @pytest.mark.promise("R2")
@@ -208,12 +210,14 @@ def test_a_recording_cut_at_any_byte_of_its_last_64_kib_gives_every_whole_chunk(
     first = len(whole) - 65536
     assert first > 1000
     cut.write_bytes(whole)
-    for size in range(len(whole) - 1, first - 1, -1 if os.environ.get("HIL_LONG") else -31):
+    sizes = range(len(whole) - 1, first - 1, -1 if os.environ.get("HIL_LONG") else -31)
+    for size in sizes:
         os.truncate(cut, size)
         reader = SessionReader(cut)
         data = [item.data for item in reader.items()]
         assert data == full[: sum(n for end, n in zip(ends, per_chunk, strict=True) if end <= size)]
         assert not reader.complete
+    record_figure("R3", f"cut at {len(sizes)} of the last 65,536 bytes: every whole chunk read, nothing raised")
 
 
 def chunk_spans(raw: bytes) -> list[tuple[int, int]]:
