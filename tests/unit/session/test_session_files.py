@@ -6,6 +6,8 @@ import errno
 import json
 import os
 import random
+import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -162,6 +164,31 @@ def test_a_disk_that_stays_broken_never_raises_and_every_loss_is_counted(tmp_pat
     assert status.frames == status.messages == 0
     assert status.errors >= 3
     assert not status.recording
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 128 KiB."""
+    target = tmp_path / "small"
+    target.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=128k", "tmpfs", target], capture_output=True, check=False
+    )
+    if mounted.returncode != 0:
+        pytest.skip("may not mount a file system here: run as root")
+    yield target
+    subprocess.run(["umount", str(target)], check=True)
+
+
+@pytest.mark.promise("R2")
+def test_a_disk_that_is_really_full_leaves_a_readable_recording_and_says_so(small_disk: Path) -> None:
+    rig = Rig(small_disk / "s.mcap").run(400, frames_per_step=20)
+    rig.recorder.close(rig.clock.now_ns())
+    status = rig.recorder.status(rig.clock.now_ns())
+    assert "No space left on device" in status.last_error
+    assert 0 < sent_items(small_disk / "s.mcap") < rig.sent
+    assert status.lost >= rig.sent - sum(map(sent_items, small_disk.glob("*.mcap")))
+    assert not SessionReader(small_disk / "s.mcap").damage
 
 
 def test_recording_pauses_below_the_free_space_it_must_leave(tmp_path: Path) -> None:
