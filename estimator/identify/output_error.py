@@ -58,7 +58,7 @@ class OutputErrorProblem(Problem):
             columns, thinned, replace(settings.fit, channels=settings.longitudinal, prior=False)
         )
         super().__init__(columns.parameters, settings.fit)
-        self.windows = cut(log, samples, settings.window_s, substeps(columns, samples))
+        self.windows = cut(log, samples, settings.window_s)
         self.simulator = Simulator(columns)
         rows = [OUTPUTS.index(o) for o in self.outputs]
         self.measured = self.windows.measured[rows]
@@ -144,16 +144,6 @@ def fit_output_error(
 ) -> Fit:
     """Estimate the parameters from `start` (p,), SI, which the algebraic fit or the prior supplies."""
     return solve(OutputErrorProblem(columns, log, samples, settings), start)
-
-
-def substeps(columns: ModelColumns, samples: Samples) -> int:
-    """Integration steps a sample that keep RK4 well inside its stability at the slowest speed of `samples`."""
-    vehicle = columns.model.vehicle
-    tyre = {p.name: p.prior for p in columns.model.tyre_table}
-    stiffness = 2.0 * max(tyre.get("bf", tyre.get("b", 0.0)) * 2.0, tyre.get("br", 0.0) * 2.0)
-    inertia = 1.0 + vehicle.mass * vehicle.lf * vehicle.lr / vehicle.yaw_inertia
-    rate = stiffness * 9.81 * inertia / (2.0 * float(samples["vx"].min()))
-    return max(1, int(np.ceil(rate * samples.step)))
 
 
 def _solve_each(H: Array, right: Array) -> Array:

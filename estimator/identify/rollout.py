@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from estimator.identify.drive_log import DriveLog
 from estimator.identify.evaluate import ModelColumns
 from estimator.identify.nuisance import VY_SENSOR
-from estimator.identify.output_error import substeps
 from estimator.identify.prepare import Samples
 from estimator.identify.simulate import OUTPUTS, Simulator
 from estimator.identify.windows import STATE_ROWS, cut
@@ -39,7 +38,7 @@ class Rollout:
 
 def roll_out(columns: ModelColumns, log: DriveLog, samples: Samples, theta: Array, window_s: float) -> Rollout:
     """Simulate `samples` in windows of `window_s` at `theta`; a window that diverges counts with what was measured."""
-    windows = cut(log, samples, window_s + RUN_IN_S, substeps(columns, samples))
+    windows = cut(log, samples, window_s + RUN_IN_S)
     start = windows.inputs[list(STATE_ROWS), 0]
     start[0] -= _sensor_offset(columns, theta, windows.inputs[SIGNALS.index("vx"), 0], start[1])
     outputs = Simulator(columns).run(windows, start, theta, sensitivities=False).outputs

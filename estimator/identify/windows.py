@@ -20,15 +20,14 @@ MIN_WINDOW_SHARE = 0.25
 
 @dataclass(frozen=True)
 class Windows:
-    """L windows of K samples on a grid of `substeps` integration steps a sample.
+    """L windows of K samples.
 
     Attributes:
-        inputs: (k, G, L) model inputs on the integration grid, G = (K - 1) substeps + 1; rows as `Samples.inputs`.
+        inputs: (k, K, L) model inputs, rows as `Samples.inputs`.
         measured: (4, K, L) vy, yaw rate, ay as measured, and the yaw acceleration from the yaw rate.
         weight: (K, L) 1 for a sample, 0 for padding.
         index: (K, L) sample each entry comes from (padding repeats the last).
         step: s between samples.
-        substeps: integration steps a sample.
     """
 
     inputs: Array
@@ -36,31 +35,24 @@ class Windows:
     weight: Array
     index: NDArray[np.int64]
     step: float
-    substeps: int
 
     @property
     def count(self) -> int:
         """Number of windows."""
         return int(self.weight.shape[1])
 
-    @property
-    def grid_step(self) -> float:
-        """Integration step, s."""
-        return self.step / self.substeps
 
-
-def cut(log: DriveLog, samples: Samples, length_s: float, substeps: int = 1) -> Windows:
+def cut(log: DriveLog, samples: Samples, length_s: float) -> Windows:
     """Windows of `length_s` from every uninterrupted stretch of `samples` (not thinned)."""
     size = max(8, round(length_s / samples.step) + 1)
     index, weight = _lanes(samples, size)
     row = samples.row[index]
     return Windows(
-        inputs=_refined(samples.inputs[:, index], substeps),
+        inputs=samples.inputs[:, index],
         measured=np.stack([*(log[name][row] for name in ("vy", "yaw_rate", "ay")), samples["yaw_acc"][index]]),
         weight=weight,
         index=index,
         step=samples.step,
-        substeps=substeps,
     )
 
 
@@ -79,19 +71,6 @@ def _lanes(samples: Samples, size: int) -> tuple[NDArray[np.int64], Array]:
     index = np.array(starts, dtype=np.int64)[None, :] + offset
     last_index = np.array(stops, dtype=np.int64)[None, :] - 1
     return np.minimum(index, last_index), (index <= last_index).astype(float)
-
-
-def _refined(inputs: Array, substeps: int) -> Array:
-    """(k, K, L) on the sampling grid -> (k, (K - 1) substeps + 1, L), linear in between."""
-    if substeps == 1:
-        return inputs
-    k, size, lanes = inputs.shape
-    fine = np.empty((k, (size - 1) * substeps + 1, lanes))
-    fine[:, ::substeps] = inputs
-    for j in range(1, substeps):
-        share = j / substeps
-        fine[:, j::substeps] = (1.0 - share) * inputs[:, :-1] + share * inputs[:, 1:]
-    return fine
 
 
 STATE_ROWS = (SIGNALS.index("vy"), SIGNALS.index("yaw_rate"))
