@@ -208,6 +208,7 @@ PAPER = replace(
     AV24,
     car=replace(
         AV24.car,
+        wheel_inertia=0.1,  # hardly any: it would add to the mass in everything longitudinal
         lever_arm=0.0,
         load_transfer=0.0,
         drag=0.0,
@@ -220,6 +221,7 @@ PAPER = replace(
         combined_slip=0.0,
         saturation=0.0,
         relaxation_y=0.0,
+        relaxation_x=0.05,
         rolling_resistance=0.0,
         engine_drag=0.0,
         engine_inertia=0.0,

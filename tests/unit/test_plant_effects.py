@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +13,15 @@ from typer.testing import CliRunner
 from hil_gateway.errors import InputError
 from hil_gateway.plant.cli import app, parse_effects
 from hil_gateway.plant.effects import SWITCHES, configure
-from hil_gateway.plant.experiment import Drive, drive
-from hil_gateway.plant.parameters import AV24, PAPER
+from hil_gateway.plant.experiment import Drive, EstimateNoise, drive
+from hil_gateway.plant.parameters import AV24, PAPER, SensorParameters
 
 CAR = PAPER.car
 
 
 def _drive(effects: dict[str, float] | None = None, seed: int = 3) -> Drive:
     """From the climb through the Corkscrew to the last corners."""
-    return drive(effects, laps=1, seconds=36.0, start_s=1850.0, seed=seed, levels=(0.75, 0.75))
+    return drive(effects, laps=1, seconds=36.0, start_s=1850.0, seed=seed, levels=(0.85, 0.85))
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +59,16 @@ def test_paper_base_leaves_only_sensor_noise(plain: Drive) -> None:
     assert plain.off_track == 0
     assert ax < 0.125  # the accelerometer's own noise is 0.11 m/s2
     assert ay < 0.35  # with the noise of vy in the slip angles
+
+
+def test_without_sensor_noise_the_paper_base_is_eq_1_to_3() -> None:
+    silent = replace(PAPER, sensors=SensorParameters(0.0, 0.0, 0.0, 0.0, 0.0))
+    d = drive(parameters=silent, noise=EstimateNoise(0, 0, 0, 0), seconds=36.0, start_s=1850.0, levels=(0.85, 0.85))
+    ax, ay, motion, yaw_acc = _single_track_error(d)
+    assert ax < 0.015
+    assert ay < 0.015
+    assert motion < 0.03
+    assert yaw_acc < 0.005
 
 
 @pytest.mark.parametrize("name", SWITCHES)
