@@ -55,6 +55,7 @@ TABLE: tuple[Row, ...] = (
     Row("track_flag_stop", "track_flag_stop", 0.0, _STOP, Clear.REARM),
     Row("vehicle_flag_stop", "vehicle_flag_stop", 0.0, _STOP, Clear.REARM),
     Row("car_not_driving", "car_not_driving", 0.0, _STOP, Clear.REARM),
+    Row("engine_running", "engine_running", 0.0, _STOP, Clear.REARM),
     Row("car_failure", "car_failure", 0.0, _STOP, Clear.REARM),
 )
 """In order of priority: the first row that fires with the strongest action names the cause."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 
 from can_dbc.codec import Codec, load_codec
-from hil_gateway import topics
+from hil_gateway import actuator_test, topics
 from hil_gateway.actuation import Actuation, Actuators
 from hil_gateway.bus import Bus, LatestReader
 from hil_gateway.can_link import CanLink
@@ -44,6 +44,8 @@ OPERATOR_QUEUE = 8
 STOPPING = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 KILLS = frozenset({"operator_emergency", "vehicle_flag_kill", "foreign_emergency"})
 """Causes that put the ladder into emergency even while no actuator command is sent."""
+DRIVING_ONLY = ("command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving")
+"""Conditions that have no meaning while actuators are tested with the engine off."""
 FAILURE_SIGNALS = ("sd_system_failure", "est4_sd_comms_loss", "est5_motec_comms_loss")
 
 
@@ -84,6 +86,9 @@ class Gateway:
         self._gate = CommandGate(config.gateway.command_latency_max_s)
         self.failsafe = Failsafe()
         self.race_control = RaceControl()
+        self._testing = config.gateway.mode == "actuator_test"
+        self._transmits = config.gateway.mode in ("armed", "actuator_test")
+        self._armed_ns = 0
         self._previous = self._limits.resting(0.0)
         self._state_invalid, self._estimate_invalid = Held(), Held()
         self._last_step_ns: int | None = None
@@ -113,7 +118,7 @@ class Gateway:
 
     def shut_down(self, now_ns: int) -> None:
         """Say controlled shutdown on the wire; the car stops by itself when the commands end."""
-        if self._config.gateway.mode == "armed":
+        if self._transmits:
             self._transmitter.race_control(now_ns, CtState.CONTROLLED_SHUTDOWN, self._heard_flags())
 
     def _flags(self, now_ns: int) -> tuple[int, int]:
@@ -158,6 +163,7 @@ class Gateway:
             "car_emergency": _holds(state.sys_state in (SysState.EMERGENCY, SysState.CRITICAL_LIMIT)),
             "car_not_driving": _holds(state.sys_state != SysState.DRIVING),
             "car_failure": _holds(failure),
+            "engine_running": 0.0,
             "foreign_emergency": _holds(self.builder.foreign_emergency(now_ns)),
             "foreign_commands": _holds(self.builder.foreign_commands(now_ns)),
             "command_age": self._gate.age_s(now_ns),
@@ -168,13 +174,18 @@ class Gateway:
             "state_invalid": self._state_invalid.update(not state.valid, now_ns),
             "estimate_invalid": self._estimate_invalid.update(not self._estimate.latest.valid(now_ns), now_ns),
         }
-        may_arm = self._config.gateway.mode in ("armed", "shadow")
+        if self._testing:
+            engine = state.engine_speed > 0 or state.sys_state >= SysState.IDLE
+            measures |= dict.fromkeys(DRIVING_ONLY, 0.0) | {"engine_running": _holds(engine)}
+        may_arm = self._config.gateway.mode != "listen"
         return Inputs(measures, state.valid and road_speed(state) < STANDSTILL, request, may_arm)
 
     def _decide(self, now_ns: int, inputs: Inputs, state: VehicleState) -> None:
         before = self.failsafe.action
         self.failsafe = self.failsafe.step(inputs)
         action = self.failsafe.action
+        if before is FailsafeAction.SILENT:
+            self._armed_ns = now_ns
         if action in STOPPING and before not in STOPPING:
             self._stopping.start(self._actuation.to_steer(self._limits.to_actuators(self._previous).steering_motor))
         # once the ladder starts over, the car is still in its emergency until it hears so
@@ -186,6 +197,7 @@ class Gateway:
             emergency=action is FailsafeAction.EMERGENCY_STOP or killed,
             restart=inputs.request is OperatorAction.DISARM and inputs.standing,
             armed=action is FailsafeAction.DRIVE,
+            highest=CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
         )
         self.race_control = self.race_control.step(now_ns, self._heard(now_ns, state), demand)
 
@@ -202,8 +214,7 @@ class Gateway:
 
     def _act(self, now_ns: int, state: VehicleState) -> Applied:
         """Send this period's frames; what really left goes into `Applied`."""
-        transmits = self._config.gateway.mode == "armed"
-        if transmits:
+        if self._transmits:
             self._transmitter.race_control(now_ns, self.race_control.ct_state, self._heard_flags())
         if not self.failsafe.armed:
             self._previous = self._limits.resting(self.builder.signal("average_steering_ang_fdbk"))
@@ -211,7 +222,7 @@ class Gateway:
         wanted = self._wanted(now_ns, state)
         command, limited = self._limits.apply(wanted, self._previous)
         sent = False
-        if transmits:
+        if self._transmits:
             self._previous, sent = self._transmitter.actuators(command, self._previous)
         else:  # shadow: as if it had left
             self._previous = command
@@ -223,14 +234,15 @@ class Gateway:
     def _wanted(self, now_ns: int, state: VehicleState) -> Actuators:
         gear = self._gears.step(now_ns, rear_speed(state))
         command = self._gate.newest
-        if self.failsafe.action is FailsafeAction.DRIVE and command is not None:
-            return self._actuation.to_actuators(
-                command.steer, command.drive, state.gear or gear, state.engine_speed, gear
-            )
-        emergency = self.failsafe.action is FailsafeAction.EMERGENCY_STOP
-        steer, drive = self._stopping.command(state, emergency)
+        driving = self.failsafe.action is FailsafeAction.DRIVE
+        if driving and self._testing:
+            return actuator_test.position((now_ns - self._armed_ns) / NS_PER_S)
+        if driving and command is not None:
+            steer, drive = command.steer, command.drive
+        else:
+            steer, drive = self._stopping.command(state, self.failsafe.action is FailsafeAction.EMERGENCY_STOP)
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear)
-        if road_speed(state) >= STANDSTILL or not state.valid:
+        if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
         hold = self._config.gateway.stop.hold_pressure
         return Actuators(wanted.steering_motor, 0.0, hold, hold, gear)

@@ -94,6 +94,8 @@ class Demand:
     restart: bool = False
     """standing still and disarmed by a person after an emergency"""
     armed: bool = False
+    highest: CtState = CtState.NOMINAL_RACE
+    """rung the ladder is not climbed beyond"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +154,7 @@ def _next(ct: CtState, heard: Heard, demand: Demand, heartbeat: bool) -> CtState
         return _pace(heard)
     if ct is CtState.INIT_DRIVING:
         return _pace(heard) if sys_state == SysState.DRIVING else ct
-    return CtState(ct + 1) if _may_climb(ct, sys_state, heard, heartbeat) else ct
+    return CtState(ct + 1) if ct < demand.highest and _may_climb(ct, sys_state, heard, heartbeat) else ct
 
 
 def _may_climb(ct: CtState, sys_state: int, heard: Heard, heartbeat: bool) -> bool:

@@ -10,6 +10,7 @@ import gc
 import json
 import os
 import resource
+import sys
 import time
 import traceback
 from collections.abc import Iterator, Sequence
@@ -199,7 +200,11 @@ def run_campaign(seeds: Sequence[int], workers: int = 2) -> dict[str, Any]:
     """Run seeds and sum up; wall time from the finished loop on, CPU time of the seeds alone."""
     campaign = Campaign()
     started, cpu_started = time.perf_counter(), _children_cpu_s()
-    results = list(campaign.run(seeds, workers))
+    results: list[SeedResult] = []
+    for result in campaign.run(seeds, workers):
+        results.append(result)
+        if result.broken:
+            print(f"seed {result.seed}: {result.broken}; {repeat(result.seed)}", file=sys.stderr)
     return summarise(results, time.perf_counter() - started, _children_cpu_s() - cpu_started)
 
 
