@@ -17,6 +17,8 @@ BRAKE_FADE = 0.1
 """rad/s of a wheel below which a brake's torque fades to zero"""
 BRAKE_STIFFNESS = 1200.0
 """1/s, the quickest a brake may stop a wheel: what the 1 kHz integration can follow"""
+CLOSED = 0.02
+"""throttle within which the drag of the closed throttle ends"""
 LOCKING = 3.0
 """rad/s of difference between the rear wheels at which the differential locks at its full torque"""
 LIMITER = 50.0
@@ -41,11 +43,11 @@ def engine_speed(p: Any, axle_speed: Expr, ratio: Expr) -> Expr:
 def axle_torque(p: Any, throttle: Expr, speed: Expr, ratio: Expr, running: Expr) -> Expr:
     """Torque of the engine at the rear axle, both wheels together, N m; `ratio` 0 is neutral.
 
-    The engine drags (throttle closed) once the clutch grips: F. Heywood's motoring friction as one constant.
+    With the throttle closed fuel is cut, and the engine drags once the clutch grips; a few per cent of throttle end it.
     """
     turning = ca.fmin(ca.fmax(speed / p.engine_clutch - 1.0, 0.0) * 4.0, 1.0)
     drive = running * throttle * full_throttle_torque(speed, p.engine_torque)
-    return ratio * (p.driveline_efficiency * drive - p.engine_drag * (1.0 - throttle) * turning)
+    return ratio * (p.driveline_efficiency * drive - p.engine_drag * ca.exp(-throttle / CLOSED) * turning)
 
 
 def differential(p: Any, torque: Expr, speed_left: Expr, speed_right: Expr) -> tuple[Expr, Expr]:
