@@ -11,6 +11,8 @@ import math
 from bisect import bisect_left
 from dataclasses import dataclass
 
+import numpy as np
+
 from hil_gateway.config import StopConfig
 from hil_gateway.messages import Estimate, Plan, PlanStatus, VehicleState
 from hil_gateway.track import Track
@@ -57,9 +59,9 @@ def plan_path(plan: Plan, track: Track | None) -> Path | None:
 
 def _along_track(track: Track, x: float, y: float) -> list[tuple[float, float]]:
     s, lateral = track.project(x, y)
-    steps = int(EXTENSION / EXTENSION_STEP)
-    at = [track.at(s + EXTENSION_STEP * (i + 1)) for i in range(steps)]
-    return [(p.x - lateral * math.sin(p.heading), p.y + lateral * math.cos(p.heading)) for p in at]
+    on = track.at(np.arange(s + EXTENSION_STEP, s + EXTENSION, EXTENSION_STEP, dtype=np.float64))
+    xs, ys = on.x - lateral * np.sin(on.heading), on.y + lateral * np.cos(on.heading)
+    return list(zip(xs.tolist(), ys.tolist(), strict=True))
 
 
 def _polyline(points: list[tuple[float, float]]) -> Path | None:
@@ -98,9 +100,10 @@ class Stopping:
         self._steer = 0.0
 
     def take_plan(self, plan: Plan) -> None:
-        """Keep a plan as the path to stop on (a stop plan of the planner itself is as good)."""
-        if plan.status is not PlanStatus.SHIFTED or self._plan is None:
-            self._plan, self._path = plan, None
+        """Keep a fresh solution as the path to stop on; what the planner falls back to is no better."""
+        if plan.status is PlanStatus.SOLVED:
+            self._plan = plan
+            self._path = None
 
     def track_pose(self, dt: float, state: VehicleState, estimate: Estimate | None) -> None:
         """Newest valid estimate, or dead reckoning over `dt` seconds."""
@@ -114,12 +117,13 @@ class Stopping:
             pose.y += pose.speed * math.sin(pose.yaw) * dt
 
     def start(self, steer: float) -> None:
-        """A stop begins: build the path once; without one the present angle is held."""
+        """A stop begins; without a path the present angle is held."""
         self._steer = steer
-        self._path = None if self._plan is None else plan_path(self._plan, self._track)
 
     def command(self, state: VehicleState, emergency: bool) -> tuple[float, float]:
         """Road-wheel angle (rad) and slip-ratio drive (negative) of this period."""
+        if self._path is None and self._plan is not None:
+            self._path = plan_path(self._plan, self._track)
         if self._path is not None and self._pose is not None:
             self._steer = self._pursue(self._path, self._pose)
         config = self._config

@@ -1,0 +1,94 @@
+"""Whatever makes the gateway stop the car, the car stays on the track while it brakes: with the real planner, estimator
+and plant, from many places of the road course."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from promise_figures import record_figure, volume
+
+from hil_gateway import topics
+from hil_gateway.config import Config
+from hil_gateway.messages import OperatorAction, OperatorCommand
+from planner.loop import Faults, Loop
+
+REASONS = ("planner", "estimator", "planner and estimator", "stop", "emergency", "heartbeat", "purple")
+
+
+class Dead(Faults):
+    """Components that no longer run."""
+
+    def __init__(self) -> None:
+        self.components: set[str] = set()
+
+    def runs(self, now_ns: int, component: str) -> bool:
+        return component not in self.components
+
+
+def stop_for(loop: Loop, dead: Dead, reason: str) -> dict[str, Any]:
+    """Bring the reason about and run until the car stands."""
+    loop.plant.referee.worst_margin_m = float("inf")
+    begin_s, begin_m, speed = loop.elapsed_s, loop.plant.referee.distance_m, loop.plant.car["vx"]
+    if reason in ("stop", "emergency"):
+        action = OperatorAction(reason)
+        message = OperatorCommand(stamp_ns=loop.clock.now_ns(), seq=10**6, source="test", action=action)
+        loop.bus.publish(topics.OPERATOR, message)
+    elif reason == "heartbeat":
+        loop.plant.race_control.beating = False
+    elif reason == "purple":
+        loop.plant.race_control.vehicle_flag = 32
+    else:
+        dead.components = set(reason.split(" and "))
+    while not loop.plant.car.standing and loop.elapsed_s < begin_s + 25.0:
+        loop.step()
+    return {
+        "reason": reason,
+        "at_s": begin_s,
+        "speed": speed,
+        "stands": bool(loop.plant.car.standing),
+        "metres": loop.plant.referee.distance_m - begin_m,
+        "margin": loop.plant.referee.worst_margin_m,
+        "action": loop.gateway.failsafe.action.value,
+        "cause": loop.gateway.failsafe.cause,
+    }
+
+
+def stops(points: int, spacing_s: float) -> Iterator[dict[str, Any]]:
+    """Every reason from every point, each in a forked copy of the running loop."""
+    dead = Dead()
+    loop = Loop(Config.model_validate({"planner": {"horizon": 20}}), faults=dead)
+    loop.run(seconds=8.0, time_limit_s=60.0)
+    for point in range(points):
+        for reason in REASONS:
+            reader, writer = os.pipe()
+            if not (pid := os.fork()):
+                try:
+                    os.write(writer, json.dumps(stop_for(loop, dead, reason)).encode())
+                finally:
+                    os._exit(0)
+            os.close(writer)
+            with os.fdopen(reader) as pipe:
+                text = pipe.read()
+            os.waitpid(pid, 0)
+            yield json.loads(text)
+        if point < points - 1:
+            until_s = loop.elapsed_s + spacing_s
+            while loop.elapsed_s < until_s:
+                loop.step()
+
+
+@pytest.mark.slow
+@pytest.mark.promise("L1")
+def test_every_stop_keeps_the_car_on_the_track():
+    worst, count, kinds = float("inf"), 0, set()
+    for result in stops(volume(3, 40), volume(5, 2)):
+        assert result["stands"], result
+        assert result["margin"] > 0, f"a wheel left the road: {result}"
+        worst, count = min(worst, result["margin"]), count + 1
+        kinds.add(result["action"])
+    assert kinds == {"controlled_stop", "emergency_stop"}
+    record_figure("L1", f"{count} stops at speed for {len(REASONS)} reasons: all on the track, {worst:.2f} m to spare")
