@@ -63,7 +63,8 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.identify.inputs import read_tyre_prior, read_vehicle
 
     options = Options(layout.value, method.value, formulation.value, window, frozenset(keep or ()))
-    car, prior = read_vehicle(vehicle), read_tyre_prior(tyre, layout.value)
+    car = read_vehicle(vehicle)
+    prior = read_tyre_prior(tyre, layout.value, car)
     with _progress() as progress:
         progress("reading", 0.0)
         result = run(read_logs(sessions), car, prior, options, progress)

@@ -86,15 +86,21 @@ def derive_drive(path: Path, columns: dict[str, Array], segment: NDArray[np.int6
 
 
 def _slip_from_wheels(columns: dict[str, Array]) -> tuple[Array, str] | None:
-    """(rear wheel speed - reference) / reference; the undriven front wheels are the reference where there are any."""
+    """(rear wheel speed - reference) / reference; the undriven front wheels are the reference where there are any.
+
+    The wheels roll without slip at the median, so a wrong rolling radius does not count as slip.
+    """
     if not {"wheel_speed_rl", "wheel_speed_rr"} <= columns.keys():
         return None
     rear = 0.5 * (columns["wheel_speed_rl"] + columns["wheel_speed_rr"])
     front = {"wheel_speed_fl", "wheel_speed_fr"} <= columns.keys()
     reference = 0.5 * (columns["wheel_speed_fl"] + columns["wheel_speed_fr"]) if front else columns["vx"]
-    floor = 0.1 * float(np.quantile(np.abs(columns["vx"]), 0.95))
+    fast = float(np.quantile(np.abs(columns["vx"]), 0.95))
+    moving = np.abs(reference) > 0.3 * fast
+    scale = float(np.median(rear[moving] / reference[moving])) if moving.any() else 1.0
     how = "slip of the rear wheel speeds against " + ("the front wheel speeds" if front else "vx")
-    return (rear - reference) / np.maximum(np.abs(reference), floor), how
+    how += f", both in the ratio {scale:.4f} when rolling"
+    return (rear / scale - reference) / np.maximum(np.abs(reference), 0.1 * fast), how
 
 
 def _drive_from_pedals(columns: dict[str, Array]) -> tuple[Array, str] | None:

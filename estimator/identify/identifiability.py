@@ -148,7 +148,7 @@ def _of_axle(axle: Axle, letters: list[str], product: float) -> str:
     if axle.needed_slip is not None:
         text += f", about {np.degrees(axle.needed_slip):.1f} deg would separate them"
     if product < KNOWN_TO:
-        text += f"; their product, the cornering stiffness, is known to {100 * product:.1g} %"
+        text += f"; their product, the cornering stiffness, is known to {100 * product:.2g} %"
     return text
 
 

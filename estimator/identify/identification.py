@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ from estimator.identify.drive_log import DriveLog
 from estimator.identify.evaluate import ModelColumns
 from estimator.identify.fit import Fit, fit, rmse
 from estimator.identify.health import HealthReport, examine
+from estimator.identify.health.steering import LAG_STEER, lag_of
 from estimator.identify.identifiability import Identifiability, analyse
 from estimator.identify.nuisance import steer_timing, vy_sensor, yaw_rate_timing
 from estimator.identify.output_error import OutputErrorSettings, fit_output_error
@@ -31,6 +32,9 @@ Array = NDArray[np.float64]
 Method = Literal["batch", "sample", "nls"]
 Formulation = Literal["auto", "algebraic", "output_error"]
 Progress = Callable[[str, float], None]
+
+LAG_ROUNDS = 3
+"""Times a steering lag is taken out and estimated again: the model's delay is of first order."""
 
 ALGEBRAIC_CHANNELS = ("ax", "ay", "yaw_acc")
 
@@ -119,39 +123,59 @@ def identify(
     began = time.perf_counter()
     progress("log health", 0.0)
     health = examine(log, vehicle, options.keep)
-    log = health.log
-    progress("smoothing", 0.1)
-    samples = prepare(log)
-    divided = split(log, samples)
-    train = samples.select(divided.train)
-    held_out = samples.select(divided.test)
-    task = _Task(log, vehicle, tyre_prior, options, _formulation(options), progress)
-    columns = _columns(task, health)
-    result, curve = _fit(task, columns, train, held_out)
+    task = _Task(health.log, vehicle, tyre_prior, options, _formulation(options), progress)
+    fitted = _fit_and_split(task, health)
+    for _ in range(LAG_ROUNDS):
+        if (lag := lag_of(fitted.fit, task.log.step)) is None:
+            break
+        health = health.repaired(lag)
+        task = replace(task, log=health.log)
+        fitted = _fit_and_split(task, health, fitted.fit)
     progress("held-out error", 0.9)
-    rollouts = tuple(
-        roll_out(columns, log, held_out, theta, options.window_s) for theta in (columns.start, result.theta)
-    )
-    scores = _scores(columns, held_out, result, rollouts, task.formulation)
-    known = analyse(result, train, vehicle, options.layout)
+    held_out = fitted.samples.select(fitted.split.test)
+    thetas = (fitted.columns.start, fitted.fit.theta)
+    before, after = (roll_out(fitted.columns, task.log, held_out, theta, options.window_s) for theta in thetas)
+    scores = _scores(fitted, held_out, (before, after), task.formulation)
+    known = analyse(fitted.fit, fitted.samples.select(fitted.split.train), vehicle, options.layout)
     progress("done", 1.0)
     return Identification(
         options=options,
         vehicle=vehicle,
         formulation=task.formulation,
-        log=log,
-        samples=samples,
-        split=divided,
+        log=task.log,
+        samples=fitted.samples,
+        split=fitted.split,
         health=health,
-        columns=columns,
-        fit=result,
-        initial={p.name: p.prior for p in columns.model.tyre_table},
+        columns=fitted.columns,
+        fit=fitted.fit,
+        initial={p.name: p.prior for p in fitted.columns.model.tyre_table},
         rmse=scores,
-        curve=curve,
+        curve=fitted.curve,
         identifiability=known,
-        rollouts=(rollouts[0], rollouts[1]),
+        rollouts=(before, after),
         seconds=time.perf_counter() - began,
     )
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """A fit with what it was made of."""
+
+    samples: Samples
+    split: Split
+    columns: ModelColumns
+    fit: Fit
+    curve: tuple[CurvePoint, ...]
+
+
+def _fit_and_split(task: _Task, health: HealthReport, known: Fit | None = None) -> _Fitted:
+    task.progress("smoothing", 0.1)
+    samples = prepare(task.log)
+    divided = split(task.log, samples)
+    columns = _columns(task, health)
+    train, test = samples.select(divided.train), samples.select(divided.test)
+    result, curve = _fit(task, columns, train, test, known)
+    return _Fitted(samples, divided, columns, result, curve)
 
 
 @dataclass(frozen=True)
@@ -175,7 +199,9 @@ def _formulation(options: Options) -> Formulation:
 
 def _columns(task: _Task, health: HealthReport) -> ModelColumns:
     options = task.options
-    nuisances: list[Effect] = [] if options.method == "sample" else [steer_timing(task.log.step)]
+    nuisances: list[Effect] = []
+    if options.method != "sample" and LAG_STEER not in options.keep:
+        nuisances.append(steer_timing(task.log.step))
     if task.formulation == "output_error" and health.vy_is_displaced:
         nuisances.append(vy_sensor())
     if task.formulation == "output_error" and health.yaw_rate_was_moved:
@@ -183,7 +209,9 @@ def _columns(task: _Task, health: HealthReport) -> ModelColumns:
     return ModelColumns(SingleTrack(task.vehicle, options.layout, tuple(nuisances), task.prior))
 
 
-def _fit(task: _Task, columns: ModelColumns, train: Samples, held_out: Samples) -> tuple[Fit, tuple[CurvePoint, ...]]:
+def _fit(
+    task: _Task, columns: ModelColumns, train: Samples, held_out: Samples, known: Fit | None
+) -> tuple[Fit, tuple[CurvePoint, ...]]:
     recursion = _recursion(task, columns, train, averaged(held_out))
     if task.options.method != "nls":
         return recursion.fit, recursion.curve
@@ -194,8 +222,8 @@ def _fit(task: _Task, columns: ModelColumns, train: Samples, held_out: Samples) 
         return start, recursion.curve
     outputs = ("vy", "yaw_rate", "ay") if trusted else ("vy", "yaw_rate")
     settings = OutputErrorSettings(window_s=task.options.window_s, outputs=outputs)
-    theta = columns.start if start is None else start.theta
-    return fit_output_error(columns, task.log, train, settings, theta), recursion.curve
+    candidates = [columns.start, *(one.theta for one in (start, known) if one is not None)]
+    return fit_output_error(columns, task.log, train, settings, candidates), recursion.curve
 
 
 def _recursion(task: _Task, columns: ModelColumns, train: Samples, held_out: Samples) -> Recursion:
@@ -205,10 +233,11 @@ def _recursion(task: _Task, columns: ModelColumns, train: Samples, held_out: Sam
 
 
 def _scores(
-    columns: ModelColumns, held_out: Samples, result: Fit, rollouts: tuple[Rollout, ...], formulation: Formulation
+    fitted: _Fitted, held_out: Samples, rollouts: tuple[Rollout, Rollout], formulation: Formulation
 ) -> dict[str, tuple[float, float]]:
     """Held-out RMSE before and after: along the simulation where that was fitted, else at the smoothed states."""
-    before, after = (rmse(columns, held_out, theta, ALGEBRAIC_CHANNELS) for theta in (columns.start, result.theta))
+    columns, thetas = fitted.columns, (fitted.columns.start, fitted.fit.theta)
+    before, after = (rmse(columns, held_out, theta, ALGEBRAIC_CHANNELS) for theta in thetas)
     scores = {c: (before[c], after[c]) for c in ALGEBRAIC_CHANNELS}
     if formulation == "output_error":
         simulated = [r.rmse for r in rollouts]

@@ -34,14 +34,22 @@ def read_vehicle(path: Path | None) -> Vehicle:
         raise InputError(f"{path}: {key} = {first['input']!r}: {first['msg'].lower()}") from None
 
 
-def read_tyre_prior(path: Path | None, layout: Layout) -> Mapping[str, float]:
+def default_tyre_prior(layout: Layout, vehicle: Vehicle) -> Mapping[str, float]:
+    """The AV-24's tyres, with C_x in proportion to the weight they carry: B, C and D have no such scale."""
+    values = DEFAULT_TYRE[layout]
+    return {**values, "cx": values["cx"] * vehicle.mass / Vehicle().mass}
+
+
+def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle) -> Mapping[str, float]:
     """Tyre prior of `layout`; one given for the other layout is converted (axle means, or both axles alike).
+
+    Without a file it is `default_tyre_prior`.
 
     Raises:
         InputError: unreadable file, unknown key, missing, non-numeric or not positive value.
     """
     if path is None:
-        return DEFAULT_TYRE[layout]
+        return default_tyre_prior(layout, vehicle)
     data = _read_object(path)
     given: Layout = "shared" if "b" in data else "per_axle"
     names = tuple(DEFAULT_TYRE[given])

@@ -8,6 +8,7 @@ Source: Ljung, System Identification, 2nd ed., ch. 4.3 and 10; Bock (1983) for m
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -140,10 +141,16 @@ class OutputErrorProblem(Problem):
 
 
 def fit_output_error(
-    columns: ModelColumns, log: DriveLog, samples: Samples, settings: OutputErrorSettings, start: Array
+    columns: ModelColumns, log: DriveLog, samples: Samples, settings: OutputErrorSettings, starts: Sequence[Array]
 ) -> Fit:
-    """Estimate the parameters from `start` (p,), SI, which the algebraic fit or the prior supplies."""
-    return solve(OutputErrorProblem(columns, log, samples, settings), start)
+    """Estimate the parameters, beginning at the best of `starts` (p,), SI: the prior, or what the algebraic fit says.
+
+    A simulation has local optima that an algebraic fit to noisy states can fall into.
+    """
+    problem = OutputErrorProblem(columns, log, samples, settings)
+    problem.spread = problem.robust_spread(problem.scaled(starts[0]))
+    costs = [problem.cost(problem.scaled(start)) for start in starts]
+    return solve(problem, starts[int(np.argmin(costs))])
 
 
 def _solve_each(H: Array, right: Array) -> Array:

@@ -28,18 +28,24 @@ def tyre_curves(result: Identification) -> Any:
         slip = np.degrees({"f": front, "r": rear, "": np.concatenate([front, rear])}[suffix])
         reach = max(1.6 * float(np.quantile(np.abs(slip), 0.999)), 1.0)
         alpha = np.linspace(-reach, reach, 301)
-        axis.hist(slip, bins=np.linspace(-reach, reach, 81), weights=np.full(len(slip), 4.0 / len(slip) * 8),
-                  color=COLOURS["muted"], alpha=0.45, label="slip in this data")  # fmt: skip
+        _slip_shares(axis, slip, reach)
         low, high = _band(result, suffix, np.radians(alpha))
         axis.fill_between(alpha, low, high, color=COLOURS["after"], alpha=0.25, lw=0, label="95 %")
         axis.plot(
             alpha, _curve(result.initial, suffix, np.radians(alpha)), color=COLOURS["before"], ls="--", label="before"
         )
         axis.plot(alpha, _curve(result.final, suffix, np.radians(alpha)), color=COLOURS["after"], label="after")
-        axis.set(title=title, xlabel="slip angle, deg", xlim=(-reach, reach))
+        top = 1.3 * max(result.initial[f"d{suffix}"], result.final[f"d{suffix}"])
+        axis.set(title=title, xlabel="slip angle, deg", xlim=(-reach, reach), ylim=(-top, top))
     axes[0, 0].set_ylabel("lateral force / axle load")
     axes[0, 0].legend(loc="upper left", fontsize=8)
     return figure
+
+
+def _slip_shares(axis: Any, slip: Array, reach: float) -> None:
+    """Histogram of the slip angles, the highest bar as high as a force of half the load."""
+    counts, edges = np.histogram(slip, bins=81, range=(-reach, reach))
+    axis.stairs(0.5 * counts / counts.max(), edges, fill=True, color=COLOURS["muted"], alpha=0.45, label="slip in data")
 
 
 def _curve(values: Any, suffix: str, alpha: Array) -> Array:
@@ -82,10 +88,9 @@ def time_histories(result: Identification) -> Any:
 
 def _traces(axis: Any, t: Array, measured: Array, before: Array, after: Array) -> None:
     skip = max(1, len(t) // 2500)
-    broken = np.where(np.diff(t, prepend=t[0]) > 1.0, np.nan, 1.0)
-    style = ((measured, "measured", 0.9, "-"), (before, "before", 0.8, "-"), (after, "after", 1.0, "-"))
-    for values, name, width, line in style:
-        axis.plot(t[::skip], (values * broken)[::skip], color=COLOURS[name], lw=width, ls=line, label=name, alpha=0.85)
+    broken = np.where(np.diff(t[::skip], prepend=t[0]) > 0.5, np.nan, 1.0)
+    for values, name, width in ((measured, "measured", 0.9), (before, "before", 0.8), (after, "after", 1.0)):
+        axis.plot(t[::skip], values[::skip] * broken, color=COLOURS[name], lw=width, label=name, alpha=0.85)
 
 
 def _stretch(t: Array) -> NDArray[np.bool_]:
@@ -110,20 +115,31 @@ def learning_curve(result: Identification) -> Any:
 
 
 def residual_spectra(result: Identification) -> Any:
-    """Amplitude density of the residuals before and after."""
+    """Amplitude density of the held-out residuals before and after, of what was fitted."""
     from scipy.signal import welch
 
-    held_out = result.samples.select(result.split.test)
-    figure, axes = new_figure(1, 3, (9.0, 2.7))
-    for name, theta in zip(("before", "after"), _thetas(result), strict=True):
-        errors = residuals(result.columns, held_out, theta, ALGEBRAIC_CHANNELS)
-        for axis, error, channel in zip(axes, errors, ALGEBRAIC_CHANNELS, strict=True):
-            f, power = welch(error, 1.0 / held_out.step, nperseg=min(1024, len(error)))
+    series = _residual_series(result)
+    figure, axes = new_figure(1, len(series), (9.0, 2.7))
+    for axis, (label, pair) in zip(axes, series.items(), strict=True):
+        for name, error in zip(("before", "after"), pair, strict=True):
+            f, power = welch(error, 1.0 / result.samples.step, nperseg=min(1024, len(error)))
             axis.loglog(f[1:], np.sqrt(power[1:]), color=COLOURS[name], label=name)
-            axis.set(title=LABELS[channel], xlabel="frequency, Hz")
+        axis.set(title=label, xlabel="frequency, Hz")
     axes[0].set_ylabel("residual per √Hz")
     axes[0].legend(fontsize=8)
     return figure
+
+
+def _residual_series(result: Identification) -> dict[str, tuple[Array, Array]]:
+    """label -> residuals before and after: of the simulated windows where those were fitted."""
+    held_out = result.samples.select(result.split.test)
+    before, after = (residuals(result.columns, held_out, theta, ALGEBRAIC_CHANNELS) for theta in _thetas(result))
+    series = {LABELS[c]: (before[i], after[i]) for i, c in enumerate(ALGEBRAIC_CHANNELS)}
+    if result.formulation == "algebraic":
+        return series
+    first, second = ((r.measured - r.simulated)[:, np.argsort(r.index)] for r in result.rollouts)
+    simulated = {"ay simulated, m/s²": (first[2], second[2]), "yaw rate simulated, rad/s": (first[1], second[1])}
+    return {LABELS["ax"]: series[LABELS["ax"]], **simulated}
 
 
 def correlations(result: Identification) -> Any:
@@ -141,5 +157,6 @@ def correlations(result: Identification) -> Any:
     known = result.identifiability.identifiable
     colours = [COLOURS["after"] if known[n] else COLOURS["before"] for n in names]
     right.barh(names[::-1], (100 * std / np.abs(list(result.final.values())))[::-1], color=colours[::-1])
-    right.set(xscale="log", xlabel="standard deviation, % of the value", title="teal: identified, red: not")
+    right.set(xlabel="standard deviation, % of the value", title="teal: identified, red: not")
+    right.set_xlim(0, min(100.0, 110.0 * float(np.max(std / np.abs(list(result.final.values()))))))
     return figure

@@ -29,7 +29,7 @@ DEFAULT_TYRE: Mapping[Layout, Mapping[str, float]] = {
 
 # kind -> (unit, prior std over prior, lower and upper over prior, absolute bounds, description)
 _KINDS = {
-    "cx": ("N", 0.5, (0.05, 20.0), (0.0, float("inf")), "longitudinal force per unit slip ratio"),
+    "cx": ("N", 0.5, (0.01, 20.0), (0.0, float("inf")), "longitudinal force per unit slip ratio"),
     "b": ("1", 0.5, (0.05, 8.0), (0.0, 80.0), "stiffness factor of Eq. (2)"),
     "c": ("1", 0.4, (0.3, 2.5), (0.5, 2.9), "shape factor of Eq. (2); above 2 the force can change sign"),
     "d": ("1", 0.4, (0.2, 3.0), (0.05, 4.0), "peak lateral force over axle load"),

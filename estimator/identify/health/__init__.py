@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 from estimator.identify.drive_log import DriveLog
-from estimator.identify.health import acceleration, lateral_velocity, offsets, sampling, steering, units, wheels
+from estimator.identify.health import acceleration, lateral_velocity, offsets, sampling, units, wheels
 from estimator.identify.health.finding import Action, Finding
 from hil_gateway.vehicle import Vehicle
 
@@ -22,7 +22,6 @@ FINDERS: tuple[Callable[[DriveLog, Vehicle], list[Finding]], ...] = (
     acceleration.find,
     offsets.find,
     lateral_velocity.find,
-    steering.find,
     wheels.find,
 )
 
@@ -43,6 +42,13 @@ class HealthReport:
     def yaw_rate_was_moved(self) -> bool:
         """Whether the yaw rate was re-aligned: a fit then estimates what is left of its lag."""
         return any(f.channel == "yaw_rate" and f.action is Action.REALIGNED for f in self.findings)
+
+    def repaired(self, finding: Finding) -> HealthReport:
+        """This report with one more finding and its repair, for what only a fit can find; sizes of one name add up."""
+        log = self.log if finding.repair is None else finding.repair(self.log)
+        before = sum(f.size for f in self.findings if f.name == finding.name)
+        total = replace(finding, size=before + finding.size, description=finding.described(before + finding.size))
+        return HealthReport((*(f for f in self.findings if f.name != finding.name), total), log)
 
 
 def examine(log: DriveLog, vehicle: Vehicle, keep: Collection[str] = ()) -> HealthReport:

@@ -25,7 +25,7 @@ class Finding:
     """One defect.
 
     `name` switches it (`--keep NAME`); `size` in `unit` with `std`; `confidence` 0..1; `repair` returns the log
-    without the defect, None where nothing is done.
+    without the defect, None where nothing is done; `template` words the description for another size.
     """
 
     name: str
@@ -37,6 +37,11 @@ class Finding:
     confidence: float
     action: Action = Action.LEFT
     repair: Callable[[DriveLog], DriveLog] | None = None
+    template: Callable[[float], str] | None = None
+
+    def described(self, size: float) -> str:
+        """The description with another size."""
+        return self.description if self.template is None else self.template(size)
 
     def summary(self) -> dict[str, Any]:
         """The finding as it appears in JSON."""
