@@ -125,3 +125,24 @@ def test_commands_in_the_readme_exist() -> None:
     shown = re.findall(r"\bhil ([a-z]+)", (ROOT / "README.md").read_text())
     assert shown
     assert set(shown) <= set(COMMANDS)
+
+
+NOTATION = re.findall(
+    r"^\|[^|]+\|[^|]+\|([^|]+)\| (`[a-z][\w.]+`[^|]*) \|$", (ROOT / "docs" / "notation.md").read_text(), re.MULTILINE
+)
+
+
+def test_notation_names_what_is_in_the_code() -> None:
+    """Every function or class the table names is found in one of the modules it gives for it."""
+    assert len(NOTATION) > 20
+    for names, places in NOTATION:
+        text = "".join(_source(place) for place in re.findall(r"`([a-z][\w.]+)`", places))
+        for name in re.findall(r"`([\w.]+)`", names):
+            assert re.search(rf"\b{name.split('.')[-1]}\b", text), f"{name} is not in {places}"
+
+
+def _source(place: str) -> str:
+    """Source of the module that `place` (module, or module.Name) lies in."""
+    path = ROOT.joinpath(*place.split("."))
+    path = path.with_suffix(".py") if path.with_suffix(".py").exists() else path.parent.with_suffix(".py")
+    return path.read_text()
