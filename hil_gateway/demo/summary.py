@@ -56,7 +56,8 @@ def succeeded(options: DemoOptions, result: RunResult) -> bool:
     if result.ending is Ending.DONE and options.seconds is None and referee.laps < (options.target_laps or 0):
         return False
     clean = not (result.exits or result.monitor.failsafes or referee.off_track)
-    nothing_lost = status is not None and status.frames_lost == 0 and (recorder is None or recorder.errors == 0)
+    recorded = recorder is None or recorder.errors == recorder.lost == 0
+    nothing_lost = status is not None and status.frames_lost == 0 and recorded
     return result.ending in (Ending.DONE, Ending.INTERRUPTED) and clean and nothing_lost
 
 
