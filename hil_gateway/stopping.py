@@ -8,15 +8,17 @@ line. The pose is the newest valid estimate, carried on by reported speed and ya
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil_gateway.config import StopConfig
 from hil_gateway.messages import Estimate, Plan, PlanStatus, VehicleState
 from hil_gateway.track import Track
 from hil_gateway.vehicle import GRAVITY, Vehicle
+
+Array = NDArray[np.float64]
 
 LOOK_AHEAD_S = 0.5
 LOOK_AHEAD_MIN = 6.0
@@ -24,58 +26,45 @@ LOOK_AHEAD_MIN = 6.0
 EXTENSION = 400.0
 """m of track added to a plan: more than a controlled stop from top speed needs"""
 EXTENSION_STEP = 4.0
+SHORTEST_STEP = 1e-3
+"""points closer together are one, m"""
 STANDSTILL = 0.5
 """m/s"""
 
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """Polyline over its own arc length, local map frame, m."""
+    """Polyline over its own arc length, local map frame, m; arrays of one length (n >= 2)."""
 
-    x: tuple[float, ...]
-    y: tuple[float, ...]
-    s: tuple[float, ...]
+    x: Array
+    y: Array
+    s: Array
 
     def ahead(self, x: float, y: float, distance: float) -> tuple[float, float]:
         """Point `distance` along the path from the vertex nearest to (x, y); its last point beyond the end."""
-        nearest = min(range(len(self.x)), key=lambda i: (self.x[i] - x) ** 2 + (self.y[i] - y) ** 2)
+        nearest = int(np.argmin((self.x - x) ** 2 + (self.y - y) ** 2))
         target = self.s[nearest] + distance
-        i = bisect_left(self.s, target)
-        if i >= len(self.s):
-            return self.x[-1], self.y[-1]
-        if i == 0:
-            return self.x[0], self.y[0]
-        w = (target - self.s[i - 1]) / (self.s[i] - self.s[i - 1])
-        return self.x[i - 1] + w * (self.x[i] - self.x[i - 1]), self.y[i - 1] + w * (self.y[i] - self.y[i - 1])
+        return float(np.interp(target, self.s, self.x)), float(np.interp(target, self.s, self.y))
 
 
 def plan_path(plan: Plan, track: Track | None) -> Path | None:
     """Path of a plan, extended along the track at the offset it ends with; None when it has no two distinct points."""
-    points = list(zip(plan.x, plan.y, strict=False))
-    if track is not None and points:
-        points += _along_track(track, *points[-1])
-    return _polyline(points)
+    points = np.array([plan.x, plan.y], dtype=np.float64)
+    if track is not None and points.size:
+        points = np.hstack([points, _along_track(track, *points[:, -1].tolist())])
+    steps = np.hypot(*np.diff(points)) if points.size else np.zeros(0)
+    distinct = steps > SHORTEST_STEP
+    if not distinct.any():
+        return None
+    kept = points[:, np.concatenate([[True], distinct])]
+    return Path(kept[0], kept[1], np.concatenate([[0.0], np.cumsum(steps[distinct])]))
 
 
-def _along_track(track: Track, x: float, y: float) -> list[tuple[float, float]]:
+def _along_track(track: Track, x: float, y: float) -> Array:
+    """Points beyond (x, y), shape (2, n)."""
     s, lateral = track.project(x, y)
     on = track.at(np.arange(s + EXTENSION_STEP, s + EXTENSION, EXTENSION_STEP, dtype=np.float64))
-    xs, ys = on.x - lateral * np.sin(on.heading), on.y + lateral * np.cos(on.heading)
-    return list(zip(xs.tolist(), ys.tolist(), strict=True))
-
-
-def _polyline(points: list[tuple[float, float]]) -> Path | None:
-    xs: list[float] = []
-    ys: list[float] = []
-    s: list[float] = []
-    for x, y in points:
-        step = math.hypot(x - xs[-1], y - ys[-1]) if xs else 0.0
-        if xs and step < 1e-3:
-            continue
-        s.append(s[-1] + step if s else 0.0)
-        xs.append(x)
-        ys.append(y)
-    return Path(tuple(xs), tuple(ys), tuple(s)) if len(xs) > 1 else None
+    return np.array([on.x - lateral * np.sin(on.heading), on.y + lateral * np.cos(on.heading)])
 
 
 @dataclass(slots=True)

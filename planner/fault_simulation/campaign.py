@@ -31,7 +31,8 @@ SHORT_S = 1.8
 """most seeds end so soon: every reaction is due within 0.6 s of its fault"""
 FULL_EVERY = 10
 """each so many-th seed goes on until the car stands"""
-DEFAULTS: dict[str, Any] = {"planner": {"horizon": 20}}
+DEFAULTS: dict[str, Any] = {"planner": {"horizon": 20}, "estimator": {"learn": False}}
+"""A short horizon and no adoption of new revisions: speed."""
 
 
 class Switch(Faults):
