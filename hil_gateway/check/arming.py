@@ -30,6 +30,7 @@ EXPLANATION = {
     "gateway_late": "the gateway missed its period",
     "state_invalid": "a report needed for driving is missing or implausible",
     "estimate_invalid": "no valid estimate: `hil estimator run`",
+    "engine_running": "the engine runs, and gateway.mode is actuator_test",
     "counters_wrong": "rolling counters jump",
     "heartbeat_frozen": "race control's heartbeat stands still",
     "car_moving": "the car must stand still",
