@@ -51,12 +51,17 @@ LOAD_TOLERANCE = 0.02
 class CampaignSettings:
     """What is compared; two campaigns with equal settings give equal results."""
 
-    laps: int = 2
+    laps: int = 1
     track: str = ""
-    spread: tuple[float, float] = (0.9, 1.15)
-    """range of the true tyre parameters over the declared ones"""
-    information_weight: float = 1.0
+    spread: tuple[float, float] = (0.85, 1.15)
+    """range of the true B and C over the declared ones"""
+    grip_spread: tuple[float, float] = (1.0, 1.25)
+    """range of the true D over the declared one: Eq. (10) presumes that the tyres bear what F-bar says"""
+    information_weight: float = 8.0
     information_criterion: str = "log_det"
+    convexification: str = "projection"
+    """IMU measurements do not separate over the axles: the exact Hessian, projected"""
+    information_bound: float = 1000.0
     time_limit_s: float = 420.0
 
 
@@ -76,8 +81,9 @@ class Trial:
 def true_tyre(seed: int, settings: CampaignSettings) -> dict[str, float]:
     """Tyre parameters of the car of a seed (C_x follows from its brakes and engine, which stay)."""
     rng = np.random.default_rng([2024, seed])
+    ranges = {"b": settings.spread, "c": settings.spread, "d": settings.grip_spread}
     lateral = {name: value for name, value in DEFAULT_TYRE["per_axle"].items() if name != "cx"}
-    return {name: float(value * rng.uniform(*settings.spread)) for name, value in lateral.items()}
+    return {name: float(value * rng.uniform(*ranges[name[0]])) for name, value in lateral.items()}
 
 
 def trial_config(trial: Trial, settings: CampaignSettings) -> Config:
@@ -91,6 +97,8 @@ def trial_config(trial: Trial, settings: CampaignSettings) -> Config:
     if trial.method == "infomax":
         overrides["planner.information_weight"] = settings.information_weight
         overrides["planner.information_criterion"] = settings.information_criterion
+        overrides["planner.convexification"] = settings.convexification
+        overrides["planner.information_bound"] = settings.information_bound
     return load_config(None, overrides)
 
 

@@ -28,7 +28,7 @@ def _group() -> None:
 @app.command()
 def learn(  # noqa: PLR0917  (one argument a flag)
     seeds: Annotated[int, typer.Option(min=2, help="cars, each with other tyres")] = 20,
-    laps: Annotated[int, typer.Option(min=1, help="laps of every drive")] = 2,
+    laps: Annotated[int, typer.Option(min=1, help="laps of every drive")] = 1,
     track: Annotated[str, typer.Option(help="track file or name of a shipped track")] = "",
     methods: Annotated[str, typer.Option(help="ways of driving, comma-separated; plain is always among them")]
     = "infomax,plain,prbs,sine",

@@ -21,6 +21,8 @@ from planner.track import Reference
 Array = npt.NDArray[np.float64]
 
 COLD_START_ITERATIONS = 15
+MIN_CORRIDOR = 0.2
+"""half the width, m, left to the CoG where the track is narrower than car and margin"""
 MIN_POWER_SPEED = 10.0
 """below this the drive command is not limited by engine power, m/s"""
 
@@ -92,14 +94,16 @@ class Controller:
         points = infomax.sigma_points(k.mean, k.covariance, indices, level)
         return np.column_stack([k.theta, points]).ravel(order="F")
 
-    def _weigh_information(self) -> None:
-        """W of Tr(W F): prior variances for `trace`; for `log_det` the covariance after the horizon's information.
+    def _weigh_information(self, speed: float) -> None:
+        """q_I at this speed, and W of Tr(W F): prior variances for `trace`; for `log_det` P after the horizon's F.
 
         d log det(P^-1 + sum F) = Tr(W dF) with W = (P^-1 + sum F)^-1, taken at the guess.
         """
-        k = self.knowledge
+        k, info = self.knowledge, self.settings.information
+        q = infomax.scheduled_weight(info.weight, speed, k.covariance, k.prior_std, info.criterion)
+        self.common[self.problem.common["q_information"]] = q
         W: Array = np.diag(k.prior_std**2)
-        if self.problem.informative and self.settings.information.criterion == "log_det":
+        if self.problem.informative and info.criterion == "log_det":
             F = self.sqp.horizon_information(self.common)
             # (P^-1 + F)^-1 without inverting P, which may be singular
             W = np.asarray(np.linalg.solve(np.eye(len(k.mean)) + k.covariance @ F, k.covariance))
@@ -113,14 +117,15 @@ class Controller:
         p[names["s"]] = knot
         p[names["cubic_x"]], p[names["cubic_y"]] = cubics[:4], cubics[4:]
         clearance = limits.car_half_width + limits.track_margin
-        p[names["width_left"]], p[names["width_right"]] = road[0] - clearance, road[1] - clearance
-        p[names["speed"]] = road[2:4]
+        p[names["centre"]] = road[:2]
+        p[names["half_width"]] = np.maximum(road[2] + road[3] * (s - knot) - clearance, MIN_CORRIDOR)
+        p[names["speed"]] = road[4:6]
         p[names["progress"]] = w.progress
         p[names["progress"], -1] = 0.0  # the last one would push v_s against the horizon's end
         p[names["drive_max"]] = self._drive_max(vx, drive)
-        p[names["grade"]], p[names["bank"]] = road[4:6] * self._road_share
+        p[names["grade"]], p[names["bank"]] = road[6:8] * self._road_share
         if self.problem.model.effects:
-            p[names["phi"]] = self.phi_at(road[6])
+            p[names["phi"]] = self.phi_at(road[8])
 
     def _drive_max(self, vx: Array, drive: float) -> Array:
         """Upper drive limit of each stage, 1: engine power at the predicted speed, within reach from `drive`."""
@@ -133,7 +138,7 @@ class Controller:
         """Solution from state `z0` (NZ,), warm-started from the held guess."""
         guess = self.sqp.z
         self.fill_stages(guess[S, 1:], guess[VX, 1:], float(z0[DRIVE]))
-        self._weigh_information()
+        self._weigh_information(float(z0[VX]))
         return self.sqp.solve(z0, self.stages, self.common, iterations or self.settings.iterations, stopwatch)
 
     def shift(self) -> None:

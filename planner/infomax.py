@@ -32,6 +32,11 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
+LEARNING_SPEED = (12.0, 20.0)
+"""m/s between which the weight rises from 0 to q_I: slower, slip angles are noise and the belief's gates are shut"""
+CONFIDENT = 60.0
+"""mean precision over the prior's from which the weight of `log_det` grows with it"""
+
 FORCE_STATES = (3, 4, 5, 7, 8)
 """vx, vy, yaw_rate, drive, steer: entries of z that tyre forces depend on"""
 
@@ -138,3 +143,19 @@ def project(hessians: Array) -> Array:
     """Nearest positive semi-definite matrices (Frobenius norm) of a batch, shape (..., n, n)."""
     values, vectors = np.linalg.eigh(hessians)
     return np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
+
+
+def scheduled_weight(weight: float, speed: float, covariance: Array, prior_std: Array, criterion: str) -> float:
+    """q_I of this step from the configured one, the speed (m/s) and, for `log_det`, what is known already.
+
+    An increment of log det shrinks as 1/t while driving costs stay: beyond `CONFIDENT` the weight grows with
+    det(precision)^(1/n), which turns the criterion into D-efficiency (Kiefer's Phi_0; Pukelsheim, Optimal Design of
+    Experiments, ch. 6). Before that it does not: a poorly known car must not be driven harder for information.
+    """
+    low, high = LEARNING_SPEED
+    gate = float(np.clip((speed - low) / (high - low), 0.0, 1.0))
+    if criterion != "log_det":
+        return weight * gate
+    sign, log_det = np.linalg.slogdet(covariance / np.outer(prior_std, prior_std))
+    precision = float(np.exp(-log_det / len(prior_std))) if sign > 0 else 1.0
+    return weight * gate * max(1.0, precision / CONFIDENT)
