@@ -15,54 +15,25 @@ from hil_gateway.bus import Bus, LatestReader
 from hil_gateway.can_link import CanLink
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.command_gate import CommandGate
+from hil_gateway.conditions import KILLS, Conditions
 from hil_gateway.config import Config
-from hil_gateway.failsafe import HOLDS, Failsafe, Inputs, missing_for_arming
+from hil_gateway.failsafe import Failsafe, Inputs, missing_for_arming
+from hil_gateway.heard import flags_heard, flags_in_force, heard
 from hil_gateway.limits import Limits
-from hil_gateway.messages import Applied, FailsafeAction, GatewayStatus, OperatorAction, VehicleState
+from hil_gateway.messages import Applied, FailsafeAction, GatewayStatus, OperatorAction, OperatorCommand, VehicleState
 from hil_gateway.powertrain import GearChoice
-from hil_gateway.race_control import (
-    KILL_VEHICLE_FLAGS,
-    STOP_TRACK_FLAGS,
-    STOP_VEHICLE_FLAGS,
-    CtState,
-    Demand,
-    Heard,
-    RaceControl,
-    SysState,
-    stronger_track_flag,
-    stronger_vehicle_flag,
-)
+from hil_gateway.race_control import CtState, Demand, RaceControl
 from hil_gateway.stopping import STANDSTILL, Stopping, rear_speed, road_speed
 from hil_gateway.track import Track
 from hil_gateway.transmitter import Transmitter
-from hil_gateway.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
+from hil_gateway.vehicle_state import VehicleStateBuilder
 
 STATUS_PERIOD_NS = NS_PER_S // 10
 LATENCY_WINDOW = 1000
 COMMAND_QUEUE = 16
 OPERATOR_QUEUE = 8
 STOPPING = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
-KILLS = frozenset({"operator_emergency", "vehicle_flag_kill", "foreign_emergency"})
-"""Causes that put the ladder into emergency even while no actuator command is sent."""
-DRIVING_ONLY = ("command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving")
-"""Conditions that have no meaning while actuators are tested with the engine off."""
-FAILURE_SIGNALS = ("sd_system_failure", "est4_sd_comms_loss", "est5_motec_comms_loss")
-
-
-class Held:
-    """How long a condition has held, s."""
-
-    def __init__(self) -> None:
-        self._since_ns: int | None = None
-
-    def update(self, holds: bool, now_ns: int) -> float:
-        """0 while it does not hold."""
-        if not holds:
-            self._since_ns = None
-            return 0.0
-        if self._since_ns is None:
-            self._since_ns = now_ns
-        return (now_ns - self._since_ns) / NS_PER_S
+REQUESTS_REMEMBERED = 64
 
 
 class Gateway:
@@ -90,7 +61,8 @@ class Gateway:
         self._transmits = config.gateway.mode in ("armed", "actuator_test")
         self._armed_ns = 0
         self._previous = self._limits.resting(0.0)
-        self._state_invalid, self._estimate_invalid = Held(), Held()
+        self._conditions = Conditions(self.builder, self._testing)
+        self._requests_seen: deque[tuple[str, int, int]] = deque(maxlen=REQUESTS_REMEMBERED)
         self._last_step_ns: int | None = None
         self._status_due_ns = 0
         self._seq = self._status_seq = 0
@@ -102,7 +74,7 @@ class Gateway:
     def step(self, now_ns: int) -> None:
         """One 10 ms period."""
         self.builder.take(self._link.receive(0.0), now_ns)
-        state = self.builder.build(now_ns, self.race_control.ct_state, *self._flags(now_ns))
+        state = self.builder.build(now_ns, self.race_control.ct_state, *flags_in_force(self.builder, now_ns))
         self._bus.publish(topics.VEHICLE_STATE, state)
         request = self._read_messages(now_ns, state)
         inputs = self._inputs(now_ns, state, request)
@@ -119,18 +91,7 @@ class Gateway:
     def shut_down(self, now_ns: int) -> None:
         """Say controlled shutdown on the wire; the car stops by itself when the commands end."""
         if self._transmits:
-            self._transmitter.race_control(now_ns, CtState.CONTROLLED_SHUTDOWN, self._heard_flags())
-
-    def _flags(self, now_ns: int) -> tuple[int, int]:
-        """Track and vehicle flag in force: the more restrictive of the two senders."""
-        signal = self.builder.signal
-        marelli = self.builder.age_s("marelli_report_1", now_ns) <= topics.GATEWAY_STATUS.deadline_s
-        track = int(signal("marelli_track_flag")) if marelli else 0
-        vehicle = int(signal("marelli_vehicle_flag")) if marelli else 0
-        return (
-            stronger_track_flag(int(signal("track_flag")), track),
-            stronger_vehicle_flag(int(signal("veh_flag")), vehicle),
-        )
+            self._transmitter.race_control(now_ns, CtState.CONTROLLED_SHUTDOWN, flags_heard(self.builder))
 
     def _read_messages(self, now_ns: int, state: VehicleState) -> OperatorAction | None:
         """Take in commands, plan and estimate; the newest request of a person, if one arrived this period."""
@@ -145,40 +106,26 @@ class Gateway:
         estimate = self._estimate.update(now_ns)
         dt = 0.0 if self._last_step_ns is None else (now_ns - self._last_step_ns) / NS_PER_S
         self._stopping.track_pose(dt, state, estimate.message if estimate.valid(now_ns) else None)
-        return strongest([message.action for message in self._operator.poll(now_ns)])
+        return strongest([message.action for message in self._operator.poll(now_ns) if self._is_new(message)])
+
+    def _is_new(self, request: OperatorCommand) -> bool:
+        """Whether a request is no second delivery: an old one must not arm again."""
+        identity = (request.source, request.seq, request.stamp_ns)
+        known = identity in self._requests_seen
+        self._requests_seen.append(identity)
+        return not known
 
     def _inputs(self, now_ns: int, state: VehicleState, request: OperatorAction | None) -> Inputs:
-        """Every measure of the failsafe table."""
-        counters = self.builder.counter_faults.drain(now_ns) >= COUNTER_FAULT
-        gap = 0.0 if self._last_step_ns is None else (now_ns - self._last_step_ns) / NS_PER_S
-        failure = any(self.builder.signal(name) for name in FAILURE_SIGNALS)
-        kill = state.vehicle_flag in KILL_VEHICLE_FLAGS
-        stop = state.vehicle_flag in STOP_VEHICLE_FLAGS
-        measures = {
-            "operator_emergency": _holds(request is OperatorAction.EMERGENCY),
-            "operator_stop": _holds(request is OperatorAction.STOP),
-            "vehicle_flag_kill": _holds(kill),
-            "vehicle_flag_stop": _holds(stop),
-            "track_flag_stop": _holds(state.track_flag in STOP_TRACK_FLAGS),
-            "car_emergency": _holds(state.sys_state in (SysState.EMERGENCY, SysState.CRITICAL_LIMIT)),
-            "car_not_driving": _holds(state.sys_state != SysState.DRIVING),
-            "car_failure": _holds(failure),
-            "engine_running": 0.0,
-            "foreign_emergency": _holds(self.builder.foreign_emergency(now_ns)),
-            "foreign_commands": _holds(self.builder.foreign_commands(now_ns)),
-            "command_age": self._gate.age_s(now_ns),
-            "can_silence": self.builder.silence_s(now_ns),
-            "gateway_gap": gap,
-            "counters_wrong": _holds(counters),
-            "heartbeat_frozen": self.race_control.heartbeat_frozen_s(now_ns),
-            "state_invalid": self._state_invalid.update(not state.valid, now_ns),
-            "estimate_invalid": self._estimate_invalid.update(not self._estimate.latest.valid(now_ns), now_ns),
-        }
-        if self._testing:
-            engine = state.engine_speed > 0 or state.sys_state >= SysState.IDLE
-            measures |= dict.fromkeys(DRIVING_ONLY, 0.0) | {"engine_running": _holds(engine)}
-        may_arm = self._config.gateway.mode != "listen"
-        return Inputs(measures, state.valid and road_speed(state) < STANDSTILL, request, may_arm)
+        measures = self._conditions.measures(
+            now_ns,
+            state,
+            request,
+            command_age_s=self._gate.age_s(now_ns),
+            estimate_valid=self._estimate.latest.valid(now_ns),
+            heartbeat_frozen_s=self.race_control.heartbeat_frozen_s(now_ns),
+        )
+        standing = state.valid and road_speed(state) < STANDSTILL
+        return Inputs(measures, standing, request, may_arm=self._config.gateway.mode != "listen")
 
     def _decide(self, now_ns: int, inputs: Inputs, state: VehicleState) -> None:
         before = self.failsafe.action
@@ -199,23 +146,12 @@ class Gateway:
             armed=action is FailsafeAction.DRIVE,
             highest=CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
         )
-        self.race_control = self.race_control.step(now_ns, self._heard(now_ns, state), demand)
-
-    def _heard(self, now_ns: int, state: VehicleState) -> Heard:
-        return Heard(
-            car_alive=state.sources["vehicle"].valid,
-            sys_state=state.sys_state,
-            mode_switch=self.builder.signal("mode_switch_state") > 0,
-            heartbeat=int(self.builder.signal("base_to_car_heartbeat")),
-            heartbeat_age_s=self.builder.age_s("base_to_car_summary", now_ns),
-            track_flag=state.track_flag,
-            vehicle_flag=state.vehicle_flag,
-        )
+        self.race_control = self.race_control.step(now_ns, heard(self.builder, now_ns, state), demand)
 
     def _act(self, now_ns: int, state: VehicleState) -> Applied:
         """Send this period's frames; what really left goes into `Applied`."""
         if self._transmits:
-            self._transmitter.race_control(now_ns, self.race_control.ct_state, self._heard_flags())
+            self._transmitter.race_control(now_ns, self.race_control.ct_state, flags_heard(self.builder))
         if not self.failsafe.armed:
             self._previous = self._limits.resting(self.builder.signal("average_steering_ang_fdbk"))
             return self._applied(now_ns, state, False, ())
@@ -246,11 +182,6 @@ class Gateway:
             return wanted
         hold = self._config.gateway.stop.hold_pressure
         return Actuators(wanted.steering_motor, 0.0, hold, hold, gear)
-
-    def _heard_flags(self) -> tuple[int, int, int, int, int]:
-        names = ("veh_flag", "track_flag", "marelli_track_flag", "marelli_vehicle_flag", "marelli_sector_flag")
-        vehicle, track, marelli_track, marelli_vehicle, sector = (int(self.builder.signal(name)) for name in names)
-        return vehicle, track, marelli_track, marelli_vehicle, sector
 
     def _note_latency(self, now_ns: int) -> None:
         """CAN report in to the first command frame that answers it."""
@@ -306,7 +237,3 @@ def strongest(requests: list[OperatorAction]) -> OperatorAction | None:
     """The request that counts when several arrived in one period."""
     order = (OperatorAction.EMERGENCY, OperatorAction.STOP, OperatorAction.DISARM, OperatorAction.ARM)
     return next((action for action in order if action in requests), None)
-
-
-def _holds(condition: bool) -> float:
-    return HOLDS if condition else 0.0

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 from can_dbc.codec import Codec
 from hil_gateway.can_link import CanLink
+from hil_gateway.heard import Flags
 from hil_gateway.limits import RawCommand
 from hil_gateway.race_control import CtState
 
@@ -77,12 +78,8 @@ class Transmitter:
         )
         return left, steered and braked and pushed and shifted
 
-    def race_control(self, now_ns: int, ct_state: CtState, flags: tuple[int, int, int, int, int]) -> None:
-        """State and acknowledged flags, on every change and once a period.
-
-        `flags`: vehicle and track flag of `base_to_car_summary`, then track, vehicle and sector flag of
-        `marelli_report_1`.
-        """
+    def race_control(self, now_ns: int, ct_state: CtState, flags: Flags) -> None:
+        """State and acknowledged flags, on every change and once a period."""
         content = (int(ct_state), *flags)
         if now_ns < self._report_due_ns and content == self._reported:
             return

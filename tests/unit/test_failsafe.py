@@ -9,9 +9,10 @@ import pytest
 from promise_figures import record_figure, volume
 from scripted_car import Rig
 
+from hil_gateway import topics
 from hil_gateway.config import Config
 from hil_gateway.failsafe import MEASURES, TABLE, Failsafe, Inputs, first_firing, missing_for_arming, table_markdown
-from hil_gateway.messages import FailsafeAction, OperatorAction
+from hil_gateway.messages import FailsafeAction, OperatorAction, OperatorCommand
 
 # The oracle: what must happen, written down a second time without looking at the code's table. It uses the actions'
 # numbers and sets instead of rows: 0 silent, 1 drive, 2 controlled stop, 3 emergency stop.
@@ -148,6 +149,22 @@ def test_a_request_to_arm_is_answered_at_once_or_forgotten():
     rig.ask(OperatorAction.ARM)
     rig.step()
     assert rig.action is FailsafeAction.DRIVE
+
+
+@pytest.mark.promise("S5")
+def test_a_second_delivery_of_a_request_to_arm_does_not_arm_again():
+    rig = Rig()
+    rig.run(1.0)
+    request = OperatorCommand(stamp_ns=7, seq=7, source="test", action=OperatorAction.ARM)
+    rig.bus.publish(topics.OPERATOR, request)
+    rig.run(0.5)
+    assert rig.action is FailsafeAction.DRIVE
+    rig.ask(OperatorAction.STOP)
+    rig.run(3.0)
+    assert rig.car.speed == 0
+    rig.bus.publish(topics.OPERATOR, request)
+    rig.run(0.2)
+    assert rig.action is FailsafeAction.CONTROLLED_STOP
 
 
 @pytest.mark.parametrize("spoil", ["can", "state", "estimate", "plan", "sys_state", "heartbeat", "moving", "mode"])

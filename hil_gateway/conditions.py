@@ -1,0 +1,85 @@
+"""Every measure of the failsafe table, from what the gateway sees in one period."""
+
+from __future__ import annotations
+
+from hil_gateway.clock import NS_PER_S
+from hil_gateway.failsafe import HOLDS
+from hil_gateway.messages import OperatorAction, VehicleState
+from hil_gateway.race_control import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, SysState
+from hil_gateway.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
+
+KILLS = ("operator_emergency", "vehicle_flag_kill", "foreign_emergency")
+"""Measures that put the ladder into emergency even while no actuator command is sent."""
+DRIVING_ONLY = ("command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving")
+"""Measures that have no meaning while actuators are tested with the engine off."""
+FAILURE_SIGNALS = ("sd_system_failure", "est4_sd_comms_loss", "est5_motec_comms_loss")
+
+
+class Held:
+    """How long a condition has held, s."""
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+
+    def update(self, holds: bool, now_ns: int) -> float:
+        """0 while it does not hold."""
+        if not holds:
+            self._since_ns = None
+            return 0.0
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        return (now_ns - self._since_ns) / NS_PER_S
+
+
+class Conditions:
+    """Remembers since when state and estimate are invalid and when the gateway ran last."""
+
+    def __init__(self, builder: VehicleStateBuilder, testing: bool) -> None:
+        self._builder = builder
+        self._testing = testing
+        self._state_invalid, self._estimate_invalid = Held(), Held()
+        self._last_ns: int | None = None
+
+    def measures(
+        self,
+        now_ns: int,
+        state: VehicleState,
+        request: OperatorAction | None,
+        *,
+        command_age_s: float,
+        estimate_valid: bool,
+        heartbeat_frozen_s: float,
+    ) -> dict[str, float]:
+        """Measure -> seconds it has held; once a period."""
+        builder = self._builder
+        failed = any(builder.signal(name) for name in FAILURE_SIGNALS)
+        counters = builder.counter_faults.drain(now_ns) >= COUNTER_FAULT
+        measures = {
+            "operator_emergency": _holds(request is OperatorAction.EMERGENCY),
+            "operator_stop": _holds(request is OperatorAction.STOP),
+            "vehicle_flag_kill": _holds(state.vehicle_flag in KILL_VEHICLE_FLAGS),
+            "vehicle_flag_stop": _holds(state.vehicle_flag in STOP_VEHICLE_FLAGS),
+            "track_flag_stop": _holds(state.track_flag in STOP_TRACK_FLAGS),
+            "car_emergency": _holds(state.sys_state in (SysState.EMERGENCY, SysState.CRITICAL_LIMIT)),
+            "car_not_driving": _holds(state.sys_state != SysState.DRIVING),
+            "car_failure": _holds(failed),
+            "engine_running": 0.0,
+            "foreign_emergency": _holds(builder.foreign_emergency(now_ns)),
+            "foreign_commands": _holds(builder.foreign_commands(now_ns)),
+            "command_age": command_age_s,
+            "can_silence": builder.silence_s(now_ns),
+            "gateway_gap": 0.0 if self._last_ns is None else (now_ns - self._last_ns) / NS_PER_S,
+            "counters_wrong": _holds(counters),
+            "heartbeat_frozen": heartbeat_frozen_s,
+            "state_invalid": self._state_invalid.update(not state.valid, now_ns),
+            "estimate_invalid": self._estimate_invalid.update(not estimate_valid, now_ns),
+        }
+        if self._testing:
+            running = state.engine_speed > 0 or state.sys_state >= SysState.IDLE
+            measures |= dict.fromkeys(DRIVING_ONLY, 0.0) | {"engine_running": _holds(running)}
+        self._last_ns = now_ns
+        return measures
+
+
+def _holds(condition: bool) -> float:
+    return HOLDS if condition else 0.0
