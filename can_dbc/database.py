@@ -54,12 +54,7 @@ class Signal:
     @property
     def si_factor(self) -> float:
         """SI value over value in DBC units."""
-        return SI[self.unit][0]
-
-    @property
-    def si_unit(self) -> str:
-        """SI unit of the decoded value."""
-        return SI[self.unit][1]
+        return SI[self.unit]
 
     @property
     def si_resolution(self) -> float:
