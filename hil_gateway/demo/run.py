@@ -99,9 +99,9 @@ class Run:
         if self._operator.driving and self._under_way_ns is None:
             self._under_way_ns = now_ns
             self._cpu.restart()
-            self._supervisor.prefer_real_time()
             self._tell("under way")
-        self._cpu.update(now_ns)
+        if self._cpu.update(now_ns) and self._under_way_ns is not None:
+            self._supervisor.prefer_real_time()  # again every second: for threads that were started meanwhile
         self._start_rest(now_ns)
         self._watch_processes(now_ns)
         self._watch_gateway(now_ns)
@@ -203,11 +203,13 @@ class CpuMeter:
         self._base = self._now = self._supervisor.cpu_seconds()
         self._began_s = self._read_s = time.monotonic()
 
-    def update(self, now_ns: int) -> None:
-        """Read the counters, once a second."""
-        if now_ns >= self._next_ns:
-            self._next_ns = now_ns + CPU_PERIOD_NS
-            self._now, self._read_s = self._supervisor.cpu_seconds(), time.monotonic()
+    def update(self, now_ns: int) -> bool:
+        """Read the counters, once a second; whether it was done."""
+        if now_ns < self._next_ns:
+            return False
+        self._next_ns = now_ns + CPU_PERIOD_NS
+        self._now, self._read_s = self._supervisor.cpu_seconds(), time.monotonic()
+        return True
 
     def share(self) -> dict[str, float]:
         """Processor time over elapsed time, per process."""
