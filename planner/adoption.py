@@ -39,7 +39,7 @@ PROFILE_CHANGE = 0.03
 PROBATION = 40
 """plans after an adoption during which failures count against the new revision"""
 PROBATION_FAILURES = 3
-RACE_LINE_MARGIN = 1.6
+RACE_LINE_MARGIN = 1.9
 """least distance of the race line from the edges, m"""
 
 

@@ -77,25 +77,26 @@ def bounds_of(settings: Settings, load_max: tuple[float, float], drive: float) -
 def plan_of(solution: Solution, line: RaceLine) -> acceptance.Plan:
     """The solution beside the race line."""
     z = solution.z
-    offset, index = lateral_offset(z[0], z[1], z[6], line)
+    offset, width_left, width_right = beside(z[0], z[1], z[6], line)
     return acceptance.Plan(
         x=z[0], y=z[1], yaw=z[2], vx=z[3], vy=z[4], yaw_rate=z[5], drive=z[7], steer=z[8], offset=offset,
-        width_left=line.width_left[index], width_right=line.width_right[index],
-        information=np.concatenate([[0.0], solution.information]),
+        width_left=width_left, width_right=width_right, information=np.concatenate([[0.0], solution.information]),
     )  # fmt: skip
 
 
-def lateral_offset(x: Array, y: Array, s: Array, line: RaceLine) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Distance to the left of the line (m) of points (K,) near progress `s`, and the nearest point of the line."""
+def beside(x: Array, y: Array, s: Array, line: RaceLine) -> tuple[Array, Array, Array]:
+    """Distance to the left of the line (m) of points (K,) near progress `s`, and the line's distance to both edges."""
     n = len(line.s)
     around = np.round(s / line.length * n)[:, None] + np.arange(-WINDOW, WINDOW + 1)
     index = (around % n).astype(np.intp)
     dx, dy = x[:, None] - line.x[index], y[:, None] - line.y[index]
     nearest = np.argmin(dx**2 + dy**2, axis=1)
     rows = np.arange(len(x))
-    chosen = index[rows, nearest]
-    heading = line.heading[chosen]
-    return -np.sin(heading) * dx[rows, nearest] + np.cos(heading) * dy[rows, nearest], chosen
+    i, dx, dy = index[rows, nearest], dx[rows, nearest], dy[rows, nearest]
+    cos, sin = np.cos(line.heading[i]), np.sin(line.heading[i])
+    cells = (cos * dx + sin * dy) * n / line.length
+    left, right = (w[i] + cells * 0.5 * (w[(i + 1) % n] - w[i - 1]) for w in (line.width_left, line.width_right))
+    return cos * dy - sin * dx, left, right
 
 
 MIN_DYNAMIC_SPEED = 12.0

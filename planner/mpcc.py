@@ -32,6 +32,9 @@ BLEND_WIDTH = 1.5
 KINEMATIC_TIME = 0.15
 """Below about 6 m/s tyre dynamics are too stiff for one step of 0.05 s and the car is driven kinematically."""
 
+HOLD_SPEED = 0.5
+"""m/s: below about this deceleration fades to nothing"""
+
 OUTPUTS = (
     "A", "B", "b", "Q", "q", "R", "r", "C", "lower_row", "upper_row", "lower_z", "upper_z", "lower_u", "upper_u",
 )  # fmt: skip
@@ -60,12 +63,12 @@ class Names:
 def stage_names(model: SingleTrack) -> Names:
     """Parameters of one stage.
 
-    Knot s and cubics of the reference line in s - knot (power 0..3), distances to the track limits (m), speed
-    limit at the knot and its slope, weight q_v (0 at the last stage), multipliers of the two load rows, upper drive
-    limit, grade and bank (rad) of the track as far as no effect of the model stands for them, effect parameters at
-    the stage's place.
+    Knot s and cubics of the reference line in s - knot (power 0..3), offset of the middle of the track from the line
+    at the knot and its slope, half the width left to the CoG (m), speed limit at the knot and its slope, weight q_v
+    (0 at the last stage), multipliers of the two load rows, upper drive limit, grade and bank (rad) of the track as
+    far as no effect of the model stands for them, effect parameters at the stage's place.
     """
-    sizes = {"s": 1, "cubic_x": 4, "cubic_y": 4, "width_left": 1, "width_right": 1, "speed": 2, "progress": 1}
+    sizes = {"s": 1, "cubic_x": 4, "cubic_y": 4, "centre": 2, "half_width": 1, "speed": 2, "progress": 1}
     return Names({**sizes, "multiplier": 2, "drive_max": 1, "grade": 1, "bank": 1, "phi": len(model.effect_table)})
 
 
@@ -138,9 +141,12 @@ class Dynamics:
         rolling_yaw_rate = vx * ca.tan(steer) / v.wheelbase
         lateral = (v.lr * rolling_yaw_rate - vy) / KINEMATIC_TIME
         yaw = (rolling_yaw_rate - yaw_rate) / KINEMATIC_TIME
+        along = car[3] - gravity[0]
+        # brakes hold a standing car, they do not push it backwards
+        along = ca.fmax(along, 0.0) + ca.fmin(along, 0.0) * ca.tanh(ca.fmax(vx, 0.0) / HOLD_SPEED)
         sliding, turning = weight * (car[4] - gravity[1]), weight * car[5]
         blended = ca.vertcat(sliding + (1 - weight) * lateral, turning + (1 - weight) * yaw)
-        return ca.vertcat(car[:3], car[3] - gravity[0], blended, progress)
+        return ca.vertcat(car[:3], along, blended, progress)
 
     def step(self, z: Expr, du: Expr, p: Mapping[str, Expr]) -> Expr:
         """One interval by RK4; the inputs move linearly from u to u + du."""
@@ -274,11 +280,13 @@ class Problem:
         self, z: Expr, loads: Sequence[LoadRow], stage: Mapping[str, Expr], p: Mapping[str, Expr]
     ) -> tuple[Expr, Expr, Expr, Expr]:
         """Soft rows with their Jacobian, lower and upper bounds; the order is `rows`."""
-        offset = -path_errors(z, stage)[0]
-        speed = z[VX] - stage["speed"][0] - stage["speed"][1] * (z[S] - stage["s"])
+        along = z[S] - stage["s"]
+        # across the track the middle may move quickly beside the race line, the width does not
+        offset = -path_errors(z, stage)[0] - stage["centre"][0] - stage["centre"][1] * along
+        speed = z[VX] - stage["speed"][0] - stage["speed"][1] * along
         values = [offset, loads[0].value, loads[1].value, speed]
         gradients = [ca.jacobian(offset, z), loads[0].gradient, loads[1].gradient, ca.jacobian(speed, z)]
-        lower, upper = [-stage["width_right"], -1.0, -1.0, 0.0], [stage["width_left"], 1.0, 1.0, 0.0]
+        lower, upper = [-stage["half_width"], -1.0, -1.0, 0.0], [stage["half_width"], 1.0, 1.0, 0.0]
         if self.informative:
             gain = infomax.trace_gain(self, z, p) / self.settings.information.bound
             values, gradients = [*values, gain], [*gradients, ca.jacobian(gain, z)]

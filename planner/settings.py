@@ -50,7 +50,7 @@ class Limits:
     power: float = 340e3
     """engine power at the wheels, W: bounds the drive command at speed"""
     car_half_width: float = 1.0
-    track_margin: float = 0.4
+    track_margin: float = 0.3
     """kept clear of the edge beyond the car's own width, m"""
 
 
@@ -58,9 +58,9 @@ class Limits:
 class Slack:
     """L1 and L2 penalties on soft rows."""
 
-    track: tuple[float, float] = (40.0, 40.0)
+    track: tuple[float, float] = (80.0, 200.0)
     load: tuple[float, float] = (200.0, 1000.0)
-    speed: tuple[float, float] = (0.01, 2.0)
+    speed: tuple[float, float] = (0.01, 5.0)
     information: tuple[float, float] = (20.0, 100.0)
 
 

@@ -41,8 +41,14 @@ class Reference:
         self._spacing = line.length / n
         self._cubics = np.ascontiguousarray(spline.c[::-1].transpose(2, 0, 1).reshape(8, n))
         speed = line.vx_profile
-        slope = (np.roll(speed, -1) - speed) / self._spacing
-        self._road = np.vstack([line.width_left, line.width_right, speed, slope, line.grade, line.bank, line.track_s])
+        centre = 0.5 * (line.width_left - line.width_right)
+        half_width = 0.5 * (line.width_left + line.width_right)
+        rows = [centre, self._slope(centre), half_width, self._slope(half_width), speed, self._slope(speed)]
+        self._road = np.vstack([*rows, line.grade, line.bank, line.track_s])
+
+    def _slope(self, values: Array) -> Array:
+        """Forward difference over one cell of the closed grid."""
+        return np.asarray((np.roll(values, -1) - values) / self._spacing)
 
     def _cell(self, s: Array) -> tuple[Array, npt.NDArray[np.intp]]:
         """Unwrapped knot position below each s, and its index on the grid."""
@@ -50,10 +56,11 @@ class Reference:
         return number * self._spacing, (number % len(self.line.s)).astype(np.intp)
 
     def stages(self, s: Array) -> tuple[Array, Array, Array]:
-        """Knots (K,), cubic coefficients of x then y by rising power (8, K), and road data (7, K) at s (K,).
+        """Knots (K,), cubic coefficients of x then y by rising power (8, K), and road data (9, K) at s (K,).
 
-        Road rows: width left, width right (m, from the line to the track's edge), speed limit at the knot (m/s)
-        and its slope (1/s), grade and bank (rad), arc length of the track's centre line (m).
+        Road rows, at the knot: offset of the middle of the track from the line (m, positive left), its slope, half
+        the track's width (m), its slope, speed limit (m/s), its slope (1/s), grade and bank (rad), arc length of
+        the track's centre line (m).
         """
         knot, index = self._cell(s)
         return knot, self._cubics[:, index], self._road[:, index]
@@ -71,7 +78,7 @@ class Reference:
     def speed_limit(self, s: Array) -> Array:
         """Speed profile at s (K,), m/s."""
         knot, index = self._cell(s)
-        return np.asarray(self._road[2, index] + (s - knot) * self._road[3, index])
+        return np.asarray(self._road[4, index] + (s - knot) * self._road[5, index])
 
     def project(self, x: float, y: float, hint: float | None = None) -> float:
         """Unwrapped s of the nearest point; near `hint` (within some 30 m) where one is given, else on lap 0."""

@@ -12,7 +12,7 @@ from hil_gateway.vehicle import Vehicle
 from planner import acceptance
 from planner.acceptance import Bounds, Plan, declared_forces, violations
 from planner.bench import bench_controller, clock, start_state
-from planner.checks import bounds_of, defects, lateral_offset, plan_of
+from planner.checks import beside, bounds_of, defects, plan_of
 from planner.controller import Controller
 from planner.settings import Settings
 from planner.sqp import Solution
@@ -89,9 +89,10 @@ def test_offset_is_measured_from_the_race_line(solved: tuple[Controller, Solutio
     index = np.arange(100, 140)
     x = line.x[index] - 2.0 * np.sin(line.heading[index])
     y = line.y[index] + 2.0 * np.cos(line.heading[index])
-    offset, nearest = lateral_offset(x, y, line.s[index], line)
+    offset, left, right = beside(x, y, line.s[index], line)
     np.testing.assert_allclose(offset, 2.0, atol=1e-9)
-    np.testing.assert_array_equal(nearest, index)
+    np.testing.assert_allclose(left, line.width_left[index], atol=1e-9)
+    np.testing.assert_allclose(right, line.width_right[index], atol=1e-9)
 
 
 def test_forces_agree_with_the_model_of_the_solver(solved: tuple[Controller, Solution]) -> None:
