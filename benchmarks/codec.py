@@ -19,12 +19,13 @@ from can_dbc.codec import load_codec
 from can_dbc.database import DBC_PATH
 
 REQUIRED = {"decode": 3.0, "encode": 5.0}
-ROUNDS = 7
+ROUNDS = 9
 
 
-def seconds_per_call(call: Callable[[], Any], calls: int) -> float:
-    """Best of several rounds, so that a busy neighbour counts for neither side."""
-    return min(timeit.repeat(call, number=1, repeat=ROUNDS)) / calls
+def best_times(calls: dict[str, Callable[[], Any]]) -> dict[str, float]:
+    """Best of several rounds of each, s; taken in turn, so that a busy neighbour counts for neither side."""
+    rounds = [{name: timeit.timeit(call, number=1) for name, call in calls.items()} for _ in range(ROUNDS)]
+    return {name: min(times[name] for times in rounds) for name in calls}
 
 
 def measure(frames_per_message: int = 40) -> dict[str, float]:
@@ -46,13 +47,15 @@ def measure(frames_per_message: int = 40) -> dict[str, float]:
             si_values.append((message.name, codec.decode(frame_id, data)))
     decode, encode = codec.decode, codec.encode
     peer_decode, peer_encode = peer.decode_message, peer.encode_message
-    n = len(frames)
-    return {
-        "decode_us": 1e6 * seconds_per_call(lambda: [decode(i, d) for i, d in frames], n),
-        "cantools_decode_us": 1e6 * seconds_per_call(lambda: [peer_decode(i, d) for i, d in frames], n),
-        "encode_us": 1e6 * seconds_per_call(lambda: [encode(m, v) for m, v in si_values], n),
-        "cantools_encode_us": 1e6 * seconds_per_call(lambda: [peer_encode(m, v) for m, v in dbc_values], n),
-    }
+    times = best_times(
+        {
+            "decode_us": lambda: [decode(i, d) for i, d in frames],
+            "cantools_decode_us": lambda: [peer_decode(i, d) for i, d in frames],
+            "encode_us": lambda: [encode(m, v) for m, v in si_values],
+            "cantools_encode_us": lambda: [peer_encode(m, v) for m, v in dbc_values],
+        }
+    )
+    return {name: 1e6 * seconds / len(frames) for name, seconds in times.items()}
 
 
 def main() -> int:

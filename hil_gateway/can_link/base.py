@@ -128,7 +128,9 @@ class SocketLink(ABC):
             return []
         frames = self._drain(self._socket)
         if not frames and timeout_s > 0 and self._socket is not None:
-            select.select([self._socket], [], [], timeout_s)
+            waiting = select.poll()
+            waiting.register(self._socket, select.POLLIN)
+            waiting.poll(1000 * timeout_s)
             frames = self._drain(self._socket)
         self.counts.received += len(frames)
         return frames
