@@ -25,8 +25,11 @@ TYRE = {"cx": 62000.0, "bf": 11.5, "cf": 1.55, "df": 1.6033, "br": 13.0, "cr": 1
 NOISE = {
     "x": 0.02, "y": 0.02, "yaw": 0.001, "vx": 0.02, "vy": 0.02, "yaw_rate": 0.003, "ax": 0.15, "ay": 0.15,
 }  # fmt: skip
-STEP = 0.005
-"""s; the drives are logged every second step, at 100 Hz."""
+LOG_STEP = 0.01
+"""s; the drives are logged at 100 Hz."""
+HISTORY = 64
+"""Steps of past actuation that delays can reach back to."""
+LONGEST_S = 1500.0
 STEER_RATE, DRIVE_RATE, STEER_MAX, DRIVE_MAX = 0.9, 0.6, 0.26, 0.085
 STATIONS = 2048
 LAPS = 8
@@ -128,7 +131,7 @@ def _course(rng: np.random.Generator) -> tuple[float, Array, Array, Array, Array
         x, y = scale * np.interp(at, arc, x), scale * np.interp(at, arc, y)
         length = scale * arc[-1]
         ds = length / STATIONS
-        dx, dy = np.gradient(np.concatenate([x[-3:], x, x[:3]]), ds), np.gradient(np.concatenate([y[-3:], y, y[:3]]), ds)
+        dx, dy = (np.gradient(np.concatenate([a[-3:], a, a[:3]]), ds) for a in (x, y))
         heading = np.unwrap(np.arctan2(dy, dx))
         curvature = np.gradient(heading, ds)[3:-3]
         kernel = np.hanning(25)
@@ -152,6 +155,22 @@ def _speed_profiles(tracks: _Tracks, rng: Sequence[np.random.Generator]) -> Arra
                 v[:, i] = np.minimum(v[:, i], np.sqrt(v[:, (i + 1) % STATIONS] ** 2 + 2 * 4.6 * ds))
         profiles.append(v)
     return np.array(profiles)
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """Where and how every car moves at one instant."""
+
+    t: float
+    share: Array
+    yaw: Array
+    vx: Array
+    vy: Array
+    rate: Array
+    steer: Array
+    drive: Array
+    ax_before: Array
+    flap: Array
 
 
 class _Car:
@@ -182,11 +201,11 @@ class _Car:
         """Slip angles, Eq. (3)."""
         return steer - np.arctan2(vy + LF * rate, vx), -np.arctan2(vy - LR * rate, vx)
 
-    def accelerations(
-        self, t: float, share: Array, yaw: Array, vx: Array, vy: Array, rate: Array, steer: Array, drive: Array,
-        slip: tuple[Array, Array], ax_before: Array, flap: Array, scale: Array,
-    ) -> tuple[Array, ...]:  # fmt: skip
+    def accelerations(self, at: _Motion, slip: tuple[Array, Array]) -> tuple[Array, ...]:
         """Specific forces, yaw acceleration, d/dt vx and d/dt vy of every car."""
+        t, share, yaw, vx, vy, rate, steer, drive, ax_before, flap = (
+            at.t, at.share, at.yaw, at.vx, at.vy, at.rate, at.steer, at.drive, at.ax_before, at.flap,
+        )  # fmt: skip
         s = self.size
         cx = TYRE["cx"]
         braking = np.minimum(drive, 0.0) * cx
@@ -203,7 +222,7 @@ class _Car:
         down = s["aero_downforce"] * vx * vx
         fz_f, fz_r = self.front + 0.4 * down - transfer, self.rear + 0.6 * down + transfer
         grip = 1 + s["grip_drift"] * t - s["grip_patch"] * in_stretch - s["grip_step"] * (t > self.step_at * 900.0)
-        grip = grip - s["speed_stall"] * (1 / (1 + np.exp(-(vx - 40.0) / 1.5)))
+        grip = grip - s["speed_stall"] / (1 + np.exp(-np.clip((vx - 40.0) / 1.5, -50, 50)))
         d_f = TYRE["df"] * (1 - s["load_sensitivity"] * (fz_f / self.front - 1)) * grip
         d_r = TYRE["dr"] * (1 - s["load_sensitivity"] * (fz_r / self.rear - 1)) * grip
         d_f = d_f * (1 + s["turn_asymmetry"] * np.sign(slip[0]))
@@ -231,104 +250,129 @@ class _Car:
 
 
 def simulate(
-    effects: Sequence[Mapping[str, float]], seeds: Sequence[int], laps: int = LAPS, noise: float = 1.0
+    effects: Sequence[Mapping[str, float]], seeds: Sequence[int], laps: int = LAPS, step: float = 0.005
 ) -> list[Drive]:
-    """Drive every car for `laps` laps of its own course; `noise` scales the sensor noise."""
+    """Drive every car for `laps` laps of its own course, integrated at `step` s (a divisor of 10 ms)."""
     generators = [np.random.default_rng(seed) for seed in seeds]
     courses = [_course(rng) for rng in generators]
     tracks = _Tracks(*(np.array(column) for column in zip(*courses, strict=True)))
     reference = _speed_profiles(tracks, generators)
     car = _Car(effects, tracks, seeds)
-    raw = _drive(car, tracks, reference, laps)
-    return [_logged(raw, i, car, dict(effects[i]), seeds[i], noise, laps) for i in range(len(effects))]
+    raw = _drive(car, tracks, reference, laps, step)
+    return [_logged(raw, i, car, Drive({}, dict(effects[i]), seeds[i]), laps) for i in range(len(effects))]
 
 
-def _drive(car: _Car, tracks: _Tracks, reference: Array, laps: int) -> dict[str, Array]:
-    """Integrate all cars with Heun's method at `STEP` until the slowest has finished; (samples, drives) arrays."""
-    n = len(tracks.length)
-    rows = np.arange(n)
-    share, offset, mu = np.zeros(n), np.zeros(n), np.zeros(n)
-    x, y, yaw = tracks.x[:, 0].copy(), tracks.y[:, 0].copy(), tracks.heading[:, 0].copy()
-    vx, vy, rate = np.minimum(reference[0][:, 0], 15.0), np.zeros(n), np.zeros(n)
-    steer, drive, play = np.zeros(n), np.zeros(n), np.zeros(n)
-    ax_before = np.zeros(n)
-    relaxed = [np.zeros(n), np.zeros(n)]
-    history = 64
-    past_steer, past_drive = np.zeros((history, n)), np.zeros((history, n))
-    lag_steer = np.round(car.size["steer_delay"] / STEP).astype(int)
-    lag_drive = np.round(car.size["drive_delay"] / STEP).astype(int)
-    sigma = car.size["tyre_relaxation"]
-    flap = np.zeros(n)
+@dataclass
+class _Fleet:
+    """Everything that moves: one entry a car in every array."""
+
+    car: _Car
+    tracks: _Tracks
+    reference: Array
+    step: float
+
+    def __post_init__(self) -> None:
+        n, tracks = len(self.tracks.length), self.tracks
+        self.rows, self.tick = np.arange(n), 0
+        first = np.minimum(self.reference[0][:, 0], 15.0)
+        self.x, self.y = tracks.x[:, 0].copy(), tracks.y[:, 0].copy()
+        # share of the lap, offset, heading error, yaw, vx, vy, yaw rate, relaxed slips
+        self.state = (*np.zeros((3, n)), tracks.heading[:, 0].copy(), first, *np.zeros((4, n)))
+        self.steer, self.drive, self.play, self.flap, self.ax = np.zeros((5, n))
+        self.past_steer, self.past_drive = np.zeros((2, HISTORY, n))
+        self.lag_steer, self.lag_drive = (
+            np.round(self.car.size[f"{name}_delay"] / self.step).astype(int) for name in ("steer", "drive")
+        )
+        self.hold = STATIONS / np.round(tracks.length / 2.5)
+        self.angle, self.torque = np.zeros((2, n))
+
+    def act(self) -> None:
+        """What the driver does, and what of it reaches wheels and axle."""
+        share, offset, mu, _, vx, _, rate, *_ = self.state
+        rows, tracks = self.rows, self.tracks
+        station = (share % 1.0 * STATIONS // self.hold * self.hold).astype(int) % STATIONS
+        ahead = (station + (0.25 * vx / tracks.length * STATIONS).astype(int)) % STATIONS
+        lap = np.minimum(share.astype(int), LAPS - 1)
+        kappa, target = tracks.curvature[rows, ahead], self.reference[lap, rows, ahead]
+        wanted = kappa * (WHEELBASE + 0.0012 * vx * vx)
+        wanted = wanted - 0.012 * offset - (0.25 + 1.0 / vx) * mu - 0.02 * (rate - kappa * vx)
+        wanted = wanted + 0.11 / vx * np.sin(2 * np.pi * 0.9 * self.tick * self.step)
+        most = STEER_RATE * self.step
+        self.steer = np.clip(self.steer + np.clip(wanted - self.steer, -most, most), -STEER_MAX, STEER_MAX)
+        pedal = np.clip((1.2 * (target - vx) + 0.3 * np.sign(target - vx)) * MASS / TYRE["cx"], -0.075, 0.06)
+        most = DRIVE_RATE * self.step
+        self.drive = np.clip(self.drive + np.clip(pedal - self.drive, -most, most), -DRIVE_MAX, DRIVE_MAX)
+        self.past_steer[self.tick % HISTORY], self.past_drive[self.tick % HISTORY] = self.steer, self.drive
+        angle = self.past_steer[(self.tick - self.lag_steer) % HISTORY, rows]
+        half = 0.5 * self.car.size["steer_play"]
+        self.play = np.clip(self.play, angle - half, angle + half)
+        self.angle = np.where(half > 0, self.play, angle)
+        self.torque = self.past_drive[(self.tick - self.lag_drive) % HISTORY, rows]
+        if self.tick % round(20.0 / self.step) == 0:
+            self.flap = np.where(np.sin(0.37 * self.tick * self.step / 20.0 + rows) > 0, 1.0, 0.0)
+
+    def rates(self, state: tuple[Array, ...]) -> tuple[Array, ...]:
+        """Derivative of the state, then ax and ay."""
+        share, offset, mu, yaw, vx, vy, rate, a_f, a_r = state
+        sigma = self.car.size["tyre_relaxation"]
+        steer = self.car.true_steer(self.angle, vx)
+        slip = self.car.slips(vx, vy, rate, steer)
+        used = (np.where(sigma > 0, a_f, slip[0]), np.where(sigma > 0, a_r, slip[1]))
+        motion = _Motion(self.tick * self.step, share, yaw, vx, vy, rate, steer, self.torque, self.ax, self.flap)
+        ax, ay, yaw_acc, vx_dot, vy_dot = self.car.accelerations(motion, used)
+        kappa = self.tracks.curvature[self.rows, (share % 1.0 * STATIONS).astype(int) % STATIONS]
+        along = (vx * np.cos(mu) - vy * np.sin(mu)) / (1 - kappa * offset)
+        sideways = vx * np.sin(mu) + vy * np.cos(mu)
+        build_up = vx / np.where(sigma > 0, sigma, 1.0)
+        return (
+            along / self.tracks.length, sideways, rate - kappa * along, rate, vx_dot, vy_dot, yaw_acc,
+            build_up * (slip[0] - a_f), build_up * (slip[1] - a_r), ax, ay,
+        )  # fmt: skip
+
+    def move(self, first: tuple[Array, ...]) -> None:
+        """One step of Heun's method from the derivative `first` at its start."""
+        h = self.step
+        second = self.rates(tuple(a + h * b for a, b in zip(self.state, first, strict=False)))
+        _, _, _, yaw, vx, vy, rate, *_ = self.state
+        course = yaw + 0.5 * h * rate
+        self.x = self.x + h * (vx * np.cos(course) - vy * np.sin(course))
+        self.y = self.y + h * (vx * np.sin(course) + vy * np.cos(course))
+        state = [a + 0.5 * h * (b + c) for a, b, c in zip(self.state, first, second, strict=False)]
+        state[4] = np.maximum(state[4], 3.0)
+        self.state, self.ax = tuple(state), 0.5 * (first[9] + second[9])
+        self.tick += 1
+
+
+def _drive(car: _Car, tracks: _Tracks, reference: Array, laps: int, step: float) -> dict[str, Array]:
+    """Integrate all cars until the slowest has finished; (samples, drives) arrays."""
+    fleet = _Fleet(car, tracks, reference, step)
     log: dict[str, list[Array]] = {
         k: [] for k in ("x", "y", "yaw", "vx", "vy", "yaw_rate", "ax", "ay", "steer", "drive", "lap", "yaw_acc", "flap")
     }
-    hold = STATIONS / np.round(tracks.length / 2.5)
-    tick = 0
-    scale = np.ones(n)
-    while np.min(share) < laps and tick * STEP < 1500.0:
-        t = tick * STEP
-        lap = share.astype(int)
-        station = (share % 1.0 * STATIONS // hold * hold).astype(int) % STATIONS
-        ahead = (station + (0.25 * vx / tracks.length * STATIONS).astype(int)) % STATIONS
-        kappa, target = tracks.curvature[rows, ahead], reference[np.minimum(lap, LAPS - 1), rows, ahead]
-        grip_feel = kappa * (WHEELBASE + 0.0012 * vx * vx)
-        wanted = grip_feel - 0.012 * offset - (0.25 + 1.0 / vx) * mu - 0.02 * (rate - kappa * vx)
-        wanted = wanted + 0.11 / vx * np.sin(2 * np.pi * 0.9 * t)
-        steer = np.clip(steer + np.clip(wanted - steer, -STEER_RATE * STEP, STEER_RATE * STEP), -STEER_MAX, STEER_MAX)
-        pedal = np.clip((1.2 * (target - vx) + 0.3 * np.sign(target - vx)) * MASS / TYRE["cx"], -0.075, 0.06)
-        drive = np.clip(drive + np.clip(pedal - drive, -DRIVE_RATE * STEP, DRIVE_RATE * STEP), -DRIVE_MAX, DRIVE_MAX)
-        past_steer[tick % history], past_drive[tick % history] = steer, drive
-        angle = past_steer[(tick - lag_steer) % history, rows]
-        play = np.clip(play, angle - 0.5 * car.size["steer_play"], angle + 0.5 * car.size["steer_play"])
-        angle = np.where(car.size["steer_play"] > 0, play, angle)
-        torque = past_drive[(tick - lag_drive) % history, rows]
-        if tick % 4000 == 0:
-            flap = np.where(np.sin(0.37 * tick / 4000 + rows) > 0, 1.0, 0.0)
-
-        def rates(state: tuple[Array, ...], angle: Array = angle, torque: Array = torque) -> tuple[Array, ...]:
-            share_, offset_, mu_, yaw_, vx_, vy_, rate_, a_f, a_r = state
-            true = car.true_steer(angle, vx_)
-            slip = car.slips(vx_, vy_, rate_, true)
-            used = (np.where(sigma > 0, a_f, slip[0]), np.where(sigma > 0, a_r, slip[1]))
-            ax, ay, yaw_acc, vx_dot, vy_dot = car.accelerations(
-                t, share_, yaw_, vx_, vy_, rate_, true, torque, used, ax_before, flap, scale
-            )
-            k = tracks.curvature[rows, (share_ % 1.0 * STATIONS).astype(int) % STATIONS]
-            along = (vx_ * np.cos(mu_) - vy_ * np.sin(mu_)) / (1 - k * offset_)
-            sideways = vx_ * np.sin(mu_) + vy_ * np.cos(mu_)
-            build_up = vx_ / np.where(sigma > 0, sigma, 1.0)
-            return (
-                along / tracks.length, sideways, rate_ - k * along, rate_, vx_dot, vy_dot, yaw_acc,
-                build_up * (slip[0] - a_f), build_up * (slip[1] - a_r), ax, ay,
+    while np.min(fleet.state[0]) < laps and fleet.tick * step < LONGEST_S:
+        fleet.act()
+        first = fleet.rates(fleet.state)
+        if fleet.tick % round(LOG_STEP / step) == 0:
+            share, _, _, yaw, vx, vy, rate, *_ = fleet.state
+            lap = share.astype(int).astype(float)
+            values = (
+                fleet.x, fleet.y, yaw, vx, vy, rate, first[9], first[10], fleet.steer, fleet.drive, lap, first[6],
+                fleet.flap,
             )  # fmt: skip
-
-        state = (share, offset, mu, yaw, vx, vy, rate, *relaxed)
-        first = rates(state)
-        if tick % 2 == 0:
-            values = (x, y, yaw, vx, vy, rate, first[9], first[10], steer, drive, lap.astype(float), first[6], flap)
             for key, value in zip(log, values, strict=True):
                 log[key].append(np.array(value))
-        second = rates(tuple(a + STEP * b for a, b in zip(state, first, strict=False)))
-        course = yaw + 0.5 * STEP * rate
-        x = x + STEP * (vx * np.cos(course) - vy * np.sin(course))
-        y = y + STEP * (vx * np.sin(course) + vy * np.cos(course))
-        share, offset, mu, yaw, vx, vy, rate, *relaxed = (
-            a + 0.5 * STEP * (b + c) for a, b, c in zip(state, first, second, strict=False)
-        )
-        vx = np.maximum(vx, 3.0)
-        ax_before = 0.5 * (first[9] + second[9])
-        tick += 1
+        fleet.move(first)
     return {key: np.array(values) for key, values in log.items()}
 
 
-def _logged(
-    raw: Mapping[str, Array], i: int, car: _Car, effects: dict[str, float], seed: int, noise: float, laps: int
-) -> Drive:
+def _logged(raw: Mapping[str, Array], i: int, car: _Car, drive: Drive, laps: int) -> Drive:
     """What the sensors of drive `i` report: mounting errors, then white noise."""
+    effects, seed = drive.effects, drive.seed
     rng = np.random.default_rng([seed, 77])
     lap = raw["lap"][:, i]
     stop = int(np.argmax(lap >= laps)) or len(lap)
-    columns = {k: raw[k][:stop, i].copy() for k in ("x", "y", "yaw", "vx", "vy", "yaw_rate", "ax", "ay", "steer", "drive")}
+    names = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "ax", "ay", "steer", "drive")
+    columns = {k: raw[k][:stop, i].copy() for k in names}
     ax, ay, rate = columns["ax"].copy(), columns["ay"].copy(), columns["yaw_rate"].copy()
     arm = effects.get("imu_lever_arm", 0.0)
     ax, ay = ax - rate**2 * arm, ay + raw["yaw_acc"][:stop, i] * arm
@@ -339,9 +383,9 @@ def _logged(
     columns["ay"] = ay + bias * (car.axis[i] == 1)
     columns["vx"] = columns["vx"] * (1 + effects.get("speed_scale", 0.0))
     for name, std in NOISE.items():
-        columns[name] = columns[name] + noise * std * rng.normal(size=stop)
+        columns[name] = columns[name] + std * rng.normal(size=stop)
     decimals = {"yaw": 5, "yaw_rate": 5, "steer": 5, "drive": 5}
-    logged = {"t": np.arange(stop) * 2 * STEP} | {k: np.round(v, decimals.get(k, 3)) for k, v in columns.items()}
+    logged = {"t": np.arange(stop) * LOG_STEP} | {k: np.round(v, decimals.get(k, 3)) for k, v in columns.items()}
     logged["lap"] = lap[:stop]
     if "channel_force" in effects:
         logged["flap"] = raw["flap"][:stop, i]

@@ -19,7 +19,7 @@ TYPICAL_STEPS = 45.0
 
 
 @app.command()
-def diagnose(
+def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     sessions: Annotated[list[Path], typer.Argument(help="recorded .mcap or drive-log .csv files: one data set")],
     vehicle: Annotated[Path | None, typer.Option(help="vehicle JSON; default: the AV-24")] = None,
     tyre: Annotated[Path | None, typer.Option(help="tyre prior JSON; default: the AV-24's")] = None,
@@ -38,7 +38,8 @@ def diagnose(
 
     if layout not in ("per_axle", "shared"):
         raise InputError(f"--layout {layout}: must be per_axle or shared")
-    car, prior = read_vehicle(vehicle), read_tyre_prior(tyre, layout)  # type: ignore[arg-type]
+    car = read_vehicle(vehicle)
+    prior = read_tyre_prior(tyre, layout, car)  # type: ignore[arg-type]
     with _progress() as progress:
         progress("reading")
         log = read_logs(sessions)

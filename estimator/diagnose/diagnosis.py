@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from estimator.diagnose.empirical import Term, search_terms
 from estimator.diagnose.fit import Fit
 from estimator.diagnose.record import Record
-from estimator.diagnose.whiteness import structured
 from estimator.diagnose.score import noise_floor, rmse, rollout
 from estimator.diagnose.search import (
     Evidence,
@@ -23,6 +22,7 @@ from estimator.diagnose.search import (
     fit_names,
     search,
 )
+from estimator.diagnose.whiteness import structured
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 
@@ -86,10 +86,8 @@ class Diagnosis:
 def split_laps(record: Record) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Laps to learn from and laps to be scored on; without laps every third block of time is for scoring."""
     laps = sorted({int(lap) for lap in record.lap})
-    if not record.has_laps:
-        test = tuple(laps[2::3])
-    else:
-        test = tuple(laps[-max(1, round(TEST_SHARE * len(laps))) :])
+    last = max(1, round(TEST_SHARE * len(laps)))
+    test = tuple(laps[-last:] if record.has_laps else laps[2::3])
     return tuple(lap for lap in laps if lap not in test), test
 
 
@@ -108,7 +106,8 @@ def diagnose(
     models = _models(setting, found, accepted, terms, final)
     scores = {name: rmse(record, test_rows, m.model, m.parameters) for name, m in models.items()}
     ahead = {name: rollout(record, test_rows, m.model, m.parameters) for name, m in models.items()}
-    floor = noise_floor(record)
+    best = models["with_effects"]
+    floor = noise_floor(record.select(np.isin(record.lap, test_laps)), test_rows, best.model, best.parameters)
     channels = {c: {name: s[c] for name, s in scores.items()} | {"noise_floor": floor[c]} for c in floor}
     states = {n: {name: a[n] for name, a in ahead.items()} for n in ahead["refit"]}
     return Diagnosis(

@@ -13,15 +13,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.diagnose.basis import Basis
 from estimator.diagnose.fit import Fit
 from estimator.diagnose.normal import Normal, accumulate
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.propagate import residual_and_sensitivity
 from estimator.diagnose.record import Record
-from estimator.diagnose.search import Evidence, Setting, Trial, _warm, compare, fit_names
+from estimator.diagnose.search import Evidence, Setting, compare, fit_names, warm_start
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
-from estimator.model.single_track import SingleTrack, Terms
+from estimator.model.single_track import Terms
 from estimator.model.tyre import Expr
 
 Array = NDArray[np.float64]
@@ -101,8 +102,8 @@ PLACES = {
     "steer": Place("INPUT", _steer, "rad", 0.005, ("ay", "yaw_acc", "vy_dot"), "road-wheel angle"),
     "steer_gain": Place("INPUT", _steer_gain, "1", 0.1, ("ay", "yaw_acc", "vy_dot"), "gain of the steering"),
     "drive_gain": Place("INPUT", _drive_gain, "1", 0.1, ("ax", "vx_dot"), "gain of the drive command"),
-    "motion_x": Place("MOTION", _motion_x, "m/s2", 0.3, ("vx_dot",), "longitudinal motion, not felt by the accelerometer"),
-    "motion_y": Place("MOTION", _motion_y, "m/s2", 0.3, ("vy_dot",), "lateral motion, not felt by the accelerometer"),
+    "motion_x": Place("MOTION", _motion_x, "m/s2", 0.3, ("vx_dot",), "longitudinal motion, not felt in ax"),
+    "motion_y": Place("MOTION", _motion_y, "m/s2", 0.3, ("vy_dot",), "lateral motion, not felt in ay"),
     "sensor_x": Place("SENSOR", _sensor_x, "m/s2", 0.3, ("ax",), "longitudinal accelerometer alone"),
     "sensor_y": Place("SENSOR", _sensor_y, "m/s2", 0.3, ("ay",), "lateral accelerometer alone"),
 }  # fmt: skip
@@ -176,12 +177,25 @@ def _screen(setting: Setting, accepted: Sequence[str], current: Fit) -> list[Ter
     before = normal_base.held_out(current.normal.variance)
     terms = []
     for signal in explanatory(record):
-        basis = record.bases[signal].matrix(record.thin(record.signals[signal]).ravel())
-        for place in PLACES:
-            normal = _with_term(predictor, current, record, parts, place, record.bases[signal], basis)
-            after = normal.held_out(current.normal.variance)
-            terms.append(Term(place, signal, compare(before, after, normal.count * SCREENING_STRIDE)))
+        basis = record.bases[signal]
+        matrix = basis.matrix(record.thin(record.signals[signal]).ravel())
+        for places in _groups(basis.size):
+            normal = _with_terms(predictor, current, parts, places, basis, matrix)
+            base = np.arange(len(current.parameters))
+            for k, place in enumerate(places):
+                own = len(base) + k * basis.size + np.arange(basis.size)
+                after = normal.subset(np.concatenate([base, own])).held_out(current.normal.variance)
+                terms.append(Term(place, signal, compare(before, after, normal.count * SCREENING_STRIDE)))
     return sorted(terms, key=lambda t: -t.evidence.gain)
+
+
+COLUMNS_AT_ONCE = 160
+
+
+def _groups(size: int) -> list[tuple[str, ...]]:
+    """Places handled in one go, so that no more than about `COLUMNS_AT_ONCE` sensitivities are held at once."""
+    names, most = tuple(PLACES), max(1, COLUMNS_AT_ONCE // size)
+    return [names[i : i + most] for i in range(0, len(names), most)]
 
 
 _Parts = tuple[Array, Array, Array, Array]
@@ -194,7 +208,7 @@ def _linearise_places(
     model = setting.model(accepted)
     points = tuple(replace(term(place, "t"), profile="", name=place) for place in PLACES)
     wide = Predictor(replace(model, effects=(*model.effects, *points)), record)
-    at = _warm(wide, wide.start([p.prior for p in model.tyre_table]), current)
+    at = warm_start(wide, wide.start([p.prior for p in model.tyre_table]), current)
     values, state_by, jacobian = wide.linearise(at)
     size = len(current.parameters)
     parts = (values, state_by, jacobian[:, :size], jacobian[:, size:])
@@ -204,25 +218,26 @@ def _linearise_places(
     return predictor, normal, parts
 
 
-def _with_term(
-    predictor: Predictor, current: Fit, record: Record, parts: _Parts, place: str, basis: object, matrix: Array
+def _with_terms(  # noqa: PLR0917 - the pieces of one linearisation
+    predictor: Predictor, current: Fit, parts: _Parts, places: Sequence[str], basis: Basis, matrix: Array
 ) -> Normal:
-    """Normal equations of the current parameters and the coefficients of one term."""
+    """Normal equations of the current parameters and the coefficients of one signal's term at each of `places`."""
     values, state_by, jacobian, by_place = parts
-    shape = values.shape[1:]
-    unit = by_place[:, list(PLACES).index(place)].reshape(5, 1, -1)
-    columns = (unit * matrix.T).reshape(5, matrix.shape[1], *shape)
+    record, shape, size = predictor.record, values.shape[1:], jacobian.shape[1]
+    units = by_place[:, [list(PLACES).index(p) for p in places]].reshape(5, len(places), 1, -1)
+    columns = (units * matrix.T).reshape(5, -1, *shape)
     error, sensitivity = residual_and_sensitivity(
         record, values, state_by, np.concatenate([jacobian, columns], axis=1), current.deviation
     )
-    size = jacobian.shape[1]
-    prior = np.zeros((size + matrix.shape[1],) * 2)
+    prior = np.zeros((size + columns.shape[1],) * 2)
     prior[:size, :size] = current.normal.prior
-    prior[size:, size:] = basis.precision(PLACES[place].std)  # type: ignore[attr-defined]
+    for k, place in enumerate(places):
+        own = slice(size + k * basis.size, size + (k + 1) * basis.size)
+        prior[own, own] = basis.precision(PLACES[place].std)
     return _normal(predictor, current, record, error, sensitivity, prior)
 
 
-def _normal(
+def _normal(  # noqa: PLR0917 - the pieces of one linearisation
     predictor: Predictor, current: Fit, record: Record, error: Array, sensitivity: Array, prior: Array
 ) -> Normal:
     laps = int(record.lap.max()) + 1
@@ -233,11 +248,3 @@ def _normal(
     return Normal(*accumulate(error, sensitivity, record.lap), count, prior, pull, record.block_noise**2)
 
 
-def as_trial(found: Term) -> Trial:
-    """The term in the list of things tried."""
-    return Trial(found.effect.name, found.evidence, found.fit)
-
-
-def model_with(setting: Setting, accepted: Sequence[str], found: Sequence[Term]) -> SingleTrack:
-    """The model with catalogue effects and empirical terms."""
-    return replace(setting, extra=tuple(f.effect for f in found)).model(accepted)

@@ -34,7 +34,7 @@ class Fit:
     @property
     def covariance(self) -> Array:
         """(p, p) of the parameters, as if residuals were white."""
-        return np.linalg.pinv(self.normal.precision(self.normal.variance), hermitian=True)
+        return np.asarray(np.linalg.pinv(self.normal.precision(self.normal.variance), hermitian=True), np.float64)
 
     @property
     def deviation(self) -> Array:
@@ -100,7 +100,7 @@ def _objective(predictor: Predictor, normal: Normal, at: Array) -> float:
     return float(data + off @ normal.prior @ off)
 
 
-def _damped_step(
+def _damped_step(  # noqa: PLR0917 - one argument per symbol of the step
     axles: Axles, normal: Normal, at: Array, lower: Array, upper: Array, damping: float
 ) -> Array:
     """Next parameters: a Levenberg-Marquardt step with parameters held that would leave their bounds."""
@@ -122,7 +122,8 @@ RIDGE = 1e-11
 
 def _axles(predictor: Predictor) -> Axles:
     names = [p.name for p in predictor.model.tyre_table]
-    return [(names.index("b" + e), names.index("c" + e), names.index("d" + e)) for e in ("", "f", "r") if "b" + e in names]
+    axles = [axle for axle in ("", "f", "r") if f"b{axle}" in names]
+    return [(names.index(f"b{a}"), names.index(f"c{a}"), names.index(f"d{a}")) for a in axles]
 
 
 def _tangent(axles: Axles, at: Array) -> Array:

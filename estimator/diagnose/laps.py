@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -55,10 +57,10 @@ def track_position(log: DriveLog, lap: Ints, has_laps: bool) -> tuple[Array, flo
     step[1:][np.diff(log.segment) != 0] = 0.0
     travelled = np.cumsum(np.hypot(log["vx"], log["vy"]) * step)
     bounds = np.concatenate([[0], np.flatnonzero(np.diff(lap)) + 1, [len(lap)]])
-    lengths = np.array([travelled[b - 1] - travelled[a] for a, b in zip(bounds[:-1], bounds[1:], strict=True)])
+    lengths = np.array([travelled[b - 1] - travelled[a] for a, b in itertools.pairwise(bounds)])
     whole = float(np.median(lengths[1:-1])) if len(lengths) > 3 else float(np.median(lengths))
     position = np.zeros(len(log))
-    for a, b, length in zip(bounds[:-1], bounds[1:], lengths, strict=True):
+    for (a, b), length in zip(itertools.pairwise(bounds), lengths, strict=True):
         stretch = whole / length if abs(length / whole - 1) < 0.1 else 1.0
         position[a:b] = (travelled[a:b] - travelled[a]) * stretch
     return position, whole

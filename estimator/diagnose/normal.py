@@ -39,7 +39,7 @@ class Normal:
     @cached_property
     def variance(self) -> Array:
         """(5,) of the residuals, at least that of the noise."""
-        return np.maximum(self.squares.sum(1) / self.count.sum(), self.floor)
+        return np.asarray(np.maximum(self.squares.sum(1) / self.count.sum(), self.floor))
 
     def subset(self, rows: Ints) -> Normal:
         """The same with only some of the parameters free."""
@@ -50,11 +50,13 @@ class Normal:
 
     def precision(self, variance: Array) -> Array:
         """(p, p) posterior precision."""
-        return np.einsum("clij,c->ij", self.hessian, 1 / variance, optimize=True) + self.prior
+        data: Array = np.einsum("clij,c->ij", self.hessian, 1 / variance, optimize=True)
+        return data + self.prior
 
     def pull(self, variance: Array) -> Array:
         """(p,) right-hand side of the step."""
-        return np.einsum("cli,c->i", self.gradient, 1 / variance) + self.prior_pull
+        data: Array = np.einsum("cli,c->i", self.gradient, 1 / variance)
+        return data + self.prior_pull
 
     def step(self, variance: Array) -> Array:
         """(p,) step to the minimum of the quadratic."""

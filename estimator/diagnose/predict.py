@@ -19,6 +19,7 @@ from estimator.identify.evaluate import Columns
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import AUXILIARY, CHANNELS, SIGNALS, SingleTrack, Terms
+from estimator.model.tyre import Expr
 
 Array = NDArray[np.float64]
 
@@ -73,19 +74,19 @@ class Predictor:
         return precision
 
     @cached_property
-    def _expressions(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    def _expressions(self) -> tuple[Expr, Expr, Expr, Expr]:
         """Inputs, parameters that are the same for all samples, channels, and what these are differentiated by."""
         names = (*SIGNALS, *AUXILIARY, *self._memory_names)
         inputs = ca.SX.sym("inputs", len(names) + len(self._profiles))
         theta = ca.SX.sym("theta", len(self.model.tyre_table) + len(self._points))
         parts, given = ca.vertsplit(theta), ca.vertsplit(inputs)
         aux = dict(zip(names[len(SIGNALS) :], given[len(SIGNALS) : len(names)], strict=True))
-        terms = Terms(self.model.vehicle, *given[: len(SIGNALS)], aux=aux)
+        terms = Terms(self.model.vehicle, **dict(zip(SIGNALS, given, strict=False)), aux=aux)
         points, profiles = iter(parts[len(self.model.tyre_table) :]), iter(given[len(names) :])
         phi = [next(profiles) if e.profile else next(points) for e in self.model.effects for _ in e.parameters]
         self.model.evaluate(terms, parts[: len(self.model.tyre_table)], phi)
-        by = ca.vertcat(*given[:STATES], theta, *given[len(names) :])
-        return inputs, theta, ca.vertcat(*terms.channels()), by
+        by, out = ca.vertcat(*given[:STATES], theta, *given[len(names) :]), ca.vertcat(*terms.channels())
+        return inputs, theta, out, by
 
     @cached_property
     def _values(self) -> Columns:

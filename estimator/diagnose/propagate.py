@@ -49,36 +49,32 @@ class Propagator:
         step = record.block_step
         a = np.moveaxis(state_by[list(MOTION)], (0, 1), (2, 3)) * step
         identity = np.broadcast_to(np.eye(3), a.shape)
-        power, first, second, third = identity.copy(), identity.copy(), 0.5 * identity, identity / 6.0
-        decay = identity.copy()
+        power, decay, first, second = identity.copy(), identity.copy(), identity.copy(), identity / 2.0
         factorial = 1.0
-        first, second, third = identity.copy(), identity / 2.0, identity / 6.0
         for j in range(1, ORDER):
             power = power @ a
             factorial *= j
             decay = decay + power / factorial
             first = first + power / (factorial * (j + 1))
             second = second + power / (factorial * (j + 1) * (j + 2))
-        del third
         return cls(record, state_by, decay, first, first, second)
 
-    def run(self, derivative: Array, initial: Array | None = None) -> tuple[Array, Array]:
-        """Propagate `derivative` (3, k, windows, blocks), the change of state over each block, SI.
+    def run(self, change: Array, initial: Array | None = None) -> Array:
+        """Block means of e, (3, k, windows, blocks), from the change of state over each block, of the same shape.
 
-        Returns:
-            block means of e, (3, k, windows, blocks), from `initial` (3, k, windows) at the first edge (default 0).
+        `initial` (3, k, windows) is e at the first edge; default 0.
         """
-        _, k, windows, blocks = derivative.shape
+        _, k, windows, blocks = change.shape
         e = np.zeros((windows, 3, k)) if initial is None else np.moveaxis(initial, (0, 1, 2), (1, 2, 0)).copy()
-        defect = np.ascontiguousarray(np.moveaxis(derivative, (0, 1, 2, 3), (2, 3, 1, 0)))
+        defect = np.ascontiguousarray(np.moveaxis(change, (0, 1, 2, 3), (2, 3, 1, 0)))
         out = np.empty((blocks, windows, 3, k))
         for b in range(blocks):
             out[b] = self.mean_decay[:, b] @ e + self.mean_gain[:, b] @ defect[b]
             e = self.decay[:, b] @ e + self.gain[:, b] @ defect[b]
-        return np.moveaxis(out, (0, 1, 2, 3), (3, 2, 0, 1)), e
+        return np.moveaxis(out, (0, 1, 2, 3), (3, 2, 0, 1))
 
     def outputs(self, forces: Array, states: Array) -> Array:
-        """(5, k, windows, blocks) measured signals from direct changes of ax, ay (2, k, ...) and states e (3, k, ...)."""
+        """(5, k, windows, blocks) measured signals from changes of ax, ay (2, k, ...) and of states e (3, k, ...)."""
         out = np.empty((5, *states.shape[1:]))
         out[:2] = forces + np.einsum("cswb,skwb->ckwb", self.state_by[:2], states)
         for row, state in zip(STATE_ROWS, states, strict=True):
@@ -89,7 +85,7 @@ class Propagator:
         """(5, 3, windows, blocks) response of the measured signals to each initial state."""
         windows, blocks = self.record.rows.shape[:2]
         start = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, windows))
-        states, _ = self.run(np.zeros((3, 3, windows, blocks)), start)
+        states = self.run(np.zeros((3, 3, windows, blocks)), start)
         return self.outputs(np.zeros((2, 3, windows, blocks)), states)
 
 
@@ -107,7 +103,7 @@ def residual_and_sensitivity(
     step = record.block_step
     defect = values[list(MOTION)] * step - np.diff(edges, axis=2)
     inputs = np.concatenate([defect[:, None], jacobian[list(MOTION)] * step], axis=1)
-    states, _ = propagator.run(inputs)
+    states = propagator.run(inputs)
     forces = np.concatenate([values[:2][:, None], jacobian[:2]], axis=1)
     columns = propagator.outputs(forces, states)
     measured = record.measured_blocks()

@@ -8,6 +8,7 @@ effect.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -44,6 +45,7 @@ class Record:
         signals: (n,) arrays at the log's rate: smoothed states, inputs, auxiliaries, extra columns.
         measured: (5, n) as measured, in the order of `MEASURED`.
         noise: (5,) standard deviation of the white noise of each measured channel.
+        state_error: (3,) standard deviation left in the smoothed vx, vy, yaw rate.
         rows: (windows, blocks, q) rows of each block of each window.
         lap: (windows,) lap number, consecutive from 0; blocks of time where the log has no laps.
         lap_length: m; 0 where there is no track position.
@@ -52,6 +54,7 @@ class Record:
     signals: Mapping[str, Array]
     measured: Array
     noise: Array
+    state_error: Array
     rows: Ints
     lap: Ints
     step: float
@@ -69,12 +72,12 @@ class Record:
     @property
     def block_noise(self) -> Array:
         """(5,) standard deviation of the noise of a block mean."""
-        return self.noise / np.sqrt(self.rows.shape[2])
+        return np.asarray(self.noise / np.sqrt(self.rows.shape[2]))
 
     @property
     def block_step(self) -> float:
         """Time between blocks, s."""
-        return self.step * self.rows.shape[2]
+        return self.step * float(self.rows.shape[2])
 
     def thin(self, signal: Array) -> Array:
         """(windows, blocks) block means of an (n,) signal."""
@@ -105,31 +108,34 @@ def make_record(log: DriveLog, vehicle: Vehicle) -> Record:
         InputError: no uninterrupted stretch long enough.
     """
     signals = {name: np.array(log[name], float) for name in log.columns}
-    noise = np.zeros((5, 0))
-    pieces = []
-    for rows in log.segments():
-        if (rows.stop - rows.start) * log.step > 2 * WINDOW_S:
-            pieces.append((rows, _smooth(log, rows, signals)))
+    long_enough = [s for s in log.segments() if (s.stop - s.start) * log.step > 2 * WINDOW_S]
+    pieces = [(stretch, *_smooth(log, stretch, signals)) for stretch in long_enough]
     if not pieces:
         raise InputError(f"the log has no uninterrupted stretch of {2 * WINDOW_S:g} s: nothing can be diagnosed")
-    weight = np.array([rows.stop - rows.start for rows, _ in pieces], float)
-    noise = np.sqrt(np.average(np.array([n**2 for _, n in pieces]), axis=0, weights=weight))
+    weight = np.array([stretch.stop - stretch.start for stretch, _, _ in pieces], float)
+    noise = np.sqrt(np.average(np.array([n**2 for _, n, _ in pieces]), axis=0, weights=weight))
+    state_error = np.sqrt(np.average(np.array([e**2 for _, _, e in pieces]), axis=0, weights=weight))
     lap, has_laps = lap_numbers(log)
     position, length = track_position(log, lap, has_laps)
     signals |= {"track_position": position} if has_laps else {}
     for name in ("steer", "drive"):
         signals[f"{name}_rate"] = np.gradient(signals[name], log["t"])
     signals["ay"] = signals["vx"] * signals["yaw_rate"]
-    rows, window_lap = _cut(log, lap, signals["vx"])
+    windows, window_lap = _cut(log, lap, signals["vx"])
     measured = np.stack([log[name] for name in MEASURED])
-    bases = {n: make_basis(n, signals[n][rows], length) for n in signals if np.ptp(signals[n][rows]) > 0}
+    bases = {n: make_basis(n, signals[n][windows], length) for n in signals if np.ptp(signals[n][windows]) > 0}
     return Record(
-        signals, measured, noise, rows, window_lap, log.step, length, has_laps, vehicle, tuple(log.extra), bases
+        signals, measured, noise, state_error, windows, window_lap, log.step, length, has_laps, vehicle,
+        tuple(log.extra), bases,
     )
 
 
-def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> Array:
-    """Replace the states of one segment by smoothed ones; returns the noise (5,) of the measured channels."""
+def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> tuple[Array, Array]:
+    """Replace the states of one segment by smoothed ones.
+
+    Returns:
+        noise (5,) of the measured channels, error (3,) left in the smoothed vx, vy, yaw rate.
+    """
     vx, vy, rate, ax, ay = (np.array(log[n][rows], float) for n in ("vx", "vy", "yaw_rate", "ax", "ay"))
     omega = wiener(rate, log.step)
     forward = smooth_velocity(vx, ax + vy * omega.value, log.step)
@@ -137,7 +143,8 @@ def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> Array:
     for name, smoothed in (("vx", forward), ("vy", sideways), ("yaw_rate", omega)):
         signals[name][rows] = smoothed.value
     forces = [wiener(a, log.step).noise for a in (ax, ay)]
-    return np.array([*forces, omega.noise, forward.noise, sideways.noise])
+    left = np.array([forward.value_error, sideways.value_error, omega.value_error])
+    return np.array([*forces, omega.noise, forward.noise, sideways.noise]), left
 
 
 def _cut(log: DriveLog, lap: Ints, vx: Array) -> tuple[Ints, Ints]:
@@ -150,14 +157,14 @@ def _cut(log: DriveLog, lap: Ints, vx: Array) -> tuple[Ints, Ints]:
     for segment in log.segments():
         first, last = segment.start + edge, segment.stop - edge
         cuts = [first, *(np.flatnonzero(np.diff(lap[first:last])) + first + 1).tolist(), last]
-        for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+        for a, b in itertools.pairwise(cuts):
             starts.extend(range(a, b - size + 1, size))
     keep = np.array([s for s in starts if vx[s : s + size].min() > slowest], dtype=np.int64)
     if len(keep) < 20:
-        raise InputError(f"only {len(keep) * WINDOW_S:.0f} s of driving in the log: at least {20 * WINDOW_S:.0f} s are needed")
+        driven, least = len(keep) * WINDOW_S, 20 * WINDOW_S
+        raise InputError(f"only {driven:.0f} s of driving in the log: at least {least:.0f} s are needed")
     rows = keep[:, None] + np.arange(size)
-    laps, number = np.unique(lap[keep], return_inverse=True)
-    del laps
+    _, number = np.unique(lap[keep], return_inverse=True)
     return rows.reshape(len(keep), blocks, q), number.astype(np.int64)
 
 

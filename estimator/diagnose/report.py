@@ -24,8 +24,8 @@ CAUSES = {
     "aero_downforce": "vx", "load_transfer": "drive", "load_sensitivity": "vx", "combined_slip": "drive",
     "drive_saturation": "drive", "front_brake": "drive", "engine_braking": "drive", "steer_offset": "steer",
     "steer_scale": "steer", "steer_delay": "steer_rate", "drive_delay": "drive_rate", "tyre_relaxation": "steer_rate",
-    "grip_drift": "t", "imu_misalignment": "ay", "imu_lever_arm": "yaw_rate", "imu_bias": "t", "speed_scale": "yaw_rate",
-    "wind": "yaw", "yaw_damping": "yaw_rate", "turn_asymmetry": "ay",
+    "grip_drift": "t", "imu_misalignment": "ay", "imu_lever_arm": "yaw_rate", "imu_bias": "t",
+    "speed_scale": "yaw_rate", "wind": "yaw", "yaw_damping": "yaw_rate", "turn_asymmetry": "ay",
 }  # fmt: skip
 """Signal against which the residual of an effect is drawn."""
 BINS = 40
@@ -67,7 +67,7 @@ def _before_after(report: Report, summary: dict[str, Any]) -> None:
         rollout = {n: v for n, v in summary["rollout"].items() if n != "horizon_s"}
         _bars(right, {n: {**v, "noise_floor": 1.0} for n, v in rollout.items()}, floor=False)
         right.set_title(f"open-loop error after {summary['rollout']['horizon_s']:g} s")
-        left.legend(ncols=3, loc="upper right")
+        figure.legend(*left.get_legend_handles_labels(), ncols=3, loc="outside lower center")
     report.figure(figure, "Left: 1 is as good as the sensors allow. Right: m/s and rad/s. Logarithmic scale.")
     header = ["channel", "declared", "re-fitted", "catalogue effects", "with effects", "noise floor"]
     keys = ("declared", "refit", "catalogue", "with_effects", "noise_floor")
@@ -110,7 +110,9 @@ def _numbers(diagnosis: Diagnosis, which: str) -> tuple[Any, Array]:
     return chosen.model, chosen.parameters
 
 
-def _against(axes: Any, diagnosis: Diagnosis, before: Any, after: Any, channel: str, signal: str) -> None:
+def _against(  # noqa: PLR0917 - what is drawn, and where
+    axes: Any, diagnosis: Diagnosis, before: Any, after: Any, channel: str, signal: str
+) -> None:
     for (rows, residual), colour, label in ((before, "before", "re-fitted"), (after, "after", "with effects")):
         values = diagnosis.record.signals[signal][rows]
         if signal == "yaw":
@@ -170,8 +172,8 @@ def _ranking(report: Report, diagnosis: Diagnosis, summary: dict[str, Any]) -> N
                 f"instead of {entry['name']}: {other.name}", why, f"{other.evidence.gain:,.0f}", "",
                 effect.separated_by if effect else "",
             ])  # fmt: skip
-    for trial in diagnosis.search.rounds[-1][:5]:
-        rows.append([trial.name, "does not earn its place", f"{trial.evidence.gain:,.0f}", "", ""])
+    last = [t for t in diagnosis.search.rounds[-1][:6] if t.name not in diagnosis.accepted]
+    rows.extend([t.name, "tried last", f"{t.evidence.gain:,.0f}", "", ""] for t in last)
     for term in diagnosis.term_trials[:5]:
         state = "accepted, empirical" if term in diagnosis.terms else "empirical, not accepted"
         rows.append([f"spline of {term.signal} in {term.place}", state, f"{term.evidence.gain:,.0f}", "", ""])

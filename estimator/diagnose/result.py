@@ -93,7 +93,7 @@ def _split(diagnosis: Diagnosis) -> dict[str, Any]:
     train = spans(diagnosis.train_laps)
     return {
         "train": train, "validation": train, "test": spans(diagnosis.test_laps),
-        "note": "each training lap in turn is predicted by a fit to the others; the test laps are seen by no fit or choice",
+        "note": "each training lap in turn is predicted by a fit to the others; no fit or choice sees the test laps",
     }  # fmt: skip
 
 
@@ -143,7 +143,7 @@ def _alternatives(diagnosis: Diagnosis, name: str) -> list[dict[str, float | str
         own = next((t for t in trials if t.name == name), own)
         if own.fit is not None and own in trials:
             break
-    out = []
+    out: list[dict[str, float | str]] = []
     for trial in alternatives(diagnosis.search, name)[:ALTERNATIVES]:
         if trial.evidence.gain > 0:
             difference = Evidence(0.0, own.evidence.channels, own.evidence.laps - trial.evidence.laps)

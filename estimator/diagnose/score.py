@@ -74,14 +74,35 @@ def channel_residuals(
     }
 
 
-def noise_floor(record: Record) -> dict[str, float]:
-    """What the sensors' noise alone leaves in every channel."""
+def noise_floor(record: Record, rows: Rows, model: SingleTrack, parameters: Array) -> dict[str, float]:
+    """What noise alone leaves in every channel: the sensor's own, and that of the states the model is evaluated at.
+
+    The sensor's noise is measured on second differences: of the force residuals, of the motion signals.
+    """
     _, slope = kernel(record.step)
     gain = float(np.sqrt(np.sum(slope**2)))
-    return {
-        name: float(record.noise[DIFFERENTIATED.get(c, c)] * (gain if c in DIFFERENTIATED else 1.0))
-        for c, name in enumerate(CHANNELS)
-    }
+    through_states = _noise_through_states(record, model, parameters)
+    residuals = channel_residuals(record, rows, model, parameters)
+    floor = {}
+    for c, name in enumerate(CHANNELS):
+        if c in DIFFERENTIATED:
+            own = gain * second_difference_noise(record.measured[DIFFERENTIATED[c], rows])
+        else:
+            own = second_difference_noise(residuals[name][1])
+        floor[name] = float(np.hypot(own, through_states[c]))
+    return floor
+
+
+def second_difference_noise(values: Array) -> float:
+    """Standard deviation of white noise in a signal that is smooth otherwise (robust: median)."""
+    return float(np.median(np.abs(np.diff(values, 2))) / (0.6745 * np.sqrt(6.0)))
+
+
+def _noise_through_states(record: Record, model: SingleTrack, parameters: Array) -> Array:
+    """(5,) RMS of the error in the predictions that the error of the smoothed states causes."""
+    _, by_states, _ = Predictor(model, record).linearise(parameters)
+    squares = np.mean(by_states**2, axis=(2, 3)) @ record.state_error**2
+    return np.asarray(np.sqrt(squares))
 
 
 def rollout(record: Record, rows: Rows, model: SingleTrack, parameters: Array) -> dict[str, float]:

@@ -108,7 +108,7 @@ def fit_names(
     predictor = Predictor(model, setting.record)
     start = predictor.start([p.prior for p in model.tyre_table])
     if warm is not None:
-        start = _warm(predictor, start, warm)
+        start = warm_start(predictor, start, warm)
     deviation = setting.record.block_noise if warm is None else warm.deviation
     done = fit(predictor, start, deviation, iterations or MAX_ITERATIONS)
     for _ in range(REWEIGHINGS):
@@ -119,7 +119,7 @@ def fit_names(
     return done
 
 
-def _warm(predictor: Predictor, start: Array, warm: Fit) -> Array:
+def warm_start(predictor: Predictor, start: Array, warm: Fit) -> Array:
     """`start` with tyre parameters and effects replaced by those `warm` already has."""
     size = len(predictor.model.tyre_table)
     start[:size] = warm.parameters[:size]
@@ -144,12 +144,13 @@ def screen(setting: Setting, accepted: Sequence[str], current: Fit, progress: Ca
     """Predicted evidence of every candidate, best first, from linearisations at the current fit."""
     effects = candidates(setting.record, accepted)
     before, count = current.held_out(), current.normal.count
-    together = [e for e in effects if not e.initial and not e.profile]
+    alone = {e.name for e in effects if e.initial or e.profile or e.prepare}
+    together = [e for e in effects if e.name not in alone]
     trials = _screen_together(setting, accepted, together, current, before)
     for effect in effects:
-        if effect.initial or effect.profile:
+        if effect.name in alone:
             progress(" + ".join([*accepted, effect.name]))
-            steps = SCREENING_ITERATIONS if effect.initial else 1
+            steps = 1 if effect.profile else SCREENING_ITERATIONS
             done = fit_names(setting, [*accepted, effect.name], current, steps)
             trials.append(Trial(effect.name, compare(before, done.held_out(), count)))
     return sorted(trials, key=lambda t: -t.evidence.gain)
@@ -162,7 +163,7 @@ def _screen_together(
     model = setting.model(accepted)
     wide = replace(model, effects=(*model.effects, *effects))
     predictor = Predictor(wide, setting.record)
-    at = _warm(predictor, predictor.start([p.prior for p in wide.tyre_table]), current)
+    at = warm_start(predictor, predictor.start([p.prior for p in wide.tyre_table]), current)
     normal = normal_at(predictor, at, current.deviation)
     base = [i for i in range(predictor.size) if i < len(wide.tyre_table)]
     places = {b.effect.name: range(b.parameters.start, b.parameters.stop) for b in predictor.blocks}
@@ -170,8 +171,7 @@ def _screen_together(
         base.extend(places[block.effect.name])
     trials = []
     for effect in effects:
-        hidden = places.get(f"{effect.name}_within_a_sample", range(0))
-        rows = np.array([*(i for i in base if i not in hidden), *places[effect.name]])
+        rows = np.array([*base, *places[effect.name]])
         part = normal.subset(rows)
         end = at[rows] + part.step(current.normal.variance)
         own = slice(-len(places[effect.name]), None)
@@ -197,7 +197,8 @@ def search(setting: Setting, progress: Callable[[str], None] = lambda _: None, w
     """Run the search; `progress` is told which candidate is being tried."""
     progress("declared model, re-fitted")
     base = fit_names(setting, (), warm or fit_names(setting, (), None))
-    current, accepted, rounds = base, [], []
+    current, rounds = base, []
+    accepted: list[str] = []
     gains: dict[str, Evidence] = {}
     while len(accepted) < MAX_EFFECTS and (not accepted or structured(current, WHITE)):
         trials = _round(setting, accepted, current, progress)

@@ -17,12 +17,12 @@ from hil_gateway.vehicle import Vehicle
 
 
 def _input(terms: Terms, delay: Expr) -> None:
-    past = terms.aux.get("drive_delayed")
-    terms.drive = terms.drive - delay * terms.auxiliary("drive_rate") if past is None else past
+    first_order = -delay * terms.auxiliary("drive_rate")
+    terms.drive = terms.drive + terms.aux.get("drive_shift", first_order)
 
 
 def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]) -> dict[str, Array]:
-    return {"drive_delayed": delayed(signals["t"], signals["drive"], parameters[0])}
+    return {"drive_shift": delayed(signals["t"], signals["drive"], parameters[0]) - signals["drive"]}
 
 
 EFFECT = Effect(
@@ -34,6 +34,6 @@ EFFECT = Effect(
     channels=("ax", "vx_dot"),
     hooks={"INPUT": _input},
     prepare=_prepare,
-    remembers=("drive_delayed",),
+    remembers=("drive_shift",),
     separated_by="fast changes of throttle or brake",
 )

@@ -17,12 +17,12 @@ from hil_gateway.vehicle import Vehicle
 
 
 def _input(terms: Terms, delay: Expr) -> None:
-    past = terms.aux.get("steer_delayed")
-    terms.steer = terms.steer - delay * terms.auxiliary("steer_rate") if past is None else past
+    first_order = -delay * terms.auxiliary("steer_rate")
+    terms.steer = terms.steer + terms.aux.get("steer_shift", first_order)
 
 
 def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]) -> dict[str, Array]:
-    return {"steer_delayed": delayed(signals["t"], signals["steer"], parameters[0])}
+    return {"steer_shift": delayed(signals["t"], signals["steer"], parameters[0]) - signals["steer"]}
 
 
 EFFECT = Effect(
@@ -34,6 +34,6 @@ EFFECT = Effect(
     channels=("ay", "yaw_acc", "vy_dot"),
     hooks={"INPUT": _input},
     prepare=_prepare,
-    remembers=("steer_delayed",),
+    remembers=("steer_shift",),
     separated_by="fast steering at different speeds: a delay is the same at any speed, relaxation shrinks with it",
 )

@@ -29,7 +29,7 @@ def _slip(terms: Terms, length: Expr) -> None:
 def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]) -> dict[str, Array]:
     vx, vy, rate = signals["vx"], signals["vy"], signals["yaw_rate"]
     speed = np.maximum(vx, SLOWEST)
-    steer = signals.get("steer_delayed", signals["steer"])
+    steer = signals["steer"] + signals.get("steer_shift", 0.0)
     slips = {
         "relaxation_f": steer - np.arctan((vy + vehicle.lf * rate) / speed),
         "relaxation_r": -np.arctan((vy - vehicle.lr * rate) / speed),
