@@ -32,6 +32,9 @@ COARSE, FINE = 1e-3, 1e-8
 LONGEST_STEP = 2.0
 """Prior standard deviations a parameter moves at most in one step: farther, the linearisation says nothing."""
 
+BLOCKS_PER_PARAMETER = 10.0
+"""Time blocks per parameter at which the sandwich and its average count alike."""
+
 
 @dataclass(frozen=True)
 class FitSettings:
@@ -161,8 +164,8 @@ class Problem(ABC):
         """Gauss-Newton Hessian (p, p) and gradient (p,) of the cost, prior included."""
 
     @abstractmethod
-    def information_and_scatter(self, u: Array) -> tuple[Array, Array]:
-        """Data information (p, p), and the sum over time blocks of the outer products of their scores (p, p)."""
+    def information_and_scatter(self, u: Array) -> tuple[Array, Array, int]:
+        """Data information (p, p), outer products of the scores of time blocks (p, p) summed, number of blocks."""
 
     def _prior_precision(self) -> Array:
         if not self.settings.prior:
@@ -222,7 +225,7 @@ class AlgebraicProblem(Problem):
             g -= np.einsum("cpn,cn->p", weighted, errors)
         return H, g
 
-    def information_and_scatter(self, u: Array) -> tuple[Array, Array]:
+    def information_and_scatter(self, u: Array) -> tuple[Array, Array, int]:
         block = time_blocks(self.samples, self.settings.block_s)
         scores = np.zeros((self.size, int(block[-1]) + 1))
         H = np.zeros((self.size, self.size))
@@ -231,8 +234,7 @@ class AlgebraicProblem(Problem):
             score = np.einsum("cpn,cn->pn", J, huber_weight(errors, self.settings.huber) * errors)
             for i in range(self.size):
                 scores[i] += np.bincount(block[rows], score[i], scores.shape[1])
-        degrees = max(scores.shape[1] - self.size, 1) / scores.shape[1]
-        return H, scores @ scores.T / degrees
+        return H, scores @ scores.T, scores.shape[1]
 
     def _linearised(self, u: Array) -> Iterator[tuple[slice, Array, Array]]:
         for rows, predicted, J in self.columns.linearise(self.samples.inputs, self.theta(u), self.settings.channels):
@@ -310,15 +312,28 @@ def bounded_step(H: Array, g: Array, u: Array, box: tuple[Array, Array], damping
     return np.asarray(np.clip(u + step, lower, upper) - u)
 
 
+def _covariance(information: Array, scatter: Array, blocks: int, problem: Problem, free: NDArray[np.bool_]) -> Array:
+    """Covariance (p, p), SI, of the free parameters; one that ended on its bound is as uncertain as its prior.
+
+    With many blocks it is the sandwich; with few, whose scatter is itself uncertain, it tends to the inverse
+    information times the one factor by which correlated residuals inflate it on average.
+    """
+    kept = np.ix_(free, free)
+    bread = np.linalg.pinv((information + problem.precision)[kept], hermitian=True)
+    meat = (scatter + problem.precision)[kept]
+    inflation = max(1.0, float(np.trace(bread @ meat)) / max(int(free.sum()), 1))
+    share = blocks / (blocks + BLOCKS_PER_PARAMETER * problem.size)
+    scaled = np.eye(problem.size)
+    scaled[kept] = share * bread @ meat @ bread + (1.0 - share) * inflation * bread
+    return np.asarray(scaled * np.outer(problem.scale, problem.scale))
+
+
 def _result(problem: Problem, u: Array, iterations: int, converged: bool) -> Fit:
-    information, scatter = problem.information_and_scatter(u)
-    bread = np.linalg.pinv(information + problem.precision, hermitian=True)
-    covariance = bread @ (scatter + problem.precision) @ bread * np.outer(problem.scale, problem.scale)
-    bound = [
-        p.name
-        for p, v, lo, hi in zip(problem.table, u, problem.lower, problem.upper, strict=True)
-        if v <= lo or v >= hi
-    ]
+    information, scatter, blocks = problem.information_and_scatter(u)
+    free = (u > problem.lower) & (u < problem.upper)
+    information = information * np.outer(free, free)
+    covariance = _covariance(information, scatter, blocks, problem, free)
+    bound = [p.name for p, inside in zip(problem.table, free, strict=True) if not inside]
     return Fit(
         parameters=problem.table,
         theta=problem.theta(u),

@@ -125,8 +125,8 @@ def identify(
     health = examine(log, vehicle, options.keep)
     task = _Task(health.log, vehicle, tyre_prior, options, _formulation(options), progress)
     fitted = _fit_and_split(task, health)
-    for _ in range(LAG_ROUNDS):
-        if (lag := lag_of(fitted.fit, task.log.step)) is None:
+    for round_number in range(LAG_ROUNDS):
+        if (lag := lag_of(fitted.fit, task.log.step, again=round_number > 0)) is None:
             break
         health = health.repaired(lag)
         task = replace(task, log=health.log)

@@ -64,9 +64,12 @@ class OutputErrorProblem(Problem):
         rows = [OUTPUTS.index(o) for o in self.outputs]
         self.measured = self.windows.measured[rows]
         self.rows = rows
-        lanes = self.windows.count
+        self.starts = self.measured_starts()
+
+    def measured_starts(self) -> _Starts:
+        """Start states as measured, wherever u is."""
         measured = self.windows.inputs[list(STATE_ROWS), 0]
-        self.starts = _Starts(np.zeros(self.size), measured, np.zeros((lanes, STATES, self.size)))
+        return _Starts(np.zeros(self.size), measured, np.zeros((self.windows.count, STATES, self.size)))
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -118,17 +121,16 @@ class OutputErrorProblem(Problem):
         information = (H - gain @ cross.swapaxes(1, 2)).sum(axis=0)
         return information, (g - np.einsum("lpa,la->lp", gain, g0)).T
 
-    def information_and_scatter(self, u: Array) -> tuple[Array, Array]:
+    def information_and_scatter(self, u: Array) -> tuple[Array, Array, int]:
         self._pass_spread()
-        H, scatter = self.algebraic.information_and_scatter(u)
+        H, scatter, _ = self.algebraic.information_and_scatter(u)
         information, scores = self._reduced(u)
-        degrees = max(self.windows.count - self.size, 1) / self.windows.count
-        return H + information, scatter + scores @ scores.T / degrees
+        return H + information, scatter + scores @ scores.T, self.windows.count
 
     def robust_spread(self, u: Array) -> Array:
         errors = np.abs(self.errors(self.simulate(u, sensitivities=False)))
         used = self.windows.weight > 0
-        typical = np.array([1.4826 * np.median(e[used]) for e in errors])
+        typical = np.array([1.4826 * np.median(np.nan_to_num(e[used], nan=np.inf)) for e in errors])
         return np.concatenate([np.maximum(typical, 1e-9), self.algebraic.robust_spread(u)])
 
     def residual_rms(self, u: Array) -> Array:
@@ -148,9 +150,9 @@ def fit_output_error(
     A simulation has local optima that an algebraic fit to noisy states can fall into.
     """
     problem = OutputErrorProblem(columns, log, samples, settings)
-    problem.spread = problem.robust_spread(problem.scaled(starts[0]))
-    costs = [problem.cost(problem.scaled(start)) for start in starts]
-    return solve(problem, starts[int(np.argmin(costs))])
+    spreads = [problem.robust_spread(problem.scaled(start)) for start in starts]
+    best = int(np.argmin([np.sum(np.log(spread)) for spread in spreads]))
+    return solve(problem, starts[best])
 
 
 def _solve_each(H: Array, right: Array) -> Array:

@@ -18,18 +18,25 @@ LEAST_S = 0.015
 LONGEST_S = 0.2
 
 
-def lag_of(fit: Fit, step: float) -> Finding | None:
-    """Finding for the steering lag that `fit` estimated, None where there is none to speak of."""
+def lag_of(fit: Fit, step: float, again: bool = False) -> Finding | None:
+    """Finding for the steering lag that `fit` estimated, None where there is none to speak of.
+
+    Once a lag was taken out (`again`), half a sample of what is left is worth another round.
+    """
     name = f"{STEER_TIMING}.tau"
     if name not in fit.values:
         return None
     size, std = fit.values[name], fit.std[name]
-    least = max(LEAST_S, LEAST_SAMPLES * step)
+    least = 0.5 * step if again else max(LEAST_S, LEAST_SAMPLES * step)
     if not least < size < LONGEST_S or size < 4.0 * std:
         return None
 
     def repair(log: DriveLog) -> DriveLog:
         return shifted(log, "steer", -size)
 
-    text = f"the road wheels lag the reported steering by {1000 * size:.0f} ms"
-    return Finding(LAG_STEER, "steer", text, size, std, "s", confidence_of(size, std, least), Action.REALIGNED, repair)
+    confidence = confidence_of(size, std, least)
+    return Finding(LAG_STEER, "steer", _text(size), size, std, "s", confidence, Action.REALIGNED, repair, _text)
+
+
+def _text(size: float) -> str:
+    return f"the road wheels lag the reported steering by {1000 * size:.0f} ms"
