@@ -8,7 +8,7 @@ that makes plans fail soon after is rolled back and not tried again.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,8 @@ Array = npt.NDArray[np.float64]
 
 SLEW = 0.01
 """largest relative change of a tyre parameter from one plan to the next"""
+PLAUSIBLE = 2.5
+"""factor between tyre parameters beyond which a revision or a belief is taken for a fault"""
 PROFILE_SHARE = 0.9
 """of the load limits that the race line's speed profile asks for; the rest corrects errors"""
 PROFILE_CHANGE = 0.03
@@ -82,6 +84,7 @@ class Adoption:
         self._background = background
         self._belief: Belief | None = None
         self._refused: set[str] = set()
+        self._start = revision
         self._previous: Adopted | None = None
         self._ready: Adopted | None = None
         self._worker: threading.Thread | None = None
@@ -103,7 +106,7 @@ class Adoption:
         """Consider a revision from the estimator."""
         if revision.revision in self._refused or revision.revision == self.current.revision.revision:
             return
-        if reason := implausible(revision, self.current.revision.layout):
+        if reason := implausible(revision, self._start):
             self._refuse(revision, reason)
         elif [e.name for e in revision.effects] == [e.name for e in self.current.revision.effects]:
             revised = model_of(revision, self._config.vehicle, self._track.length)
@@ -114,8 +117,8 @@ class Adoption:
             self._build(revision)
 
     def offer_belief(self, belief: Belief) -> None:
-        """Use a belief for Eq. (7) and (10), if it fits the model."""
-        if belief.names == self.current.tyre.names:
+        """Use a belief for Eq. (7) and (10), if it fits the model and is not far from it."""
+        if belief.names == self.current.tyre.names and _near(belief.mean, self.current.revised.theta):
             self._belief, self._changed = belief, True
 
     def advance(self) -> None:
@@ -231,19 +234,22 @@ class Adoption:
         self._worker.start()
 
 
-def implausible(revision: ModelRevision, layout: str) -> str:
-    """Why a revision must not be driven with; empty when it may."""
-    if revision.layout != layout:
-        return f"layout {revision.layout} is not the planner's {layout}"
+def implausible(revision: ModelRevision, start: ModelRevision) -> str:
+    """Why a revision must not be driven with, given the one the run started from; empty when it may."""
+    if revision.layout != start.layout:
+        return f"layout {revision.layout} is not the planner's {start.layout}"
     if unknown := [e.name for e in revision.effects if e.name not in catalogue()]:
         return f"effect {unknown[0]} is unknown"
     for name, value in revision.tyre.items():
-        if not np.isfinite(value) or value <= 0:
-            return f"tyre parameter {name} = {value}"
-    for name in ("df", "dr", "d"):
-        if not 0.3 <= revision.tyre.get(name, 1.0) <= 3.0:
-            return f"peak factor {name} = {revision.tyre[name]:.3g} is outside 0.3..3"
+        if not _near((value,), (start.tyre[name],)):
+            return f"tyre parameter {name} = {value:.4g} is far from the {start.tyre[name]:.4g} the run started with"
     return ""
+
+
+def _near(values: Sequence[float], references: Sequence[float] | Array) -> bool:
+    """Whether all values are finite and within a factor `PLAUSIBLE` of their positive references."""
+    ratios = np.asarray(values) / np.asarray(references)
+    return bool(np.all(np.isfinite(ratios)) and np.all((ratios < PLAUSIBLE) & (ratios > 1 / PLAUSIBLE)))
 
 
 def usable_share(tyre: TyreNames, knowledge: TyreKnowledge) -> float:

@@ -34,7 +34,9 @@ class ModelCar:
         self._commands = self.bus.subscribe(topics.COMMAND, depth=4)
         self._actuators = Actuators(config.planner)
         controller = self.planner.adoption.controller
-        self._advance = controller.advance
+        # the car keeps its physics when the planner's model changes
+        self._physics = controller.problem.advance_function()
+        self._common, self._stage = controller.common.copy(), controller.stages[:, 0].copy()
         point = controller.reference.at(np.zeros(1))
         speed = speed_share * float(controller.reference.speed_limit(np.zeros(1))[0])
         self.car: NDArray[np.float64] = np.array([point.x[0], point.y[0], point.heading[0], speed, 0.0, 0.0])
@@ -69,7 +71,8 @@ class ModelCar:
             self._send(self.commands[-1])
         duration = TICK_NS / NS_PER_S
         self.drive, self.steer = self._actuators.follow(self.drive, self.steer, self.now_ns, duration)
-        self.car = self._advance(self.car, self.drive, self.steer, duration)
+        inputs = np.array([self.drive, self.steer])
+        self.car = np.array(self._physics(self.car, inputs, duration, self._stage, self._common)).ravel()
         self.car[3] = max(self.car[3], 0.0)
         self.cars.append(self.car.copy())
         return plan

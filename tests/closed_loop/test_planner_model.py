@@ -255,12 +255,12 @@ def test_implausible_revisions_are_refused() -> None:
     rig.run(1.0)
     for tyre in ({"df": 9.0}, {"dr": 0.01}):
         bad = revision_with(rig, tyre)
-        assert implausible(bad, "per_axle")
+        assert implausible(bad, rig.planner.adoption.current.revision)
         rig.bus.publish(topics.MODEL_REVISION, bad)
         rig.run(0.2)
         assert rig.plans[-1].revision != bad.revision
     shared = revision_with(rig).model_copy(update={"layout": "shared", "revision": "other"})
-    assert "layout" in implausible(shared, "per_axle")
+    assert "layout" in implausible(shared, rig.planner.adoption.current.revision)
 
 
 def test_information_on_keeps_the_bound_and_the_limits() -> None:
