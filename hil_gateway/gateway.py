@@ -22,7 +22,7 @@ from hil_gateway.heard import flags_heard, flags_in_force, heard
 from hil_gateway.limits import Limits
 from hil_gateway.messages import Applied, FailsafeAction, GatewayStatus, OperatorAction, OperatorCommand, VehicleState
 from hil_gateway.powertrain import GearChoice
-from hil_gateway.race_control import CtState, Demand, RaceControl
+from hil_gateway.race_control import CtState, Demand, RaceControl, SysState
 from hil_gateway.stopping import STANDSTILL, Stopping, rear_speed, road_speed
 from hil_gateway.track import Track
 from hil_gateway.transmitter import Transmitter
@@ -59,6 +59,7 @@ class Gateway:
         self.race_control = RaceControl()
         self._testing = config.gateway.mode == "actuator_test"
         self._transmits = config.gateway.mode in ("armed", "actuator_test")
+        self._restarting = False
         self._armed_ns = 0
         self._previous = self._limits.resting(0.0)
         self._conditions = Conditions(self.builder, self._testing)
@@ -135,14 +136,18 @@ class Gateway:
             self._armed_ns = now_ns
         if action in STOPPING and before not in STOPPING:
             self._stopping.start(self._actuation.to_steer(self._limits.to_actuators(self._previous).steering_motor))
-        # once the ladder starts over, the car is still in its emergency until it hears so
-        started_over = self.race_control.ct_state <= CtState.INIT
+        ct_state = self.race_control.ct_state
+        if inputs.request is OperatorAction.DISARM and inputs.standing:
+            # the car misses our commands and goes into its own emergency: both begin anew
+            self._restarting |= before is not FailsafeAction.SILENT or ct_state is CtState.EMERGENCY
+        elif state.sources["vehicle"].valid and state.sys_state <= SysState.CONNECTED:
+            self._restarting = False
         killed = any(inputs.measures[measure] > 0 for measure in KILLS)
-        killed |= inputs.measures["car_emergency"] > 0 and not started_over
+        killed |= inputs.measures["car_emergency"] > 0 and ct_state > CtState.INIT and not self._restarting
         demand = Demand(
             stop=action is FailsafeAction.CONTROLLED_STOP,
             emergency=action is FailsafeAction.EMERGENCY_STOP or killed,
-            restart=inputs.request is OperatorAction.DISARM and inputs.standing,
+            restart=self._restarting,
             armed=action is FailsafeAction.DRIVE,
             highest=CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
         )

@@ -92,7 +92,7 @@ class Demand:
     stop: bool = False
     emergency: bool = False
     restart: bool = False
-    """standing still and disarmed by a person after an emergency"""
+    """disarmed by a person at standstill: start over, and wait for the car to do so too"""
     armed: bool = False
     highest: CtState = CtState.NOMINAL_RACE
     """rung the ladder is not climbed beyond"""
@@ -140,10 +140,12 @@ def _severity(flag: int) -> int:
 
 def _next(ct: CtState, heard: Heard, demand: Demand, heartbeat: bool) -> CtState:  # noqa: PLR0911 (one rung a line)
     sys_state = heard.sys_state if heard.car_alive else 0
-    if ct is CtState.EMERGENCY and demand.restart:
-        return CtState.INIT
-    if demand.emergency or ct is CtState.EMERGENCY:
+    if demand.emergency:
         return CtState.EMERGENCY
+    if demand.restart:
+        return CtState.INIT
+    if ct is CtState.EMERGENCY:
+        return ct
     if demand.stop and ct >= CtState.INIT_DRIVING:
         return CtState.COORDINATED_STOP
     if ct > CtState.ACTUATOR_TEST and heard.car_alive and sys_state <= SysState.CONNECTED:

@@ -55,6 +55,8 @@ class ScriptedCar:
     heard: list[tuple[int, Frame]] = field(default_factory=list)
     ct_state: int = 0
     tick: int = 0
+    command_tick: int | None = None
+    supervised: bool = True
 
     def step(self, now_ns: int) -> None:
         """Listen, answer, move, report."""
@@ -63,6 +65,8 @@ class ScriptedCar:
             self.heard.append((now_ns, frame))
             values = codec.decode_raw(frame.id, frame.data)
             self.commands.update(values)
+            if frame.id in ACTUATOR_IDS:
+                self.command_tick = self.tick
             if frame.id == 0x57C:
                 self.ct_state = int(values["ct_state"])
         self._climb()
@@ -72,6 +76,16 @@ class ScriptedCar:
         self.tick += 1
 
     def _climb(self) -> None:
+        """As the car: 200 ms without a command after the first one, and ct_state 12, are an emergency."""
+        if self.sys_state == 16 and not (self.ct_state in (1, 2) and self.speed == 0):
+            return
+        if self.sys_state == 16:
+            self.command_tick = None
+        if self.command_tick is not None and self.tick - self.command_tick > 20 and self.supervised:
+            self.sys_state = 16
+            return
+        if self.sys_state == 9 and self.ct_state < 7:
+            return
         reached = {1: 2, 2: 2, 3: 4, 4: 5, 5: 8, 6: 8, 7: 9, 8: 9, 9: 9, 10: 9, 11: 10, 12: 16}
         self.sys_state = reached.get(self.ct_state, self.sys_state)
 

@@ -49,6 +49,8 @@ class LiveLoop:
         self.gaps: list[float] = []
         self._last_ns: int | None = None
         self.seq = 0
+        self.done: list[str] = []
+        """losses so far"""
 
     def __enter__(self) -> LiveLoop:
         self.link = open_link(self.config.can)
@@ -115,7 +117,8 @@ class LiveLoop:
         """Whatever it takes to drive: stand, disarm, climb, arm."""
         deadline = time.monotonic() + UP_S
         while self.action is not FailsafeAction.DRIVE or self.speed < 5.0:
-            assert time.monotonic() < deadline, self.status.latest.message
+            message = self.status.latest.message
+            assert time.monotonic() < deadline, f"{self.done}: {message.missing_for_arming if message else message}"
             self.look(0.2)
             message = self.status.latest.message
             if message is None or self.action is FailsafeAction.DRIVE:
@@ -130,6 +133,7 @@ class LiveLoop:
     def lose(self, victim: str, way: str, rng: random.Random) -> None:
         """Take a process away, look on, and give it back."""
         pid = self.pid(victim)
+        self.done.append(f"{victim} {way}")
         if way == "kill":
             os.kill(pid, signal.SIGKILL)
             self.look(1.5)

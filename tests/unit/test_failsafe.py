@@ -232,6 +232,30 @@ def test_after_an_emergency_arming_alone_is_not_enough():
     assert rig.action is FailsafeAction.DRIVE
 
 
+@pytest.mark.parametrize("stop", [OperatorAction.STOP, OperatorAction.EMERGENCY])
+def test_after_disarming_the_ladder_is_climbed_again_with_the_car(stop):
+    """Without commands the car goes into its own emergency: neither side may wait for the other for ever."""
+    rig = Rig()
+    rig.drive_off()
+    rig.ask(stop)
+    rig.run(4.0)
+    rig.ask(OperatorAction.DISARM)
+    rig.run(3.0)
+    assert rig.status.missing_for_arming == ()
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.5)
+    assert rig.action is FailsafeAction.DRIVE
+
+
+def test_disarming_a_silent_gateway_changes_nothing():
+    rig = Rig()
+    rig.run(1.0)
+    rig.ask(OperatorAction.DISARM)
+    rig.run(0.5)
+    assert rig.car.ct_state == 9
+    assert rig.status.missing_for_arming == ()
+
+
 def test_the_first_cause_of_an_action_keeps_its_name():
     well = dict.fromkeys(MEASURES, 0.0)
     failsafe = Failsafe().step(Inputs(well, True, OperatorAction.ARM))

@@ -73,7 +73,8 @@ def test_a_stop_is_left_by_arming_only():
 def test_emergency_comes_from_everywhere_and_ends_only_with_a_restart(ct):
     assert at(CtState(ct), HEARD, Demand(emergency=True)) is CtState.EMERGENCY
     assert at(CtState.EMERGENCY, HEARD, CALM) is CtState.EMERGENCY
-    assert at(CtState.EMERGENCY, HEARD, Demand(emergency=True, restart=True)) is CtState.INIT
+    assert at(CtState(ct), HEARD, Demand(restart=True)) is CtState.INIT
+    assert at(CtState(ct), HEARD, Demand(emergency=True, restart=True)) is CtState.EMERGENCY
 
 
 def test_a_car_that_starts_over_takes_the_ladder_with_it():

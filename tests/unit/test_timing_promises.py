@@ -156,6 +156,9 @@ def test_a_hanging_gateway_sends_nothing_and_comes_back_stopping():
     since_ns = rig.now_ns
     rig.run(0.5)
     assert [stamp for stamp, _ in rig.frames(since_ns + PERIOD_NS)] == [], "nothing may keep the counters alive"
+    assert rig.car.sys_state == 16, "the car has noticed as well"
+    rig.car.supervised, rig.car.overrides["sys_state"] = False, 9
+    rig.car.step(rig.now_ns)  # even with a car that has not, the gateway knows that it was late
     rig.gateway_runs = True
     rig.step()
     assert (rig.action, rig.cause) == (EMERGENCY, "gateway_late")
