@@ -47,7 +47,8 @@ def axle_torque(p: Any, throttle: Expr, speed: Expr, ratio: Expr, running: Expr)
     """
     turning = ca.fmin(ca.fmax(speed / p.engine_clutch - 1.0, 0.0) * 4.0, 1.0)
     drive = running * throttle * full_throttle_torque(speed, p.engine_torque)
-    return ratio * (p.driveline_efficiency * drive - p.engine_drag * ca.exp(-throttle / CLOSED) * turning)
+    drag = p.engine_drag * p.wheel_radius * ca.exp(-throttle / CLOSED) * turning
+    return ratio * p.driveline_efficiency * drive - ca.fmin(ratio, 1.0) * drag
 
 
 def differential(p: Any, torque: Expr, speed_left: Expr, speed_right: Expr) -> tuple[Expr, Expr]:

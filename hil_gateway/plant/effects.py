@@ -80,7 +80,7 @@ SWITCHES: dict[str, Switch] = {
     "combined_slip": Switch("1", "0: none, 1: similarity method", 0.0, 1.0, 1.0, _car(combined_slip=1.0)),
     "drive_saturation": Switch("1", "0: linear in slip, 1: magic formula", 0.0, 1.0, 1.0, _car(saturation=1.0)),
     "front_brake": Switch("1", "share of the front circuit acting in front", 0.0, 1.0, 1.0, _car(front_brake=1.0)),
-    "engine_braking": Switch("N m", "engine torque with the throttle closed", 0.0, 200.0, 60.0, _car(engine_drag=1.0)),
+    "engine_braking": Switch("N", "at the wheels, throttle closed", 0.0, 3000.0, 600.0, _car(engine_drag=1.0)),
     "steer_offset": Switch("rad", "true minus reported road-wheel angle", -0.05, 0.05, 0.006, _car(steer_offset=1.0)),
     "steer_scale": Switch("1", "excess of true over reported angle", -0.3, 0.3, 0.06, _steer_scale),
     "steer_delay": Switch("s", "true angle behind the reported one", 0.0, 0.3, 0.06, _steer_delay),

@@ -85,8 +85,8 @@ class CarParameters:
     """full throttle at `ENGINE_SPEEDS`, N m (473 hp at 6110 rpm and driveline losses of 2 %)"""
     engine_clutch: float = 2000.0 * RPM
     """the clutch slips below this engine speed, rad/s"""
-    engine_drag: float = 45.0
-    """torque with the throttle closed, N m"""
+    engine_drag: float = 600.0
+    """force at the driven wheels with the throttle closed, N (45 N m of the engine in third gear)"""
     engine_inertia: float = 0.08
     driveline_efficiency: float = 0.98
     lsd_preload: float = 40.0
