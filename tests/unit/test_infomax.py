@@ -51,12 +51,13 @@ def _at(controller: Controller, f: ca.Function, z: np.ndarray) -> list[np.ndarra
 @pytest.mark.parametrize("k", [2, 15, 30])
 def test_information_gradient_and_hessian_are_exact(controller: Controller, k: int) -> None:
     f, z = _terms(controller), controller.sqp.z[:, k]
+    weight = float(controller.common[controller.problem.common["q_information"]][0])
     _, gradient, _, exact, _ = _at(controller, f, z)
     for a, i in enumerate(FORCE_STATES):
         h = np.zeros(NZ)
         h[i] = 1e-4 if i < 6 else 1e-6
         high, low = _at(controller, f, z + h), _at(controller, f, z - h)
-        value = -WEIGHT * (high[0] - low[0]).item() / (2 * h[i])
+        value = -weight * (high[0] - low[0]).item() / (2 * h[i])
         assert gradient[i].item() == pytest.approx(value, rel=1e-4, abs=1e-6)
         column = (high[1] - low[1])[list(FORCE_STATES), 0] / (2 * h[i])
         np.testing.assert_allclose(exact[:, a], column, rtol=2e-3, atol=1e-4 * np.abs(exact).max())
@@ -137,7 +138,7 @@ def test_information_row_holds_the_gain_below_its_bound() -> None:
 def test_d_criterion_weight_is_the_gradient_of_log_det() -> None:
     controller = _controller(criterion="log_det")
     controller.cold_start(start_state(controller, 620.0), clock)
-    controller._weigh_information()
+    controller._weigh_information(40.0)
     k, n = controller.knowledge, len(controller.knowledge.mean)
     W = controller.common[controller.problem.common["information_weight"]].reshape(n, n)
     F, precision = controller.sqp.horizon_information(controller.common), np.linalg.inv(k.covariance)
