@@ -33,6 +33,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.diagnose.result import as_json as to_json
     from estimator.diagnose.result import as_revision, write
     from estimator.identify.drive_log import read_logs
+    from estimator.identify.health import examine
     from estimator.identify.inputs import read_tyre_prior, read_vehicle
     from hil_gateway.errors import InputError
 
@@ -42,10 +43,12 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     prior = read_tyre_prior(tyre, layout, car)  # type: ignore[arg-type]
     with _progress() as progress:
         progress("reading")
-        log = read_logs(sessions)
+        health = examine(read_logs(sessions), car)
+        log = health.log
         result = run(make_record(log, car), layout, prior, progress)  # type: ignore[arg-type]
         revision = as_revision(result, layout, tuple(log.sources.values()))
-        summary = to_json(result, revision.revision, "" if out is None else str(out / "report.html"))
+        summary: dict[str, Any] = {"health": [f.description for f in health.findings]}
+        summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))
         if out is not None:
             progress("writing the report")
             from estimator.diagnose.report import write_report

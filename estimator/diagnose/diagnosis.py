@@ -97,7 +97,7 @@ def diagnose(
     """Find what the declared model lacks."""
     train_laps, test_laps = split_laps(record)
     train = record.select(np.isin(record.lap, train_laps))
-    train = replace(train, lap=np.searchsorted(np.array(train_laps), train.lap))
+    train = replace(train, lap=_held_out_groups(train, train_laps))
     setting = Setting(train, layout, prior)
     found = search(setting, progress)
     accepted, gains, terms, final, tried = _with_terms(setting, found, progress)
@@ -113,6 +113,18 @@ def diagnose(
     return Diagnosis(
         record, train_laps, test_laps, test_rows, found, final, accepted, gains, terms, models, channels, states, tried
     )
+
+
+FEWEST_LAPS = 4
+BLOCK_WINDOWS = 8
+"""With fewer laps to learn from, stretches of so many windows (16 s) are held out in turn instead of laps."""
+
+
+def _held_out_groups(train: Record, laps: tuple[int, ...]) -> Ints:
+    """(windows,) number of the group each window is held out with: its lap, or a stretch of time."""
+    if len(laps) >= FEWEST_LAPS:
+        return np.asarray(np.searchsorted(np.array(laps), train.lap), np.int64)
+    return np.arange(train.windows, dtype=np.int64) // BLOCK_WINDOWS
 
 
 def _with_terms(

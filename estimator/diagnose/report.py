@@ -196,8 +196,9 @@ def _equation(report: Report, summary: dict[str, Any]) -> None:
 def _provenance(report: Report, diagnosis: Diagnosis, summary: dict[str, Any], log: DriveLog) -> None:
     report.section("Data split and provenance")
     spans = {k: ", ".join(f"{a:.0f}-{b:.0f} s" for a, b in summary["split"][k]) for k in ("train", "test")}
+    files = [f"{Path(p).name}: SHA-256 {digest}" for p, digest in log.sources.items()]
     report.items([
         f"learnt from: {spans['train']}", f"scored on: {spans['test']}", summary["split"]["note"],
         f"rows: {summary['rows']:,}; channels: {', '.join(CHANNELS)}", f"model revision {summary['revision']}",
-        *log.notes, *(f"{Path(p).name}: SHA-256 {digest}" for p, digest in log.sources.items()),
+        *summary.get("health", ()), *log.notes, *files,
     ])  # fmt: skip

@@ -109,7 +109,7 @@ def fit_names(
     start = predictor.start([p.prior for p in model.tyre_table])
     if warm is not None:
         start = warm_start(predictor, start, warm)
-    deviation = setting.record.block_noise if warm is None else warm.deviation
+    deviation = _first_deviation(setting.record) if warm is None else warm.deviation
     done = fit(predictor, start, deviation, iterations or MAX_ITERATIONS)
     for _ in range(REWEIGHINGS):
         if np.all(np.abs(np.log(done.deviation / deviation)) < REWEIGH_ABOVE):
@@ -117,6 +117,15 @@ def fit_names(
         deviation = done.deviation
         done = fit(predictor, done.parameters, deviation, iterations or MAX_ITERATIONS)
     return done
+
+
+def _first_deviation(record: Record) -> Array:
+    """(5,) weights before anything is fitted: the noise, but no less than any model leaves of a measured signal."""
+    spread = record.measured[:, record.rows.ravel()].std(axis=1)
+    return np.asarray(np.maximum(record.block_noise, UNFITTED_SHARE * spread))
+
+
+UNFITTED_SHARE = 0.02
 
 
 def warm_start(predictor: Predictor, start: Array, warm: Fit) -> Array:

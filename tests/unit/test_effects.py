@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -166,3 +168,10 @@ def test_profile_is_periodic_and_the_same_in_numbers_and_symbols() -> None:
     np.testing.assert_allclose(numbers, [float(symbolic(v)) for v in s], atol=1e-12)
     np.testing.assert_allclose(numbers, profile_basis(s + 1700.0, 1700.0, 12) @ coefficients, atol=1e-12)
     np.testing.assert_allclose(profile_basis(s, 1700.0, 12).sum(axis=1), 1.0, atol=1e-12)
+
+
+def test_the_documented_catalogue_is_the_one_in_the_code() -> None:
+    from estimator.model.catalogue_page import page
+
+    document = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
+    assert document.read_text() == page(), "python -m estimator.model.catalogue_page > docs/effects.md"

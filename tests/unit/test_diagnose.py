@@ -1,0 +1,206 @@
+"""What a diagnosis promises, on drives simulated by equations that are not the estimator's."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from estimator.diagnose.basis import make_basis
+from estimator.diagnose.diagnosis import Diagnosis, diagnose
+from estimator.diagnose.fit import evaluate, fit
+from estimator.diagnose.normal import Normal
+from estimator.diagnose.predict import Predictor
+from estimator.diagnose.record import Record, make_record
+from estimator.diagnose.result import as_json, as_revision
+from estimator.diagnose.score import kernel, second_difference_noise
+from estimator.diagnose.words import describe
+from estimator.identify.drive_log import DriveLog
+from estimator.model.effects import catalogue
+from estimator.model.single_track import SingleTrack
+from estimator.revision import model_of
+from hil_gateway.vehicle import Vehicle
+
+PRIOR = {"cx": 50000.0, "bf": 9.0, "cf": 1.35, "df": 1.3567, "br": 10.0, "cr": 1.4, "dr": 1.3392}
+EFFECTS: dict[str, dict[str, float]] = {
+    "none": {}, "single": {"rolling_resistance": 420.0}, "pair": {"aero_drag": 0.6, "steer_offset": -0.005},
+    "outside": {"gust": 1200.0},
+}  # fmt: skip
+
+
+def _practice() -> Any:
+    path = Path(__file__).resolve().parents[2] / "benchmarks" / "practice.py"
+    spec = importlib.util.spec_from_file_location("practice", path)
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["practice"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def drives() -> dict[str, Any]:
+    """Four drives of five laps each."""
+    made = _practice().simulate(list(EFFECTS.values()), [21, 22, 23, 24], laps=5, step=0.01)
+    return dict(zip(EFFECTS, made, strict=True))
+
+
+def record_of(drive: Any) -> Record:
+    log = DriveLog(drive.columns, np.zeros(len(drive.columns["t"]), np.int64))
+    return make_record(log, Vehicle())
+
+
+@pytest.fixture(scope="module")
+def diagnosed(drives: dict[str, Any]) -> Callable[[str], Diagnosis]:
+    done: dict[str, Diagnosis] = {}
+
+    def get(name: str) -> Diagnosis:
+        if name not in done:
+            done[name] = diagnose(record_of(drives[name]), "per_axle", PRIOR)
+        return done[name]
+
+    return get
+
+
+def test_nothing_missing_is_called_none(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("none")
+    assert found.verdict == "none"
+    for channel in ("ax", "ay"):
+        row = found.channels[channel]
+        assert row["with_effects"] < 1.1 * row["noise_floor"]
+
+
+def test_single_effect_is_named_alone_with_its_size(diagnosed: Callable[[str], Diagnosis]) -> None:
+    result = as_json(diagnosed("single"), "r", "")
+    assert result["verdict"] == "effect"
+    assert [e["name"] for e in result["effects"]] == ["rolling_resistance"]
+    force = result["effects"][0]["parameters"]["force"]
+    assert abs(force["value"] - 420.0) < min(42.0, 3 * force["std"])
+    assert result["effects"][0]["confidence"] > 0.95
+    assert result["channels"]["ax"]["with_effects"] < 1.1 * result["channels"]["ax"]["noise_floor"]
+
+
+def test_pair_is_named_whole(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("pair")
+    assert set(found.accepted) == {"aero_drag", "steer_offset"}
+    json.dumps(as_json(found, "r", ""), allow_nan=False)
+
+
+def test_effect_outside_the_catalogue_is_unexplained_and_located(diagnosed: Callable[[str], Diagnosis]) -> None:
+    result = as_json(diagnosed("outside"), "r", "")
+    assert result["verdict"] == "unexplained"
+    assert {(u["channel"], u["signal"]) for u in result["unexplained"]} & {
+        ("ay", "track_position"), ("vy_dot", "track_position"),
+    }  # fmt: skip
+    row = result["channels"]["ay"]
+    assert row["refit"] - row["with_effects"] > 0.6 * (row["refit"] - row["noise_floor"])
+
+
+def test_test_laps_are_kept_from_every_fit(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("single")
+    assert not set(found.train_laps) & set(found.test_laps)
+    learnt = set(np.unique(found.fit.predictor.record.rows).tolist())
+    assert not learnt & set(found.test_rows.tolist())
+
+
+def test_revision_rebuilds_the_diagnosed_model(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("single")
+    revision = as_revision(found, "per_axle", ("hash",))
+    rebuilt = model_of(revision, Vehicle(), 1000.0)
+    assert [e.name for e in rebuilt.model.effects] == ["rolling_resistance"]
+    np.testing.assert_allclose(rebuilt.theta, found.fit.parameters[:7])
+    assert revision.provenance.error_after["ax"] < revision.provenance.error_before["ax"]
+
+
+def test_report_is_one_page_without_network(
+    diagnosed: Callable[[str], Diagnosis], drives: dict[str, Any], tmp_path: Path
+) -> None:
+    from estimator.diagnose.report import write_report
+
+    found = diagnosed("single")
+    columns = drives["single"].columns
+    log = DriveLog(columns, np.zeros(len(columns["t"]), np.int64), sources={"drive.csv": "abc"})
+    page = write_report(found, as_json(found, "r", ""), log, tmp_path / "report.html").read_text()
+    assert "rolling_resistance" in page
+    assert "<script src" not in page
+    assert "<link" not in page
+
+
+def test_sensitivities_agree_with_finite_differences(drives: dict[str, Any]) -> None:
+    record = record_of(drives["single"])
+    record = record.select(np.arange(record.windows) % 12 == 0)
+    names = ("aero_drag", "steer_scale", "steer_delay", "road_bank")
+    model = SingleTrack(Vehicle(), "per_axle", tuple(catalogue()[n] for n in names), PRIOR)
+    predictor = Predictor(model, record)
+    at = predictor.start([*PRIOR.values()])
+    at[7], at[9] = 0.3, 0.04
+    deviation = record.block_noise
+    # about measured states the residual is small, so the projection and the exponential may be taken as constant
+    _, jacobian = evaluate(predictor, at, deviation)
+    for i in (0, 1, 7, 8, 9, 12):
+        step = 1e-3 * predictor.table[i].prior_std * np.eye(len(at))[i]
+        ahead, _ = evaluate(predictor, at + step, deviation)
+        behind, _ = evaluate(predictor, at - step, deviation)
+        numeric = -(ahead - behind) / (2 * step[i])
+        scale = np.abs(numeric).max()
+        assert np.sqrt(np.mean((jacobian[:, i] - numeric) ** 2)) < 0.05 * scale, predictor.table[i].name
+
+
+def test_leaving_a_lap_out_by_normal_equations_is_exact_for_a_linear_model() -> None:
+    rng = np.random.default_rng(5)
+    laps, p, n = 4, 3, 60
+    X, truth = rng.normal(size=(laps, n, p)), np.array([1.0, -2.0, 0.5])
+    y = X @ truth + 0.1 * rng.normal(size=(laps, n))
+    squares, gradient, hessian = np.zeros((5, laps)), np.zeros((5, laps, p)), np.zeros((5, laps, p, p))
+    for lap in range(laps):
+        squares[0, lap], gradient[0, lap] = y[lap] @ y[lap], X[lap].T @ y[lap]
+        hessian[0, lap] = X[lap].T @ X[lap]
+    normal = Normal(squares, gradient, hessian, np.full(laps, float(n)), np.zeros((p, p)), np.zeros(p), np.ones(5))
+    held_out = normal.held_out(np.ones(5))[0]
+    for lap in range(laps):
+        others = [k for k in range(laps) if k != lap]
+        beta = np.linalg.lstsq(np.concatenate(X[others]), np.concatenate(y[others]), rcond=None)[0]
+        assert held_out[lap] == pytest.approx(np.sum((y[lap] - X[lap] @ beta) ** 2), rel=1e-6)
+
+
+def test_fit_recovers_from_a_far_start(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    predictor = Predictor(SingleTrack(Vehicle(), "per_axle", (), PRIOR), record)
+    near = fit(predictor, np.array([*PRIOR.values()]))
+    far = fit(predictor, np.array([60000.0, 5.0, 2.0, 2.3, 14.0, 1.1, 2.2]), iterations=30)
+    np.testing.assert_allclose(far.parameters, near.parameters, rtol=0.02)
+
+
+def test_differentiating_kernel_is_the_derivative_of_the_smoothing_one() -> None:
+    smooth, slope = kernel(0.01)
+    t = 0.01 * np.arange(400)
+    wave, rate = np.sin(3 * t), 3 * np.cos(3 * t)
+    np.testing.assert_allclose(np.convolve(wave, slope, "valid"), np.convolve(rate, smooth, "valid"), atol=2e-3)
+
+
+def test_noise_is_measured_beside_a_smooth_signal() -> None:
+    rng = np.random.default_rng(9)
+    t = 0.01 * np.arange(20_000)
+    assert second_difference_noise(5 * np.sin(2 * t) + 0.15 * rng.normal(size=t.size)) == pytest.approx(0.15, rel=0.05)
+
+
+def test_words_say_above_which_value_a_term_acts() -> None:
+    values = np.linspace(10.0, 60.0, 4000)
+    basis = make_basis("vx", values, 0.0)
+    coefficients = (np.array(basis.knots) > 45.0) * 1.0
+    assert "above 4" in describe(basis, values, coefficients)
+
+
+def test_command_refuses_a_layout_it_does_not_know(tmp_path: Path) -> None:
+    from estimator.diagnose.cli import app
+    from hil_gateway.errors import InputError
+
+    result = CliRunner().invoke(app, [str(tmp_path / "x.csv"), "--layout", "nonsense"])
+    assert isinstance(result.exception, InputError)
