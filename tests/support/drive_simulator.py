@@ -1,4 +1,4 @@
-"""Drives simulated by code of its own: Eq. 1-3 in plain numpy, many cars side by side. Imports nothing of the product."""
+"""Drives simulated by code of its own: Eq. 1-3 in plain numpy, many cars side by side; nothing of the product."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _demands(rng: np.random.Generator, t: Array, cars: int) -> tuple[Array, Arra
     return speed, growth * np.tanh(waves[4:].sum(axis=0) / 1.5)
 
 
-def _recorded(
+def _recorded(  # noqa: PLR0917 - what a recorder needs
     rng: np.random.Generator, t: Array, out: dict[str, Array], car: int, tyre: dict[str, float], noise: float
 ) -> Drive:
     columns = {"t": t}

@@ -1,7 +1,8 @@
 """Where vy is measured, and how the sensor is turned: seen while the tyres slip little.
 
-At small slip the rear axle runs nearly where it points: vy at the CoG is lr yaw_rate less a slip that grows with
-vx^2 yaw_rate. So vy as reported = (lr + x) yaw_rate + angle vx + bias - k vx^2 yaw_rate, linear in the unknowns.
+At small slip the rear axle runs nearly where it points: vy at the CoG is lr yaw_rate less vx times a slip that grows
+with the rear axle's force, which Eq. (1) gives from ay and the yaw acceleration. So vy as reported =
+(lr + x) yaw_rate + angle vx + bias - vx (k ay + l yaw_acc + m ay^3), linear in the unknowns.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from estimator.identify.drive_log import DriveLog
 from estimator.identify.health.finding import Action, Finding, confidence_of
-from estimator.identify.prepare import moving_speed
+from estimator.identify.prepare import moving_speed, prepare
 from hil_gateway.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -47,12 +48,14 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
 
 def sensor_of_vy(log: DriveLog, vehicle: Vehicle) -> tuple[Array, Array] | None:
     """(x ahead of the CoG m, angle rad, bias m/s) and their standard deviations; None without gentle driving."""
-    vx, vy, yaw_rate = log["vx"], log["vy"], log["yaw_rate"]
+    samples = prepare(log)
+    vx, yaw_rate, vy = samples["vx"], samples["yaw_rate"], log["vy"][samples.row]
     cornering = np.abs(vx * yaw_rate)
-    gentle = (vx > moving_speed(log)) & (cornering < GENTLE_SHARE * np.quantile(cornering, 0.99))
+    gentle = cornering < GENTLE_SHARE * np.quantile(cornering, 0.99)
     if gentle.sum() < 50 * PARTS:
         return None
-    X = np.stack([yaw_rate, vx, np.ones_like(vx), vx**2 * yaw_rate], axis=1)[gentle]
+    force = samples["ay"]
+    X = np.stack([yaw_rate, vx, np.ones_like(vx), vx * force, vx * samples["yaw_acc"], vx * force**3], axis=1)[gentle]
     parts = np.array_split(np.arange(len(X)), PARTS)
     whole = _robust(X, vy[gentle])
     left_out = [_robust(np.delete(X, part, 0), np.delete(vy[gentle], part)) for part in parts]

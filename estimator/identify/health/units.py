@@ -44,35 +44,47 @@ class _Pair:
 
 
 def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
-    """Channels off by a known factor against what others say of the same motion."""
+    """Channels off by a known factor against most of what others say of the same motion.
+
+    Channels are taken in turn, each judged with those before it already converted.
+    """
+    findings: list[Finding] = []
+    for channel in ("vx", "yaw_rate", "ay", "steer", "ax", *WHEELS):
+        finding = _judge(log, [pair for pair in _pairs(log, vehicle) if pair.channel == channel])
+        if finding is not None and finding.repair is not None:
+            log = finding.repair(log)
+            findings.append(finding)
+    return [*findings, *_percent(log)]
+
+
+def _judge(log: DriveLog, pairs: list[_Pair]) -> Finding | None:
+    """The finding more than half of the pairs agree on."""
     moving = log["vx"] > moving_speed(log)
-    found: dict[str, Finding] = {}
-    for pair in _pairs(log, vehicle):
-        if pair.channel not in found and (finding := _compare(log, pair, moving)):
-            found[pair.channel] = finding
-    return [*found.values(), *_percent(log)]
+    found = [finding for pair in pairs if (finding := _compare(log, pair, moving)) is not None]
+    return found[0] if 2 * len(found) > len(pairs) else None
+
+
+WHEELS = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")
 
 
 def _pairs(log: DriveLog, vehicle: Vehicle) -> Iterator[_Pair]:
-    """Most telling first."""
     degrees = ("is in degrees, not rad", "has the opposite sign", "is in degrees and has the opposite sign")
+    speed = np.maximum(log["vx"], 1.0)
     if {"x", "y"} <= log.columns.keys():
-        speed = np.hypot(derivative(log["t"], log["x"], log.segment), derivative(log["t"], log["y"], log.segment))
-        yield _Pair("vx", speed, "the speed over ground from x and y", ("is in km/h, not m/s",))
-    turning = log["vx"] * log["yaw_rate"]
-    if "ay" not in log.derived:
-        yield _Pair("yaw_rate", log["ay"] / np.maximum(log["vx"], 1.0), "ay / vx", degrees)
-        yield _Pair("ay", turning, "vx yaw_rate", ("has the opposite sign",))
+        ground = np.hypot(derivative(log["t"], log["x"], log.segment), derivative(log["t"], log["y"], log.segment))
+        yield _Pair("vx", ground, "the speed over ground from x and y", ("is in km/h, not m/s",))
     if "yaw" in log:
         heading = derivative(log["t"], np.unwrap(log["yaw"]), log.segment)
         yield _Pair("yaw_rate", heading, "d/dt yaw", degrees)
-    yield _Pair(
-        "steer", log["yaw_rate"] * vehicle.wheelbase / np.maximum(log["vx"], 1.0), "the curvature driven", degrees
-    )
+    yield _Pair("yaw_rate", log["steer"] * speed / vehicle.wheelbase, "what the steering implies", degrees)
+    if "ay" not in log.derived:
+        yield _Pair("yaw_rate", log["ay"] / speed, "ay / vx", degrees)
+        yield _Pair("ay", log["vx"] * log["yaw_rate"], "vx yaw_rate", ("has the opposite sign",))
+    yield _Pair("steer", log["yaw_rate"] * vehicle.wheelbase / speed, "the curvature driven", degrees)
     if "ax" not in log.derived:
         forward = derivative(log["t"], log["vx"], log.segment) - log["vy"] * log["yaw_rate"]
         yield _Pair("ax", forward, "d/dt vx", ("has the opposite sign",))
-    for name in ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr"):
+    for name in WHEELS:
         if name in log:
             yield _Pair(name, log["vx"], "vx", ("is in km/h, not m/s",))
 

@@ -1,0 +1,105 @@
+"""`hil identify` from files to JSON and report, and on measured data where that is there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from estimator.identify.cli import app
+from estimator.identify.drive_log import read_logs
+from estimator.identify.identification import Identification, Options, identify
+from estimator.identify.inputs import read_tyre_prior, read_vehicle
+from hil_gateway.errors import InputError
+from tests.support.drive_simulator import TYRE, simulate, to_csv
+
+
+@pytest.fixture(scope="module")
+def log_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("logs") / "drive.csv"
+    path.write_text(to_csv(simulate([TYRE], 50.0, seed=31)[0].columns))
+    return path
+
+
+def test_json_and_report_hold_what_the_format_promises(log_file: Path, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, [str(log_file), "--json", "--method", "batch", "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    summary = json.loads(result.stdout)
+    promised = {"layout", "method", "initial", "final", "std", "identifiable", "rmse", "curve", "seconds"}
+    assert promised <= set(summary)
+    assert summary["rmse"]["ay"]["final"] < summary["rmse"]["ay"]["initial"]
+    assert set(summary["final"]) == set(TYRE)
+    assert json.loads((tmp_path / "tyre.json").read_text()) == summary["final"]
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("<figure>") >= 4
+    for source in ('src="http', "url(http", "<script src", '<link rel="stylesheet"'):
+        assert source not in page
+
+
+def test_shared_layout_takes_a_prior_per_axle(log_file: Path, tmp_path: Path) -> None:
+    prior = tmp_path / "tyre.json"
+    prior.write_text(json.dumps(TYRE))
+    arguments = [str(log_file), "--json", "--method", "batch", "--layout", "shared", "--tyre", str(prior)]
+    summary = json.loads(CliRunner().invoke(app, arguments).stdout)
+    assert set(summary["final"]) == {"cx", "b", "c", "d"}
+    assert summary["initial"]["b"] == pytest.approx(0.5 * (TYRE["bf"] + TYRE["br"]))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{", "not valid JSON"),
+        ('{"mass": 800, "yaw_inertia": 1000, "lf": 1.7}', "lr is missing"),
+        ('{"mass": -1, "yaw_inertia": 1000, "lf": 1.7, "lr": 1.2}', "mass = -1"),
+        ('{"mass": 800, "yaw_inertia": 1000, "lf": 1.7, "lr": 1.2, "wings": 2}', "wings"),
+    ],
+)
+def test_broken_vehicle_file_is_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "vehicle.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_vehicle(path)
+
+
+@pytest.mark.parametrize(("text", "words"), [('{"cx": 1}', "bf is missing"), ('{"b": 1, "q": 2}', "unknown key q")])
+def test_broken_tyre_prior_is_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "tyre.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_tyre_prior(path, "per_axle", read_vehicle(None))
+
+
+def _identify(path: Path, vehicle: Path | None, tyre: Path | None, **options: object) -> Identification:
+    chosen = Options(**options)  # type: ignore[arg-type]
+    car = read_vehicle(vehicle)
+    return identify(read_logs([path]), car, read_tyre_prior(tyre, chosen.layout, car), chosen)
+
+
+@pytest.mark.slow
+def test_practice_log_is_identified_to_a_percent(measured_data: Path) -> None:
+    folder = measured_data / "practice"
+    result = _identify(folder / "p01.csv", folder / "vehicle.json", folder / "tyre.json")
+    truth = json.loads((folder / "p01.truth.json").read_text())["tyre"]
+    limits = {"cx": 0.01, "df": 0.03, "dr": 0.03}
+    for name, value in truth.items():
+        assert result.final[name] == pytest.approx(value, rel=limits.get(name, 0.06))
+        assert abs(result.final[name] - value) < 2.576 * result.fit.std[name], name
+    for axle in "fr":
+        found, right = (v[f"b{axle}"] * v[f"c{axle}"] * v[f"d{axle}"] for v in (result.final, truth))
+        assert found == pytest.approx(right, rel=0.02)
+    assert result.rmse["ay"][1] < 1.05 * 0.15
+
+
+@pytest.mark.slow
+def test_measured_run_is_repaired_and_predicted(measured_data: Path) -> None:
+    result = _identify(measured_data / "av21" / "putnam_run4_2.csv", None, None)
+    found = {f.name: f for f in result.health.findings}
+    assert 0.28 <= found["offset_yaw_rate"].size <= 0.36
+    assert found["useless_ax_logged"].size > 1.0
+    assert "offset_vy" in found
+    assert result.rmse["ay"][1] <= 0.14
+    assert result.rmse["yaw_rate"][1] <= 0.0060
+    assert result.rmse["ax"][1] <= 0.77
+    assert "D, C and B of the front axle cannot be separated" in " ".join(result.identifiability.statements)
