@@ -27,10 +27,11 @@ class ModelCar:
     """Planner, car and bus on a virtual clock; `run` drives, `plans` and `commands` keep what was published."""
 
     def __init__(
-        self, config: Config, track: Track | None = None, *, speed_share: float = 0.9, stopwatch: Stopwatch = lambda: 0
-    ) -> None:
+        self, config: Config, track: Track | None = None, *, speed_share: float = 0.9,
+        stopwatch: Stopwatch = lambda: 0, background: bool = False,
+    ) -> None:  # fmt: skip
         self.bus = LocalBus()
-        self.planner = Planner(config, self.bus, track, stopwatch=stopwatch)
+        self.planner = Planner(config, self.bus, track, stopwatch=stopwatch, background=background)
         self._commands = self.bus.subscribe(topics.COMMAND, depth=4)
         self._actuators = Actuators(config.planner)
         controller = self.planner.adoption.controller

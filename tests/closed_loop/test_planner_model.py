@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from model_car import ModelCar
@@ -218,6 +220,21 @@ def test_a_new_model_is_adopted_without_missing_a_plan() -> None:
     assert {p.status for p in rig.plans[before:]} == {PlanStatus.SOLVED}
     assert rig.plans[-1].revision == new.revision
     np.testing.assert_array_equal(np.diff([p.seq for p in rig.plans]), 1)
+
+
+def test_a_model_built_beside_the_planner_is_swapped_in_between_two_plans() -> None:
+    """As the process does it: a child process builds, every plan meanwhile and afterwards is fresh."""
+    rig = ModelCar(_config(), background=True)
+    rig.run(1.0)
+    new = revision_with(rig, None, ActiveEffect(name="aero_drag", parameters={"k": 0.6}))
+    rig.bus.publish(topics.MODEL_REVISION, new)
+    started = time.monotonic()
+    while rig.plans[-1].revision != new.revision and time.monotonic() - started < 120.0:
+        rig.run(0.1)
+        time.sleep(0.05)
+    rig.run(2.0)
+    assert rig.plans[-1].revision == new.revision
+    assert {p.status for p in rig.plans} == {PlanStatus.SOLVED}
 
 
 def test_tyre_parameters_are_approached_slowly() -> None:
