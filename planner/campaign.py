@@ -3,11 +3,12 @@
 A trial is one seed and one way of driving, closed loop on the simulated car in one process on virtual time. Each seed
 is another car: every tyre parameter is drawn around the declared one. All ways of driving meet the same cars:
 
-- `infomax`: Eq. (9) with the information term;
+- `infomax`: Eq. (9) with the information term and a small pseudo-random dither on the steering: at zero slip the
+  information has a saddle, its gradient vanishes, and on a straight nothing else would leave it;
 - `plain`: the same planner with q_I = 0;
-- `prbs`, `sine`: the plain planner with a pseudo-random binary or a swept-sine signal added to the steering.
+- `prbs`, `sine`: the plain planner with a pseudo-random binary or a swept-sine signal of the same size added.
 
-All keep the same track, load and actuator limits; the added signals have the largest amplitude that does.
+All keep the same track, load and actuator limits; the size is the largest that kept them on every car tried.
 """
 
 from __future__ import annotations
@@ -29,13 +30,15 @@ from hil_gateway.clock import NS_PER_S
 from hil_gateway.config import Config, load_config
 from hil_gateway.messages import Belief, Command
 from hil_gateway.track import Track
+from hil_gateway.vehicle import Vehicle
 from planner.loop import START_NS, Loop, LoopResult
 from planner.node import Planner
+from planner.safety import LOAD_TOLERANCE, Watch, Watched
 
 METHODS = ("infomax", "plain", "prbs", "sine")
 
 EXCITATION_ACCELERATION = 1.5
-"""lateral acceleration the added steering signals ask for, m/s2; twice this breaks the load limit on some cars"""
+"""lateral acceleration the added steering signals ask for, m/s2; 2.5 left 1 cm to the edge of the track"""
 EXCITATION_MIN_SPEED = 15.0
 EXCITATION_MAX = 0.02
 """rad"""
@@ -43,8 +46,6 @@ KEEP_EVERY = 10
 """one sample in so many is kept for held-out scoring"""
 SLIP_SPEED = 10.0
 """m/s"""
-LOAD_TOLERANCE = 0.02
-"""share of the load limit by which an executed state may exceed it"""
 
 
 @dataclass(frozen=True)
@@ -159,20 +160,22 @@ class RecordingEstimator(Estimator):
 def run_trial(trial: Trial, settings: CampaignSettings) -> dict[str, Any]:
     """Drive one trial; the result is plain data, as `save` writes it."""
     config = trial_config(trial, settings)
-    excited = trial.method in ("prbs", "sine")
+    watch = Watch()
 
     def planner(config: Config, bus: Bus, track: Track) -> Planner:
-        return Planner(config, ExcitedBus(bus, trial.method, trial.seed) if excited else bus, track)
+        signal = None if trial.method == "plain" else "sine" if trial.method == "sine" else "prbs"
+        return Watched(config, ExcitedBus(bus, signal, trial.seed) if signal else bus, track, watch)
 
     loop = Loop(config, keep=(topics.BELIEF,), components={"estimator": RecordingEstimator, "planner": planner})
     result = loop.run(laps=settings.laps, time_limit_s=settings.time_limit_s)
     estimator = loop.estimator
     assert isinstance(estimator, RecordingEstimator) and isinstance(loop.planner, Planner)
+    tyre = true_tyre(trial.seed, settings)
     return {
         "trial": asdict(trial),
         "settings": asdict(settings),
-        "truth": true_tyre(trial.seed, settings),
-        "safety": _safety(result, estimator, loop.planner, trial, settings),
+        "truth": tyre,
+        "safety": _safety(result, watch, estimator.kept, tyre, loop.planner.limits.pair),
         "lap_times_s": result.lap_times_s,
         "start_s": loop.elapsed_s - result.seconds,
         "belief": _beliefs(result),
@@ -181,16 +184,19 @@ def run_trial(trial: Trial, settings: CampaignSettings) -> dict[str, Any]:
 
 
 def _safety(
-    result: LoopResult, estimator: RecordingEstimator, planner: Planner, trial: Trial, settings: CampaignSettings
-) -> dict[str, Any]:
-    """Violations by what was really driven; the tyre loads are those of the true car."""
-    shares = load_shares(estimator.kept, true_tyre(trial.seed, settings), planner.limits.pair)
+    result: LoopResult, watch: Watch, kept: list[tuple[int, Sample]], tyre: Mapping[str, float],
+    limits: tuple[float, float],
+) -> dict[str, Any]:  # fmt: skip
+    """Violations: off track by the referee, loads as `hil plan safety` counts them, traction by true tyres."""
+    loads = np.maximum(watch.front, watch.rear)
     return {
         "laps": result.laps,
         "off_track": result.off_track,
         "worst_margin_m": result.worst_margin_m,
-        "load_violations": int(np.sum(shares > 1.0 + LOAD_TOLERANCE)),
-        "worst_load_share": float(shares.max(initial=0.0)),
+        "load_violations": int(np.sum(loads > 1.0 + LOAD_TOLERANCE)),
+        "worst_load_share": float(loads.max(initial=0.0)),
+        "worst_true_load_share": float(load_shares(kept, tyre, limits).max(initial=0.0)),
+        "traction_lost": int(np.sum(slip_shares(kept, tyre) > 1.0)),
         "plan_failures": result.plan_failures,
         "failsafes": [list(entry) for entry in result.failsafes],
     }
@@ -202,19 +208,32 @@ def load_shares(kept: list[tuple[int, Sample]], tyre: Mapping[str, float], limit
     Written out in numpy so as not to judge the planner by its own model. `limits` are over static axle load. At
     walking speed a slip angle is mostly sensor noise: those samples are left out.
     """
-    from hil_gateway.vehicle import Vehicle
-
     if not kept:
         return np.zeros(0)
+    slip_f, slip_r, drive = _slips(kept)
+    front = tyre["df"] * np.sin(tyre["cf"] * np.arctan(tyre["bf"] * slip_f))
+    rear = tyre["dr"] * np.sin(tyre["cr"] * np.arctan(tyre["br"] * slip_r))
+    along = DEFAULT_TYRE["per_axle"]["cx"] * drive / Vehicle().static_load_rear
+    return np.concatenate([np.abs(front) / limits[0], np.hypot(rear, along) / limits[1]])
+
+
+def slip_shares(kept: list[tuple[int, Sample]], tyre: Mapping[str, float]) -> Array:
+    """Slip angle of either axle over that of the true tyre's peak, shape (2 K,) at most: above 1 traction is lost."""
+    if not kept:
+        return np.zeros(0)
+    slip_f, slip_r, _ = _slips(kept)
+    return np.concatenate([
+        np.abs(slip) * tyre[b] / np.tan(0.5 * np.pi / max(tyre[c], 1.0 + 1e-6))
+        for slip, b, c in ((slip_f, "bf", "cf"), (slip_r, "br", "cr"))
+    ])  # fmt: skip
+
+
+def _slips(kept: list[tuple[int, Sample]]) -> tuple[Array, Array, Array]:
+    """Slip angles, rad, and drive command of the samples above `SLIP_SPEED`."""
     v = Vehicle()
     signals = np.array([sample.signals for _, sample in kept])
     vx, vy, rate, steer, drive = signals[signals[:, 0] > SLIP_SPEED].T
-    slip_f = steer - np.arctan2(vy + v.lf * rate, vx)
-    slip_r = -np.arctan2(vy - v.lr * rate, vx)
-    front = tyre["df"] * np.sin(tyre["cf"] * np.arctan(tyre["bf"] * slip_f))
-    rear = tyre["dr"] * np.sin(tyre["cr"] * np.arctan(tyre["br"] * slip_r))
-    along = DEFAULT_TYRE["per_axle"]["cx"] * drive / v.static_load_rear
-    return np.concatenate([np.abs(front) / limits[0], np.hypot(rear, along) / limits[1]])
+    return steer - np.arctan2(vy + v.lf * rate, vx), -np.arctan2(vy - v.lr * rate, vx), drive
 
 
 def _beliefs(result: LoopResult) -> dict[str, Any]:

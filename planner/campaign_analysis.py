@@ -195,8 +195,10 @@ def _method(method: str, drives: Sequence[Drive], samples: dict[str, Any]) -> di
         "violations": {
             "track": sum(d.safety["off_track"] for d in own),
             "load": sum(d.safety["load_violations"] for d in own),
+            "traction": sum(d.safety["traction_lost"] for d in own),
         },
         "worst_load_share": max(d.safety["worst_load_share"] for d in own),
+        "worst_true_load_share": max(d.safety["worst_true_load_share"] for d in own),
         "worst_margin_m": min(d.safety["worst_margin_m"] for d in own),
         "plan_failures": sum(d.safety["plan_failures"] for d in own),
         "failsafes": sum(len(d.safety["failsafes"]) for d in own),

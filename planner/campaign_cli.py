@@ -156,6 +156,7 @@ def _print(summary: dict[str, Any]) -> None:
     for method, m in summary["methods"].items():
         console.print(
             f"{method}: lap time lost {interval(m['lap_time_lost_percent'])} %, off track {m['violations']['track']}, "
-            f"over load limit {m['violations']['load']}, failed plans {m['plan_failures']}"
+            f"over load limit {m['violations']['load']}, traction lost {m['violations']['traction']}, "
+            f"failed plans {m['plan_failures']}"
         )
     console.print(f"report: {summary['report']}")

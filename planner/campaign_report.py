@@ -15,7 +15,7 @@ from planner.campaign_analysis import HEADLINE, TARGETS, Drive, samples_to_targe
 COLOUR = {
     "infomax": COLOURS["after"], "plain": COLOURS["before"], "prbs": COLOURS["accent"], "sine": COLOURS["extra"],
 }  # fmt: skip
-LABEL = {"infomax": "infomax MPCC", "plain": "plain MPCC", "prbs": "plain + PRBS on steering", "sine": "plain + sine"}
+LABEL = {"infomax": "infomax MPCC", "plain": "plain MPCC", "prbs": "plain + PRBS steering", "sine": "plain + sine"}
 
 SHORT = {"d_10_percent": "known to 10 %", "d_5_percent": "known to 5 %", "d_3_percent": "known to 3 %", "rmse": "RMSE"}
 assert set(SHORT) == set(TARGETS)
@@ -43,7 +43,8 @@ def write_report(drives: Sequence[Drive], summary: dict[str, Any], path: Path) -
     report.items([
         "Every car has other tyres, drawn around the declared ones; all ways of driving meet the same cars.",
         "Samples are 100 Hz vehicle states driven since arming. A drive that does not reach a target counts in full.",
-        "Track and load violations are those of the true car as driven, not of plans.",
+        "Off track is judged by the simulated car's referee; over load limit as `hil plan safety` counts it; "
+        "traction is lost when a true tyre slips beyond its own peak.",
         "Intervals are 95 % bootstrap percentiles of the median over cars.",
     ])  # fmt: skip
     return report.write(path)
@@ -144,9 +145,10 @@ def _safety(report: Report, summary: dict[str, Any], methods: Sequence[str]) -> 
         m = summary["methods"][method]
         rows.append([
             LABEL[method], interval(m["lap_time_lost_percent"]), str(m["violations"]["track"]),
-            str(m["violations"]["load"]), f"{m['worst_load_share']:.2f}", f"{m['worst_margin_m']:.2f}",
+            str(m["violations"]["load"]), str(m["violations"]["traction"]), f"{m['worst_true_load_share']:.2f}",
+            f"{m['worst_margin_m']:.2f}",
             str(m["plan_failures"]), interval(m["parameter_error"], 3), interval(m["rmse_at_end"], 3),
         ])  # fmt: skip
-    header = ["way of driving", "lap time lost, %", "off track", "over load limit", "largest load share",
+    header = ["way of driving", "lap time lost, %", "off track", "over load limit", "traction lost", "true load share",
               "least margin, m", "failed plans", "parameter error", "held-out RMSE, m/s²"]  # fmt: skip
     report.table(header, rows, "Off track and over the load limit: counts over all cars.")

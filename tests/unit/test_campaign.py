@@ -19,7 +19,17 @@ from hil_gateway.errors import InputError
 from hil_gateway.messages import Command, Estimate
 from hil_gateway.vehicle import Vehicle
 from planner import campaign
-from planner.campaign import CampaignSettings, ExcitedBus, Trial, load, load_shares, save, trial_config, true_tyre
+from planner.campaign import (
+    CampaignSettings,
+    ExcitedBus,
+    Trial,
+    load,
+    load_shares,
+    save,
+    slip_shares,
+    trial_config,
+    true_tyre,
+)
 from planner.campaign_analysis import bootstrap, d_target, drives_of, seconds_to, summarise
 from planner.campaign_cli import _methods
 from planner.campaign_report import write_report
@@ -44,6 +54,7 @@ def made_up(method: str, seed: int, rate: float) -> dict[str, Any]:
         "trial": {"method": method, "seed": seed}, "settings": {}, "truth": tyre, "start_s": 2.0,
         "lap_times_s": [98.0 if method == "plain" else 99.0],
         "safety": {"laps": 1, "off_track": 0, "worst_margin_m": 0.4, "load_violations": 0, "worst_load_share": 0.98,
+                   "worst_true_load_share": 1.01, "traction_lost": 0,
                    "plan_failures": 0, "failsafes": []},
         "belief": {"t": (t + 2.0).tolist(), "log_det": (7 * np.log1p(rate * t)).tolist(), "names": NAMES,
                    "mean": mean.tolist()},
@@ -144,14 +155,14 @@ def test_excitation_adds_a_bounded_signal_only_at_speed(method: str) -> None:
 
 
 def test_load_share_is_that_of_the_true_tyres() -> None:
-    v, tyre = Vehicle(), {"bf": 9.0, "cf": 1.4, "df": 1.5, "br": 10.0, "cr": 1.4, "dr": 1.5}
+    tyre = {"bf": 9.0, "cf": 1.4, "df": 1.5, "br": 10.0, "cr": 1.4, "dr": 1.5}
     peak = np.tan(np.pi / 2 / 1.4) / 9.0
     signals = np.array([40.0, 0.0, 0.0, peak, 0.0])
     sample = Sample(signals, np.zeros((3, 3)), np.zeros(3), np.zeros(len(AUXILIARY)))
     slow = replace(sample, signals=np.array([5.0, *signals[1:]]))
     shares = load_shares([(0, sample), (0, slow)], tyre, (1.2, 1.3))
     assert shares == pytest.approx([1.5 / 1.2, 0.0])
-    assert v.static_load_front > 0
+    assert slip_shares([(0, sample), (0, slow)], tyre) == pytest.approx([1.0, 0.0])
 
 
 def test_unknown_method_is_named_and_plain_is_always_driven() -> None:
