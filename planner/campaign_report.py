@@ -107,6 +107,8 @@ def _ratios(drives: Sequence[Drive], methods: Sequence[str]) -> Any:
         axes.axhline(1.0, color=COLOURS["muted"], lw=1)
         axes.set(xticks=range(len(others)), xticklabels=others, title=SHORT[target], yscale="log")
         axes.set_yticks([0.5, 1, 2, 4, 8], ["0.5", "1", "2", "4", "8"])
+        axes.minorticks_off()
+        axes.set_xlim(-0.6, len(others) - 0.4)
     panels[0].set_ylabel("times fewer samples than plain")
     return figure
 
@@ -123,7 +125,8 @@ def _laps(drives: Sequence[Drive], methods: Sequence[str]) -> Any:
             if times:
                 axes.hlines(np.median(times), at - 0.07, at + 0.07, color=COLOUR[method], lw=2.5)
     axes.set(xticks=range(count), xticklabels=[f"lap {k + 1}" for k in range(count)], ylabel="s", title="Lap times")
-    axes.legend(ncols=4, loc="upper right")
+    axes.set_xlim(-0.5, count - 0.5)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 
