@@ -35,6 +35,9 @@ LONGEST_STEP = 2.0
 BLOCKS_PER_PARAMETER = 10.0
 """Time blocks per parameter at which the sandwich and its average count alike."""
 
+NEARLY_WHITE = 3.0
+"""Average inflation of the variance up to which residuals count as nearly white."""
+
 
 @dataclass(frozen=True)
 class FitSettings:
@@ -315,16 +318,17 @@ def bounded_step(H: Array, g: Array, u: Array, box: tuple[Array, Array], damping
 def _covariance(information: Array, scatter: Array, blocks: int, problem: Problem, free: NDArray[np.bool_]) -> Array:
     """Covariance (p, p), SI, of the free parameters; one that ended on its bound is as uncertain as its prior.
 
-    With many blocks it is the sandwich; with few, whose scatter is itself uncertain, it tends to the inverse
-    information times the one factor by which correlated residuals inflate it on average.
+    With many blocks, or strongly correlated residuals, it is the sandwich. With few blocks, whose scatter is itself
+    uncertain, and nearly white residuals it tends to the inverse information times their average inflation.
     """
     kept = np.ix_(free, free)
     bread = np.linalg.pinv((information + problem.precision)[kept], hermitian=True)
     meat = (scatter + problem.precision)[kept]
     inflation = max(1.0, float(np.trace(bread @ meat)) / max(int(free.sum()), 1))
-    share = blocks / (blocks + BLOCKS_PER_PARAMETER * problem.size)
+    white = inflation < NEARLY_WHITE
+    share = blocks / (blocks + BLOCKS_PER_PARAMETER * problem.size) if white else blocks / max(blocks - problem.size, 1)
     scaled = np.eye(problem.size)
-    scaled[kept] = share * bread @ meat @ bread + (1.0 - share) * inflation * bread
+    scaled[kept] = share * bread @ meat @ bread + max(1.0 - share, 0.0) * inflation * bread
     return np.asarray(scaled * np.outer(problem.scale, problem.scale))
 
 

@@ -69,7 +69,7 @@ def analyse(fit: Fit, samples: Samples, vehicle: Vehicle, layout: Layout) -> Ide
     theta, scale = fit.theta[tyre], np.array([fit.parameters[i].prior_std for i in tyre])
     inflation = _inflation(fit, tyre)
     relative = theta / scale
-    logarithmic = scaled * np.outer(relative, relative) / inflation
+    logarithmic = scaled * np.outer(relative, relative) / np.sqrt(np.outer(inflation, inflation))
     std = np.sqrt(np.maximum(np.diag(_inverse(logarithmic)), 0.0))
     data_std = dict(zip(names, std.tolist(), strict=True))
     identifiable = _identifiable(data_std, fit.at_bound)
@@ -98,12 +98,11 @@ def marginal_information(information: Array, kept: Sequence[int]) -> Array:
     return np.asarray(A - B @ np.linalg.pinv(C, hermitian=True) @ B.T)
 
 
-def _inflation(fit: Fit, tyre: list[int]) -> float:
-    """By how much correlated residuals inflate the variance: sandwich over plain, typical of the parameters."""
+def _inflation(fit: Fit, tyre: list[int]) -> Array:
+    """By how much correlated residuals inflate the variance of each tyre parameter: sandwich over plain."""
     scale = np.array([p.prior_std for p in fit.parameters])
     plain = np.diag(_inverse(fit.information + np.eye(len(scale)))) * scale**2
-    ratio = np.diag(fit.covariance)[tyre] / plain[tyre]
-    return float(max(1.0, np.median(ratio)))
+    return np.asarray(np.maximum(1.0, np.diag(fit.covariance)[tyre] / plain[tyre]))
 
 
 def _inverse(matrix: Array) -> Array:

@@ -1,0 +1,58 @@
+"""How often the 95 % intervals of `hil identify` contain the truth, over simulated logs with random tyres.
+
+Run: python benchmarks/identify_coverage.py [LOGS]. Prints one JSON object; takes about 2 s of CPU a log.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from estimator.identify.drive_log import DriveLog, segment_numbers
+from estimator.identify.evaluate import ModelColumns
+from estimator.identify.fit import fit
+from estimator.identify.inputs import default_tyre_prior
+from estimator.identify.nuisance import steer_timing
+from estimator.identify.output_error import OutputErrorSettings, fit_output_error
+from estimator.identify.prepare import prepare
+from estimator.identify.recursive import averaged
+from estimator.model.single_track import SingleTrack
+from hil_gateway.vehicle import Vehicle
+from tests.support.drive_simulator import TYRE, Drive, random_tyres, simulate
+
+SECONDS = 60.0
+SETTINGS = OutputErrorSettings(outputs=("vy", "yaw_rate", "ay"))
+
+
+def deviations(columns: ModelColumns, drive: Drive) -> list[float]:
+    """(estimate - truth) / std of every tyre parameter of one log."""
+    log = DriveLog(columns=drive.columns, segment=segment_numbers(drive.columns["t"]))
+    samples = prepare(log)
+    start = fit(columns, averaged(samples)).theta
+    result = fit_output_error(columns, log, samples, SETTINGS, [columns.start, start])
+    return [(result.values[n] - drive.tyre[n]) / result.std[n] for n in TYRE]
+
+
+def main() -> None:
+    """Print the coverage overall and per parameter."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    vehicle = Vehicle()
+    prior = default_tyre_prior("per_axle", vehicle)
+    columns = ModelColumns(SingleTrack(vehicle, "per_axle", (steer_timing(0.01),), prior))
+    drives = simulate(random_tyres(count, seed=101), SECONDS, seed=102)
+    rows = []
+    for number, drive in enumerate(drives, start=1):
+        rows.append(deviations(columns, drive))
+        inside = np.abs(np.array(rows)) < 1.96
+        print(f"{number}/{count} coverage {inside.mean():.3f}", file=sys.stderr, flush=True)
+    shares = dict(zip(TYRE, inside.mean(axis=0).round(3).tolist(), strict=True))
+    print(json.dumps({"logs": count, "coverage_95": round(float(inside.mean()), 3), "per_parameter": shares}))
+
+
+if __name__ == "__main__":
+    main()
