@@ -40,7 +40,7 @@ def default_tyre_prior(layout: Layout, vehicle: Vehicle) -> Mapping[str, float]:
     return {**values, "cx": values["cx"] * vehicle.mass / Vehicle().mass}
 
 
-def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle) -> Mapping[str, float]:
+def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle | None = None) -> Mapping[str, float]:
     """Tyre prior of `layout`; one given for the other layout is converted (axle means, or both axles alike).
 
     Without a file it is `default_tyre_prior`.
@@ -49,7 +49,7 @@ def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle) -> Mapp
         InputError: unreadable file, unknown key, missing, non-numeric or not positive value.
     """
     if path is None:
-        return default_tyre_prior(layout, vehicle)
+        return default_tyre_prior(layout, vehicle or Vehicle())
     data = _read_object(path)
     given: Layout = "shared" if "b" in data else "per_axle"
     names = tuple(DEFAULT_TYRE[given])

@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 
 WINDOW_S = 4.0
 
+MAX_ITERATIONS = 15
+"""Of each round: a good start needs five, and a log on which a simulation diverges does not get better by more."""
+
 
 @dataclass(frozen=True)
 class _Starts:
@@ -42,7 +45,7 @@ class _Starts:
 class OutputErrorSettings:
     """`outputs` simulated and compared; `longitudinal` the algebraic channels that determine C_x."""
 
-    fit: FitSettings = field(default_factory=FitSettings)
+    fit: FitSettings = field(default_factory=lambda: FitSettings(max_iterations=MAX_ITERATIONS))
     window_s: float = WINDOW_S
     outputs: tuple[str, ...] = ("vy", "yaw_rate")
     longitudinal: tuple[str, ...] = ("ax",)
