@@ -17,8 +17,8 @@ BRAKE_FADE = 0.1
 """rad/s of a wheel below which a brake's torque fades to zero"""
 BRAKE_STIFFNESS = 1200.0
 """1/s, the quickest a brake may stop a wheel: what the 1 kHz integration can follow"""
-CLOSED = 0.02
-"""throttle within which the drag of the closed throttle ends"""
+CLOSED, CLOSED_WIDTH = 0.015, 0.004
+"""throttle below which fuel is cut, and the width of that switch"""
 LOCKING = 3.0
 """rad/s of difference between the rear wheels at which the differential locks at its full torque"""
 LIMITER = 50.0
@@ -43,11 +43,12 @@ def engine_speed(p: Any, axle_speed: Expr, ratio: Expr) -> Expr:
 def axle_torque(p: Any, throttle: Expr, speed: Expr, ratio: Expr, running: Expr) -> Expr:
     """Torque of the engine at the rear axle, both wheels together, N m; `ratio` 0 is neutral.
 
-    With the throttle closed fuel is cut, and the engine drags once the clutch grips; a few per cent of throttle end it.
+    With the throttle closed fuel is cut, and the engine drags once the clutch grips.
     """
     turning = ca.fmin(ca.fmax(speed / p.engine_clutch - 1.0, 0.0) * 4.0, 1.0)
     drive = running * throttle * full_throttle_torque(speed, p.engine_torque)
-    drag = p.engine_drag * p.wheel_radius * ca.exp(-throttle / CLOSED) * turning
+    closed = 0.5 * (1.0 - ca.tanh((throttle - CLOSED) / CLOSED_WIDTH))
+    drag = p.engine_drag * p.wheel_radius * closed * turning
     return ratio * p.driveline_efficiency * drive - ca.fmin(ratio, 1.0) * drag
 
 
