@@ -97,7 +97,7 @@ def diagnose(
     """Find what the declared model lacks."""
     train_laps, test_laps = split_laps(record)
     train = record.select(np.isin(record.lap, train_laps))
-    train = replace(train, lap=_held_out_groups(train, train_laps))
+    train = replace(train, lap=np.arange(train.windows, dtype=np.int64) // HELD_OUT_WINDOWS)
     setting = Setting(train, layout, prior)
     found = search(setting, progress)
     accepted, gains, terms, final, tried = _with_terms(setting, found, progress)
@@ -115,16 +115,9 @@ def diagnose(
     )
 
 
-FEWEST_LAPS = 4
-BLOCK_WINDOWS = 8
-"""With fewer laps to learn from, stretches of so many windows (16 s) are held out in turn instead of laps."""
-
-
-def _held_out_groups(train: Record, laps: tuple[int, ...]) -> Ints:
-    """(windows,) number of the group each window is held out with: its lap, or a stretch of time."""
-    if len(laps) >= FEWEST_LAPS:
-        return np.asarray(np.searchsorted(np.array(laps), train.lap), np.int64)
-    return np.arange(train.windows, dtype=np.int64) // BLOCK_WINDOWS
+HELD_OUT_WINDOWS = 15
+"""Stretches of so many windows (30 s) are held out in turn: shorter than a lap, so that what depends on time is
+predicted from before and after, and long enough to be independent of each other."""
 
 
 def _with_terms(

@@ -1,8 +1,8 @@
-"""Joint fit of tyre and effect parameters, and what it says about laps it has not seen.
+"""Joint fit of tyre and effect parameters, and what it says about data it has not seen.
 
 Gauss-Newton with Levenberg damping on all channels at once. The variance of each channel is estimated along
 with the parameters and never below the sensor noise, so that a channel the model cannot explain does not
-outweigh the others. Normal equations are kept per lap: leaving a lap out is then one small linear solve.
+outweigh the others. Normal equations are kept per held-out group: leaving one out is then one small linear solve.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ class Record:
         noise: (5,) standard deviation of the white noise of each measured channel.
         state_error: (3,) standard deviation left in the smoothed vx, vy, yaw rate.
         rows: (windows, blocks, q) rows of each block of each window.
-        lap: (windows,) lap number, consecutive from 0; blocks of time where the log has no laps.
+        lap: (windows,) number of the lap, or of any other group that is held out together, consecutive from 0.
         lap_length: m; 0 where there is no track position.
     """
 

@@ -157,7 +157,7 @@ def _on_map(axes: Any, diagnosis: Diagnosis, residual: Any, channel: str) -> Non
 def _ranking(report: Report, diagnosis: Diagnosis, summary: dict[str, Any]) -> None:
     report.section(
         "What was tried",
-        "Gain: held-out log-likelihood over the laps learnt from, each predicted by a fit to the others.",
+        "Gain: held-out log-likelihood over the laps learnt from, every 30 s of them predicted by a fit to the rest.",
     )
     rows = []
     for entry in summary["effects"]:

@@ -83,7 +83,7 @@ def tyre(diagnosis: Diagnosis, std: Array) -> dict[str, dict[str, float | str]]:
 
 
 def _split(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Time spans of the laps; every training lap is also held out once, for the evidence."""
+    """Time spans of the laps; every part of the training laps is also held out once, for the evidence."""
     t, record = diagnosis.record.signals["t"], diagnosis.record
 
     def spans(laps: tuple[int, ...]) -> list[list[float]]:
@@ -93,7 +93,7 @@ def _split(diagnosis: Diagnosis) -> dict[str, Any]:
     train = spans(diagnosis.train_laps)
     return {
         "train": train, "validation": train, "test": spans(diagnosis.test_laps),
-        "note": "each training lap in turn is predicted by a fit to the others; no fit or choice sees the test laps",
+        "note": "every 30 s of the training laps is predicted once by a fit to the rest; no fit sees the test laps",
     }  # fmt: skip
 
 
@@ -125,7 +125,7 @@ def _profile_parameters(diagnosis: Diagnosis, block: Block) -> dict[str, dict[st
 
 
 def _confidence(evidence: Evidence) -> float:
-    """Probability, by the scatter of the gain over laps, that laps not seen gain too (Student t)."""
+    """Probability, by the scatter of the gain over stretches, that stretches not seen gain too (Student t)."""
     from scipy.stats import t as student
 
     laps = evidence.laps
@@ -137,7 +137,7 @@ def _confidence(evidence: Evidence) -> float:
 
 
 def _alternatives(diagnosis: Diagnosis, name: str) -> list[dict[str, float | str]]:
-    """Other candidates for the same residual: probability that one gains more than `name` did, over laps."""
+    """Other candidates for the same residual: probability that one gains more than `name` did, over stretches."""
     own = next(t for trials in diagnosis.search.rounds for t in trials if t.name == name)
     for trials in diagnosis.search.rounds:
         own = next((t for t in trials if t.name == name), own)

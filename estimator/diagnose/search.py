@@ -1,9 +1,9 @@
 """Greedy search over the catalogue: what earns its place on laps it was not fitted to.
 
 Every candidate is fitted together with the tyre parameters and everything accepted so far. Its evidence is the
-gain in held-out log-likelihood, each lap predicted by a fit to all the others. One linearisation screens the
-whole catalogue; the most promising are fitted to the end. After each acceptance everything accepted is checked
-again without it; what no longer earns its place is dropped.
+gain in held-out log-likelihood, every stretch of 30 s predicted by a fit to all the others. One linearisation
+screens the whole catalogue; the most promising are fitted to the end. After each acceptance everything accepted is
+checked again without it; what no longer earns its place is dropped.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def fit_names(
         start = warm_start(predictor, start, warm)
     deviation = _first_deviation(setting.record) if warm is None else warm.deviation
     done = fit(predictor, start, deviation, iterations or MAX_ITERATIONS)
-    for _ in range(REWEIGHINGS):
+    for _ in range(0 if iterations else REWEIGHINGS):
         if np.all(np.abs(np.log(done.deviation / deviation)) < REWEIGH_ABOVE):
             break
         deviation = done.deviation

@@ -19,8 +19,8 @@ EFFECT = Effect(
     equation="F_z,i = F_z0,i + k_i v_x^2",
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 3",
     parameters=(
-        Parameter("k_front", "N s2/m2", 0.0, 0.5, -1.0, 4.0, "-rho Cl A / 2, front axle"),
-        Parameter("k_rear", "N s2/m2", 0.0, 0.5, -1.0, 4.0, "-rho Cl A / 2, rear axle"),
+        Parameter("k_front", "N s2/m2", 0.0, 0.5, 0.0, 4.0, "-rho Cl A / 2, front axle"),
+        Parameter("k_rear", "N s2/m2", 0.0, 0.5, 0.0, 4.0, "-rho Cl A / 2, rear axle"),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),
     hooks={"LOAD": _load},

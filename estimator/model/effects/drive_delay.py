@@ -30,7 +30,7 @@ EFFECT = Effect(
     lacks="true drive command lags the reported one",
     equation="d(t) = d_reported(t - T)",
     source="definition; first-order form by Taylor expansion",
-    parameters=(Parameter("delay", "s", 0.0, 0.05, -0.2, 0.5, "true actuation after the reported one"),),
+    parameters=(Parameter("delay", "s", 0.0, 0.05, 0.0, 0.5, "true actuation after the reported one"),),
     channels=("ax", "vx_dot"),
     hooks={"INPUT": _input},
     prepare=_prepare,

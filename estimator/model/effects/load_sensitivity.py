@@ -19,7 +19,7 @@ EFFECT = Effect(
     lacks="D falls with axle load",
     equation="D_i = D_0,i (1 - k (F_z,i / F_z0,i - 1))",
     source="Pacejka, Tire and Vehicle Dynamics, eq. 4.E19 (coefficient p_Dy2)",
-    parameters=(Parameter("k", "1", 0.0, 0.3, -0.5, 1.5, "relative loss of D per relative gain of load"),),
+    parameters=(Parameter("k", "1", 0.0, 0.3, 0.0, 1.5, "relative loss of D per relative gain of load"),),
     channels=("ay", "yaw_acc", "vy_dot"),
     hooks={"GRIP": _grip},
     requires_any=("aero_downforce", "load_transfer"),

@@ -23,7 +23,7 @@ EFFECT = Effect(
     lacks="axle loads move with longitudinal acceleration",
     equation="F_z,f = F_z0,f - h m a_x / L; F_z,r = F_z0,r + h m a_x / L",
     source="Gillespie, Fundamentals of Vehicle Dynamics, eq. 1.7",
-    parameters=(Parameter("height", "m", 0.0, 0.2, -0.2, 1.5, "effective height of the centre of gravity"),),
+    parameters=(Parameter("height", "m", 0.0, 0.2, 0.0, 1.5, "effective height of the centre of gravity"),),
     channels=("ay", "yaw_acc", "vy_dot"),
     hooks={"LOAD": _load},
     separated_by="braking and accelerating in the same corner (combined slip acts alike for both signs of force)",

@@ -30,7 +30,7 @@ EFFECT = Effect(
     lacks="true road-wheel angle lags the reported one",
     equation="delta(t) = delta_reported(t - T)",
     source="definition; first-order form by Taylor expansion",
-    parameters=(Parameter("delay", "s", 0.0, 0.05, -0.2, 0.5, "true actuation after the reported one"),),
+    parameters=(Parameter("delay", "s", 0.0, 0.05, 0.0, 0.5, "true actuation after the reported one"),),
     channels=("ay", "yaw_acc", "vy_dot"),
     hooks={"INPUT": _input},
     prepare=_prepare,
