@@ -57,7 +57,7 @@ def plot_style() -> AbstractContextManager[None]:
     """Matplotlib settings all figures of a report share; use as a context manager around plotting."""
     import matplotlib as mpl
 
-    return mpl.rc_context(_STYLE)  # type: ignore[no-any-return]
+    return mpl.rc_context(_STYLE)
 
 
 def new_figure(
