@@ -335,7 +335,6 @@ def _covariance(information: Array, scatter: Array, blocks: int, problem: Proble
 def _result(problem: Problem, u: Array, iterations: int, converged: bool) -> Fit:
     information, scatter, blocks = problem.information_and_scatter(u)
     free = (u > problem.lower) & (u < problem.upper)
-    information = information * np.outer(free, free)
     covariance = _covariance(information, scatter, blocks, problem, free)
     bound = [p.name for p, inside in zip(problem.table, free, strict=True) if not inside]
     return Fit(

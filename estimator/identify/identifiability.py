@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 KNOWN_TO = 0.15
 """A parameter counts as identified when the data alone gives its relative standard deviation below this."""
 
+IMPLAUSIBLE = 5.0
+"""Prior standard deviations from the prior beyond which a value is not believed, however precise."""
+
 EXCITATION_STEPS = tuple(1.0 + 0.1 * k for k in range(1, 91))
 """Factors on the slip angles tried to find how much more excitation would do."""
 
@@ -70,9 +73,8 @@ def analyse(fit: Fit, samples: Samples, vehicle: Vehicle, layout: Layout) -> Ide
     inflation = _inflation(fit, tyre)
     relative = theta / scale
     logarithmic = scaled * np.outer(relative, relative) / np.sqrt(np.outer(inflation, inflation))
-    std = np.sqrt(np.maximum(np.diag(_inverse(logarithmic)), 0.0))
-    data_std = dict(zip(names, std.tolist(), strict=True))
-    identifiable = _identifiable(data_std, fit.at_bound)
+    data_std = _data_std(logarithmic, names, fit.at_bound)
+    identifiable = _identifiable(data_std, (*fit.at_bound, *_implausible(fit)))
     axles = tuple(_axle(name, fit, samples, vehicle) for name in _axle_names(layout))
     known_product = {axle.name: _product_std(logarithmic, names, axle) for axle in axles}
     return Identifiability(
@@ -111,8 +113,22 @@ def _inverse(matrix: Array) -> Array:
     return np.asarray((vectors / np.maximum(values, 1e-12 * max(float(values[-1]), 1e-300))) @ vectors.T)
 
 
+def _data_std(logarithmic: Array, names: list[str], at_bound: Sequence[str]) -> dict[str, float]:
+    """Relative standard deviation of each parameter from the data alone; one on its bound is taken as given there."""
+    free = [i for i, name in enumerate(names) if name not in at_bound]
+    std = np.full(len(names), np.inf)
+    std[free] = np.sqrt(np.maximum(np.diag(_inverse(logarithmic[np.ix_(free, free)])), 0.0))
+    return dict(zip(names, std.tolist(), strict=True))
+
+
+def _implausible(fit: Fit) -> tuple[str, ...]:
+    """Tyre parameters so far from their prior that they stand for something the model lacks."""
+    far = {p.name: abs(v - p.prior) / p.prior_std for p, v in zip(fit.parameters, fit.theta, strict=True)}
+    return tuple(name for name, distance in far.items() if distance > IMPLAUSIBLE and "." not in name)
+
+
 def _identifiable(data_std: dict[str, float], at_bound: Sequence[str]) -> dict[str, bool]:
-    """An axle with a parameter on its bound is not identified: its information belongs to the bound, not the data."""
+    """An axle with a parameter on its bound, or implausible, is not identified: the data did not set it."""
     stuck = {name[1:] for name in at_bound if name[0] in "bcd" and "." not in name}
     return {n: s < KNOWN_TO and not (n != "cx" and n[1:] in stuck) and n not in at_bound for n, s in data_std.items()}
 
@@ -156,7 +172,9 @@ def _on(axle: Axle, name: str) -> bool:
 
 
 def _at_bounds(fit: Fit) -> list[str]:
-    return [f"{name} = {fit.values[name]:.4g} ended on its bound" for name in fit.at_bound if "." not in name]
+    stuck = [f"{name} = {fit.values[name]:.4g} ended on its bound" for name in fit.at_bound if "." not in name]
+    far = [f"{name} = {fit.values[name]:.4g} is too far from its prior to be believed" for name in _implausible(fit)]
+    return stuck + far
 
 
 def _axle_names(layout: Layout) -> tuple[str, ...]:

@@ -58,6 +58,8 @@ def _band(result: Identification, suffix: str, alpha: Array) -> tuple[Array, Arr
     covariance = result.fit.covariance[np.ix_(names, names)]
     generator = np.random.default_rng(0)
     draws = generator.multivariate_normal(result.fit.theta[names], covariance, DRAWS, method="eigh")
+    table = [result.fit.parameters[i] for i in names]
+    draws = np.clip(draws, [p.lower for p in table], [p.upper for p in table])
     curves = np.stack(
         [_curve(dict(zip((f"{x}{suffix}" for x in "bcd"), d, strict=True)), suffix, alpha) for d in draws]
     )
