@@ -25,6 +25,10 @@ Array = NDArray[np.float64]
 
 WINDOW_S = 4.0
 
+SHORTEST_WINDOW_S = 1.0
+DIVERGING = 2.0
+"""Root mean square over robust spread of a simulated output from which windows are shortened."""
+
 MAX_ITERATIONS = 15
 """Of each round: a good start needs five, and a log on which a simulation diverges does not get better by more."""
 
@@ -150,12 +154,22 @@ def fit_output_error(
 ) -> Fit:
     """Estimate the parameters, beginning at the best of `starts` (p,), SI: the prior, or what the algebraic fit says.
 
-    A simulation has local optima that an algebraic fit to noisy states can fall into.
+    A simulation has local optima that an algebraic fit to noisy states can fall into. Windows that run away from the
+    data are shortened.
     """
     problem = OutputErrorProblem(columns, log, samples, settings)
     spreads = [problem.robust_spread(problem.scaled(start)) for start in starts]
     best = int(np.argmin([np.sum(np.log(spread)) for spread in spreads]))
-    return solve(problem, starts[best])
+    result = solve(problem, starts[best])
+    if _diverges(problem, result) and settings.window_s > SHORTEST_WINDOW_S:
+        shorter = replace(settings, window_s=max(0.25 * settings.window_s, SHORTEST_WINDOW_S))
+        return fit_output_error(columns, log, samples, shorter, starts)
+    return result
+
+
+def _diverges(problem: OutputErrorProblem, result: Fit) -> bool:
+    """Whether some windows run away from the data: beyond its limit a car is unstable, not to be simulated for long."""
+    return any(result.rmse[o] > DIVERGING * result.spread[o] for o in problem.outputs)
 
 
 def _solve_each(H: Array, right: Array) -> Array:
