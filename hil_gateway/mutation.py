@@ -51,6 +51,24 @@ EQUIVALENT: dict[tuple[str, str], str] = {
         "can_dbc.codec",
         "f'frame >> {shift}' if shift else 'frame' -> f'frame >> {shift}' if True else 'frame' (condition)",
     ): "a shift by 0 changes nothing",
+    (
+        "can_dbc.codec",
+        "f' & {(1 << signal.length) - 1}' if shift + signal.length < dlc * 8 else '' -> "
+        "f' & {(1 << signal.length) - 1}' if True else '' (condition)",
+    ): "masking the topmost field changes nothing",
+    (
+        "can_dbc.codec",
+        "shift + signal.length < dlc * 8 -> shift + signal.length <= dlc * 8 (comparison)",
+    ): "masking the topmost field changes nothing",
+    (
+        "can_dbc.codec",
+        "f'({value}) / {scale!r}' if offset else f'{value} / {scale!r}' if scale != 1.0 else value -> "
+        "f'({value}) / {scale!r}' if True else f'{value} / {scale!r}' if scale != 1.0 else value (condition)",
+    ): "parentheses around a single name, or a division by 1.0",
+    (
+        "can_dbc.codec",
+        "raw if scale == 1.0 else f'{raw} * {scale!r}' -> raw if False else f'{raw} * {scale!r}' (condition)",
+    ): "a count times 1.0 compares equal to the count",
     ("hil_gateway.failsafe", "1000 -> 1001 (constant)"): "documentation: thresholds are shown in whole milliseconds",
 }
 """(module, change) of a survivor -> why no test can tell it from the original."""
