@@ -200,7 +200,7 @@ def _formulation(options: Options) -> Formulation:
 def _columns(task: _Task, health: HealthReport) -> ModelColumns:
     options = task.options
     nuisances: list[Effect] = []
-    if options.method != "sample" and LAG_STEER not in options.keep:
+    if LAG_STEER not in options.keep:
         nuisances.append(steer_timing(task.log.step))
     if task.formulation == "output_error" and health.vy_is_displaced:
         nuisances.append(vy_sensor())

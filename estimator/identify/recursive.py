@@ -165,28 +165,33 @@ def sample(
     """Eq. (8) per sample in Joseph form: the recursion the estimator process runs live.
 
     Like the batches it goes twice through the data, since its first linearisations were made far from the answer;
-    the second time it starts from the first estimate with its covariance inflated.
+    the second time it starts from the first estimate with its covariance inflated. Nuisance parameters are those of
+    the batches.
     """
-    theta = _last(_moving_pass(columns, train)).theta
+    theta = _fixed_pass(columns, train, _last(_moving_pass(columns, train)).theta).theta
+    nuisance = theta[len(columns.model.tyre_table) :]
     problem = AlgebraicProblem(columns, train, FitSettings(prior=False))
     noise = problem.robust_spread(problem.scaled(theta))
     settings = _belief_settings(noise, correlation_time(columns, train, theta))
     belief = TyreBelief(columns.model, settings)
     curve = [CurvePoint(0, rmse(columns, held_out, columns.start, CURVE_CHANNELS))]
     every = max(1, len(train) // CURVE_POINTS)
-    for i, one in enumerate(_samples_of(train), start=1):
+    for i, one in enumerate(_samples_of(train, nuisance), start=1):
         belief.update(one, train.step)
         if i % every == 0:
-            curve.append(CurvePoint(i, rmse(columns, held_out, belief.mean, CURVE_CHANNELS)))
+            here = np.concatenate([belief.mean, nuisance])
+            curve.append(CurvePoint(i, rmse(columns, held_out, here, CURVE_CHANNELS)))
             progress(0.5 * i / len(train))
     again = TyreBelief(columns.model, settings)
     again.deviation = belief.deviation
     again.scaled_covariance = REPEAT_INFLATION * belief.scaled_covariance
-    for one in _samples_of(train):
+    for one in _samples_of(train, nuisance):
         again.update(one, train.step)
-    belief = again
-    state = _State(belief.mean, np.asarray(np.linalg.inv(belief.scaled_covariance), float))
-    return Recursion(_as_fit(columns, train, state, belief.samples), tuple(curve))
+    information = np.eye(len(theta))
+    known = len(again.mean)
+    information[:known, :known] = np.linalg.inv(again.scaled_covariance)
+    state = _State(np.concatenate([again.mean, nuisance]), information)
+    return Recursion(_as_fit(columns, train, state, again.samples), tuple(curve))
 
 
 def _belief_settings(noise: Array, correlated: float) -> BeliefSettings:
@@ -201,12 +206,12 @@ def _belief_settings(noise: Array, correlated: float) -> BeliefSettings:
     )
 
 
-def _samples_of(samples: Samples) -> Iterator[Sample]:
+def _samples_of(samples: Samples, phi: Array) -> Iterator[Sample]:
     covariance = np.zeros((3, 3))  # what is left of the noise in the states is in the spread of the residuals already
     k = len(SIGNALS)
     for i in range(len(samples)):
         inputs = samples.inputs[:, i]
-        yield Sample(inputs[:k], covariance, samples.channels[:3, i], inputs[k : k + len(AUXILIARY)])
+        yield Sample(inputs[:k], covariance, samples.channels[:3, i], inputs[k : k + len(AUXILIARY)], phi)
 
 
 def _last(states: Iterator[_State]) -> _State:
