@@ -66,10 +66,9 @@ def _promises(long: bool, only: str, gathered: Path | None) -> dict[str, Any]:
         status = 0 if gathered else _run_tests(path, long, [part for part in only.split(",") if part])
         evidence = read_evidence(path)
     when = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(started))
-    length = "long run" if long else "usual run"
-    conditions = (
-        f"{when}, {length} of {time.time() - started:.0f} s, {os.cpu_count()} CPUs, Python {platform.python_version()}"
-    )
+    took = f"{'long' if long else 'usual'} run of {time.time() - started:.0f} s"
+    length = "gathered from a test run" if gathered else took
+    conditions = f"{when}, {length}, {os.cpu_count()} CPUs, Python {platform.python_version()}"
     if not only:
         (ROOT / "docs" / "promises.md").write_text(markdown(evidence, conditions))
     rows = [row for row in as_json(evidence) if not only or row["id"] in only.split(",")]
