@@ -29,6 +29,9 @@ LATERAL_AND_LONGITUDINAL = ("ax", "ay", "yaw_acc")
 COARSE, FINE = 1e-3, 1e-8
 """Relative decreases of the cost at which a round of iterations ends: before the spreads settle, and after."""
 
+MOST_DAMPING = 1e9
+"""Damping at which a step is as good as none: the iterations end."""
+
 LONGEST_STEP = 2.0
 """Prior standard deviations a parameter moves at most in one step: farther, the linearisation says nothing."""
 
@@ -270,16 +273,18 @@ def _gauss_newton(problem: Problem, u: Array, decrease: float) -> tuple[Array, i
     box = coordinates.box(problem.lower, problem.upper)
     for iteration in range(settings.max_iterations):
         H, g = problem.normal_equations(u)
+        if not (np.isfinite(H).all() and np.isfinite(g).all()):
+            return u, iteration, False
         T, w = coordinates.tangent(u), coordinates.forward(u)
         while True:
             step = bounded_step(T.T @ H @ T, T.T @ g, w, box, damping)
             trial = _within_reach(problem, coordinates, u, w, step)
             length = math.sqrt(max(float((trial - u) @ H @ (trial - u)), 0.0))
             trial_cost = problem.cost(trial)
-            if trial_cost <= cost or length < settings.tolerance:
+            if trial_cost <= cost or length < settings.tolerance or damping > MOST_DAMPING:
                 break
             damping = max(10.0 * damping, 1e-3)
-        flat = cost - trial_cost < decrease * cost
+        flat = not cost - trial_cost > decrease * cost
         if trial_cost <= cost:
             u, cost, damping = trial, trial_cost, max(0.03 * damping, 1e-9)
         if length < settings.tolerance or flat:
