@@ -1,6 +1,7 @@
 """Plain summary of one run of deploy/test.sh: steps, tests per kind of CAN, and the totals on a line of their own.
 
-Reads the folder deploy/test.sh fills: `steps` and `failed` (one line each) and JUnit files `normal.xml`, `vcan.xml`.
+Reads the folder deploy/test.sh fills: `steps` and `failed` (one line each) and JUnit files `normal.xml`, `vcan.xml`
+and, for what was run again alone, `normal-alone.xml`, `vcan-alone.xml`.
 """
 
 from __future__ import annotations
@@ -15,10 +16,22 @@ NO_CAN = "no CAN"
 
 
 def outcomes(report: Path) -> list[tuple[str, str]]:
-    """(kind of CAN, passed | failed | skipped) of every test in a JUnit file; a missing file has none."""
+    """(kind of CAN, passed | failed | skipped) of every test of a run; a missing file has none.
+
+    What failed and was run again alone counts by its second run, and is named.
+    """
+    first, again = _cases(report), _cases(report.with_stem(f"{report.stem}-alone"))
+    for name in sorted(again):
+        print(f"run again alone: {name}: {again[name][1]}")
+    return list((first | again).values())
+
+
+def _cases(report: Path) -> dict[str, tuple[str, str]]:
+    """Test name -> (kind of CAN, outcome)."""
     if not report.exists():
-        return []
-    return [(_kind(case), _outcome(case)) for case in ElementTree.parse(report).iter("testcase")]
+        return {}
+    cases = ElementTree.parse(report).iter("testcase")
+    return {f"{case.get('classname')}.{case.get('name')}": (_kind(case), _outcome(case)) for case in cases}
 
 
 def _kind(case: ElementTree.Element) -> str:
