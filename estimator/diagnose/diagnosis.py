@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.diagnose.basis import make_basis
 from estimator.diagnose.empirical import Term, search_terms
 from estimator.diagnose.fit import Fit
 from estimator.diagnose.record import Record
@@ -37,6 +38,8 @@ TERM_SHARE = 0.05
 TERM_RELATIVE = 0.03
 """Least gain of an empirical term relative to what the accepted effects gained: less is their imperfect shape."""
 MAX_TERMS = 2
+SECOND_TERM_SHARE = 0.2
+"""A second term must gain this share of the first: less is the resolution of the first one's knots."""
 WHITE_FOR_TERMS = 1.3
 """Empirical terms are looked for only where averages of the residual vary so much more than white noise does."""
 
@@ -96,6 +99,7 @@ def diagnose(
 ) -> Diagnosis:
     """Find what the declared model lacks."""
     train_laps, test_laps = split_laps(record)
+    record = _time_basis_of(record, train_laps)
     train = record.select(np.isin(record.lap, train_laps))
     train = replace(train, lap=np.arange(train.windows, dtype=np.int64) // HELD_OUT_WINDOWS)
     setting = Setting(train, layout, prior)
@@ -120,6 +124,12 @@ HELD_OUT_WINDOWS = 15
 predicted from before and after, and long enough to be independent of each other."""
 
 
+def _time_basis_of(record: Record, laps: tuple[int, ...]) -> Record:
+    """The record with knots over time only where it is learnt from: beyond, a term in time stays what it was last."""
+    learnt = record.signals["t"][record.rows[np.isin(record.lap, laps)]]
+    return replace(record, bases={**record.bases, "t": make_basis("t", learnt, record.lap_length)})
+
+
 def _with_terms(
     setting: Setting, found: Search, progress: Progress
 ) -> tuple[tuple[str, ...], Mapping[str, Evidence], tuple[Term, ...], Fit, tuple[Term, ...]]:
@@ -132,6 +142,8 @@ def _with_terms(
         tried.extend(trials[:6])
         total = _total_gain(found.base, current)
         if not trials or not _term_earns_its_place(trials[0].evidence, setting.record, total):
+            break
+        if terms and trials[0].evidence.gain < SECOND_TERM_SHARE * terms[0].evidence.gain:
             break
         best = trials[0]
         terms.append(best)
