@@ -17,7 +17,7 @@ from estimator.diagnose.basis import Basis
 from estimator.diagnose.fit import Fit
 from estimator.diagnose.normal import Normal, accumulate
 from estimator.diagnose.predict import Predictor
-from estimator.diagnose.propagate import Propagator, residual_and_sensitivity
+from estimator.diagnose.propagate import residual_and_sensitivity
 from estimator.diagnose.record import Record
 from estimator.diagnose.search import Evidence, Setting, compare, fit_names, warm_start
 from estimator.model.effects.base import Effect
@@ -198,23 +198,22 @@ def _groups(size: int) -> list[tuple[str, ...]]:
     return [names[i : i + most] for i in range(0, len(names), most)]
 
 
-_Parts = tuple[Array, Propagator, Array, Array]
+_Parts = tuple[Array, Array, Array, Array]
 
 
 def _linearise_places(
     setting: Setting, accepted: Sequence[str], current: Fit, record: Record
 ) -> tuple[Predictor, Normal, _Parts]:
-    """Predictions, dynamics of the windows, derivatives by parameters and by a unit at each place."""
+    """Predictions, derivatives by states, by parameters, and by a unit at each place, (5, places, w, b)."""
     model = setting.model(accepted)
     points = tuple(replace(term(place, "t"), profile="", name=place) for place in PLACES)
     wide = Predictor(replace(model, effects=(*model.effects, *points)), record)
     at = warm_start(wide, wide.start([p.prior for p in model.tyre_table]), current)
     values, state_by, jacobian = wide.linearise(at)
     size = len(current.parameters)
-    propagator = Propagator.make(record, state_by)
-    parts = (values, propagator, jacobian[:, :size], jacobian[:, size:])
+    parts = (values, state_by, jacobian[:, :size], jacobian[:, size:])
     predictor = Predictor(model, record)
-    error, sensitivity = residual_and_sensitivity(propagator, values, parts[2], current.deviation)
+    error, sensitivity = residual_and_sensitivity(record, *parts[:3], current.deviation)
     normal = _normal(predictor, current, record, error, sensitivity, current.normal.prior)
     return predictor, normal, parts
 
@@ -223,12 +222,12 @@ def _with_terms(  # noqa: PLR0917 - the pieces of one linearisation
     predictor: Predictor, current: Fit, parts: _Parts, places: Sequence[str], basis: Basis, matrix: Array
 ) -> Normal:
     """Normal equations of the current parameters and the coefficients of one signal's term at each of `places`."""
-    values, propagator, jacobian, by_place = parts
+    values, state_by, jacobian, by_place = parts
     record, shape, size = predictor.record, values.shape[1:], jacobian.shape[1]
     units = by_place[:, [list(PLACES).index(p) for p in places]].reshape(5, len(places), 1, -1)
     columns = (units * matrix.T).reshape(5, -1, *shape)
     error, sensitivity = residual_and_sensitivity(
-        propagator, values, np.concatenate([jacobian, columns], axis=1), current.deviation
+        record, values, state_by, np.concatenate([jacobian, columns], axis=1), current.deviation
     )
     prior = np.zeros((size + columns.shape[1],) * 2)
     prior[:size, :size] = current.normal.prior

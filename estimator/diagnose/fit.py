@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from estimator.diagnose.normal import Normal, accumulate
 from estimator.diagnose.predict import Predictor
-from estimator.diagnose.propagate import Propagator, residual_and_sensitivity
+from estimator.diagnose.propagate import residual_and_sensitivity
 
 Array = NDArray[np.float64]
 
@@ -46,22 +46,12 @@ class Fit:
         return self.normal.held_out(self.normal.variance)
 
 
-def evaluate(
-    predictor: Predictor, parameters: Array, deviation: Array, propagator: Propagator | None = None
-) -> tuple[Array, Array]:
-    """Residual (5, windows, blocks) of the measured signals and sensitivity (5, p, windows, blocks).
-
-    A given `propagator` keeps the linear dynamics of the windows fixed: the residual is then exactly differentiated
-    by the sensitivity, however large the error of the model is.
-    """
-    values, state_by, jacobian = predictor.linearise(parameters)
-    propagator = propagator or Propagator.make(predictor.record, state_by)
-    return residual_and_sensitivity(propagator, values, jacobian, deviation)
+def evaluate(predictor: Predictor, parameters: Array, deviation: Array) -> tuple[Array, Array]:
+    """Residual (5, windows, blocks) of the measured signals and sensitivity (5, p, windows, blocks)."""
+    return residual_and_sensitivity(predictor.record, *predictor.linearise(parameters), deviation)
 
 
-def normal_at(
-    predictor: Predictor, parameters: Array, deviation: Array, propagator: Propagator | None = None
-) -> Normal:
+def normal_at(predictor: Predictor, parameters: Array, deviation: Array) -> Normal:
     """Normal equations at `parameters`."""
     record = predictor.record
     laps = int(record.lap.max()) + 1
@@ -69,7 +59,7 @@ def normal_at(
     prior = np.array([p.prior for p in predictor.table])
     precision = predictor.prior_precision
     return Normal(
-        *accumulate(*evaluate(predictor, parameters, deviation, propagator), record.lap), count,
+        *accumulate(*evaluate(predictor, parameters, deviation), record.lap), count,
         precision, -precision @ (parameters - prior), record.block_noise**2,
     )  # fmt: skip
 
@@ -77,20 +67,16 @@ def normal_at(
 def fit(
     predictor: Predictor, start: Array, deviation: Array | None = None, iterations: int = MAX_ITERATIONS
 ) -> Fit:
-    """Fit all parameters from `start`, with the dynamics of the windows linearised there.
-
-    `deviation` (5,) weighs the channels when initial states are eliminated.
-    """
+    """Fit all parameters from `start`; `deviation` (5,) weighs the channels when initial states are eliminated."""
     deviation = predictor.record.block_noise if deviation is None else deviation
     lower, upper = (np.array([getattr(p, side) for p in predictor.table]) for side in ("lower", "upper"))
     at, axles = np.clip(start, lower, upper), _axles(predictor)
-    propagator = Propagator.make(predictor.record, predictor.linearise(at)[1])
-    normal = normal_at(predictor, at, deviation, propagator)
+    normal = normal_at(predictor, at, deviation)
     first = best = _objective(predictor, normal, at)
     damping = 1e-4
     for _ in range(iterations):
         trial = _damped_step(axles, normal, at, lower, upper, damping)
-        new = normal_at(predictor, trial, deviation, propagator)
+        new = normal_at(predictor, trial, deviation)
         value = _objective(predictor, new, trial)
         if not np.isfinite(value) or value > best:
             if value < best + CONVERGED[0]:

@@ -90,16 +90,15 @@ class Propagator:
 
 
 def residual_and_sensitivity(
-    propagator: Propagator, values: Array, jacobian: Array, deviation: Array
+    record: Record, values: Array, state_by: Array, jacobian: Array, deviation: Array
 ) -> tuple[Array, Array]:
     """Residual (5, windows, blocks) of the measured signals and their sensitivity (5, p, windows, blocks).
 
     Args:
-        propagator: linear dynamics of the windows.
-        values, jacobian: predictions and derivatives as `Predictor.linearise` gives them.
+        values, state_by, jacobian: predictions and derivatives as `Predictor.linearise` gives them.
         deviation: (5,) standard deviation by which channels are weighed when initial states are eliminated.
     """
-    record = propagator.record
+    propagator = Propagator.make(record, state_by)
     means, edges = record.states()
     step = record.block_step
     defect = values[list(MOTION)] * step - np.diff(edges, axis=2)
