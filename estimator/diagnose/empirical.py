@@ -246,5 +246,3 @@ def _normal(  # noqa: PLR0917 - the pieces of one linearisation
     pull = np.zeros(len(prior))
     pull[:size] = -current.normal.prior @ (current.parameters - np.array([p.prior for p in predictor.table]))
     return Normal(*accumulate(error, sensitivity, record.lap), count, prior, pull, record.block_noise**2)
-
-

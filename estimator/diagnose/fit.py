@@ -64,9 +64,7 @@ def normal_at(predictor: Predictor, parameters: Array, deviation: Array) -> Norm
     )  # fmt: skip
 
 
-def fit(
-    predictor: Predictor, start: Array, deviation: Array | None = None, iterations: int = MAX_ITERATIONS
-) -> Fit:
+def fit(predictor: Predictor, start: Array, deviation: Array | None = None, iterations: int = MAX_ITERATIONS) -> Fit:
     """Fit all parameters from `start`; `deviation` (5,) weighs the channels when initial states are eliminated."""
     deviation = predictor.record.block_noise if deviation is None else deviation
     lower, upper = (np.array([getattr(p, side) for p in predictor.table]) for side in ("lower", "upper"))

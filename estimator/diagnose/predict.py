@@ -23,6 +23,7 @@ from estimator.model.tyre import Expr
 
 Array = NDArray[np.float64]
 
+
 @dataclass(frozen=True)
 class Block:
     """One effect's place in the parameter vector."""

@@ -125,8 +125,18 @@ def make_record(log: DriveLog, vehicle: Vehicle) -> Record:
     measured = np.stack([log[name] for name in MEASURED])
     bases = {n: make_basis(n, signals[n][windows], length) for n in signals if np.ptp(signals[n][windows]) > 0}
     return Record(
-        signals, measured, noise, state_error, windows, window_lap, log.step, length, has_laps, vehicle,
-        tuple(log.extra), bases,
+        signals,
+        measured,
+        noise,
+        state_error,
+        windows,
+        window_lap,
+        log.step,
+        length,
+        has_laps,
+        vehicle,
+        tuple(log.extra),
+        bases,
     )
 
 

@@ -100,9 +100,7 @@ def compare(before: Array, after: Array, count: Array) -> Evidence:
     return Evidence(float(channels.sum()), channels, laps)
 
 
-def fit_names(
-    setting: Setting, names: Sequence[str], warm: Fit | None, iterations: int | None = None
-) -> Fit:
+def fit_names(setting: Setting, names: Sequence[str], warm: Fit | None, iterations: int | None = None) -> Fit:
     """Fit the model with the named effects, starting from what `warm` found."""
     model = setting.model(names)
     predictor = Predictor(model, setting.record)
@@ -224,9 +222,7 @@ def search(setting: Setting, progress: Callable[[str], None] = lambda _: None, w
     return Search(base, current, ordered, tuple(rounds), {n: gains[n] for n in ordered})
 
 
-def _round(
-    setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]
-) -> list[Trial]:
+def _round(setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]) -> list[Trial]:
     """Screen the catalogue, then fit the most promising to the end; best first."""
     screened = screen(setting, accepted, current, progress)
     before, count = current.held_out(), current.normal.count

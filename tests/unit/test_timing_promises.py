@@ -108,9 +108,7 @@ def test_five_wrong_counters_stop_the_car_and_scattered_ones_do_not():
     assert (rig.action, rig.cause) == (STOP, "counters_wrong")
     # four counters go wrong in every period: the fifth wrong one comes in the second
     assert reached_s <= 0.02 + 1e-9
-    record_figure(
-        "L3", f"5 wrong counters: stop {reached_s * 1e3:.0f} ms after four messages' counters froze"
-    )
+    record_figure("L3", f"5 wrong counters: stop {reached_s * 1e3:.0f} ms after four messages' counters froze")
 
 
 @pytest.mark.promise("L4")
