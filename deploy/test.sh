@@ -53,8 +53,8 @@ for benchmark in codec gateway loop recorder identify planner; do
     [ "$((SECONDS - started))" -lt 960 ] || { echo "benchmark $benchmark: left out, time is up" >&2; continue; }
     echo "benchmark $benchmark" >&2
     # -P: their folder is not searched for modules, benchmarks/planner.py is not the package
-    timeout 60 python -P "benchmarks/$benchmark.py" >"$results/figures" 2>&1 || echo "    figure missed or not done" >&2
-    tail -n 6 "$results/figures" >&2
+    timeout 60 python -P "benchmarks/$benchmark.py" >"$results/benchmark" 2>&1 || echo "    figure missed or not done" >&2
+    tail -n 6 "$results/benchmark" >&2
 done
 
 echo "total $((SECONDS - started)) s" >&2
