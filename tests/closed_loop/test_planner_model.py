@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from model_car import ModelCar
+from promise_figures import record_figure
 
 from estimator.revision import revision_id
 from hil_gateway import topics
@@ -103,6 +104,7 @@ def test_forced_failures_give_shifted_then_stop_plans_and_recovery(monkeypatch: 
     rig.run(2.0)
     assert {p.status for p in rig.plans[-20:]} == {PlanStatus.SOLVED}
     assert_within_limits(rig)
+    record_figure("N4", f"{len(rig.plans)} plans, {len(failed)} with a failing solver: {shifts} shifted, then stops")
 
 
 def test_a_shifted_plan_is_the_rest_of_the_last_one(monkeypatch: pytest.MonkeyPatch) -> None:

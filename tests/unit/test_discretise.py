@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from promise_figures import record_figure
 from scipy.integrate import solve_ivp
 
 from estimator.model.discretise import STATES, rk4, state_derivative
@@ -40,6 +41,7 @@ def test_rk4_converges_at_order_4() -> None:
     ])  # fmt: skip
     orders = np.log2(errors[:-1] / errors[1:])
     assert np.all((orders > 3.8) & (orders < 4.3)), orders
+    record_figure("N2", f"RK4 of order {orders[0]:.2f} and {orders[1]:.2f}")
 
 
 @pytest.mark.promise("N2")
@@ -52,3 +54,4 @@ def test_mirrored_car_drives_the_mirrored_path_exactly() -> None:
         left = np.array(step(state, control)).ravel()
         right = np.array(step(state * flip, control * [-1, 1])).ravel()
         assert np.array_equal(left * flip, right)
+    record_figure("N2", "mirror exact to the bit at 1,000 points")

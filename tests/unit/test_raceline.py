@@ -108,8 +108,6 @@ def test_bank_towards_the_inside_of_the_turn_is_faster() -> None:
 def test_downforce_of_the_model_widens_the_envelope_with_speed() -> None:
     from estimator.model.effects import catalogue
 
-    if "aero_downforce" not in catalogue():
-        pytest.skip("no downforce effect in the catalogue")
     effect = catalogue()["aero_downforce"]
     model = SingleTrack(Vehicle(), "per_axle", (effect,))
     theta = [TYRE[p.name] for p in model.tyre_table]
