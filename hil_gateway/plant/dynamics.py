@@ -110,29 +110,30 @@ def _actuator_rates(s: Any, u: Any, p: Any) -> list[Expr]:
     ]
 
 
-def _rates(x: Expr, u: Expr, p: Any) -> tuple[Expr, Expr]:
-    """dx/dt and outputs."""
-    s, u = _bind(STATES, x), _bind(INPUTS, u)
-    steer, throttle, brake_front, brake_rear = _effective_inputs(s, u, p)
-    steers: list[Expr] = [steer, steer, 0.0, 0.0]
-    drag, side, downforce = chassis.air_forces(p, s.vx, s.vy, s.yaw)
-    loads = chassis.wheel_loads(p, u.gravity_z, s.load_ax, s.load_ay, downforce)
-    tyres = _tyre_forces(s, u, p, steers, loads)
-
+def _wheels(s: Any, u: Any, p: Any, *, throttle: Expr, brakes: tuple[Expr, Expr], along: list[Expr]) -> Any:
+    """Spin rates of the wheels, engine speed, axle torque and the power that brakes and differential turn into heat."""
     spins = [s.spin_fl, s.spin_fr, s.spin_rl, s.spin_rr]
-    speed = driveline.engine_speed(p, 0.5 * (s.spin_rl + s.spin_rr), u.ratio)
+    axle = 0.5 * (s.spin_rl + s.spin_rr)
+    speed = driveline.engine_speed(p, axle, u.ratio)
     torque = driveline.axle_torque(p, throttle, speed, u.ratio, u.engine_running)
     driven = [0.0, 0.0, *driveline.differential(p, torque, s.spin_rl, s.spin_rr)]
-    braked = driveline.brake_torques(p, brake_front, brake_rear, spins)
+    braked = driveline.brake_torques(p, *brakes, spins)
     inertia = [p.wheel_inertia, p.wheel_inertia] + 2 * [p.wheel_inertia + 0.5 * p.engine_inertia * u.ratio**2]
-    spin_rates = [(driven[i] + braked[i] - p.wheel_radius * tyres.along[i]) / inertia[i] for i in range(4)]
+    rates = [(driven[i] + braked[i] - p.wheel_radius * along[i]) / inertia[i] for i in range(4)]
+    slipping = sum(driven[i] * (axle - spins[i]) for i in (2, 3))
+    lost = slipping - sum(t * w for t, w in zip(braked, spins, strict=True))
+    return SimpleNamespace(rates=rates, engine_speed=speed, torque=torque, lost=lost)
 
+
+def _body(s: Any, u: Any, p: Any, *, steers: list[Expr], tyres: Any, air: tuple[Expr, Expr]) -> Any:
+    """Specific force, yaw acceleration, rates of pose and velocity, and the power lost to air, rolling and damping."""
+    drag, side = air
     rolling = -p.rolling_resistance * ca.tanh(s.vx)
     xs, ys = chassis.wheel_positions(p)
-    bodies = [chassis.to_body(tyres.along[i], tyres.across[i], steers[i]) for i in range(4)]
-    ax = (sum(b[0] for b in bodies) + drag + rolling) / p.mass
-    ay = (sum(b[1] for b in bodies) + side) / p.mass
-    moment = sum(xs[i] * bodies[i][1] - ys[i] * bodies[i][0] for i in range(4)) - p.yaw_damping * s.yaw_rate
+    wheels = [chassis.to_body(tyres.along[i], tyres.across[i], steers[i]) for i in range(4)]
+    ax = (sum(w[0] for w in wheels) + drag + rolling) / p.mass
+    ay = (sum(w[1] for w in wheels) + side) / p.mass
+    moment = sum(xs[i] * wheels[i][1] - ys[i] * wheels[i][0] for i in range(4)) - p.yaw_damping * s.yaw_rate
     yaw_acc = moment / p.yaw_inertia
     rates = [
         s.vx * ca.cos(s.yaw) - s.vy * ca.sin(s.yaw),
@@ -141,27 +142,28 @@ def _rates(x: Expr, u: Expr, p: Any) -> tuple[Expr, Expr]:
         ax + s.vy * s.yaw_rate + u.gravity_x,
         ay - s.vx * s.yaw_rate + u.gravity_y,
         yaw_acc,
-        *spin_rates,
-        *tyres.rate_x,
-        *tyres.rate_y,
-        (ax - s.load_ax) / p.load_lag,
-        (ay - s.load_ay) / p.load_lag,
-        *_actuator_rates(s, u, p),
     ]
-    lost = (
-        tyres.power
-        - drag * s.vx
-        - side * s.vy
-        - rolling * s.vx
-        + p.yaw_damping * s.yaw_rate**2
-        - sum(t * w for t, w in zip(braked, spins, strict=True))
-        + driven[2] * (0.5 * (s.spin_rl + s.spin_rr) - s.spin_rl)
-        + driven[3] * (0.5 * (s.spin_rl + s.spin_rr) - s.spin_rr)
-    )
+    lost = p.yaw_damping * s.yaw_rate**2 - (drag + rolling) * s.vx - side * s.vy
+    return SimpleNamespace(ax=ax, ay=ay, yaw_acc=yaw_acc, rates=rates, lost=lost)
+
+
+def _rates(x: Expr, u: Expr, p: Any) -> tuple[Expr, Expr]:
+    """dx/dt and outputs."""
+    s, u = _bind(STATES, x), _bind(INPUTS, u)
+    steer, throttle, *brakes = _effective_inputs(s, u, p)
+    steers: list[Expr] = [steer, steer, 0.0, 0.0]
+    drag, side, downforce = chassis.air_forces(p, s.vx, s.vy, s.yaw)
+    loads = chassis.wheel_loads(p, u.gravity_z, s.load_ax, s.load_ay, downforce)
+    tyres = _tyre_forces(s, u, p, steers, loads)
+    wheels = _wheels(s, u, p, throttle=throttle, brakes=(brakes[0], brakes[1]), along=tyres.along)
+    body = _body(s, u, p, steers=steers, tyres=tyres, air=(drag, side))
+    load_lags = [(body.ax - s.load_ax) / p.load_lag, (body.ay - s.load_ay) / p.load_lag]
+    rates = [*body.rates, *wheels.rates, *tyres.rate_x, *tyres.rate_y, *load_lags, *_actuator_rates(s, u, p)]
     outputs = [
-        ax, ay, sum(loads) / p.mass, yaw_acc, speed, torque, *loads,
+        body.ax, body.ay, sum(loads) / p.mass, body.yaw_acc, wheels.engine_speed, wheels.torque, *loads,
         tyres.along[0] + tyres.along[1], tyres.along[2] + tyres.along[3],
-        tyres.across[0] + tyres.across[1], tyres.across[2] + tyres.across[3], lost,
+        tyres.across[0] + tyres.across[1], tyres.across[2] + tyres.across[3],
+        tyres.power + body.lost + wheels.lost,
     ]  # fmt: skip
     return ca.vertcat(*rates), ca.vertcat(*outputs)
 
