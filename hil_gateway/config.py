@@ -1,7 +1,7 @@
 """One frozen configuration tree: defaults here, then a TOML file, then HIL_... variables, then flags.
 
 An unknown key, a value out of range or an unreadable file is an `InputError` that names file, key, value and
-remedy. `HIL_CAN__CHANNEL=can0` sets `can.channel`.
+remedy. `HIL_CAN__CHANNEL=can0` sets `can.channel`; lists and tables are written as in TOML.
 """
 
 from __future__ import annotations
@@ -170,8 +170,8 @@ def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = 
     """
     tree: dict[str, Any] = _read_toml(path) if path else {}
     origin = str(path) if path else "defaults"
-    for keys, text in _environment().items():
-        _set(tree, keys, text)
+    for keys, value in _environment().items():
+        _set(tree, keys, value)
     for key, value in (overrides or {}).items():
         _set(tree, key.split("."), value)
     try:
@@ -212,13 +212,23 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not valid TOML: {error}") from None
 
 
-def _environment() -> dict[tuple[str, ...], str]:
+def _environment() -> dict[tuple[str, ...], Any]:
     """HIL_CAN__CHANNEL -> ("can", "channel"); variables without a double underscore are not configuration."""
     return {
-        tuple(name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")): value
+        tuple(name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")): _from_text(name, value)
         for name, value in os.environ.items()
         if name.startswith(ENVIRONMENT_PREFIX) and "__" in name
     }
+
+
+def _from_text(name: str, text: str) -> Any:
+    """Lists and tables as TOML writes them; anything else stays text, which pydantic turns into the key's type."""
+    if not text.startswith(("[", "{")):
+        return text
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{name}={text}: not a TOML list or table: {error}") from None
 
 
 def _set(tree: dict[str, Any], keys: Any, value: Any) -> None:

@@ -92,10 +92,17 @@ def _request(config: Config, action: OperatorAction) -> None:
     finally:
         bus.close()
     if answer is None or answer.action not in EXPECTED[action]:
-        missing = ", ".join(answer.missing_for_arming) if answer else "no answer"
-        typer.echo(f"refused: {action.value}: {missing}", err=True)
+        typer.echo(f"refused: {action.value}: {_why(answer)}", err=True)
         raise typer.Exit(EXIT_FAILURE)
     typer.echo(f"{answer.action.value}{': ' + answer.cause if answer.cause else ''}")
+
+
+def _why(answer: GatewayStatus | None) -> str:
+    """What keeps the gateway from doing it."""
+    if answer is None:
+        return "no answer"
+    state = f"the gateway stays in {answer.action.value}{': ' + answer.cause if answer.cause else ''}"
+    return ", ".join(answer.missing_for_arming) or state
 
 
 def _wait(

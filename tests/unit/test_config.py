@@ -50,3 +50,14 @@ def test_missing_file_is_an_input_error(tmp_path: Path) -> None:
 
 def test_no_file_gives_the_defaults() -> None:
     assert load_config() == Config()
+
+
+def test_lists_and_tables_in_the_environment_are_written_as_in_toml(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HIL_ZENOH__CONNECT", '["tcp/127.0.0.1:7001", "tcp/127.0.0.1:7002"]')
+    monkeypatch.setenv("HIL_PLANT__EFFECTS", "{aero_drag = 1.2}")
+    config = load_config()
+    assert config.zenoh.connect == ("tcp/127.0.0.1:7001", "tcp/127.0.0.1:7002")
+    assert config.plant.effects == {"aero_drag": 1.2}
+    monkeypatch.setenv("HIL_ZENOH__CONNECT", "[tcp/127.0.0.1:7001")
+    with pytest.raises(InputError, match=r"HIL_ZENOH__CONNECT=.*not a TOML list"):
+        load_config()

@@ -14,155 +14,27 @@ import socket
 import struct
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
-import cantools
 import pytest
+from gateway_process import Gateway, planner
+from played_car import PEER, REPORTS, played_car, write_log
 
-from can_dbc.database import DBC_PATH
-from hil_gateway import topics
-from hil_gateway.bus import Bus, LatestReader
-from hil_gateway.config import Config, load_config
 from hil_gateway.messages import (
-    Command,
-    Estimate,
     FailsafeAction,
-    GatewayStatus,
     OperatorAction,
-    OperatorCommand,
     VehicleState,
 )
-from hil_gateway.zenoh_bus import open_bus
 
 pytestmark = pytest.mark.vcan
-PEER = cantools.database.load_file(DBC_PATH)
-LOG_PERIODS = 256
-"""Length of the played log: every 8-bit counter is back where it began."""
 ACTUATORS = {0x578, 0x579, 0x57A, 0x57B}
-
-REPORTS: dict[str, dict[str, float]] = {
-    "imu_1": {"imu_yaw_rate": 1.5, "imu_ay": 0.01},
-    "imu_2": {"imu_roll_rate": -0.5, "imu_ax": 0.02},
-    "imu_3": {"imu_az": 1.0},
-    "wheel_speed_report": {"wheel_speed_FL": 1.1, "wheel_speed_FR": 1.2, "wheel_speed_RL": 1.3, "wheel_speed_RR": 1.4},
-    "brake_pressure_report": {"brake_pressure_fdbk_front": 310, "brake_pressure_fdbk_rear": 270},
-    "accelerator_report": {"acc_pedal_fdbk": 4.2},
-    "steering_report": {"primary_steering_angular_rate": 0.0, "commanded_steering_rate": 0.0},
-    "steering_report_extd": {
-        "primary_steering_angle_fbk": 12.0, "secondary_steering_ang_fdbk": 12.5, "average_steering_ang_fdbk": 12.0,
-    },
-    "misc_report": {"battery_voltage": 13.1, "sys_state": 9, "mode_switch_state": 1},
-    "pt_report_1": {"engine_speed_rpm": 1500, "current_gear": 1, "throttle_position": 7.5, "engine_state": 1},
-    "novatel_report": {"novatel_lat": 36.585, "novatel_long": -121.753},
-    "base_to_car_summary": {"track_flag": 1},
-    "marelli_report_1": {"marelli_track_flag": 1},
-    "diagnostic_report": {},
-}  # fmt: skip
-"""What the played car says, DBC units; counters and heartbeat run by themselves."""
-COUNTERS = {
-    "brake_pressure_report": "brk_pressure_fdbk_counter", "accelerator_report": "acc_pedal_fdbk_counter",
-    "steering_report": "steering_motor_fdbk_counter", "misc_report": "raptor_rolling_counter",
-    "base_to_car_summary": "base_to_car_heartbeat",
-}  # fmt: skip
 COMMAND_COUNTERS = {
     "steering_cmd": "steering_motor_cmd_counter", "brake_pressure_cmd": "brk_pressure_cmd_counter",
     "accelerator_cmd": "acc_pedal_cmd_counter",
 }  # fmt: skip
-SLOW = {"novatel_report": 5, "base_to_car_summary": 8, "marelli_report_1": 8}
-"""message -> 10 ms periods between its frames (dividing the log)"""
-
-
-def write_log(path: Path, channel: str) -> None:
-    """A candump log of the car, 10 ms a period."""
-    lines = []
-    for period in range(LOG_PERIODS):
-        for offset, (name, values) in enumerate(REPORTS.items()):
-            if period % SLOW.get(name, 1):
-                continue
-            message = PEER.get_message_by_name(name)
-            filled = dict.fromkeys((s.name for s in message.signals), 0) | values
-            if name in COUNTERS:
-                filled[COUNTERS[name]] = period // SLOW.get(name, 1) % (16 if name in SLOW else 256)
-            data = message.encode(filled, strict=False).hex().upper()
-            lines.append(f"({1000 + period * 0.01 + offset * 1e-4:.6f}) {channel} {message.frame_id:03X}#{data}")
-    path.write_text("\n".join(lines) + "\n")
-
-
-@contextmanager
-def played_car(log: Path) -> Iterator[subprocess.Popen[bytes]]:
-    with subprocess.Popen(["canplayer", "-I", str(log), "-l", "i"], stdout=subprocess.DEVNULL) as player:
-        try:
-            yield player
-        finally:
-            player.kill()
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-class Gateway:
-    """A gateway process and our seat on its Zenoh bus."""
-
-    def __init__(self, channel: str, folder: Path) -> None:
-        self.channel = channel
-        path = folder / "gateway.toml"
-        path.write_text(
-            f'[can]\ninterface = "socketcan"\nchannel = "{channel}"\n'
-            f'[zenoh]\nconnect = ["tcp/127.0.0.1:{free_port()}"]\n'
-        )
-        self.config: Config = load_config(path)
-        command = [sys.executable, "-m", "hil_gateway.cli", "gateway", "run", "--config", str(path)]
-        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        self.bus: Bus = open_bus(self.config.zenoh, "test")
-        self._status = LatestReader(self.bus, topics.GATEWAY_STATUS)
-        self._state = LatestReader(self.bus, topics.VEHICLE_STATE)
-        self.wait(lambda: self.status is not None, 60)
-
-    @property
-    def status(self) -> GatewayStatus | None:
-        return self._status.update(time.monotonic_ns()).message
-
-    @property
-    def state(self) -> VehicleState | None:
-        return self._state.update(time.monotonic_ns()).message
-
-    def wait(self, condition: Callable[[], bool], seconds: float = 10.0) -> float:
-        """Seconds until `condition` held."""
-        started = time.monotonic()
-        while not condition():
-            if self.process.poll() is not None:
-                assert self.process.stderr is not None
-                raise AssertionError(f"the gateway ended: {self.process.stderr.read()[-2000:]}")
-            assert time.monotonic() < started + seconds, f"{self.status}"
-            time.sleep(0.01)
-        return time.monotonic() - started
-
-    def valid(self) -> bool:
-        return self.state is not None and self.state.valid
-
-    def acts(self, *actions: FailsafeAction) -> Callable[[], bool]:
-        return lambda: self.status is not None and self.status.action in actions
-
-    def ask(self, action: OperatorAction) -> None:
-        now = time.monotonic_ns()
-        self.bus.publish(topics.OPERATOR, OperatorCommand(stamp_ns=now, seq=now, source="test", action=action))
-
-    def close(self) -> None:
-        self.bus.close()
-        self.process.send_signal(signal.SIGINT)
-        try:
-            self.process.communicate(timeout=10)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.communicate()
 
 
 @pytest.fixture(scope="module")
@@ -177,38 +49,6 @@ def gateway(shared_channel: str, tmp_path_factory: pytest.TempPathFactory) -> It
     gateway = Gateway(shared_channel, tmp_path_factory.mktemp("gateway"))
     yield gateway
     gateway.close()
-
-
-@contextmanager
-def planner(gateway: Gateway, steer: float, drive: float) -> Iterator[None]:
-    """Publishes an estimate and a command for every second state until the block ends."""
-    stopped = threading.Event()
-    states = gateway.bus.subscribe(topics.VEHICLE_STATE)
-
-    def drive_on() -> None:
-        seq = time.monotonic_ns()
-        while not stopped.wait(0.02):
-            for state in states.poll(0)[-1:]:
-                seq += 1
-                stamp = time.monotonic_ns()
-                pose = dict.fromkeys(
-                    ("x", "y", "yaw", "vx", "vy", "yaw_rate", "bias_ax", "bias_ay", "bias_yaw_rate"), 0.0
-                )
-                gateway.bus.publish(topics.ESTIMATE, Estimate(
-                    stamp_ns=stamp, seq=seq, state_stamp_ns=state.stamp_ns, valid=True, std=(0.1,) * 9,
-                    steer=0.0, drive=0.0, innovations_rejected=0, **pose,
-                ))  # fmt: skip
-                gateway.bus.publish(topics.COMMAND, Command(
-                    stamp_ns=stamp, seq=seq, source="test", state_stamp_ns=state.stamp_ns, steer=steer, drive=drive,
-                ))  # fmt: skip
-
-    thread = threading.Thread(target=drive_on)
-    thread.start()
-    try:
-        yield
-    finally:
-        stopped.set()
-        thread.join()
 
 
 def dumped(channel: str, seconds: float) -> list[tuple[float, int, bytes]]:
