@@ -25,7 +25,8 @@ from planner.checks import bounds_of, plan_of
 from planner.controller import Controller, TyreKnowledge
 from planner.envelope import envelope_of
 from planner.functions import build_functions
-from planner.mpcc import NZ, PROGRESS, VX, Problem, S
+from planner.motion import NZ, PROGRESS, VX, S
+from planner.mpcc import Problem
 from planner.raceline import RaceLine, raceline_for
 from planner.reference_nlp import ReferenceNlp
 from planner.settings import Settings

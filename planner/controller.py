@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from planner import infomax
 from planner.functions import Functions
-from planner.mpcc import DRIVE, NU, PROGRESS, VX, Problem, S
+from planner.motion import DRIVE, NU, PROGRESS, VX, S
+from planner.mpcc import Problem
 from planner.sqp import Solution, Sqp, Stopwatch
 from planner.track import Reference
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from planner.mpcc import DRIVE, NU, NZ, PROGRESS, STEER, VX, S
+from planner.motion import DRIVE, NU, NZ, PROGRESS, STEER, VX, S
 from planner.settings import Limits
 from planner.track import Reference
 

@@ -1,165 +1,29 @@
 """The planner's optimal-control problem as symbolic stage functions: MPCC, Eq. (4), (5), and Infomax, Eq. (9), (10).
 
-State z = [X, Y, yaw, v_x, v_y, omega, s, d, delta, v_s]: Eq. (1) and the inputs themselves; the control is their
-change over one interval, along which they move linearly. The stage function gives, for one interval and the state
-at its end, all the blocks of the QP of one SQP iteration; CasADi maps it over the horizon.
+The stage function gives, for one interval and the state at its end, all the blocks of the QP of one SQP iteration;
+CasADi maps it over the horizon.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
-from estimator.model.discretise import rk4, state_derivative
-from estimator.model.single_track import AUXILIARY, SingleTrack, Terms
+from estimator.model.discretise import rk4
+from estimator.model.single_track import SingleTrack, Terms
 from estimator.model.tyre import Expr
-from hil_gateway.vehicle import GRAVITY
-from planner import infomax
+from planner import infomax, load_rows
+from planner.load_rows import LoadRow
+from planner.motion import BOUNDED, DRIVE, NU, NZ, PROGRESS, STEER, VX, Dynamics, S, auxiliary, split
 from planner.settings import Settings
-
-STATES = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "s", "drive", "steer", "progress")
-CONTROLS = ("drive_change", "steer_change", "progress_change")
-NZ, NU = len(STATES), len(CONTROLS)
-VX, S, DRIVE, STEER, PROGRESS = (STATES.index(n) for n in ("vx", "s", "drive", "steer", "progress"))
-BOUNDED = (DRIVE, STEER, PROGRESS)
-"""states with hard bounds: the inputs of the car"""
-
-BLEND_SPEED = 6.0
-BLEND_WIDTH = 1.5
-KINEMATIC_TIME = 0.15
-"""Below about 6 m/s tyre dynamics are too stiff for one step of 0.05 s and the car is driven kinematically."""
-
-HOLD_SPEED = 0.5
-"""m/s: below about this deceleration fades to nothing"""
+from planner.stage_parameters import common_names, stage_names
 
 OUTPUTS = (
     "A", "B", "b", "Q", "q", "R", "r", "C", "lower_row", "upper_row", "lower_z", "upper_z", "lower_u", "upper_u",
 )  # fmt: skip
 """Blocks of `qp.StageQp`, in the order of the stage function; `info`, `info_hessian` follow."""
-
-
-class Names:
-    """Named slices of a parameter vector."""
-
-    def __init__(self, sizes: Mapping[str, int]) -> None:
-        self.slices: dict[str, slice] = {}
-        start = 0
-        for name, size in sizes.items():
-            self.slices[name] = slice(start, start + size)
-            start += size
-        self.size = start
-
-    def __getitem__(self, name: str) -> slice:
-        return self.slices[name]
-
-    def split(self, vector: Expr) -> dict[str, Expr]:
-        """Symbolic parts by name."""
-        return {name: vector[s] for name, s in self.slices.items()}
-
-
-def stage_names(model: SingleTrack) -> Names:
-    """Parameters of one stage.
-
-    Knot s and cubics of the reference line in s - knot (power 0..3), offset of the middle of the track from the line
-    at the knot and its slope, half the width left to the CoG (m), speed limit at the knot and its slope, weight q_v
-    (0 at the last stage), multipliers of the two load rows, upper drive limit, grade and bank (rad) of the track as
-    far as no effect of the model stands for them, effect parameters at the stage's place.
-    """
-    sizes = {"s": 1, "cubic_x": 4, "cubic_y": 4, "centre": 2, "half_width": 1, "speed": 2, "progress": 1}
-    return Names({**sizes, "multiplier": 2, "drive_max": 1, "grade": 1, "bank": 1, "phi": len(model.effect_table)})
-
-
-def common_names(model: SingleTrack) -> Names:
-    """Parameters shared by all stages.
-
-    `sigma_f`, `sigma_r` are the choices of theta in Eq. (10) in columns: the one in force, then the sigma points;
-    `information_theta` is the belief's mean,
-    `information_weight` W of Tr(W F), `trace_weight` the diagonal that makes it Tr(F) in prior-scaled parameters.
-    """
-    n = len(model.tyre_table)
-    front, rear = infomax.axle_indices(model)
-    return Names(
-        {
-            "theta": n,
-            "lap": 1,
-            "load_max": 2,
-            "sigma_f": n * (2 * len(front) + 2),
-            "sigma_r": n * (2 * len(rear) + 2),
-            "information_theta": n,
-            "information_weight": n * n,
-            "trace_weight": n,
-            "q_information": 1,
-        }
-    )
-
-
-def auxiliary(
-    model: SingleTrack, z: Sequence[Expr], du: Sequence[Expr], p: Mapping[str, Expr], dt: float
-) -> dict[str, Expr]:
-    """Signals effects may need, as far as a plan knows them; the rest is neutral."""
-    lap = p["lap"]
-    known = {
-        "track_position": z[S] - lap * ca.floor(z[S] / lap),
-        "yaw": z[2],
-        "ax": p["theta"][0] * z[DRIVE] / model.vehicle.mass,
-        "steer_rate": du[1] / dt,
-        "drive_rate": du[0] / dt,
-    }
-    return {name: known.get(name, 0.0) for name in AUXILIARY}
-
-
-def split(vector: Expr) -> list[Expr]:
-    """Elements of a column vector."""
-    return ca.vertsplit(vector) if vector.numel() else []
-
-
-def dynamic_share(vx: Expr) -> Expr:
-    """Share of the tyre dynamics in the motion: 0 at standstill, 1 from about 10 m/s on."""
-    return 0.5 * (1.0 + ca.tanh((vx - BLEND_SPEED) / BLEND_WIDTH))
-
-
-@dataclass(frozen=True)
-class Dynamics:
-    """z_{k+1} = F(z_k, du_k): Eq. (1) with a kinematic blend at low speed, inputs ramping over the interval."""
-
-    model: SingleTrack
-    dt: float
-
-    def derivative(self, x: Expr, u: Expr, du: Expr, p: Mapping[str, Expr]) -> Expr:
-        """d/dt of the seven car states for inputs u = [d, delta, v_s]."""
-        z = ca.vertsplit(ca.vertcat(x, u))
-        theta, phi = split(p["theta"]), split(p["phi"])
-        aux = auxiliary(self.model, z, ca.vertsplit(du), p, self.dt)
-        car = state_derivative(self.model, z[:6], (z[STEER], z[DRIVE]), theta, phi, aux=aux)
-        _, _, _, vx, vy, yaw_rate, _, _, steer, progress = z
-        weight = dynamic_share(vx)
-        v = self.model.vehicle
-        gravity = [GRAVITY * ca.sin(p[name]) for name in ("grade", "bank")]
-        rolling_yaw_rate = vx * ca.tan(steer) / v.wheelbase
-        lateral = (v.lr * rolling_yaw_rate - vy) / KINEMATIC_TIME
-        yaw = (rolling_yaw_rate - yaw_rate) / KINEMATIC_TIME
-        along = car[3] - gravity[0]
-        # brakes hold a standing car, they do not push it backwards
-        along = ca.fmax(along, 0.0) + ca.fmin(along, 0.0) * ca.tanh(ca.fmax(vx, 0.0) / HOLD_SPEED)
-        sliding, turning = weight * (car[4] - gravity[1]), weight * car[5]
-        blended = ca.vertcat(sliding + (1 - weight) * lateral, turning + (1 - weight) * yaw)
-        return ca.vertcat(car[:3], along, blended, progress)
-
-    def step(self, z: Expr, du: Expr, p: Mapping[str, Expr]) -> Expr:
-        """One interval by RK4; the inputs move linearly from u to u + du."""
-        x, u, h = z[:7], z[7:], self.dt
-
-        def f(state: Expr, share: float) -> Expr:
-            return self.derivative(state, u + share * du, du, p)
-
-        k1 = f(x, 0.0)
-        k2 = f(x + h / 2 * k1, 0.5)
-        k3 = f(x + h / 2 * k2, 0.5)
-        k4 = f(x + h * k3, 1.0)
-        return ca.vertcat(x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), u + du)
 
 
 def path_errors(z: Expr, stage: Mapping[str, Expr]) -> tuple[Expr, Expr]:
@@ -173,19 +37,6 @@ def path_errors(z: Expr, stage: Mapping[str, Expr]) -> tuple[Expr, Expr]:
     contouring = sin * (z[0] - x_d) - cos * (z[1] - y_d)
     lag = -cos * (z[0] - x_d) - sin * (z[1] - y_d)
     return contouring, lag
-
-
-LOAD_SMOOTHING = 0.02
-"""rounds the tip of the friction cone at zero force, share of the bound"""
-
-
-@dataclass(frozen=True)
-class LoadRow:
-    """Load of one axle over its bound, its gradient (1, NZ) and the curvature of the ellipse in z (NZ, NZ)."""
-
-    value: Expr
-    gradient: Expr
-    curvature: Expr
 
 
 class Problem:
@@ -233,49 +84,6 @@ class Problem:
         limits, dt = self.settings.limits, self.settings.dt
         return limits.drive_rate * dt, limits.steer_rate * dt, limits.progress_rate * dt
 
-    def load_row(self, axle: str, z: Expr, theta: Expr, p: Mapping[str, Expr]) -> LoadRow:
-        """Eq. (10) over its bound: friction ellipse, or the signed sum of the paper (`literal`).
-
-        The ellipse is a convex function of the two forces. Its linearisation is flat across the force that is
-        small, where the next iteration would run away; adding its curvature times the multiplier of the row to the
-        Hessian (sequential convex quadratic programming, Verschueren et al. 2016) makes the iterations contract.
-        """
-        terms = self.evaluate(z, theta, p)
-        bound = p["load_max"]["fr".index(axle)] * getattr(terms, f"load_{axle}")
-        # driven kinematically, a car has no slip angles to limit
-        forces = ca.vertcat(getattr(terms, f"fx_{axle}"), dynamic_share(z[VX]) * getattr(terms, f"fy_{axle}")) / bound
-        slopes: Any = ca.jacobian(forces, z)
-        if self.settings.load_limit == "literal":
-            ones = ca.DM([[1.0, 1.0]])
-            return LoadRow(ca.sum1(forces), ones @ slopes, ca.SX(NZ, NZ))
-        value: Any = ca.sqrt(ca.sumsqr(forces) + LOAD_SMOOTHING**2)
-        normal = forces / value
-        curvature = (ca.SX.eye(2) - normal @ normal.T) / value
-        return LoadRow(value, normal.T @ slopes, slopes.T @ curvature @ slopes)
-
-    def worst_choice(self, axle: str, z: Expr, p: Mapping[str, Expr]) -> Expr:
-        """The choice of theta in Eq. (10) that loads the axle most, (n_theta, 1)."""
-        theta = ca.SX.sym("theta", len(self.model.tyre_table))
-        row = self.load_row(axle, z, theta, p).value
-        points = ca.horzsplit(ca.reshape(p[f"sigma_{axle}"], theta.numel(), -1))
-        chosen: Any
-        largest: Any
-        chosen, largest = points[0], ca.fabs(ca.substitute(row, theta, points[0]))
-        for point in points[1:]:
-            value = ca.fabs(ca.substitute(row, theta, point))
-            chosen = ca.if_else(value > largest, point, chosen)
-            largest = ca.fmax(value, largest)
-        return chosen
-
-    def worst_load(self, axle: str, z: Expr, p: Mapping[str, Expr]) -> LoadRow:
-        """The row at the choice of theta where it is largest.
-
-        The gradient of a maximum is that of the member attaining it, so the choice is made on values only.
-        """
-        theta = ca.SX.sym("theta", len(self.model.tyre_table))
-        row, chosen = self.load_row(axle, z, theta, p), self.worst_choice(axle, z, p)
-        return LoadRow(*(ca.substitute(part, theta, chosen) for part in (row.value, row.gradient, row.curvature)))
-
     def stage_rows(
         self, z: Expr, loads: Sequence[LoadRow], stage: Mapping[str, Expr], p: Mapping[str, Expr]
     ) -> tuple[Expr, Expr, Expr, Expr]:
@@ -315,7 +123,7 @@ class Problem:
         info = infomax.cost_terms(self, zn, p) if self.informative else infomax.no_terms()
         proximal = ca.vertcat(*(2 * self.settings.weights.proximal / b**2 for b in self.change_bounds()))
         weights = self.change_weights()
-        loads = [self.worst_load(axle, zn, p) for axle in "fr"]
+        loads = [load_rows.worst_load(self, axle, zn, p) for axle in "fr"]
         for row, multiplier in zip(loads, ca.vertsplit(stage["multiplier"]), strict=True):
             Q += multiplier * row.curvature
         value, C, lower, upper = self.stage_rows(zn, loads, stage, p)
@@ -353,10 +161,10 @@ class Problem:
         cost += 0.5 * ca.dot(self.change_weights(), du**2)
         if self.informative:
             cost -= p["q_information"] * infomax.weighted_gain(self, z, p)
-        loads = [self.load_row(axle, z, theta, p) for axle, theta in (("f", theta_f), ("r", theta_r))]
+        loads = [load_rows.load_row(self, axle, z, theta, p) for axle, theta in (("f", theta_f), ("r", theta_r))]
         value, _, lower, upper = self.stage_rows(z, loads, stage, p)
         arguments: Any = [z, du, stage_vector, common_vector, theta_f, theta_r]
-        choices: Any = [self.worst_choice(axle, z, p) for axle in "fr"]
+        choices: Any = [load_rows.worst_choice(self, axle, z, p) for axle in "fr"]
         return (
             ca.Function("stage_cost", arguments, [cost, value, lower, upper]),
             ca.Function("choice", [z, stage_vector, common_vector], choices),

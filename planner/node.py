@@ -19,7 +19,7 @@ from planner.adoption import Adoption
 from planner.checks import PlanCheck
 from planner.fallback import Stopping, Trajectory, shifted, stop_plan
 from planner.load_limits import HeldLoad, LoadLimits, RunEvidence, load_limits, next_limit, store_limits
-from planner.mpcc import DRIVE, PROGRESS, STEER, VX, S
+from planner.motion import DRIVE, PROGRESS, STEER, VX, S
 from planner.prediction import Actuators, Moment, Sent, predict
 from planner.settings import Information, Settings
 from planner.sqp import Solution, Stopwatch

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from planner.controller import Controller
-from planner.mpcc import BOUNDED, DRIVE, NU, NZ
+from planner.motion import BOUNDED, DRIVE, NU, NZ
 from planner.sqp import Stopwatch
 
 Array = npt.NDArray[np.float64]

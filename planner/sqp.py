@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from planner import infomax
 from planner.functions import Functions
-from planner.mpcc import BOUNDED, NU, NZ, OUTPUTS, Problem
+from planner.motion import BOUNDED, NU, NZ
+from planner.mpcc import OUTPUTS, Problem
 from planner.qp import QpSize, QpStatus, StageQp, make_qp_solver
 
 Array = npt.NDArray[np.float64]

@@ -14,7 +14,7 @@ from planner import infomax
 from planner.bench import bench_controller, clock, start_state
 from planner.controller import Controller
 from planner.infomax import FORCE_STATES, project, sigma_points
-from planner.mpcc import NU, NZ
+from planner.motion import NU, NZ
 from planner.settings import Information, Settings
 
 WEIGHT = 0.01

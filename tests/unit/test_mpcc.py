@@ -11,7 +11,8 @@ from hil_gateway.track import load_track
 from hil_gateway.vehicle import Vehicle
 from planner.bench import bench_controller, clock, start_state
 from planner.controller import Controller
-from planner.mpcc import NU, NZ, OUTPUTS, PROGRESS, VX, S
+from planner.motion import NU, NZ, PROGRESS, VX, S
+from planner.mpcc import OUTPUTS
 from planner.reference_nlp import ReferenceNlp
 from planner.settings import Settings
 

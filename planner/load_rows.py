@@ -1,0 +1,73 @@
+"""Eq. (10): the load of each axle over its bound, for the least favourable choice of theta."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+
+from estimator.model.tyre import Expr
+from planner.motion import NZ, VX, dynamic_share
+
+if TYPE_CHECKING:
+    from planner.mpcc import Problem
+
+LOAD_SMOOTHING = 0.02
+"""rounds the tip of the friction cone at zero force, share of the bound"""
+
+
+@dataclass(frozen=True)
+class LoadRow:
+    """Load of one axle over its bound, its gradient (1, NZ) and the curvature of the ellipse in z (NZ, NZ)."""
+
+    value: Expr
+    gradient: Expr
+    curvature: Expr
+
+
+def load_row(problem: Problem, axle: str, z: Expr, theta: Expr, p: Mapping[str, Expr]) -> LoadRow:
+    """Eq. (10) over its bound: friction ellipse, or the signed sum of the paper (`literal`).
+
+    The ellipse is a convex function of the two forces. Its linearisation is flat across the force that is
+    small, where the next iteration would run away; adding its curvature times the multiplier of the row to the
+    Hessian (sequential convex quadratic programming, Verschueren et al. 2016) makes the iterations contract.
+    """
+    terms = problem.evaluate(z, theta, p)
+    bound = p["load_max"]["fr".index(axle)] * getattr(terms, f"load_{axle}")
+    # driven kinematically, a car has no slip angles to limit
+    forces = ca.vertcat(getattr(terms, f"fx_{axle}"), dynamic_share(z[VX]) * getattr(terms, f"fy_{axle}")) / bound
+    slopes: Any = ca.jacobian(forces, z)
+    if problem.settings.load_limit == "literal":
+        ones = ca.DM([[1.0, 1.0]])
+        return LoadRow(ca.sum1(forces), ones @ slopes, ca.SX(NZ, NZ))
+    value: Any = ca.sqrt(ca.sumsqr(forces) + LOAD_SMOOTHING**2)
+    normal = forces / value
+    curvature = (ca.SX.eye(2) - normal @ normal.T) / value
+    return LoadRow(value, normal.T @ slopes, slopes.T @ curvature @ slopes)
+
+
+def worst_choice(problem: Problem, axle: str, z: Expr, p: Mapping[str, Expr]) -> Expr:
+    """The choice of theta in Eq. (10) that loads the axle most, (n_theta, 1)."""
+    theta = ca.SX.sym("theta", len(problem.model.tyre_table))
+    row = load_row(problem, axle, z, theta, p).value
+    points = ca.horzsplit(ca.reshape(p[f"sigma_{axle}"], theta.numel(), -1))
+    chosen: Any
+    largest: Any
+    chosen, largest = points[0], ca.fabs(ca.substitute(row, theta, points[0]))
+    for point in points[1:]:
+        value = ca.fabs(ca.substitute(row, theta, point))
+        chosen = ca.if_else(value > largest, point, chosen)
+        largest = ca.fmax(value, largest)
+    return chosen
+
+
+def worst_load(problem: Problem, axle: str, z: Expr, p: Mapping[str, Expr]) -> LoadRow:
+    """The row at the choice of theta where it is largest.
+
+    The gradient of a maximum is that of the member attaining it, so the choice is made on values only.
+    """
+    theta = ca.SX.sym("theta", len(problem.model.tyre_table))
+    row, chosen = load_row(problem, axle, z, theta, p), worst_choice(problem, axle, z, p)
+    return LoadRow(*(ca.substitute(part, theta, chosen) for part in (row.value, row.gradient, row.curvature)))

@@ -1,0 +1,98 @@
+"""State, control and motion of the plan: z_{k+1} = F(z_k, du_k), Eq. (1) over one interval.
+
+State z = [X, Y, yaw, v_x, v_y, omega, s, d, delta, v_s]: Eq. (1) and the inputs themselves; the control is their
+change over one interval, along which they move linearly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from estimator.model.discretise import state_derivative
+from estimator.model.single_track import AUXILIARY, SingleTrack
+from estimator.model.tyre import Expr
+from hil_gateway.vehicle import GRAVITY
+
+STATES = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "s", "drive", "steer", "progress")
+CONTROLS = ("drive_change", "steer_change", "progress_change")
+NZ, NU = len(STATES), len(CONTROLS)
+VX, S, DRIVE, STEER, PROGRESS = (STATES.index(n) for n in ("vx", "s", "drive", "steer", "progress"))
+BOUNDED = (DRIVE, STEER, PROGRESS)
+"""states with hard bounds: the inputs of the car"""
+
+BLEND_SPEED = 6.0
+BLEND_WIDTH = 1.5
+KINEMATIC_TIME = 0.15
+"""Below about 6 m/s tyre dynamics are too stiff for one step of 0.05 s and the car is driven kinematically."""
+
+HOLD_SPEED = 0.5
+"""m/s: below about this deceleration fades to nothing"""
+
+
+def auxiliary(
+    model: SingleTrack, z: Sequence[Expr], du: Sequence[Expr], p: Mapping[str, Expr], dt: float
+) -> dict[str, Expr]:
+    """Signals effects may need, as far as a plan knows them; the rest is neutral."""
+    lap = p["lap"]
+    known = {
+        "track_position": z[S] - lap * ca.floor(z[S] / lap),
+        "yaw": z[2],
+        "ax": p["theta"][0] * z[DRIVE] / model.vehicle.mass,
+        "steer_rate": du[1] / dt,
+        "drive_rate": du[0] / dt,
+    }
+    return {name: known.get(name, 0.0) for name in AUXILIARY}
+
+
+def split(vector: Expr) -> list[Expr]:
+    """Elements of a column vector."""
+    return ca.vertsplit(vector) if vector.numel() else []
+
+
+def dynamic_share(vx: Expr) -> Expr:
+    """Share of the tyre dynamics in the motion: 0 at standstill, 1 from about 10 m/s on."""
+    return 0.5 * (1.0 + ca.tanh((vx - BLEND_SPEED) / BLEND_WIDTH))
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """z_{k+1} = F(z_k, du_k): Eq. (1) with a kinematic blend at low speed, inputs ramping over the interval."""
+
+    model: SingleTrack
+    dt: float
+
+    def derivative(self, x: Expr, u: Expr, du: Expr, p: Mapping[str, Expr]) -> Expr:
+        """d/dt of the seven car states for inputs u = [d, delta, v_s]."""
+        z = ca.vertsplit(ca.vertcat(x, u))
+        theta, phi = split(p["theta"]), split(p["phi"])
+        aux = auxiliary(self.model, z, ca.vertsplit(du), p, self.dt)
+        car = state_derivative(self.model, z[:6], (z[STEER], z[DRIVE]), theta, phi, aux=aux)
+        _, _, _, vx, vy, yaw_rate, _, _, steer, progress = z
+        weight = dynamic_share(vx)
+        v = self.model.vehicle
+        gravity = [GRAVITY * ca.sin(p[name]) for name in ("grade", "bank")]
+        rolling_yaw_rate = vx * ca.tan(steer) / v.wheelbase
+        lateral = (v.lr * rolling_yaw_rate - vy) / KINEMATIC_TIME
+        yaw = (rolling_yaw_rate - yaw_rate) / KINEMATIC_TIME
+        along = car[3] - gravity[0]
+        # brakes hold a standing car, they do not push it backwards
+        along = ca.fmax(along, 0.0) + ca.fmin(along, 0.0) * ca.tanh(ca.fmax(vx, 0.0) / HOLD_SPEED)
+        sliding, turning = weight * (car[4] - gravity[1]), weight * car[5]
+        blended = ca.vertcat(sliding + (1 - weight) * lateral, turning + (1 - weight) * yaw)
+        return ca.vertcat(car[:3], along, blended, progress)
+
+    def step(self, z: Expr, du: Expr, p: Mapping[str, Expr]) -> Expr:
+        """One interval by RK4; the inputs move linearly from u to u + du."""
+        x, u, h = z[:7], z[7:], self.dt
+
+        def f(state: Expr, share: float) -> Expr:
+            return self.derivative(state, u + share * du, du, p)
+
+        k1 = f(x, 0.0)
+        k2 = f(x + h / 2 * k1, 0.5)
+        k3 = f(x + h / 2 * k2, 0.5)
+        k4 = f(x + h * k3, 1.0)
+        return ca.vertcat(x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), u + du)

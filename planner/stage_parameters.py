@@ -1,0 +1,64 @@
+"""What the compiled stage functions are given besides state and control, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from estimator.model.single_track import SingleTrack
+from estimator.model.tyre import Expr
+from planner import infomax
+
+
+class Names:
+    """Named slices of a parameter vector."""
+
+    def __init__(self, sizes: Mapping[str, int]) -> None:
+        self.slices: dict[str, slice] = {}
+        start = 0
+        for name, size in sizes.items():
+            self.slices[name] = slice(start, start + size)
+            start += size
+        self.size = start
+
+    def __getitem__(self, name: str) -> slice:
+        return self.slices[name]
+
+    def split(self, vector: Expr) -> dict[str, Expr]:
+        """Symbolic parts by name."""
+        return {name: vector[s] for name, s in self.slices.items()}
+
+
+def stage_names(model: SingleTrack) -> Names:
+    """Parameters of one stage.
+
+    Knot s and cubics of the reference line in s - knot (power 0..3), offset of the middle of the track from the line
+    at the knot and its slope, half the width left to the CoG (m), speed limit at the knot and its slope, weight q_v
+    (0 at the last stage), multipliers of the two load rows, upper drive limit, grade and bank (rad) of the track as
+    far as no effect of the model stands for them, effect parameters at the stage's place.
+    """
+    sizes = {"s": 1, "cubic_x": 4, "cubic_y": 4, "centre": 2, "half_width": 1, "speed": 2, "progress": 1}
+    return Names({**sizes, "multiplier": 2, "drive_max": 1, "grade": 1, "bank": 1, "phi": len(model.effect_table)})
+
+
+def common_names(model: SingleTrack) -> Names:
+    """Parameters shared by all stages.
+
+    `sigma_f`, `sigma_r` are the choices of theta in Eq. (10) in columns: the one in force, then the sigma points;
+    `information_theta` is the belief's mean,
+    `information_weight` W of Tr(W F), `trace_weight` the diagonal that makes it Tr(F) in prior-scaled parameters.
+    """
+    n = len(model.tyre_table)
+    front, rear = infomax.axle_indices(model)
+    return Names(
+        {
+            "theta": n,
+            "lap": 1,
+            "load_max": 2,
+            "sigma_f": n * (2 * len(front) + 2),
+            "sigma_r": n * (2 * len(rear) + 2),
+            "information_theta": n,
+            "information_weight": n * n,
+            "trace_weight": n,
+            "q_information": 1,
+        }
+    )
