@@ -16,11 +16,13 @@ from typing import Annotated, Any
 import typer
 
 from hil_gateway.errors import EXIT_FAILURE, InputError
-from hil_gateway.promises import as_json, markdown, read_evidence
+from hil_gateway.promises import as_json, keep_long, markdown, read_evidence
 
 app = typer.Typer(help="The reliability promises at their stated figures.")
 
 ROOT = Path(__file__).resolve().parents[1]
+LONG_RUNS = ROOT / "docs" / "promises-long.json"
+"""what long runs said, by promise; the usual run puts it beside its own figures in docs/promises.md"""
 SIMULATION = "planner.fault_simulation.campaign"
 """loaded by name: the simulation closes the loop with the planner, which this package may not import"""
 MUTATION = "hil_gateway.mutation"
@@ -69,8 +71,11 @@ def _promises(long: bool, only: str, gathered: Path | None) -> dict[str, Any]:
     took = f"{'long' if long else 'usual'} run of {time.time() - started:.0f} s"
     length = "gathered from a test run" if gathered else took
     conditions = f"{when}, {length}, {os.cpu_count()} CPUs, Python {platform.python_version()}"
-    if not only:
-        (ROOT / "docs" / "promises.md").write_text(markdown(evidence, conditions))
+    if long:
+        keep_long(LONG_RUNS, evidence, conditions)
+    elif not only:
+        kept = json.loads(LONG_RUNS.read_text()) if LONG_RUNS.exists() else {}
+        (ROOT / "docs" / "promises.md").write_text(markdown(evidence, conditions, kept))
     rows = [row for row in as_json(evidence) if not only or row["id"] in only.split(",")]
     broken = [row["id"] for row in rows if row["verdict"] == "BROKEN"]
     return {"ok": status in (0, 5) and not broken, "promises": rows, "broken": broken, "conditions": conditions}

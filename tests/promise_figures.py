@@ -25,9 +25,14 @@ def record_figure(promise: str, figure: str) -> None:
     _write({"promise": promise, "figure": figure})
 
 
+def long_run() -> bool:
+    """Whether this is `hil verify --long`."""
+    return bool(os.environ.get(LONG_VARIABLE))
+
+
 def volume(usual: int, long: int) -> int:
     """How much a test does: `usual` in CI, `long` under `hil verify --long`."""
-    if os.environ.get(LONG_VARIABLE):
+    if long_run():
         return long
     return max(1, int(usual * float(os.environ.get(SHARE_VARIABLE, "1"))))
 

@@ -21,12 +21,11 @@ from hil_gateway.can_link import resolve_kind
 from hil_gateway.config import load_config
 from hil_gateway.session.info import session_info
 from hil_gateway.supervisor import PROCESSES
-from tests.promise_figures import record_figure
+from tests.promise_figures import long_run, record_figure
 
 Recorder = Callable[[str, object], None]
 UP_S = 120.0
-LONG = bool(os.environ.get("HIL_LONG"))
-VICTIMS = tuple(p.name for p in PROCESSES) if LONG else ("planner", "gateway", "recorder")
+VICTIMS = tuple(p.name for p in PROCESSES) if long_run() else ("planner", "gateway", "recorder")
 
 
 class Demo:

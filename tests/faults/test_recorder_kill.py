@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 import subprocess
 import sys
@@ -14,9 +13,9 @@ import pytest
 from hil_gateway.session.format import CAN_TOPIC, unpack_frame
 from hil_gateway.session.reader import SessionReader
 from hil_gateway.session.recover import recover
-from tests.promise_figures import record_figure
+from tests.promise_figures import record_figure, volume
 
-KILLS = 100 if os.environ.get("HIL_LONG") else 10
+KILLS = volume(10, 100)
 PROMISED_S = 0.2
 MESSAGES_AT_ONCE = 20
 

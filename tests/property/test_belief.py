@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 import pytest
-from promise_figures import record_figure
+from promise_figures import record_figure, volume
 from scipy import stats
 
 from estimator.information import a_criterion, d_criterion, e_criterion, fisher_information, trace_criterion
@@ -16,7 +14,7 @@ from estimator.model.single_track import AUXILIARY, SingleTrack
 from estimator.tyre_belief import BeliefSettings, MeasurementEvaluation, Sample, TyreBelief
 from hil_gateway.vehicle import GRAVITY, Vehicle
 
-UPDATES = 1_000_000 if os.environ.get("HIL_LONG") else 20_000
+UPDATES = volume(20_000, 1_000_000)
 AUX = np.zeros(len(AUXILIARY))
 VEHICLE = Vehicle()
 

@@ -39,7 +39,7 @@ def test_no_frame_can_upset_the_gateway(driving):
         rig.drive_off(1.0)
     ids = list(load_codec().by_id)
     count = 0
-    target = volume(30_000, 500_000)
+    target = volume(30_000, 1_000_000)
     while count < target:
         batch = [hostile_frame(rng, ids, rig.now_ns) for _ in range(rng.choice((1, 5, 200)))]
         for frame in batch:

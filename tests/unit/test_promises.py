@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hil_gateway.promises import PROMISES, as_json, markdown, read_evidence
+from hil_gateway.promises import PROMISES, Evidence, as_json, keep_long, markdown, read_evidence
 
 TESTS = Path(__file__).resolve().parents[1]
 
@@ -50,7 +50,17 @@ def test_the_report_takes_the_worst_outcome_and_every_figure_once(tmp_path):
     assert [evidence[name].verdict for name in ("S1", "S2", "S3", "S4")] == [
         "BROKEN", "kept", "not proved here", "not proved here",
     ]  # fmt: skip
-    text = markdown(evidence, "now")
+    text = markdown(evidence, "now", {"S2": {"verdict": "kept", "run": "a long run", "figures": ["all of it"]}})
     assert text.count("10 \\| 20") == 1
+    assert "| kept (a long run) | all of it |" in text
     assert "`a.py` (1)" in text
     assert len(as_json(evidence)) == len(PROMISES) == 24
+
+
+def test_a_long_run_of_some_promises_keeps_what_is_known_of_the_others(tmp_path):
+    path = tmp_path / "long.json"
+    keep_long(path, {"S1": Evidence({"t": "passed"}, ["a"]), "S2": Evidence({"t": "failed"}, ["b"])}, "Monday")
+    keep_long(path, {"S1": Evidence(), "S2": Evidence({"t": "passed"}, ["c"])}, "Tuesday")
+    kept = json.loads(path.read_text())
+    assert kept["S1"] == {"verdict": "kept", "figures": ["a"], "run": "Monday"}
+    assert kept["S2"] == {"verdict": "kept", "figures": ["c"], "run": "Tuesday"}

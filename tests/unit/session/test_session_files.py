@@ -29,7 +29,7 @@ from hil_gateway.session.reader import SessionReader
 from hil_gateway.session.recover import recover
 from hil_gateway.session.writer import SessionWriter
 from hil_gateway.topics import COMMAND, MODEL_REVISION, TOPICS
-from tests.promise_figures import record_figure
+from tests.promise_figures import record_figure, volume
 
 UNIX_NS = 1_700_000_000 * 10**9
 CONFIG = RecorderConfig(min_free_bytes=0)
@@ -237,7 +237,7 @@ def test_a_recording_cut_at_any_byte_of_its_last_64_kib_gives_every_whole_chunk(
     first = len(whole) - 65536
     assert first > 1000
     cut.write_bytes(whole)
-    sizes = range(len(whole) - 1, first - 1, -1 if os.environ.get("HIL_LONG") else -31)
+    sizes = range(len(whole) - 1, first - 1, -volume(31, 1))
     for size in sizes:
         os.truncate(cut, size)
         reader = SessionReader(cut)
