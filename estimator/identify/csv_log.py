@@ -22,7 +22,7 @@ FROZEN_S = 2.0
 
 
 def read_csv(
-    path: Path, required: Sequence[str], derivable: Sequence[str], min_rows: int
+    path: Path, required: Sequence[str], watched: Sequence[str], min_rows: int
 ) -> tuple[dict[str, Array], list[str]]:
     """Columns of a drive log by name, and notes on rows left out.
 
@@ -39,7 +39,7 @@ def read_csv(
         raise InputError(f"{path}: {len(table)} rows are too few: at least {min_rows} are needed")
     columns = {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(header)}
     _check_time(path, columns["t"], lines)
-    _check_frozen(path, columns, lines, (*required[1:], *derivable))
+    _check_frozen(path, columns, lines, watched)
     return columns, notes
 
 

@@ -28,6 +28,9 @@ OPTIONAL = (
     "wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr",
 )  # fmt: skip
 
+WATCHED = (*REQUIRED[1:], *DERIVABLE, "x", "y", "yaw", *(n for n in OPTIONAL if n.startswith("wheel_speed")))
+"""Channels of a moving car that never rest, apart from commands: one that does has stopped."""
+
 MIN_ROWS = 200
 """Shorter logs hold neither a held-out block nor a batch of 100 samples beside it."""
 
@@ -146,7 +149,7 @@ def _read_columns(path: Path) -> tuple[dict[str, Array], list[str]]:
 
         columns, notes = read_session(path)
         return columns, notes
-    return read_csv(path, REQUIRED, DERIVABLE, MIN_ROWS)
+    return read_csv(path, REQUIRED, WATCHED, MIN_ROWS)
 
 
 def _check_rate(path: Path, t: Array) -> None:

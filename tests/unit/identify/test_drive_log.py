@@ -72,7 +72,7 @@ def test_time_running_backwards_is_named(tmp_path: Path) -> None:
     _refused(_write(tmp_path, {"t": t}), "row 302", "column t", "does not increase")
 
 
-@pytest.mark.parametrize("name", ["vy", "yaw_rate", "ay", "ax", "vx"])
+@pytest.mark.parametrize("name", ["vy", "yaw_rate", "ay", "ax", "vx", "yaw"])
 def test_sensor_frozen_while_the_car_moves_is_named(tmp_path: Path, name: str) -> None:
     values = DRIVE[name].copy()
     values[200:600] = values[200]

@@ -47,6 +47,21 @@ def test_shared_layout_takes_a_prior_per_axle(log_file: Path, tmp_path: Path) ->
     assert summary["initial"]["b"] == pytest.approx(0.5 * (TYRE["bf"] + TYRE["br"]))
 
 
+def test_a_log_too_short_to_hold_anything_out_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "short.csv"
+    path.write_text(to_csv(simulate([TYRE], 15.0, seed=32)[0].columns))
+    with pytest.raises(InputError, match="s of driving in the log: at least 20 s are needed"):
+        identify(read_logs([path]), read_vehicle(None), None, Options(method="batch"))
+
+
+def test_a_log_shorter_than_four_blocks_still_holds_a_quarter_out(tmp_path: Path) -> None:
+    path = tmp_path / "short.csv"
+    path.write_text(to_csv(simulate([TYRE], 26.0, seed=32)[0].columns))
+    done = identify(read_logs([path]), read_vehicle(None), None, Options(method="batch"))
+    assert 0.15 < done.split.test.mean() < 0.35
+    assert done.split.train.mean() > 0.5
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
