@@ -36,7 +36,7 @@ EFFECTS: dict[str, dict[str, float]] = {
 
 
 def _practice() -> Any:
-    path = Path(__file__).resolve().parents[2] / "benchmarks" / "practice.py"
+    path = Path(__file__).resolve().parents[2] / "benchmarks" / "practice" / "__init__.py"
     spec = importlib.util.spec_from_file_location("practice", path)
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)

@@ -1,0 +1,208 @@
+"""The practice car: the paper's Eq. 1-3 with per-axle tyres, and every undeclared effect as a size.
+
+An id may have variants, `id/variant`: the same physics in another shape than the catalogue's, since a real car
+does not read the catalogue either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+GRAVITY = 9.80665
+MASS, INERTIA, LF, LR = 787.3, 1000.0, 1.724, 1.248
+WHEELBASE = LF + LR
+TYRE = {"cx": 62000.0, "bf": 11.5, "cf": 1.55, "df": 1.6033, "br": 13.0, "cr": 1.6, "dr": 1.5847}
+WARM_UP_S = 200.0
+
+# id -> a typical range of sizes, drawn with either sign where `signed`
+SIZES: dict[str, tuple[float, float, bool]] = {
+    "aero_drag": (0.3, 1.0, False),
+    "rolling_resistance": (150.0, 500.0, False),
+    "road_grade": (0.02, 0.06, False),
+    "road_bank": (0.02, 0.08, False),
+    "aero_downforce": (0.5, 2.0, False),
+    "load_transfer": (0.2, 0.5, False),
+    "load_sensitivity": (0.15, 0.4, False),
+    "combined_slip": (0.6, 1.1, False),
+    "drive_saturation": (4500.0, 8000.0, False),
+    "front_brake": (0.3, 0.6, False),
+    "engine_braking": (150.0, 600.0, False),
+    "steer_offset": (0.003, 0.01, True),
+    "steer_scale": (0.05, 0.12, True),
+    "steer_delay": (0.03, 0.1, False),
+    "drive_delay": (0.05, 0.2, False),
+    "tyre_relaxation": (0.3, 1.0, False),
+    "grip_drift": (1e-4, 2.5e-4, True),
+    "imu_misalignment": (0.015, 0.05, True),
+    "imu_lever_arm": (0.4, 1.2, True),
+    "imu_bias": (0.1, 0.4, True),
+    "speed_scale": (0.02, 0.06, True),
+    "wind": (4.0, 12.0, False),
+    "yaw_damping": (500.0, 2500.0, False),
+    "turn_asymmetry": (0.04, 0.12, True),
+    # the same in other shapes
+    "drive_saturation/magic": (4500.0, 8000.0, False),
+    "combined_slip/quadratic": (0.5, 1.0, False),
+    "combined_slip/slip": (6.0, 12.0, False),
+    "engine_braking/speed": (150.0, 600.0, False),
+    "engine_braking/coast": (300.0, 800.0, False),
+    "steer_delay/lag": (0.03, 0.1, False),
+    "drive_delay/lag": (0.05, 0.2, False),
+    "grip_drift/warmup": (0.06, 0.15, True),
+    "imu_lever_arm/y": (0.3, 0.8, True),
+    "imu_bias/yaw_rate": (0.005, 0.02, True),
+    "speed_scale/both": (0.02, 0.06, True),
+    "wind/drag_only": (5.0, 12.0, False),
+    "turn_asymmetry/steer": (0.03, 0.08, True),
+    # outside the catalogue
+    "steer_compliance": (0.08, 0.2, False),
+    "grip_patch": (0.15, 0.4, False),
+    "grip_step": (0.08, 0.2, False),
+    "gust": (500.0, 1500.0, True),
+    "throttle_yaw": (300.0, 900.0, True),
+    "steer_play": (0.004, 0.01, False),
+    "speed_stall": (0.1, 0.25, False),
+    "channel_force": (300.0, 800.0, True),
+    "turn_drag": (300.0, 800.0, True),
+    "brake_fade": (0.15, 0.3, False),
+    "power_limit": (0.15, 0.4, False),
+    "sensor_step": (0.15, 0.4, True),
+}
+OUTSIDE = {
+    "steer_compliance": ({"ay", "yaw_acc", "vy_dot"}, {"vx", "speed", "steer", "slip_f"}),
+    "grip_patch": ({"ay", "vy_dot", "yaw_acc"}, {"track_position"}),
+    "grip_step": ({"ay", "vy_dot", "yaw_acc"}, {"t"}),
+    "gust": ({"ay", "vy_dot", "yaw_acc"}, {"track_position"}),
+    "throttle_yaw": ({"yaw_acc"}, {"drive", "throttle"}),
+    "steer_play": ({"ay", "yaw_acc", "vy_dot"}, {"steer_rate", "steer"}),
+    "speed_stall": ({"ay", "yaw_acc", "vy_dot"}, {"vx", "speed"}),
+    "channel_force": ({"ax", "vx_dot"}, {"flap"}),
+    "turn_drag": ({"ax", "vx_dot"}, {"turn_direction"}),
+    "brake_fade": ({"ax", "vx_dot"}, {"t", "drive"}),
+    "power_limit": ({"ax", "vx_dot"}, {"vx", "speed"}),
+    "sensor_step": ({"ay"}, {"t"}),
+}
+"""effect outside the catalogue -> channels and signals either of which is a right answer"""
+
+
+def draw_size(name: str, rng: np.random.Generator) -> float:
+    """A size of effect `name` that a race engineer would call sensible."""
+    low, high, signed = SIZES[name]
+    size = float(rng.uniform(low, high))
+    return -size if signed and rng.random() < 0.5 else size
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where and how every car moves at one instant."""
+
+    t: float
+    share: Array
+    yaw: Array
+    vx: Array
+    vy: Array
+    rate: Array
+    steer: Array
+    drive: Array
+    ax_before: Array
+    flap: Array
+
+
+class Car:
+    """Forces of many cars at once; every effect is a column of sizes, zero (or one) where it is off."""
+
+    def __init__(self, effects: Sequence[Mapping[str, float]], seeds: Sequence[int]) -> None:
+        self.size = {name: np.array([e.get(name, 0.0) for e in effects]) for name in SIZES}
+        drawn = np.array([np.random.default_rng([seed, 5]).uniform(size=8) for seed in seeds]).T
+        self.phase, self.wind_from = 2 * np.pi * drawn[:4], 2 * np.pi * drawn[4]
+        self.stretch, self.step_at = 0.1 + 0.5 * drawn[5], 0.3 + 0.2 * drawn[6]
+        self.axis = (drawn[7] > 0.5).astype(int)
+        self.front, self.rear = MASS * GRAVITY * LR / WHEELBASE, MASS * GRAVITY * LF / WHEELBASE
+        self.fmax, self.fmagic = (
+            np.where(self.size[name] > 0, self.size[name], 1e9)
+            for name in ("drive_saturation", "drive_saturation/magic")
+        )
+
+    def grade(self, lap_share: Array) -> tuple[Array, Array]:
+        """Grade and bank, rad, at a share of the lap."""
+        wave = 2 * np.pi * lap_share
+        p = self.phase
+        grade = 0.7 * np.sin(2 * wave + p[0]) + 0.3 * np.sin(5 * wave + p[1])
+        bank = 0.6 * np.sin(3 * wave + p[2]) + 0.4 * np.sin(4 * wave + p[3])
+        return self.size["road_grade"] * grade, self.size["road_bank"] * bank
+
+    def slips(self, vx: Array, vy: Array, rate: Array, steer: Array) -> tuple[Array, Array]:
+        """Slip angles, Eq. (3)."""
+        return steer - np.arctan2(vy + LF * rate, vx), -np.arctan2(vy - LR * rate, vx)
+
+    def longitudinal(self, at: Motion) -> tuple[Array, Array, Array]:
+        """Longitudinal force of front and rear tyres and on the body, N."""
+        s, vx, drive, cx = self.size, at.vx, at.drive, TYRE["cx"]
+        fade = 1 - s["brake_fade"] * np.clip((at.t - 250.0) / 300.0, 0, 1)
+        front_x = s["front_brake"] * np.minimum(drive, 0.0) * cx
+        limited = 1 - s["power_limit"] / (1 + np.exp(-np.clip((vx - 32.0) / 2.0, -50, 50)))
+        rear_x = cx * np.where(drive < 0, drive * fade, drive * limited) - front_x
+        rear_x = rear_x - (s["engine_braking"] + s["engine_braking/speed"] * vx / 30.0) * (drive <= 0)
+        rear_x = rear_x - s["engine_braking/coast"] * (np.abs(drive) < 0.0012)
+        rear_x = self.fmax * np.tanh(rear_x / self.fmax)
+        rear_x = self.fmagic * np.sin(1.5 * np.arctan(rear_x / (1.5 * self.fmagic)))
+        against = at.yaw - self.wind_from
+        wind = s["wind"] + s["wind/drag_only"]
+        air_x = vx - wind * np.cos(against)
+        body_x = -s["aero_drag"] * vx * vx - s["rolling_resistance"] - 0.516 * (air_x * np.abs(air_x) - vx * vx)
+        return front_x, rear_x, body_x + s["channel_force"] * at.flap - s["turn_drag"] * (at.rate * vx > 1.0)
+
+    def peaks(self, at: Motion, slip: tuple[Array, Array]) -> tuple[Array, Array]:
+        """D F_z of both axles, N."""
+        s, t, vx = self.size, at.t, at.vx
+        transfer = s["load_transfer"] * MASS * at.ax_before / WHEELBASE
+        down = s["aero_downforce"] * vx * vx
+        fz_f, fz_r = self.front + 0.4 * down - transfer, self.rear + 0.6 * down + transfer
+        grip = 1 + s["grip_drift"] * t + s["grip_drift/warmup"] * (1 - np.exp(-t / WARM_UP_S))
+        grip = grip - s["grip_patch"] * self.in_stretch(at) - s["grip_step"] * (t > self.step_at * 900.0)
+        grip = grip - s["speed_stall"] / (1 + np.exp(-np.clip((vx - 40.0) / 1.5, -50, 50)))
+        left = [1 + s["turn_asymmetry"] * np.sign(alpha) for alpha in slip]
+        d_f = TYRE["df"] * (1 - s["load_sensitivity"] * (fz_f / self.front - 1)) * grip * left[0]
+        d_r = TYRE["dr"] * (1 - s["load_sensitivity"] * (fz_r / self.rear - 1)) * grip * left[1]
+        return d_f * fz_f, d_r * fz_r
+
+    def in_stretch(self, at: Motion) -> Array:
+        """Whether the car is in the stretch of the lap where something local acts."""
+        return np.asarray(((at.share - self.stretch) % 1.0) < 0.07)
+
+    def left_over(self, force: Array, peak: Array, drive: Array) -> Array:
+        """Share of the lateral force that a longitudinal one leaves."""
+        s, used = self.size, force / peak
+        ellipse = np.sqrt(np.maximum(1 - (s["combined_slip"] * used) ** 2, 0.05))
+        quadratic = 1 - s["combined_slip/quadratic"] * used**2
+        return np.asarray(ellipse * quadratic * np.cos(np.arctan(s["combined_slip/slip"] * drive)))
+
+    def accelerations(self, at: Motion, slip: tuple[Array, Array]) -> tuple[Array, ...]:
+        """Specific forces, yaw acceleration, d/dt vx and d/dt vy of every car."""
+        s, vx, vy, rate = self.size, at.vx, at.vy, at.rate
+        front_x, rear_x, body_x = self.longitudinal(at)
+        peak_f, peak_r = self.peaks(at, slip)
+        fy_f = peak_f * np.sin(TYRE["cf"] * np.arctan(TYRE["bf"] * slip[0])) * self.left_over(front_x, peak_f, 0 * vx)
+        fy_r = peak_r * np.sin(TYRE["cr"] * np.arctan(TYRE["br"] * slip[1])) * self.left_over(rear_x, peak_r, at.drive)
+        body_y = 0.7 * s["wind"] * np.sin(self.wind_from - at.yaw) * vx + s["gust"] * self.in_stretch(at)
+        sin, cos = np.sin(at.steer), np.cos(at.steer)
+        moment = -s["yaw_damping"] * rate + s["throttle_yaw"] * np.maximum(at.drive, 0) / 0.05
+        ax = (rear_x + front_x * cos - fy_f * sin + body_x) / MASS
+        ay = (fy_r + fy_f * cos + front_x * sin + body_y) / MASS
+        yaw_acc = ((fy_f * cos + front_x * sin) * LF - fy_r * LR + moment) / INERTIA
+        grade, bank = self.grade(at.share)
+        vx_dot = ax + vy * rate - GRAVITY * np.sin(grade)
+        vy_dot = ay - vx * rate - GRAVITY * np.sin(bank)
+        return ax, ay, yaw_acc, vx_dot, vy_dot
+
+    def true_steer(self, reported: Array, vx: Array) -> Array:
+        """Road-wheel angle behind the reported one (delay and play are applied by the caller)."""
+        s = self.size
+        steer = reported * (1 + s["steer_scale"] + s["turn_asymmetry/steer"] * np.sign(reported)) + s["steer_offset"]
+        return np.asarray(steer * (1 - s["steer_compliance"] * (vx / 40.0) ** 2))
