@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pydantic import ValidationError
 
 from estimator.model.effects import catalogue
 from estimator.model.parameters import DEFAULT_TYRE, Layout, layout_of
@@ -23,6 +22,7 @@ from estimator.tyre_belief import Array, TyreBelief
 from hil_gateway.config import EstimatorConfig
 from hil_gateway.errors import InputError
 from hil_gateway.messages import ActiveEffect, ModelRevision
+from hil_gateway.revision_file import read_revision
 from hil_gateway.vehicle import Vehicle
 
 
@@ -44,13 +44,7 @@ def load_revision(path: str | Path) -> ModelRevision:
     Raises:
         InputError: unreadable, not a revision, or with an effect this version does not know.
     """
-    try:
-        revision = ModelRevision.model_validate_json(Path(path).read_text())
-    except OSError as error:
-        raise InputError(f"{path}: cannot read the model revision: {error.strerror}") from None
-    except (ValidationError, UnicodeDecodeError) as error:
-        first = error.errors()[0] if isinstance(error, ValidationError) else {"loc": ("file",), "msg": "not text"}
-        raise InputError(f"{path}: not a model revision: {first['loc']}: {first['msg']}") from None
+    revision = read_revision(path)
     if unknown := [e.name for e in revision.effects if e.name not in catalogue()]:
         raise InputError(f"{path}: effect {unknown[0]} is not in the catalogue: {', '.join(catalogue())}")
     return revision

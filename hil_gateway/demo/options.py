@@ -13,6 +13,7 @@ from typing import Any
 from hil_gateway.can_link import open_link, resolve_kind
 from hil_gateway.config import Config, load_config
 from hil_gateway.errors import InputError
+from hil_gateway.revision_file import read_revision
 from hil_gateway.track import load_track
 
 DEFAULT_LAPS = 1
@@ -71,6 +72,8 @@ def prepare(options: DemoOptions) -> DemoSetup:
     config = load_config(options.config_file, _overrides(options, folder))
     track = load_track(config.track)
     _check_effects(config)
+    if options.model:
+        read_revision(options.model)
     _make(folder)
     config = _with_free_ports(config, options)
     open_link(config.can).close()

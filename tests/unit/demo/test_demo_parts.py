@@ -88,6 +88,17 @@ def test_busy_port_is_named(tmp_path: Path) -> None:
         prepare(DemoOptions(zenoh_port=taken.getsockname()[1], out=tmp_path))
 
 
+def test_a_file_that_is_no_model_revision_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    broken = tmp_path / "model.json"
+    broken.write_bytes(b"\x89MCAP0\r\n")
+    with pytest.raises(InputError, match=r"model.json: not a model revision: not text"):
+        prepare(DemoOptions(model=str(broken), out=tmp_path / "out"))
+    broken.write_text('{"revision": 1}')
+    with pytest.raises(InputError, match="not a model revision: stamp_ns: Field required"):
+        prepare(DemoOptions(model=str(broken), out=tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
 def test_prepared_configuration_reaches_the_processes_unchanged(tmp_path: Path) -> None:
     setup = prepare(DemoOptions(out=tmp_path, effects=("aero_drag=0.7", "wind=3")))
     assert load_config(setup.config_file) == setup.config
