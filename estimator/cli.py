@@ -1,4 +1,4 @@
-"""`hil estimator run`: the estimator process."""
+"""`hil estimator`: the estimator process, its score on a session, and its replay."""
 
 from __future__ import annotations
 
@@ -11,24 +11,12 @@ import typer
 
 from hil_gateway.config import load_config
 from hil_gateway.errors import EXIT_FAILURE, InputError
+from hil_gateway.process_cli import process_app
 
-app = typer.Typer(no_args_is_help=True, help="State, tyre belief and model revisions.")
-
-
-@app.callback()
-def _group() -> None:
-    """State, tyre belief and model revisions."""
-
-
-@app.command()
-def run(
-    config: Annotated[Path | None, typer.Option(help="configuration (TOML)")] = None,
-    model: Annotated[str, typer.Option(help="model revision (JSON) to start from")] = "",
-) -> None:
-    """Estimate the state, learn the tyres, publish model revisions until interrupted."""
-    from estimator.node import run as run_node
-
-    run_node(load_config(config, {"estimator.model": model} if model else None))
+app = process_app(
+    "estimator", "estimator.node", "State, tyre belief and model revisions.",
+    "Estimate the state, learn the tyres, publish model revisions until interrupted.",
+)  # fmt: skip
 
 
 @app.command()

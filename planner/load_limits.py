@@ -14,9 +14,11 @@ the car has been seen to hold.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from hil_gateway.config import PlannerConfig
 from hil_gateway.errors import InputError
 
 SAFETY = 0.03
@@ -86,6 +88,15 @@ def load_limits(path: str | Path) -> LoadLimits | None:
     if not (0 < limits.front < 5 and 0 < limits.rear < 5):
         raise InputError(f"{path}: load limits {limits.pair} are not within 0..5 axle loads; delete the file")
     return limits
+
+
+def starting_limits(planner: PlannerConfig, tyre: Mapping[str, float]) -> LoadLimits:
+    """Load limits of this run: stored by the last one, else a share of the peak forces of the starting model."""
+    stored = load_limits(planner.load_limits) if planner.load_limits else None
+    if stored is not None:
+        return stored
+    use = planner.load_use
+    return LoadLimits(use * tyre.get("df", tyre.get("d", 1.0)), use * tyre.get("dr", tyre.get("d", 1.0)))
 
 
 def store_limits(path: str | Path, limits: LoadLimits) -> None:

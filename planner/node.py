@@ -18,10 +18,10 @@ from hil_gateway.track import Track, load_track
 from planner.adoption import Adoption
 from planner.checks import PlanCheck
 from planner.fallback import Stopping, Trajectory, shifted, stop_plan
-from planner.load_limits import HeldLoad, LoadLimits, RunEvidence, load_limits, next_limit, store_limits
+from planner.load_limits import HeldLoad, LoadLimits, RunEvidence, next_limit, starting_limits, store_limits
 from planner.motion import DRIVE, PROGRESS, STEER, VX, S
 from planner.prediction import Actuators, Moment, Sent, predict
-from planner.settings import Information, Settings
+from planner.settings import settings_of
 from planner.sqp import Solution, Stopwatch
 
 Array = npt.NDArray[np.float64]
@@ -35,18 +35,6 @@ COLD_DISTANCE = 5.0
 """a state this far (m) from the plan, or a pause this long, starts the solver afresh"""
 BRAKE_SHARE = 0.6
 """of the rear load limit a stop plan uses for braking; the rest is left for cornering"""
-
-
-def settings_of(config: Config) -> Settings:
-    """Settings of the optimal-control problem from the configuration."""
-    p = config.planner
-    information = Information(
-        weight=p.information_weight, bound=p.information_bound, criterion=p.information_criterion,
-        kind=config.estimator.measurement, convexification=p.convexification,
-    )  # fmt: skip
-    return Settings(
-        horizon=p.horizon, dt=p.dt, information=information, load_limit=p.load_limit, sigma_level=p.sigma_level
-    )
 
 
 @dataclass(frozen=True)
@@ -70,7 +58,7 @@ class Planner:
         self.settings = settings_of(config)
         p = config.planner
         start = load_revision(p.model) if p.model else declared_revision(config.estimator.layout)
-        self.limits = starting_limits(config, start.tyre)
+        self.limits = starting_limits(p, start.tyre)
         self.adoption = Adoption(
             config, track or load_track(config.track), self.settings, self.limits, start, background=background
         )
@@ -274,15 +262,6 @@ class Planner:
 def _fits(plan: Trajectory, z0: Array | None) -> bool:
     """Whether a plan starts near the state, as far as that is known."""
     return z0 is None or float(np.hypot(*(plan.z[:2, 0] - z0[:2]))) < COLD_DISTANCE
-
-
-def starting_limits(config: Config, tyre: dict[str, float]) -> LoadLimits:
-    """Load limits of this run: stored by the last one, else a share of the peak forces of the starting model."""
-    stored = load_limits(config.planner.load_limits) if config.planner.load_limits else None
-    if stored is not None:
-        return stored
-    use = config.planner.load_use
-    return LoadLimits(use * tyre.get("df", tyre.get("d", 1.0)), use * tyre.get("dr", tyre.get("d", 1.0)))
 
 
 def run(config: Config) -> None:

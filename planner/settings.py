@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from estimator.model.measurement import MeasurementKind
+from hil_gateway.config import Config
 
 LoadLimit = Literal["ellipse", "literal"]
 Convexification = Literal["abs", "projection"]
@@ -93,3 +94,15 @@ class Settings:
     def iterations(self) -> int:
         """SQP iterations a step: one (real-time iteration), two with information."""
         return 2 if self.information.weight > 0 else 1
+
+
+def settings_of(config: Config) -> Settings:
+    """Settings of the optimal-control problem from the configuration."""
+    p = config.planner
+    information = Information(
+        weight=p.information_weight, bound=p.information_bound, criterion=p.information_criterion,
+        kind=config.estimator.measurement, convexification=p.convexification,
+    )  # fmt: skip
+    return Settings(
+        horizon=p.horizon, dt=p.dt, information=information, load_limit=p.load_limit, sigma_level=p.sigma_level
+    )
