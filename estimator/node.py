@@ -17,6 +17,7 @@ from estimator.localisation import Localisation
 from estimator.model.measurement import MeasurementKind, axle_forces
 from estimator.model.single_track import AUXILIARY
 from estimator.monitor import ResidualMonitor
+from estimator.relinearised_belief import RelinearisedBelief
 from estimator.revision import RevisedModel, RevisionPolicy, declared_revision, load_revision, model_of
 from estimator.tyre_belief import Array, BeliefSettings, Sample, TyreBelief
 from hil_gateway import topics
@@ -46,7 +47,8 @@ class Estimator:
         self.localisation = Localisation(config.vehicle, track)
         start = _starting_revision(config)
         revised = model_of(start, config.vehicle, track.length)
-        self.belief = TyreBelief(revised.model, BeliefSettings(kind=config.estimator.measurement))
+        belief_class = RelinearisedBelief if config.estimator.relinearise else TyreBelief
+        self.belief = belief_class(revised.model, BeliefSettings(kind=config.estimator.measurement))
         if start.covariance:
             self.belief.set_covariance(np.array(start.covariance))
         self.policy = RevisionPolicy(config.estimator, start)

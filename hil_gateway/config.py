@@ -96,6 +96,7 @@ class EstimatorConfig(Model):
     measurement: Literal["imu", "imu_yaw", "tyre_force"] = "imu_yaw"
     model: str = Field(default="", description="model revision (JSON) to start from; empty: the declared model")
     learn: bool = Field(default=True, description="publish model revisions as the belief moves")
+    relinearise: bool = Field(default=True, description="linearise Eq. (8) again over a history, once a second")
     revision_hysteresis: float = Field(default=0.02, gt=0, description="smallest relative change worth publishing")
     revision_max_step: float = Field(default=0.05, gt=0, description="largest relative change of a parameter at once")
     revision_min_samples: int = Field(default=500, ge=1, description="samples before the first change")
