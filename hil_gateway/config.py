@@ -113,12 +113,15 @@ class PlannerConfig(Model):
     backend: Literal["auto", "hpipm", "piqp", "conic"] = "auto"
     model: str = Field(default="", description="model revision (JSON) to start from; empty: the declared model")
     information_weight: float = Field(default=0.0, ge=0, description="q_I of Eq. (9); 0 is the plain MPCC")
+    information_goal: float = Field(
+        default=0.0, ge=0, lt=1, description="spread of the belief over the prior's at which exploring ends; 0: never"
+    )
     information_bound: float = Field(default=400.0, gt=0, description="largest Delta I of one stage, Eq. (9)")
     information_criterion: Literal["trace", "log_det"] = "trace"
     convexification: Literal["abs", "projection"] = "abs"
     load_limit: Literal["ellipse", "literal"] = "ellipse"
     sigma_level: float = Field(default=1.0, ge=0, le=3, description="Eq. (10) holds at this many sigma of the belief")
-    load_use: float = Field(default=0.95, gt=0, le=1, description="load limits of a first run over peak tyre force")
+    load_use: float = Field(default=0.9, gt=0, le=1, description="load limits of a first run over peak tyre force")
     load_limits: str = Field(default="", description="file of load limits carried from run to run; empty: first run")
     actuator_delay_s: float = Field(default=0.04, ge=0, le=0.5, description="command to first motion")
     steer_bandwidth_hz: float = Field(default=3.0, gt=0)

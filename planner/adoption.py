@@ -22,11 +22,12 @@ from hil_gateway.track import Track
 from planner.controller import Controller, TyreKnowledge
 from planner.envelope import envelope_of
 from planner.functions import Functions, build_functions, build_in_child
-from planner.load_limits import LoadLimits
+from planner.load_limits import LoadLimits, limit_within_run
 from planner.mpcc import Problem
 from planner.raceline import RaceLine, raceline_for
 from planner.settings import Settings
 from planner.track import Reference
+from planner.usable_grip import Axles, usable_grip, usable_share
 
 Array = npt.NDArray[np.float64]
 
@@ -34,8 +35,6 @@ SLEW = 0.01
 """largest relative change of a tyre parameter from one plan to the next"""
 PLAUSIBLE = 2.5
 """factor between tyre parameters beyond which a revision or a belief is taken for a fault"""
-PROFILE_SHARE = 0.9
-"""of the load limits that the race line's speed profile asks for; the rest corrects errors"""
 PROFILE_CHANGE = 0.03
 """relative change of usable grip that is worth a new speed profile"""
 PROBATION = 40
@@ -47,20 +46,19 @@ RACE_LINE_MARGIN = 1.9
 
 @dataclass(frozen=True)
 class TyreNames:
-    """Order, prior spread and peak factors of a model's tyre parameters."""
+    """Order and prior spread of a model's tyre parameters, and where those of each axle are."""
 
     names: tuple[str, ...]
     prior_std: Array
-    peaks: tuple[int, int]
-    """positions of the peak factor D of front and rear"""
+    axles: Axles
 
     @classmethod
     def of(cls, revised: RevisedModel) -> TyreNames:
         """Of a revised model."""
         table = revised.model.tyre_table
         names = tuple(p.name for p in table)
-        front, rear = ("df", "dr") if "df" in names else ("d", "d")
-        return cls(names, np.array([p.prior_std for p in table]), (names.index(front), names.index(rear)))
+        b, c, d = ([names.index(n + axle if n + axle in names else n) for axle in "fr"] for n in "bcd")
+        return cls(names, np.array([p.prior_std for p in table]), ((b[0], c[0], d[0]), (b[1], c[1], d[1])))
 
 
 @dataclass
@@ -192,26 +190,29 @@ class Adoption:
             mean, covariance = target, np.array(revision.covariance)
         else:
             mean, covariance = target, np.diag(tyre.prior_std**2)
-        # within a run the limits may only shrink: the model in force has less grip than they were set for
         use = self._config.planner.load_use
-        front, rear = (min(a, use * float(target[i])) for a, i in zip(self._limits.pair, tyre.peaks, strict=True))
+        front, rear = (
+            limit_within_run(limit, use, float(target[d]), float(mean[d]))
+            for limit, (_, _, d) in zip(self._limits.pair, tyre.axles, strict=True)
+        )
         return TyreKnowledge(target, mean, covariance, tyre.prior_std, (front, rear))
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""
-        share = usable_share(tyre, knowledge)
+        share = usable_share(tyre.axles, knowledge, self._settings.sigma_level)
         at_start = revised.phi_at(np.zeros(1))[:, 0]
         top = self._settings.limits.speed - 2.0
         envelope = envelope_of(revised.model, list(knowledge.theta), list(at_start), grip_use=share, max_speed=top)
         if self._line is None:
             self._line = raceline_for(self._track, envelope, RACE_LINE_MARGIN)
         self._line = self._line.with_envelope(envelope)
-        self._grip = usable_grip(tyre, knowledge)
+        self._grip = usable_grip(tyre.axles, knowledge, self._settings.sigma_level)
         return Reference(self._line)
 
     def _refresh_profile(self, current: Adopted, knowledge: TyreKnowledge) -> None:
         """New speed profile on the same path when the usable grip has changed: tens of ms, beside the planner."""
-        if abs(usable_grip(current.tyre, knowledge) / self._grip - 1.0) < PROFILE_CHANGE or self._worker is not None:
+        grip = usable_grip(current.tyre.axles, knowledge, self._settings.sigma_level)
+        if abs(grip / self._grip - 1.0) < PROFILE_CHANGE or self._worker is not None:
             return
         self._run(lambda: self._take_reference(self._reference(current.revised, current.tyre, knowledge)))
 
@@ -250,20 +251,3 @@ def _near(values: Sequence[float], references: Sequence[float] | Array) -> bool:
     """Whether all values are finite and within a factor `PLAUSIBLE` of their positive references."""
     ratios = np.asarray(values) / np.asarray(references)
     return bool(np.all(np.isfinite(ratios)) and np.all((ratios < PLAUSIBLE) & (ratios > 1 / PLAUSIBLE)))
-
-
-def usable_share(tyre: TyreNames, knowledge: TyreKnowledge) -> float:
-    """Share of the model's peak tyre force the speed profile may ask for, given load limits and belief.
-
-    Eq. (10) holds at the sigma points, which stand for up to one sigma more force at the same slip.
-    """
-    shares = []
-    for i, limit in zip(tyre.peaks, knowledge.load_max, strict=True):
-        worst = knowledge.mean[i] + np.sqrt(max(knowledge.covariance[i, i], 0.0))
-        shares.append(limit / max(worst, knowledge.theta[i]))
-    return float(np.clip(PROFILE_SHARE * min(shares), 0.3, 0.95))
-
-
-def usable_grip(tyre: TyreNames, knowledge: TyreKnowledge) -> float:
-    """Mean over the axles of the force over load that the profile may ask for."""
-    return usable_share(tyre, knowledge) * float(np.mean([knowledge.theta[i] for i in tyre.peaks]))

@@ -1,14 +1,15 @@
 """Learning campaign: how many samples until the tyres are known, driving to learn against driving normally.
 
 A trial is one seed and one way of driving, closed loop on the simulated car in one process on virtual time. Each seed
-is another car: every tyre parameter is drawn around the declared one. All ways of driving meet the same cars:
+is another car: every parameter of its tyres is off the declared one by the same share, up or down at random. All ways
+of driving meet the same cars:
 
-- `infomax`: Eq. (9) with the information term and a small pseudo-random dither on the steering: at zero slip the
-  information has a saddle, its gradient vanishes, and on a straight nothing else would leave it;
+- `infomax`: Eq. (9) with the information term, until the belief is as good as the campaign asks for;
 - `plain`: the same planner with q_I = 0;
-- `prbs`, `sine`: the plain planner with a pseudo-random binary or a swept-sine signal of the same size added.
-
-All keep the same track, load and actuator limits; the size is the largest that kept them on every car tried.
+- `prbs`, `sine`: the plain planner with a pseudo-random binary or a swept-sine signal added, of the largest size that
+  kept all limits;
+- `prior`, `learnt`: afterwards, the plain planner that learns nothing more, with the declared model, and with the
+  model, belief and load limits that the infomax drive ended with.
 """
 
 from __future__ import annotations
@@ -17,35 +18,28 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from estimator.model.parameters import DEFAULT_TYRE
-from estimator.node import Estimator
-from estimator.tyre_belief import Array, Sample
+from estimator.revision import declared_revision
 from hil_gateway import topics
 from hil_gateway.bus import Bus
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.config import Config, load_config
-from hil_gateway.messages import Belief, Command
+from hil_gateway.messages import Belief
 from hil_gateway.track import Track
-from hil_gateway.vehicle import Vehicle
+from planner.campaign_driving import ADDED_SIGNAL, ExcitedBus, FixedEstimator, Kept, RecordingEstimator
+from planner.campaign_safety import safety_figures
+from planner.load_limits import LoadLimits, store_limits
 from planner.loop import START_NS, Loop, LoopResult
 from planner.node import Planner
-from planner.safety import LOAD_TOLERANCE, Watch, Watched
+from planner.safety import Watch, Watched
 
 METHODS = ("infomax", "plain", "prbs", "sine")
-
-EXCITATION_ACCELERATION = 1.5
-"""lateral acceleration the added steering signals ask for, m/s2; 2.5 left 1 cm to the edge of the track"""
-EXCITATION_MIN_SPEED = 15.0
-EXCITATION_MAX = 0.02
-"""rad"""
-KEEP_EVERY = 10
-"""one sample in so many is kept for held-out scoring"""
-SLIP_SPEED = 10.0
-"""m/s"""
+AFTERWARDS = ("prior", "learnt")
 
 
 @dataclass(frozen=True)
@@ -54,11 +48,11 @@ class CampaignSettings:
 
     laps: int = 1
     track: str = ""
-    spread: tuple[float, float] = (0.85, 1.15)
-    """range of the true B and C over the declared ones"""
-    grip_spread: tuple[float, float] = (1.0, 1.25)
-    """range of the true D over the declared one: Eq. (10) presumes that the tyres bear what F-bar says"""
-    information_weight: float = 8.0
+    mismatch: float = 0.10
+    """by which B, C and D of either axle are off the declared ones"""
+    information_weight: float = 30.0
+    information_goal: float = 0.108
+    """spread of the belief over the prior's at which exploring ends: a little beyond parameters known to 5 %"""
     information_criterion: str = "log_det"
     convexification: str = "projection"
     """IMU measurements do not separate over the axles: the exact Hessian, projected"""
@@ -79,12 +73,20 @@ class Trial:
         return f"{self.method}-{self.seed:03d}"
 
 
+@dataclass(frozen=True)
+class Learnt:
+    """What a drive ended with: tyre parameters, their covariance, load limits for the next run."""
+
+    tyre: dict[str, float]
+    covariance: list[list[float]]
+    limits: tuple[float, float]
+
+
 def true_tyre(seed: int, settings: CampaignSettings) -> dict[str, float]:
     """Tyre parameters of the car of a seed (C_x follows from its brakes and engine, which stay)."""
-    rng = np.random.default_rng([2024, seed])
-    ranges = {"b": settings.spread, "c": settings.spread, "d": settings.grip_spread}
     lateral = {name: value for name, value in DEFAULT_TYRE["per_axle"].items() if name != "cx"}
-    return {name: float(value * rng.uniform(*ranges[name[0]])) for name, value in lateral.items()}
+    signs = np.random.default_rng([2024, seed]).choice([-1.0, 1.0], size=len(lateral))
+    return {n: float(v * (1.0 + settings.mismatch * s)) for (n, v), s in zip(lateral.items(), signs, strict=True)}
 
 
 def trial_config(trial: Trial, settings: CampaignSettings) -> Config:
@@ -92,81 +94,52 @@ def trial_config(trial: Trial, settings: CampaignSettings) -> Config:
     overrides: dict[str, Any] = {
         "track": settings.track,
         "plant.base": "paper",
-        "plant.seed": 100 * trial.seed + METHODS.index(trial.method),
+        "plant.seed": 100 * trial.seed + (METHODS + AFTERWARDS).index(trial.method),
         **{f"plant.car.{name}": value for name, value in true_tyre(trial.seed, settings).items()},
     }
     if trial.method == "infomax":
         overrides["planner.information_weight"] = settings.information_weight
+        overrides["planner.information_goal"] = settings.information_goal
         overrides["planner.information_criterion"] = settings.information_criterion
         overrides["planner.convexification"] = settings.convexification
         overrides["planner.information_bound"] = settings.information_bound
     return load_config(None, overrides)
 
 
-class ExcitedBus:
-    """The planner's bus with a steering signal added to every command."""
-
-    def __init__(self, bus: Bus, method: str, seed: int) -> None:
-        self._bus, self._method = bus, method
-        self._rng = np.random.default_rng([77, seed])
-        self._state = bus.subscribe(topics.ESTIMATE)
-        self._speed, self._sign, self._switch_ns = 0.0, 1.0, 0
-        self.subscribe, self.close = bus.subscribe, bus.close
-
-    def publish(self, topic: Any, message: Any) -> None:
-        """Publish, commands with the signal of this moment."""
-        if isinstance(message, Command):
-            message = message.model_copy(update={"steer": message.steer + self._signal(message.stamp_ns)})
-        self._bus.publish(topic, message)
-
-    def _signal(self, now_ns: int) -> float:
-        """Steering angle to add, rad: sized for one lateral acceleration at every speed."""
-        for estimate in self._state.poll(now_ns):
-            self._speed = estimate.vx
-        if self._speed < EXCITATION_MIN_SPEED:
-            return 0.0
-        amplitude = min(EXCITATION_ACCELERATION * 3.0 / self._speed**2, EXCITATION_MAX)
-        return amplitude * (self._prbs(now_ns) if self._method == "prbs" else self._sine(now_ns))
-
-    def _prbs(self, now_ns: int) -> float:
-        """+-1, held for 0.2 to 0.8 s."""
-        if now_ns >= self._switch_ns:
-            self._sign = -self._sign
-            self._switch_ns = now_ns + int(self._rng.uniform(0.2, 0.8) * NS_PER_S)
-        return self._sign
-
-    def _sine(self, now_ns: int) -> float:
-        """Sine sweeping from 0.3 to 1.2 Hz and back every 20 s."""
-        t = now_ns / NS_PER_S
-        return float(np.sin(2 * np.pi * (0.75 * t - 0.45 * 20.0 / (2 * np.pi) * np.cos(2 * np.pi * t / 20.0))))
+def run_trial(trial: Trial, settings: CampaignSettings, learnt: Learnt | None = None) -> dict[str, Any]:
+    """Drive one trial; the result is plain data, as `save` writes it. `learnt` is what `learnt` drives with."""
+    with TemporaryDirectory() as folder:
+        config = trial_config(trial, settings)
+        if trial.method in AFTERWARDS:
+            config = _without_learning(config, learnt if trial.method == "learnt" else None, Path(folder))
+        return _drive(trial, settings, config)
 
 
-class RecordingEstimator(Estimator):
-    """Estimator that keeps some of the samples it learns from."""
+def _without_learning(config: Config, learnt: Learnt | None, folder: Path) -> Config:
+    """Planner and estimator fixed on a model: the declared one, or what was learnt with its load limits."""
+    planner: dict[str, str] = {}
+    if learnt is not None:
+        model, limits = folder / "model.json", folder / "limits.json"
+        covariance = tuple(map(tuple, learnt.covariance))
+        revision = declared_revision("per_axle", learnt.tyre).model_copy(update={"covariance": covariance})
+        model.write_text(revision.model_dump_json())
+        store_limits(limits, LoadLimits(*learnt.limits))
+        planner = {"model": str(model), "load_limits": str(limits)}
+    return config.model_copy(update={
+        "planner": config.planner.model_copy(update=planner),
+        "estimator": config.estimator.model_copy(update={"model": planner.get("model", ""), "learn": False}),
+    })  # fmt: skip
 
-    def __init__(self, config: Config, bus: Bus, track: Track | None = None) -> None:
-        super().__init__(config, bus, track)
-        self.kept: list[tuple[int, Sample]] = []
-        self._seen = 0
 
-    def learn(self, sample: Sample, stamp_ns: int) -> None:
-        """See `Estimator.learn`."""
-        self._seen += 1
-        if self._seen % KEEP_EVERY == 0:
-            self.kept.append((stamp_ns, sample))
-        super().learn(sample, stamp_ns)
-
-
-def run_trial(trial: Trial, settings: CampaignSettings) -> dict[str, Any]:
-    """Drive one trial; the result is plain data, as `save` writes it."""
-    config = trial_config(trial, settings)
+def _drive(trial: Trial, settings: CampaignSettings, config: Config) -> dict[str, Any]:
     watch = Watch()
 
     def planner(config: Config, bus: Bus, track: Track) -> Planner:
-        signal = None if trial.method == "plain" else "sine" if trial.method == "sine" else "prbs"
+        signal = ADDED_SIGNAL.get(trial.method)
         return Watched(config, ExcitedBus(bus, signal, trial.seed) if signal else bus, track, watch)
 
-    loop = Loop(config, keep=(topics.BELIEF,), components={"estimator": RecordingEstimator, "planner": planner})
+    estimator_class = FixedEstimator if trial.method in AFTERWARDS else RecordingEstimator
+    loop = Loop(config, keep=(topics.BELIEF,), components={"estimator": estimator_class, "planner": planner})
     result = loop.run(laps=settings.laps, time_limit_s=settings.time_limit_s)
     estimator = loop.estimator
     assert isinstance(estimator, RecordingEstimator) and isinstance(loop.planner, Planner)
@@ -175,65 +148,20 @@ def run_trial(trial: Trial, settings: CampaignSettings) -> dict[str, Any]:
         "trial": asdict(trial),
         "settings": asdict(settings),
         "truth": tyre,
-        "safety": _safety(result, watch, estimator.kept, tyre, loop.planner.limits.pair),
+        "safety": safety_figures(result, watch, estimator.kept, tyre, loop.planner.limits.pair),
         "lap_times_s": result.lap_times_s,
         "start_s": loop.elapsed_s - result.seconds,
         "belief": _beliefs(result),
-        "kept": _kept(estimator.kept),
+        "held_out": _held_out(estimator.kept),
+        "learnt": _learnt(result, loop.planner),
     }
 
 
-def _safety(
-    result: LoopResult, watch: Watch, kept: list[tuple[int, Sample]], tyre: Mapping[str, float],
-    limits: tuple[float, float],
-) -> dict[str, Any]:  # fmt: skip
-    """Violations: off track by the referee, loads as `hil plan safety` counts them, traction by true tyres."""
-    loads = np.maximum(watch.front, watch.rear)
-    return {
-        "laps": result.laps,
-        "off_track": result.off_track,
-        "worst_margin_m": result.worst_margin_m,
-        "load_violations": int(np.sum(loads > 1.0 + LOAD_TOLERANCE)),
-        "worst_load_share": float(loads.max(initial=0.0)),
-        "worst_true_load_share": float(load_shares(kept, tyre, limits).max(initial=0.0)),
-        "traction_lost": int(np.sum(slip_shares(kept, tyre) > 1.0)),
-        "plan_failures": result.plan_failures,
-        "failsafes": [list(entry) for entry in result.failsafes],
-    }
-
-
-def load_shares(kept: list[tuple[int, Sample]], tyre: Mapping[str, float], limits: tuple[float, float]) -> Array:
-    """Force of either axle over its load limit at every kept sample, shape (2 K,) at most, with the true tyres.
-
-    Written out in numpy so as not to judge the planner by its own model. `limits` are over static axle load. At
-    walking speed a slip angle is mostly sensor noise: those samples are left out.
-    """
-    if not kept:
-        return np.zeros(0)
-    slip_f, slip_r, drive = _slips(kept)
-    front = tyre["df"] * np.sin(tyre["cf"] * np.arctan(tyre["bf"] * slip_f))
-    rear = tyre["dr"] * np.sin(tyre["cr"] * np.arctan(tyre["br"] * slip_r))
-    along = DEFAULT_TYRE["per_axle"]["cx"] * drive / Vehicle().static_load_rear
-    return np.concatenate([np.abs(front) / limits[0], np.hypot(rear, along) / limits[1]])
-
-
-def slip_shares(kept: list[tuple[int, Sample]], tyre: Mapping[str, float]) -> Array:
-    """Slip angle of either axle over that of the true tyre's peak, shape (2 K,) at most: above 1 traction is lost."""
-    if not kept:
-        return np.zeros(0)
-    slip_f, slip_r, _ = _slips(kept)
-    return np.concatenate([
-        np.abs(slip) * tyre[b] / np.tan(0.5 * np.pi / max(tyre[c], 1.0 + 1e-6))
-        for slip, b, c in ((slip_f, "bf", "cf"), (slip_r, "br", "cr"))
-    ])  # fmt: skip
-
-
-def _slips(kept: list[tuple[int, Sample]]) -> tuple[Array, Array, Array]:
-    """Slip angles, rad, and drive command of the samples above `SLIP_SPEED`."""
-    v = Vehicle()
-    signals = np.array([sample.signals for _, sample in kept])
-    vx, vy, rate, steer, drive = signals[signals[:, 0] > SLIP_SPEED].T
-    return steer - np.arctan2(vy + v.lf * rate, vx), -np.arctan2(vy - v.lr * rate, vx), drive
+def _learnt(result: LoopResult, planner: Planner) -> dict[str, Any]:
+    last = result.messages[topics.BELIEF.key][-1]
+    assert isinstance(last, Belief)
+    tyre = dict(zip(last.names, last.mean, strict=True))
+    return asdict(Learnt(tyre, [list(row) for row in last.covariance], planner.next_limits().pair))
 
 
 def _beliefs(result: LoopResult) -> dict[str, Any]:
@@ -249,15 +177,15 @@ def _beliefs(result: LoopResult) -> dict[str, Any]:
     }
 
 
-def _kept(kept: list[tuple[int, Sample]]) -> dict[str, Any]:
+def _held_out(kept: list[Kept]) -> dict[str, Any]:
+    samples = [k.sample for k in kept if k.held_out]
     return {
-        "t": [(stamp_ns - START_NS) / NS_PER_S for stamp_ns, _ in kept],
-        "signals": [np.round(s.signals, 6).tolist() for _, s in kept],
-        "z": [np.round(s.z, 5).tolist() for _, s in kept],
+        "signals": [np.round(s.signals, 6).tolist() for s in samples],
+        "z": [np.round(s.z, 5).tolist() for s in samples],
     }
 
 
-def save(folder: Path, result: dict[str, Any]) -> None:
+def save(folder: Path, result: Mapping[str, Any]) -> None:
     """Write a trial's result beside the others; appears whole or not at all."""
     trial = Trial(**result["trial"])
     folder.mkdir(parents=True, exist_ok=True)

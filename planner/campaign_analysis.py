@@ -4,7 +4,9 @@ Targets, per car:
 
 - D-criterion: the geometric mean over all directions in parameter space of standard deviation over prior standard
   deviation, det(P)^(1/2n), is so small that the tyres are known to 10, 5 or 3 %;
-- held-out RMSE: lateral acceleration on the other drives of the car within a tenth of the true tyres' RMSE.
+- held-out RMSE: lateral acceleration within a tenth of the true tyres' RMSE, on what no drive of the car has learnt
+  from (one second in ten of every drive; the same data for all ways of driving);
+- learnt: both at once, 5 % and RMSE. At 10 % C is still where it began: C_x alone brings the mean there.
 
 A drive that never gets there counts with its whole length and is said to be censored. Ratios are paired by seed;
 intervals are 95 % bootstrap percentiles over seeds (Efron & Tibshirani 1993).
@@ -32,8 +34,11 @@ ACCURACIES = {"d_10_percent": 0.10, "d_5_percent": 0.05, "d_3_percent": 0.03}
 TARGETS = {
     **{name: f"D-criterion: tyre parameters known to {a:.0%} in the geometric mean" for name, a in ACCURACIES.items()},
     "rmse": f"held-out RMSE of ay within {RMSE_MARGIN:.0%} of the true tyres'",
+    "learnt": f"both: known to 5 % and held-out RMSE within {RMSE_MARGIN:.0%}",
 }
-HEADLINE = "d_10_percent"
+HEADLINE = "learnt"
+BOTH = ("d_5_percent", "rmse")
+"""what `learnt` asks for"""
 BOOTSTRAP = 4000
 SCORE_EVERY = 5
 """beliefs are scored twice a second"""
@@ -72,22 +77,19 @@ class Interval:
 
 
 def drives_of(results: Sequence[dict[str, Any]]) -> list[Drive]:
-    """Analysis view of all trials; held-out data of a drive are the other drives of the same car."""
+    """Analysis view of all learning trials, scored on the held-out data of all of the same car."""
     score = _Score()
-    return [
-        _drive(r, [o for o in results if o["trial"]["seed"] == r["trial"]["seed"] and o is not r], score)
-        for r in results
-    ]
+    return [_drive(r, [o for o in results if o["trial"]["seed"] == r["trial"]["seed"]], score) for r in results]
 
 
-def _drive(result: dict[str, Any], others: Sequence[dict[str, Any]], score: _Score) -> Drive:
+def _drive(result: dict[str, Any], of_the_car: Sequence[dict[str, Any]], score: _Score) -> Drive:
     belief, start = result["belief"], result["start_s"]
     t, mean = np.array(belief["t"]) - start, np.array(belief["mean"])
     moving = t >= 0.0
     t, mean = t[moving], mean[moving]
     truth = np.array([result["truth"].get(name, np.nan) for name in belief["names"]])
-    signals = np.concatenate([np.array(o["kept"]["signals"]) for o in others])
-    z = np.concatenate([np.array(o["kept"]["z"])[:, LATERAL] for o in others])
+    signals = np.concatenate([np.array(o["held_out"]["signals"]) for o in of_the_car])
+    z = np.concatenate([np.array(o["held_out"]["z"])[:, LATERAL] for o in of_the_car])
     true_theta = np.where(np.isnan(truth), mean[-1], truth)
     return Drive(
         method=result["trial"]["method"],
@@ -150,6 +152,8 @@ def samples_to_targets(drives: Sequence[Drive]) -> dict[str, dict[str, dict[int,
             table[target].setdefault(d.method, {})[d.seed] = (found[0] * RATE_HZ, found[1])
         found = seconds_to(d.rmse_t, d.rmse, (1.0 + RMSE_MARGIN) * d.floor, rising=False)
         table["rmse"].setdefault(d.method, {})[d.seed] = (found[0] * RATE_HZ, found[1])
+        parts = [table[target][d.method][d.seed] for target in BOTH]
+        table["learnt"].setdefault(d.method, {})[d.seed] = (max(n for n, _ in parts), all(ok for _, ok in parts))
     return table
 
 

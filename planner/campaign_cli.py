@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,7 +14,7 @@ import typer
 from hil_gateway.errors import EXIT_FAILURE, InputError
 
 if TYPE_CHECKING:
-    from planner.campaign import CampaignSettings, Trial
+    from planner.campaign import Learnt, Trial
 
 app = typer.Typer(no_args_is_help=True, help="Long comparisons over seeds.")
 
@@ -34,6 +33,9 @@ def learn(  # noqa: PLR0917  (one argument a flag)
     = "infomax,plain,prbs,sine",
     weight: Annotated[float | None, typer.Option(help="q_I of Eq. (9) for infomax")] = None,
     criterion: Annotated[str | None, typer.Option(help="information criterion: trace | log_det")] = None,
+    first_seed: Annotated[int, typer.Option(min=0, help="number of the first car")] = 0,
+    afterwards: Annotated[int, typer.Option(min=0, help="cars that also drive with declared and with learnt model")]
+    = 0,
     out: Annotated[Path, typer.Option(help="folder of trials and report; trials in it are not driven again")]
     = Path("campaign-learn"),
     processes: Annotated[int, typer.Option(min=1, help="drives at a time")] = os.cpu_count() or 1,
@@ -45,6 +47,7 @@ def learn(  # noqa: PLR0917  (one argument a flag)
     Resumable: interrupted, the same command goes on where it stopped.
     """
     from planner.campaign import CampaignSettings, Trial
+    from planner.campaign_run import Machines, drive_all
 
     default = CampaignSettings()
     settings = replace(
@@ -52,9 +55,11 @@ def learn(  # noqa: PLR0917  (one argument a flag)
         information_weight=default.information_weight if weight is None else weight,
         information_criterion=criterion or default.information_criterion,
     )  # fmt: skip
-    trials = [Trial(method, seed) for seed in range(seeds) for method in _methods(methods)]
-    results = _drive_all(trials, settings, out, processes, scheduler)
-    summary = _conclude(results, out)
+    cars, machines = range(first_seed, first_seed + seeds), Machines(processes, scheduler)
+    trials = [Trial(method, seed) for seed in cars for method in _methods(methods)]
+    results = drive_all([(trial, None) for trial in trials], settings, out, machines)
+    proofs = drive_all(_afterwards(results, afterwards), settings, out, machines)
+    summary = _conclude(results, proofs, out)
     if as_json:
         print(json.dumps(summary))
     else:
@@ -72,67 +77,24 @@ def _methods(text: str) -> tuple[str, ...]:
     return tuple(m for m in METHODS if m in names)
 
 
-def _drive_all(
-    trials: Sequence[Trial], settings: CampaignSettings, out: Path, processes: int, scheduler: str
-) -> list[dict[str, Any]]:
-    """All results, from the folder or driven now."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+def _afterwards(results: Sequence[dict[str, Any]], cars: int) -> list[tuple[Trial, Learnt | None]]:
+    """Drives with the declared model and with what infomax learnt, for the first `cars` cars."""
+    from planner.campaign import Trial
+    from planner.campaign_after import learnt_by
 
-    from planner.campaign import load, save
-
-    found = {trial: load(out, trial, settings) for trial in trials}
-    missing = [trial for trial, result in found.items() if result is None]
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(file=sys.stderr)) as progress:
-        task = progress.add_task("driving", total=len(trials), completed=len(trials) - len(missing))
-        for trial, result in _run(missing, settings, processes, scheduler):
-            save(out, result)
-            found[trial] = result
-            progress.update(task, advance=1, description=f"driven {trial.name}")
-    return [result for result in found.values() if result is not None]
+    learnt = {r["trial"]["seed"]: learnt_by(r) for r in results if r["trial"]["method"] == "infomax"}
+    chosen = sorted(learnt)[:cars]
+    return [job for s in chosen for job in ((Trial("prior", s), None), (Trial("learnt", s), learnt[s]))]
 
 
-def _run(
-    trials: Sequence[Trial], settings: CampaignSettings, processes: int, scheduler: str
-) -> Iterator[tuple[Trial, dict[str, Any]]]:
-    """Results as they finish, from worker processes of this machine or of a dask cluster."""
-    from concurrent.futures import ProcessPoolExecutor, as_completed
-    from multiprocessing import get_context
-
-    from planner.campaign import run_trial
-
-    if scheduler:
-        yield from _run_on_cluster(trials, settings, scheduler)
-        return
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(run_trial, trial, settings): trial for trial in trials}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-
-
-def _run_on_cluster(
-    trials: Sequence[Trial], settings: CampaignSettings, scheduler: str
-) -> Iterator[tuple[Trial, dict[str, Any]]]:
-    try:
-        from distributed import Client, as_completed
-    except ImportError:
-        raise InputError("--scheduler needs dask: pip install 'hil-gateway[cluster]'") from None
-    from planner.campaign import run_trial
-
-    with Client(scheduler) as client:
-        futures = {client.submit(run_trial, trial, settings, pure=False): trial for trial in trials}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-
-
-def _conclude(results: Sequence[dict[str, Any]], out: Path) -> dict[str, Any]:
+def _conclude(results: Sequence[dict[str, Any]], proofs: Sequence[dict[str, Any]], out: Path) -> dict[str, Any]:
     """Summary and report beside the trials."""
+    from planner.campaign_after import compare
     from planner.campaign_analysis import drives_of, summarise
     from planner.campaign_report import write_report
 
     drives = drives_of(results)
-    summary = summarise(drives)
+    summary = {**summarise(drives), "afterwards": compare(proofs)}
     summary["report"] = str(write_report(drives, summary, out / "report.html"))
     (out / "summary.json").write_text(json.dumps(summary, indent=1))
     return summary
@@ -158,5 +120,10 @@ def _print(summary: dict[str, Any]) -> None:
             f"{method}: lap time lost {interval(m['lap_time_lost_percent'])} %, off track {m['violations']['track']}, "
             f"over load limit {m['violations']['load']}, traction lost {m['violations']['traction']}, "
             f"failed plans {m['plan_failures']}"
+        )
+    if (after := summary["afterwards"]) is not None:
+        console.print(
+            f"afterwards: {interval(after['faster_percent'])} % faster with the learnt model, "
+            f"least margin {after['prior']['worst_margin_m']:.2f} -> {after['learnt']['worst_margin_m']:.2f} m"
         )
     console.print(f"report: {summary['report']}")

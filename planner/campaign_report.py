@@ -17,7 +17,10 @@ COLOUR = {
 }  # fmt: skip
 LABEL = {"infomax": "infomax MPCC", "plain": "plain MPCC", "prbs": "plain + PRBS steering", "sine": "plain + sine"}
 
-SHORT = {"d_10_percent": "known to 10 %", "d_5_percent": "known to 5 %", "d_3_percent": "known to 3 %", "rmse": "RMSE"}
+SHORT = {
+    "d_10_percent": "known to 10 %", "d_5_percent": "known to 5 %", "d_3_percent": "known to 3 %", "rmse": "RMSE",
+    "learnt": "5 % and RMSE",
+}  # fmt: skip
 assert set(SHORT) == set(TARGETS)
 
 
@@ -38,10 +41,13 @@ def write_report(drives: Sequence[Drive], summary: dict[str, Any], path: Path) -
         report.section("What learning costs, and whether it stayed safe")
         report.figure(_laps(drives, methods), "Lap times by car; the first lap starts from standstill.")
     _safety(report, summary, methods)
+    if summary["afterwards"] is not None:
+        _afterwards(report, summary["afterwards"])
     report.section("How it was done")
     report.items([f"{name}: {text}" for name, text in summary["targets"].items()])
     report.items([
-        "Every car has other tyres, drawn around the declared ones; all ways of driving meet the same cars.",
+        "Every car has other tyres: each of B, C, D of either axle is off the declared value by the same share, up or "
+        "down at random. All ways of driving meet the same cars.",
         "Samples are 100 Hz vehicle states driven since arming. A drive that does not reach a target counts in full.",
         "Off track is judged by the simulated car's referee; over load limit as `hil plan safety` counts it; "
         "traction is lost when a true tyre slips beyond its own peak.",
@@ -66,7 +72,7 @@ def _verdict(report: Report, summary: dict[str, Any]) -> None:
     lap = "not measured" if lost is None else f"{lost['median']:+.1f} %"
     good = gain["median"] >= 2.0 and violations == 0 and lost is not None and lost["median"] <= 3.0
     report.verdict(
-        f"Driving to learn knows the tyres to 10 % with {gain['median']:.1f} times fewer samples than plain driving, "
+        f"Driving to learn knows the tyres with {gain['median']:.1f} times fewer samples than plain driving, "
         f"at {lap} lap time and {violations} violations.",
         "good" if good else "warn",
     )
@@ -155,3 +161,20 @@ def _safety(report: Report, summary: dict[str, Any], methods: Sequence[str]) -> 
     header = ["way of driving", "lap time lost, %", "off track", "over load limit", "traction lost", "true load share",
               "least margin, m", "failed plans", "parameter error", "held-out RMSE, m/s²"]  # fmt: skip
     report.table(header, rows, "Off track and over the load limit: counts over all cars.")
+
+
+def _afterwards(report: Report, after: dict[str, Any]) -> None:
+    report.section(
+        "After learning",
+        f"The plain planner, learning nothing more, on {after['seeds']} cars: with the declared model and with model, "
+        f"belief and load limits that driving to learn ended with. Faster by {interval(after['faster_percent'])} %.",
+    )  # fmt: skip
+    rows = [
+        [name, interval(after[key]["lap_time_s"]), interval(after[key]["margin_m"]),
+         f"{after[key]['worst_margin_m']:.2f}", f"{after[key]['worst_slip_share']:.2f}",
+         *(str(n) for n in after[key]["violations"].values())]
+        for key, name in (("prior", "declared model"), ("learnt", "learnt model"))
+    ]  # fmt: skip
+    header = ["model", "lap, s", "margin, m", "least margin, m", "slip over that of the peak", "off track",
+              "over load limit", "traction lost"]  # fmt: skip
+    report.table(header, rows, "Medians over cars; violations are counts over all cars.")

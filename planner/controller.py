@@ -98,14 +98,16 @@ class Controller:
     def _weigh_information(self, speed: float) -> None:
         """q_I at this speed, and W of Tr(W F): prior variances for `trace`; for `log_det` P after the horizon's F.
 
-        d log det(P^-1 + sum F) = Tr(W dF) with W = (P^-1 + sum F)^-1, taken at the guess.
+        d log det(P^-1 + sum F) = Tr(W dF) with W = (P^-1 + sum F)^-1, taken at the guess, F as much as the belief
+        will count it for: taken in full, a moment of slip would seem to have taught all there is.
         """
         k, info = self.knowledge, self.settings.information
-        q = infomax.scheduled_weight(info.weight, speed, k.covariance, k.prior_std, info.criterion)
+        spread = infomax.relative_spread(k.covariance, k.prior_std)
+        q = infomax.scheduled_weight(info.weight, speed, spread, info.goal)
         self.common[self.problem.common["q_information"]] = q
         W: Array = np.diag(k.prior_std**2)
         if self.problem.informative and info.criterion == "log_det":
-            F = self.sqp.horizon_information(self.common)
+            F = infomax.independent_samples(self.settings.dt) * self.sqp.horizon_information(self.common)
             # (P^-1 + F)^-1 without inverting P, which may be singular
             W = np.asarray(np.linalg.solve(np.eye(len(k.mean)) + k.covariance @ F, k.covariance))
         self.common[self.problem.common["information_weight"]] = W.ravel()

@@ -25,7 +25,7 @@ from estimator.information import stage_information
 from estimator.model.measurement import CHANNELS
 from estimator.model.single_track import SingleTrack
 from estimator.model.tyre import Expr
-from estimator.tyre_belief import DEFAULT_STD
+from estimator.tyre_belief import DEFAULT_STD, BeliefSettings
 
 if TYPE_CHECKING:
     from planner.mpcc import Problem
@@ -34,9 +34,10 @@ Array = npt.NDArray[np.float64]
 
 LEARNING_SPEED = (12.0, 20.0)
 """m/s between which the weight rises from 0 to q_I: slower, slip angles are noise and the belief's gates are shut"""
-CONFIDENT = 60.0
-"""mean precision over the prior's from which the weight of `log_det` grows with it"""
-
+FADE = 1.1
+"""the weight begins to fade where the belief is so many times as wide as its goal"""
+SAMPLES_PER_S = 100.0
+"""measurements the belief takes in"""
 FORCE_STATES = (3, 4, 5, 7, 8)
 """vx, vy, yaw_rate, drive, steer: entries of z that tyre forces depend on"""
 
@@ -145,17 +146,23 @@ def project(hessians: Array) -> Array:
     return np.asarray((vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
 
-def scheduled_weight(weight: float, speed: float, covariance: Array, prior_std: Array, criterion: str) -> float:
-    """q_I of this step from the configured one, the speed (m/s) and, for `log_det`, what is known already.
+def scheduled_weight(weight: float, speed: float, spread: float, goal: float) -> float:
+    """q_I of this step from the configured one, the speed (m/s) and what is known already.
 
-    An increment of log det shrinks as 1/t while driving costs stay: beyond `CONFIDENT` the weight grows with
-    det(precision)^(1/n), which turns the criterion into D-efficiency (Kiefer's Phi_0; Pukelsheim, Optimal Design of
-    Experiments, ch. 6). Before that it does not: a poorly known car must not be driven harder for information.
+    `spread` is that of the belief (`relative_spread`); exploring ends where it reaches `goal`, both over the prior's.
     """
     low, high = LEARNING_SPEED
     gate = float(np.clip((speed - low) / (high - low), 0.0, 1.0))
-    if criterion != "log_det":
-        return weight * gate
+    need = float(np.clip((spread / goal - 1.0) / (FADE - 1.0), 0.0, 1.0)) if goal > 0 else 1.0
+    return weight * gate * need
+
+
+def relative_spread(covariance: Array, prior_std: Array) -> float:
+    """Geometric mean over the directions of parameter space of standard deviation over that of the prior."""
     sign, log_det = np.linalg.slogdet(covariance / np.outer(prior_std, prior_std))
-    precision = float(np.exp(-log_det / len(prior_std))) if sign > 0 else 1.0
-    return weight * gate * max(1.0, precision / CONFIDENT)
+    return float(np.exp(0.5 * log_det / len(prior_std))) if sign > 0 else 0.0
+
+
+def independent_samples(dt: float) -> float:
+    """How many independent measurements a stage of `dt` s stands for in the belief, whose errors are correlated."""
+    return dt * SAMPLES_PER_S / BeliefSettings().correlation_samples

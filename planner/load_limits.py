@@ -8,7 +8,7 @@ The rule, per axle, in units of axle load:
     next = min(supported, demonstrated, present * (1 + STEP))  otherwise, never below the present limit
 
 So the envelope grows only as far as the belief supports it, by at most STEP a run, and not beyond STEP over what
-the car has been seen to hold.
+the car has been seen to hold. Within a run it only shrinks (`limit_within_run`).
 """
 
 from __future__ import annotations
@@ -55,6 +55,15 @@ def next_limit(present: float, run: RunEvidence) -> float:
     if supported < present:
         return max(supported, 0.1)
     return max(present, min(supported, (1.0 + STEP) * run.held, (1.0 + STEP) * present))
+
+
+def limit_within_run(present: float, use: float, peak_in_force: float, peak_believed: float) -> float:
+    """Limit of one axle at this moment: that of the run, or the share `use` of the lesser peak factor D.
+
+    Counted are the one the motion is predicted with and the mean of the belief, so that a belief that has learnt of
+    less grip lowers the limit at once, before the model in force follows. Within a run limits never widen.
+    """
+    return min(present, use * min(peak_in_force, peak_believed))
 
 
 class HeldLoad:

@@ -88,15 +88,18 @@ class Planner:
 
     def store_limits(self) -> None:
         """Write the load limits the next run may use, if a file is configured."""
-        if not (path := self._config.planner.load_limits):
-            return
+        if path := self._config.planner.load_limits:
+            store_limits(path, self.next_limits())
+
+    def next_limits(self) -> LoadLimits:
+        """Load limits the next run may use."""
         k, names = self.adoption.controller.knowledge, list(self.adoption.current.revision.tyre)
         pair = []
         for present, held, peak in zip(self.limits.pair, self._held, ("df", "dr"), strict=True):
             i = names.index(peak if peak in names else "d")
             run = RunEvidence(float(k.mean[i]), float(np.sqrt(k.covariance[i, i])), held.value)
             pair.append(next_limit(present, run))
-        store_limits(path, LoadLimits(*pair))
+        return LoadLimits(*pair)
 
     def _take_in(self, now_ns: int) -> None:
         """Everything that has arrived except the estimate."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,20 +20,13 @@ from hil_gateway.errors import InputError
 from hil_gateway.messages import Command, Estimate
 from hil_gateway.vehicle import Vehicle
 from planner import campaign
-from planner.campaign import (
-    CampaignSettings,
-    ExcitedBus,
-    Trial,
-    load,
-    load_shares,
-    save,
-    slip_shares,
-    trial_config,
-    true_tyre,
-)
+from planner.campaign import CampaignSettings, Learnt, Trial, load, save, trial_config, true_tyre
+from planner.campaign_after import compare, learnt_by
 from planner.campaign_analysis import bootstrap, d_target, drives_of, seconds_to, summarise
 from planner.campaign_cli import _methods
+from planner.campaign_driving import EXCITATION_ACCELERATION, ExcitedBus, FixedEstimator, Kept, RecordingEstimator
 from planner.campaign_report import write_report
+from planner.campaign_safety import load_shares, slip_shares
 
 SETTINGS = CampaignSettings()
 NAMES = [p.name for p in tyre_parameters("per_axle")]
@@ -54,11 +48,13 @@ def made_up(method: str, seed: int, rate: float) -> dict[str, Any]:
         "trial": {"method": method, "seed": seed}, "settings": {}, "truth": tyre, "start_s": 2.0,
         "lap_times_s": [98.0 if method == "plain" else 99.0],
         "safety": {"laps": 1, "off_track": 0, "worst_margin_m": 0.4, "load_violations": 0, "worst_load_share": 0.98,
-                   "worst_true_load_share": 1.01, "traction_lost": 0,
+                   "worst_true_load_share": 1.01, "traction_lost": 0, "worst_slip_share": 0.7,
                    "plan_failures": 0, "failsafes": []},
         "belief": {"t": (t + 2.0).tolist(), "log_det": (7 * np.log1p(rate * t)).tolist(), "names": NAMES,
                    "mean": mean.tolist()},
-        "kept": {"t": [], "signals": signals.tolist(), "z": (z + rng.normal(0, 0.1, z.shape)).tolist()},
+        "held_out": {"signals": signals.tolist(), "z": (z + rng.normal(0, 0.1, z.shape)).tolist()},
+        "learnt": {"tyre": dict(zip(NAMES, truth.tolist(), strict=True)), "covariance": np.eye(7).tolist(),
+                   "limits": [1.2, 1.3]},
     }  # fmt: skip
 
 
@@ -66,14 +62,14 @@ def made_up(method: str, seed: int, rate: float) -> dict[str, Any]:
 def summary_and_drives() -> tuple[dict[str, Any], list[Any]]:
     results = [made_up(m, s, r) for s in range(6) for m, r in (("infomax", 3.0), ("plain", 1.0))]
     drives = drives_of(results)
-    return summarise(drives), drives
+    return {**summarise(drives), "afterwards": None}, drives
 
 
 def test_learning_three_times_as_fast_is_counted_as_a_third_of_the_samples(
     summary_and_drives: tuple[dict[str, Any], list[Any]],
 ) -> None:
     infomax = summary_and_drives[0]["methods"]["infomax"]
-    for target in ("d_10_percent", "d_5_percent", "rmse"):
+    for target in ("d_10_percent", "d_5_percent", "rmse", "learnt"):
         assert infomax["targets"][target]["fewer_than_plain"]["median"] == pytest.approx(3.0, rel=0.12), target
         assert infomax["targets"][target]["reached"] == 6
     assert infomax["lap_time_lost_percent"]["median"] == pytest.approx(100 / 98, abs=1e-6)
@@ -148,7 +144,7 @@ def test_excitation_adds_a_bounded_signal_only_at_speed(method: str) -> None:
         command = Command(stamp_ns=now_ns, seq=k, source="planner", state_stamp_ns=now_ns, steer=0.01, drive=0.0)
         bus.publish(topics.COMMAND, command)
     added = np.array([c.steer - 0.01 for c in out.poll(0)])
-    amplitude = campaign.EXCITATION_ACCELERATION * 3.0 / 40.0**2
+    amplitude = EXCITATION_ACCELERATION * 3.0 / 40.0**2
     assert np.all(added[:200] == 0.0)
     assert np.max(np.abs(added)) == pytest.approx(amplitude, rel=0.01)
     assert abs(np.mean(added[200:])) < 0.25 * amplitude
@@ -158,11 +154,59 @@ def test_load_share_is_that_of_the_true_tyres() -> None:
     tyre = {"bf": 9.0, "cf": 1.4, "df": 1.5, "br": 10.0, "cr": 1.4, "dr": 1.5}
     peak = np.tan(np.pi / 2 / 1.4) / 9.0
     signals = np.array([40.0, 0.0, 0.0, peak, 0.0])
-    sample = Sample(signals, np.zeros((3, 3)), np.zeros(3), np.zeros(len(AUXILIARY)))
-    slow = replace(sample, signals=np.array([5.0, *signals[1:]]))
-    shares = load_shares([(0, sample), (0, slow)], tyre, (1.2, 1.3))
-    assert shares == pytest.approx([1.5 / 1.2, 0.0])
-    assert slip_shares([(0, sample), (0, slow)], tyre) == pytest.approx([1.0, 0.0])
+    kept = [Kept(0, sample_of(s), False) for s in (signals, np.array([5.0, *signals[1:]]))]
+    assert load_shares(kept, tyre, (1.2, 1.3)) == pytest.approx([1.5 / 1.2, 0.0])
+    assert slip_shares(kept, tyre) == pytest.approx([1.0, 0.0])
+
+
+def sample_of(signals: np.ndarray) -> Sample:
+    return Sample(signals, np.zeros((3, 3)), np.array([0.0, 12.0, 0.0]), np.zeros(len(AUXILIARY)))
+
+
+def test_one_second_in_ten_is_held_out_and_a_fixed_estimator_learns_nothing() -> None:
+    config = trial_config(Trial("plain", 0), SETTINGS)
+    sample = sample_of(np.array([40.0, -1.0, 0.3, 0.08, 0.0]))
+    learning, fixed = (kind(config, LocalBus()) for kind in (RecordingEstimator, FixedEstimator))
+    for k in range(2000):
+        for estimator in (learning, fixed):
+            estimator.learn(sample, k * 10_000_000)
+    assert learning.belief.samples == 1800
+    assert fixed.belief.samples == 0
+    assert sum(k.held_out for k in learning.kept) == 0.1 * len(learning.kept) == 40
+
+
+def test_cars_are_off_by_the_mismatch_up_or_down() -> None:
+    ratios = np.array([
+        [value / DEFAULT_TYRE["per_axle"][name] for name, value in true_tyre(seed, SETTINGS).items()]
+        for seed in range(20)
+    ])  # fmt: skip
+    assert np.abs(ratios - 1.0) == pytest.approx(np.full(ratios.shape, SETTINGS.mismatch))
+    assert np.all((ratios < 1.0).any(axis=0) & (ratios > 1.0).any(axis=0)), "both signs of every parameter"
+
+
+def test_learning_is_proved_by_the_laps_after_it(
+    summary_and_drives: tuple[dict[str, Any], list[Any]], tmp_path: Path
+) -> None:
+    results = []
+    for seed, (before, after) in enumerate([(100.0, 95.0), (102.0, 97.0), (101.0, 102.0)]):
+        for method, lap in (("prior", before), ("learnt", after)):
+            results.append({**made_up(method, seed, 1.0), "lap_times_s": [lap]})
+    found = compare(results)
+    assert found is not None
+    assert found["faster_percent"]["median"] == pytest.approx(100 * 5 / 102)
+    assert found["slower_cars"] == 1
+    assert compare(results[:1]) is None
+    summary, drives = summary_and_drives
+    assert "After learning" in write_report(drives, {**summary, "afterwards": found}, tmp_path / "r.html").read_text()
+
+
+def test_what_was_learnt_survives_the_file(tmp_path: Path) -> None:
+    result = {**made_up("infomax", 0, 1.0), "settings": {}}
+    save(tmp_path, result)
+    learnt = learnt_by(json.loads((tmp_path / "infomax-000.json").read_text()))
+    assert isinstance(learnt, Learnt)
+    assert learnt.limits == (1.2, 1.3)
+    assert learnt.tyre == result["learnt"]["tyre"]
 
 
 def test_unknown_method_is_named_and_plain_is_always_driven() -> None:

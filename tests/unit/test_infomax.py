@@ -13,7 +13,14 @@ from hil_gateway.vehicle import Vehicle
 from planner import infomax
 from planner.bench import bench_controller, clock, start_state
 from planner.controller import Controller
-from planner.infomax import FORCE_STATES, project, sigma_points
+from planner.infomax import (
+    FORCE_STATES,
+    independent_samples,
+    project,
+    relative_spread,
+    scheduled_weight,
+    sigma_points,
+)
 from planner.motion import NU, NZ
 from planner.settings import Information, Settings
 
@@ -141,7 +148,8 @@ def test_d_criterion_weight_is_the_gradient_of_log_det() -> None:
     controller._weigh_information(40.0)
     k, n = controller.knowledge, len(controller.knowledge.mean)
     W = controller.common[controller.problem.common["information_weight"]].reshape(n, n)
-    F, precision = controller.sqp.horizon_information(controller.common), np.linalg.inv(k.covariance)
+    counted = independent_samples(controller.settings.dt)
+    F, precision = counted * controller.sqp.horizon_information(controller.common), np.linalg.inv(k.covariance)
     scale = np.diag(k.mean)
     rng = np.random.default_rng(1)
     root = rng.standard_normal((n, n))
@@ -182,3 +190,21 @@ def test_load_rows_hold_at_every_sigma_point(controller: Controller) -> None:
             limit = k.load_max["fr".index(axle)] * getattr(forces, f"load_{axle}")
             assert np.max(load / limit) < 1.02
     assert solution.du.shape == (NU, controller.settings.horizon)
+
+
+def test_a_stage_counts_for_as_many_samples_as_the_belief_will_count() -> None:
+    assert independent_samples(0.05) == pytest.approx(5 / 50)
+
+
+def test_exploring_fades_out_towards_its_goal_and_is_shut_below_learning_speed() -> None:
+    assert scheduled_weight(8.0, 40.0, spread=0.5, goal=0.1) == 8.0
+    assert scheduled_weight(8.0, 40.0, spread=0.105, goal=0.1) == pytest.approx(4.0)
+    assert scheduled_weight(8.0, 40.0, spread=0.09, goal=0.1) == 0.0
+    assert scheduled_weight(8.0, 40.0, spread=1e-6, goal=0.0) == 8.0, "no goal: never ends"
+    assert scheduled_weight(8.0, 10.0, spread=0.5, goal=0.1) == 0.0
+
+
+def test_spread_is_the_geometric_mean_over_directions() -> None:
+    prior = np.array([2.0, 0.5])
+    assert relative_spread(np.diag((np.array([0.1, 0.4]) * prior) ** 2), prior) == pytest.approx(0.2)
+    assert relative_spread(np.zeros((2, 2)), prior) == 0.0

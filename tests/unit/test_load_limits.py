@@ -10,7 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil_gateway.errors import InputError
-from planner.load_limits import HeldLoad, LoadLimits, RunEvidence, load_limits, next_limit, store_limits
+from planner.load_limits import (
+    HeldLoad,
+    LoadLimits,
+    RunEvidence,
+    limit_within_run,
+    load_limits,
+    next_limit,
+    store_limits,
+)
 
 positive = st.floats(0.2, 3.0)
 
@@ -65,3 +73,13 @@ def test_a_damaged_file_is_named(tmp_path: Path, content: str) -> None:
     path.write_text(content)
     with pytest.raises(InputError, match=r"limits\.json"):
         load_limits(path)
+
+
+@given(positive, st.floats(0.1, 1.0), positive, positive)
+def test_within_a_run_limits_never_widen_and_follow_the_lesser_grip(
+    present: float, use: float, in_force: float, believed: float
+) -> None:
+    limit = limit_within_run(present, use, in_force, believed)
+    assert limit <= present
+    assert limit <= use * min(in_force, believed)
+    assert limit in (present, use * in_force, use * believed)
