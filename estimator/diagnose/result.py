@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from estimator.diagnose.diagnosis import Diagnosis, alternatives
 from estimator.diagnose.fit import evaluate
+from estimator.diagnose.handover import tempered
 from estimator.diagnose.predict import Block
-from estimator.diagnose.score import HORIZON_S
+from estimator.diagnose.score import HORIZON_S, rmse
 from estimator.diagnose.search import Evidence
 from estimator.diagnose.words import CHANNEL_NAMES, describe
 from estimator.model.single_track import CHANNELS
@@ -183,35 +184,30 @@ def unexplained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def as_revision(diagnosis: Diagnosis, layout: str, sessions: tuple[str, ...]) -> ModelRevision:
     """The model with its accepted catalogue effects, for estimator and planner; empirical terms stay out of it."""
     chosen = diagnosis.models["catalogue"]
-    predictor_blocks = _blocks_of(diagnosis)
+    told = tempered(chosen.model, chosen.parameters, diagnosis.fit.predictor.record, diagnosis.fit.deviation)
     size = len(chosen.model.tyre_table)
-    tyre_values = {p.name: float(v) for p, v in zip(chosen.model.tyre_table, chosen.parameters, strict=False)}
+    tyre_values = {p.name: float(v) for p, v in zip(chosen.model.tyre_table, told.parameters, strict=False)}
     effects = tuple(
         ActiveEffect(
             name=b.effect.name,
-            parameters={} if b.effect.profile else _named(b, chosen.parameters),
-            profile=tuple(float(v) for v in chosen.parameters[b.parameters]) if b.effect.profile else (),
+            parameters={} if b.effect.profile else _named(b, told.parameters),
+            profile=tuple(float(v) for v in told.parameters[b.parameters]) if b.effect.profile else (),
         )
-        for b in predictor_blocks
+        for b in told.predictor.blocks
         if b.effect.name in diagnosis.accepted
     )
-    covariance = diagnosis.fit.covariance[:size, :size]
+    covariance = told.covariance[:size, :size]
+    after = rmse(diagnosis.record, diagnosis.test_rows, chosen.model, told.parameters)
     return ModelRevision(
         stamp_ns=0, seq=0, revision=revision_id(layout, tyre_values, effects), layout=layout, tyre=tyre_values,
         covariance=tuple(tuple(float(v) for v in row) for row in covariance), effects=effects,
         provenance=Provenance(
             sessions=sessions,
             error_before={c: diagnosis.channels[c]["refit"] for c in CHANNELS},
-            error_after={c: diagnosis.channels[c]["catalogue"] for c in CHANNELS},
+            error_after={c: after[c] for c in CHANNELS},
             note=f"verdict {diagnosis.verdict}; scored on laps {', '.join(map(str, diagnosis.test_laps))}",
         ),
     )  # fmt: skip
-
-
-def _blocks_of(diagnosis: Diagnosis) -> tuple[Block, ...]:
-    from estimator.diagnose.predict import Predictor
-
-    return Predictor(diagnosis.models["catalogue"].model, diagnosis.record).blocks
 
 
 def _named(block: Block, parameters: Array) -> dict[str, float]:
