@@ -33,6 +33,7 @@ from hil_gateway.messages import Belief
 from hil_gateway.track import Track
 from planner.campaign_driving import ADDED_SIGNAL, ExcitedBus, FixedEstimator, Kept, RecordingEstimator
 from planner.campaign_safety import safety_figures
+from planner.learning import EXPLORING, exploring
 from planner.load_limits import LoadLimits, store_limits
 from planner.loop import START_NS, Loop, LoopResult
 from planner.node import Planner
@@ -50,13 +51,10 @@ class CampaignSettings:
     track: str = ""
     mismatch: float = 0.10
     """by which B, C and D of either axle are off the declared ones"""
-    information_weight: float = 30.0
+    information_weight: float = EXPLORING["information_weight"]
+    information_criterion: str = EXPLORING["information_criterion"]
     information_goal: float = 0.108
     """spread of the belief over the prior's at which exploring ends: a little beyond parameters known to 5 %"""
-    information_criterion: str = "log_det"
-    convexification: str = "projection"
-    """IMU measurements do not separate over the axles: the exact Hessian, projected"""
-    information_bound: float = 1000.0
     time_limit_s: float = 420.0
 
 
@@ -97,13 +95,13 @@ def trial_config(trial: Trial, settings: CampaignSettings) -> Config:
         "plant.seed": 100 * trial.seed + (METHODS + AFTERWARDS).index(trial.method),
         **{f"plant.car.{name}": value for name, value in true_tyre(trial.seed, settings).items()},
     }
-    if trial.method == "infomax":
-        overrides["planner.information_weight"] = settings.information_weight
-        overrides["planner.information_goal"] = settings.information_goal
-        overrides["planner.information_criterion"] = settings.information_criterion
-        overrides["planner.convexification"] = settings.convexification
-        overrides["planner.information_bound"] = settings.information_bound
-    return load_config(None, overrides)
+    config = load_config(None, overrides)
+    if trial.method != "infomax":
+        return config
+    return exploring(
+        config, information_weight=settings.information_weight, information_goal=settings.information_goal,
+        information_criterion=settings.information_criterion,
+    )  # fmt: skip
 
 
 def run_trial(trial: Trial, settings: CampaignSettings, learnt: Learnt | None = None) -> dict[str, Any]:

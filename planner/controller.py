@@ -125,6 +125,7 @@ class Controller:
         p[names["speed"]] = road[4:6]
         p[names["progress"]] = w.progress
         p[names["progress"], -1] = 0.0  # the last one would push v_s against the horizon's end
+        p[names["learning"]] = infomax.patience(self.settings.dt, len(s))
         p[names["drive_max"]] = self._drive_max(vx, drive)
         p[names["grade"]], p[names["bank"]] = road[6:8] * self._road_share
         if self.problem.model.effects:
@@ -137,11 +138,13 @@ class Controller:
         reach = drive - limits.drive_rate * self.settings.dt * np.arange(1, len(vx) + 1)
         return np.asarray(np.maximum(np.minimum(power, limits.drive_max), reach))
 
-    def solve(self, z0: Array, stopwatch: Stopwatch, iterations: int | None = None) -> Solution:
-        """Solution from state `z0` (NZ,), warm-started from the held guess."""
+    def solve(
+        self, z0: Array, stopwatch: Stopwatch, iterations: int | None = None, *, explore: bool = True
+    ) -> Solution:  # fmt: skip
+        """Solution from state `z0` (NZ,), warm-started from the held guess; with q_I = 0 unless it may `explore`."""
         guess = self.sqp.z
         self.fill_stages(guess[S, 1:], guess[VX, 1:], float(z0[DRIVE]))
-        self._weigh_information(float(z0[VX]))
+        self._weigh_information(float(z0[VX]) if explore else 0.0)
         return self.sqp.solve(z0, self.stages, self.common, iterations or self.settings.iterations, stopwatch)
 
     def shift(self) -> None:

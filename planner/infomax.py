@@ -34,6 +34,8 @@ Array = npt.NDArray[np.float64]
 
 LEARNING_SPEED = (12.0, 20.0)
 """m/s between which the weight rises from 0 to q_I: slower, slip angles are noise and the belief's gates are shut"""
+PATIENCE_S = 1.4
+"""time after which information counts 1/e: undiscounted, plans put the slalom off to their end and none was driven"""
 FADE = 1.1
 """the weight begins to fade where the belief is so many times as wide as its goal"""
 SAMPLES_PER_S = 100.0
@@ -103,7 +105,7 @@ def weighted_gain(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> Expr:
 
 def cost_terms(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> CostTerms:
     """Gradient and convex Hessian of -q_I Tr(W F_k) in z, Delta I_k, and the exact Hessian in `FORCE_STATES`."""
-    weight, value = p["q_information"], weighted_gain(problem, z, p)
+    weight, value = p["q_information"] * p["learning"], weighted_gain(problem, z, p)
     exact = _exact_hessian(value, z)
     hessian = ca.SX(z.numel(), z.numel())
     if problem.settings.information.convexification == "abs":
@@ -155,6 +157,11 @@ def scheduled_weight(weight: float, speed: float, spread: float, goal: float) ->
     gate = float(np.clip((speed - low) / (high - low), 0.0, 1.0))
     need = float(np.clip((spread / goal - 1.0) / (FADE - 1.0), 0.0, 1.0)) if goal > 0 else 1.0
     return weight * gate * need
+
+
+def patience(dt: float, horizon: int) -> Array:
+    """Share of q_I at each stage of the horizon (N,): soon counts more than late."""
+    return np.asarray(np.exp(-dt / PATIENCE_S * np.arange(horizon)))
 
 
 def relative_spread(covariance: Array, prior_std: Array) -> float:

@@ -160,7 +160,7 @@ class Problem:
         cost = 0.5 * ca.sumsqr(self.residuals(z, stage)) - stage["progress"] * z[PROGRESS]
         cost += 0.5 * ca.dot(self.change_weights(), du**2)
         if self.informative:
-            cost -= p["q_information"] * infomax.weighted_gain(self, z, p)
+            cost -= p["q_information"] * p["learning"] * infomax.weighted_gain(self, z, p)
         loads = [load_rows.load_row(self, axle, z, theta, p) for axle, theta in (("f", theta_f), ("r", theta_r))]
         value, _, lower, upper = self.stage_rows(z, loads, stage, p)
         arguments: Any = [z, du, stage_vector, common_vector, theta_f, theta_r]

@@ -64,13 +64,11 @@ def safety(  # noqa: PLR0917 - options of a command line
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
     """Drive laps on the simulated car with a wrong model and count violations of any limit."""
-    from planner import bench as b
     from planner import safety as s
+    from planner.learning import exploring
 
-    overrides: dict[str, object] = {"track": track} if track else {}
-    if information == "on":
-        overrides["planner.information_weight"] = b.INFORMATION_WEIGHT
-    result = s.drive(load_config(config, overrides), laps, mismatch, seed)
+    loaded = load_config(config, {"track": track} if track else None)
+    result = s.drive(exploring(loaded) if information == "on" else loaded, laps, mismatch, seed)
     _print(result, as_json)
     if result["laps"] < laps or any(result["violations"].values()):
         raise typer.Exit(EXIT_FAILURE)

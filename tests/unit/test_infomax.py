@@ -16,6 +16,7 @@ from planner.controller import Controller
 from planner.infomax import (
     FORCE_STATES,
     independent_samples,
+    patience,
     project,
     relative_spread,
     scheduled_weight,
@@ -58,7 +59,8 @@ def _at(controller: Controller, f: ca.Function, z: np.ndarray) -> list[np.ndarra
 @pytest.mark.parametrize("k", [2, 15, 30])
 def test_information_gradient_and_hessian_are_exact(controller: Controller, k: int) -> None:
     f, z = _terms(controller), controller.sqp.z[:, k]
-    weight = float(controller.common[controller.problem.common["q_information"]][0])
+    q_information = controller.common[controller.problem.common["q_information"]]
+    weight = float((q_information * controller.stages[controller.problem.stage["learning"], 3]).item())
     _, gradient, _, exact, _ = _at(controller, f, z)
     for a, i in enumerate(FORCE_STATES):
         h = np.zeros(NZ)
@@ -202,6 +204,23 @@ def test_exploring_fades_out_towards_its_goal_and_is_shut_below_learning_speed()
     assert scheduled_weight(8.0, 40.0, spread=0.09, goal=0.1) == 0.0
     assert scheduled_weight(8.0, 40.0, spread=1e-6, goal=0.0) == 8.0, "no goal: never ends"
     assert scheduled_weight(8.0, 10.0, spread=0.5, goal=0.1) == 0.0
+
+
+def test_information_counts_less_the_later_it_comes() -> None:
+    share = patience(0.05, 40)
+    assert share[0] == 1.0
+    assert np.all(np.diff(share) < 0)
+    assert share[28] == pytest.approx(np.exp(-1.0))
+
+
+def test_a_plan_that_may_not_explore_is_that_of_the_plain_problem() -> None:
+    exploring, plain = _controller(), _controller(weight=1e-12)
+    z0 = start_state(plain, 620.0)
+    for controller in (exploring, plain):
+        controller.cold_start(z0, clock)
+    for _ in range(40):
+        calm, wanted = exploring.solve(z0, clock, 1, explore=False), plain.solve(z0, clock, 1)
+    np.testing.assert_allclose(calm.z, wanted.z, atol=0.02)
 
 
 def test_spread_is_the_geometric_mean_over_directions() -> None:

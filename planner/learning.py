@@ -1,0 +1,21 @@
+"""How the planner explores where it is asked to: one set of settings for the learning campaign and the safety laps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hil_gateway.config import Config
+
+EXPLORING: dict[str, Any] = {
+    "information_weight": 30.0,
+    "information_criterion": "log_det",
+    "information_bound": 1000.0,
+    # IMU measurements do not separate over the axles: the exact Hessian, projected
+    "convexification": "projection",
+}
+"""section `planner` of the configuration; chosen on cars of the campaign that its report leaves out"""
+
+
+def exploring(config: Config, **changes: Any) -> Config:
+    """`config` with `EXPLORING` and `changes` in its planner section."""
+    return config.model_copy(update={"planner": config.planner.model_copy(update={**EXPLORING, **changes})})
