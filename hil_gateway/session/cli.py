@@ -28,6 +28,9 @@ class Format(StrEnum):
     CANDUMP = "candump"
 
 
+SUFFIXES = {Format.CSV: ".csv", Format.PARQUET: ".parquet", Format.CANDUMP: ".log"}
+
+
 class Target(StrEnum):
     """Where a session can be played to."""
 
@@ -73,16 +76,20 @@ def recover(file: OneSession, out: Out = None, as_json: AsJson = False) -> None:
 @app.command()
 def export(
     file: OneSession,
-    format: Annotated[Format, typer.Option("--format", help="drive log as csv or parquet, or raw frames")] = Format.CSV,
+    format: Annotated[
+        Format | None,
+        typer.Option("--format", help="drive log as csv or parquet, or raw frames (default: as --out says, else csv)"),
+    ] = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Write a drive log (csv, parquet) or the raw frames (candump log)."""
     from hil_gateway.session.export import EXPORTS
 
-    suffix = {Format.CANDUMP: ".log"}.get(format, f".{format}")
-    target = out or file.with_suffix(suffix)
-    count = EXPORTS[format](file, target)
+    by_suffix = {suffix: name for name, suffix in SUFFIXES.items()}
+    chosen = format or by_suffix.get(out.suffix if out else "", Format.CSV)
+    target = out or file.with_suffix(SUFFIXES[chosen])
+    count = EXPORTS[chosen](file, target)
     _report({"rows": count, "path": str(target)}, f"{count} rows written to {target}", as_json)
 
 

@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import random
+import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +22,7 @@ from hil_gateway.config import RecorderConfig
 from hil_gateway.errors import InputError
 from hil_gateway.messages import Command, ModelRevision
 from hil_gateway.recorder import Recorder
+from hil_gateway.session.cli import export
 from hil_gateway.session.export import export_candump
 from hil_gateway.session.format import CAN_TOPIC, pack_frame, unpack_frame
 from hil_gateway.session.importer import import_log
@@ -324,6 +326,12 @@ def test_candump_export_and_import_keep_every_frame(tmp_path: Path) -> None:
         return [(f.id, bytes(f.data)) for f in (unpack_frame(i.data) for i in items)]
 
     assert frames(tmp_path / "again.mcap") == frames(tmp_path / "s.mcap")
+
+
+def test_the_name_of_the_exported_file_says_what_it_holds(tmp_path: Path) -> None:
+    recorded(tmp_path / "s.mcap")
+    export(tmp_path / "s.mcap", out=tmp_path / "lap.log")
+    assert re.match(r"\(\d+\.\d{6}\) \S+ [0-9A-F]{3}#", (tmp_path / "lap.log").read_text())
 
 
 @pytest.mark.parametrize("suffix", [".asc", ".blf"])
