@@ -28,6 +28,7 @@ from estimator.diagnose.diagnosis import diagnose
 from estimator.diagnose.record import make_record
 from estimator.diagnose.result import as_json
 from estimator.identify.drive_log import DriveLog
+from estimator.identify.health import examine
 from hil_gateway.vehicle import Vehicle
 
 sys.path.append(str(Path(__file__).parent))
@@ -125,6 +126,7 @@ def run(drive: Drive) -> Case:
     extra = ("flap",) if "flap" in drive.columns else ()
     log = DriveLog(drive.columns, np.zeros(len(drive.columns["t"]), np.int64), extra=extra)
     prior = {"cx": 50000.0, "bf": 9.0, "cf": 1.35, "df": 1.3567, "br": 10.0, "cr": 1.4, "dr": 1.3392}
+    log = examine(log, Vehicle()).log
     result = as_json(diagnose(make_record(log, Vehicle()), "per_axle", prior), "", "")
     return Case(drive.effects, drive.seed, result, time.process_time() - start)
 

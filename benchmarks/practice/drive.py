@@ -27,6 +27,9 @@ LONGEST_S = 1500.0
 STEER_RATE, DRIVE_RATE, STEER_MAX, DRIVE_MAX = 0.9, 0.6, 0.26, 0.085
 STATIONS = 2048
 LAPS = 8
+CAREFUL = ("combined_slip", "load_transfer", "load_sensitivity", "grip_", "speed_stall", "turn_asymmetry", "gust")
+CAREFUL_PACE = 0.87
+"""The driver is so much slower in a car that has less grip than the reference speed presumes."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,8 @@ def simulate(
     generators = [np.random.default_rng(seed) for seed in seeds]
     courses = [_course(rng) for rng in generators]
     tracks = _Tracks(*(np.array(column) for column in zip(*courses, strict=True)))
-    reference = _speed_profiles(tracks, generators)
+    careful = [any(name.startswith(CAREFUL) for name in own) for own in effects]
+    reference = _speed_profiles(tracks, generators) * np.where(careful, CAREFUL_PACE, 1.0)[:, None]
     car = Car(effects, seeds)
     raw = _drive(car, tracks, reference, laps, step)
     return [_logged(raw, i, car, Drive({}, dict(effects[i]), seeds[i]), laps) for i in range(len(effects))]

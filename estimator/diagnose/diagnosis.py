@@ -23,7 +23,7 @@ from estimator.diagnose.search import (
     fit_names,
     search,
 )
-from estimator.diagnose.whiteness import structured
+from estimator.diagnose.whiteness import structured, structured_elsewhere
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 
@@ -40,6 +40,8 @@ TERM_RELATIVE = 0.03
 MAX_TERMS = 2
 SECOND_TERM_SHARE = 0.2
 """A second term must gain this share of the first: less is the resolution of the first one's knots."""
+WHITE_IN_LATE_LAPS = 2.0
+"""Where averages of the residual vary so much more on the last laps, these hold something new."""
 WHITE_FOR_TERMS = 1.3
 """Empirical terms are looked for only where averages of the residual vary so much more than white noise does."""
 
@@ -97,8 +99,31 @@ def split_laps(record: Record) -> tuple[tuple[int, ...], tuple[int, ...]]:
 def diagnose(
     record: Record, layout: Layout, prior: Mapping[str, float] | None, progress: Progress = lambda _: None
 ) -> Diagnosis:
-    """Find what the declared model lacks."""
+    """Find what the declared model lacks.
+
+    Where it is found in full on the laps learnt from and yet the last laps hold more, which begins only there,
+    laps in between are kept for scoring instead, so that it can be learnt at all.
+    """
     train_laps, test_laps = split_laps(record)
+    found = _diagnose(record, layout, prior, (train_laps, test_laps), progress)
+    late = record.select(np.isin(record.lap, test_laps))
+    if structured(found.fit, WHITE_FOR_TERMS) or not structured_elsewhere(found.fit, late, WHITE_IN_LATE_LAPS):
+        return found
+    laps = (*train_laps, *test_laps)
+    between = tuple(sorted(laps)[2::3])
+    progress("once more: the last laps hold something that the others do not")
+    return _diagnose(record, layout, prior, (tuple(lap for lap in laps if lap not in between), between), progress)
+
+
+def _diagnose(
+    record: Record,
+    layout: Layout,
+    prior: Mapping[str, float] | None,
+    split: tuple[tuple[int, ...], tuple[int, ...]],
+    progress: Progress,
+) -> Diagnosis:
+    """Diagnose with given laps to learn from and to score on."""
+    train_laps, test_laps = split
     record = _time_basis_of(record, train_laps)
     train = record.select(np.isin(record.lap, train_laps))
     train = replace(train, lap=np.arange(train.windows, dtype=np.int64) // HELD_OUT_WINDOWS)

@@ -110,7 +110,7 @@ PLACES = {
 
 SIGNALS = (
     "vx", "ay", "yaw_rate", "vy", "steer", "steer_rate", "drive", "drive_rate", "track_position", "t", "yaw",
-    "throttle", "brake", "gear", "engine_speed", "z",
+    "turn_direction", "throttle", "brake", "gear", "engine_speed", "z",
 )  # fmt: skip
 SCREENING_STRIDE = 3
 """Screening uses every third window."""

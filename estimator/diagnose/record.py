@@ -32,7 +32,11 @@ WINDOW_S = 2.0
 """Long enough for slow effects to add up, short enough that the integrated yaw-rate noise stays below the sensor's."""
 SLOWEST = 0.15
 """Windows slower than this share of the log's fast speed (95th percentile) carry no tyre information."""
+SPUN = 0.7
+"""Lateral over forward velocity beyond which a car has spun: Eq. (1-3) describe driving (35 deg)."""
 EDGE_S = 0.3
+STRAIGHT_BELOW = 1.0
+"""Lateral acceleration, m/s2, below which the car does not turn in either direction."""
 MEASURED = ("ax", "ay", "yaw_rate", "vx", "vy")
 """Measured counterpart of each predicted channel of `single_track.CHANNELS`: itself, or its integral."""
 
@@ -121,7 +125,8 @@ def make_record(log: DriveLog, vehicle: Vehicle) -> Record:
     for name in ("steer", "drive"):
         signals[f"{name}_rate"] = np.gradient(signals[name], log["t"])
     signals["ay"] = signals["vx"] * signals["yaw_rate"]
-    windows, window_lap = _cut(log, lap, signals["vx"])
+    signals["turn_direction"] = np.sign(signals["ay"]) * (np.abs(signals["ay"]) > STRAIGHT_BELOW)
+    windows, window_lap = _cut(log, lap, signals["vx"], signals["vy"])
     measured = np.stack([log[name] for name in MEASURED])
     bases = {n: make_basis(n, signals[n][windows], length) for n in signals if np.ptp(signals[n][windows]) > 0}
     return Record(
@@ -157,8 +162,8 @@ def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> tuple[Arra
     return np.array([*forces, omega.noise, forward.noise, sideways.noise]), left
 
 
-def _cut(log: DriveLog, lap: Ints, vx: Array) -> tuple[Ints, Ints]:
-    """Rows (windows, blocks, q) and lap of every full window inside one lap of one segment."""
+def _cut(log: DriveLog, lap: Ints, vx: Array, vy: Array) -> tuple[Ints, Ints]:
+    """Rows (windows, blocks, q) and lap of every full window inside one lap of one segment, driven and not spun."""
     q = max(1, round(BLOCK_S / log.step))
     blocks = max(8, round(WINDOW_S / (q * log.step)))
     size, edge = q * blocks, round(EDGE_S / log.step)
@@ -169,10 +174,11 @@ def _cut(log: DriveLog, lap: Ints, vx: Array) -> tuple[Ints, Ints]:
         cuts = [first, *(np.flatnonzero(np.diff(lap[first:last])) + first + 1).tolist(), last]
         for a, b in itertools.pairwise(cuts):
             starts.extend(range(a, b - size + 1, size))
-    keep = np.array([s for s in starts if vx[s : s + size].min() > slowest], dtype=np.int64)
+    driven = (vx > slowest) & (np.abs(vy) < SPUN * vx)
+    keep = np.array([s for s in starts if driven[s : s + size].all()], dtype=np.int64)
     if len(keep) < 20:
-        driven, least = len(keep) * WINDOW_S, 20 * WINDOW_S
-        raise InputError(f"only {driven:.0f} s of driving in the log: at least {least:.0f} s are needed")
+        found, least = len(keep) * WINDOW_S, 20 * WINDOW_S
+        raise InputError(f"only {found:.0f} s of driving in the log: at least {least:.0f} s are needed")
     rows = keep[:, None] + np.arange(size)
     _, number = np.unique(lap[keep], return_inverse=True)
     return rows.reshape(len(keep), blocks, q), number.astype(np.int64)

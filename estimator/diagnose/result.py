@@ -15,6 +15,7 @@ from estimator.diagnose.handover import tempered
 from estimator.diagnose.predict import Block
 from estimator.diagnose.score import HORIZON_S, rmse
 from estimator.diagnose.search import Evidence
+from estimator.diagnose.timing import SAMPLED
 from estimator.diagnose.words import CHANNEL_NAMES, describe
 from estimator.model.single_track import CHANNELS
 from estimator.revision import revision_id
@@ -37,6 +38,9 @@ def standard_deviations(diagnosis: Diagnosis) -> Array:
     scores = np.einsum("cpwb,cwb->pw", jacobian, error / fit.normal.variance[:, None, None], optimize=True)
     robust = covariance @ (scores @ scores.T) @ covariance
     variance = np.maximum(np.diag(covariance), np.diag(robust))
+    for block in fit.predictor.blocks:
+        if block.effect.name in SAMPLED:
+            variance[block.parameters] += diagnosis.record.step**2 / 12  # when within a sample the log was written
     std: Array = np.sqrt(variance + (SYSTEMATIC * fit.parameters) ** 2)
     return std
 

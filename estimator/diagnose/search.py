@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from estimator.diagnose.fit import MAX_ITERATIONS, Fit, fit, normal_at
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.record import Record, available
-from estimator.diagnose.timing import sampling_effects
+from estimator.diagnose.timing import SAMPLED, sampling_effects
 from estimator.diagnose.whiteness import structured
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
@@ -211,7 +211,7 @@ def search(setting: Setting, progress: Callable[[str], None] = lambda _: None, w
         trials = _round(setting, accepted, current, progress)
         rounds.append(tuple(trials))
         total = compare(base.held_out(), current.held_out(), base.normal.count).gain
-        best = next((t for t in trials if t.fit and earns_its_place(t.evidence, setting.record, total)), None)
+        best = next((t for t in trials if _can_be_accepted(t, setting.record, total)), None)
         if best is None:
             break
         before = set(accepted)
@@ -238,6 +238,18 @@ def _round(setting: Setting, accepted: Sequence[str], current: Fit, progress: Ca
     return sorted(trials, key=lambda t: -t.evidence.gain)
 
 
+def _can_be_accepted(trial: Trial, record: Record, total: float) -> bool:
+    if trial.fit is None or within_a_sample(trial.fit, trial.name):
+        return False
+    return earns_its_place(trial.evidence, record, total)
+
+
+def within_a_sample(fit: Fit, name: str) -> bool:
+    """Whether `name` is a delay so short that the sampling of the log explains it."""
+    block = next(b for b in fit.predictor.blocks if b.effect.name == name)
+    return name in SAMPLED and bool(abs(fit.parameters[block.parameters][0]) < fit.predictor.record.step)
+
+
 def earns_its_place(evidence: Evidence, record: Record, total: float) -> bool:
     """Worth a name, consistent over laps, and not the imperfect shape of what is already there."""
     blocks = record.rows.shape[0] * record.rows.shape[1]
@@ -256,7 +268,9 @@ def _recheck(
             progress(f"without {name}")
             without = fit_names(setting, [n for n in accepted if n != name], current)
             gains[name] = compare(without.held_out(), after, count)
-        weak = [n for n in accepted if not earns_its_place(gains[n], setting.record, 0.0)]
+        weak = [
+            n for n in accepted if not earns_its_place(gains[n], setting.record, 0.0) or within_a_sample(current, n)
+        ]
         if not weak:
             return accepted, current, gains
         worst = min(weak, key=lambda n: gains[n].gain)

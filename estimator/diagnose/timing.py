@@ -19,9 +19,12 @@ def _drive(terms: Terms, delay: Expr) -> None:
     terms.drive = terms.drive - delay * terms.auxiliary("drive_rate")
 
 
+SAMPLED = {"steer_delay": _steer, "drive_delay": _drive}
+"""Delays that sampling can be mistaken for, with the shift of the signal as a nuisance."""
+
+
 def sampling_effects(step: float, delays: frozenset[str]) -> tuple[Effect, ...]:
     """Nuisance shifts of up to one sample of steer and drive, but for the signal whose delay is being tried."""
-    hooks = {"steer_delay": _steer, "drive_delay": _drive}
     return tuple(
         Effect(
             name=f"{name}_within_a_sample",
@@ -32,6 +35,6 @@ def sampling_effects(step: float, delays: frozenset[str]) -> tuple[Effect, ...]:
             channels=(),
             hooks={"INPUT": hook},
         )
-        for name, hook in hooks.items()
+        for name, hook in SAMPLED.items()
         if name not in delays
     )

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.diagnose.fit import Fit, evaluate
+from estimator.diagnose.predict import Predictor
+from estimator.diagnose.record import Record
 
 Array = NDArray[np.float64]
 
@@ -13,9 +15,9 @@ SLOW_BLOCKS = 5
 """Residuals are averaged over so many blocks (0.2 s)."""
 
 
-def slow_ratio(fit: Fit) -> Array:
+def slow_ratio(predictor: Predictor, parameters: Array, deviation: Array) -> Array:
     """(5,) variance of averages of the residual over 0.2 s, relative to what it would be for white noise."""
-    error, _ = evaluate(fit.predictor, fit.parameters, fit.deviation)
+    error, _ = evaluate(predictor, parameters, deviation)
     blocks = error.shape[2] // SLOW_BLOCKS * SLOW_BLOCKS
     averages = error[:, :, :blocks].reshape(*error.shape[:2], -1, SLOW_BLOCKS).mean(axis=3)
     ratio: Array = SLOW_BLOCKS * np.mean(averages**2, axis=(1, 2)) / np.mean(error**2, axis=(1, 2))
@@ -24,4 +26,9 @@ def slow_ratio(fit: Fit) -> Array:
 
 def structured(fit: Fit, limit: float) -> bool:
     """Whether the residual of any channel varies slowly by more than `limit` times white noise."""
-    return bool(np.any(slow_ratio(fit) > limit))
+    return bool(np.any(slow_ratio(fit.predictor, fit.parameters, fit.deviation) > limit))
+
+
+def structured_elsewhere(fit: Fit, record: Record, limit: float) -> bool:
+    """The same for windows the fit has not seen."""
+    return bool(np.any(slow_ratio(Predictor(fit.predictor.model, record), fit.parameters, fit.deviation) > limit))

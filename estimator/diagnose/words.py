@@ -19,6 +19,7 @@ NAMES = {
     "vx": "speed", "ay": "lateral acceleration", "yaw_rate": "yaw rate", "vy": "lateral velocity",
     "steer": "steering angle", "steer_rate": "steering rate", "drive": "drive command",
     "drive_rate": "rate of the drive command", "track_position": "track position", "t": "time", "yaw": "heading",
+    "turn_direction": "turn direction (1 left, -1 right, 0 straight)",
 }  # fmt: skip
 CHANNEL_NAMES = {
     "ax": "longitudinal specific force", "ay": "lateral specific force", "yaw_acc": "yaw acceleration",

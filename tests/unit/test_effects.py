@@ -46,7 +46,7 @@ SIGNS = {
     "grip_drift": ((-1e-3, 0.0), {}, "ay", -1),
     "imu_misalignment": ((0.02,), {}, "ax", 1),
     "imu_lever_arm": ((1.0, 0.0), {}, "ax", -1),
-    "imu_bias": ((0.2, 0.1), {}, "ay", 1),
+    "imu_bias": ((0.2, 0.1, 0.01), {}, "ay", 1),
     "speed_scale": ((1.05,), {}, "yaw_acc", -1),
     "wind": ((-8.0, 0.0, 0.5), {}, "ax", -1),
     "yaw_damping": ((500.0,), {}, "yaw_acc", -1),

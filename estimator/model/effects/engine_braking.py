@@ -1,4 +1,8 @@
-"""Engine braking: drag torque at the driven axle with the throttle closed."""
+"""Engine braking: drag torque at the driven axle with the throttle closed.
+
+Closed is what the throttle says where it is recorded; the slip-ratio command alone cannot tell light throttle
+from none. A signal that is missing reads 0, so that the command alone then decides.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +13,19 @@ from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from estimator.model.tyre import Expr
 
-CLOSED_BELOW, WIDTH = 0.002, 0.0005
+CLOSED_BELOW, WIDTH = 0.001, 0.0005
 """Slip-ratio command below which the throttle counts as closed, and the width of the switch."""
+PEDAL_BELOW, PEDAL_WIDTH = 0.02, 0.005
+"""The same for the throttle, 0..1."""
+
+
+def _below(value: Expr, limit: float, width: float) -> Expr:
+    return 0.5 * (1.0 - ca.tanh((value - limit) / width))
 
 
 def _longitudinal(terms: Terms, force: Expr) -> None:
-    closed = 0.5 * (1.0 - ca.tanh((terms.drive - CLOSED_BELOW) / WIDTH))
-    terms.fx_r = terms.fx_r - force * closed
+    pedal = _below(terms.auxiliary("throttle"), PEDAL_BELOW, PEDAL_WIDTH)
+    terms.fx_r = terms.fx_r - force * pedal * _below(terms.drive, CLOSED_BELOW, WIDTH)
 
 
 EFFECT = Effect(

@@ -1,4 +1,4 @@
-"""IMU bias: constant errors of the accelerometer."""
+"""IMU bias: constant errors of accelerometer and gyroscope."""
 
 from __future__ import annotations
 
@@ -8,21 +8,26 @@ from estimator.model.single_track import Terms
 from estimator.model.tyre import Expr
 
 
-def _sensor(terms: Terms, ax: Expr, ay: Expr) -> None:
+def _input(terms: Terms, ax: Expr, ay: Expr, yaw_rate: Expr) -> None:
+    terms.yaw_rate = terms.yaw_rate - yaw_rate
+
+
+def _sensor(terms: Terms, ax: Expr, ay: Expr, yaw_rate: Expr) -> None:
     terms.imu_ax = terms.imu_ax + ax
     terms.imu_ay = terms.imu_ay + ay
 
 
 EFFECT = Effect(
     name="imu_bias",
-    lacks="constant errors of the accelerometer",
-    equation="a_imu = a + b",
-    source="IEEE Std 1293 (linear accelerometers), bias",
+    lacks="constant errors of accelerometer and gyroscope",
+    equation="a_imu = a + b, w_imu = w + b_w",
+    source="IEEE Std 1293 (linear accelerometers), bias; IEEE Std 952 (gyroscopes)",
     parameters=(
         Parameter("ax", "m/s2", 0.0, 0.2, -5.0, 5.0, "bias of the longitudinal accelerometer"),
         Parameter("ay", "m/s2", 0.0, 0.2, -5.0, 5.0, "bias of the lateral accelerometer"),
+        Parameter("yaw_rate", "rad/s", 0.0, 0.01, -0.2, 0.2, "bias of the yaw-rate gyroscope"),
     ),
-    channels=("ax", "ay"),
-    hooks={"SENSOR": _sensor},
-    separated_by="shows in ax and ay and not in d/dt vx, d/dt vy",
+    channels=("ax", "ay", "vy_dot"),
+    hooks={"INPUT": _input, "SENSOR": _sensor},
+    separated_by="accelerometer: shows in ax, ay and not in d/dt vx, d/dt vy; gyroscope: the rate on straights",
 )
