@@ -89,10 +89,10 @@ class Diagnosis:
 
 
 def split_laps(record: Record) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Laps to learn from and laps to be scored on; without laps every third block of time is for scoring."""
+    """Laps to learn from and laps to be scored on; without laps every fourth block of time is for scoring."""
     laps = sorted({int(lap) for lap in record.lap})
     last = max(1, round(TEST_SHARE * len(laps)))
-    test = tuple(laps[-last:] if record.has_laps else laps[2::3])
+    test = tuple(laps[-last:] if record.has_laps else laps[3::4])
     return tuple(lap for lap in laps if lap not in test), test
 
 

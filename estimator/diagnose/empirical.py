@@ -17,7 +17,7 @@ from estimator.diagnose.basis import Basis
 from estimator.diagnose.fit import Fit
 from estimator.diagnose.normal import Normal, accumulate
 from estimator.diagnose.predict import Predictor
-from estimator.diagnose.propagate import residual_and_sensitivity
+from estimator.diagnose.propagate import Linearised, linearised
 from estimator.diagnose.record import Record
 from estimator.diagnose.search import Evidence, Setting, compare, fit_names, warm_start
 from estimator.model.effects.base import Effect
@@ -172,7 +172,7 @@ def _screen(setting: Setting, accepted: Sequence[str], current: Fit) -> list[Ter
     thin = np.arange(setting.record.windows) % SCREENING_STRIDE == 0
     if np.unique(setting.record.lap[thin]).size != np.unique(setting.record.lap).size:
         thin[:] = True
-    record = setting.record.select(thin)
+    record = current.predictor.record.select(thin)
     predictor, normal_base, parts = _linearise_places(setting, accepted, current, record)
     before = normal_base.held_out(current.normal.variance)
     terms = []
@@ -208,13 +208,13 @@ def _linearise_places(
     model = setting.model(accepted)
     points = tuple(replace(term(place, "t"), profile="", name=place) for place in PLACES)
     wide = Predictor(replace(model, effects=(*model.effects, *points)), record)
-    at = warm_start(wide, wide.start([p.prior for p in model.tyre_table]), current)
-    values, state_by, jacobian = wide.linearise(at)
+    start = warm_start(wide, wide.start([p.prior for p in model.tyre_table]), current)
+    values, state_by, jacobian = wide.linearise(start)
     size = len(current.parameters)
     parts = (values, state_by, jacobian[:, :size], jacobian[:, size:])
     predictor = Predictor(model, record)
-    error, sensitivity = residual_and_sensitivity(record, *parts[:3], current.deviation)
-    normal = _normal(predictor, current, record, error, sensitivity, current.normal.prior)
+    at = linearised(record, *parts[:3], current.noise)
+    normal = _normal(predictor, current, record, at, current.normal.prior)
     return predictor, normal, parts
 
 
@@ -226,23 +226,19 @@ def _with_terms(  # noqa: PLR0917 - the pieces of one linearisation
     record, shape, size = predictor.record, values.shape[1:], jacobian.shape[1]
     units = by_place[:, [list(PLACES).index(p) for p in places]].reshape(5, len(places), 1, -1)
     columns = (units * matrix.T).reshape(5, -1, *shape)
-    error, sensitivity = residual_and_sensitivity(
-        record, values, state_by, np.concatenate([jacobian, columns], axis=1), current.deviation
-    )
+    at = linearised(record, values, state_by, np.concatenate([jacobian, columns], axis=1), current.noise)
     prior = np.zeros((size + columns.shape[1],) * 2)
     prior[:size, :size] = current.normal.prior
     for k, place in enumerate(places):
         own = slice(size + k * basis.size, size + (k + 1) * basis.size)
         prior[own, own] = basis.precision(PLACES[place].std)
-    return _normal(predictor, current, record, error, sensitivity, prior)
+    return _normal(predictor, current, record, at, prior)
 
 
-def _normal(  # noqa: PLR0917 - the pieces of one linearisation
-    predictor: Predictor, current: Fit, record: Record, error: Array, sensitivity: Array, prior: Array
-) -> Normal:
+def _normal(predictor: Predictor, current: Fit, record: Record, at: Linearised, prior: Array) -> Normal:
     laps = int(record.lap.max()) + 1
     count = np.array([np.count_nonzero(record.lap == lap) for lap in range(laps)]) * float(record.rows.shape[1])
     size = len(current.parameters)
     pull = np.zeros(len(prior))
     pull[:size] = -current.normal.prior @ (current.parameters - np.array([p.prior for p in predictor.table]))
-    return Normal(*accumulate(error, sensitivity, record.lap), count, prior, pull, record.block_noise**2)
+    return Normal(*accumulate(at.error, at.sensitivity, record.lap), count, prior, pull, record.block_noise**2)

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.diagnose.noise import Noise, likeliest_drift
 from estimator.diagnose.normal import Normal, accumulate
 from estimator.diagnose.predict import Predictor
-from estimator.diagnose.propagate import residual_and_sensitivity
+from estimator.diagnose.propagate import Linearised, linearised
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,7 @@ class Fit:
     predictor: Predictor
     parameters: Array
     normal: Normal
+    noise: Noise
 
     @property
     def covariance(self) -> Array:
@@ -41,41 +43,55 @@ class Fit:
         """(5,) standard deviation of the residuals of each channel."""
         return np.sqrt(self.normal.variance)
 
+    def new_noise(self) -> Noise:
+        """The noise that the residuals show."""
+        error = evaluate(self.predictor, self.parameters, Noise.white(self.deviation)).error
+        return Noise(self.deviation, likeliest_drift(error))
+
     def held_out(self) -> Array:
         """(5, laps) sum of squared residuals of each lap, predicted by a fit to all the others."""
         return self.normal.held_out(self.normal.variance)
 
 
-def evaluate(predictor: Predictor, parameters: Array, deviation: Array) -> tuple[Array, Array]:
-    """Residual (5, windows, blocks) of the measured signals and sensitivity (5, p, windows, blocks)."""
-    return residual_and_sensitivity(predictor.record, *predictor.linearise(parameters), deviation)
+def evaluate(predictor: Predictor, parameters: Array, noise: Noise) -> Linearised:
+    """Residual and sensitivity of the measured signals."""
+    return linearised(predictor.record, *predictor.linearise(parameters), noise)
 
 
-def normal_at(predictor: Predictor, parameters: Array, deviation: Array) -> Normal:
+def normal_at(predictor: Predictor, parameters: Array, noise: Noise) -> tuple[Normal, Linearised]:
     """Normal equations at `parameters`."""
     record = predictor.record
     laps = int(record.lap.max()) + 1
     count = np.array([np.count_nonzero(record.lap == lap) for lap in range(laps)]) * float(record.rows.shape[1])
     prior = np.array([p.prior for p in predictor.table])
     precision = predictor.prior_precision
-    return Normal(
-        *accumulate(*evaluate(predictor, parameters, deviation), record.lap), count,
+    at = evaluate(predictor, parameters, noise)
+    normal = Normal(
+        *accumulate(at.error, at.sensitivity, record.lap), count,
         precision, -precision @ (parameters - prior), record.block_noise**2,
     )  # fmt: skip
+    return normal, at
 
 
-def fit(predictor: Predictor, start: Array, deviation: Array | None = None, iterations: int = MAX_ITERATIONS) -> Fit:
-    """Fit all parameters from `start`; `deviation` (5,) weighs the channels when initial states are eliminated."""
-    deviation = predictor.record.block_noise if deviation is None else deviation
+def fit(predictor: Predictor, start: Array, noise: Noise | None = None, iterations: int = MAX_ITERATIONS) -> Fit:
+    """Fit all parameters from `start`; `noise` weighs the channels, default: that of the sensors.
+
+    Every step is linearised about the states the step before simulated (lifted Newton method, Albersmeyer and
+    Diehl, SIAM J. Optim. 20, 2010): sensitivities stay exact however far the model is from the data.
+    """
+    noise = noise or Noise.white(predictor.record.block_noise)
     lower, upper = (np.array([getattr(p, side) for p in predictor.table]) for side in ("lower", "upper"))
     at, axles = np.clip(start, lower, upper), _axles(predictor)
-    normal = normal_at(predictor, at, deviation)
+    normal, around = normal_at(predictor, at, noise)
+    if predictor.record.trajectory is None:
+        predictor, normal, around = _relinearised(predictor, at, noise, around)
     first = best = _objective(predictor, normal, at)
     damping = 1e-4
     for _ in range(iterations):
         trial = _damped_step(axles, normal, at, lower, upper, damping)
-        new = normal_at(predictor, trial, deviation)
-        value = _objective(predictor, new, trial)
+        there = predictor.about(around.simulated(trial - at))
+        new, new_around = normal_at(there, trial, noise)
+        value = _objective(there, new, trial)
         if not np.isfinite(value) or value > best:
             if value < best + CONVERGED[0]:
                 break
@@ -84,10 +100,17 @@ def fit(predictor: Predictor, start: Array, deviation: Array | None = None, iter
                 break
             continue
         gained, best, damping = best - value, value, damping / 10
-        at, normal = trial, new
+        at, normal, around, predictor = trial, new, new_around, there
         if gained < CONVERGED[0] + CONVERGED[1] * (first - best):
             break
-    return Fit(predictor, at, normal)
+    return Fit(predictor, at, normal, noise)
+
+
+def _relinearised(
+    predictor: Predictor, at: Array, noise: Noise, around: Linearised
+) -> tuple[Predictor, Normal, Linearised]:
+    predictor = predictor.about(around.simulated(np.zeros(len(at))))
+    return predictor, *normal_at(predictor, at, noise)
 
 
 def _objective(predictor: Predictor, normal: Normal, at: Array) -> float:

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.diagnose.fit import Fit, evaluate, fit, normal_at
+from estimator.diagnose.noise import Noise
+from estimator.diagnose.normal import TINY
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.record import Record
 from estimator.model.single_track import SingleTrack
@@ -25,14 +27,15 @@ Array = NDArray[np.float64]
 def tempered(model: SingleTrack, parameters: Array, record: Record, deviation: Array) -> Fit:
     """Fit of `model` on `record` from `parameters`; `deviation` (5,) of the residuals as first found."""
     predictor = Predictor(model, record)
-    found = np.sqrt(normal_at(predictor, parameters, deviation).variance)
+    found = np.sqrt(normal_at(predictor, parameters, Noise.white(deviation))[0].variance)
     repeats = _repeats(predictor, parameters, found)
     careful = replace(record, noise=found * np.sqrt(repeats * record.rows.shape[2]))
-    return fit(Predictor(model, careful), parameters, found)
+    return fit(Predictor(model, careful), parameters, Noise.white(found))
 
 
 def _repeats(predictor: Predictor, parameters: Array, deviation: Array) -> Array:
     """(5,) residuals that say the same: variance of their mean over a window, relative to independent ones."""
-    error, _ = evaluate(predictor, parameters, deviation)
+    error = evaluate(predictor, parameters, Noise.white(deviation)).error
     means = error.mean(axis=2)
-    return np.asarray(np.maximum(1.0, error.shape[2] * np.mean(means**2, axis=1) / np.mean(error**2, axis=(1, 2))))
+    same = error.shape[2] * np.mean(means**2, axis=1) / np.maximum(np.mean(error**2, axis=(1, 2)), TINY)
+    return np.asarray(np.maximum(1.0, same))

@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.identify.drive_log import DriveLog
+from estimator.identify.split import BLOCK_S
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-TIME_BLOCK_S = 40.0
-"""Without laps, stretches of this length take their place in every split."""
 SHORTEST_LAP_S = 15.0
 RETURN_RADIUS_M = 25.0
 
@@ -26,7 +25,7 @@ def lap_numbers(log: DriveLog) -> tuple[Ints, bool]:
         laps = _laps_from_position(log)
         if laps.max() >= 3:
             return laps, True
-    return ((log["t"] - log["t"][0]) // TIME_BLOCK_S).astype(np.int64) + 10_000 * log.segment, False
+    return ((log["t"] - log["t"][0]) // BLOCK_S).astype(np.int64) + 10_000 * log.segment, False
 
 
 def _laps_from_position(log: DriveLog) -> Ints:

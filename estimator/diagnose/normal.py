@@ -13,6 +13,8 @@ Ints = NDArray[np.int64]
 
 RIDGE = 1e-10
 """Relative to the diagonal: keeps a direction that the data does not determine from failing the solve."""
+TINY = 1e-300
+"""Keeps the squares of a channel that is not used, all zero, from being divided."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ effect.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from estimator.diagnose.basis import Basis, make_basis
 from estimator.diagnose.laps import lap_numbers, track_position
 from estimator.identify.drive_log import DriveLog
-from estimator.identify.smoothing import smooth_velocity, wiener
+from estimator.identify.prepare import smoothed_velocity
+from estimator.identify.smoothing import wiener
 from estimator.model.single_track import AUXILIARY
 from hil_gateway.errors import InputError
 from hil_gateway.vehicle import Vehicle
@@ -42,6 +43,18 @@ MEASURED = ("ax", "ay", "yaw_rate", "vx", "vy")
 
 
 @dataclass(frozen=True)
+class Trajectory:
+    """vx, vy, yaw rate of every window: block means (3, windows, blocks), at block edges (3, windows, blocks + 1)."""
+
+    means: Array
+    edges: Array
+
+    def select(self, windows: NDArray[np.bool_]) -> Trajectory:
+        """The windows where `windows` is true."""
+        return Trajectory(self.means[:, windows], self.edges[:, windows])
+
+
+@dataclass(frozen=True)
 class Record:
     """One data set ready to be explained.
 
@@ -49,6 +62,7 @@ class Record:
         signals: (n,) arrays at the log's rate: smoothed states, inputs, auxiliaries, extra columns.
         measured: (5, n) as measured, in the order of `MEASURED`.
         noise: (5,) standard deviation of the white noise of each measured channel.
+        used: (5,) which of them are sensors of their own and can be trusted; the others are shown, not fitted.
         state_error: (3,) standard deviation left in the smoothed vx, vy, yaw rate.
         rows: (windows, blocks, q) rows of each block of each window.
         lap: (windows,) number of the lap, or of any other group that is held out together, consecutive from 0.
@@ -58,6 +72,7 @@ class Record:
     signals: Mapping[str, Array]
     measured: Array
     noise: Array
+    used: NDArray[np.bool_]
     state_error: Array
     rows: Ints
     lap: Ints
@@ -67,6 +82,8 @@ class Record:
     vehicle: Vehicle
     extra: tuple[str, ...] = ()
     bases: Mapping[str, Basis] = field(default_factory=dict)
+    trajectory: Trajectory | None = None
+    """states the model is linearised about; None: the smoothed ones"""
 
     @property
     def windows(self) -> int:
@@ -89,24 +106,29 @@ class Record:
 
     def select(self, windows: NDArray[np.bool_]) -> Record:
         """The windows where `windows` is true."""
-        return replace(self, rows=self.rows[windows], lap=self.lap[windows])
+        trajectory = self.trajectory.select(windows) if self.trajectory else None
+        return replace(self, rows=self.rows[windows], lap=self.lap[windows], trajectory=trajectory)
 
     def measured_blocks(self) -> Array:
         """(5, windows, blocks) block means of what was measured."""
         return np.stack([self.thin(channel) for channel in self.measured])
 
-    def states(self) -> tuple[Array, Array]:
-        """Smoothed vx, vy, yaw rate: block means (3, windows, blocks) and at block edges (3, windows, blocks + 1)."""
+    def states(self) -> Trajectory:
+        """The states the model is linearised about."""
+        return self.trajectory or self.smoothed_states()
+
+    def smoothed_states(self) -> Trajectory:
+        """Smoothed vx, vy, yaw rate."""
         names = ("vx", "vy", "yaw_rate")
         means = np.stack([self.thin(self.signals[n]) for n in names])
         first, after = self.rows[:, :, 0], self.rows[:, -1:, -1] + 1
         edge = np.concatenate([first, after], axis=1)
         edges = np.stack([0.5 * (self.signals[n][edge - 1] + self.signals[n][edge]) for n in names])
-        return means, edges
+        return Trajectory(means, edges)
 
 
-def make_record(log: DriveLog, vehicle: Vehicle) -> Record:
-    """Smooth, differentiate inputs, find laps, cut windows.
+def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = ()) -> Record:
+    """Smooth, differentiate inputs, find laps, cut windows; measured signals in `distrusted` are not fitted.
 
     Raises:
         InputError: no uninterrupted stretch long enough.
@@ -133,6 +155,7 @@ def make_record(log: DriveLog, vehicle: Vehicle) -> Record:
         signals,
         measured,
         noise,
+        np.array([name not in log.derived and name not in distrusted for name in MEASURED]),
         state_error,
         windows,
         window_lap,
@@ -153,8 +176,8 @@ def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> tuple[Arra
     """
     vx, vy, rate, ax, ay = (np.array(log[n][rows], float) for n in ("vx", "vy", "yaw_rate", "ax", "ay"))
     omega = wiener(rate, log.step)
-    forward = smooth_velocity(vx, ax + vy * omega.value, log.step)
-    sideways = smooth_velocity(vy, ay - forward.value * omega.value, log.step)
+    forward = smoothed_velocity(log, "ax", vx, ax + vy * omega.value, log.step)
+    sideways = smoothed_velocity(log, "ay", vy, ay - forward.value * omega.value, log.step)
     for name, smoothed in (("vx", forward), ("vy", sideways), ("yaw_rate", omega)):
         signals[name][rows] = smoothed.value
     forces = [wiener(a, log.step).noise for a in (ax, ay)]

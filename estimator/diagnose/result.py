@@ -34,8 +34,8 @@ def standard_deviations(diagnosis: Diagnosis) -> Array:
     """(p,) of the final parameters: the larger of the ideal and the one robust to correlation within windows."""
     fit = diagnosis.fit
     covariance = fit.covariance
-    error, jacobian = evaluate(fit.predictor, fit.parameters, fit.deviation)
-    scores = np.einsum("cpwb,cwb->pw", jacobian, error / fit.normal.variance[:, None, None], optimize=True)
+    at = evaluate(fit.predictor, fit.parameters, fit.noise)
+    scores = np.einsum("cpwb,cwb->pw", at.sensitivity, at.error / fit.normal.variance[:, None, None], optimize=True)
     robust = covariance @ (scores @ scores.T) @ covariance
     variance = np.maximum(np.diag(covariance), np.diag(robust))
     for block in fit.predictor.blocks:

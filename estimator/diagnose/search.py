@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.diagnose.fit import MAX_ITERATIONS, Fit, fit, normal_at
+from estimator.diagnose.noise import Noise
+from estimator.diagnose.normal import TINY
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.record import Record, available
 from estimator.diagnose.timing import SAMPLED, sampling_effects
@@ -92,7 +94,7 @@ class Trial:
 def compare(before: Array, after: Array, count: Array) -> Evidence:
     """Held-out evidence from squares (5, laps) of two models, variances concentrated out per channel."""
     total = float(count.sum())
-    channels = 0.5 * total * np.log(before.sum(1) / np.maximum(after.sum(1), 1e-300))
+    channels = 0.5 * total * np.log(np.maximum(before.sum(1), TINY) / np.maximum(after.sum(1), TINY))
     difference = before - after
     whole = difference.sum(1)
     weight = np.divide(channels, whole, out=np.zeros(5), where=np.abs(whole) > 1e-12)
@@ -103,24 +105,27 @@ def compare(before: Array, after: Array, count: Array) -> Evidence:
 def fit_names(setting: Setting, names: Sequence[str], warm: Fit | None, iterations: int | None = None) -> Fit:
     """Fit the model with the named effects, starting from what `warm` found."""
     model = setting.model(names)
-    predictor = Predictor(model, setting.record)
+    predictor = Predictor(
+        model, setting.record if warm is None else replace(setting.record, trajectory=warm.predictor.record.trajectory)
+    )
     start = predictor.start([p.prior for p in model.tyre_table])
     if warm is not None:
         start = warm_start(predictor, start, warm)
-    deviation = _first_deviation(setting.record) if warm is None else warm.deviation
-    done = fit(predictor, start, deviation, iterations or MAX_ITERATIONS)
+    noise = _first_noise(setting.record) if warm is None else warm.noise
+    done = fit(predictor, start, noise, iterations or MAX_ITERATIONS)
     for _ in range(0 if iterations else REWEIGHINGS):
-        if np.all(np.abs(np.log(done.deviation / deviation)) < REWEIGH_ABOVE):
+        found = done.new_noise()
+        if found.close_to(noise, REWEIGH_ABOVE):
             break
-        deviation = done.deviation
-        done = fit(predictor, done.parameters, deviation, iterations or MAX_ITERATIONS)
+        noise = found
+        done = fit(done.predictor, done.parameters, noise)
     return done
 
 
-def _first_deviation(record: Record) -> Array:
-    """(5,) weights before anything is fitted: the noise, but no less than any model leaves of a measured signal."""
+def _first_noise(record: Record) -> Noise:
+    """Weights before anything is fitted: the sensors' noise, but no less than any model leaves of a measured signal."""
     spread = record.measured[:, record.rows.ravel()].std(axis=1)
-    return np.asarray(np.maximum(record.block_noise, UNFITTED_SHARE * spread))
+    return Noise.white(np.maximum(record.block_noise, UNFITTED_SHARE * spread))
 
 
 UNFITTED_SHARE = 0.02
@@ -169,9 +174,9 @@ def _screen_together(
     """One linearisation of the model with all `effects` at their neutral values."""
     model = setting.model(accepted)
     wide = replace(model, effects=(*model.effects, *effects))
-    predictor = Predictor(wide, setting.record)
+    predictor = Predictor(wide, current.predictor.record)
     at = warm_start(predictor, predictor.start([p.prior for p in wide.tyre_table]), current)
-    normal = normal_at(predictor, at, current.deviation)
+    normal, _ = normal_at(predictor, at, current.noise)
     base = [i for i in range(predictor.size) if i < len(wide.tyre_table)]
     places = {b.effect.name: range(b.parameters.start, b.parameters.stop) for b in predictor.blocks}
     for block in current.predictor.blocks:

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.diagnose.fit import Fit, evaluate
+from estimator.diagnose.noise import Noise
+from estimator.diagnose.normal import TINY
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.record import Record
 
@@ -17,10 +19,10 @@ SLOW_BLOCKS = 5
 
 def slow_ratio(predictor: Predictor, parameters: Array, deviation: Array) -> Array:
     """(5,) variance of averages of the residual over 0.2 s, relative to what it would be for white noise."""
-    error, _ = evaluate(predictor, parameters, deviation)
+    error = evaluate(predictor, parameters, Noise.white(deviation)).error
     blocks = error.shape[2] // SLOW_BLOCKS * SLOW_BLOCKS
     averages = error[:, :, :blocks].reshape(*error.shape[:2], -1, SLOW_BLOCKS).mean(axis=3)
-    ratio: Array = SLOW_BLOCKS * np.mean(averages**2, axis=(1, 2)) / np.mean(error**2, axis=(1, 2))
+    ratio: Array = SLOW_BLOCKS * np.mean(averages**2, axis=(1, 2)) / np.maximum(np.mean(error**2, axis=(1, 2)), TINY)
     return ratio
 
 

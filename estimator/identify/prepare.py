@@ -21,6 +21,9 @@ MOVING_SHARE = 0.25
 EDGE_S = 0.5
 """Left out at either end of a segment, where smoothing has one side only."""
 
+SPIN = 0.5
+"""Side-slip of the body, rad, beyond which a car spins or slides sideways: Eq. 3 no longer describes it."""
+
 MIN_SEGMENT_S = 3.0
 """Shorter segments are left out: nothing can be smoothed in them."""
 
@@ -113,7 +116,7 @@ def _row_step(samples: Samples) -> int:
 
 
 def prepare(log: DriveLog, auxiliary: Mapping[str, Array] | None = None, smooth: bool = True) -> Samples:
-    """Smooth the states of `log`, differentiate, and leave out rows at standstill and at the ends of segments.
+    """Smooth the states of `log`, differentiate, and leave out rows at standstill, in spins and at ends of segments.
 
     Args:
         log: the data set.
@@ -137,7 +140,7 @@ def prepare(log: DriveLog, auxiliary: Mapping[str, Array] | None = None, smooth:
         edge = round(EDGE_S / log.step)
         keep[rows.start + edge : rows.stop - edge] = True
         pieces.append((rows.stop - rows.start, noise, error))
-    keep &= log["vx"] > moving_speed(log)
+    keep &= (log["vx"] > moving_speed(log)) & ~spinning(log)
     rates = _rates(log, inputs)
     for name, rate in rates.items():
         if name not in given:
@@ -153,6 +156,13 @@ def prepare(log: DriveLog, auxiliary: Mapping[str, Array] | None = None, smooth:
 def moving_speed(log: DriveLog) -> float:
     """Speed gate, m/s, in proportion to the car's own speeds so that a model car passes it too."""
     return MOVING_SHARE * float(np.quantile(log["vx"], 0.95))
+
+
+def spinning(log: DriveLog) -> NDArray[np.bool_]:
+    """(n,) rows within `EDGE_S` of a spin: smoothing carries its jerk that far."""
+    fast = np.hypot(log["vx"], log["vy"]) > moving_speed(log)
+    spin = fast & (np.abs(log["vy"]) > np.tan(SPIN) * log["vx"])
+    return np.asarray(np.convolve(spin, np.ones(2 * round(EDGE_S / log.step) + 1), "same") > 0.5)
 
 
 def _auxiliary_of(log: DriveLog) -> dict[str, Array]:
@@ -172,8 +182,8 @@ def _segment(log: DriveLog, rows: slice, smooth: bool) -> tuple[Array, Array, Ar
     step = log.step
     vx, vy, yaw_rate, ax, ay = (log[n][rows] for n in ("vx", "vy", "yaw_rate", "ax", "ay"))
     omega = wiener(yaw_rate, step)
-    forward = _velocity(log, "ax", vx, ax + vy * omega.value, step)
-    sideways = _velocity(log, "ay", vy, ay - forward.value * omega.value, step)
+    forward = smoothed_velocity(log, "ax", vx, ax + vy * omega.value, step)
+    sideways = smoothed_velocity(log, "ay", vy, ay - forward.value * omega.value, step)
     states = np.stack([forward.value, sideways.value, omega.value]) if smooth else np.stack([vx, vy, yaw_rate])
     states = np.vstack([states, log["steer"][rows], log["drive"][rows]])
     channels = np.stack([ax, ay, omega.rate, forward.rate, sideways.rate])
@@ -186,7 +196,7 @@ def _segment(log: DriveLog, rows: slice, smooth: bool) -> tuple[Array, Array, Ar
     return states, channels, noise, np.array([forward.value_error, sideways.value_error, omega.value_error])
 
 
-def _velocity(log: DriveLog, accelerometer: str, velocity: Array, acceleration: Array, step: float) -> Smoothed:
+def smoothed_velocity(log: DriveLog, accelerometer: str, velocity: Array, acceleration: Array, step: float) -> Smoothed:
     """A derived acceleration says nothing the velocity does not."""
     return wiener(velocity, step) if accelerometer in log.derived else smooth_velocity(velocity, acceleration, step)
 

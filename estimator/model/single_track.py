@@ -27,17 +27,19 @@ class Stage(Enum):
     SLIP = 2
     LONGITUDINAL = 3
     """longitudinal forces: tyres of both axles and body, N; before the loads, which depend on them"""
-    LOAD = 4
+    SATURATION = 4
+    """what the tyres of each axle make of the longitudinal force asked of them"""
+    LOAD = 5
     """axle loads, N"""
-    GRIP = 5
+    GRIP = 6
     """factors on D"""
-    FORCE = 6
+    FORCE = 7
     """lateral tyre forces of both axles, N"""
-    BODY = 7
+    BODY = 8
     """forces and yaw moment on the body that do not come from the tyres' Eq. (2)"""
-    MOTION = 8
+    MOTION = 9
     """gravity: moves the car but is not felt by an accelerometer"""
-    SENSOR = 9
+    SENSOR = 10
     """what the sensors make of it"""
 
 
@@ -131,6 +133,7 @@ class SingleTrack:
         self._hook(Stage.SLIP, terms, phi)
         terms.fx_r = longitudinal_force(terms.drive, tyre["cx"])
         self._hook(Stage.LONGITUDINAL, terms, phi)
+        self._hook(Stage.SATURATION, terms, phi)
         terms.load_f, terms.load_r = v.static_load_front, v.static_load_rear
         self._hook(Stage.LOAD, terms, phi)
         self._hook(Stage.GRIP, terms, phi)

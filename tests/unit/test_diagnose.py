@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from estimator.diagnose.basis import make_basis
 from estimator.diagnose.diagnosis import Diagnosis, diagnose
 from estimator.diagnose.fit import evaluate, fit
+from estimator.diagnose.noise import Noise
 from estimator.diagnose.normal import Normal
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.result import as_json, as_revision
@@ -126,13 +127,13 @@ def test_sensitivities_agree_with_finite_differences(drives: dict[str, Any]) -> 
     predictor = Predictor(model, record)
     at = predictor.start([*PRIOR.values()])
     at[7], at[9] = 0.3, 0.04
-    deviation = record.block_noise
+    noise = Noise.white(record.block_noise)
     # about measured states the residual is small, so the projection and the exponential may be taken as constant
-    _, jacobian = evaluate(predictor, at, deviation)
+    jacobian = evaluate(predictor, at, noise).sensitivity
     for i in (0, 1, 7, 8, 9, 12):
         step = 1e-3 * predictor.table[i].prior_std * np.eye(len(at))[i]
-        ahead, _ = evaluate(predictor, at + step, deviation)
-        behind, _ = evaluate(predictor, at - step, deviation)
+        ahead = evaluate(predictor, at + step, noise).error
+        behind = evaluate(predictor, at - step, noise).error
         numeric = -(ahead - behind) / (2 * step[i])
         scale = np.abs(numeric).max()
         assert np.sqrt(np.mean((jacobian[:, i] - numeric) ** 2)) < 0.05 * scale, predictor.table[i].name

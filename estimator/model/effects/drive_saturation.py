@@ -10,7 +10,7 @@ from estimator.model.single_track import Terms
 from estimator.model.tyre import Expr
 
 
-def _longitudinal(terms: Terms, force: Expr) -> None:
+def _saturation(terms: Terms, force: Expr) -> None:
     terms.fx_f = force * ca.tanh(terms.fx_f / force)
     terms.fx_r = force * ca.tanh(terms.fx_r / force)
 
@@ -22,7 +22,7 @@ EFFECT = Effect(
     source="Pacejka, Tire and Vehicle Dynamics, ch. 4 (longitudinal force curve); tanh as its one-parameter form",
     parameters=(Parameter("force", "N", 1e7, 1e7, 500.0, 1e7, "largest longitudinal force F_max"),),
     channels=("ax", "vx_dot"),
-    hooks={"LONGITUDINAL": _longitudinal},
+    hooks={"SATURATION": _saturation},
     initial=(9000.0,),
     separated_by="small and large drive commands at the same speed, both signs",
 )
