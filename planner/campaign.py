@@ -41,6 +41,8 @@ from planner.safety import Watch, Watched
 
 METHODS = ("infomax", "plain", "prbs", "sine")
 AFTERWARDS = ("prior", "learnt")
+PROGRESS_EVERY = 20
+"""plans between two notes of where the car was"""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,8 @@ class CampaignSettings:
     """What is compared; two campaigns with equal settings give equal results."""
 
     laps: int = 1
+    seconds: float = 0.0
+    """drives end so long after the car was armed, before their laps are done; 0: whole laps"""
     track: str = ""
     mismatch: float = 0.10
     """by which B, C and D of either axle are off the declared ones"""
@@ -138,7 +142,7 @@ def _drive(trial: Trial, settings: CampaignSettings, config: Config) -> dict[str
 
     estimator_class = FixedEstimator if trial.method in AFTERWARDS else RecordingEstimator
     loop = Loop(config, keep=(topics.BELIEF,), components={"estimator": estimator_class, "planner": planner})
-    result = loop.run(laps=settings.laps, time_limit_s=settings.time_limit_s)
+    result = loop.run(laps=settings.laps, seconds=settings.seconds or None, time_limit_s=settings.time_limit_s)
     estimator = loop.estimator
     assert isinstance(estimator, RecordingEstimator) and isinstance(loop.planner, Planner)
     tyre = true_tyre(trial.seed, settings)
@@ -149,10 +153,17 @@ def _drive(trial: Trial, settings: CampaignSettings, config: Config) -> dict[str
         "safety": safety_figures(result, watch, estimator.kept, tyre, loop.planner.limits.pair),
         "lap_times_s": result.lap_times_s,
         "start_s": loop.elapsed_s - result.seconds,
+        "progress": _progress(watch, loop.elapsed_s - result.seconds),
         "belief": _beliefs(result),
         "held_out": _held_out(estimator.kept),
         "learnt": _learnt(result, loop.planner),
     }
+
+
+def _progress(watch: Watch, start_s: float) -> dict[str, list[float]]:
+    """Where the car was along the race line, m, once a second: seconds since it was armed."""
+    t, s = np.array(watch.progress)[::PROGRESS_EVERY].T
+    return {"t": np.round(t - START_NS / NS_PER_S - start_s, 3).tolist(), "s": np.round(s, 2).tolist()}
 
 
 def _learnt(result: LoopResult, planner: Planner) -> dict[str, Any]:

@@ -28,6 +28,8 @@ def _group() -> None:
 def learn(  # noqa: PLR0917  (one argument a flag)
     seeds: Annotated[int, typer.Option(min=2, help="cars, each with other tyres")] = 20,
     laps: Annotated[int, typer.Option(min=1, help="laps of every drive")] = 1,
+    seconds: Annotated[float, typer.Option(min=0, help="end drives after so long, before the laps are done; 0: laps")]
+    = 0.0,
     track: Annotated[str, typer.Option(help="track file or name of a shipped track")] = "",
     methods: Annotated[str, typer.Option(help="ways of driving, comma-separated; plain is always among them")]
     = "infomax,plain,prbs,sine",
@@ -46,12 +48,13 @@ def learn(  # noqa: PLR0917  (one argument a flag)
 
     Resumable: interrupted, the same command goes on where it stopped.
     """
+    from hil_gateway.track import load_track
     from planner.campaign import CampaignSettings, Trial
     from planner.campaign_run import Machines, drive_all
 
     default = CampaignSettings()
     settings = replace(
-        default, laps=laps, track=track,
+        default, laps=laps, seconds=seconds, track=track,
         information_weight=default.information_weight if weight is None else weight,
         information_criterion=criterion or default.information_criterion,
     )  # fmt: skip
@@ -59,7 +62,7 @@ def learn(  # noqa: PLR0917  (one argument a flag)
     trials = [Trial(method, seed) for seed in cars for method in _methods(methods)]
     results = drive_all([(trial, None) for trial in trials], settings, out, machines)
     proofs = drive_all(_afterwards(results, afterwards), settings, out, machines)
-    summary = _conclude(results, proofs, out)
+    summary = _conclude(results, proofs, load_track(track).length, out)
     if as_json:
         print(json.dumps(summary))
     else:
@@ -87,14 +90,16 @@ def _afterwards(results: Sequence[dict[str, Any]], cars: int) -> list[tuple[Tria
     return [job for s in chosen for job in ((Trial("prior", s), None), (Trial("learnt", s), learnt[s]))]
 
 
-def _conclude(results: Sequence[dict[str, Any]], proofs: Sequence[dict[str, Any]], out: Path) -> dict[str, Any]:
+def _conclude(
+    results: Sequence[dict[str, Any]], proofs: Sequence[dict[str, Any]], lap_length: float, out: Path
+) -> dict[str, Any]:
     """Summary and report beside the trials."""
     from planner.campaign_after import compare
     from planner.campaign_analysis import drives_of, summarise
     from planner.campaign_report import write_report
 
     drives = drives_of(results)
-    summary = {**summarise(drives), "afterwards": compare(proofs)}
+    summary = {**summarise(drives, lap_length), "afterwards": compare(proofs)}
     summary["report"] = str(write_report(drives, summary, out / "report.html"))
     (out / "summary.json").write_text(json.dumps(summary, indent=1))
     return summary

@@ -17,6 +17,7 @@ import numpy as np
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.revision import declared_revision
 from hil_gateway.bus import Bus
+from hil_gateway.clock import NS_PER_S
 from hil_gateway.config import Config
 from hil_gateway.messages import Command, Plan, PlanStatus
 from hil_gateway.topics import COMMAND, PLAN
@@ -35,6 +36,8 @@ class Watch:
     front: list[float] = field(default_factory=list)
     rear: list[float] = field(default_factory=list)
     gain: list[float] = field(default_factory=list)
+    progress: list[tuple[float, float]] = field(default_factory=list)
+    """time, s, and place along the race line, m, of every plan"""
     quasi_steady_s: float = 0.0
 
 
@@ -111,6 +114,8 @@ class Watched(Planner):
     def step(self, now_ns: int) -> Plan | None:
         """See `Planner.step`."""
         plan = super().step(now_ns)
+        if plan is not None:
+            self._watch.progress.append((now_ns / NS_PER_S, plan.s[0]))
         if plan is not None and plan.status is PlanStatus.SOLVED:
             front, rear = self._check.first_loads
             self._watch.front.append(front)

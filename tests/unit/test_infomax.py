@@ -15,6 +15,7 @@ from planner.bench import bench_controller, clock, start_state
 from planner.controller import Controller
 from planner.infomax import (
     FORCE_STATES,
+    PATIENCE_S,
     independent_samples,
     patience,
     project,
@@ -210,7 +211,7 @@ def test_information_counts_less_the_later_it_comes() -> None:
     share = patience(0.05, 40)
     assert share[0] == 1.0
     assert np.all(np.diff(share) < 0)
-    assert share[28] == pytest.approx(np.exp(-1.0))
+    assert share[12] == pytest.approx(np.exp(-0.6 / PATIENCE_S))
 
 
 def test_a_plan_that_may_not_explore_is_that_of_the_plain_problem() -> None:
