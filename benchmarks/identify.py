@@ -16,9 +16,10 @@ from scipy.optimize import least_squares
 
 from estimator.identify.drive_log import DriveLog, segment_numbers
 from estimator.identify.evaluate import CHANNELS, ModelColumns
-from estimator.identify.fit import FitSettings, fit
+from estimator.identify.fit import fit
 from estimator.identify.inputs import default_tyre_prior
 from estimator.identify.prepare import Samples, prepare
+from estimator.identify.problem import FitSettings
 from estimator.identify.recursive import averaged, batch
 from estimator.model.single_track import SingleTrack
 from estimator.model.tyre import blend_speed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,6 +13,7 @@ import typer
 
 if TYPE_CHECKING:
     from estimator.identify.identification import Identification
+    from estimator.identify.scoring import Scores
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -53,6 +55,9 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     ] = FormulationName.AUTO,
     window: Annotated[float, typer.Option(help="length of simulated windows, s", min=0.5, max=60.0)] = 4.0,
     keep: Annotated[list[str] | None, typer.Option(help="log-health finding to report but not act on")] = None,
+    score: Annotated[
+        list[Path] | None, typer.Option(help="another log to score the result on; may be repeated")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="folder for identification.json, tyre.json and report.html")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
@@ -61,6 +66,7 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.identify.identification import Options
     from estimator.identify.identification import identify as run
     from estimator.identify.inputs import read_tyre_prior, read_vehicle
+    from estimator.identify.scoring import as_summary, score_log
 
     options = Options(layout.value, method.value, formulation.value, window, frozenset(keep or ()))
     car = read_vehicle(vehicle)
@@ -68,14 +74,15 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     with _progress() as progress:
         progress("reading", 0.0)
         result = run(read_logs(sessions), car, prior, options, progress)
-        summary = result.summary()
+        scores = {str(path): score_log(result, read_logs([path])) for path in score or ()}
+        summary = {**result.summary(), "scored": {path: as_summary(one) for path, one in scores.items()}}
         if out is not None:
             progress("report", 0.95)
             summary["report"] = str(_write(result, summary, out))
     if as_json:
         print(json.dumps(summary))
     else:
-        _print(result)
+        _print(result, scores)
 
 
 def _write(result: Identification, summary: dict[str, Any], out: Path) -> Path:
@@ -106,7 +113,7 @@ class _progress:  # noqa: N801 - used like a function
         self._bar.stop()
 
 
-def _print(result: Identification) -> None:
+def _print(result: Identification, scores: Mapping[str, Scores]) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -119,7 +126,8 @@ def _print(result: Identification) -> None:
             name, f"{initial:.5g}", f"{final:.5g}", f"{100 * (final / initial - 1):+.1f} %", f"{std:.2g}", known
         )
     console.print(table)
-    for channel, (initial, final) in result.rmse.items():
-        console.print(f"held-out RMSE {channel:9s} {initial:.4g} -> {final:.4g}")
+    for what, rmse in {"held-out": result.rmse, **scores}.items():
+        for channel, (initial, final) in rmse.items():
+            console.print(f"{what} RMSE {channel:9s} {initial:.4g} -> {final:.4g}", soft_wrap=True)
     for line in (*(f.description for f in result.health.findings), *result.identifiability.statements):
         console.print(f"- {line}", soft_wrap=True)

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from estimator.identify.drive_log import DriveLog
 from estimator.identify.evaluate import ModelColumns
-from estimator.identify.fit import Fit, fit, rmse
+from estimator.identify.fit import Fit, fit
 from estimator.identify.health import HealthReport, examine
-from estimator.identify.health.steering import LAG_STEER, lag_of
+from estimator.identify.health.steering import LAG_STEER, lag_of, zero_of
 from estimator.identify.identifiability import Identifiability, analyse
-from estimator.identify.nuisance import steer_timing, vy_sensor, yaw_rate_timing
+from estimator.identify.nuisance import steer_timing, steer_zero, vy_sensor, yaw_rate_timing
 from estimator.identify.output_error import OutputErrorSettings, fit_output_error
-from estimator.identify.prepare import Samples, prepare
+from estimator.identify.prepare import Samples, prepare, spinning
 from estimator.identify.recursive import CurvePoint, Recursion, averaged, batch, sample
-from estimator.identify.rollout import Rollout, roll_out
-from estimator.identify.simulate import OUTPUTS
+from estimator.identify.rollout import Rollout
+from estimator.identify.scoring import Scores, as_summary, score_samples, simulations
 from estimator.identify.split import Split, split
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Layout
@@ -35,8 +35,6 @@ Progress = Callable[[str, float], None]
 
 LAG_ROUNDS = 3
 """Times a steering lag is taken out and estimated again: the model's delay is of first order."""
-
-ALGEBRAIC_CHANNELS = ("ax", "ay", "yaw_acc")
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class Identification:
     columns: ModelColumns
     fit: Fit
     initial: Mapping[str, float]
-    rmse: Mapping[str, tuple[float, float]]
+    rmse: Scores
     curve: tuple[CurvePoint, ...]
     identifiability: Identifiability
     rollouts: tuple[Rollout, Rollout]
@@ -101,7 +99,7 @@ class Identification:
                 "condition_number": _finite(known.condition_number),
             },
             "nuisance": {n: {"value": v, "std": self.fit.std[n]} for n, v in self.fit.values.items() if "." in n},
-            "rmse": {c: {"initial": i, "final": f} for c, (i, f) in self.rmse.items()},
+            "rmse": as_summary(self.rmse),
             "curve": [{"batch": p.batch, **p.rmse} for p in self.curve],
             "health": [finding.summary() for finding in self.health.findings],
             "rows": len(self.log),
@@ -131,11 +129,13 @@ def identify(
         health = health.repaired(lag)
         task = replace(task, log=health.log)
         fitted = _fit_and_split(task, health, fitted.fit)
+    if (zero := zero_of(fitted.fit)) is not None:
+        health = health.replaced(zero)
     progress("held-out error", 0.9)
     held_out = fitted.samples.select(fitted.split.test)
-    thetas = (fitted.columns.start, fitted.fit.theta)
-    before, after = (roll_out(fitted.columns, task.log, held_out, theta, options.window_s) for theta in thetas)
-    scores = _scores(fitted, held_out, (before, after), task.formulation)
+    columns, theta = fitted.columns, fitted.fit.theta
+    rollouts = simulations(columns, theta, task.log, held_out, options.window_s)
+    scores = score_samples(columns, theta, held_out, rollouts if task.formulation == "output_error" else None)
     known = analyse(fitted.fit, fitted.samples.select(fitted.split.train), vehicle, options.layout)
     progress("done", 1.0)
     return Identification(
@@ -152,7 +152,8 @@ def identify(
         rmse=scores,
         curve=fitted.curve,
         identifiability=known,
-        rollouts=(before, after),
+        rollouts=rollouts,
+        notes=_notes(task.log),
         seconds=time.perf_counter() - began,
     )
 
@@ -202,6 +203,8 @@ def _columns(task: _Task, health: HealthReport) -> ModelColumns:
     nuisances: list[Effect] = []
     if LAG_STEER not in options.keep:
         nuisances.append(steer_timing(task.log.step))
+    if health.steering_is_off:
+        nuisances.append(steer_zero())
     if task.formulation == "output_error" and health.vy_is_displaced:
         nuisances.append(vy_sensor())
     if task.formulation == "output_error" and health.yaw_rate_was_moved:
@@ -232,17 +235,9 @@ def _recursion(task: _Task, columns: ModelColumns, train: Samples, held_out: Sam
     return method(columns, averaged(train), held_out, lambda share: task.progress(name, 0.2 + 0.3 * share))
 
 
-def _scores(
-    fitted: _Fitted, held_out: Samples, rollouts: tuple[Rollout, Rollout], formulation: Formulation
-) -> dict[str, tuple[float, float]]:
-    """Held-out RMSE before and after: along the simulation where that was fitted, else at the smoothed states."""
-    columns, thetas = fitted.columns, (fitted.columns.start, fitted.fit.theta)
-    before, after = (rmse(columns, held_out, theta, ALGEBRAIC_CHANNELS) for theta in thetas)
-    scores = {c: (before[c], after[c]) for c in ALGEBRAIC_CHANNELS}
-    if formulation == "output_error":
-        simulated = [r.rmse for r in rollouts]
-        scores |= {c: (simulated[0][c], simulated[1][c]) for c in OUTPUTS}
-    return scores
+def _notes(log: DriveLog) -> tuple[str, ...]:
+    spun = int(spinning(log).sum())
+    return (f"{spun} rows are left out: the car spins or slides sideways",) if spun else ()
 
 
 def _finite(value: float) -> float | None:

@@ -6,13 +6,16 @@ Left out, they would be taken for tyre parameters. Each is an `Effect` with a pr
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from estimator.model.tyre import Expr
 
 STEER_TIMING = "steer_timing"
+STEER_ZERO = "steer_offset"
 VY_SENSOR = "vy_sensor"
 YAW_RATE_TIMING = "yaw_rate_timing"
 
@@ -39,6 +42,12 @@ def steer_timing(step: float) -> Effect:
         hooks={"INPUT": _delayed},
         needs=("steer_rate",),
     )
+
+
+def steer_zero() -> Effect:
+    """Offset of the reported angle, rad: a steering that reads zero a degree off bends one side's tyre curve."""
+    effect = catalogue()[STEER_ZERO]
+    return replace(effect, parameters=tuple(replace(p, name=f"{STEER_ZERO}.{p.name}") for p in effect.parameters))
 
 
 def vy_sensor() -> Effect:

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from estimator.identify.drive_log import DriveLog
 from estimator.identify.evaluate import ModelColumns
-from estimator.identify.fit import AlgebraicProblem, Fit, FitSettings, Problem, huber_loss, huber_weight, solve
+from estimator.identify.fit import Fit, solve
 from estimator.identify.prepare import Samples
+from estimator.identify.problem import AlgebraicProblem, FitSettings, Problem, block_length, huber_loss, huber_weight
 from estimator.identify.simulate import OUTPUTS, STATES, Simulator, Trajectory
 from estimator.identify.windows import STATE_ROWS, cut
 
@@ -103,36 +104,56 @@ class OutputErrorProblem(Problem):
         return z * root, J, J0
 
     def cost(self, u: Array) -> float:
-        z = self.errors(self.simulate(u, sensitivities=False)) / self.spread[: len(self.outputs), None, None]
-        if not np.isfinite(z).all():
+        losses = self._losses(u, self.starts.near(u))
+        if not np.isfinite(losses).all():
             return np.inf
         self._pass_spread()
-        return float(np.sum(huber_loss(z, self.settings.huber))) + self.algebraic.cost(u) + self.prior_cost(u)
+        return float(losses.sum()) + self.algebraic.cost(u) + self.prior_cost(u)
+
+    def _losses(self, u: Array, start: Array) -> Array:
+        """(L,) robust loss of each window simulated from `start` (2, L)."""
+        trajectory = self.simulator.run(self.windows, start, self.theta(u), sensitivities=False)
+        z = self.errors(trajectory) / self.spread[: len(self.outputs), None, None]
+        return np.asarray(huber_loss(z, self.settings.huber).sum(axis=(0, 1)))
+
+    def _better_starts(self, u: Array, shift: Array) -> Array:
+        """Start states moved by `shift` (2, L) in the windows that gain by it: those of an unstable car may not."""
+        here = self.starts.near(u)
+        gains = self._losses(u, here + shift) <= self._losses(u, here)
+        return np.asarray(here + shift * gains)
 
     def normal_equations(self, u: Array) -> tuple[Array, Array]:
         self._pass_spread()
         H, g = self.algebraic.normal_equations(u)
-        information, scores = self._reduced(u)
+        information, scores = self._reduced(u, self.windows.weight.shape[0])
         return H + information + self.precision, g - scores.sum(axis=1) + self.precision @ u
 
-    def _reduced(self, u: Array) -> tuple[Array, Array]:
-        """Information (p, p) and score (p, L) of each window with the start states eliminated; moves those on."""
+    def _reduced(self, u: Array, each_samples: int) -> tuple[Array, Array]:
+        """Information (p, p), and scores (p, m) of stretches of so many samples, with the start states eliminated.
+
+        The start states are moved on.
+        """
         z, J, J0 = self._weighted(self.simulate(u))
         H = np.einsum("opkl,oqkl->lpq", J, J, optimize=True)
         cross = np.einsum("opkl,oakl->lpa", J, J0, optimize=True)
         H00 = np.einsum("oakl,obkl->lab", J0, J0, optimize=True)
-        g, g0 = np.einsum("opkl,okl->lp", J, z), np.einsum("oakl,okl->la", J0, z)
+        g0 = np.einsum("oakl,okl->la", J0, z)
         gain = _solve_each(H00, cross.swapaxes(1, 2)).swapaxes(1, 2)
         shift = _solve_each(H00, g0[..., None])[..., 0].T
-        self.starts = _Starts(u.copy(), self.starts.near(u) + shift, gain.swapaxes(1, 2))
+        self.starts = _Starts(u.copy(), self._better_starts(u, shift), gain.swapaxes(1, 2))
         information = (H - gain @ cross.swapaxes(1, 2)).sum(axis=0)
-        return information, (g - np.einsum("lpa,la->lp", gain, g0)).T
+        starts = np.arange(0, z.shape[1], each_samples)
+        by_theta, by_start = (_summed(each, z, starts) for each in (J, J0))
+        scores = by_theta - np.einsum("lpa,aml->pml", gain, by_start)
+        return information, scores[:, self.windows.weight[starts] > 0.0]
 
     def information_and_scatter(self, u: Array) -> tuple[Array, Array, int]:
         self._pass_spread()
         H, scatter, _ = self.algebraic.information_and_scatter(u)
-        information, scores = self._reduced(u)
-        return H + information, scatter + scores @ scores.T, self.windows.count
+        step = self.windows.step
+        length = block_length(self.settings, float(self.windows.weight.sum()) * step, self.size)
+        information, scores = self._reduced(u, max(1, round(length / step)))
+        return H + information, scatter + scores @ scores.T, scores.shape[1]
 
     def robust_spread(self, u: Array) -> Array:
         errors = np.abs(self.errors(self.simulate(u, sensitivities=False)))
@@ -147,6 +168,11 @@ class OutputErrorProblem(Problem):
 
     def _pass_spread(self) -> None:
         self.algebraic.spread = self.spread[len(self.outputs) :]
+
+
+def _summed(J: Array, z: Array, starts: NDArray[np.int64]) -> Array:
+    """(n, m, L) products of (o, n, K, L) J and (o, K, L) z, summed over outputs and from each of `starts` on."""
+    return np.asarray(np.add.reduceat(np.einsum("onkl,okl->nkl", J, z, optimize=True), starts, axis=1))
 
 
 def fit_output_error(

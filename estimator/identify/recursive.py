@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.identify.evaluate import ModelColumns
-from estimator.identify.fit import AlgebraicProblem, Fit, FitSettings, rmse
+from estimator.identify.fit import Fit, rmse
 from estimator.identify.prepare import Samples
+from estimator.identify.problem import AlgebraicProblem, FitSettings
 from estimator.model.single_track import AUXILIARY, SIGNALS
 from estimator.tyre_belief import BeliefSettings, Sample, TyreBelief
 
@@ -99,7 +100,7 @@ def _moving_pass(columns: ModelColumns, samples: Samples) -> Iterator[_State]:
     """States after each batch, each linearised at the estimate before it; the spread follows the residuals."""
     whole = AlgebraicProblem(columns, samples, FitSettings(prior=False))
     u = whole.scaled(columns.start)
-    variance = whole.robust_spread(u) ** 2
+    variance = whole.first_spread(u) ** 2
     information = np.eye(len(u))
     for problem in _batches(columns, samples):
         variance += SPREAD_MEMORY * (np.maximum(problem.residual_rms(u), 0.5 * whole.noise) ** 2 - variance)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 from estimator.identify.drive_log import DriveLog
-from estimator.identify.health import acceleration, lateral_velocity, offsets, sampling, units, wheels
+from estimator.identify.health import acceleration, lateral_velocity, offsets, sampling, steering, units, wheels
 from estimator.identify.health.finding import Action, Finding
 from hil_gateway.vehicle import Vehicle
 
@@ -22,6 +22,7 @@ FINDERS: tuple[Callable[[DriveLog, Vehicle], list[Finding]], ...] = (
     acceleration.find,
     offsets.find,
     lateral_velocity.find,
+    steering.find,
     wheels.find,
 )
 
@@ -43,12 +44,21 @@ class HealthReport:
         """Whether the yaw rate was re-aligned: a fit then estimates what is left of its lag."""
         return any(f.channel == "yaw_rate" and f.action is Action.REALIGNED for f in self.findings)
 
+    @property
+    def steering_is_off(self) -> bool:
+        """Whether the steering's zero is off: a fit then estimates it along with the tyres."""
+        return any(f.name == steering.OFFSET_STEER and f.action is Action.CORRECTED for f in self.findings)
+
+    def replaced(self, finding: Finding) -> HealthReport:
+        """This report with `finding` instead of the one of its name."""
+        return replace(self, findings=(*(f for f in self.findings if f.name != finding.name), finding))
+
     def repaired(self, finding: Finding) -> HealthReport:
         """This report with one more finding and its repair, for what only a fit can find; sizes of one name add up."""
         log = self.log if finding.repair is None else finding.repair(self.log)
         before = sum(f.size for f in self.findings if f.name == finding.name)
         total = replace(finding, size=before + finding.size, description=finding.described(before + finding.size))
-        return HealthReport((*(f for f in self.findings if f.name != finding.name), total), log)
+        return replace(self.replaced(total), log=log)
 
 
 def examine(log: DriveLog, vehicle: Vehicle, keep: Collection[str] = ()) -> HealthReport:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from estimator.identify.drive_log import DriveLog
 from estimator.identify.health.finding import Action, Finding, confidence_of
+from estimator.identify.health.regression import PARTS, jackknifed
 from estimator.identify.prepare import moving_speed, prepare
 from hil_gateway.vehicle import Vehicle
 
@@ -25,8 +26,6 @@ LEAST_ANGLE = 0.004
 
 LEAST_POSITION = 0.2
 """share of the wheelbase"""
-
-PARTS = 12
 
 
 def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
@@ -56,22 +55,9 @@ def sensor_of_vy(log: DriveLog, vehicle: Vehicle) -> tuple[Array, Array] | None:
         return None
     force = samples["ay"]
     X = np.stack([yaw_rate, vx, np.ones_like(vx), vx * force, vx * samples["yaw_acc"], vx * force**3], axis=1)[gentle]
-    parts = np.array_split(np.arange(len(X)), PARTS)
-    whole = _robust(X, vy[gentle])
-    left_out = [_robust(np.delete(X, part, 0), np.delete(vy[gentle], part)) for part in parts]
-    spread = np.sqrt((PARTS - 1) / PARTS * np.sum((np.array(left_out) - np.mean(left_out, axis=0)) ** 2, axis=0))
+    whole, spread = jackknifed(X, vy[gentle])
     whole[0] -= vehicle.lr
     return whole[:3], spread[:3]
-
-
-def _robust(X: Array, y: Array) -> Array:
-    weights = np.ones(len(y))
-    solution: Array = np.zeros(X.shape[1])
-    for _ in range(4):
-        solution = np.asarray(np.linalg.lstsq(X * weights[:, None], y * weights, rcond=None)[0], float)
-        errors = np.abs(y - X @ solution)
-        weights = np.sqrt(np.minimum(1.0, 2.0 * np.median(errors) / np.maximum(errors, 1e-12)))
-    return np.asarray(solution)
 
 
 def _misaligned(angle: float, bias: float, speed: float, std: tuple[float, float]) -> Finding:

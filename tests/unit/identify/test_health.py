@@ -69,6 +69,15 @@ def test_vy_measured_ahead_of_the_centre_of_gravity_is_found() -> None:
     assert finding.size == pytest.approx(1.2, abs=0.25)  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize("offset", [0.006, -0.012])
+def test_steering_that_does_not_read_zero_is_found(offset: float) -> None:
+    report = examine(_log(steer=COLUMNS["steer"] + offset), VEHICLE)
+    assert report.steering_is_off
+    finding = next(f for f in report.findings if f.name == "offset_steer")
+    assert finding.size == pytest.approx(offset, abs=0.001)
+    assert np.array_equal(report.log["steer"], COLUMNS["steer"] + offset), "the fit allows for it, the log keeps it"
+
+
 def test_late_and_attenuated_acceleration_is_found_useless() -> None:
     useless = 0.4 * _late("ax", 1.2)
     finding = _only(_log(ax_logged=useless), "useless_ax_logged")

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from estimator.identify.cli import app
-from estimator.identify.drive_log import read_logs
+from estimator.identify.drive_log import DriveLog, read_logs
 from estimator.identify.identification import Identification, Options, identify
 from estimator.identify.inputs import read_tyre_prior, read_vehicle
+from estimator.identify.scoring import score_log
 from hil_gateway.errors import InputError
+from hil_gateway.vehicle import Vehicle
 from tests.support.drive_simulator import TYRE, simulate, to_csv
 
 
@@ -60,6 +64,15 @@ def test_a_log_shorter_than_four_blocks_still_holds_a_quarter_out(tmp_path: Path
     done = identify(read_logs([path]), read_vehicle(None), None, Options(method="batch"))
     assert 0.15 < done.split.test.mean() < 0.35
     assert done.split.train.mean() > 0.5
+
+
+def test_result_is_scored_on_another_log(log_file: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.csv"
+    columns = simulate([TYRE], 25.0, seed=32)[0].columns
+    other.write_text(to_csv(columns))
+    arguments = [str(log_file), "--json", "--method", "batch", "--score", str(other)]
+    scored = json.loads(CliRunner().invoke(app, arguments).stdout)["scored"][str(other)]
+    assert scored["ay"]["final"] < 0.2 < scored["ay"]["initial"]
 
 
 @pytest.mark.parametrize(
@@ -118,3 +131,29 @@ def test_measured_run_is_repaired_and_predicted(measured_data: Path) -> None:
     assert result.rmse["yaw_rate"][1] <= 0.0060
     assert result.rmse["ax"][1] <= 0.77
     assert "D, C and B of the front axle cannot be separated" in " ".join(result.identifiability.statements)
+
+
+@pytest.mark.slow
+def test_model_car_is_predicted_better_with_steering_lag_and_separate_axles(measured_data: Path) -> None:
+    folder = measured_data / "dart"
+    train, *others = (
+        next(folder.glob(name)) for name in ("free*02_28.csv", "free*01_01.csv", "*fast*.csv", "*rub*.csv")
+    )
+    car = Vehicle(mass=1.58, yaw_inertia=0.0048, lf=0.0805, lr=0.0930)
+
+    def run(**options: Any) -> Identification:
+        prior = read_tyre_prior(None, options.get("layout", "per_axle"), car)
+        return identify(read_logs([train]), car, prior, Options(**options))
+
+    plain = run(layout="shared", method="batch", keep=frozenset({"lag_steer", "offset_steer"}))
+    whole = run()
+    found = {f.name: f.size for f in whole.health.findings}
+    assert 0.03 < found["lag_steer"] < 0.07
+    assert np.degrees(found["offset_steer"]) == pytest.approx(-0.6, abs=0.3)
+    ratios = [score_log(whole, log)["ay"][1] / score_log(plain, log)["ay"][1] for log in map(_read, others)]
+    assert float(np.mean(ratios)) < 0.75
+    assert all(np.isfinite(list(whole.fit.std.values())))
+
+
+def _read(path: Path) -> DriveLog:
+    return read_logs([path])
