@@ -29,14 +29,15 @@ class Answer:
 
 
 def ask(arguments: Sequence[str], timeout_s: float) -> Answer:
-    """Run `hil ARGUMENTS --json`; progress goes to our standard error, a failure becomes a reason."""
+    """Run `hil ARGUMENTS --json`; a failure becomes a reason. On a terminal its progress shows."""
     command = [sys.executable, "-m", "hil_gateway.cli", *arguments, "--json"]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, check=False)
+        heard = None if sys.stderr.isatty() else subprocess.PIPE
+        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=heard, text=True, timeout=timeout_s, check=False)
     except subprocess.TimeoutExpired:
         return Answer({}, f"`hil {arguments[0]}` took longer than {timeout_s:g} s")
     if done.returncode != 0:
-        lines = done.stderr.strip().splitlines()
+        lines = (done.stderr or "").strip().splitlines()
         return Answer({}, lines[-1].removeprefix("hil: ") if lines else f"`hil {arguments[0]}` failed")
     return Answer(json.loads(done.stdout))
 
