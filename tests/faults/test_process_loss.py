@@ -123,7 +123,8 @@ class LiveLoop:
             message = self.status.latest.message
             if message is None or self.action is FailsafeAction.DRIVE:
                 continue
-            if self.action in STOPS and self.speed < 0.3:
+            # the car may have gone into its own emergency after the first disarming: then it takes a second one
+            if (self.action in STOPS or "car_emergency" in message.missing_for_arming) and self.speed < 0.3:
                 self.ask(OperatorAction.DISARM)
             elif self.action is FailsafeAction.SILENT and not message.missing_for_arming:
                 self.judge.last.clear()  # after silence the first frame starts anew
