@@ -95,7 +95,7 @@ class Controller:
         points = infomax.sigma_points(k.mean, k.covariance, indices, level)
         return np.column_stack([k.theta, points]).ravel(order="F")
 
-    def _weigh_information(self, speed: float) -> None:
+    def _weigh_information(self, speed: float, share: float = 1.0) -> None:
         """q_I at this speed, and W of Tr(W F): prior variances for `trace`; for `log_det` P after the horizon's F.
 
         d log det(P^-1 + sum F) = Tr(W dF) with W = (P^-1 + sum F)^-1, taken at the guess, F as much as the belief
@@ -103,7 +103,7 @@ class Controller:
         """
         k, info = self.knowledge, self.settings.information
         spread = infomax.relative_spread(k.covariance, k.prior_std)
-        q = infomax.scheduled_weight(info.weight, speed, spread, info.goal)
+        q = share * infomax.scheduled_weight(info.weight, speed, spread, info.goal)
         self.common[self.problem.common["q_information"]] = q
         W: Array = np.diag(k.prior_std**2)
         if self.problem.informative and info.criterion == "log_det":
@@ -119,7 +119,7 @@ class Controller:
         limits, w = self.settings.limits, self.settings.weights
         p[names["s"]] = knot
         p[names["cubic_x"]], p[names["cubic_y"]] = cubics[:4], cubics[4:]
-        clearance = limits.car_half_width + limits.track_margin
+        clearance = limits.car_half_width + limits.track_margin + limits.exploring_margin * self.problem.informative
         p[names["centre"]] = road[:2]
         p[names["half_width"]] = np.maximum(road[2] + road[3] * (s - knot) - clearance, MIN_CORRIDOR)
         p[names["speed"]] = road[4:6]
@@ -139,12 +139,12 @@ class Controller:
         return np.asarray(np.maximum(np.minimum(power, limits.drive_max), reach))
 
     def solve(
-        self, z0: Array, stopwatch: Stopwatch, iterations: int | None = None, *, explore: bool = True
+        self, z0: Array, stopwatch: Stopwatch, iterations: int | None = None, *, explore: float = 1.0
     ) -> Solution:  # fmt: skip
-        """Solution from state `z0` (NZ,), warm-started from the held guess; with q_I = 0 unless it may `explore`."""
+        """Solution from state `z0` (NZ,), warm-started from the held guess, with the share `explore` of q_I."""
         guess = self.sqp.z
         self.fill_stages(guess[S, 1:], guess[VX, 1:], float(z0[DRIVE]))
-        self._weigh_information(float(z0[VX]) if explore else 0.0)
+        self._weigh_information(float(z0[VX]), explore)
         return self.sqp.solve(z0, self.stages, self.common, iterations or self.settings.iterations, stopwatch)
 
     def shift(self) -> None:

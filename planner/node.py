@@ -28,10 +28,10 @@ Array = npt.NDArray[np.float64]
 
 MAX_SHIFT_S = 0.4
 """a shifted plan is used for this long at most; then the car is stopped"""
-EXTRA_ITERATIONS = 3
+EXTRA_ITERATIONS = 4
 """SQP iterations more for a plan that is not accepted as it is"""
-CALM_S = 1.0
-"""no exploring for this long after a plan that was not accepted as it was"""
+TIMID, BOLDER = 0.5, 0.05
+"""share of q_I: times the one after a plan that was not accepted as it was, plus the other after one that was"""
 COLD_GAP_S = 0.3
 COLD_DISTANCE = 5.0
 """a state this far (m) from the plan, or a pause this long, starts the solver afresh"""
@@ -71,7 +71,7 @@ class Planner:
         self._actuators = Actuators(p)
         self._plan: Trajectory | None = None
         self._solution_start_ns: int | None = None
-        self._fresh_ns = self._calm_ns = 0
+        self._fresh_ns, self._boldness = 0, 0.0
         self._check = PlanCheck(self.settings, config.vehicle)
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
         self._seq = 0
@@ -172,22 +172,22 @@ class Planner:
         else:
             for _ in range(self._intervals_since(start_ns)):
                 controller.shift()
-            solution = controller.solve(z0, self._stopwatch, explore=start_ns >= self._calm_ns)
+            solution = controller.solve(z0, self._stopwatch, explore=self._boldness)
         found = self._judge(solution)
-        for _ in range(EXTRA_ITERATIONS):
-            # one iteration may leave a far stage beyond a curved limit; another one straightens it out. Where exploring
-            # led there it rests: driving on with an old plan loses a car that is sliding
+        for k in range(EXTRA_ITERATIONS):
+            # one iteration may leave a far stage beyond a curved limit; another one straightens it out
             if not found or not solution.usable or self._late(started):
                 break
-            self._calm_ns = start_ns + round(CALM_S * NS_PER_S)
-            solution = controller.solve(z0, self._stopwatch, 1, explore=False)
+            # where exploring led there, less of it: driving on with an old plan loses a car that is sliding
+            self._boldness *= 0.0 if k == EXTRA_ITERATIONS - 1 else TIMID
+            solution = controller.solve(z0, self._stopwatch, 1, explore=self._boldness)
             found = self._judge(solution)
         self._solution_start_ns = start_ns if solution.usable else None
         if found:
             return found
         if self._late(started):
             return f"solver: later than {1e3 * self._config.planner.deadline_s:.0f} ms"
-        self._fresh_ns = start_ns
+        self._fresh_ns, self._boldness = start_ns, min(1.0, self._boldness + BOLDER)
         self._note_loads()
         return Decision(
             Trajectory(solution.z, solution.du, start_ns), PlanStatus.SOLVED, gain=float(solution.information.sum())

@@ -53,6 +53,8 @@ class Limits:
     car_half_width: float = 1.0
     track_margin: float = 0.3
     """kept clear of the edge beyond the car's own width, m"""
+    exploring_margin: float = 0.3
+    """kept clear beyond that where information is paid for, m: a slalom with wrong tyres ends up to 0.3 m wide"""
 
 
 @dataclass(frozen=True)

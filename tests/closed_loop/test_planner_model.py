@@ -15,6 +15,7 @@ from hil_gateway.config import Config, load_config
 from hil_gateway.messages import ActiveEffect, Belief, ModelRevision, Plan, PlanStatus
 from planner.acceptance import declared_forces
 from planner.adoption import PROBATION_FAILURES, implausible
+from planner.learning import EXPLORING
 from planner.qp import QpStatus
 
 HORIZON = 40
@@ -301,3 +302,16 @@ def test_executed_tyre_loads_stay_within_their_limits() -> None:
     # lateral force alone: the actuator positions of every tick are not kept
     f = forces(cars[3], cars[4], cars[5], np.zeros(cars.shape[1]), np.zeros(cars.shape[1]))
     assert np.max(np.abs(f.fy_r) / f.load_r) < 1.02 * k.load_max[1]
+
+
+def test_exploring_grows_timid_where_plans_are_not_accepted_and_bold_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = ModelCar(_config(**EXPLORING))
+    rig.run(3.0)
+    assert rig.planner._boldness == 1.0
+    refusals, judge = iter(["not accepted: load"] * 2), rig.planner._judge
+    monkeypatch.setattr(rig.planner, "_judge", lambda solution: next(refusals, "") or judge(solution))
+    rig.run(0.05)
+    assert rig.planner._boldness == pytest.approx(0.25 + 0.05)
+    assert rig.plans[-1].status is PlanStatus.SOLVED, "a plan that explores less is still a fresh one"
+    rig.run(1.0)
+    assert rig.planner._boldness > 0.9
