@@ -175,3 +175,17 @@ def test_the_documented_catalogue_is_the_one_in_the_code() -> None:
 
     document = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
     assert document.read_text() == page(), "python -m estimator.model.catalogue_page > docs/effects.md"
+
+
+def test_engine_braking_switches_sample_by_sample_and_by_the_throttle_where_it_is_recorded() -> None:
+    prepare = catalogue()["engine_braking"].prepare
+    assert prepare is not None
+    fluttering = {"drive": np.array([0.004, -0.003, 0.004, -0.003])}
+    np.testing.assert_array_equal(prepare(fluttering, VEHICLE, (300.0,))["throttle_closed"], [0, 1, 0, 1])
+    pedal = fluttering | {"throttle": np.array([0.0, 0.0, 0.3, 0.3])}
+    np.testing.assert_array_equal(prepare(pedal, VEHICLE, (300.0,))["throttle_closed"], [1, 1, 0, 0])
+
+
+def test_a_biased_gyroscope_is_told_from_the_turning_of_the_car() -> None:
+    effect, biased = catalogue()["imu_bias"], LEFT_TURN | {"yaw_rate": LEFT_TURN["yaw_rate"] + 0.02}
+    assert predict(effect, (0.0, 0.0, 0.02), **biased) == pytest.approx(predict(None, **LEFT_TURN), rel=1e-12)
