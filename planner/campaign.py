@@ -51,7 +51,7 @@ class CampaignSettings:
 
     laps: int = 1
     seconds: float = 0.0
-    """drives end so long after the car was armed, before their laps are done; 0: whole laps"""
+    """learning ends so long after the car was armed, before the laps are done; 0: whole laps"""
     track: str = ""
     mismatch: float = 0.10
     """by which B, C and D of either axle are off the declared ones"""
@@ -142,7 +142,8 @@ def _drive(trial: Trial, settings: CampaignSettings, config: Config) -> dict[str
 
     estimator_class = FixedEstimator if trial.method in AFTERWARDS else RecordingEstimator
     loop = Loop(config, keep=(topics.BELIEF,), components={"estimator": estimator_class, "planner": planner})
-    result = loop.run(laps=settings.laps, seconds=settings.seconds or None, time_limit_s=settings.time_limit_s)
+    seconds = settings.seconds if trial.method in METHODS else 0.0
+    result = loop.run(laps=settings.laps, seconds=seconds or None, time_limit_s=settings.time_limit_s)
     estimator = loop.estimator
     assert isinstance(estimator, RecordingEstimator) and isinstance(loop.planner, Planner)
     tyre = true_tyre(trial.seed, settings)
