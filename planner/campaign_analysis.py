@@ -166,6 +166,7 @@ def summarise(drives: Sequence[Drive], lap_length: float) -> dict[str, Any]:
     methods = sorted({d.method for d in drives})
     return {
         "seeds": len({d.seed for d in drives}),
+        "lap_length_m": lap_length,
         "methods": {method: _method(method, drives, samples, lap_length) for method in methods},
         "targets": TARGETS,
     }
@@ -175,7 +176,7 @@ def _method(method: str, drives: Sequence[Drive], samples: dict[str, Any], lap_l
     own = [d for d in drives if d.method == method]
     plain = {d.seed: d for d in drives if d.method == "plain"}
     laps = [d.lap_times_s for d in own]
-    lost = [time_lost_percent(d, plain[d.seed]) for d in own]
+    lost = [lap_time_lost_percent(d, plain[d.seed], lap_length) for d in own]
     targets = {}
     for target, by_method in samples.items():
         mine, theirs = by_method[method], by_method["plain"]
@@ -208,11 +209,14 @@ def _method(method: str, drives: Sequence[Drive], samples: dict[str, Any], lap_l
     }
 
 
-def time_lost_percent(drive: Drive, reference: Drive) -> float:
-    """Time `drive` takes longer than `reference` over the distance both have driven, % of the latter's time."""
-    distance = min(d.progress[1][-1] for d in (drive, reference))
+def lap_time_lost_percent(drive: Drive, reference: Drive, lap_length: float) -> float:
+    """Time `drive` takes longer than `reference` over the distance both have driven, % of as many laps.
+
+    Over less than a lap it is % of one lap at the pace of `reference`: what exploring costs the lap it ends in.
+    """
+    distance = min(float(d.progress[1][-1]) for d in (drive, reference))
     mine, theirs = (float(np.interp(distance, d.progress[1], d.progress[0])) for d in (drive, reference))
-    return 100.0 * (mine / theirs - 1.0)
+    return 100.0 * (mine / theirs - 1.0) * min(1.0, distance / lap_length)
 
 
 def _laps_of(drive: Drive, seconds: float, lap_length: float) -> float:

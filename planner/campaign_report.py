@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.html_report import COLOURS, Report, new_figure, plot_style
 from estimator.tyre_belief import Array
-from planner.campaign_analysis import HEADLINE, TARGETS, Drive, samples_to_targets, time_lost_percent
+from planner.campaign_analysis import HEADLINE, TARGETS, Drive, lap_time_lost_percent, samples_to_targets
 
 COLOUR = {
     "infomax": COLOURS["after"], "plain": COLOURS["before"], "prbs": COLOURS["accent"], "sine": COLOURS["extra"],
@@ -39,8 +39,11 @@ def write_report(drives: Sequence[Drive], summary: dict[str, Any], path: Path) -
         report.figure(_ratios(drives, methods), "One dot a car; the bar is the median. Above 1 is fewer samples.")
         _table(report, summary, methods)
         report.section("What learning costs, and whether it stayed safe")
-        report.figure(_lost(drives, methods), "Time over the distance that both drove, against plain driving from "
-                      "the same standing start. One dot a car; the bar is the median.")  # fmt: skip
+        report.figure(
+            _lost(drives, methods, summary["lap_length_m"]),
+            "Time over the distance that both drove, against plain driving from the same standing start. One dot a car; "
+            "the bar is the median.",
+        )
     _safety(report, summary, methods)
     if summary["afterwards"] is not None:
         _afterwards(report, summary["afterwards"])
@@ -119,16 +122,16 @@ def _ratios(drives: Sequence[Drive], methods: Sequence[str]) -> Any:
     return figure
 
 
-def _lost(drives: Sequence[Drive], methods: Sequence[str]) -> Any:
+def _lost(drives: Sequence[Drive], methods: Sequence[str], lap_length: float) -> Any:
     plain = {d.seed: d for d in drives if d.method == "plain"}
     others = [m for m in methods if m != "plain"]
     figure, axes = new_figure(1, 1, (10.0, 2.6))
     for i, method in enumerate(others):
-        lost = [time_lost_percent(d, plain[d.seed]) for d in drives if d.method == method]
+        lost = [lap_time_lost_percent(d, plain[d.seed], lap_length) for d in drives if d.method == method]
         axes.plot(lost, i + np.linspace(-0.15, 0.15, len(lost)), "o", ms=3.5, alpha=0.6, color=COLOUR[method])
         axes.vlines(np.median(lost), i - 0.3, i + 0.3, color=COLOUR[method], lw=2.5)
     axes.axvline(0.0, color=COLOURS["muted"], lw=1)
-    axes.set(yticks=range(len(others)), yticklabels=[LABEL[m] for m in others], xlabel="time lost, %")
+    axes.set(yticks=range(len(others)), yticklabels=[LABEL[m] for m in others], xlabel="time lost, % of a lap")
     axes.set_ylim(len(others) - 0.4, -0.6)
     return figure
 

@@ -22,7 +22,14 @@ from hil_gateway.vehicle import Vehicle
 from planner import campaign
 from planner.campaign import CampaignSettings, Learnt, Trial, load, save, trial_config, true_tyre
 from planner.campaign_after import compare, learnt_by
-from planner.campaign_analysis import bootstrap, d_target, drives_of, seconds_to, summarise
+from planner.campaign_analysis import (
+    bootstrap,
+    d_target,
+    drives_of,
+    lap_time_lost_percent,
+    seconds_to,
+    summarise,
+)
 from planner.campaign_cli import _methods
 from planner.campaign_driving import EXCITATION_ACCELERATION, ExcitedBus, FixedEstimator, Kept, RecordingEstimator
 from planner.campaign_report import write_report
@@ -63,7 +70,7 @@ def made_up(method: str, seed: int, rate: float) -> dict[str, Any]:
 def summary_and_drives() -> tuple[dict[str, Any], list[Any]]:
     results = [made_up(m, s, r) for s in range(6) for m, r in (("infomax", 3.0), ("plain", 1.0))]
     drives = drives_of(results)
-    return {**summarise(drives, 3600.0), "afterwards": None}, drives
+    return {**summarise(drives, 3500.0), "afterwards": None}, drives
 
 
 def test_learning_three_times_as_fast_is_counted_as_a_third_of_the_samples(
@@ -75,6 +82,15 @@ def test_learning_three_times_as_fast_is_counted_as_a_third_of_the_samples(
         assert infomax["targets"][target]["reached"] == 6
     assert infomax["lap_time_lost_percent"]["median"] == pytest.approx(100 * (36.0 / 35.5 - 1.0), abs=1e-3)
     assert summary_and_drives[0]["methods"]["plain"]["targets"]["rmse"]["fewer_than_plain"]["median"] == 1.0
+
+
+def test_time_lost_in_part_of_a_lap_is_a_share_of_that_lap(
+    summary_and_drives: tuple[dict[str, Any], list[Any]],
+) -> None:
+    slow, fast = (next(d for d in summary_and_drives[1] if d.method == m) for m in ("infomax", "plain"))
+    per_lap = lap_time_lost_percent(slow, fast, 3600.0)
+    assert per_lap == pytest.approx(100 * (36.0 / 35.5 - 1.0) * fast.progress[1][-1] / 3600.0, rel=0.02)
+    assert lap_time_lost_percent(slow, fast, 1000.0) == pytest.approx(100 * (36.0 / 35.5 - 1.0), rel=1e-3)
 
 
 def test_report_is_one_page_without_references_to_elsewhere(
