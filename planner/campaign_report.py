@@ -41,8 +41,8 @@ def write_report(drives: Sequence[Drive], summary: dict[str, Any], path: Path) -
         report.section("What learning costs, and whether it stayed safe")
         report.figure(
             _lost(drives, methods, summary["lap_length_m"]),
-            "Time over the distance that both drove, against plain driving from the same standing start. One dot a car; "
-            "the bar is the median.",
+            "Time over the distance that both drove, against plain driving from the same standing start. One dot a "
+            "car; the bar is the median.",
         )
     _safety(report, summary, methods)
     if summary["afterwards"] is not None:
