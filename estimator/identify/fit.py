@@ -23,6 +23,12 @@ Array = NDArray[np.float64]
 COARSE, FINE = 1e-3, 1e-8
 """Relative decreases of the cost at which a round of iterations ends: before the spreads settle, and after."""
 
+SPREAD_ROUNDS = 3
+"""How often the spreads are estimated anew, from a start far from the answer."""
+
+ENOUGH = 20_000
+"""Samples that are enough to come close to the answer."""
+
 BLOCKS_PER_PARAMETER = 10.0
 """Time blocks per parameter at which the sandwich and its average count alike."""
 
@@ -77,18 +83,27 @@ class Fit:
 def fit(
     columns: ModelColumns, samples: Samples, settings: FitSettings | None = None, start: Array | None = None
 ) -> Fit:
-    """Estimate all parameters of `columns.model` from `samples`; `start` (p,) SI instead of the prior."""
-    return solve(
-        AlgebraicProblem(columns, samples, settings or FitSettings()), columns.start if start is None else start
-    )
+    """Estimate all parameters of `columns.model` from `samples`; `start` (p,) SI instead of the prior.
+
+    A long log is first fitted on every so many of its samples: from there few rounds over all of them are needed.
+    """
+    settings, start = settings or FitSettings(), columns.start if start is None else start
+    problem = AlgebraicProblem(columns, samples, settings)
+    if (every := len(samples) // ENOUGH) < 2:
+        return solve(problem, start)
+    few = AlgebraicProblem(columns, samples.select(np.arange(len(samples)) % every == 0), settings)
+    return solve(problem, solve(few, start).theta, rounds=2, far=False)
 
 
-def solve(problem: Problem, start: Array) -> Fit:
-    """Minimise the cost of `problem` from `start` (p,) SI, with the spreads estimated anew between rounds."""
+def solve(problem: Problem, start: Array, rounds: int = SPREAD_ROUNDS, far: bool = True) -> Fit:
+    """Minimise the cost of `problem` from `start` (p,) SI, with the spreads estimated anew between `rounds`.
+
+    `far`: the start is far from the answer, and so are its residuals.
+    """
     u = np.clip(problem.scaled(start), problem.lower, problem.upper)
     iterations, converged = 0, False
-    for number, decrease in enumerate((*[COARSE] * (problem.settings.spread_rounds - 1), FINE)):
-        problem.spread = problem.robust_spread(u) if number else problem.first_spread(u)
+    for number, decrease in enumerate((*[COARSE] * (rounds - 1), FINE)):
+        problem.spread = problem.first_spread(u) if far and number == 0 else problem.robust_spread(u)
         u, used, converged = minimise(problem, u, decrease)
         iterations += used
     return _result(problem, u, iterations, converged)

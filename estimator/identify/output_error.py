@@ -104,23 +104,22 @@ class OutputErrorProblem(Problem):
         return z * root, J, J0
 
     def cost(self, u: Array) -> float:
-        losses = self._losses(u, self.starts.near(u))
+        losses = self._losses(self.simulate(u, sensitivities=False))
         if not np.isfinite(losses).all():
             return np.inf
         self._pass_spread()
         return float(losses.sum()) + self.algebraic.cost(u) + self.prior_cost(u)
 
-    def _losses(self, u: Array, start: Array) -> Array:
-        """(L,) robust loss of each window simulated from `start` (2, L)."""
-        trajectory = self.simulator.run(self.windows, start, self.theta(u), sensitivities=False)
+    def _losses(self, trajectory: Trajectory) -> Array:
+        """(L,) robust loss of each window."""
         z = self.errors(trajectory) / self.spread[: len(self.outputs), None, None]
         return np.asarray(huber_loss(z, self.settings.huber).sum(axis=(0, 1)))
 
-    def _better_starts(self, u: Array, shift: Array) -> Array:
+    def _better_starts(self, u: Array, shift: Array, here: Trajectory) -> Array:
         """Start states moved by `shift` (2, L) in the windows that gain by it: those of an unstable car may not."""
-        here = self.starts.near(u)
-        gains = self._losses(u, here + shift) <= self._losses(u, here)
-        return np.asarray(here + shift * gains)
+        start = self.starts.near(u)
+        moved = self.simulator.run(self.windows, start + shift, self.theta(u), sensitivities=False)
+        return np.asarray(start + shift * (self._losses(moved) <= self._losses(here)))
 
     def normal_equations(self, u: Array) -> tuple[Array, Array]:
         self._pass_spread()
@@ -133,14 +132,15 @@ class OutputErrorProblem(Problem):
 
         The start states are moved on.
         """
-        z, J, J0 = self._weighted(self.simulate(u))
+        trajectory = self.simulate(u)
+        z, J, J0 = self._weighted(trajectory)
         H = np.einsum("opkl,oqkl->lpq", J, J, optimize=True)
         cross = np.einsum("opkl,oakl->lpa", J, J0, optimize=True)
         H00 = np.einsum("oakl,obkl->lab", J0, J0, optimize=True)
         g0 = np.einsum("oakl,okl->la", J0, z)
         gain = _solve_each(H00, cross.swapaxes(1, 2)).swapaxes(1, 2)
         shift = _solve_each(H00, g0[..., None])[..., 0].T
-        self.starts = _Starts(u.copy(), self._better_starts(u, shift), gain.swapaxes(1, 2))
+        self.starts = _Starts(u.copy(), self._better_starts(u, shift, trajectory), gain.swapaxes(1, 2))
         information = (H - gain @ cross.swapaxes(1, 2)).sum(axis=0)
         starts = np.arange(0, z.shape[1], each_samples)
         by_theta, by_start = (_summed(each, z, starts) for each in (J, J0))

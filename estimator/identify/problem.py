@@ -34,8 +34,7 @@ class FitSettings:
     """How a fit is done.
 
     `huber`: residuals beyond so many robust spreads count linearly. `block_s`: residuals further apart are taken
-    as independent; less on short logs, see `block_length`. `prior`: whether the prior takes part. `spread_rounds`: how
-    often the spreads are estimated anew.
+    as independent; less on short logs, see `block_length`. `prior`: whether the prior takes part.
     `tolerance`: a fit has converged when the next step is shorter than so many standard deviations.
     """
 
@@ -43,7 +42,6 @@ class FitSettings:
     huber: float = 3.0
     block_s: float = 4.0
     prior: bool = True
-    spread_rounds: int = 3
     max_iterations: int = 40
     tolerance: float = 0.01
 
