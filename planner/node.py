@@ -31,7 +31,9 @@ MAX_SHIFT_S = 0.4
 EXTRA_ITERATIONS = 4
 """SQP iterations more for a plan that is not accepted as it is"""
 TIMID, BOLDER = 0.5, 0.05
-"""share of q_I: times the one after a plan that was not accepted as it was, plus the other after one that was"""
+"""share of q_I: times the one after a plan that was not accepted as it was, or where a tyre already is at more than
+`OVERLOAD` of its limit, so that the car slides more than was planned; plus the other after every other plan"""
+OVERLOAD = 1.02
 COLD_GAP_S = 0.3
 COLD_DISTANCE = 5.0
 """a state this far (m) from the plan, or a pause this long, starts the solver afresh"""
@@ -187,8 +189,10 @@ class Planner:
             return found
         if self._late(started):
             return f"solver: later than {1e3 * self._config.planner.deadline_s:.0f} ms"
-        self._fresh_ns, self._boldness = start_ns, min(1.0, self._boldness + BOLDER)
+        self._fresh_ns = start_ns
         self._note_loads()
+        overloaded = max(self._check.first_loads) > OVERLOAD
+        self._boldness = TIMID * self._boldness if overloaded else min(1.0, self._boldness + BOLDER)
         return Decision(
             Trajectory(solution.z, solution.du, start_ns), PlanStatus.SOLVED, gain=float(solution.information.sum())
         )
