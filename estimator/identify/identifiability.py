@@ -85,7 +85,7 @@ def analyse(fit: Fit, samples: Samples, vehicle: Vehicle, layout: Layout) -> Ide
         condition_number=float(np.linalg.cond(logarithmic)),
         data_std=data_std,
         identifiable=identifiable,
-        statements=(*_in_words(identifiable, known_product, axles), *_at_bounds(fit)),
+        statements=(*_of_drive(fit, identifiable), *_in_words(identifiable, known_product, axles), *_at_bounds(fit)),
         axles=axles,
     )
 
@@ -139,8 +139,16 @@ def _product_std(logarithmic: Array, names: list[str], axle: Axle) -> float:
     return float(np.sqrt(direction @ _inverse(logarithmic) @ direction))
 
 
+def _of_drive(fit: Fit, identifiable: dict[str, bool]) -> list[str]:
+    if identifiable["cx"]:
+        return []
+    contradicted = "cx" in fit.at_bound
+    why = "the acceleration does not follow the drive signal" if contradicted else "too little driving and braking"
+    return [f"C_x is not determined: {why}"]
+
+
 def _in_words(identifiable: dict[str, bool], known_product: dict[str, float], axles: tuple[Axle, ...]) -> list[str]:
-    statements = [] if identifiable["cx"] else ["C_x is not determined: too little driving and braking"]
+    statements = []
     for axle in axles:
         unknown = [n[0].upper() for n in sorted(identifiable, key=_importance) if _on(axle, n) and not identifiable[n]]
         if unknown:
