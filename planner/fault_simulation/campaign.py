@@ -21,6 +21,7 @@ from hil_gateway.clock import NS_PER_S
 from hil_gateway.config import Config
 from hil_gateway.messages import FailsafeAction, Message
 from hil_gateway.topics import APPLIED, VEHICLE_STATE, Topic
+from hil_gateway.wire_judge import Judge
 from planner.fault_simulation.faults import Kind, SeededFaults, draw
 from planner.fault_simulation.invariants import STOP_WITHIN_S, Watch
 from planner.loop import Faults, Loop
@@ -78,6 +79,7 @@ class Campaign:
     def __init__(self, config: Config | None = None) -> None:
         self.switch = Switch()
         self.loop = Loop(config or Config.model_validate(DEFAULTS), faults=self.switch)
+        Judge()  # its decoder takes 0.3 s to load: once here instead of in every copy
 
     def run(self, seeds: Sequence[int], workers: int = 2) -> Iterator[SeedResult]:
         """Results in the order in which they come in."""
