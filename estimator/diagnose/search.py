@@ -39,8 +39,10 @@ WHITE = 1.1
 MAX_EFFECTS = 10
 FITTED, PROMISING = 5, 0.25
 """Candidates of a round that are fitted to the end: at most so many, with this share of the best predicted gain."""
-REWEIGHINGS, REWEIGH_ABOVE = 3, 0.1
+REWEIGHINGS, REWEIGH_ABOVE = 6, 0.1
 """A fit is repeated with its own residual deviations until these change by less than a tenth."""
+SCREENING_STRIDE = 3
+"""Screening uses every third window."""
 SCREENING_ITERATIONS = 3
 """Steps of a candidate that is stationary at its neutral value and cannot be screened there."""
 
@@ -153,10 +155,11 @@ def candidates(record: Record, accepted: Sequence[str]) -> list[Effect]:
 
 
 def screen(setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]) -> list[Trial]:
-    """Predicted evidence of every candidate, best first, from linearisations at the current fit."""
+    """Predicted evidence of every candidate on part of the windows, best first, from linearisations there."""
     effects = candidates(setting.record, accepted)
-    before, count = current.held_out(), current.normal.count
-    alone = {e.name for e in effects if e.initial or e.profile or e.prepare}
+    setting, current = _thinned(setting, current)
+    before, count = current.held_out(), SCREENING_STRIDE * current.normal.count
+    alone = {e.name for e in effects if e.initial or e.profile}
     together = [e for e in effects if e.name not in alone]
     trials = _screen_together(setting, accepted, together, current, before)
     for effect in effects:
@@ -166,6 +169,16 @@ def screen(setting: Setting, accepted: Sequence[str], current: Fit, progress: Ca
             done = fit_names(setting, [*accepted, effect.name], current, steps)
             trials.append(Trial(effect.name, compare(before, done.held_out(), count)))
     return sorted(trials, key=lambda t: -t.evidence.gain)
+
+
+def _thinned(setting: Setting, current: Fit) -> tuple[Setting, Fit]:
+    """The search and its fit on every so many windows."""
+    chosen = np.arange(setting.record.windows) % SCREENING_STRIDE == 0
+    _, number = np.unique(setting.record.lap[chosen], return_inverse=True)
+    record = replace(current.predictor.record.select(chosen), lap=number.astype(np.int64))
+    predictor = Predictor(current.predictor.model, record)
+    normal, _ = normal_at(predictor, current.parameters, current.noise)
+    return replace(setting, record=record), Fit(predictor, current.parameters, normal, current.noise)
 
 
 def _screen_together(
@@ -190,7 +203,7 @@ def _screen_together(
         table = [predictor.table[i] for i in places[effect.name]]
         inside = all(p.lower <= v <= p.upper for p, v in zip(table, end[own], strict=True)) or len(table) > 1
         after = part.held_out(current.normal.variance) if inside else before
-        trials.append(Trial(effect.name, compare(before, after, normal.count)))
+        trials.append(Trial(effect.name, compare(before, after, SCREENING_STRIDE * normal.count)))
     return trials
 
 

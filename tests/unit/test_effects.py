@@ -47,7 +47,7 @@ SIGNS = {
     "imu_misalignment": ((0.02,), {}, "ax", 1),
     "imu_lever_arm": ((1.0, 0.0), {}, "ax", -1),
     "imu_bias": ((0.2, 0.1, 0.01), {}, "ay", 1),
-    "speed_scale": ((1.05,), {}, "yaw_acc", -1),
+    "speed_scale": ((1.05, 1.0), {}, "yaw_acc", -1),
     "wind": ((-8.0, 0.0, 0.5), {}, "ax", -1),
     "yaw_damping": ((500.0,), {}, "yaw_acc", -1),
     "turn_asymmetry": ((0.05,), {}, "ay", 1),

@@ -34,6 +34,7 @@ EFFECT = Effect(
     channels=("ax", "vx_dot"),
     hooks={"INPUT": _input},
     prepare=_prepare,
+    initial=(0.05,),
     remembers=("drive_shift",),
     separated_by="fast changes of throttle or brake",
 )

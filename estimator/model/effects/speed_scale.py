@@ -1,4 +1,4 @@
-"""Speed scale: the reported forward speed is off by a factor (tyre radius, slip of the measuring wheel)."""
+"""Speed scale: the reported speed is off by a factor (tyre radius, slip of the measuring wheel, optical sensor)."""
 
 from __future__ import annotations
 
@@ -8,20 +8,23 @@ from estimator.model.single_track import Terms
 from estimator.model.tyre import Expr
 
 
-def _input(terms: Terms, scale: Expr) -> None:
-    terms.vx = terms.vx / scale
+def _input(terms: Terms, scale: Expr, lateral: Expr) -> None:
+    terms.vx, terms.vy = terms.vx / scale, terms.vy / lateral
 
 
-def _sensor(terms: Terms, scale: Expr) -> None:
-    terms.vx_dot = scale * terms.vx_dot
+def _sensor(terms: Terms, scale: Expr, lateral: Expr) -> None:
+    terms.vx_dot, terms.vy_dot = scale * terms.vx_dot, lateral * terms.vy_dot
 
 
 EFFECT = Effect(
     name="speed_scale",
     lacks="reported speed is off by a factor",
-    equation="v_x,reported = k v_x",
+    equation="v_x,reported = k v_x, v_y,reported = k_y v_y",
     source="definition",
-    parameters=(Parameter("scale", "1", 1.0, 0.05, 0.5, 2.0, "reported over true forward speed"),),
+    parameters=(
+        Parameter("scale", "1", 1.0, 0.05, 0.5, 2.0, "reported over true forward speed"),
+        Parameter("lateral", "1", 1.0, 0.05, 0.5, 2.0, "reported over true lateral velocity"),
+    ),
     channels=("vx_dot", "vy_dot", "ay", "yaw_acc"),
     hooks={"INPUT": _input, "SENSOR": _sensor},
     separated_by="v_x times yaw rate against a_y in long corners; position against the integral of speed",

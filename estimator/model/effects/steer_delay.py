@@ -34,6 +34,7 @@ EFFECT = Effect(
     channels=("ay", "yaw_acc", "vy_dot"),
     hooks={"INPUT": _input},
     prepare=_prepare,
+    initial=(0.03,),
     remembers=("steer_shift",),
     separated_by="fast steering at different speeds: a delay is the same at any speed, relaxation shrinks with it",
 )

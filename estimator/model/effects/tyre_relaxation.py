@@ -46,6 +46,7 @@ EFFECT = Effect(
     channels=("ay", "yaw_acc", "vy_dot"),
     hooks={"SLIP": _slip},
     prepare=_prepare,
+    initial=(0.3,),
     remembers=("relaxation_f", "relaxation_r"),
     separated_by="the same quick steering at different speeds: the lag falls with speed, a delay does not",
 )
