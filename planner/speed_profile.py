@@ -13,6 +13,8 @@ import numpy as np
 from hil_gateway.vehicle import GRAVITY
 from planner.envelope import Array, Envelope
 
+Row = list[float]
+
 
 def speed_profile(curvature: Array, grade: Array, bank: Array, length: float, envelope: Envelope) -> Array:
     """Speed, m/s, at equally spaced points of a closed path of `length` m; arrays (n,) of 1/m and rad."""
@@ -24,13 +26,9 @@ def speed_profile(curvature: Array, grade: Array, bank: Array, length: float, en
     v2.append(v2[0])
     for row in rows[1:]:
         row.append(row[0])
-    _, kappa, uphill, across = rows
-    for i in range(len(v2) - 1):
-        gain = _driving(v2[i], kappa[i], across[i], envelope) - _drag(v2[i], envelope) - uphill[i]
-        v2[i + 1] = min(v2[i + 1], max(v2[i] + 2.0 * ds * gain, 1.0))
-    for i in range(len(v2) - 1, 0, -1):
-        loss = _grip_left(v2[i], kappa[i], across[i], envelope) + _drag(v2[i], envelope) + uphill[i]
-        v2[i - 1] = min(v2[i - 1], v2[i] + 2.0 * ds * max(loss, 0.0))
+    path = (rows[1], rows[2], rows[3])
+    _forwards(v2, path, 2.0 * ds, envelope)
+    _backwards(v2, path, 2.0 * ds, envelope)
     return np.roll(np.sqrt(np.array(v2[:-1])), start)
 
 
@@ -48,15 +46,40 @@ def lap_time_of(v: Array, length: float) -> float:
     return float(np.sum(2.0 / (v + np.roll(v, -1))) * length / len(v))
 
 
-def _grip_left(v2: float, kappa: float, across: float, envelope: Envelope) -> float:
-    """Longitudinal specific force left on the friction ellipse, m/s2."""
-    used = (v2 * kappa + across) / (envelope.lateral[0] + envelope.lateral[1] * v2)
-    return (envelope.longitudinal[0] + envelope.longitudinal[1] * v2) * sqrt(max(1.0 - used * used, 0.0))
+# Both passes are sequential and run while the car drives, so their formulas stand in the loops: calls would double the
+# time. used: share of the lateral limit; grip: specific force left on the friction ellipse.
 
 
-def _driving(v2: float, kappa: float, across: float, envelope: Envelope) -> float:
-    return min(_grip_left(v2, kappa, across, envelope), envelope.traction, envelope.power / sqrt(v2))
+def _forwards(v2: Row, path: tuple[Row, Row, Row], step: float, envelope: Envelope) -> None:
+    """Limit v2, m2/s2, to what the engine reaches over each `step` of twice the distance, m; in place."""
+    kappa, uphill, across = path
+    (c0, c2), (l0, l2), (d0, d2) = envelope.lateral, envelope.longitudinal, envelope.drag
+    traction, power = envelope.traction, envelope.power
+    u = v2[0]
+    for i in range(1, len(v2)):
+        used = (u * kappa[i - 1] + across[i - 1]) / (c0 + c2 * u)
+        left = 1.0 - used * used
+        force = (l0 + l2 * u) * sqrt(left) if left > 0.0 else 0.0
+        force = min(force, traction)
+        if force * force * u > power * power:
+            force = power / sqrt(u)
+        u = u + step * (force - (d0 + d2 * u) - uphill[i - 1])
+        u = v2[i] = min(v2[i], max(u, 1.0))
 
 
-def _drag(v2: float, envelope: Envelope) -> float:
-    return envelope.drag[0] + envelope.drag[1] * v2
+def _backwards(v2: Row, path: tuple[Row, Row, Row], step: float, envelope: Envelope) -> None:
+    """Limit v2, m2/s2, to what the brakes shed over each `step` of twice the distance, m; in place."""
+    kappa, uphill, across = path
+    (c0, c2), (l0, l2), (d0, d2) = envelope.lateral, envelope.longitudinal, envelope.drag
+    u = v2[-1]
+    for i in range(len(v2) - 2, -1, -1):
+        used = (u * kappa[i + 1] + across[i + 1]) / (c0 + c2 * u)
+        left = 1.0 - used * used
+        grip = (l0 + l2 * u) * sqrt(left) if left > 0.0 else 0.0
+        loss = grip + (d0 + d2 * u) + uphill[i + 1]
+        if loss > 0.0:
+            u = u + step * loss
+        if u > v2[i]:
+            u = v2[i]
+        else:
+            v2[i] = u
