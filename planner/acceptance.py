@@ -17,7 +17,7 @@ from hil_gateway.vehicle import Vehicle
 
 Array = npt.NDArray[np.float64]
 
-RECOVERY_S = 0.75
+RECOVERY_S = 1.5
 KINEMATIC_SPEED = 7.0
 """m/s: below it a plan is kinematic and its slip angles mean nothing; from 5 m/s above it on they count fully"""
 

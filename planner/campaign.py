@@ -33,7 +33,7 @@ from hil_gateway.messages import Belief
 from hil_gateway.track import Track
 from planner.campaign_driving import ADDED_SIGNAL, ExcitedBus, FixedEstimator, Kept, RecordingEstimator
 from planner.campaign_safety import safety_figures
-from planner.learning import EXPLORING, exploring
+from planner.learning import EXPLORING, KEEPING_UP, exploring
 from planner.load_limits import LoadLimits, store_limits
 from planner.loop import START_NS, Loop, LoopResult
 from planner.node import Planner
@@ -98,6 +98,7 @@ def trial_config(trial: Trial, settings: CampaignSettings) -> Config:
         "plant.base": "paper",
         "plant.seed": 100 * trial.seed + (METHODS + AFTERWARDS).index(trial.method),
         **{f"plant.car.{name}": value for name, value in true_tyre(trial.seed, settings).items()},
+        **{f"estimator.{name}": value for name, value in KEEPING_UP.items()},
     }
     config = load_config(None, overrides)
     if trial.method != "infomax":

@@ -96,7 +96,9 @@ class Controller:
         return np.column_stack([k.theta, points]).ravel(order="F")
 
     def _weigh_information(self, speed: float, share: float = 1.0) -> None:
-        """q_I at this speed, and W of Tr(W F): prior variances for `trace`; for `log_det` P after the horizon's F.
+        """q_I at this speed with what it reserves of the load limits, and W of Tr(W F).
+
+        W are the prior variances for `trace`; for `log_det` it is P after the horizon's F.
 
         d log det(P^-1 + sum F) = Tr(W dF) with W = (P^-1 + sum F)^-1, taken at the guess, F as much as the belief
         will count it for: taken in full, a moment of slip would seem to have taught all there is.
@@ -105,6 +107,8 @@ class Controller:
         spread = infomax.relative_spread(k.covariance, k.prior_std)
         q = share * infomax.scheduled_weight(info.weight, speed, spread, info.goal)
         self.common[self.problem.common["q_information"]] = q
+        reserve = infomax.RESERVE * q / info.weight if info.weight > 0 else 0.0
+        self.common[self.problem.common["load_max"]] = (1.0 - reserve) * np.array(k.load_max)
         W: Array = np.diag(k.prior_std**2)
         if self.problem.informative and info.criterion == "log_det":
             F = infomax.independent_samples(self.settings.dt) * self.sqp.horizon_information(self.common)

@@ -30,7 +30,7 @@ MAX_SHIFT_S = 0.4
 """a shifted plan is used for this long at most; then the car is stopped"""
 EXTRA_ITERATIONS = 4
 """SQP iterations more for a plan that is not accepted as it is"""
-TIMID, BOLDER = 0.5, 0.05
+TIMID, BOLDER = 0.5, 0.025
 """share of q_I: times the one after a plan that was not accepted as it was, or where a tyre already is at more than
 `OVERLOAD` of its limit, so that the car slides more than was planned; plus the other after every other plan"""
 OVERLOAD = 1.02

@@ -16,6 +16,7 @@ from planner.controller import Controller
 from planner.infomax import (
     FORCE_STATES,
     PATIENCE_S,
+    RESERVE,
     independent_samples,
     patience,
     project,
@@ -214,14 +215,13 @@ def test_information_counts_less_the_later_it_comes() -> None:
     assert share[12] == pytest.approx(np.exp(-0.6 / PATIENCE_S))
 
 
-def test_a_plan_that_may_not_explore_is_that_of_the_plain_problem() -> None:
-    exploring, plain = _controller(), _controller(weight=1e-12)
-    z0 = start_state(plain, 620.0)
-    for controller in (exploring, plain):
-        controller.cold_start(z0, clock)
-    for _ in range(40):
-        calm, wanted = exploring.solve(z0, clock, 1, explore=False), plain.solve(z0, clock, 1)
-    np.testing.assert_allclose(calm.z, wanted.z, atol=0.02)
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_a_plan_pays_for_information_and_reserves_load_in_proportion(share: float) -> None:
+    controller = _controller()
+    controller._weigh_information(40.0, share)
+    names, common = controller.problem.common, controller.common
+    assert common[names["q_information"]] == pytest.approx(share * WEIGHT)
+    assert common[names["load_max"]] == pytest.approx((1.0 - RESERVE * share) * np.array(controller.knowledge.load_max))
 
 
 def test_spread_is_the_geometric_mean_over_directions() -> None:
