@@ -16,6 +16,7 @@ from hil_gateway.messages import ActiveEffect, Belief, ModelRevision, Plan, Plan
 from planner.acceptance import declared_forces
 from planner.adoption import PROBATION_FAILURES, implausible
 from planner.learning import EXPLORING
+from planner.node import BOLDER
 from planner.qp import QpStatus
 
 HORIZON = 40
@@ -318,11 +319,13 @@ def test_executed_tyre_loads_stay_within_their_limits() -> None:
 def test_exploring_grows_timid_where_plans_are_not_accepted_and_bold_again(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = ModelCar(_config(**EXPLORING))
     rig.run(3.0)
-    assert rig.planner._boldness == 1.0
+    bold = rig.planner._boldness
+    assert bold > 0.5
     refusals, judge = iter(["not accepted: load"] * 2), rig.planner._judge
     monkeypatch.setattr(rig.planner, "_judge", lambda solution: next(refusals, "") or judge(solution))
     rig.run(0.05)
-    assert rig.planner._boldness == pytest.approx(0.25 + 0.05)
+    timid = rig.planner._boldness
+    assert timid <= 0.25 * bold + BOLDER + 1e-9
     assert rig.plans[-1].status is PlanStatus.SOLVED, "a plan that explores less is still a fresh one"
     rig.run(1.0)
-    assert rig.planner._boldness > 0.9
+    assert rig.planner._boldness > timid + 0.1
