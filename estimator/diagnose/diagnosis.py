@@ -40,8 +40,9 @@ TERM_RELATIVE = 0.03
 MAX_TERMS = 2
 SECOND_TERM_SHARE = 0.2
 """A second term must gain this share of the first: less is the resolution of the first one's knots."""
-WHITE_IN_LATE_LAPS = 2.0
-"""Where averages of the residual vary so much more on the last laps, these hold something new."""
+WHITE_IN_LATE_LAPS = 3.0
+"""Where averages of the residual vary so much more on the last laps, these hold something new. Speeds never learnt at
+reach 2 with the true effects; 5 is a residual with nothing but slow structure."""
 WHITE_FOR_TERMS = 1.3
 """Empirical terms are looked for only where averages of the residual vary so much more than white noise does."""
 

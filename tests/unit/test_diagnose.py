@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,15 @@ from practice_drives import PRIOR, practice, record_of
 from typer.testing import CliRunner
 
 from estimator.diagnose.basis import make_basis
-from estimator.diagnose.diagnosis import Diagnosis, diagnose
+from estimator.diagnose.diagnosis import WHITE_IN_LATE_LAPS, Diagnosis, diagnose
 from estimator.diagnose.fit import evaluate, fit
 from estimator.diagnose.noise import Noise
 from estimator.diagnose.normal import Normal
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.result import as_json, as_revision
 from estimator.diagnose.score import kernel, second_difference_noise
+from estimator.diagnose.search import Setting, fit_names, within_a_sample
+from estimator.diagnose.whiteness import structured_elsewhere
 from estimator.diagnose.words import describe
 from estimator.identify.drive_log import DriveLog
 from estimator.model.effects import catalogue
@@ -117,6 +120,35 @@ def test_report_is_one_page_without_network(
     assert "rolling_resistance" in page
     assert "<script src" not in page
     assert "<link" not in page
+
+
+def test_what_begins_only_in_the_last_laps_is_noticed_there(
+    diagnosed: Callable[[str], Diagnosis], drives: dict[str, Any]
+) -> None:
+    found, drive = diagnosed("none"), drives["none"]
+    late = np.isin(found.record.lap, found.test_laps)
+    assert not structured_elsewhere(found.fit, found.record.select(late), WHITE_IN_LATE_LAPS)
+    begins = found.record.signals["t"][found.record.rows[late].min()]
+    columns = drive.columns | {"ay": drive.columns["ay"] + 0.3 * (drive.columns["t"] > begins)}
+    changed = record_of(replace(drive, columns=columns))
+    assert structured_elsewhere(found.fit, changed.select(late), WHITE_IN_LATE_LAPS)
+
+
+def test_a_delay_within_a_sample_is_no_effect(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    record = record.select(np.arange(record.windows) % 12 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
+    assert within_a_sample(fit_names(setting, ["steer_delay"], None), "steer_delay")
+
+
+def test_windows_in_which_the_car_has_spun_are_left_out(drives: dict[str, Any]) -> None:
+    drive = drives["none"]
+    spun = np.abs(drive.columns["t"] - 100.0) < 1.0
+    columns = drive.columns | {"vy": np.where(spun, 1.5 * drive.columns["vx"], drive.columns["vy"])}
+    kept = np.zeros(len(spun), bool)
+    kept[record_of(replace(drive, columns=columns)).rows.ravel()] = True
+    assert not np.any(kept & spun)
+    assert kept.mean() > 0.9
 
 
 def test_sensitivities_agree_with_finite_differences(drives: dict[str, Any]) -> None:
