@@ -36,8 +36,6 @@ LEARNING_SPEED = (12.0, 20.0)
 """m/s between which the weight rises from 0 to q_I: slower, slip angles are noise and the belief's gates are shut"""
 PATIENCE_S = 0.6
 """time after which information counts 1/e: undiscounted, plans put the slalom off to their end and none was driven"""
-RESERVE = 0.08
-"""of the load limits, kept while exploring at full weight: a slalom overshoots what was planned"""
 FADE = 1.1
 """the weight begins to fade where the belief is so many times as wide as its goal"""
 SAMPLES_PER_S = 100.0

@@ -16,7 +16,6 @@ from planner.controller import Controller
 from planner.infomax import (
     FORCE_STATES,
     PATIENCE_S,
-    RESERVE,
     independent_samples,
     patience,
     project,
@@ -217,11 +216,11 @@ def test_information_counts_less_the_later_it_comes() -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_a_plan_pays_for_information_and_reserves_load_in_proportion(share: float) -> None:
-    controller = _controller()
+    controller = _controller(reserve=0.08)
     controller._weigh_information(40.0, share)
     names, common = controller.problem.common, controller.common
     assert common[names["q_information"]] == pytest.approx(share * WEIGHT)
-    assert common[names["load_max"]] == pytest.approx((1.0 - RESERVE * share) * np.array(controller.knowledge.load_max))
+    assert common[names["load_max"]] == pytest.approx((1.0 - 0.08 * share) * np.array(controller.knowledge.load_max))
 
 
 def test_spread_is_the_geometric_mean_over_directions() -> None:
