@@ -32,6 +32,12 @@ ENOUGH = 20_000
 BLOCKS_PER_PARAMETER = 10.0
 """Time blocks per parameter at which the sandwich and its average count alike."""
 
+DRAWS = 1000
+"""of each sign"""
+
+LEAST_USABLE = 0.9
+"""share of draws for which B, C and D exist"""
+
 ON_BOUND = 0.1
 """Share of its standard deviation, and of a tenth of its range, within which an estimate counts as on its bound."""
 
@@ -139,10 +145,33 @@ def _covariance(information: Array, scatter: Array, blocks: int, problem: Proble
     return np.asarray(scaled * np.outer(problem.scale, problem.scale))
 
 
+def _along_the_curve(covariance: Array, problem: Problem, u: Array, free: NDArray[np.bool_]) -> Array:
+    """`covariance` with the variances that normally distributed forces at three slips have in B, C and D.
+
+    Where B, C and D are known together but hardly each, the covariance at the estimate is that of a tangent; draws
+    are led along the curve instead, and the ratio of their mean squares to the tangent's scales it.
+    """
+    local = problem.coordinates.about(u)
+    T = local.tangent()
+    to_w = np.linalg.inv(T)
+    scaled = covariance / np.outer(problem.scale, problem.scale)
+    values, vectors = np.linalg.eigh(scaled * np.outer(free, free))
+    half = np.random.default_rng(0).standard_normal((DRAWS, problem.size)) * np.sqrt(np.maximum(values, 0.0))
+    tangent = np.concatenate([half, -half]) @ vectors.T
+    curved = np.clip(local.moved(tangent @ to_w.T), problem.lower, problem.upper) - u
+    usable = np.isfinite(curved).all(axis=1)
+    if usable.mean() < LEAST_USABLE:
+        return covariance
+    plain = np.mean(tangent[usable] ** 2, axis=0)
+    ratio = np.where(free, np.sqrt(np.mean(curved[usable] ** 2, axis=0) / np.maximum(plain, 1e-300)), 1.0)
+    return np.asarray(covariance * np.outer(ratio, ratio))
+
+
 def _result(problem: Problem, u: Array, iterations: int, converged: bool) -> Fit:
     information, scatter, blocks = problem.information_and_scatter(u)
     free = (u > problem.lower) & (u < problem.upper)
     covariance = _covariance(information, scatter, blocks, problem, free)
+    covariance = _along_the_curve(covariance, problem, u, free)
     std = np.sqrt(np.diag(covariance)) / problem.scale
     near = ON_BOUND * np.minimum(std, 0.1 * (problem.upper - problem.lower))
     on_bound = ~free | (np.minimum(u - problem.lower, problem.upper - u) < near)

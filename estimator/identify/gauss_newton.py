@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.identify.coordinates import StepCoordinates
+from estimator.identify.coordinates import LocalCoordinates
 from estimator.identify.problem import Problem
 
 Array = NDArray[np.float64]
@@ -25,17 +25,17 @@ LONGEST_STEP = 2.0
 def minimise(problem: Problem, u: Array, decrease: float) -> tuple[Array, int, bool]:
     """Damped Gauss-Newton within the bounds: (estimate, iterations, whether the step fell below the tolerance)."""
     settings, damping, cost = problem.settings, 1e-6, problem.cost(u)
-    coordinates = StepCoordinates(problem.table)
-    box = coordinates.box(problem.lower, problem.upper)
     for iteration in range(settings.max_iterations):
         H, g = problem.normal_equations(u)
         if not (np.isfinite(H).all() and np.isfinite(g).all()):
             return u, iteration, False
-        T, w = coordinates.tangent(u), coordinates.forward(u)
+        local = problem.coordinates.about(u)
+        T, box = local.tangent(), local.box()
+        H, g = T.T @ H @ T, T.T @ g
         while True:
-            step = bounded_step(T.T @ H @ T, T.T @ g, w, box, damping)
-            trial = _within_reach(problem, coordinates, u, w, step)
-            length = math.sqrt(max(float((trial - u) @ H @ (trial - u)), 0.0))
+            step = bounded_step(H, g, np.zeros_like(u), box, damping)
+            trial, step = _within_reach(problem, local, step)
+            length = math.sqrt(max(float(step @ H @ step), 0.0))
             trial_cost = problem.cost(trial)
             if trial_cost <= cost or length < settings.tolerance or damping > MOST_DAMPING:
                 break
@@ -48,13 +48,15 @@ def minimise(problem: Problem, u: Array, decrease: float) -> tuple[Array, int, b
     return u, settings.max_iterations, False
 
 
-def _within_reach(problem: Problem, coordinates: StepCoordinates, u: Array, w: Array, step: Array) -> Array:
-    """u after the step, shortened to `LONGEST_STEP` and clipped to the bounds."""
-    trial = np.clip(coordinates.inverse(w + step), problem.lower, problem.upper)
-    longest = float(np.max(np.abs(trial - u)))
-    if longest > LONGEST_STEP:
-        trial = np.clip(coordinates.inverse(w + step * LONGEST_STEP / longest), problem.lower, problem.upper)
-    return np.asarray(trial)
+def _within_reach(problem: Problem, local: LocalCoordinates, step: Array) -> tuple[Array, Array]:
+    """u after the step, clipped to the bounds, and the step, shortened so that u moves by `LONGEST_STEP` at most."""
+    for _ in range(2):
+        trial = np.clip(local.moved(step), problem.lower, problem.upper)
+        longest = float(np.max(np.abs(trial - local.u)))
+        if not longest > LONGEST_STEP:
+            break
+        step = step * LONGEST_STEP / longest
+    return np.asarray(trial), step
 
 
 def bounded_step(H: Array, g: Array, u: Array, box: tuple[Array, Array], damping: float) -> Array:

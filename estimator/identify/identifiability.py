@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.identify.fit import Fit
-from estimator.identify.prepare import Samples
+from estimator.identify.prepare import Samples, slip_angles
 from estimator.information import a_criterion, d_criterion, e_criterion, trace_criterion
 from estimator.model.parameters import Layout
 from hil_gateway.vehicle import Vehicle
@@ -214,13 +214,6 @@ def _curve_of(suffix: str, fit: Fit) -> tuple[float, float, float]:
         return B, C, D
     prior = {p.name: p.prior for p in fit.parameters}
     return B * C * D / (prior[f"c{suffix}"] * prior[f"d{suffix}"]), prior[f"c{suffix}"], prior[f"d{suffix}"]
-
-
-def slip_angles(samples: Samples, vehicle: Vehicle) -> tuple[Array, Array]:
-    """(front, rear) slip angles, Eq. (3), rad."""
-    vx, vy, yaw_rate, steer = (samples[n] for n in ("vx", "vy", "yaw_rate", "steer"))
-    front = steer - np.arctan2(vy + vehicle.lf * yaw_rate, vx)
-    return front, -np.arctan2(vy - vehicle.lr * yaw_rate, vx)
 
 
 FORCE_NOISE = 0.03

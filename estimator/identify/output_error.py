@@ -14,11 +14,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.identify.coordinates import LocalCoordinates
 from estimator.identify.drive_log import DriveLog
 from estimator.identify.evaluate import ModelColumns
 from estimator.identify.fit import Fit, solve
 from estimator.identify.prepare import Samples
-from estimator.identify.problem import AlgebraicProblem, FitSettings, Problem, block_length, huber_loss, huber_weight
+from estimator.identify.problem import (
+    AlgebraicProblem,
+    FitSettings,
+    Problem,
+    block_length,
+    huber_loss,
+    huber_weight,
+    typical_slips,
+)
 from estimator.identify.simulate import OUTPUTS, STATES, Simulator, Trajectory
 from estimator.identify.windows import STATE_ROWS, cut
 
@@ -36,14 +45,14 @@ MAX_ITERATIONS = 15
 
 @dataclass(frozen=True)
 class _Starts:
-    """Start states (2, L) that fit best near u: `best` - `gain` (L, 2, p) (u - `at`), from the last linearisation."""
+    """Start states (2, L) that fit best near u: `best` - `gain` (L, 2, p) w(u), from the last linearisation."""
 
-    at: Array
+    at: LocalCoordinates
     best: Array
     gain: Array
 
     def near(self, u: Array) -> Array:
-        return np.asarray(self.best - (self.gain @ (u - self.at)).T)
+        return np.asarray(self.best - (self.gain @ self.at.displacement(u)).T)
 
 
 @dataclass(frozen=True)
@@ -66,7 +75,7 @@ class OutputErrorProblem(Problem):
         self.algebraic = AlgebraicProblem(
             columns, thinned, replace(settings.fit, channels=settings.longitudinal, prior=False)
         )
-        super().__init__(columns.parameters, settings.fit)
+        super().__init__(columns.parameters, settings.fit, typical_slips(samples, columns.model.vehicle))
         self.windows = cut(log, samples, settings.window_s)
         self.simulator = Simulator(columns)
         rows = [OUTPUTS.index(o) for o in self.outputs]
@@ -77,7 +86,9 @@ class OutputErrorProblem(Problem):
     def measured_starts(self) -> _Starts:
         """Start states as measured, wherever u is."""
         measured = self.windows.inputs[list(STATE_ROWS), 0]
-        return _Starts(np.zeros(self.size), measured, np.zeros((self.windows.count, STATES, self.size)))
+        return _Starts(
+            self.coordinates.about(np.zeros(self.size)), measured, np.zeros((self.windows.count, STATES, self.size))
+        )
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -140,7 +151,9 @@ class OutputErrorProblem(Problem):
         g0 = np.einsum("oakl,okl->la", J0, z)
         gain = _solve_each(H00, cross.swapaxes(1, 2)).swapaxes(1, 2)
         shift = _solve_each(H00, g0[..., None])[..., 0].T
-        self.starts = _Starts(u.copy(), self._better_starts(u, shift, trajectory), gain.swapaxes(1, 2))
+        local = self.coordinates.about(u)
+        gain_w = gain.swapaxes(1, 2) @ local.tangent()
+        self.starts = _Starts(local, self._better_starts(u, shift, trajectory), gain_w)
         information = (H - gain @ cross.swapaxes(1, 2)).sum(axis=0)
         starts = np.arange(0, z.shape[1], each_samples)
         by_theta, by_start = (_summed(each, z, starts) for each in (J, J0))

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from estimator.html_report import COLOURS, new_figure
 from estimator.identify.fit import residuals
-from estimator.identify.identifiability import slip_angles
 from estimator.identify.identification import Identification
+from estimator.identify.prepare import slip_angles
 from estimator.identify.scoring import ALGEBRAIC_CHANNELS
 
 Array = NDArray[np.float64]

@@ -12,6 +12,7 @@ from estimator.identify.drive_log import DriveLog
 from estimator.identify.evaluate import CHANNELS
 from estimator.identify.smoothing import Smoothed, smooth_velocity, wiener
 from estimator.model.single_track import AUXILIARY, SIGNALS
+from hil_gateway.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
@@ -215,3 +216,10 @@ def _pooled(pieces: list[tuple[int, Array, Array]]) -> tuple[Array, Array]:
     noise = np.sqrt(weight @ np.stack([n**2 for _, n, _ in pieces]))
     error = np.sqrt(weight @ np.stack([e**2 for _, _, e in pieces]))
     return noise, error
+
+
+def slip_angles(samples: Samples, vehicle: Vehicle) -> tuple[Array, Array]:
+    """(front, rear) slip angles, Eq. (3), rad."""
+    vx, vy, yaw_rate, steer = (samples[n] for n in ("vx", "vy", "yaw_rate", "steer"))
+    front = steer - np.arctan2(vy + vehicle.lf * yaw_rate, vx)
+    return front, -np.arctan2(vy - vehicle.lr * yaw_rate, vx)

@@ -7,15 +7,17 @@ each channel. Source: Huber, Robust Statistics.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.identify.coordinates import StepCoordinates
 from estimator.identify.evaluate import CHANNELS, ModelColumns
-from estimator.identify.prepare import Samples
+from estimator.identify.prepare import Samples, slip_angles
 from estimator.model.parameters import Parameter
+from hil_gateway.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
@@ -27,6 +29,11 @@ BLOCKS_WANTED = 5.0
 
 SHORTEST_BLOCK_S = 1.0
 """Blocks are never shorter: what a model lacks lasts as long as a manoeuvre."""
+
+
+SLIP_QUANTILES = (0.5, 0.9, 0.995)
+LEAST_SLIPS = (1e-4, 2e-4, 3e-4)
+"""rad"""
 
 
 @dataclass(frozen=True)
@@ -49,8 +56,9 @@ class FitSettings:
 class Problem(ABC):
     """One fit in scaled parameters u = (theta - prior) / prior_std; `spread` (c,) weighs the channels."""
 
-    def __init__(self, table: Sequence[Parameter], settings: FitSettings) -> None:
-        """Scale, bounds and prior of `table`."""
+    def __init__(self, table: Sequence[Parameter], settings: FitSettings, slips: Mapping[str, Array]) -> None:
+        """Scale, bounds and prior of `table`; `slips` as for `StepCoordinates`."""
+        self.coordinates = StepCoordinates(table, slips)
         self.table, self.settings, self.size = tuple(table), settings, len(table)
         self.prior = np.array([p.prior for p in table])
         self.scale = np.array([p.prior_std for p in table])
@@ -104,7 +112,7 @@ class AlgebraicProblem(Problem):
 
     def __init__(self, columns: ModelColumns, samples: Samples, settings: FitSettings) -> None:
         """`settings.channels` of `samples` against `columns`."""
-        super().__init__(columns.parameters, settings)
+        super().__init__(columns.parameters, settings, typical_slips(samples, columns.model.vehicle))
         self.columns, self.samples = columns, samples
         index = [CHANNELS.index(c) for c in settings.channels]
         self.measured = samples.channels[index]
@@ -169,6 +177,13 @@ class AlgebraicProblem(Problem):
         for rows, predicted, J in self.columns.linearise(self.samples.inputs, self.theta(u), self.settings.channels):
             errors = (self.measured[:, rows] - predicted) / self.spread[:, None]
             yield rows, errors, J * (self.scale[:, None] / self.spread[:, None, None])
+
+
+def typical_slips(samples: Samples, vehicle: Vehicle) -> dict[str, Array]:
+    """Three slip angles, rad, that span what the data hold, of both axles together, the front and the rear one."""
+    front, rear = (np.abs(slip) for slip in slip_angles(samples, vehicle))
+    each = {"": np.concatenate([front, rear]), "f": front, "r": rear}
+    return {suffix: np.maximum(np.quantile(slip, SLIP_QUANTILES), LEAST_SLIPS) for suffix, slip in each.items()}
 
 
 def huber_weight(z: Array, limit: float) -> Array:

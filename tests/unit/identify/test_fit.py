@@ -184,15 +184,18 @@ def test_bounded_step_never_leaves_the_box_and_descends_once_damped() -> None:
 
 def test_step_coordinates_are_inverse_and_their_tangent_is_right() -> None:
     columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (), PRIOR))
-    coordinates = StepCoordinates(columns.parameters)
-    u = np.random.default_rng(2).uniform(-0.5, 0.5, 7)
-    w = coordinates.forward(u)
-    assert np.allclose(coordinates.inverse(w), u, atol=1e-12)
-    for i in range(7):
-        h = np.zeros(7)
-        h[i] = 1e-6
-        numeric = (coordinates.inverse(w + h) - coordinates.inverse(w - h)) / 2e-6
-        assert np.allclose(coordinates.tangent(u)[:, i], numeric, atol=1e-6)
+    slips = {"f": np.array([0.01, 0.04, 0.09]), "r": np.array([0.01, 0.03, 0.08])}
+    coordinates = StepCoordinates(columns.parameters, slips)
+    u = np.random.default_rng(2).uniform(-0.5, 0.5, len(columns.parameters))
+    for point in (u, np.where(np.arange(len(u)) == 2, (2.9 - 1.35) / 0.54, u)):  # the second has C on its bound
+        local = coordinates.about(point)
+        w = np.random.default_rng(3).uniform(-2e-4, 2e-4, len(u))
+        assert np.allclose(local.displacement(local.moved(w)), w, atol=1e-8)
+        for i in range(len(u)):
+            h = np.zeros(len(u))
+            h[i] = 1e-6
+            numeric = (local.moved(h) - local.moved(-h)) / 2e-6
+            assert np.allclose(local.tangent()[:, i], numeric, rtol=1e-4, atol=1e-5)
 
 
 def test_thinning_keeps_the_mean_and_never_crosses_a_gap(drive: Drive) -> None:
