@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.localisation import Localisation
 from estimator.model.measurement import MeasurementKind, axle_forces
-from estimator.model.single_track import AUXILIARY
+from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA
 from estimator.monitor import ResidualMonitor
 from estimator.relinearised_belief import RelinearisedBelief
 from estimator.revision import RevisedModel, RevisionPolicy, declared_revision, load_revision, model_of
@@ -135,8 +135,9 @@ def _auxiliary(state: VehicleState, estimate: Estimate, track_position: float) -
     """Values of `AUXILIARY` as the car reports them; what it does not report stays neutral."""
     known = {
         "track_position": track_position, "t": state.stamp_ns / NS_PER_S, "yaw": estimate.yaw,
-        "throttle": state.throttle, "brake": state.brake_front + state.brake_rear, "gear": float(state.gear),
-        "engine_speed": state.engine_speed, "ax": state.ax - estimate.bias_ax, "steer_rate": state.steer_rate,
+        "throttle": state.throttle, "brake": 0.5 * (state.brake_front + state.brake_rear) / FULL_BRAKE_PA,
+        "gear": float(state.gear), "engine_speed": state.engine_speed, "ax": state.ax - estimate.bias_ax,
+        "steer_rate": state.steer_rate,
     }  # fmt: skip
     return np.array([known.get(name, 0.0) for name in AUXILIARY])
 

@@ -45,7 +45,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
         progress("reading")
         health = examine(read_logs(sessions), car)
         log = health.log
-        result = run(make_record(log, car, ("vy",) if health.vy_is_displaced else ()), layout, prior, progress)  # type: ignore[arg-type]
+        result = run(make_record(log, car, health.doubtful), layout, prior, progress)  # type: ignore[arg-type]
         revision = as_revision(result, layout, tuple(log.sources.values()))
         summary: dict[str, Any] = {"health": [f.description for f in health.findings]}
         summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))

@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from estimator.diagnose.basis import make_basis
 from estimator.diagnose.empirical import Term, search_terms
+from estimator.diagnose.evidence import Evidence, compare
 from estimator.diagnose.fit import Fit
 from estimator.diagnose.record import Record
 from estimator.diagnose.score import noise_floor, rmse, rollout
 from estimator.diagnose.search import (
-    Evidence,
     Search,
     Setting,
     Trial,
-    compare,
     earns_its_place,
     fit_names,
     search,
@@ -175,7 +174,7 @@ def _with_terms(
         terms.append(best)
         setting = replace(setting, extra=(*setting.extra, best.effect))
         assert best.fit is not None
-        accepted, gains, current = _drop_stand_ins(setting, accepted, best.fit, best.evidence.gain, progress)
+        accepted, gains, current = _drop_stand_ins(setting, gains, best.fit, best.evidence.gain, progress)
     ordered = tuple(sorted(accepted, key=lambda n: -gains[n].gain))
     return ordered, gains, tuple(terms), current, tuple(tried)
 
@@ -192,12 +191,18 @@ def _term_earns_its_place(evidence: Evidence, record: Record, total: float) -> b
 STAND_IN_SHARE = 0.1
 """An effect accepted before the empirical term must still gain this share of what the term gains."""
 
+OWN_SHARE = 0.3
+"""An effect that gained so much of what the term gains, before there was one, is no stand-in."""
+
 
 def _drop_stand_ins(
-    setting: Setting, accepted: Sequence[str], current: Fit, gain: float, progress: Progress
+    setting: Setting, before: Mapping[str, Evidence], current: Fit, gain: float, progress: Progress
 ) -> tuple[list[str], dict[str, Evidence], Fit]:
-    """Remove, weakest first, effects that gain little once the empirical term is there."""
-    kept = list(accepted)
+    """Remove, weakest first, effects that gain little once the empirical term is there.
+
+    What gained a fair share of that by itself stays, though a spline can copy it: physics goes before a spline.
+    """
+    kept = list(before)
     while True:
         gains = {}
         for name in kept:
@@ -206,7 +211,8 @@ def _drop_stand_ins(
             gains[name] = compare(without.held_out(), current.held_out(), current.normal.count)
         weak = [
             n for n in kept
-            if not earns_its_place(gains[n], setting.record, 0.0) or gains[n].gain < STAND_IN_SHARE * gain
+            if before[n].gain < OWN_SHARE * gain
+            and (not earns_its_place(gains[n], setting.record, 0.0) or gains[n].gain < STAND_IN_SHARE * gain)
         ]  # fmt: skip
         if not weak:
             return kept, gains, current

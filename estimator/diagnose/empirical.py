@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.diagnose.basis import Basis
+from estimator.diagnose.evidence import Evidence, compare
 from estimator.diagnose.fit import Fit
 from estimator.diagnose.normal import Normal, accumulate
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.propagate import Linearised, linearised
 from estimator.diagnose.record import Record
-from estimator.diagnose.search import Evidence, Setting, compare, fit_names, warm_start
+from estimator.diagnose.search import Setting, fit_names, warm_start
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms

@@ -80,7 +80,7 @@ def fit(predictor: Predictor, start: Array, noise: Noise | None = None, iteratio
     Diehl, SIAM J. Optim. 20, 2010): sensitivities stay exact however far the model is from the data.
     """
     noise = noise or Noise.white(predictor.record.block_noise)
-    lower, upper = (np.array([getattr(p, side) for p in predictor.table]) for side in ("lower", "upper"))
+    lower, upper = predictor.bounds
     at, axles = np.clip(start, lower, upper), _axles(predictor)
     normal, around = normal_at(predictor, at, noise)
     if predictor.record.trajectory is None:

@@ -73,6 +73,20 @@ class Predictor:
         return np.array(values)
 
     @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bound of every parameter (p,).
+
+        An effect whose neutral value is a stationary point is kept a little off it: a fit could never leave it again.
+        """
+        lower, upper = (np.array([getattr(p, side) for p in self.table]) for side in ("lower", "upper"))
+        for block in self.blocks:
+            if block.effect.initial and not block.effect.prepare:
+                prior, start = np.array(block.effect.neutral()), np.array(block.effect.initial)
+                own, off = lower[block.parameters], prior + OFF_NEUTRAL * (start - prior)
+                own[own == prior] = off[own == prior]
+        return lower, upper
+
+    @cached_property
     def prior_precision(self) -> Array:
         """(p, p) weak prior from the parameter table; smoothness for profiles."""
         precision = np.diag([1.0 / p.prior_std**2 for p in self.table])
@@ -187,5 +201,7 @@ class Predictor:
 
 STATES = 3
 """vx, vy, yaw_rate: the first of `SIGNALS`, and the integrals of the last three channels (other order)."""
+OFF_NEUTRAL = 0.1
+"""Share of its start that an effect keeps whose neutral value, at its lower bound, is a stationary point."""
 MEMORY_STEP = 0.02
 """Step of the numerical derivative through the past, in prior standard deviations."""

@@ -23,7 +23,8 @@ ORDER, DOUBLINGS = 8, 3
 """Terms of the exponential series of an eighth of a block: |A| dt may be 8 at slow speed with stiff tyres."""
 MOTION = (3, 4, 2)
 """Channels that are the derivatives of vx, vy, yaw_rate."""
-STATE_ROWS = (3, 4, 2)
+YAW_RATE_ROW, VY_ROW = 2, 4
+STATE_ROWS = (3, VY_ROW, YAW_RATE_ROW)
 """Measured rows (see `record.MEASURED`) of vx, vy, yaw_rate."""
 
 
@@ -137,11 +138,17 @@ def linearised(record: Record, values: Array, state_by: Array, jacobian: Array, 
         values, state_by, jacobian: predictions and derivatives as `Predictor.linearise` gives them.
         noise: by which channels are whitened, and weighed when initial states are eliminated.
     """
+    lateral_is_known = record.used[YAW_RATE_ROW] or record.used[VY_ROW]
+    if not lateral_is_known:  # then these states are inputs, as recorded
+        state_by = state_by.copy()
+        state_by[[2, 4]] = 0.0
     propagator = Propagator.make(record, state_by)
     about = record.states()
     step = record.block_step
     defect = values[list(MOTION)] * step - np.diff(about.edges, axis=2)
     change = np.concatenate([defect[:, None], jacobian[list(MOTION)] * step], axis=1)
+    if not lateral_is_known:
+        change[1:] = 0.0
     states, _ = propagator.run(change)
     forces = np.concatenate([values[:2][:, None], jacobian[:2]], axis=1)
     columns = propagator.outputs(forces, states)
@@ -151,6 +158,8 @@ def linearised(record: Record, values: Array, state_by: Array, jacobian: Array, 
     for row, mean in zip(STATE_ROWS, about.means, strict=True):
         columns[row, 0] += measured[row] - mean
     initial_columns = propagator.initial_columns()
+    if not lateral_is_known:
+        initial_columns[:, 1:] = 0.0
     columns[~record.used] = initial_columns[~record.used] = 0.0
     columns, initial = _without_initial(noise.whiten(columns), noise.whiten(initial_columns), noise.deviation)
     return Linearised(propagator, columns[:, 0], columns[:, 1:], change, initial)

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from estimator.diagnose.basis import Basis, make_basis
 from estimator.diagnose.laps import lap_numbers, track_position
+from estimator.identify.derived import brake_share
 from estimator.identify.drive_log import DriveLog
 from estimator.identify.prepare import smoothed_velocity
-from estimator.identify.smoothing import wiener
+from estimator.identify.smoothing import second_difference_noise, wiener
 from estimator.model.single_track import AUXILIARY
 from hil_gateway.errors import InputError
 from hil_gateway.vehicle import Vehicle
@@ -38,6 +39,9 @@ SPUN = 0.7
 EDGE_S = 0.3
 STRAIGHT_BELOW = 1.0
 """Lateral acceleration, m/s2, below which the car does not turn in either direction."""
+NOISY_INPUT = 0.03
+"""Noise of an input relative to its spread from which on it is smoothed: a command has none, a slip measured by wheel
+speeds has, and through C_x it would count as model error."""
 MEASURED = ("ax", "ay", "yaw_rate", "vx", "vy")
 """Measured counterpart of each predicted channel of `single_track.CHANNELS`: itself, or its integral."""
 
@@ -128,7 +132,7 @@ class Record:
 
 
 def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = ()) -> Record:
-    """Smooth, differentiate inputs, find laps, cut windows; measured signals in `distrusted` are not fitted.
+    """Smooth, differentiate inputs, find laps, cut windows; signals in `distrusted` are neither fitted nor causes.
 
     Raises:
         InputError: no uninterrupted stretch long enough.
@@ -144,6 +148,8 @@ def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = (
     lap, has_laps = lap_numbers(log)
     position, length = track_position(log, lap, has_laps)
     signals |= {"track_position": position} if has_laps else {}
+    if "brake" in signals:
+        signals["brake"] = brake_share(signals["brake"])
     for name in ("steer", "drive"):
         signals[f"{name}_rate"] = np.gradient(signals[name], log["t"])
     signals["ay"] = signals["vx"] * signals["yaw_rate"]
@@ -163,13 +169,13 @@ def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = (
         length,
         has_laps,
         vehicle,
-        tuple(log.extra),
+        tuple(name for name in log.extra if name not in distrusted),
         bases,
     )
 
 
 def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> tuple[Array, Array]:
-    """Replace the states of one segment by smoothed ones.
+    """Replace the states of one segment by smoothed ones, and inputs that were measured with noise.
 
     Returns:
         noise (5,) of the measured channels, error (3,) left in the smoothed vx, vy, yaw rate.
@@ -180,6 +186,10 @@ def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> tuple[Arra
     sideways = smoothed_velocity(log, "ay", vy, ay - forward.value * omega.value, log.step)
     for name, smoothed in (("vx", forward), ("vy", sideways), ("yaw_rate", omega)):
         signals[name][rows] = smoothed.value
+    for name in ("steer", "drive"):
+        values = signals[name][rows]
+        if second_difference_noise(values) > NOISY_INPUT * float(np.std(values)):
+            signals[name][rows] = wiener(values, log.step).value
     forces = [wiener(a, log.step).noise for a in (ax, ay)]
     left = np.array([forward.value_error, sideways.value_error, omega.value_error])
     return np.array([*forces, omega.noise, forward.noise, sideways.noise]), left

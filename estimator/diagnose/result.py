@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.diagnose.diagnosis import Diagnosis, alternatives
+from estimator.diagnose.evidence import Evidence
 from estimator.diagnose.fit import evaluate
 from estimator.diagnose.handover import tempered
 from estimator.diagnose.predict import Block
 from estimator.diagnose.score import HORIZON_S, rmse
-from estimator.diagnose.search import Evidence
 from estimator.diagnose.timing import SAMPLED
 from estimator.diagnose.words import CHANNEL_NAMES, describe
 from estimator.model.single_track import CHANNELS

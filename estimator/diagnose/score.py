@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from estimator.diagnose.predict import STATES, Predictor
 from estimator.diagnose.record import Record
+from estimator.identify.smoothing import second_difference_noise
 from estimator.model.single_track import CHANNELS, SingleTrack
 
 Array = NDArray[np.float64]
@@ -91,11 +92,6 @@ def noise_floor(record: Record, rows: Rows, model: SingleTrack, parameters: Arra
             own = second_difference_noise(residuals[name][1])
         floor[name] = float(np.hypot(own, through_states[c]))
     return floor
-
-
-def second_difference_noise(values: Array) -> float:
-    """Standard deviation of white noise in a signal that is smooth otherwise (robust: median)."""
-    return float(np.median(np.abs(np.diff(values, 2))) / (0.6745 * np.sqrt(6.0)))
 
 
 def _noise_through_states(record: Record, model: SingleTrack, parameters: Array) -> Array:

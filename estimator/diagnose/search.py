@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.diagnose.evidence import Evidence, compare
 from estimator.diagnose.fit import MAX_ITERATIONS, Fit, fit, normal_at
 from estimator.diagnose.noise import Noise
-from estimator.diagnose.normal import TINY
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.record import Record, available
 from estimator.diagnose.timing import SAMPLED, sampling_effects
@@ -30,13 +30,15 @@ Array = NDArray[np.float64]
 
 SMALLEST_SHARE = 0.02
 """Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not worth a name."""
-LAP_SIGNIFICANCE = 2.0
-"""The mean gain per lap must exceed so many of its standard errors."""
 RELATIVE_SHARE = 0.01
 """Least gain relative to everything accepted so far: less is the imperfect shape of an accepted effect."""
 WHITE = 1.1
 """The search ends when averages of the residual vary no more than so many times what white noise would."""
-MAX_EFFECTS = 10
+MAX_EFFECTS = 12
+LOOK_AHEAD = 2
+"""So many effects may be added on their gain alone if then one follows that earns its place beside them."""
+RECHECKED_AT_ONCE = 3
+"""Up to so many accepted effects all are checked again after each acceptance; more, only at the end."""
 FITTED, PROMISING = 5, 0.25
 """Candidates of a round that are fitted to the end: at most so many, with this share of the best predicted gain."""
 REWEIGHINGS, REWEIGH_ABOVE = 6, 0.1
@@ -64,44 +66,12 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """Held-out gain of a larger model over a smaller one.
-
-    Attributes:
-        gain: log-likelihood, natural log, summed over laps and channels.
-        channels: (5,) its parts.
-        laps: (laps,) its parts.
-    """
-
-    gain: float
-    channels: Array
-    laps: Array
-
-    @property
-    def consistent(self) -> bool:
-        """Whether the gain per lap is positive beyond its scatter."""
-        spread = self.laps.std(ddof=1) / np.sqrt(len(self.laps)) if len(self.laps) > 1 else 0.0
-        return bool(self.laps.mean() > LAP_SIGNIFICANCE * spread or np.all(self.laps > 0))
-
-
-@dataclass(frozen=True)
 class Trial:
     """One candidate tried on top of what was accepted; `fit` only where it was fitted to the end."""
 
     name: str
     evidence: Evidence
     fit: Fit | None = None
-
-
-def compare(before: Array, after: Array, count: Array) -> Evidence:
-    """Held-out evidence from squares (5, laps) of two models, variances concentrated out per channel."""
-    total = float(count.sum())
-    channels = 0.5 * total * np.log(np.maximum(before.sum(1), TINY) / np.maximum(after.sum(1), TINY))
-    difference = before - after
-    whole = difference.sum(1)
-    weight = np.divide(channels, whole, out=np.zeros(5), where=np.abs(whole) > 1e-12)
-    laps = np.einsum("cl,c->l", difference, np.abs(weight))
-    return Evidence(float(channels.sum()), channels, laps)
 
 
 def fit_names(setting: Setting, names: Sequence[str], warm: Fit | None, iterations: int | None = None) -> Fit:
@@ -225,19 +195,59 @@ def search(setting: Setting, progress: Callable[[str], None] = lambda _: None, w
     current, rounds = base, []
     accepted: list[str] = []
     gains: dict[str, Evidence] = {}
+    unsure, sure = 0, (accepted, current, gains)
     while len(accepted) < MAX_EFFECTS and (not accepted or structured(current, WHITE)):
         trials = _round(setting, accepted, current, progress)
         rounds.append(tuple(trials))
         total = compare(base.held_out(), current.held_out(), base.normal.count).gain
-        best = next((t for t in trials if _can_be_accepted(t, setting.record, total)), None)
-        if best is None:
+        chosen = [t for t in trials if _can_be_accepted(t, setting.record, total)]
+        if chosen:
+            unsure = 0
+        else:
+            sure = (accepted, current, gains) if not unsure else sure
+            unsure += 1
+        chosen = chosen or _tentative(trials, setting.record, total)
+        if not chosen or unsure > LOOK_AHEAD:
             break
         before = set(accepted)
-        accepted, current, gains = _recheck(setting, [*accepted, best.name], best.fit, progress)
+        accepted, current = _join(setting, accepted, chosen, total, progress)
+        gains = {}
+        if not unsure and len(accepted) <= RECHECKED_AT_ONCE:
+            accepted, current, gains = _recheck(setting, accepted, current, progress)
         if set(accepted) <= before:
             break
+    if unsure:
+        accepted, current, gains = sure
+    if accepted and not gains:
+        accepted, current, gains = _recheck(setting, accepted, current, progress)
     ordered = tuple(sorted(accepted, key=lambda n: -gains[n].gain))
     return Search(base, current, ordered, tuple(rounds), {n: gains[n] for n in ordered})
+
+
+def _tentative(trials: Sequence[Trial], record: Record, total: float) -> list[Trial]:
+    """The trial that gains most, though not on all stretches: another effect may hide it."""
+    fitted = [t for t in trials if t.fit is not None and not within_a_sample(t.fit, t.name)]
+    return [t for t in fitted if worth_a_name(t.evidence, record, total)][:1]
+
+
+def _join(
+    setting: Setting, accepted: Sequence[str], chosen: Sequence[Trial], total: float, progress: Callable[[str], None]
+) -> tuple[list[str], Fit]:
+    """The best trial, and with it those that mainly act on other channels and still earn their place beside it."""
+    names, current = [*accepted, chosen[0].name], chosen[0].fit
+    assert current is not None
+    channels = {int(np.argmax(chosen[0].evidence.channels))}
+    for trial in chosen[1:]:
+        channel = int(np.argmax(trial.evidence.channels))
+        if channel in channels or len(names) >= MAX_EFFECTS or not structured(current, WHITE):
+            continue
+        progress(" + ".join([*names, trial.name]))
+        done = fit_names(setting, [*names, trial.name], current)
+        evidence = compare(current.held_out(), done.held_out(), done.normal.count)
+        if _can_be_accepted(Trial(trial.name, evidence, done), setting.record, total):
+            names, current = [*names, trial.name], done
+            channels.add(channel)
+    return names, current
 
 
 def _round(setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]) -> list[Trial]:
@@ -265,13 +275,22 @@ def _can_be_accepted(trial: Trial, record: Record, total: float) -> bool:
 def within_a_sample(fit: Fit, name: str) -> bool:
     """Whether `name` is a delay so short that the sampling of the log explains it."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    return name in SAMPLED and bool(abs(fit.parameters[block.parameters][0]) < fit.predictor.record.step)
+    return name in SAMPLED and abs(float(fit.parameters[block.parameters][0])) < fit.predictor.record.step
 
 
 def earns_its_place(evidence: Evidence, record: Record, total: float) -> bool:
     """Worth a name, consistent over laps, and not the imperfect shape of what is already there."""
+    return worth_a_name(evidence, record, total) and evidence.consistent
+
+
+def _stays(evidence: Evidence, record: Record) -> bool:
+    return worth_a_name(evidence, record, 0.0) and evidence.still_consistent
+
+
+def worth_a_name(evidence: Evidence, record: Record, total: float) -> bool:
+    """Whether the gain is large enough, whatever its scatter."""
     blocks = record.rows.shape[0] * record.rows.shape[1]
-    return evidence.gain > max(SMALLEST_SHARE * blocks, RELATIVE_SHARE * total) and evidence.consistent
+    return bool(evidence.gain > max(SMALLEST_SHARE * blocks, RELATIVE_SHARE * total))
 
 
 def _recheck(
@@ -286,9 +305,7 @@ def _recheck(
             progress(f"without {name}")
             without = fit_names(setting, [n for n in accepted if n != name], current)
             gains[name] = compare(without.held_out(), after, count)
-        weak = [
-            n for n in accepted if not earns_its_place(gains[n], setting.record, 0.0) or within_a_sample(current, n)
-        ]
+        weak = [n for n in accepted if not _stays(gains[n], setting.record) or within_a_sample(current, n)]
         if not weak:
             return accepted, current, gains
         worst = min(weak, key=lambda n: gains[n].gain)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.model.single_track import FULL_BRAKE_PA
 from hil_gateway.errors import InputError
 
 Array = NDArray[np.float64]
@@ -20,8 +21,6 @@ FULL_THROTTLE_DRIVE = 0.10
 
 FULL_BRAKE_DRIVE = 0.30
 """Slip ratio taken to stand for full braking, 6 MPa or pedal 1: brakes act on four wheels, the engine on two."""
-
-FULL_BRAKE_PA = 6.0e6
 
 PEDALS_MUST_EXPLAIN = (0.3, 1.5)
 """Pedals replace wheel speeds where their correlation with d/dt vx is above the first, and so many times as high."""
@@ -107,14 +106,23 @@ def _drive_from_pedals(columns: dict[str, Array]) -> tuple[Array, str] | None:
     if "throttle" not in columns:
         return None
     brake = columns.get("brake", np.zeros_like(columns["throttle"]))
-    in_pascal = bool(brake.max() > 1.5)
-    share = brake / FULL_BRAKE_PA if in_pascal else brake
+    in_pascal, share = is_pressure(brake), brake_share(brake)
     how = (
         f"{FULL_THROTTLE_DRIVE:g} throttle - {FULL_BRAKE_DRIVE:g} brake"
         + (f" / {FULL_BRAKE_PA / 1e6:g} MPa" if in_pascal else "")
         + ", so C_x includes the scale of the pedals"
     )
     return FULL_THROTTLE_DRIVE * columns["throttle"] - FULL_BRAKE_DRIVE * share, how
+
+
+def is_pressure(brake: Array) -> bool:
+    """Whether a brake channel is in Pa and not a pedal, 0..1."""
+    return bool(brake.max() > 1.5)
+
+
+def brake_share(brake: Array) -> Array:
+    """Brake channel, Pa or 0..1, as a share of full braking."""
+    return brake / FULL_BRAKE_PA if is_pressure(brake) else brake
 
 
 def _correlation(a: Array, b: Array) -> float:

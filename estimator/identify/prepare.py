@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.identify.derived import brake_share
 from estimator.identify.drive_log import DriveLog
 from estimator.identify.evaluate import CHANNELS
 from estimator.identify.smoothing import Smoothed, smooth_velocity, wiener
@@ -168,7 +169,7 @@ def spinning(log: DriveLog) -> NDArray[np.bool_]:
 
 def _auxiliary_of(log: DriveLog) -> dict[str, Array]:
     names = ("yaw", "throttle", "brake", "gear", "engine_speed", "ax", "t")
-    return {name: log[name] for name in names if name in log}
+    return {name: brake_share(log[name]) if name == "brake" else log[name] for name in names if name in log}
 
 
 def _rates(log: DriveLog, inputs: Array) -> dict[str, Array]:

@@ -92,3 +92,8 @@ def smooth_velocity(velocity: Array, acceleration: Array, step: float) -> Smooth
     if slow.value_error >= plain.value_error:
         return plain
     return Smoothed(slow.value + travelled, plain.rate, plain.noise, slow.value_error, plain.rate_error, slow.bandwidth)
+
+
+def second_difference_noise(values: Array) -> float:
+    """Standard deviation of white noise in a signal that is smooth otherwise (robust: median)."""
+    return float(np.median(np.abs(np.diff(values, 2))) / (0.6745 * np.sqrt(6.0)))

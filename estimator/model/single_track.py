@@ -49,7 +49,11 @@ SIGNALS = ("vx", "vy", "yaw_rate", "steer", "drive")
 AUXILIARY = (
     "track_position", "t", "yaw", "throttle", "brake", "gear", "engine_speed", "ax", "steer_rate", "drive_rate",
 )  # fmt: skip
-"""Further signals an effect may ask for; a caller that has none leaves them out and gets the neutral value 0."""
+"""Further signals an effect may ask for; a caller that has none leaves them out and gets the neutral value 0.
+
+`brake` is a share of full braking, `FULL_BRAKE_PA` or pedal 1."""
+
+FULL_BRAKE_PA = 6.0e6
 
 CHANNELS = ("ax", "ay", "yaw_acc", "vx_dot", "vy_dot")
 """What the model predicts: specific forces as the accelerometer reports them, and the motion."""

@@ -20,11 +20,12 @@ from estimator.diagnose.noise import Noise
 from estimator.diagnose.normal import Normal
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.result import as_json, as_revision
-from estimator.diagnose.score import kernel, second_difference_noise
+from estimator.diagnose.score import kernel
 from estimator.diagnose.search import Setting, fit_names, within_a_sample
 from estimator.diagnose.whiteness import structured_elsewhere
 from estimator.diagnose.words import describe
 from estimator.identify.drive_log import DriveLog
+from estimator.identify.smoothing import second_difference_noise
 from estimator.model.effects import catalogue
 from estimator.model.single_track import SingleTrack
 from estimator.revision import model_of

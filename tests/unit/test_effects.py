@@ -16,12 +16,13 @@ from estimator.model.single_track import CHANNELS, SIGNALS, SingleTrack, Terms
 from hil_gateway.vehicle import GRAVITY, Vehicle
 
 VEHICLE = Vehicle()
-AUXILIARY = {"yaw": 0.4, "t": 100.0, "steer_rate": 0.3, "drive_rate": -0.2, "track_position": 250.0}
+AUXILIARY = {"brake": 0.3, "yaw": 0.4, "t": 100.0, "steer_rate": 0.3, "drive_rate": -0.2, "track_position": 250.0}
 IDS = {
     "aero_drag", "rolling_resistance", "road_grade", "road_bank", "aero_downforce", "load_transfer",
     "load_sensitivity", "combined_slip", "drive_saturation", "front_brake", "engine_braking", "steer_offset",
     "steer_scale", "steer_delay", "drive_delay", "tyre_relaxation", "grip_drift", "imu_misalignment",
     "imu_lever_arm", "imu_bias", "speed_scale", "wind", "yaw_damping", "turn_asymmetry",
+    "brake_pressure", "traction_loss",
 }  # fmt: skip
 MIRROR_BREAKING = {
     "steer_offset", "imu_misalignment", "imu_lever_arm", "imu_bias", "wind", "turn_asymmetry", "road_bank",
@@ -51,6 +52,8 @@ SIGNS = {
     "wind": ((-8.0, 0.0, 0.5), {}, "ax", -1),
     "yaw_damping": ((500.0,), {}, "yaw_acc", -1),
     "turn_asymmetry": ((0.05,), {}, "ay", 1),
+    "brake_pressure": ((5000.0,), {}, "ax", -1),
+    "traction_loss": ((0.8,), {}, "ax", 1),
 }
 
 

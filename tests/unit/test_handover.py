@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from practice_drives import PRIOR, practice, record_of
 
-from estimator.diagnose.fit import Fit
+from estimator.diagnose.fit import Fit, normal_at
 from estimator.diagnose.handover import tempered
+from estimator.diagnose.noise import Noise
 from estimator.diagnose.search import Setting, fit_names
 
 
@@ -38,6 +39,9 @@ def test_a_model_that_explains_everything_is_handed_over_as_it_was_found(fits: d
 def test_a_residual_that_lasts_counts_as_fewer_samples(fits: dict[str, tuple[Any, Fit, Fit]]) -> None:
     _, found, handed = fits["much"]
     names = [p.name for p in found.predictor.model.tyre_table]
-    wider = np.sqrt(np.diag(handed.covariance) / np.diag(found.covariance))[: len(names)]
+    # at the same point: a peak that the tyre never reaches is the less certain, the higher it is
+    white, _ = normal_at(found.predictor, handed.parameters, Noise.white(found.deviation))
+    as_if_white = np.diag(np.linalg.pinv(white.precision(white.variance), hermitian=True))
+    wider = np.sqrt(np.diag(handed.covariance) / as_if_white)[: len(names)]
     assert np.all(wider > 0.95)
-    assert np.all(wider[[names.index(n) for n in ("bf", "cf", "df")]] > 1.5)
+    assert np.all(wider[[names.index(n) for n in ("bf", "cf", "df")]] > 1.3)

@@ -53,6 +53,12 @@ class HealthReport:
         """This report with `finding` instead of the one of its name."""
         return replace(self, findings=(*(f for f in self.findings if f.name != finding.name), finding))
 
+    @property
+    def doubtful(self) -> tuple[str, ...]:
+        """Channels not to be explained by effects: repaired too coarsely for it, or found to be useless."""
+        useless = tuple(f.channel for f in self.findings if f.action is Action.EXCLUDED and f.repair is None)
+        return ("vy",) * self.vy_is_displaced + ("yaw_rate",) * self.yaw_rate_was_moved + useless
+
     def repaired(self, finding: Finding) -> HealthReport:
         """This report with one more finding and its repair, for what only a fit can find; sizes of one name add up."""
         log = self.log if finding.repair is None else finding.repair(self.log)

@@ -66,6 +66,20 @@ class Effect:
         return self.initial or self.neutral()
 
 
+FRICTION_FLOOR = 0.02
+"""Smallest squared share of a force that the friction ellipse leaves: keeps the root differentiable."""
+
+
+def friction_left(k: Any, force: Any, peak: Any) -> Any:
+    """Share of a tyre force that a perpendicular `force` leaves, sqrt(1 - (k force / peak)^2); exactly 1 at k = 0."""
+    return _ellipse(k * force / peak) / _ellipse(0.0)
+
+
+def _ellipse(used: Any) -> Any:
+    rest = 1.0 - used * used
+    return ca.sqrt(0.5 * (rest + ca.sqrt(rest * rest + FRICTION_FLOOR * FRICTION_FLOOR)))
+
+
 def smooth_sign(value: Any, width: float) -> Any:
     """Sign of `value`, smooth within about +-`width` of zero, odd."""
     return value / ca.sqrt(value * value + width * width)

@@ -2,26 +2,15 @@
 
 from __future__ import annotations
 
-import casadi as ca
-
-from estimator.model.effects.base import Effect
+from estimator.model.effects.base import Effect, friction_left
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from estimator.model.tyre import Expr
 
-FLOOR = 0.02
-"""Smallest squared share of the lateral force that is left: keeps the root differentiable."""
-
-
-def _left(k: Expr, force: Expr, peak: Expr) -> Expr:
-    used = k * force / peak
-    rest = 1.0 - used * used
-    return ca.sqrt(0.5 * (rest + ca.sqrt(rest * rest + FLOOR * FLOOR)))
-
 
 def _force(terms: Terms, k: Expr) -> None:
-    terms.fy_f = terms.fy_f * _left(k, terms.fx_f, terms.peak_f) / _left(0.0, 0.0, 1.0)
-    terms.fy_r = terms.fy_r * _left(k, terms.fx_r, terms.peak_r) / _left(0.0, 0.0, 1.0)
+    terms.fy_f = terms.fy_f * friction_left(k, terms.fx_f, terms.peak_f)
+    terms.fy_r = terms.fy_r * friction_left(k, terms.fx_r, terms.peak_r)
 
 
 EFFECT = Effect(

@@ -1,0 +1,26 @@
+"""Traction loss: longitudinal force falls with lateral force on the same axle, the other half of combined slip."""
+
+from __future__ import annotations
+
+from estimator.model.effects.base import Effect, friction_left
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+
+
+def _force(terms: Terms, k: Expr) -> None:
+    terms.fx_f = terms.fx_f * friction_left(k, terms.fy_f, terms.peak_f)
+    terms.fx_r = terms.fx_r * friction_left(k, terms.fy_r, terms.peak_r)
+
+
+EFFECT = Effect(
+    name="traction_loss",
+    lacks="longitudinal force at a given slip falls with lateral force on the same axle",
+    equation="F_x = F_x0 sqrt(1 - (k F_y / (D F_z))^2)",
+    source="Pacejka, Tire and Vehicle Dynamics, ch. 1.2 (friction ellipse)",
+    parameters=(Parameter("k", "1", 0.0, 0.7, 0.0, 1.5, "share of the friction ellipse that counts; 1: all of it"),),
+    channels=("ax", "vx_dot"),
+    hooks={"FORCE": _force},
+    initial=(0.6,),
+    separated_by="the same slip command on straights and in corners",
+)
