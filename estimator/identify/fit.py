@@ -146,10 +146,10 @@ def _covariance(information: Array, scatter: Array, blocks: int, problem: Proble
 
 
 def _along_the_curve(covariance: Array, problem: Problem, u: Array, free: NDArray[np.bool_]) -> Array:
-    """`covariance` with the variances that normally distributed forces at three slips have in B, C and D.
+    """`covariance` with the spreads that normally distributed forces at three slips have in B, C and D.
 
     Where B, C and D are known together but hardly each, the covariance at the estimate is that of a tangent; draws
-    are led along the curve instead, and the ratio of their mean squares to the tangent's scales it.
+    are led along the curve instead, and the ratio of what 95 % of them keep within to the tangent's scales it.
     """
     local = problem.coordinates.about(u)
     T = local.tangent()
@@ -162,8 +162,8 @@ def _along_the_curve(covariance: Array, problem: Problem, u: Array, free: NDArra
     usable = np.isfinite(curved).all(axis=1)
     if usable.mean() < LEAST_USABLE:
         return covariance
-    plain = np.mean(tangent[usable] ** 2, axis=0)
-    ratio = np.where(free, np.sqrt(np.mean(curved[usable] ** 2, axis=0) / np.maximum(plain, 1e-300)), 1.0)
+    reached, plain = (np.quantile(np.abs(draws[usable]), 0.95, axis=0) for draws in (curved, tangent))
+    ratio = np.where(free, reached / np.maximum(plain, 1e-300), 1.0)
     return np.asarray(covariance * np.outer(ratio, ratio))
 
 
