@@ -1,4 +1,4 @@
-"""`hil campaign learn`: driving to learn against driving normally, over many cars."""
+"""`hil campaign`: `learn`, driving to learn against driving normally; `diagnose`, every effect of the simulated car."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hil_gateway.errors import EXIT_FAILURE, InputError
+from planner.diagnosis_campaign_cli import diagnose
 
 if TYPE_CHECKING:
     from planner.campaign import Learnt, Trial
 
 app = typer.Typer(no_args_is_help=True, help="Long comparisons over seeds.")
+app.command()(diagnose)
 
 
 @app.callback()
