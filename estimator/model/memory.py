@@ -2,10 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.model.effects.base import Prepare
+from estimator.model.single_track import Terms
+from estimator.model.tyre import Expr
+from hil_gateway.vehicle import Vehicle
+
 Array = NDArray[np.float64]
+
+
+def input_delay(name: str) -> tuple[Callable[[Terms, Expr], None], Prepare]:
+    """Hook and preparation of a pure delay, s, of the input `name` ("steer", "drive").
+
+    On recorded data the reported signal is shifted, by the auxiliary signal `{name}_shift`; without a past,
+    u(t - T) is replaced by u - T du/dt, right to first order in T.
+    """
+
+    def hook(terms: Terms, delay: Expr) -> None:
+        first_order = -delay * terms.auxiliary(f"{name}_rate")
+        setattr(terms, name, getattr(terms, name) + terms.aux.get(f"{name}_shift", first_order))
+
+    def prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]) -> dict[str, Array]:
+        return {f"{name}_shift": delayed(signals["t"], signals[name], parameters[0]) - signals[name]}
+
+    return hook, prepare
 
 
 def delayed(t: Array, signal: Array, delay: float) -> Array:
