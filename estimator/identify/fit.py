@@ -35,8 +35,8 @@ BLOCKS_PER_PARAMETER = 10.0
 DRAWS = 1000
 """of each sign"""
 
-LEAST_USABLE = 0.9
-"""share of draws for which B, C and D exist"""
+LEAST_USABLE = 0.5
+"""share of draws for which B, C and D exist within their bounds"""
 
 ON_BOUND = 0.1
 """Share of its standard deviation, and of a tenth of its range, within which an estimate counts as on its bound."""
@@ -158,8 +158,9 @@ def _along_the_curve(covariance: Array, problem: Problem, u: Array, free: NDArra
     values, vectors = np.linalg.eigh(scaled * np.outer(free, free))
     half = np.random.default_rng(0).standard_normal((DRAWS, problem.size)) * np.sqrt(np.maximum(values, 0.0))
     tangent = np.concatenate([half, -half]) @ vectors.T
-    curved = np.clip(local.moved(tangent @ to_w.T), problem.lower, problem.upper) - u
-    usable = np.isfinite(curved).all(axis=1)
+    there = local.moved(tangent @ to_w.T)
+    curved = there - u
+    usable = ((there >= problem.lower) & (there <= problem.upper))[:, free].all(axis=1)
     if usable.mean() < LEAST_USABLE:
         return covariance
     reached, plain = (np.quantile(np.abs(draws[usable]), 0.95, axis=0) for draws in (curved, tangent))
