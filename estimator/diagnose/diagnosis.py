@@ -39,8 +39,11 @@ TERM_RELATIVE = 0.03
 MAX_TERMS = 2
 SECOND_TERM_SHARE = 0.2
 """A second term must gain this share of the first: less is the resolution of the first one's knots."""
-WHITE_IN_LATE_LAPS = 3.0
-"""Where averages of the residual vary so much more on the last laps, these hold something new. Speeds never learnt at
+WORSE = 1.2
+"""A model whose error on the last laps exceeds the re-fitted one's by this factor is contradicted by them."""
+EXPLAINED, WHITE_IN_LATE_LAPS = 2.0, 3.0
+"""Where averages of the residual vary no more than so many times what white noise would on the laps learnt from, but
+so much more on the last ones, these hold something new. Speeds never learnt at
 reach 2 with the true effects; 5 is a residual with nothing but slow structure."""
 WHITE_FOR_TERMS = 1.3
 """Empirical terms are looked for only where averages of the residual vary so much more than white noise does."""
@@ -101,18 +104,26 @@ def diagnose(
 ) -> Diagnosis:
     """Find what the declared model lacks.
 
-    Where it is found in full on the laps learnt from and yet the last laps hold more, which begins only there,
+    Where the laps learnt from are explained and yet the last laps hold more, which begins only there or late,
     laps in between are kept for scoring instead, so that it can be learnt at all.
     """
     train_laps, test_laps = split_laps(record)
     found = _diagnose(record, layout, prior, (train_laps, test_laps), progress)
-    late = record.select(np.isin(record.lap, test_laps))
-    if structured(found.fit, WHITE_FOR_TERMS) or not structured_elsewhere(found.fit, late, WHITE_IN_LATE_LAPS):
+    if not _late_laps_differ(found):
         return found
     laps = (*train_laps, *test_laps)
     between = tuple(sorted(laps)[2::3])
     progress("once more: the last laps hold something that the others do not")
     return _diagnose(record, layout, prior, (tuple(lap for lap in laps if lap not in between), between), progress)
+
+
+def _late_laps_differ(found: Diagnosis) -> bool:
+    """Whether what was learnt makes the last laps worse, or explains the others and leaves those unexplained."""
+    if any(c["with_effects"] > WORSE * c["refit"] for c in found.channels.values()):
+        return True
+    late = found.record.select(np.isin(found.record.lap, found.test_laps))
+    explained = not structured(found.fit, EXPLAINED)
+    return explained and structured_elsewhere(found.fit, late, WHITE_IN_LATE_LAPS)
 
 
 def _diagnose(
