@@ -68,7 +68,7 @@ def score_session(path: Path, config: Config) -> dict[str, Any]:
     table = read_drive_table(path)
     split_s = _split(table.columns)
     first, learnt = _revisions(path, table.start_ns + int(split_s * NS_PER_S))
-    return _score(table.columns, split_s, first, learnt, config)
+    return score_revisions(table.columns, first, learnt, config, split_s)
 
 
 def score_models(path: Path, before: Path, after: Path, config: Config) -> dict[str, Any]:
@@ -77,12 +77,13 @@ def score_models(path: Path, before: Path, after: Path, config: Config) -> dict[
     Raises:
         InputError: too short a session, or a file that is no model revision.
     """
-    return _score(read_drive_table(path).columns, 0.0, load_revision(before), load_revision(after), config)
+    return score_revisions(read_drive_table(path).columns, load_revision(before), load_revision(after), config)
 
 
-def _score(
-    columns: Mapping[str, Array], from_s: float, first: ModelRevision, learnt: ModelRevision, config: Config
+def score_revisions(
+    columns: Mapping[str, Array], first: ModelRevision, learnt: ModelRevision, config: Config, from_s: float = 0.0
 ) -> dict[str, Any]:
+    """The same for two revisions on the columns of a drive log from `from_s` on."""
     track = load_track(config.track)
     windows = held_out_windows(columns, from_s, track)
     before, after = (prediction_error(model_of(r, config.vehicle, track.length), windows) for r in (first, learnt))

@@ -1,4 +1,4 @@
-"""`hil campaign`: `learn`, driving to learn against driving normally; `diagnose`, every effect of the simulated car."""
+"""`hil campaign`: `learn` (driving to learn), `diagnose` (every effect of the simulated car), `closed` (both at once)."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hil_gateway.errors import EXIT_FAILURE, InputError
+from planner.campaign_closed_cli import closed
 from planner.diagnosis_campaign_cli import diagnose
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Long comparisons over seeds.")
 app.command()(diagnose)
+app.command()(closed)
 
 
 @app.callback()
