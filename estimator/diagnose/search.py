@@ -273,9 +273,13 @@ def _can_be_accepted(trial: Trial, record: Record, total: float) -> bool:
 
 
 def within_a_sample(fit: Fit, name: str) -> bool:
-    """Whether `name` is a delay so short that the sampling of the log explains it."""
+    """Whether `name` is a lag so short that the sampling of the log explains it; a length counts at the mean speed."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    return name in SAMPLED and abs(float(fit.parameters[block.parameters][0])) < fit.predictor.record.step
+    if name not in (*SAMPLED, "tyre_relaxation"):
+        return False
+    record = fit.predictor.record
+    speed = float(record.signals["vx"][record.rows].mean()) if block.effect.parameters[0].unit == "m" else 1.0
+    return abs(float(fit.parameters[block.parameters][0])) < record.step * speed
 
 
 def earns_its_place(evidence: Evidence, record: Record, total: float) -> bool:
