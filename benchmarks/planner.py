@@ -27,7 +27,7 @@ from hil_gateway.track import Track, load_track
 from hil_gateway.vehicle import Vehicle
 from planner.bench import INFORMATION_WEIGHT, Run, bench_controller, drive, percentiles
 from planner.contraction import measure
-from planner.settings import Information, Settings
+from planner.problem.settings import Information, Settings
 
 GAP_ALLOWED = 0.02
 CONVERGED_ITERATIONS = 15

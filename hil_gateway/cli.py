@@ -21,7 +21,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "identify": ("estimator.identify.cli:app", "tyre parameters from a session, error before and after"),
     "diagnose": ("estimator.diagnose.cli:app", "residual, missing effect, error before and after"),
     "plan": ("planner.plan_cli:app", "planner benchmark in closed loop on the model"),
-    "campaign": ("planner.campaign_cli:app", "long comparisons over seeds"),
+    "campaign": ("planner.campaign.cli:app", "long comparisons over seeds"),
     "recorder": ("hil_gateway.recorder_cli:app", "raw frames and topics into one MCAP file"),
     "session": ("hil_gateway.session.cli:app", "recordings: info, recover, export, import, replay"),
     "dashboard": ("hil_gateway.dashboard.cli:app", "read-only live page"),

@@ -20,14 +20,14 @@ from hil_gateway.config import Config
 from hil_gateway.messages import Belief, ModelRevision
 from hil_gateway.track import Track
 from planner.controller import Controller, TyreKnowledge
-from planner.envelope import envelope_of
-from planner.functions import Functions, build_functions, build_in_child
-from planner.load_limits import LoadLimits, limit_within_run
-from planner.mpcc import Problem
-from planner.raceline import RaceLine, raceline_for
-from planner.settings import Settings
-from planner.track import Reference
-from planner.usable_grip import Axles, usable_grip, usable_share
+from planner.line.envelope import envelope_of
+from planner.line.raceline import RaceLine, raceline_for
+from planner.line.track import Reference
+from planner.problem.load_limits import LoadLimits, limit_within_run
+from planner.problem.mpcc import Problem
+from planner.problem.settings import Settings
+from planner.problem.usable_grip import Axles, usable_grip, usable_share
+from planner.solver.functions import Functions, build_functions, build_in_child
 
 Array = npt.NDArray[np.float64]
 

@@ -23,15 +23,15 @@ from hil_gateway.vehicle import Vehicle
 from planner import acceptance
 from planner.checks import bounds_of, plan_of
 from planner.controller import Controller, TyreKnowledge
-from planner.envelope import envelope_of
-from planner.functions import build_functions
-from planner.motion import NZ, PROGRESS, VX, S
-from planner.mpcc import Problem
-from planner.raceline import RaceLine, raceline_for
-from planner.reference_nlp import ReferenceNlp
-from planner.settings import Settings
-from planner.sqp import Solution
-from planner.track import Reference
+from planner.line.envelope import envelope_of
+from planner.line.raceline import RaceLine, raceline_for
+from planner.line.track import Reference
+from planner.problem.motion import NZ, PROGRESS, VX, S
+from planner.problem.mpcc import Problem
+from planner.problem.settings import Settings
+from planner.solver.functions import build_functions
+from planner.solver.reference_nlp import ReferenceNlp
+from planner.solver.sqp import Solution
 
 Array = npt.NDArray[np.float64]
 

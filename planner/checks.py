@@ -19,9 +19,9 @@ from planner import acceptance
 from planner.acceptance import AxleForces, Bounds, ForceModel
 from planner.adoption import Adopted
 from planner.controller import Controller
-from planner.raceline import RaceLine
-from planner.settings import Settings
-from planner.sqp import Solution
+from planner.line.raceline import RaceLine
+from planner.problem.settings import Settings
+from planner.solver.sqp import Solution
 
 Array = npt.NDArray[np.float64]
 

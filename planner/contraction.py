@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from planner.bench import clock, start_state
 from planner.controller import Controller
-from planner.motion import S
+from planner.problem.motion import S
 
 Array = npt.NDArray[np.float64]
 

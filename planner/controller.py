@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from planner import infomax
-from planner.functions import Functions
-from planner.motion import DRIVE, NU, PROGRESS, VX, S
-from planner.mpcc import Problem
-from planner.sqp import Solution, Sqp, Stopwatch
-from planner.track import Reference
+from planner.line.track import Reference
+from planner.problem import infomax
+from planner.problem.motion import DRIVE, NU, PROGRESS, VX, S
+from planner.problem.mpcc import Problem
+from planner.solver.functions import Functions
+from planner.solver.sqp import Solution, Sqp, Stopwatch
 
 Array = npt.NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from planner.motion import DRIVE, NU, NZ, PROGRESS, STEER, VX, S
-from planner.settings import Limits
-from planner.track import Reference
+from planner.line.track import Reference
+from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, STEER, VX, S
+from planner.problem.settings import Limits
 
 Array = npt.NDArray[np.float64]
 

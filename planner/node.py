@@ -18,11 +18,11 @@ from hil_gateway.track import Track, load_track
 from planner.adoption import Adoption
 from planner.checks import PlanCheck
 from planner.fallback import Stopping, Trajectory, shifted, stop_plan
-from planner.load_limits import HeldLoad, LoadLimits, RunEvidence, next_limit, starting_limits, store_limits
-from planner.motion import DRIVE, PROGRESS, STEER, VX, S
 from planner.prediction import Actuators, Moment, Sent, predict
-from planner.settings import settings_of
-from planner.sqp import Solution, Stopwatch
+from planner.problem.load_limits import HeldLoad, LoadLimits, RunEvidence, next_limit, starting_limits, store_limits
+from planner.problem.motion import DRIVE, PROGRESS, STEER, VX, S
+from planner.problem.settings import settings_of
+from planner.solver.sqp import Solution, Stopwatch
 
 Array = npt.NDArray[np.float64]
 

@@ -36,7 +36,7 @@ def bench(  # noqa: PLR0917 - options of a command line
     """Drive laps on the planner's own model and report timings and safety figures."""
     from hil_gateway.track import load_track
     from planner import bench as b
-    from planner.settings import settings_of
+    from planner.problem.settings import settings_of
 
     loaded = load_config(config, {"track": track} if track else None)
     settings = settings_of(loaded)

@@ -89,7 +89,7 @@ def drive(config: Config, laps: int, mismatch: float, seed: int, track: Track | 
 
 def violations(config: Config, watch: Watch, commands: list[Command], off_track: int) -> dict[str, int]:
     """Counts by kind."""
-    from planner.settings import Limits
+    from planner.problem.settings import Limits
 
     limits, bound = Limits(), config.planner.information_bound
     loads = np.maximum(watch.front, watch.rear)

@@ -17,7 +17,7 @@ from hil_gateway.messages import Applied, Command, Estimate, FailsafeAction, Pla
 from hil_gateway.track import Track
 from planner.node import Planner
 from planner.prediction import Actuators, Sent
-from planner.sqp import Stopwatch
+from planner.solver.sqp import Stopwatch
 
 TICK_NS = NS_PER_S // 100
 PLAN_TICKS = 5

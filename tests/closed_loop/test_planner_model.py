@@ -17,7 +17,7 @@ from planner.acceptance import declared_forces
 from planner.adoption import PROBATION_FAILURES, implausible
 from planner.learning import EXPLORING
 from planner.node import BOLDER
-from planner.qp import QpStatus
+from planner.solver.qp import QpStatus
 
 HORIZON = 40
 

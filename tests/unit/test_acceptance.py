@@ -14,8 +14,8 @@ from planner.acceptance import Bounds, Plan, declared_forces, violations
 from planner.bench import bench_controller, clock, start_state
 from planner.checks import beside, bounds_of, defects, plan_of
 from planner.controller import Controller
-from planner.settings import Settings
-from planner.sqp import Solution
+from planner.problem.settings import Settings
+from planner.solver.sqp import Solution
 
 
 @pytest.fixture(scope="module")

@@ -19,10 +19,9 @@ from hil_gateway.bus import LocalBus
 from hil_gateway.errors import InputError
 from hil_gateway.messages import Command, Estimate
 from hil_gateway.vehicle import Vehicle
-from planner import campaign
-from planner.campaign import CampaignSettings, Learnt, Trial, load, save, trial_config, true_tyre
-from planner.campaign_after import compare, learnt_by
-from planner.campaign_analysis import (
+from planner.campaign import trial as campaign
+from planner.campaign.after import compare, learnt_by
+from planner.campaign.analysis import (
     bootstrap,
     d_target,
     drives_of,
@@ -30,10 +29,11 @@ from planner.campaign_analysis import (
     seconds_to,
     summarise,
 )
-from planner.campaign_cli import _methods
-from planner.campaign_driving import EXCITATION_ACCELERATION, ExcitedBus, FixedEstimator, Kept, RecordingEstimator
-from planner.campaign_report import write_report
-from planner.campaign_safety import load_shares, slip_shares
+from planner.campaign.cli import _methods
+from planner.campaign.driving import EXCITATION_ACCELERATION, ExcitedBus, FixedEstimator, Kept, RecordingEstimator
+from planner.campaign.report import write_report
+from planner.campaign.safety import load_shares, slip_shares
+from planner.campaign.trial import CampaignSettings, Learnt, Trial, load, save, trial_config, true_tyre
 
 SETTINGS = CampaignSettings()
 NAMES = [p.name for p in tyre_parameters("per_axle")]

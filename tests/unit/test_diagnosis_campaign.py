@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from hil_gateway.errors import InputError
 from hil_gateway.plant.effects import SWITCHES, configure
-from planner.campaign_cli import app
-from planner.diagnosis_campaign import NONE, Case, run_cases, summarise, write_report
+from planner.campaign.cli import app
+from planner.campaign.diagnose import NONE, Case, run_cases, summarise, write_report
 
 
 def _result(effect: str, named: list[str], verdict: str, seed: int = 1) -> dict[str, Any]:

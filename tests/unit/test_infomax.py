@@ -10,10 +10,10 @@ import pytest
 
 from hil_gateway.track import load_track
 from hil_gateway.vehicle import Vehicle
-from planner import infomax
 from planner.bench import bench_controller, clock, start_state
 from planner.controller import Controller
-from planner.infomax import (
+from planner.problem import infomax
+from planner.problem.infomax import (
     FORCE_STATES,
     PATIENCE_S,
     independent_samples,
@@ -23,8 +23,8 @@ from planner.infomax import (
     scheduled_weight,
     sigma_points,
 )
-from planner.motion import NU, NZ
-from planner.settings import Information, Settings
+from planner.problem.motion import NU, NZ
+from planner.problem.settings import Information, Settings
 
 WEIGHT = 0.01
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil_gateway.errors import InputError
-from planner.load_limits import (
+from planner.problem.load_limits import (
     HeldLoad,
     LoadLimits,
     RunEvidence,

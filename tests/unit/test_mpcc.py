@@ -11,10 +11,10 @@ from hil_gateway.track import load_track
 from hil_gateway.vehicle import Vehicle
 from planner.bench import bench_controller, clock, start_state
 from planner.controller import Controller
-from planner.motion import NU, NZ, PROGRESS, VX, S
-from planner.mpcc import OUTPUTS
-from planner.reference_nlp import ReferenceNlp
-from planner.settings import Settings
+from planner.problem.motion import NU, NZ, PROGRESS, VX, S
+from planner.problem.mpcc import OUTPUTS
+from planner.problem.settings import Settings
+from planner.solver.reference_nlp import ReferenceNlp
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_contouring_and_lag_error_are_those_of_equation_5(controller: Controller
     """A point 1.3 m right of and 0.7 m behind the reference point has e_c = 1.3 and e_l = 0.7."""
     import casadi as ca
 
-    from planner.mpcc import path_errors
+    from planner.problem.mpcc import path_errors
 
     names, k = controller.problem.stage, 4
     s = controller.sqp.z[S, k + 1]

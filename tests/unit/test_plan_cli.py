@@ -12,7 +12,7 @@ from hil_gateway.track import load_track
 from hil_gateway.vehicle import Vehicle
 from planner.bench import bench_controller, drive, summary
 from planner.plan_cli import app
-from planner.settings import Settings
+from planner.problem.settings import Settings
 
 KEYS = {
     "laps", "lap_time_s", "solve_ms", "ipopt_warm_ms", "speedup_vs_ipopt", "violations", "qp_failures",

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner import hpipm, qp
-from planner.hpipm import HpipmSolver, self_test
-from planner.qp import QpSize, QpStatus, QpWarning, StageQp, make_qp_solver, objective, violation
-from planner.qp_sparse import ConicSolver, PiqpSolver
+from planner.solver import hpipm, qp
+from planner.solver.hpipm import HpipmSolver, self_test
+from planner.solver.qp import QpSize, QpStatus, QpWarning, StageQp, make_qp_solver, objective, violation
+from planner.solver.qp_sparse import ConicSolver, PiqpSolver
 
 
 def random_qp(seed: int, N: int = 12) -> StageQp:

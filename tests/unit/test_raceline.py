@@ -11,9 +11,9 @@ from estimator.model.parameters import DEFAULT_TYRE
 from estimator.model.single_track import SingleTrack
 from hil_gateway.track import Track, load_track
 from hil_gateway.vehicle import GRAVITY, Vehicle
-from planner.envelope import Envelope, envelope_of, required_lateral
-from planner.raceline import RaceLine, centre_line, compute_raceline, raceline_for
-from planner.speed_profile import lap_time_of, speed_profile
+from planner.line.envelope import Envelope, envelope_of, required_lateral
+from planner.line.raceline import RaceLine, centre_line, compute_raceline, raceline_for
+from planner.line.speed_profile import lap_time_of, speed_profile
 
 MARGIN = 1.5
 TYRE = DEFAULT_TYRE["per_axle"]

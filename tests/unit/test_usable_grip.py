@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from planner.controller import TyreKnowledge
-from planner.infomax import sigma_points
-from planner.usable_grip import PROFILE_SHARE, lateral_shape, usable_grip, usable_share
+from planner.problem.infomax import sigma_points
+from planner.problem.usable_grip import PROFILE_SHARE, lateral_shape, usable_grip, usable_share
 
 AXLES = ((1, 2, 3), (4, 5, 6))
 THETA = np.array([50_000.0, 9.0, 1.35, 1.3567, 10.0, 1.4, 1.3392])

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.html_report import COLOURS, Report, new_figure, plot_style
 from estimator.tyre_belief import Array
-from planner.campaign_analysis import HEADLINE, TARGETS, Drive, lap_time_lost_percent, samples_to_targets
+from planner.campaign.analysis import HEADLINE, TARGETS, Drive, lap_time_lost_percent, samples_to_targets
 
 COLOUR = {
     "infomax": COLOURS["after"], "plain": COLOURS["before"], "prbs": COLOURS["accent"], "sine": COLOURS["extra"],

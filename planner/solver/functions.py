@@ -25,8 +25,8 @@ from estimator.model.effects import catalogue
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from hil_gateway.vehicle import Vehicle
-from planner.mpcc import Problem
-from planner.settings import Information, Limits, Settings, Slack, Weights
+from planner.problem.mpcc import Problem
+from planner.problem.settings import Information, Limits, Settings, Slack, Weights
 
 BUILD_TIMEOUT_S = 120.0
 
@@ -66,7 +66,7 @@ def build_in_child(problem: Problem) -> Functions:
     Raises:
         RuntimeError: the child failed; its message.
     """
-    command = [sys.executable, "-m", "planner.functions"]
+    command = [sys.executable, "-m", "planner.solver.functions"]
     try:
         child = subprocess.run(
             command, input=_describe(problem), capture_output=True, text=True, timeout=BUILD_TIMEOUT_S, check=False

@@ -11,7 +11,7 @@ from math import sqrt
 import numpy as np
 
 from hil_gateway.vehicle import GRAVITY
-from planner.envelope import Array, Envelope
+from planner.line.envelope import Array, Envelope
 
 Row = list[float]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from estimator.model.single_track import SingleTrack
 from estimator.model.tyre import Expr
-from planner import infomax
+from planner.problem import infomax
 
 
 class Names:

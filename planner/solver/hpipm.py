@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from planner.qp import Array, QpSize, QpStatus, StageQp, objective, violation
+from planner.solver.qp import Array, QpSize, QpStatus, StageQp, objective, violation
 
 SPEED_ABS, BALANCE = 0, 2
 """enum hpipm_mode: absolute formulation, fastest; relative formulation with refinement, for what that cannot solve"""

@@ -14,11 +14,11 @@ import casadi as ca
 from estimator.model.discretise import rk4
 from estimator.model.single_track import SingleTrack, Terms
 from estimator.model.tyre import Expr
-from planner import infomax, load_rows
-from planner.load_rows import LoadRow
-from planner.motion import BOUNDED, DRIVE, NU, NZ, PROGRESS, STEER, VX, Dynamics, S, auxiliary, split
-from planner.settings import Settings
-from planner.stage_parameters import common_names, stage_names
+from planner.problem import infomax, load_rows
+from planner.problem.load_rows import LoadRow
+from planner.problem.motion import BOUNDED, DRIVE, NU, NZ, PROGRESS, STEER, VX, Dynamics, S, auxiliary, split
+from planner.problem.settings import Settings
+from planner.problem.stage_parameters import common_names, stage_names
 
 OUTPUTS = (
     "A", "B", "b", "Q", "q", "R", "r", "C", "lower_row", "upper_row", "lower_z", "upper_z", "lower_u", "upper_u",

@@ -22,8 +22,8 @@ from estimator.model.parameters import layout_of
 from estimator.model.single_track import SingleTrack
 from hil_gateway.track import Track
 from hil_gateway.vehicle import GRAVITY, Vehicle
-from planner.envelope import Array, Envelope, envelope_of
-from planner.speed_profile import lap_time_of, speed_profile
+from planner.line.envelope import Array, Envelope, envelope_of
+from planner.line.speed_profile import lap_time_of, speed_profile
 
 NODE_SPACING = 5.0
 """m between nodes of the optimisation"""

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from planner import infomax
-from planner.functions import Functions
-from planner.motion import BOUNDED, NU, NZ
-from planner.mpcc import OUTPUTS, Problem
-from planner.qp import QpSize, QpStatus, StageQp, make_qp_solver
+from planner.problem import infomax
+from planner.problem.motion import BOUNDED, NU, NZ
+from planner.problem.mpcc import OUTPUTS, Problem
+from planner.solver.functions import Functions
+from planner.solver.qp import QpSize, QpStatus, StageQp, make_qp_solver
 
 Array = npt.NDArray[np.float64]
 Stopwatch = Callable[[], int]

@@ -30,7 +30,7 @@ def diagnose(  # noqa: PLR0917  (one argument a flag)
     from rich.console import Console
     from rich.progress import track
 
-    from planner.diagnosis_campaign import Case, run_cases, summarise, write_report
+    from planner.campaign.diagnose import Case, run_cases, summarise, write_report
 
     cases = [Case(e, s) for s in range(first_seed, first_seed + seeds) for e in _names(effects)]
     console = Console(file=sys.stderr)
@@ -48,7 +48,7 @@ def diagnose(  # noqa: PLR0917  (one argument a flag)
 
 def _names(text: str) -> tuple[str, ...]:
     from hil_gateway.plant.effects import SWITCHES
-    from planner.diagnosis_campaign import NONE
+    from planner.campaign.diagnose import NONE
 
     known = (NONE, *SWITCHES)
     names = tuple(n.strip() for n in text.split(",") if n.strip()) or known

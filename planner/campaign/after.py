@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from planner.campaign import AFTERWARDS, Learnt
-from planner.campaign_analysis import bootstrap
+from planner.campaign.analysis import bootstrap
+from planner.campaign.trial import AFTERWARDS, Learnt
 
 
 def learnt_by(result: Mapping[str, Any]) -> Learnt:

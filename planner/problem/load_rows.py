@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from estimator.model.tyre import Expr
-from planner.motion import NZ, VX, dynamic_share
+from planner.problem.motion import NZ, VX, dynamic_share
 
 if TYPE_CHECKING:
-    from planner.mpcc import Problem
+    from planner.problem.mpcc import Problem
 
 LOAD_SMOOTHING = 0.02
 """rounds the tip of the friction cone at zero force, share of the bound"""

@@ -28,7 +28,7 @@ def closed(
     from rich.progress import track
 
     from hil_gateway.demo.options import parse_effects
-    from planner.campaign_closed import close_loop, describe
+    from planner.campaign.closed import close_loop, describe
 
     if base not in ("paper", "av24"):
         raise InputError(f"--base {base}: must be paper or av24")

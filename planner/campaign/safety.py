@@ -10,7 +10,7 @@ import numpy as np
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.tyre_belief import Array
 from hil_gateway.vehicle import Vehicle
-from planner.campaign_driving import Kept
+from planner.campaign.driving import Kept
 from planner.loop import LoopResult
 from planner.safety import LOAD_TOLERANCE, Watch
 

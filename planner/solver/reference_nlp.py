@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from planner.controller import Controller
-from planner.motion import BOUNDED, DRIVE, NU, NZ
-from planner.sqp import Stopwatch
+from planner.problem.motion import BOUNDED, DRIVE, NU, NZ
+from planner.solver.sqp import Stopwatch
 
 Array = npt.NDArray[np.float64]
 

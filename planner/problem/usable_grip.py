@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner.controller import Array, TyreKnowledge
-from planner.infomax import sigma_points
+from planner.problem.infomax import sigma_points
 
 PROFILE_SHARE = 0.9
 """of what Eq. (10) leaves; the rest corrects errors"""

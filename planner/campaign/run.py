@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hil_gateway.errors import InputError
-from planner.campaign import CampaignSettings, Learnt, Trial, load, run_trial, save
+from planner.campaign.trial import CampaignSettings, Learnt, Trial, load, run_trial, save
 
 Job = tuple[Trial, Learnt | None]
 Outcome = tuple[Trial, dict[str, Any]]

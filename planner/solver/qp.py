@@ -134,8 +134,8 @@ def make_qp_solver(qp: StageQp, backend: str = "auto") -> QpSolver:
         ValueError: unknown backend.
         RuntimeError: no backend works.
     """
-    from planner.hpipm import HpipmSolver, self_test
-    from planner.qp_sparse import ConicSolver, PiqpSolver
+    from planner.solver.hpipm import HpipmSolver, self_test
+    from planner.solver.qp_sparse import ConicSolver, PiqpSolver
 
     solvers: dict[str, Callable[[StageQp], QpSolver]]
     solvers = {"hpipm": HpipmSolver, "piqp": PiqpSolver, "conic": ConicSolver}

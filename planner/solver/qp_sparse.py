@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from planner.qp import Array, QpStatus, StageQp
+from planner.solver.qp import Array, QpStatus, StageQp
 
 UNBOUNDED = 1e30
 

@@ -28,7 +28,7 @@ from estimator.model.tyre import Expr
 from estimator.tyre_belief import DEFAULT_STD, BeliefSettings
 
 if TYPE_CHECKING:
-    from planner.mpcc import Problem
+    from planner.problem.mpcc import Problem
 
 Array = npt.NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""`hil campaign`: `learn` (driving to learn), `diagnose` (every effect of the simulated car), `closed` (both at once)."""
+"""`hil campaign`: `learn` (infomax), `diagnose` (effects of the simulated car), `closed` (drive, diagnose, drive)."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hil_gateway.errors import EXIT_FAILURE, InputError
-from planner.campaign_closed_cli import closed
-from planner.diagnosis_campaign_cli import diagnose
+from planner.campaign.closed_cli import closed
+from planner.campaign.diagnose_cli import diagnose
 
 if TYPE_CHECKING:
-    from planner.campaign import Learnt, Trial
+    from planner.campaign.trial import Learnt, Trial
 
 app = typer.Typer(no_args_is_help=True, help="Long comparisons over seeds.")
 app.command()(diagnose)
@@ -53,8 +53,8 @@ def learn(  # noqa: PLR0917  (one argument a flag)
     Resumable: interrupted, the same command goes on where it stopped.
     """
     from hil_gateway.track import load_track
-    from planner.campaign import CampaignSettings, Trial
-    from planner.campaign_run import Machines, drive_all
+    from planner.campaign.run import Machines, drive_all
+    from planner.campaign.trial import CampaignSettings, Trial
 
     default = CampaignSettings()
     settings = replace(
@@ -76,7 +76,7 @@ def learn(  # noqa: PLR0917  (one argument a flag)
 
 
 def _methods(text: str) -> tuple[str, ...]:
-    from planner.campaign import METHODS
+    from planner.campaign.trial import METHODS
 
     names = {name.strip() for name in text.split(",")} | {"plain"}
     if unknown := sorted(names - set(METHODS)):
@@ -86,8 +86,8 @@ def _methods(text: str) -> tuple[str, ...]:
 
 def _afterwards(results: Sequence[dict[str, Any]], cars: int) -> list[tuple[Trial, Learnt | None]]:
     """Drives with the declared model and with what infomax learnt, for the first `cars` cars."""
-    from planner.campaign import Trial
-    from planner.campaign_after import learnt_by
+    from planner.campaign.after import learnt_by
+    from planner.campaign.trial import Trial
 
     learnt = {r["trial"]["seed"]: learnt_by(r) for r in results if r["trial"]["method"] == "infomax"}
     chosen = sorted(learnt)[:cars]
@@ -98,9 +98,9 @@ def _conclude(
     results: Sequence[dict[str, Any]], proofs: Sequence[dict[str, Any]], lap_length: float, out: Path
 ) -> dict[str, Any]:
     """Summary and report beside the trials."""
-    from planner.campaign_after import compare
-    from planner.campaign_analysis import drives_of, summarise
-    from planner.campaign_report import write_report
+    from planner.campaign.after import compare
+    from planner.campaign.analysis import drives_of, summarise
+    from planner.campaign.report import write_report
 
     drives = drives_of(results)
     summary = {**summarise(drives, lap_length), "afterwards": compare(proofs)}
@@ -113,7 +113,7 @@ def _print(summary: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from planner.campaign_report import interval
+    from planner.campaign.report import interval
 
     table = Table(title=f"Learning campaign, {summary['seeds']} cars: median (95 % interval)")
     for column in ("way of driving", "target", "samples", "laps", "times fewer than plain", "reached"):

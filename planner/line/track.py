@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-from planner.raceline import RaceLine
+from planner.line.raceline import RaceLine
 
 Array = npt.NDArray[np.float64]
 

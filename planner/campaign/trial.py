@@ -31,12 +31,12 @@ from hil_gateway.clock import NS_PER_S
 from hil_gateway.config import Config, load_config
 from hil_gateway.messages import Belief
 from hil_gateway.track import Track
-from planner.campaign_driving import ADDED_SIGNAL, ExcitedBus, FixedEstimator, Kept, RecordingEstimator
-from planner.campaign_safety import safety_figures
+from planner.campaign.driving import ADDED_SIGNAL, ExcitedBus, FixedEstimator, Kept, RecordingEstimator
+from planner.campaign.safety import safety_figures
 from planner.learning import EXPLORING, KEEPING_UP, exploring
-from planner.load_limits import LoadLimits, store_limits
 from planner.loop import START_NS, Loop, LoopResult
 from planner.node import Planner
+from planner.problem.load_limits import LoadLimits, store_limits
 from planner.safety import Watch, Watched
 
 METHODS = ("infomax", "plain", "prbs", "sine")

@@ -1,0 +1,1 @@
+"""Long comparisons over seeds: driving to learn, and the loop closed by diagnosis."""
