@@ -14,14 +14,8 @@ from estimator.diagnose.evidence import Evidence, compare
 from estimator.diagnose.fit import Fit
 from estimator.diagnose.record import Record
 from estimator.diagnose.score import noise_floor, rmse, rollout
-from estimator.diagnose.search import (
-    Search,
-    Setting,
-    Trial,
-    earns_its_place,
-    fit_names,
-    search,
-)
+from estimator.diagnose.search import Search, earns_its_place, search
+from estimator.diagnose.trial import Setting, Trial, fit_names
 from estimator.diagnose.whiteness import structured, structured_elsewhere
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack

@@ -20,7 +20,7 @@ from estimator.diagnose.normal import Normal, accumulate
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.propagate import Linearised, linearised
 from estimator.diagnose.record import Record
-from estimator.diagnose.search import Setting, fit_names, warm_start
+from estimator.diagnose.trial import Setting, fit_names, warm_start
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms

@@ -9,22 +9,18 @@ checked again without it; what no longer earns its place is dropped.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.diagnose.evidence import Evidence, compare
-from estimator.diagnose.fit import MAX_ITERATIONS, Fit, fit, normal_at
-from estimator.diagnose.noise import Noise
-from estimator.diagnose.predict import Predictor
-from estimator.diagnose.record import Record, available
-from estimator.diagnose.timing import SAMPLED, sampling_effects
+from estimator.diagnose.fit import Fit
+from estimator.diagnose.record import Record
+from estimator.diagnose.screening import screen
+from estimator.diagnose.timing import SAMPLED
+from estimator.diagnose.trial import Setting, Trial, fit_names
 from estimator.diagnose.whiteness import structured
-from estimator.model.effects import catalogue
-from estimator.model.effects.base import Effect
-from estimator.model.parameters import Layout
-from estimator.model.single_track import SingleTrack
 
 Array = NDArray[np.float64]
 
@@ -41,140 +37,6 @@ RECHECKED_AT_ONCE = 3
 """Up to so many accepted effects all are checked again after each acceptance; more, only at the end."""
 FITTED, PROMISING = 5, 0.25
 """Candidates of a round that are fitted to the end: at most so many, with this share of the best predicted gain."""
-REWEIGHINGS, REWEIGH_ABOVE = 6, 0.1
-"""A fit is repeated with its own residual deviations until these change by less than a tenth."""
-SCREENING_STRIDE = 3
-"""Screening uses every third window."""
-SCREENING_ITERATIONS = 3
-"""Steps of a candidate that is stationary at its neutral value and cannot be screened there."""
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What stays the same during a search; `extra` are effects always active (empirical terms)."""
-
-    record: Record
-    layout: Layout
-    prior: Mapping[str, float] | None
-    extra: tuple[Effect, ...] = ()
-
-    def model(self, names: Sequence[str]) -> SingleTrack:
-        """The model with the named effects."""
-        effects = tuple(e for e in catalogue().values() if e.name in names)
-        sampling = sampling_effects(self.record.step, frozenset(names))
-        return SingleTrack(self.record.vehicle, self.layout, effects + self.extra + sampling, self.prior)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One candidate tried on top of what was accepted; `fit` only where it was fitted to the end."""
-
-    name: str
-    evidence: Evidence
-    fit: Fit | None = None
-
-
-def fit_names(setting: Setting, names: Sequence[str], warm: Fit | None, iterations: int | None = None) -> Fit:
-    """Fit the model with the named effects, starting from what `warm` found."""
-    model = setting.model(names)
-    predictor = Predictor(
-        model, setting.record if warm is None else replace(setting.record, trajectory=warm.predictor.record.trajectory)
-    )
-    start = predictor.start([p.prior for p in model.tyre_table])
-    if warm is not None:
-        start = warm_start(predictor, start, warm)
-    noise = _first_noise(setting.record) if warm is None else warm.noise
-    done = fit(predictor, start, noise, iterations or MAX_ITERATIONS)
-    for _ in range(0 if iterations else REWEIGHINGS):
-        found = done.new_noise()
-        if found.close_to(noise, REWEIGH_ABOVE):
-            break
-        noise = found
-        done = fit(done.predictor, done.parameters, noise)
-    return done
-
-
-def _first_noise(record: Record) -> Noise:
-    """Weights before anything is fitted: the sensors' noise, but no less than any model leaves of a measured signal."""
-    spread = record.measured[:, record.rows.ravel()].std(axis=1)
-    return Noise.white(np.maximum(record.block_noise, UNFITTED_SHARE * spread))
-
-
-UNFITTED_SHARE = 0.02
-
-
-def warm_start(predictor: Predictor, start: Array, warm: Fit) -> Array:
-    """`start` with tyre parameters and effects replaced by those `warm` already has."""
-    size = len(predictor.model.tyre_table)
-    start[:size] = warm.parameters[:size]
-    known = {b.effect.name: warm.parameters[b.parameters] for b in warm.predictor.blocks}
-    for block in predictor.blocks:
-        if block.effect.name in known:
-            start[block.parameters] = known[block.effect.name]
-    return start
-
-
-def candidates(record: Record, accepted: Sequence[str]) -> list[Effect]:
-    """Effects that can be tried: their signals are there, and what they build on is active."""
-    signals = available(record)
-    return [
-        e for e in catalogue().values()
-        if e.name not in accepted and set(e.needs) <= signals
-        and (not e.requires_any or set(e.requires_any) & set(accepted))
-    ]  # fmt: skip
-
-
-def screen(setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]) -> list[Trial]:
-    """Predicted evidence of every candidate on part of the windows, best first, from linearisations there."""
-    effects = candidates(setting.record, accepted)
-    setting, current = _thinned(setting, current)
-    before, count = current.held_out(), SCREENING_STRIDE * current.normal.count
-    alone = {e.name for e in effects if e.initial or e.profile}
-    together = [e for e in effects if e.name not in alone]
-    trials = _screen_together(setting, accepted, together, current, before)
-    for effect in effects:
-        if effect.name in alone:
-            progress(" + ".join([*accepted, effect.name]))
-            steps = 1 if effect.profile else SCREENING_ITERATIONS
-            done = fit_names(setting, [*accepted, effect.name], current, steps)
-            trials.append(Trial(effect.name, compare(before, done.held_out(), count)))
-    return sorted(trials, key=lambda t: -t.evidence.gain)
-
-
-def _thinned(setting: Setting, current: Fit) -> tuple[Setting, Fit]:
-    """The search and its fit on every so many windows."""
-    chosen = np.arange(setting.record.windows) % SCREENING_STRIDE == 0
-    _, number = np.unique(setting.record.lap[chosen], return_inverse=True)
-    record = replace(current.predictor.record.select(chosen), lap=number.astype(np.int64))
-    predictor = Predictor(current.predictor.model, record)
-    normal, _ = normal_at(predictor, current.parameters, current.noise)
-    return replace(setting, record=record), Fit(predictor, current.parameters, normal, current.noise)
-
-
-def _screen_together(
-    setting: Setting, accepted: Sequence[str], effects: Sequence[Effect], current: Fit, before: Array
-) -> list[Trial]:
-    """One linearisation of the model with all `effects` at their neutral values."""
-    model = setting.model(accepted)
-    wide = replace(model, effects=(*model.effects, *effects))
-    predictor = Predictor(wide, current.predictor.record)
-    at = warm_start(predictor, predictor.start([p.prior for p in wide.tyre_table]), current)
-    normal, _ = normal_at(predictor, at, current.noise)
-    base = [i for i in range(predictor.size) if i < len(wide.tyre_table)]
-    places = {b.effect.name: range(b.parameters.start, b.parameters.stop) for b in predictor.blocks}
-    for block in current.predictor.blocks:
-        base.extend(places[block.effect.name])
-    trials = []
-    for effect in effects:
-        rows = np.array([*base, *places[effect.name]])
-        part = normal.subset(rows)
-        end = at[rows] + part.step(current.normal.variance)
-        own = slice(-len(places[effect.name]), None)
-        table = [predictor.table[i] for i in places[effect.name]]
-        inside = all(p.lower <= v <= p.upper for p, v in zip(table, end[own], strict=True)) or len(table) > 1
-        after = part.held_out(current.normal.variance) if inside else before
-        trials.append(Trial(effect.name, compare(before, after, SCREENING_STRIDE * normal.count)))
-    return trials
 
 
 @dataclass(frozen=True)

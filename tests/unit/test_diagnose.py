@@ -21,7 +21,8 @@ from estimator.diagnose.normal import Normal
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.result import as_json, as_revision
 from estimator.diagnose.score import kernel
-from estimator.diagnose.search import Setting, fit_names, within_a_sample
+from estimator.diagnose.search import within_a_sample
+from estimator.diagnose.trial import Setting, fit_names
 from estimator.diagnose.whiteness import structured_elsewhere
 from estimator.diagnose.words import describe
 from estimator.identify.drive_log import DriveLog

@@ -11,7 +11,7 @@ from practice_drives import PRIOR, practice, record_of
 from estimator.diagnose.fit import Fit, normal_at
 from estimator.diagnose.handover import tempered
 from estimator.diagnose.noise import Noise
-from estimator.diagnose.search import Setting, fit_names
+from estimator.diagnose.trial import Setting, fit_names
 
 
 @pytest.fixture(scope="module")
