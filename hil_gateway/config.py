@@ -20,6 +20,8 @@ from hil_gateway.powertrain import Powertrain
 from hil_gateway.vehicle import Vehicle
 
 ENVIRONMENT_PREFIX = "HIL_"
+DEFAULT_ORIGIN = "default"
+"""where a setting came from that nobody made"""
 
 
 class CanConfig(Model):
@@ -196,7 +198,7 @@ def origins(path: Path | None = None) -> dict[str, tuple[Any, str]]:
         if key in in_environment:
             return f"{ENVIRONMENT_PREFIX}{key.upper().replace('.', '__')}"
         named = any(key == k or key.startswith(f"{k}.") or k.startswith(f"{key}.") for k in in_file)
-        return str(path) if named else "default"
+        return str(path) if named else DEFAULT_ORIGIN
 
     tree = load_config(path).model_dump(mode="json")
     return {key: (value, origin(key)) for key, value in _leaves(tree)}

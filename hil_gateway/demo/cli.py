@@ -19,7 +19,7 @@ def demo(
     laps: Annotated[int | None, typer.Option(help="end after this many laps (default 1)")] = None,
     seconds: Annotated[float | None, typer.Option(help="end after this time under way")] = None,
     track: Annotated[str, typer.Option(help="track file, or the name of a shipped track")] = "",
-    effect: Annotated[list[str] | None, typer.Option(help="NAME=SIZE: what the car has and the model lacks")] = None,
+    effect: Annotated[list[str] | None, typer.Option(help="NAME=SIZE: what the declared car has besides")] = None,
     out: Annotated[Path | None, typer.Option(help="folder for session.mcap and logs")] = None,
     config_file: Annotated[Path | None, typer.Option("--config", help="TOML file")] = None,
     channel: Annotated[str, typer.Option(help="SocketCAN interface (default: vcan0 where there is one)")] = "",

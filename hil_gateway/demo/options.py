@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hil_gateway.can_link import open_link, resolve_kind
-from hil_gateway.config import Config, load_config
+from hil_gateway.config import DEFAULT_ORIGIN, Config, load_config, origins
 from hil_gateway.errors import InputError
 from hil_gateway.revision_file import read_revision
 from hil_gateway.track import load_track
@@ -99,6 +99,8 @@ def _overrides(options: DemoOptions, folder: Path) -> dict[str, Any]:
         values |= {"can.channel": options.channel, "can.interface": "socketcan"}
     if options.effects:
         values["plant.effects"] = parse_effects(options.effects)
+        if origins(options.config_file)["plant.base"][1] == DEFAULT_ORIGIN:
+            values["plant.base"] = "paper"  # what is asked for is then all that the declared model lacks
     if options.zenoh_port is not None:
         values["zenoh.connect"] = (f"tcp/127.0.0.1:{options.zenoh_port}",)
     if options.model:

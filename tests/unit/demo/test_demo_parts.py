@@ -103,7 +103,16 @@ def test_prepared_configuration_reaches_the_processes_unchanged(tmp_path: Path) 
     setup = prepare(DemoOptions(out=tmp_path, effects=("aero_drag=0.7", "wind=3")))
     assert load_config(setup.config_file) == setup.config
     assert setup.config.plant.effects == {"aero_drag": 0.7, "wind": 3.0}
+    assert setup.config.plant.base == "paper", "the effects are all that the declared model lacks"
     assert setup.config.zenoh.connect != Config().zenoh.connect
+
+
+def test_the_car_stays_the_one_that_was_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "car.toml"
+    path.write_text('[plant]\nbase = "av24"\n')
+    options = DemoOptions(out=tmp_path / "out", effects=("aero_drag=0.7",), config_file=path)
+    assert prepare(options).config.plant.base == "av24"
+    assert prepare(DemoOptions(out=tmp_path / "plain")).config.plant.base == "av24"
 
 
 def test_toml_of_the_configuration_reads_back_the_same() -> None:
