@@ -122,15 +122,7 @@ def identify(
     progress("log health", 0.0)
     health = examine(log, vehicle, options.keep)
     task = _Task(health.log, vehicle, tyre_prior, options, _formulation(options), progress)
-    fitted = _fit_and_split(task, health)
-    for round_number in range(LAG_ROUNDS):
-        if (lag := lag_of(fitted.fit, task.log.step, again=round_number > 0)) is None:
-            break
-        health = health.repaired(lag)
-        task = replace(task, log=health.log)
-        fitted = _fit_and_split(task, health, fitted.fit)
-    if (zero := zero_of(fitted.fit)) is not None:
-        health = health.replaced(zero)
+    fitted, task, health = _fit_and_repair(task, health)
     progress("held-out error", 0.9)
     held_out = fitted.samples.select(fitted.split.test)
     columns, theta = fitted.columns, fitted.fit.theta
@@ -167,6 +159,20 @@ class _Fitted:
     columns: ModelColumns
     fit: Fit
     curve: tuple[CurvePoint, ...]
+
+
+def _fit_and_repair(task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, HealthReport]:
+    """Fit, move the steering by the lag the fit finds, fit again; what the fit found joins the log's health."""
+    fitted = _fit_and_split(task, health)
+    for round_number in range(LAG_ROUNDS):
+        if (lag := lag_of(fitted.fit, task.log.step, again=round_number > 0)) is None:
+            break
+        health = health.repaired(lag)
+        task = replace(task, log=health.log)
+        fitted = _fit_and_split(task, health, fitted.fit)
+    if (zero := zero_of(fitted.fit)) is not None:
+        health = health.replaced(zero)
+    return fitted, task, health
 
 
 def _fit_and_split(task: _Task, health: HealthReport, known: Fit | None = None) -> _Fitted:
