@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from estimator.diagnose.basis import Basis
 from estimator.diagnose.evidence import Evidence, compare
 from estimator.diagnose.fit import Fit
+from estimator.diagnose.linearised import Linearised, linearised
 from estimator.diagnose.normal import Normal, accumulate
 from estimator.diagnose.predict import Predictor
-from estimator.diagnose.propagate import Linearised, linearised
 from estimator.diagnose.record import Record
 from estimator.diagnose.trial import Setting, fit_names, warm_start
 from estimator.model.effects.base import Effect
@@ -128,6 +128,7 @@ def term(place: str, signal: str) -> Effect:
         source="empirical, fitted to this data",
         parameters=(Parameter("value", p.unit, 0.0, p.std, -50 * p.std, 50 * p.std, p.words),),
         channels=p.channels,
+        cause=signal,
         hooks={p.stage: p.hook},
         profile=signal,
     )

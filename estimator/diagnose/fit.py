@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.diagnose.noise import Noise, likeliest_drift
+from estimator.diagnose.linearised import Linearised, linearised
+from estimator.diagnose.noise import Noise, likeliest
 from estimator.diagnose.normal import Normal, accumulate
 from estimator.diagnose.predict import Predictor
-from estimator.diagnose.propagate import Linearised, linearised
 
 Array = NDArray[np.float64]
 
@@ -45,8 +45,14 @@ class Fit:
 
     def new_noise(self) -> Noise:
         """The noise that the residuals show."""
-        error = evaluate(self.predictor, self.parameters, Noise.white(self.deviation)).error
-        return Noise(self.deviation, likeliest_drift(error))
+        at = evaluate(self.predictor, self.parameters, self.noise)
+        deviation = np.maximum(self.deviation / at.innovations.scale, self.predictor.record.block_noise)
+
+        def deviance(noise: Noise) -> float:
+            error, _ = at.error_under(noise)
+            return float(np.log(np.mean(error[at.record.used] ** 2, axis=(1, 2))).sum())
+
+        return likeliest(Noise(deviation, self.noise.drift), at.record.used, deviance)
 
     def held_out(self) -> Array:
         """(5, laps) sum of squared residuals of each lap, predicted by a fit to all the others."""
@@ -74,24 +80,17 @@ def normal_at(predictor: Predictor, parameters: Array, noise: Noise) -> tuple[No
 
 
 def fit(predictor: Predictor, start: Array, noise: Noise | None = None, iterations: int = MAX_ITERATIONS) -> Fit:
-    """Fit all parameters from `start`; `noise` weighs the channels, default: that of the sensors.
-
-    Every step is linearised about the states the step before simulated (lifted Newton method, Albersmeyer and
-    Diehl, SIAM J. Optim. 20, 2010): sensitivities stay exact however far the model is from the data.
-    """
+    """Fit all parameters from `start`; `noise` weighs the channels, default: that of the sensors."""
     noise = noise or Noise.white(predictor.record.block_noise)
     lower, upper = predictor.bounds
     at, axles = np.clip(start, lower, upper), _axles(predictor)
-    normal, around = normal_at(predictor, at, noise)
-    if predictor.record.trajectory is None:
-        predictor, normal, around = _relinearised(predictor, at, noise, around)
+    normal, _ = normal_at(predictor, at, noise)
     first = best = _objective(predictor, normal, at)
     damping = 1e-4
     for _ in range(iterations):
         trial = _damped_step(axles, normal, at, lower, upper, damping)
-        there = predictor.about(around.simulated(trial - at))
-        new, new_around = normal_at(there, trial, noise)
-        value = _objective(there, new, trial)
+        new, _ = normal_at(predictor, trial, noise)
+        value = _objective(predictor, new, trial)
         if not np.isfinite(value) or value > best:
             if value < best + CONVERGED[0]:
                 break
@@ -100,17 +99,10 @@ def fit(predictor: Predictor, start: Array, noise: Noise | None = None, iteratio
                 break
             continue
         gained, best, damping = best - value, value, damping / 10
-        at, normal, around, predictor = trial, new, new_around, there
+        at, normal = trial, new
         if gained < CONVERGED[0] + CONVERGED[1] * (first - best):
             break
     return Fit(predictor, at, normal, noise)
-
-
-def _relinearised(
-    predictor: Predictor, at: Array, noise: Noise, around: Linearised
-) -> tuple[Predictor, Normal, Linearised]:
-    predictor = predictor.about(around.simulated(np.zeros(len(at))))
-    return predictor, *normal_at(predictor, at, noise)
 
 
 def _objective(predictor: Predictor, normal: Normal, at: Array) -> float:

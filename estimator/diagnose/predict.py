@@ -6,16 +6,15 @@ an effect with memory is differentiated numerically through the past.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.diagnose.record import Record, Trajectory
+from estimator.diagnose.record import Record
 from estimator.identify.evaluate import Columns
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
@@ -46,13 +45,6 @@ class Predictor:
             blocks.append(Block(effect, slice(start, start + size)))
             start += size
         self.blocks, self.size = tuple(blocks), start
-
-    def about(self, trajectory: Trajectory) -> Predictor:
-        """The same model linearised about other states."""
-        other = copy.copy(self)
-        other.record = replace(self.record, trajectory=trajectory)
-        other.__dict__.pop("_plain_inputs", None)
-        return other
 
     @cached_property
     def table(self) -> tuple[Parameter, ...]:
@@ -144,7 +136,7 @@ class Predictor:
         zero = np.zeros(record.rows.shape[:2])
         others = (*SIGNALS[STATES:], *AUXILIARY)
         rows = [record.thin(record.signals[n]) if n in record.signals else zero for n in others]
-        return np.stack([*record.states().means, *rows]).reshape(STATES + len(rows), -1)
+        return np.stack([*record.state_means, *rows]).reshape(STATES + len(rows), -1)
 
     @cached_property
     def _bases(self) -> dict[str, Array]:

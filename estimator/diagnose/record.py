@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,20 +43,9 @@ STRAIGHT_BELOW = 1.0
 NOISY_INPUT = 0.03
 """Noise of an input relative to its spread from which on it is smoothed: a command has none, a slip measured by wheel
 speeds has, and through C_x it would count as model error."""
+STATES = ("vx", "vy", "yaw_rate")
 MEASURED = ("ax", "ay", "yaw_rate", "vx", "vy")
 """Measured counterpart of each predicted channel of `single_track.CHANNELS`: itself, or its integral."""
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """vx, vy, yaw rate of every window: block means (3, windows, blocks), at block edges (3, windows, blocks + 1)."""
-
-    means: Array
-    edges: Array
-
-    def select(self, windows: NDArray[np.bool_]) -> Trajectory:
-        """The windows where `windows` is true."""
-        return Trajectory(self.means[:, windows], self.edges[:, windows])
 
 
 @dataclass(frozen=True)
@@ -86,8 +76,6 @@ class Record:
     vehicle: Vehicle
     extra: tuple[str, ...] = ()
     bases: Mapping[str, Basis] = field(default_factory=dict)
-    trajectory: Trajectory | None = None
-    """states the model is linearised about; None: the smoothed ones"""
 
     @property
     def windows(self) -> int:
@@ -110,25 +98,24 @@ class Record:
 
     def select(self, windows: NDArray[np.bool_]) -> Record:
         """The windows where `windows` is true."""
-        trajectory = self.trajectory.select(windows) if self.trajectory else None
-        return replace(self, rows=self.rows[windows], lap=self.lap[windows], trajectory=trajectory)
+        return replace(self, rows=self.rows[windows], lap=self.lap[windows])
 
+    @cached_property
     def measured_blocks(self) -> Array:
         """(5, windows, blocks) block means of what was measured."""
         return np.stack([self.thin(channel) for channel in self.measured])
 
-    def states(self) -> Trajectory:
-        """The states the model is linearised about."""
-        return self.trajectory or self.smoothed_states()
+    @cached_property
+    def state_means(self) -> Array:
+        """(3, windows, blocks) block means of the smoothed vx, vy, yaw rate."""
+        return np.stack([self.thin(self.signals[n]) for n in STATES])
 
-    def smoothed_states(self) -> Trajectory:
-        """Smoothed vx, vy, yaw rate."""
-        names = ("vx", "vy", "yaw_rate")
-        means = np.stack([self.thin(self.signals[n]) for n in names])
+    @cached_property
+    def state_edges(self) -> Array:
+        """(3, windows, blocks + 1) the same states at the edges of the blocks."""
         first, after = self.rows[:, :, 0], self.rows[:, -1:, -1] + 1
         edge = np.concatenate([first, after], axis=1)
-        edges = np.stack([0.5 * (self.signals[n][edge - 1] + self.signals[n][edge]) for n in names])
-        return Trajectory(means, edges)
+        return np.stack([0.5 * (self.signals[n][edge - 1] + self.signals[n][edge]) for n in STATES])
 
 
 def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = ()) -> Record:

@@ -19,15 +19,6 @@ from estimator.model.single_track import CHANNELS
 
 Array = NDArray[np.float64]
 
-CAUSES = {
-    "aero_drag": "vx", "rolling_resistance": "vx", "road_grade": "track_position", "road_bank": "track_position",
-    "aero_downforce": "vx", "load_transfer": "drive", "load_sensitivity": "vx", "combined_slip": "drive",
-    "drive_saturation": "drive", "front_brake": "drive", "engine_braking": "drive", "steer_offset": "steer",
-    "steer_scale": "steer", "steer_delay": "steer_rate", "drive_delay": "drive_rate", "tyre_relaxation": "steer_rate",
-    "grip_drift": "t", "imu_misalignment": "ay", "imu_lever_arm": "yaw_rate", "imu_bias": "t",
-    "speed_scale": "yaw_rate", "wind": "yaw", "yaw_damping": "yaw_rate", "turn_asymmetry": "ay",
-}  # fmt: skip
-"""Signal against which the residual of an effect is drawn."""
 BINS = 40
 MAP_POINTS = 6000
 TONES: Mapping[str, Tone] = {"none": "good", "effect": "good", "unexplained": "warn"}
@@ -89,7 +80,7 @@ def _bars(axes: Any, groups: Mapping[str, Mapping[str, float]], floor: bool) -> 
 
 
 def _causes(report: Report, diagnosis: Diagnosis, summary: dict[str, Any]) -> None:
-    drawn = [(e["name"], e["channels"][0], CAUSES[e["name"]]) for e in summary["effects"]]
+    drawn = [(e["name"], e["channels"][0], catalogue()[e["name"]].cause) for e in summary["effects"]]
     drawn += [(u["term"], u["channel"], u["signal"]) for u in summary["unexplained"][:2]]
     if not drawn:
         return

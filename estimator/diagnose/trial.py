@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.diagnose.evidence import Evidence
 from estimator.diagnose.fit import MAX_ITERATIONS, Fit, fit
-from estimator.diagnose.noise import Noise
+from estimator.diagnose.noise import MOTION_ROWS, Noise
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.record import Record
 from estimator.diagnose.timing import sampling_effects
@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 REWEIGHINGS, REWEIGH_ABOVE = 6, 0.1
 """A fit is repeated with its own residual deviations until these change by less than a tenth."""
+FIRST_DRIFT = 1.0
+"""of the motion, before anything is fitted: the model is trusted little"""
 UNFITTED_SHARE = 0.02
 """Part of a signal that any model is taken to leave before anything is fitted."""
 
@@ -55,9 +57,7 @@ class Trial:
 def fit_names(setting: Setting, names: Sequence[str], warm: Fit | None, iterations: int | None = None) -> Fit:
     """Fit the model with the named effects, starting from what `warm` found."""
     model = setting.model(names)
-    predictor = Predictor(
-        model, setting.record if warm is None else replace(setting.record, trajectory=warm.predictor.record.trajectory)
-    )
+    predictor = Predictor(model, setting.record)
     start = predictor.start([p.prior for p in model.tyre_table])
     if warm is not None:
         start = warm_start(predictor, start, warm)
@@ -75,7 +75,10 @@ def fit_names(setting: Setting, names: Sequence[str], warm: Fit | None, iteratio
 def _first_noise(record: Record) -> Noise:
     """Weights before anything is fitted: the sensors' noise, but no less than any model leaves of a measured signal."""
     spread = record.measured[:, record.rows.ravel()].std(axis=1)
-    return Noise.white(np.maximum(record.block_noise, UNFITTED_SHARE * spread))
+    deviation = np.maximum(record.block_noise, UNFITTED_SHARE * spread)
+    drift = np.zeros(len(spread))
+    drift[list(MOTION_ROWS)] = FIRST_DRIFT
+    return Noise(deviation, drift)
 
 
 def warm_start(predictor: Predictor, start: Array, warm: Fit) -> Array:

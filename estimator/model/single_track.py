@@ -61,7 +61,10 @@ CHANNELS = ("ax", "ay", "yaw_acc", "vx_dot", "vy_dot")
 
 @dataclass
 class Terms:
-    """Working set of one evaluation; every attribute is a CasADi expression."""
+    """Working set of one evaluation; every attribute is a CasADi expression.
+
+    `slip_f`, `slip_r` are what a tyre's force follows, `across_f`, `across_r` the share of that force across the wheel.
+    """
 
     vehicle: Vehicle
     vx: Expr
@@ -72,6 +75,8 @@ class Terms:
     aux: Mapping[str, Expr] = field(default_factory=dict)
     slip_f: Expr = 0.0
     slip_r: Expr = 0.0
+    across_f: Expr = 1.0
+    across_r: Expr = 1.0
     load_f: Expr = 0.0
     load_r: Expr = 0.0
     grip_f: Expr = 1.0
@@ -143,10 +148,10 @@ class SingleTrack:
         self._hook(Stage.GRIP, terms, phi)
         B, C, D = (tyre[n] for n in front)
         terms.peak_f = D * terms.grip_f * terms.load_f
-        terms.fy_f = lateral_force(terms.slip_f, terms.load_f, B, C, D * terms.grip_f)
+        terms.fy_f = terms.across_f * lateral_force(terms.slip_f, terms.load_f, B, C, D * terms.grip_f)
         B, C, D = (tyre[n] for n in rear)
         terms.peak_r = D * terms.grip_r * terms.load_r
-        terms.fy_r = lateral_force(terms.slip_r, terms.load_r, B, C, D * terms.grip_r)
+        terms.fy_r = terms.across_r * lateral_force(terms.slip_r, terms.load_r, B, C, D * terms.grip_r)
         self._hook(Stage.FORCE, terms, phi)
         self._hook(Stage.BODY, terms, phi)
         body_accelerations(terms)

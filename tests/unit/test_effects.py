@@ -23,7 +23,7 @@ IDS = {
     "load_sensitivity", "combined_slip", "drive_saturation", "front_brake", "engine_braking", "steer_offset",
     "steer_scale", "steer_delay", "drive_delay", "tyre_relaxation", "grip_drift", "imu_misalignment",
     "imu_lever_arm", "imu_bias", "speed_scale", "wind", "yaw_damping", "turn_asymmetry",
-    "brake_pressure", "traction_loss",
+    "brake_pressure", "traction_loss", "total_slip",
 }  # fmt: skip
 MIRROR_BREAKING = {
     "steer_offset", "imu_misalignment", "imu_lever_arm", "imu_bias", "wind", "turn_asymmetry", "road_bank",
@@ -55,6 +55,7 @@ SIGNS = {
     "turn_asymmetry": ((0.05,), {}, "ay", 1),
     "brake_pressure": ((5000.0,), {}, "ax", -1),
     "traction_loss": ((0.8,), {}, "ax", 1),
+    "total_slip": ((0.3, 0.8, 0.0), {}, "ay", -1),
 }
 
 
@@ -84,6 +85,7 @@ def predict_with(
 
 def test_the_catalogue_holds_every_agreed_id() -> None:
     assert set(catalogue()) == IDS
+    assert all(e.cause for e in catalogue().values())
 
 
 @pytest.mark.parametrize("name", sorted(IDS))

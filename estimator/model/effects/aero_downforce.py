@@ -23,6 +23,7 @@ EFFECT = Effect(
         Parameter("k_rear", "N s2/m2", 0.0, 0.5, 0.0, 4.0, "-rho Cl A / 2, rear axle"),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),
+    cause="vx",
     hooks={"LOAD": _load},
     separated_by="the same corner at very different speeds",
 )

@@ -21,6 +21,7 @@ EFFECT = Effect(
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 3",
     parameters=(Parameter("k", "N s2/m2", 0.0, 1.0, 0.0, 5.0, "rho Cd A / 2"),),
     channels=("ax", "vx_dot"),
+    cause="vx",
     hooks={"LONGITUDINAL": _longitudinal},
     separated_by="coasting from high to low speed separates v^2 (drag) from a constant (rolling resistance, bias)",
 )

@@ -41,6 +41,8 @@ class Effect:
     parameters: tuple[Parameter, ...]
     channels: tuple[str, ...]
     hooks: Mapping[str, Hook]
+    cause: str = ""
+    """signal its residual depends on; a nuisance has none"""
     needs: tuple[str, ...] = ()
     initial: tuple[float, ...] = ()
     """start of a fit where the neutral value is a stationary point; default: the prior"""

@@ -22,6 +22,7 @@ EFFECT = Effect(
     source="Gillespie, Fundamentals of Vehicle Dynamics, ch. 3 (brake gain)",
     parameters=(Parameter("force", "N", 0.0, 3000.0, 0.0, 60000.0, "braking force at full brake"),),
     channels=("ax", "ay", "yaw_acc", "vx_dot", "vy_dot"),
+    cause="brake",
     hooks={"LONGITUDINAL": _longitudinal},
     needs=("brake",),
     separated_by="braking at equal drive command and different brake pressure",

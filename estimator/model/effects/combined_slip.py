@@ -20,6 +20,7 @@ EFFECT = Effect(
     source="Pacejka, Tire and Vehicle Dynamics, ch. 1.2 (friction ellipse)",
     parameters=(Parameter("k", "1", 0.0, 0.7, 0.0, 2.0, "lateral over longitudinal friction; 1: friction circle"),),
     channels=("ay", "yaw_acc", "vy_dot"),
+    cause="drive",
     hooks={"FORCE": _force},
     initial=(0.6,),
     separated_by="braking and accelerating in the same corner (load transfer changes sign between them)",

@@ -22,6 +22,7 @@ EFFECT = Effect(
     source="Pacejka, Tire and Vehicle Dynamics, ch. 4 (longitudinal force curve); tanh as its one-parameter form",
     parameters=(Parameter("force", "N", 1e7, 1e7, 500.0, 1e7, "largest longitudinal force F_max"),),
     channels=("ax", "vx_dot"),
+    cause="drive",
     hooks={"SATURATION": _saturation},
     initial=(9000.0,),
     separated_by="small and large drive commands at the same speed, both signs",

@@ -41,6 +41,7 @@ EFFECT = Effect(
     source="Gillespie, Fundamentals of Vehicle Dynamics, ch. 2",
     parameters=(Parameter("force", "N", 0.0, 300.0, 0.0, 5000.0, "drag of the closed-throttle engine at the wheels"),),
     channels=("ax", "vx_dot"),
+    cause="drive",
     hooks={"LONGITUDINAL": _longitudinal},
     prepare=_prepare,
     remembers=("throttle_closed",),

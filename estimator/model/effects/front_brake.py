@@ -27,6 +27,7 @@ EFFECT = Effect(
         Parameter("gain", "1", 1.0, 0.5, 0.1, 10.0, "braking over driving force per unit of slip command"),
     ),
     channels=("ax", "ay", "yaw_acc", "vx_dot", "vy_dot"),
+    cause="drive",
     hooks={"LONGITUDINAL": _longitudinal},
     separated_by="braking while turning: the front force then has a lateral component",
 )

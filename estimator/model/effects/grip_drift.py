@@ -30,6 +30,7 @@ EFFECT = Effect(
         Parameter("decay", "1/s", 0.0, 0.005, 0.0, 0.05, "inverse time constant; 0: linear"),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),
+    cause="t",
     hooks={"GRIP": _grip},
     needs=("t",),
     separated_by="the same corner at the same speed early and late in the session",

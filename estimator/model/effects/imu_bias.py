@@ -28,6 +28,7 @@ EFFECT = Effect(
         Parameter("yaw_rate", "rad/s", 0.0, 0.01, -0.2, 0.2, "bias of the yaw-rate gyroscope"),
     ),
     channels=("ax", "ay", "vy_dot"),
+    cause="t",
     hooks={"INPUT": _input, "SENSOR": _sensor},
     separated_by="accelerometer: shows in ax, ay and not in d/dt vx, d/dt vy; gyroscope: the rate on straights",
 )

@@ -24,6 +24,7 @@ EFFECT = Effect(
         Parameter("y", "m", 0.0, 0.3, -3.0, 3.0, "sensor to the left of the centre of gravity"),
     ),
     channels=("ax", "ay"),
+    cause="yaw_rate",
     hooks={"SENSOR": _sensor},
     separated_by="tight corners and quick turn-in; shows in ax and ay and not in d/dt vx, d/dt vy",
 )

@@ -22,6 +22,7 @@ EFFECT = Effect(
     source="definition of a frame rotation",
     parameters=(Parameter("angle", "rad", 0.0, 0.02, -0.5, 0.5, "sensor axes to the left of the body axes"),),
     channels=("ax", "ay"),
+    cause="ay",
     hooks={"SENSOR": _sensor},
     separated_by="shows in ax and ay and not in d/dt vx, d/dt vy",
 )

@@ -21,6 +21,7 @@ EFFECT = Effect(
     source="Pacejka, Tire and Vehicle Dynamics, eq. 4.E19 (coefficient p_Dy2)",
     parameters=(Parameter("k", "1", 0.0, 0.3, 0.0, 1.5, "relative loss of D per relative gain of load"),),
     channels=("ay", "yaw_acc", "vy_dot"),
+    cause="vx",
     hooks={"GRIP": _grip},
     requires_any=("aero_downforce", "load_transfer"),
     separated_by="with static loads it cannot show; needs downforce or load transfer over a wide range of loads",

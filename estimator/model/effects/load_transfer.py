@@ -25,6 +25,7 @@ EFFECT = Effect(
     source="Gillespie, Fundamentals of Vehicle Dynamics, eq. 1.7",
     parameters=(Parameter("height", "m", 0.0, 0.2, 0.0, 1.5, "effective height of the centre of gravity"),),
     channels=("ay", "yaw_acc", "vy_dot"),
+    cause="drive",
     hooks={"LOAD": _load},
     separated_by="braking and accelerating in the same corner (combined slip acts alike for both signs of force)",
 )

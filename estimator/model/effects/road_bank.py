@@ -22,6 +22,7 @@ EFFECT = Effect(
     source="Rajamani, Vehicle Dynamics and Control, eq. 2.40",
     parameters=(Parameter("bank", "rad", 0.0, 0.05, -0.6, 0.6, "left side up positive, over track position"),),
     channels=("vy_dot",),
+    cause="track_position",
     hooks={"MOTION": _motion},
     needs=("track_position",),
     profile="track_position",

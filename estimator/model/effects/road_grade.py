@@ -22,6 +22,7 @@ EFFECT = Effect(
     source="Rajamani, Vehicle Dynamics and Control, eq. 4.1",
     parameters=(Parameter("grade", "rad", 0.0, 0.05, -0.6, 0.6, "uphill positive, over track position"),),
     channels=("vx_dot",),
+    cause="track_position",
     hooks={"MOTION": _motion},
     needs=("track_position",),
     profile="track_position",

@@ -22,6 +22,7 @@ EFFECT = Effect(
     source="Gillespie, Fundamentals of Vehicle Dynamics, ch. 4",
     parameters=(Parameter("force", "N", 0.0, 300.0, 0.0, 3000.0, "force against the motion"),),
     channels=("ax", "vx_dot"),
+    cause="vx",
     hooks={"LONGITUDINAL": _longitudinal},
     separated_by="an accelerometer bias shows in ax but not in d/dt vx; engine braking only with the throttle closed",
 )

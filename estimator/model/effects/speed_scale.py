@@ -26,6 +26,7 @@ EFFECT = Effect(
         Parameter("lateral", "1", 1.0, 0.05, 0.5, 2.0, "reported over true lateral velocity"),
     ),
     channels=("vx_dot", "vy_dot", "ay", "yaw_acc"),
+    cause="yaw_rate",
     hooks={"INPUT": _input, "SENSOR": _sensor},
     separated_by="v_x times yaw rate against a_y in long corners; position against the integral of speed",
 )

@@ -15,6 +15,7 @@ EFFECT = Effect(
     source="definition; first-order form by Taylor expansion",
     parameters=(Parameter("delay", "s", 0.0, 0.05, 0.0, 0.5, "true actuation after the reported one"),),
     channels=("ay", "yaw_acc", "vy_dot"),
+    cause="steer_rate",
     hooks={"INPUT": HOOK},
     prepare=PREPARE,
     initial=(0.03,),

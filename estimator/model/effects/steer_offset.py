@@ -19,6 +19,7 @@ EFFECT = Effect(
     source="definition",
     parameters=(Parameter("offset", "rad", 0.0, 0.01, -0.1, 0.1, "true minus reported angle"),),
     channels=("ay", "yaw_acc", "vy_dot"),
+    cause="steer",
     hooks={"INPUT": _input},
     separated_by="straight driving; a lateral accelerometer bias does not show in the yaw acceleration",
 )

@@ -19,6 +19,7 @@ EFFECT = Effect(
     source="definition",
     parameters=(Parameter("scale", "1", 1.0, 0.1, 0.3, 3.0, "true over reported angle"),),
     channels=("ay", "yaw_acc", "vy_dot"),
+    cause="steer",
     hooks={"INPUT": _input},
     separated_by="tight slow corners, where the kinematic part of the angle is large against the slip",
 )

@@ -20,6 +20,7 @@ EFFECT = Effect(
     source="Pacejka, Tire and Vehicle Dynamics, ch. 1.2 (friction ellipse)",
     parameters=(Parameter("k", "1", 0.0, 0.7, 0.0, 1.5, "share of the friction ellipse that counts; 1: all of it"),),
     channels=("ax", "vx_dot"),
+    cause="ay",
     hooks={"FORCE": _force},
     initial=(0.6,),
     separated_by="the same slip command on straights and in corners",

@@ -23,6 +23,7 @@ EFFECT = Effect(
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 19 (oval set-up)",
     parameters=(Parameter("k", "1", 0.0, 0.1, -0.8, 0.8, "half the relative difference of D, left minus right"),),
     channels=("ay", "yaw_acc", "vy_dot"),
+    cause="ay",
     hooks={"GRIP": _grip},
     separated_by="left and right turns of like radius and speed; an offset of the angle shows on straights too",
 )

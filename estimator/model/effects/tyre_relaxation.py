@@ -44,6 +44,7 @@ EFFECT = Effect(
     source="Pacejka, Tire and Vehicle Dynamics, eq. 7.25",
     parameters=(Parameter("length", "m", 0.0, 0.4, 0.0, 5.0, "relaxation length sigma"),),
     channels=("ay", "yaw_acc", "vy_dot"),
+    cause="steer_rate",
     hooks={"SLIP": _slip},
     prepare=_prepare,
     initial=(0.3,),

@@ -37,6 +37,7 @@ EFFECT = Effect(
         Parameter("k_side", "N s2/m2", 0.0, 0.7, -3.0, 5.0, "side force per forward speed and cross wind"),
     ),
     channels=("ax", "ay", "vx_dot", "vy_dot"),
+    cause="yaw",
     hooks={"LONGITUDINAL": _longitudinal},
     needs=("yaw",),
     initial=(1.0, 1.0, 0.3),

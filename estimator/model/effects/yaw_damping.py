@@ -19,6 +19,7 @@ EFFECT = Effect(
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 5 (yaw damping)",
     parameters=(Parameter("k", "N m s/rad", 0.0, 2000.0, 0.0, 30000.0, "moment per yaw rate"),),
     channels=("yaw_acc",),
+    cause="yaw_rate",
     hooks={"BODY": _body},
     separated_by="shows in the yaw acceleration and not in ay; steady tight corners",
 )
