@@ -9,14 +9,14 @@ import cantools
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from promise_figures import record_figure
+from promise_figures import record_figure, volume
 
 from can_dbc.codec import Fault, load_codec
 from can_dbc.database import DBC_PATH, Message
 
 CODEC = load_codec()
 PEER = cantools.database.load_file(DBC_PATH)
-FUZZ_FRAMES = 1_000_000
+FUZZ_FRAMES = volume(1_000_000, 1_000_000)
 
 
 def raw_values(message: Message) -> st.SearchStrategy[dict[str, int]]:

@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from can_dbc.codec import Fault, FaultKind, load_codec
+from can_dbc.codec import Codec, Fault, FaultKind, load_codec
+from can_dbc.database import Database, Message, Signal
 
 CODEC = load_codec()
 
@@ -40,6 +41,22 @@ def test_decode_gives_si() -> None:
     assert decoded(0x70, "0080000000800000") == pytest.approx(
         {"imu_yaw_rate": 0.0, "imu_ay": (32768 * 0.000127465 - 4.1768) * 9.80665}, abs=1e-12
     )
+
+
+def test_a_plain_count_stays_an_integer() -> None:
+    values = decoded(0x53C, "c08ac105fac212c8")
+    assert [type(values[name]) for name in ("engine_state", "current_gear")] == [int, int]
+    assert type(values["throttle_position"]) is float
+
+
+@pytest.mark.parametrize(("start", "frame"), [(4, "402301"), (1, "682400")])
+def test_word_sized_fields_off_their_bytes_are_cut_out_of_the_whole_frame(start: int, frame: str) -> None:
+    """No message of the car has such a layout: 16 bits that begin within a byte, in steps of 2."""
+    field = Signal("speed", start, 16, True, False, 2.0, 0.0, "", None, None)
+    message = Message("odd", 0x100, 3, "ECU", (field,), 0.01, 0.05, None)
+    codec = Codec(Database("", (message,), ""))
+    assert codec.encode("odd", {"speed": 0x2468}) == (0x100, bytes.fromhex(frame))
+    assert codec.decode(0x100, bytes.fromhex(frame)) == {"speed": 0x2468}
 
 
 def test_negative_angles_are_sign_extended_from_11_bits() -> None:
