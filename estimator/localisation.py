@@ -11,7 +11,8 @@ from math import cos, hypot, sin
 
 import numpy as np
 
-from estimator.state_filter import BIAS_AY, BIAS_YAW_RATE, VX, VY, YAW, Array, Imu, StateFilter, course
+from estimator.filter_steps import BIAS_AY, BIAS_YAW_RATE, VX, VY, YAW
+from estimator.state_filter import Array, Imu, StateFilter, course
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.messages import Estimate, VehicleState
 from hil_gateway.track import Track

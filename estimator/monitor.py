@@ -8,8 +8,10 @@ each effect of the catalogue explain beyond what re-tuned tyres already do. Cons
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import inf, sqrt
 
 import casadi as ca
 import numpy as np
@@ -78,21 +80,22 @@ class _Cell:
 class _NoiseFloor:
     """White noise of each channel from second differences, which know nothing of slow signals."""
 
-    values: list[Array] = field(default_factory=list)
-    variance: Array = field(default_factory=lambda: np.zeros(3))
+    last: deque[list[float]] = field(default_factory=lambda: deque(maxlen=3))
+    variance: list[float] = field(default_factory=lambda: [0.0] * 3)
     count: int = 0
 
-    def add(self, z: Array) -> None:
-        self.values = [*self.values[-2:], z]
-        if len(self.values) == 3:
-            second = self.values[0] - 2 * self.values[1] + self.values[2]
+    def add(self, z: list[float]) -> None:
+        self.last.append(z)
+        if len(self.last) == 3:
             self.count += 1
-            # clipped: a kerb or a shift is not noise
-            limit = 9.0 * self.variance if self.count > 100 else np.inf
-            self.variance += (np.minimum(second**2 / 6.0, limit) - self.variance) / min(self.count, 2000)
+            for i, (a, b, c) in enumerate(zip(*self.last, strict=True)):
+                # clipped: a kerb or a shift is not noise
+                limit = 9.0 * self.variance[i] if self.count > 100 else inf
+                change = min((a - 2 * b + c) ** 2 / 6.0, limit) - self.variance[i]
+                self.variance[i] += change / min(self.count, 2000)
 
-    def std(self) -> Array:
-        return np.maximum(np.sqrt(self.variance), list(SMALLEST.values()))
+    def std(self) -> list[float]:
+        return [max(sqrt(variance), least) for variance, least in zip(self.variance, SMALLEST.values(), strict=True)]
 
 
 class ResidualMonitor:
@@ -106,9 +109,10 @@ class ResidualMonitor:
 
     def push(self, sample: Sample, theta: Array, stamp_ns: int) -> list[Finding]:
         """Take in one sample with the tyre parameters now believed."""
-        if not ((np.abs(sample.z) < PLAUSIBLE).all() and (np.abs(sample.signals) < PLAUSIBLE).all()):
+        z = sample.z.tolist()
+        if not all(abs(value) < PLAUSIBLE for value in (*z, *sample.signals.tolist())):  # not-a-number is not
             return []
-        self._noise.add(sample.z)
+        self._noise.add(z)
         self._count += 1
         if self._count % DECIMATION or sample.signals[0] < 8.0:
             return []
@@ -122,7 +126,7 @@ class ResidualMonitor:
     def _findings(self, sample: Sample, stamp_ns: int) -> list[Finding]:
         """Alerts due in the cells just visited."""
         findings = []
-        for channel, floor in zip(SMALLEST, self._noise.std().tolist(), strict=True):
+        for channel, floor in zip(SMALLEST, self._noise.std(), strict=True):
             condition = _condition(channel, sample)
             cell = self._cells[channel, condition]
             if cell.looks < MIN_LOOKS or cell.visits < MIN_VISITS or abs(cell.mean) < RATIO * floor:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import casadi as ca
 import numpy as np
 
 from estimator.model.measurement import measurement_function
@@ -38,6 +39,8 @@ class RelinearisedBelief(TyreBelief):
         self._start_precision: Array = np.eye(len(model.tyre_table))
         super().__init__(model, settings)
         self._many = measurement_function(model, self.settings.kind)
+        arguments = self._many.sx_in()
+        self._predict = ca.Function("predict", arguments, self._many.call(arguments)[:1])
 
     def reset(self) -> None:
         """Back to the prior, with nothing learnt from."""
@@ -87,22 +90,27 @@ class RelinearisedBelief(TyreBelief):
         present = self._cost(residual, weight, self.deviation)
         for share in SHARES:
             deviation = np.clip(self.deviation + share * step, self.lower, self.upper)
-            if self._cost(self._linearised(history, deviation)[0], weight, deviation) < present:
+            if self._cost(self._residual(history, deviation), weight, deviation) < present:
                 self.deviation = deviation
                 return
 
     def _cost(self, residual: Array, weight: Array, deviation: Array) -> float:
         return float(np.sum(weight * residual**2) + deviation @ self._start_precision @ deviation)
 
+    def _residual(self, history: _Stacked, deviation: Array) -> Array:
+        """What the model leaves of the history at a scaled deviation, (K, m)."""
+        h = self._predict(history.signals, history.aux, self.prior + self.scale * deviation, history.phi)
+        return np.asarray(history.z - h.full().T)
+
     def _linearised(self, history: _Stacked, deviation: Array) -> tuple[Array, Array, Array]:
         """Residuals (K, m), Jacobians in scaled parameters (K, m, n) and variances (K, m) at a scaled deviation."""
         count, channels = history.z.shape
         theta = self.prior + self.scale * deviation
-        h, *jacobians = (np.array(a) for a in self._many(history.signals, history.aux, theta, history.phi))
+        h, *jacobians = (a.full() for a in self._many(history.signals, history.aux, theta, history.phi))
         # the Jacobians of all samples come side by side
         by_theta, by_signals = (j.reshape(channels, count, -1).transpose(1, 0, 2) for j in jacobians)
         motion = by_signals[:, :, :3]
-        variance = self._variance + np.einsum("kci,kij,kcj->kc", motion, history.spread, motion)
+        variance = self.channel_variance + np.einsum("kci,kij,kcj->kc", motion, history.spread, motion)
         return history.z - h.T, by_theta * self.scale, variance
 
 

@@ -2,7 +2,8 @@
 
 The recursion runs on parameters scaled by their prior standard deviation, so the prior covariance is the identity.
 Sigma_z is diagonal, which makes Eq. (8) equal to one scalar update a channel; each is in Joseph form, so the
-covariance stays symmetric positive semi-definite whatever the rounding.
+covariance stays symmetric positive semi-definite whatever the rounding. All of a sample is one CasADi function,
+interpreted, not compiled: some microseconds, and the same bits on every computer.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import atan2, sqrt
 
+import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from estimator.model.compiled import compile_function
+from estimator.model.compiled import CompiledFunction, compile_function
 from estimator.model.measurement import CHANNELS, MeasurementKind, measurement_function
 from estimator.model.single_track import SingleTrack
+from estimator.model.tyre import Expr
 
 Array = npt.NDArray[np.float64]
 
@@ -81,11 +84,9 @@ class TyreBelief:
         self.scale = np.array([p.prior_std for p in table])
         self.lower = (np.array([p.lower for p in table]) - self.prior) / self.scale
         self.upper = (np.array([p.upper for p in table]) - self.prior) / self.scale
-        self._variance = self.settings.channel_std() ** 2
+        self.channel_variance = self.settings.channel_std() ** 2
         self._longitudinal = np.array([c in ("imu_ax", "fx_r") for c in CHANNELS[self.settings.kind]])
-        self._h = MeasurementEvaluation(model, self.settings.kind)
-        self._eye = np.eye(len(table))
-        self.resets = 0
+        self._recursion = recursion_function(self)
         self.reset()
 
     def reset(self) -> None:
@@ -93,7 +94,6 @@ class TyreBelief:
         self.deviation = np.zeros(len(self.names))
         self.scaled_covariance = np.eye(len(self.names))
         self.samples = 0
-        self.innovations_rejected = 0
 
     def set_covariance(self, covariance: Array) -> None:
         """Start from a known covariance of theta, SI, instead of the prior's."""
@@ -115,40 +115,26 @@ class TyreBelief:
         return float(-np.linalg.slogdet(self.scaled_covariance)[1])
 
     def update(self, sample: Sample, dt: float = 0.01) -> Array:
-        """Eq. (8) for one sample; returns the normalised innovation squared of each channel used (may be empty)."""
+        """Eq. (8) for one sample; returns the normalised innovation squared of each channel used (may be empty).
+
+        An outlier beyond the gate teaches nothing, nor does a sample that would make anything not finite.
+        """
         active = self._active_channels(sample)
         if not active.any():
             return np.empty(0)
-        h, h_theta, h_signals = self._h(sample.signals, sample.aux, self.mean, sample.phi)
-        if not (np.isfinite(h).all() and np.isfinite(h_theta).all() and np.isfinite(h_signals).all()):
-            return np.empty(0)
-        slip_noise = np.einsum("ij,jk,ik->i", h_signals[:, :3], sample.signal_covariance, h_signals[:, :3])
-        variance = self._variance + slip_noise
-        start = self.deviation.copy()
-        rows = h_theta * self.scale
-        nis = [
-            self._update_channel(sample.z[i] - h[i] - rows[i] @ (self.deviation - start), rows[i], variance[i])
-            for i in np.flatnonzero(active)
-        ]
-        self.samples += 1
-        self._keep_sane(dt)
-        return np.array(nis)
-
-    def _update_channel(self, innovation: float, H: Array, variance: float) -> float:
-        """Scalar Eq. (8), Joseph form; an outlier beyond the gate is counted and left out."""
-        PH = self.scaled_covariance @ H
-        S = float(H @ PH) + variance
-        nis = innovation * innovation / S
-        if nis > self.settings.gate_sigma**2:
-            self.innovations_rejected += 1
-            return nis
-        K = PH / S
-        column = K[:, None]
-        A = self._eye - column * H
-        P = A @ self.scaled_covariance @ A.T + variance * column * K
-        self.scaled_covariance = 0.5 * (P + P.T)
-        self.deviation = self.deviation + K * innovation
-        return nis
+        *vectors, spread, covariance = self._recursion.inputs
+        given = (sample.signals, sample.aux, sample.phi, sample.z, active, self.deviation)
+        for vector, values in zip(vectors, given, strict=True):
+            vector[:, 0] = values
+        spread[:], covariance[:] = sample.signal_covariance, self.scaled_covariance
+        self._recursion()
+        deviation, covariance, nis = self._recursion.outputs
+        if np.isfinite(deviation).all() and np.isfinite(covariance).all():
+            self.deviation, self.scaled_covariance = deviation[:, 0].copy(), covariance.copy()
+            self.samples += 1
+            self._keep_sane(dt)
+            return np.asarray(nis[active, 0])
+        return np.empty(0)
 
     def _active_channels(self, sample: Sample) -> npt.NDArray[np.bool_]:
         """Which rows of z may teach: enough speed, and slip (lateral) or drive (longitudinal) to learn from."""
@@ -156,7 +142,7 @@ class TyreBelief:
         vx, vy, yaw_rate, steer, drive = signals
         plausible = all(abs(value) < PLAUSIBLE for value in (*signals, *sample.z.tolist()))  # NaN is not
         if not (plausible and vx > s.min_speed):
-            return np.zeros(len(self._variance), dtype=bool)
+            return np.zeros(len(self.channel_variance), dtype=bool)
         vehicle = self.model.vehicle
         slip_f = steer - atan2(vy + vehicle.lf * yaw_rate, vx)
         slip_r = -atan2(vy - vehicle.lr * yaw_rate, vx)
@@ -165,14 +151,12 @@ class TyreBelief:
         return np.asarray(np.where(self._longitudinal, abs(drive) > s.min_drive, lateral))
 
     def _keep_sane(self, dt: float) -> None:
-        """Drift, bounds, and a reset should anything have become non-finite."""
+        """Drift and bounds."""
         if self.settings.drift > 0:
             room = np.clip(1.0 - np.diag(self.scaled_covariance), 0.0, None)
             self.scaled_covariance += np.diag(np.minimum(self.settings.drift**2 * dt, room))
-        if not (np.isfinite(self.deviation).all() and np.isfinite(self.scaled_covariance).all()):
-            self.resets += 1
-            self.reset()
-        self._project_on_bounds()
+        if (self.deviation < self.lower).any() or (self.deviation > self.upper).any():
+            self._project_on_bounds()
 
     def _project_on_bounds(self) -> None:
         """Move the mean to the nearest point within the bounds, in the metric of the covariance."""
@@ -183,21 +167,40 @@ class TyreBelief:
         self.deviation = np.clip(self.deviation, self.lower, self.upper)
 
 
-class MeasurementEvaluation:
-    """h and its Jacobians for one model.
+def recursion_function(belief: TyreBelief) -> CompiledFunction:
+    """One sample of Eq. (8): (signals, aux, phi, z, active, deviation, signal covariance, covariance) to the last two.
 
-    Interpreted, not compiled: a dozen microseconds a call, and the same bits on every computer.
+    Deviation (n,) and covariance (n, n) are scaled, `active` (m,) says which channels teach; the third output are the
+    normalised innovations squared (m,). Channels come one after the other, all linearised at the start.
     """
+    h = measurement_function(belief.model, belief.settings.kind)
+    signals, aux, _, phi = (ca.SX.sym(name, h.size1_in(name)) for name in h.name_in())
+    n, m = len(belief.names), h.size1_out("h")
+    z, active = ca.SX.sym("z", m), ca.SX.sym("active", m)
+    start, spread, P = ca.SX.sym("deviation", n), ca.SX.sym("spread", 3, 3), ca.SX.sym("P", n, n)
+    predicted, by_theta, by_signals = h.call([signals, aux, belief.prior + belief.scale * start, phi])
+    rows = by_theta @ ca.diag(ca.DM(belief.scale))
+    deviation, covariance, nis = start, P, []
+    for i in range(m):
+        slip = by_signals[i, :3]
+        variance = belief.channel_variance[i] + slip @ spread @ slip.T
+        innovation = z[i] - predicted[i] - rows[i, :] @ (deviation - start)
+        S = rows[i, :] @ covariance @ rows[i, :].T + variance
+        nis.append(innovation**2 / S)
+        teaches = ca.logic_and(active[i], nis[i] <= belief.settings.gate_sigma**2)
+        learnt = _learnt(deviation, covariance, rows[i, :], innovation, variance)
+        deviation, covariance = (
+            ca.if_else(teaches, new, old) for new, old in zip(learnt, (deviation, covariance), strict=True)
+        )
+    inputs = [signals, aux, phi, z, active, start, spread, P]
+    results = [ca.densify(e) for e in (deviation, covariance, ca.vertcat(*nis))]
+    return compile_function(ca.Function("recursion", inputs, results), compiled=False)
 
-    def __init__(self, model: SingleTrack, kind: MeasurementKind) -> None:
-        self._function = compile_function(measurement_function(model, kind), compiled=False)
 
-    def __call__(
-        self, signals: Array, aux: Array, theta: Array, phi: Array | tuple[float, ...] = ()
-    ) -> tuple[Array, Array, Array]:
-        """h (m,), dh/dtheta (m, n), dh/dsignals (m, 5); copies, safe to keep."""
-        for array, values in zip(self._function.inputs, (signals, aux, theta, phi), strict=True):
-            array.ravel(order="F")[:] = values
-        self._function()
-        h, h_theta, h_signals = self._function.outputs
-        return h[:, 0].copy(), h_theta.copy(), h_signals.copy()
+def _learnt(deviation: Expr, P: Expr, H: Expr, innovation: Expr, variance: Expr) -> tuple[Expr, Expr]:
+    """Scalar Eq. (8), Joseph form: (I - K H) P (I - K H)' + K variance K'."""
+    PH = P @ H.T
+    K = PH / (H @ PH + variance)
+    after = P - K @ PH.T
+    after = after - (after @ H.T) @ K.T + variance * (K @ K.T)
+    return deviation + K * innovation, ca.triu2symm(ca.triu(after))

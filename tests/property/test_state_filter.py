@@ -7,7 +7,8 @@ import pytest
 from promise_figures import record_figure
 from scipy import stats
 
-from estimator.state_filter import STATES, VX, VY, YAW, FilterNoise, Imu, StateFilter
+from estimator.filter_steps import STATES, VX, VY, YAW, FilterNoise
+from estimator.state_filter import Imu, StateFilter
 from hil_gateway.vehicle import Vehicle
 
 DT, FINE = 0.01, 10

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from measurement_evaluation import MeasurementEvaluation
 
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.model.single_track import AUXILIARY, SingleTrack
@@ -259,8 +260,6 @@ class Laps:
     """Samples of a car on laps with left and right turns at several speeds; the model's own physics plus a defect."""
 
     def __init__(self, seed: int = 3) -> None:
-        from estimator.tyre_belief import MeasurementEvaluation
-
         self.model = SingleTrack(VEHICLE, "per_axle")
         self.theta = np.array([p.prior for p in self.model.tyre_table])
         self._h = MeasurementEvaluation(self.model, "imu_yaw")

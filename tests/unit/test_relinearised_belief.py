@@ -71,7 +71,7 @@ def test_covariance_is_the_information_at_the_mean_it_goes_with() -> None:
     for sample in samples:
         H = np.array(h(sample.signals, AUX, belief.mean, np.zeros((0, 1)))[1]) * belief.scale
         active = belief._active_channels(sample)
-        information += H.T @ (H * (active / belief._variance)[:, None])
+        information += H.T @ (H * (active / belief.channel_variance)[:, None])
     assert belief.log_det_information == pytest.approx(np.linalg.slogdet(information)[1], rel=0.05)
 
 
