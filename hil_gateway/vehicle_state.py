@@ -17,6 +17,7 @@ from hil_gateway.actuation import Actuation, Actuators
 from hil_gateway.can_link import Frame
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.config import Config
+from hil_gateway.frame_counts import FrameCounts, LeakyBucket
 from hil_gateway.geodesy import LocalMap
 from hil_gateway.messages import SourceHealth, VehicleState
 from hil_gateway.race_control import CtState
@@ -64,48 +65,13 @@ class _Received:
     layout: FrameLayout
     limits: tuple[tuple[str, float, float], ...]
     deadline_ns: int
+    repeatable: bool
+    """the same bytes again say the same again: no counter, no new fix, no sensor that may hang"""
     stamp_ns: int | None = None
-    data: bytes = b""
+    data: bytes | None = None
     plausible: bool = False
     counter: int | None = None
     repeats: int = 0
-
-
-@dataclass(slots=True)
-class LeakyBucket:
-    """Rises by one an error, falls by one every `leak_ns`."""
-
-    leak_ns: int
-    level: int = 0
-    _drained_ns: int = 0
-
-    def add(self, now_ns: int) -> None:
-        """Count one error."""
-        self.drain(now_ns)
-        self.level += 1
-
-    def drain(self, now_ns: int) -> int:
-        """Level at `now_ns`."""
-        if self.level == 0 or now_ns < self._drained_ns:
-            self._drained_ns = now_ns
-            return self.level
-        leaked = (now_ns - self._drained_ns) // self.leak_ns
-        self.level = max(self.level - leaked, 0)
-        self._drained_ns += leaked * self.leak_ns
-        return self.level
-
-
-@dataclass(slots=True)
-class FrameCounts:
-    """What has been seen on the wire since start."""
-
-    received: int = 0
-    lost: int = 0
-    unknown: int = 0
-    malformed: int = 0
-    errors: int = 0
-    counter_errors: int = 0
-    implausible: int = 0
 
 
 class VehicleStateBuilder:
@@ -116,7 +82,7 @@ class VehicleStateBuilder:
         self._actuation = actuation
         self._map = LocalMap(config.origin)
         self._received = {
-            layout.id: _Received(layout, _limits(layout), round(layout.deadline_s * NS_PER_S))
+            layout.id: _Received(layout, _limits(layout), round(layout.deadline_s * NS_PER_S), _repeatable(layout))
             for layout in codec.messages.values()
             if layout.direction == "car"
         }
@@ -211,11 +177,15 @@ class VehicleStateBuilder:
         if frame.is_error:
             self.counts.errors += 1
             return
+        entry = self._received.get(frame.id)
+        if entry is not None and entry.repeatable and frame.data == entry.data:
+            entry.stamp_ns = self._newest_ns = min(frame.stamp_ns, now_ns)
+            self.counts.implausible += not entry.plausible
+            return
         values = self._codec.decode(frame.id, frame.data)
         if isinstance(values, Fault):
             self._count_fault(values)
             return
-        entry = self._received.get(frame.id)
         if entry is None:
             self._note_foreign(self._codec.by_id[frame.id].name, values, now_ns)
             return
@@ -294,6 +264,10 @@ _NEVER_HEARD = SourceHealth(age_s=None, valid=False)
 def _limits(layout: FrameLayout) -> tuple[tuple[str, float, float], ...]:
     """What the car can do (`av24.toml`), SI."""
     return tuple((signal.name, *signal.si_limits) for signal in layout.signals if signal.si_limits is not None)
+
+
+def _repeatable(layout: FrameLayout) -> bool:
+    return layout.counter is None and layout.name != "novatel_report" and not layout.name.startswith("imu_")
 
 
 def _age_s(stamp_ns: int | None, now_ns: int) -> float:

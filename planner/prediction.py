@@ -49,8 +49,8 @@ class Actuators:
 
     def input_at(self, t_ns: int) -> Sent | None:
         """The command that acts at `t_ns`: the last one sent a dead time before; None before the first."""
-        acting = [s for s in self._sent if s.at_ns + self.delay_ns <= t_ns]
-        return acting[-1] if acting else None
+        latest_ns = t_ns - self.delay_ns
+        return next((sent for sent in reversed(self._sent) if sent.at_ns <= latest_ns), None)
 
     def follow(self, drive: float, steer: float, t_ns: int, duration: float) -> tuple[float, float]:
         """Actuator positions `duration` s after `t_ns`, moving towards what acts at `t_ns`."""

@@ -30,10 +30,10 @@ class VirtualWire:
         """Put a frame into every other queue."""
         if not self.up:
             return False
-        stamp_ns = self._clock.now_ns()
+        frame = Frame(frame_id, data, self._clock.now_ns())
         for link in self._links:
             if link is not sender:
-                link.push(Frame(frame_id, data, stamp_ns))
+                link.push(frame)
         return True
 
     def remove(self, link: WireLink) -> None:

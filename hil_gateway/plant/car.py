@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from struct import Struct
 from typing import Any
 
-import numpy as np
-
 from hil_gateway.compiled import compile_function
 from hil_gateway.plant.dynamics import INPUTS, OUTPUTS, STATES, step_function
 from hil_gateway.plant.parameters import PlantParameters
@@ -69,9 +67,9 @@ class Car:
         self.road = Road(track, parameters.road)
         self._function = compile_function(step_function())
         self._x, u, p, h = (a[:, 0] for a in self._function.inputs)
-        self._after, outputs = (a[:, 0] for a in self._function.outputs)
+        after, outputs = (a[:, 0] for a in self._function.outputs)
         # single numbers are read and written through memory views: several times quicker than array elements
-        self._state, self._outputs, self._u = self._x.data, outputs.data, u.data
+        self._state, self._after, self._outputs, self._u = self._x.data, after.data, outputs.data, u.data
         p[:] = parameters.car.vector()
         h[0] = STEP_S
         self._steer_line = DelayLine(round(parameters.steer_delay / STEP_S))
@@ -82,7 +80,7 @@ class Car:
         self.shifting = 0
         self.steps = 0
         self.steer_rate = 0.0
-        self._gravity = (0.0, 0.0, 9.8)
+        self._gravity, self._grip = (0.0, 0.0, 9.8), 1.0
         self.place(start_s, speed)
 
     def place(self, s: float, speed: float = 0.0) -> None:
@@ -119,6 +117,7 @@ class Car:
             x, y, yaw, vx, _, yaw_rate = state[:6]
             self.road.locate(x, y)
             self._gravity = self.road.gravity(yaw, vx, yaw_rate)
+            self._grip = max(0.1, 1.0 + self.parameters.road.grip_drift * self.time_s)
         PACK.pack_into(
             self._u,
             0,
@@ -128,12 +127,12 @@ class Car:
             self._ratio(commands.gear),
             engine_running,
             *self._gravity,
-            max(0.1, 1.0 + self.parameters.road.grip_drift * self.time_s),
+            self._grip,
             *self._late_line(state[STEER : STEER + 4]),
         )
         self._function()
         self.steer_rate = (self._after[STEER] - state[STEER]) / STEP_S
-        np.copyto(self._x, self._after)
+        state[:] = self._after
         self.steps += 1
 
     def _ratio(self, wanted: int) -> float:

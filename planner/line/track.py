@@ -95,8 +95,11 @@ class Reference:
     def _refine(self, x: float, y: float, s: float) -> float:
         """Newton steps along the tangent."""
         for _ in range(3):
-            point = self.at(np.array([s]))
-            heading = float(point.heading[0])
-            along = math.cos(heading) * (x - point.x[0]) + math.sin(heading) * (y - point.y[0])
-            s += min(max(float(along), -self._spacing), self._spacing)
+            number = math.floor(s / self._spacing)
+            (x0, x1, x2, x3), (y0, y1, y2, y3) = self._cubics[:, number % len(self.line.s)].reshape(2, 4).tolist()
+            t = s - number * self._spacing
+            dx, dy = x1 + t * (2 * x2 + 3 * t * x3), y1 + t * (2 * y2 + 3 * t * y3)
+            ahead_x, ahead_y = x - x0 - t * (x1 + t * (x2 + t * x3)), y - y0 - t * (y1 + t * (y2 + t * y3))
+            along = (dx * ahead_x + dy * ahead_y) / math.hypot(dx, dy)
+            s += min(max(along, -self._spacing), self._spacing)
         return s
