@@ -7,6 +7,7 @@ stand still and stops by itself, and whatever restarts the process gets a gatewa
 from __future__ import annotations
 
 import gc
+import logging
 import os
 import socket
 
@@ -15,10 +16,12 @@ from hil_gateway.clock import NS_PER_S, SystemClock
 from hil_gateway.config import Config
 from hil_gateway.gateway import Gateway
 from hil_gateway.process import stop_requested
+from hil_gateway.scheduling import punctual
 from hil_gateway.track import load_track
 from hil_gateway.zenoh_bus import HUB, open_bus
 
 PERIOD_NS = NS_PER_S // 100
+log = logging.getLogger(__name__)
 
 
 def run(config: Config) -> None:
@@ -37,6 +40,8 @@ def run(config: Config) -> None:
         raise
     gateway = Gateway(config, bus, link, track)
     notify = Notifier()
+    if not punctual():
+        log.warning("real-time priority is not permitted: frames may leave some ms late while this computer is busy")
     gc.freeze()  # what start-up allocated is never collected: shorter pauses
     clock = SystemClock()
     due_ns = clock.now_ns()

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hil_gateway.process import PARENT_VARIABLE
+from hil_gateway.scheduling import real_time
 
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 NICENESS = -10
-REAL_TIME_PRIORITY = 10
 STOP_S = 1.0
 """what the drivers of the loop get to end in order; the recorder, asked last, gets the same again"""
 
@@ -99,12 +99,9 @@ class Supervisor:
 
         Whatever they start later, a compiler for instance, runs as ordinary work again.
         """
-        policy, priority = os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(REAL_TIME_PRIORITY)
         for spec in self._specs:
             if spec.real_time and spec.name in self._running:
-                with contextlib.suppress(OSError):
-                    for task in Path(f"/proc/{self._running[spec.name].pid}/task").iterdir():
-                        os.sched_setscheduler(int(task.name), policy, priority)
+                real_time(self._running[spec.name].pid)
 
     def command(self, spec: ProcessSpec) -> list[str]:
         """What is run for a process."""
