@@ -142,8 +142,17 @@ _VERSION = re.compile(r'VERSION "([^"]*)"')
 
 
 def load_database() -> Database:
-    """Read the database shipped with this package."""
-    return parse_database(DBC_PATH.read_text(), DBC_PATH.with_suffix(".toml").read_text())
+    """Read the database shipped with this package.
+
+    Raises:
+        DatabaseError: missing, damaged or contradictory files.
+    """
+    try:
+        return parse_database(DBC_PATH.read_text(), DBC_PATH.with_suffix(".toml").read_text())
+    except DatabaseError as error:
+        raise DatabaseError(f"{DBC_PATH}: {error}") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DatabaseError(f"{DBC_PATH} with its .toml cannot be read: {error!r}") from None
 
 
 def parse_database(dbc: str, toml: str) -> Database:
@@ -157,6 +166,8 @@ def parse_database(dbc: str, toml: str) -> Database:
     if version != extra["dbc_version"]:
         raise DatabaseError(f"DBC version {version!r} is not {extra['dbc_version']!r} of the TOML")
     messages = tuple(sorted(_messages(dbc, extra), key=lambda message: message.id))
+    if not messages or len({m.id for m in messages}) + len({m.name for m in messages}) != 2 * len(messages):
+        raise DatabaseError("no messages, or two of one identifier or name")
     _refuse_unknown_names(extra, messages)
     return Database(version, messages, hashlib.sha256((dbc + toml).encode()).hexdigest())
 
@@ -188,6 +199,7 @@ def _message(head: re.Match[str], signals: tuple[Signal, ...], extra: dict[str, 
     name = head["name"]
     if len({signal.little_endian for signal in signals}) != 1:
         raise DatabaseError(f"{name}: no signals, or two byte orders in one message")
+    _refuse_misfits(name, int(head["dlc"]), signals)
     default = extra["default"]
     period = extra["period_s"].get(name, default["period_s"])
     usual = default["deadline_s"] if name not in extra["period_s"] else DEADLINE_PERIODS * period
@@ -202,6 +214,21 @@ def _message(head: re.Match[str], signals: tuple[Signal, ...], extra: dict[str, 
         deadline_s=extra["deadline_s"].get(name, usual),
         counter=Counter(*counter) if counter else None,
     )
+
+
+def _refuse_misfits(name: str, dlc: int, signals: tuple[Signal, ...]) -> None:
+    """Fields lie within the frame, apart from each other, and have a step."""
+    taken = 0
+    for signal in signals:
+        shift = signal.shift(dlc)
+        field = (1 << signal.length) - 1 << max(shift, 0)
+        if shift < 0 or shift + signal.length > 8 * dlc or not signal.length:
+            raise DatabaseError(f"{name}: {signal.name} does not fit into its {dlc} bytes")
+        if taken & field:
+            raise DatabaseError(f"{name}: {signal.name} overlaps another signal")
+        if not signal.scale:
+            raise DatabaseError(f"{name}: {signal.name} has scale 0")
+        taken |= field
 
 
 def _signal(line: str, limits: dict[str, list[float]]) -> Signal:

@@ -77,6 +77,11 @@ def main() -> None:
     except InputError as error:
         print(f"hil: {error}", file=sys.stderr)
         code = EXIT_INPUT
+    except ValueError as error:
+        if type(error).__module__ != "can_dbc.database":  # named, not imported: few commands need it
+            raise
+        print(f"hil: {error}", file=sys.stderr)
+        code = EXIT_INPUT
     except _UsageError as error:
         print(_explain_usage(error), file=sys.stderr)
         code = EXIT_INPUT

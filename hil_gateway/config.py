@@ -141,7 +141,7 @@ class RecorderConfig(Model):
 
     flush_s: float = Field(default=0.1, gt=0, le=0.2, description="at most this much is lost by a kill, s")
     folder: str = Field(default="sessions", description="where recordings go")
-    name: str = Field(default="", description="name of the recording; empty: date and time")
+    name: str = Field(default="", pattern="^[^/]*$", description="name of the recording; empty: date and time")
     rotate_bytes: int = Field(default=2_000_000_000, ge=100_000, description="size at which the next file begins, B")
     min_free_bytes: int = Field(default=300_000_000, ge=0, description="recording pauses below this free space, B")
 

@@ -8,9 +8,9 @@ of the configured origin). Stamps are monotonic nanoseconds of the sender.
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 # Bounds far outside what a car can do: a number that has lost its meaning is refused where it arrives, and what
 # is computed from the rest stays finite.
@@ -22,6 +22,20 @@ Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
 Slip = Annotated[float, Field(ge=-100, le=100)]
 Position = Annotated[float, Field(ge=-1e7, le=1e7)]
 Pressure = Annotated[float, Field(ge=-1e8, le=1e8)]
+Parameter = Annotated[float, Field(ge=-1e12, le=1e12)]
+Stamp = Annotated[int, Field(ge=0, lt=1 << 63)]
+"""monotonic nanoseconds"""
+Code = Annotated[int, Field(ge=-(1 << 31), lt=1 << 31)]
+"""a state, flag, gear or count: what any field of the wire can hold"""
+
+
+def _square(matrix: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    if any(len(row) != len(matrix) for row in matrix):
+        raise ValueError("a covariance is square")
+    return matrix
+
+
+Covariance = Annotated[tuple[tuple[Parameter, ...], ...], AfterValidator(_square)]
 
 
 class Model(BaseModel):
@@ -33,8 +47,8 @@ class Model(BaseModel):
 class Message(Model):
     """What every message carries."""
 
-    stamp_ns: int = Field(description="time of validity, sender's monotonic clock, ns")
-    seq: int = Field(ge=0, description="advances by one a message of this sender")
+    stamp_ns: Stamp = Field(description="time of validity, sender's monotonic clock, ns")
+    seq: int = Field(ge=0, lt=1 << 63, description="advances by one a message of this sender")
 
 
 class SourceHealth(Model):
@@ -65,21 +79,21 @@ class VehicleState(Message):
     brake_front: Pressure = Field(description="Pa")
     brake_rear: Pressure = Field(description="Pa")
     drive: Slip = Field(description="slip-ratio drive command of Eq. (2) equivalent to the reported pedals")
-    gear: int
-    engine_speed: float = Field(description="rad/s")
+    gear: Code
+    engine_speed: Motion = Field(description="rad/s")
     position_x: Position
     position_y: Position
-    position_seq: int = Field(description="advances when a new position fix arrived")
-    sys_state: int
-    ct_state: int
-    track_flag: int
-    vehicle_flag: int
+    position_seq: int = Field(ge=0, lt=1 << 63, description="advances when a new position fix arrived")
+    sys_state: Code
+    ct_state: Code
+    track_flag: Code
+    vehicle_flag: Code
 
 
 class Estimate(Message):
     """Filtered vehicle state at the centre of gravity (100 Hz)."""
 
-    state_stamp_ns: int = Field(description="stamp of the VehicleState this answers, gateway clock")
+    state_stamp_ns: Stamp = Field(description="stamp of the VehicleState this answers, gateway clock")
     valid: bool
     x: Position
     y: Position
@@ -101,18 +115,24 @@ class Belief(Message):
 
     layout: str = Field(description="shared | per_axle")
     names: tuple[str, ...]
-    mean: tuple[float, ...]
-    covariance: tuple[tuple[float, ...], ...]
+    mean: tuple[Parameter, ...]
+    covariance: Covariance
     samples: int = Field(ge=0, description="samples that passed the activity gates")
     log_det_information: float = Field(description="log det of the posterior precision in prior-scaled units")
+
+    @model_validator(mode="after")
+    def _one_size(self) -> Self:
+        if not len(self.names) == len(self.mean) == len(self.covariance):
+            raise ValueError("names, mean and covariance are of different length")
+        return self
 
 
 class ActiveEffect(Model):
     """One effect added to the declared model, with its parameters in SI."""
 
     name: str
-    parameters: dict[str, float]
-    profile: tuple[float, ...] = Field(default=(), description="spline coefficients over track position, if any")
+    parameters: dict[str, Parameter]
+    profile: tuple[Parameter, ...] = Field(default=(), description="spline coefficients over track position, if any")
 
 
 class Provenance(Model):
@@ -129,8 +149,8 @@ class ModelRevision(Message):
 
     revision: str = Field(description="content hash of layout, tyre and effects")
     layout: str
-    tyre: dict[str, float]
-    covariance: tuple[tuple[float, ...], ...] = ()
+    tyre: dict[str, Parameter]
+    covariance: Covariance = ()
     effects: tuple[ActiveEffect, ...] = ()
     provenance: Provenance = Provenance()
 
@@ -146,28 +166,34 @@ class PlanStatus(StrEnum):
 class Plan(Message):
     """Predicted motion over the horizon, stage 0 first; all arrays have the same length."""
 
-    state_stamp_ns: int
+    state_stamp_ns: Stamp
     status: PlanStatus
     reason: str = Field(default="", description="why the plan is not a fresh solution")
-    dt: float
-    x: tuple[float, ...]
-    y: tuple[float, ...]
-    yaw: tuple[float, ...]
-    vx: tuple[float, ...]
-    s: tuple[float, ...]
-    steer: tuple[float, ...]
-    drive: tuple[float, ...]
-    lap: int
+    dt: float = Field(gt=0, le=10)
+    x: tuple[Position, ...]
+    y: tuple[Position, ...]
+    yaw: tuple[Angle, ...]
+    vx: tuple[Motion, ...]
+    s: tuple[Position, ...]
+    steer: tuple[Angle, ...]
+    drive: tuple[Slip, ...]
+    lap: Code
     revision: str = Field(description="model revision the plan was made with")
     solve_ms: float
     information_gain: float = Field(default=0.0, description="sum of Delta I over the horizon (Eq. 7)")
+
+    @model_validator(mode="after")
+    def _one_length(self) -> Self:
+        if len({len(row) for row in (self.x, self.y, self.yaw, self.vx, self.s, self.steer, self.drive)}) > 1:
+            raise ValueError("the arrays of a plan are of different length")
+        return self
 
 
 class Command(Message):
     """What the planner asks for (first action of the plan)."""
 
     source: str
-    state_stamp_ns: int = Field(description="stamp of the VehicleState the plan started from, gateway clock")
+    state_stamp_ns: Stamp = Field(description="stamp of the VehicleState the plan started from, gateway clock")
     steer: Angle = Field(description="road-wheel angle, rad")
     drive: Slip = Field(description="slip ratio, positive drives, negative brakes")
 
@@ -209,7 +235,7 @@ class Applied(Message):
     brake_front_kpa: float
     brake_rear_kpa: float
     steering_motor_deg: float
-    gear: int
+    gear: Code
 
 
 class GatewayStatus(Message):

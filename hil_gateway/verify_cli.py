@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 
 from hil_gateway.errors import EXIT_FAILURE, InputError
-from hil_gateway.promises import as_json, keep_long, markdown, read_evidence
+from hil_gateway.promises import PROMISES, as_json, keep_long, markdown, read_evidence
 
 app = typer.Typer(help="The reliability promises at their stated figures.")
 
@@ -39,6 +39,8 @@ def verify(  # noqa: PLR0917 (options are passed by name)
     gathered: Annotated[Path | None, typer.Option("--from", help="only report what a test run wrote here")] = None,
 ) -> None:
     """Run the tests of the promises; writes docs/promises.md and says what was reached."""
+    if unknown := {part for part in only.split(",") if part} - {promise.id for promise in PROMISES}:
+        raise InputError(f"--only {only}: no promise {', '.join(sorted(unknown))}; docs/promises.md lists them")
     if seed is not None or seeds is not None:
         report = _simulate(seed, seeds or 0)
     elif mutation:

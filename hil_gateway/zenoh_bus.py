@@ -180,6 +180,8 @@ def read_json5(path: Path) -> dict[str, Any]:
         text = path.read_text()
     except OSError as error:
         raise InputError(f"{path}: cannot read (zenoh.extra): {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not text (zenoh.extra): {error}") from None
     try:
         lines = (line for line in text.splitlines() if not line.lstrip().startswith("//"))
         return dict(json.loads("\n".join(lines)))

@@ -75,6 +75,8 @@ def prepare(options: DemoOptions) -> DemoSetup:
     if options.model:
         read_revision(options.model)
     _make(folder)
+    for earlier in folder.glob("session*.mcap"):  # of a drive into the same folder
+        earlier.unlink()
     config = _with_free_ports(config, options)
     open_link(config.can).close()
     kind = resolve_kind(config.can)

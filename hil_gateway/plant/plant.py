@@ -26,6 +26,8 @@ STEP_NS = round(STEP_S * NS_PER_S)
 TRUTH_PERIOD_NS = NS_PER_S // 20
 CONTROLLER_STEPS = 10
 """the vehicle controller runs at 100 Hz"""
+FARTHEST = 10.0
+"""factor up to which a number of the car may differ from the usual: the physics holds there"""
 CATCH_UP_NS = NS_PER_S // 5
 """a process that was held up loses what is older: it must not answer with a burst of stale frames"""
 
@@ -38,8 +40,13 @@ def plant_parameters(config: PlantConfig) -> PlantParameters:
     """
     parameters = configure(config.base, config.effects)
     for name, value in config.car.items():
-        if not isinstance(getattr(parameters.car, name, None), float):
+        usual = getattr(parameters.car, name, None)
+        if not isinstance(usual, float):
             raise InputError(f"plant.car.{name} is not a number of the simulated car; docs/plant.md lists them")
+        if usual > 0 and not 1 / FARTHEST <= value / usual <= FARTHEST:
+            raise InputError(
+                f"plant.car.{name} = {value:g} is no car: between {usual / FARTHEST:g} and {usual * FARTHEST:g}"
+            )
         changed: Any = {name: value}
         parameters = replace(parameters, car=replace(parameters.car, **changed))
     return parameters

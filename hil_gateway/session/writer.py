@@ -7,6 +7,7 @@ kept in words, the file is cut back to its last whole chunk, and a new file is t
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import shutil
 from collections.abc import Callable, Mapping
@@ -20,6 +21,8 @@ from typing_extensions import Buffer
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.session.format import CAN_SCHEMA, CAN_SCHEMA_NAME, CAN_TOPIC, METADATA_SESSION, json_schema
 from hil_gateway.topics import TOPICS
+
+log = logging.getLogger(__name__)
 
 RETRY_S = 1.0
 PENDING_LIMIT = 4 * 2**20
@@ -219,7 +222,8 @@ class SessionWriter:
         self._finish(now_ns)
 
     def _open(self) -> None:
-        path = self._path(self._opened)
+        while (path := self._path(self._opened)).exists():  # of a recorder that was killed: never written over
+            self._opened += 1
         path.parent.mkdir(parents=True, exist_ok=True)
         metadata = dict(self._metadata)
         metadata[METADATA_SESSION] = {**metadata[METADATA_SESSION], "part": str(self._opened)}
@@ -250,6 +254,8 @@ class SessionWriter:
 
     def _fail(self, text: str) -> None:
         self.errors += 1
+        if text != self.last_error:  # tried again every second: said once
+            log.warning("not recording in %s: %s", self._first.parent, text)
         self.last_error = text
 
     def _give_up(self, now_ns: int) -> None:

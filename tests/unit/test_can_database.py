@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import doctest
+import subprocess
+import sys
+from pathlib import Path
 
 import cantools
 import pytest
@@ -69,11 +72,32 @@ def test_directions_are_those_of_the_car() -> None:
         (DBC.replace("SG_ desired_gear : 0|8@1+", "SG_ desired_gear m0 : 0|8@1+"), TOML, "desired_gear m0"),
         (DBC.replace("BO_ 1403 gear_shift_cmd: 8", "BO_ 1403 gear_shift_cmd 8"), TOML, "gear_shift_cmd 8"),
         (DBC.replace("SG_ engine_state : 6|1@0+", "SG_ engine_state : 6|1@1+"), TOML, "pt_report_1"),
+        (DBC.replace("SG_ desired_gear : 0|8@1+", "SG_ desired_gear : 60|8@1+"), TOML, "desired_gear does not fit"),
+        (DBC.replace("SG_ desired_gear : 0|8@1+", "SG_ desired_gear : 0|0@1+"), TOML, "desired_gear does not fit"),
+        (DBC.replace("SG_ desired_gear : 0|8@1+ (1,", "SG_ desired_gear : 0|8@1+ (0,"), TOML, "scale 0"),
+        (DBC.replace("SG_ wheel_speed_FR : 16|", "SG_ wheel_speed_FR : 8|"), TOML, "wheel_speed_FR overlaps"),
+        (DBC.replace("BO_ 1403 gear_shift_cmd: 8", "BO_ 1402 gear_shift_cmd: 8"), TOML, "two of one identifier"),
     ],
 )
 def test_a_database_that_does_not_fit_is_refused_by_name(dbc: str, toml: str, complaint: str) -> None:
     with pytest.raises(DatabaseError, match=complaint):
         parse_database(dbc, toml)
+
+
+@pytest.mark.parametrize("content", [None, b"", b"\xff\x00", DBC.encode()[: len(DBC) // 2]])
+def test_a_damaged_file_is_one_clear_line(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "av24.dbc"
+    if content is not None:
+        path.write_bytes(content)
+        path.with_suffix(".toml").write_text(TOML)
+    code = (
+        "import sys, pathlib, can_dbc.database as d; d.DBC_PATH = pathlib.Path(sys.argv.pop(1));"
+        "from hil_gateway.cli import main; main()"
+    )
+    command = [sys.executable, "-c", code, str(path), "gateway", "run"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert done.stderr.startswith(f"hil: {path}")
 
 
 def test_the_examples_of_the_readme_are_right() -> None:

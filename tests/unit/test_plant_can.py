@@ -262,6 +262,9 @@ def test_parameters_of_the_car_can_be_set_one_by_one() -> None:
     assert Bench(**{"plant.car.df": 1.2}).plant.car.parameters.car.df == 1.2
     with pytest.raises(InputError, match=r"plant\.car\.dff is not a number of the simulated car"):
         Bench(**{"plant.car.dff": 1.2})
+    for no_car in (-787.0, 0.0, 1e-9, 1e9):
+        with pytest.raises(InputError, match=r"plant\.car\.mass = .* is no car: between"):
+            Bench(**{"plant.car.mass": no_car})
 
 
 def test_effects_reach_the_sensors() -> None:

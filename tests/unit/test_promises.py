@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from hil_gateway.errors import InputError
 from hil_gateway.promises import PROMISES, Evidence, as_json, keep_long, markdown, read_evidence
+from hil_gateway.verify_cli import verify
 
 TESTS = Path(__file__).resolve().parents[1]
 
@@ -33,6 +35,11 @@ def test_a_promise_without_a_test_fails(promise):
 
 def test_a_mark_without_a_promise_fails():
     assert set(marked()) <= {promise.id for promise in PROMISES}
+
+
+def test_an_unknown_promise_is_one_clear_line():
+    with pytest.raises(InputError, match="no promise S9, Z1"):
+        verify(only="S1,Z1,S9")
 
 
 def test_the_report_takes_the_worst_outcome_and_every_figure_once(tmp_path):

@@ -122,12 +122,17 @@ def test_a_busy_port_is_one_clear_line(config, port):
 
 @pytest.mark.parametrize(
     ("content", "text"),
-    [(None, "cannot read"), ("{", "not JSON"), ('{"nonsense": 1}', "not a Zenoh configuration")],
+    [
+        (None, "cannot read"),
+        (b"\xf5\x00", "not text"),
+        (b"{", "not JSON"),
+        (b'{"nonsense": 1}', "not a Zenoh configuration"),
+    ],
 )
 def test_a_broken_extra_file_is_one_clear_line(tmp_path, content, text):
     path = tmp_path / "extra.json5"
     if content is not None:
-        path.write_text(content)
+        path.write_bytes(content)
     with pytest.raises(InputError, match=text):
         open_bus(ZenohConfig(extra=str(path)), "gateway")
 

@@ -214,6 +214,24 @@ def test_rotation_begins_a_new_complete_file_and_loses_nothing(tmp_path: Path) -
         assert info["session"]["part"] == str(number)
 
 
+def test_a_restarted_recorder_never_writes_over_what_it_left(tmp_path: Path) -> None:
+    """A killed one is back within 0.2 s, in the same second and perhaps under a configured name."""
+    first = Rig(tmp_path / "s.mcap").run(50)
+    before = sent_items(tmp_path / "s.mcap")
+    second = recorded(tmp_path / "s.mcap")
+    assert sent_items(tmp_path / "s.mcap") == before > 0
+    assert second.path == tmp_path / "s_001.mcap"
+    first.recorder.close(first.clock.now_ns())
+
+
+def test_a_folder_that_cannot_be_written_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "file").write_text("")
+    Rig(tmp_path / "file" / "s.mcap").run(300)
+    assert [record.getMessage() for record in caplog.records] == [
+        f"not recording in {tmp_path / 'file'}: s.mcap: File exists"
+    ]
+
+
 def test_new_model_revision_is_noted_in_the_metadata(tmp_path: Path) -> None:
     rig = Rig(tmp_path / "s.mcap").run(20)
     revision = ModelRevision(stamp_ns=0, seq=0, revision="abc", layout="shared", tyre={})
