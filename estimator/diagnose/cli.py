@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,6 +29,8 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
     """Find what the model does not explain, trace it to an effect, and show the error before and after."""
+    # fits run in processes side by side: threads of the linear algebra would only get in their way
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from estimator.diagnose.diagnosis import diagnose as run
     from estimator.diagnose.record import make_record
     from estimator.diagnose.result import as_json as to_json
@@ -45,7 +48,8 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
         progress("reading")
         health = examine(read_logs(sessions), car)
         log = health.log
-        result = run(make_record(log, car, health.doubtful), layout, prior, progress)  # type: ignore[arg-type]
+        processes = os.cpu_count() or 1
+        result = run(make_record(log, car, health.doubtful), layout, prior, progress, processes)  # type: ignore[arg-type]
         revision = as_revision(result, layout, tuple(log.sources.values()))
         summary: dict[str, Any] = {"health": [f.description for f in health.findings]}
         summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))

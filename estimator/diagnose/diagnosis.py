@@ -14,9 +14,10 @@ from estimator.diagnose.evidence import Evidence, compare
 from estimator.diagnose.fit import Fit
 from estimator.diagnose.record import Record
 from estimator.diagnose.score import noise_floor, rmse, rollout
-from estimator.diagnose.search import Search, earns_its_place, search
+from estimator.diagnose.search import Search, earns_its_place, gains_of, search
 from estimator.diagnose.trial import Setting, Trial, fit_names
 from estimator.diagnose.whiteness import structured, structured_elsewhere
+from estimator.diagnose.workers import workers
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 
@@ -94,21 +95,27 @@ def split_laps(record: Record) -> tuple[tuple[int, ...], tuple[int, ...]]:
 
 
 def diagnose(
-    record: Record, layout: Layout, prior: Mapping[str, float] | None, progress: Progress = lambda _: None
+    record: Record,
+    layout: Layout,
+    prior: Mapping[str, float] | None,
+    progress: Progress = lambda _: None,
+    processes: int = 1,
 ) -> Diagnosis:
-    """Find what the declared model lacks.
+    """Find what the declared model lacks, with fits in so many `processes` at once.
 
     Where the laps learnt from are explained and yet the last laps hold more, which begins only there or late,
     laps in between are kept for scoring instead, so that it can be learnt at all.
     """
     train_laps, test_laps = split_laps(record)
-    found = _diagnose(record, layout, prior, (train_laps, test_laps), progress)
-    if not _late_laps_differ(found):
-        return found
-    laps = (*train_laps, *test_laps)
-    between = tuple(sorted(laps)[2::3])
-    progress("once more: the last laps hold something that the others do not")
-    return _diagnose(record, layout, prior, (tuple(lap for lap in laps if lap not in between), between), progress)
+    with workers(processes) as pool:
+        setting = Setting(record, layout, prior, pool=pool)
+        found = _diagnose(setting, (train_laps, test_laps), progress)
+        if not _late_laps_differ(found):
+            return found
+        laps = (*train_laps, *test_laps)
+        between = tuple(sorted(laps)[2::3])
+        progress("once more: the last laps hold something that the others do not")
+        return _diagnose(setting, (tuple(lap for lap in laps if lap not in between), between), progress)
 
 
 def _late_laps_differ(found: Diagnosis) -> bool:
@@ -120,19 +127,13 @@ def _late_laps_differ(found: Diagnosis) -> bool:
     return explained and structured_elsewhere(found.fit, late, WHITE_IN_LATE_LAPS)
 
 
-def _diagnose(
-    record: Record,
-    layout: Layout,
-    prior: Mapping[str, float] | None,
-    split: tuple[tuple[int, ...], tuple[int, ...]],
-    progress: Progress,
-) -> Diagnosis:
-    """Diagnose with given laps to learn from and to score on."""
+def _diagnose(whole: Setting, split: tuple[tuple[int, ...], tuple[int, ...]], progress: Progress) -> Diagnosis:
+    """Diagnose the record of `whole` with given laps to learn from and to score on."""
     train_laps, test_laps = split
-    record = _time_basis_of(record, train_laps)
+    record = _time_basis_of(whole.record, train_laps)
     train = record.select(np.isin(record.lap, train_laps))
     train = replace(train, lap=np.arange(train.windows, dtype=np.int64) // HELD_OUT_WINDOWS)
-    setting = Setting(train, layout, prior)
+    setting = replace(whole, record=train)
     found = search(setting, progress)
     accepted, gains, terms, final, tried = _with_terms(setting, found, progress)
     progress("scoring on the test laps")
@@ -209,11 +210,7 @@ def _drop_stand_ins(
     """
     kept = list(before)
     while True:
-        gains = {}
-        for name in kept:
-            progress(f"without {name}, with the empirical term")
-            without = fit_names(setting, [n for n in kept if n != name], current)
-            gains[name] = compare(without.held_out(), current.held_out(), current.normal.count)
+        gains = gains_of(setting, kept, current, progress, ", with the empirical term")
         weak = [
             n for n in kept
             if before[n].gain < OWN_SHARE * gain

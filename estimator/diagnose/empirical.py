@@ -20,7 +20,8 @@ from estimator.diagnose.linearised import Linearised, linearised
 from estimator.diagnose.normal import Normal, accumulate
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.record import Record
-from estimator.diagnose.trial import Setting, fit_names, warm_start
+from estimator.diagnose.trial import Setting, warm_start
+from estimator.diagnose.workers import Job, fit_each
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
@@ -156,11 +157,10 @@ def search_terms(
     progress("anything else, by any signal")
     screened = _screen(setting, accepted, current)
     before, count = current.held_out(), current.normal.count
-    done = []
-    for trial in screened[:FITTED]:
-        progress(f"spline of {trial.signal} in {trial.place}")
-        fitted = fit_names(replace(setting, extra=(*setting.extra, trial.effect)), accepted, current)
-        done.append(Term(trial.place, trial.signal, compare(before, fitted.held_out(), count), fitted))
+    best = screened[:FITTED]
+    jobs = [Job(f"spline of {t.signal} in {t.place}", tuple(accepted), (t.effect,)) for t in best]
+    fits = fit_each(setting, current, jobs, progress)
+    done = [Term(t.place, t.signal, compare(before, f.held_out(), count), f) for t, f in zip(best, fits, strict=True)]
     return sorted(done, key=lambda t: -t.evidence.gain) + screened[FITTED:]
 
 

@@ -16,6 +16,7 @@ from estimator.diagnose.linearised import Linearised, linearised
 from estimator.diagnose.noise import Noise, likeliest
 from estimator.diagnose.normal import Normal, accumulate
 from estimator.diagnose.predict import Predictor
+from estimator.diagnose.steps import Coordinates
 
 Array = NDArray[np.float64]
 
@@ -83,22 +84,23 @@ def fit(predictor: Predictor, start: Array, noise: Noise | None = None, iteratio
     """Fit all parameters from `start`; `noise` weighs the channels, default: that of the sensors."""
     noise = noise or Noise.white(predictor.record.block_noise)
     lower, upper = predictor.bounds
-    at, axles = np.clip(start, lower, upper), _axles(predictor)
+    at = np.clip(start, lower, upper)
+    coordinates = Coordinates.of([p.name for p in predictor.model.tyre_table], lower, upper)
     normal, _ = normal_at(predictor, at, noise)
     first = best = _objective(predictor, normal, at)
-    damping = 1e-4
+    damping, relief = 1e-4, 10.0
     for _ in range(iterations):
-        trial = _damped_step(axles, normal, at, lower, upper, damping)
+        trial = coordinates.damped_step(normal, at, damping)
         new, _ = normal_at(predictor, trial, noise)
         value = _objective(predictor, new, trial)
         if not np.isfinite(value) or value > best:
             if value < best + CONVERGED[0]:
                 break
-            damping = max(damping, 1e-3) * 10
+            damping, relief = max(damping, 1e-3) * 10, 1.0
             if damping > 1e4:
                 break
             continue
-        gained, best, damping = best - value, value, damping / 10
+        gained, best, damping, relief = best - value, value, damping / relief, 10.0
         at, normal = trial, new
         if gained < CONVERGED[0] + CONVERGED[1] * (first - best):
             break
@@ -111,51 +113,3 @@ def _objective(predictor: Predictor, normal: Normal, at: Array) -> float:
     variance, count = normal.variance, normal.count.sum()
     data = (normal.squares.sum(1) / variance + count * np.log(variance)).sum()
     return float(data + off @ normal.prior @ off)
-
-
-def _damped_step(  # noqa: PLR0917 - one argument per symbol of the step
-    axles: Axles, normal: Normal, at: Array, lower: Array, upper: Array, damping: float
-) -> Array:
-    """Next parameters: a Levenberg-Marquardt step with parameters held that would leave their bounds."""
-    pull = normal.pull(normal.variance)
-    free = ~(((at <= lower) & (pull < 0)) | ((at >= upper) & (pull > 0)))
-    tangent = _tangent(axles, at)[free]
-    total = tangent.T @ normal.precision(normal.variance)[np.ix_(free, free)] @ tangent
-    scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
-    scaled = total / scale[:, None] / scale + (damping + RIDGE) * np.eye(len(scale))
-    step = np.linalg.solve(scaled, tangent.T @ pull[free] / scale) / scale
-    return np.clip(_advance(axles, at, step), lower, upper)
-
-
-Axles = list[tuple[int, int, int]]
-"""Indices of B, C, D of each axle."""
-LARGEST_LOG_STEP = 0.4
-RIDGE = 1e-11
-
-
-def _axles(predictor: Predictor) -> Axles:
-    names = [p.name for p in predictor.model.tyre_table]
-    axles = [axle for axle in ("", "f", "r") if f"b{axle}" in names]
-    return [(names.index(f"b{a}"), names.index(f"c{a}"), names.index(f"d{a}")) for a in axles]
-
-
-def _tangent(axles: Axles, at: Array) -> Array:
-    """Derivative of the parameters by step coordinates: log(B C D), log C, log D instead of B, C, D.
-
-    At small slip only the product shows; in B, C, D themselves the minimum lies in a long curved valley.
-    """
-    out = np.eye(len(at))
-    for b, c, d in axles:
-        out[b, b], out[b, c], out[b, d] = at[b], -at[b], -at[b]
-        out[c, c], out[d, d] = at[c], at[d]
-    return out
-
-
-def _advance(axles: Axles, at: Array, step: Array) -> Array:
-    """Parameters after a step in step coordinates."""
-    out = at + step
-    for b, c, d in axles:
-        stiffness, shape, peak = np.clip(step[[b, c, d]], -LARGEST_LOG_STEP, LARGEST_LOG_STEP)
-        out[c], out[d] = at[c] * np.exp(shape), at[d] * np.exp(peak)
-        out[b] = at[b] * np.exp(stiffness - shape - peak)
-    return out

@@ -20,6 +20,10 @@ DRIFTS = (0.0, *(float(d) for d in np.geomspace(1e-3, 1e3, 13)))
 """Variance of the random walk's step per block, relative to that of the white noise, that are tried."""
 
 
+LEAST_GAIN = 1e-3
+"""Least fall of the deviance per block for another drift: less is no reason to fit anew."""
+
+
 @dataclass(frozen=True)
 class Noise:
     """Noise of the measured signals.
@@ -55,7 +59,7 @@ def likeliest(noise: Noise, used: NDArray[np.bool_], deviance: Callable[[Noise],
                 drift[row] = DRIFTS[at + direction]
                 tried = replace(noise, drift=drift)
                 value = deviance(tried)
-                if value >= best:
+                if value > best - LEAST_GAIN:
                     break
                 noise, best, at = tried, value, at + direction
             if at != start:

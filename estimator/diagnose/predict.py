@@ -46,6 +46,10 @@ class Predictor:
             start += size
         self.blocks, self.size = tuple(blocks), start
 
+    def __reduce__(self) -> tuple[type[Predictor], tuple[SingleTrack, Record]]:
+        """Another process builds the symbolic functions anew."""
+        return Predictor, (self.model, self.record)
+
     @cached_property
     def table(self) -> tuple[Parameter, ...]:
         """One entry a parameter; the coefficients of a profile share theirs."""

@@ -21,6 +21,7 @@ from estimator.diagnose.screening import screen
 from estimator.diagnose.timing import SAMPLED
 from estimator.diagnose.trial import Setting, Trial, fit_names
 from estimator.diagnose.whiteness import structured
+from estimator.diagnose.workers import Job, fit_each
 
 Array = NDArray[np.float64]
 
@@ -117,15 +118,26 @@ def _round(setting: Setting, accepted: Sequence[str], current: Fit, progress: Ca
     screened = screen(setting, accepted, current, progress)
     before, count = current.held_out(), current.normal.count
     least = SMALLEST_SHARE * count.sum() / 4
-    trials = []
-    for place, trial in enumerate(screened):
-        if place < FITTED and trial.evidence.gain > max(least, PROMISING * screened[0].evidence.gain):
-            progress(" + ".join([*accepted, trial.name]))
-            done = fit_names(setting, [*accepted, trial.name], current)
-            trials.append(Trial(trial.name, compare(before, done.held_out(), count), done))
-        else:
-            trials.append(trial)
-    return sorted(trials, key=lambda t: -t.evidence.gain)
+    enough = max(least, PROMISING * screened[0].evidence.gain)
+    names = [t.name for t in screened[:FITTED] if t.evidence.gain > enough]
+    fits = fit_each(setting, current, [with_effects((*accepted, name)) for name in names], progress)
+    trials = [Trial(n, compare(before, f.held_out(), count), f) for n, f in zip(names, fits, strict=True)]
+    return sorted([*trials, *(t for t in screened if t.name not in names)], key=lambda t: -t.evidence.gain)
+
+
+def with_effects(names: tuple[str, ...]) -> Job:
+    """The fit of these effects."""
+    return Job(" + ".join(names), names)
+
+
+def gains_of(
+    setting: Setting, names: Sequence[str], current: Fit, progress: Callable[[str], None], beside: str = ""
+) -> dict[str, Evidence]:
+    """Evidence of each of the effects of `current` given all the others."""
+    jobs = [Job(f"without {name}{beside}", tuple(n for n in names if n != name)) for name in names]
+    after, count = current.held_out(), current.normal.count
+    fits = fit_each(setting, current, jobs, progress)
+    return {name: compare(f.held_out(), after, count) for name, f in zip(names, fits, strict=True)}
 
 
 def _can_be_accepted(trial: Trial, record: Record, total: float) -> bool:
@@ -165,12 +177,7 @@ def _recheck(
     """Drop, weakest first, every accepted effect that no longer earns its place given the others."""
     current = current or fit_names(setting, accepted, None)
     while True:
-        gains = {}
-        after, count = current.held_out(), current.normal.count
-        for name in accepted:
-            progress(f"without {name}")
-            without = fit_names(setting, [n for n in accepted if n != name], current)
-            gains[name] = compare(without.held_out(), after, count)
+        gains = gains_of(setting, accepted, current, progress)
         weak = [n for n in accepted if not _stays(gains[n], setting.record) or within_a_sample(current, n)]
         if not weak:
             return accepted, current, gains

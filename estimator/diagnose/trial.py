@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ from estimator.model.single_track import SingleTrack
 
 Array = NDArray[np.float64]
 
-REWEIGHINGS, REWEIGH_ABOVE = 6, 0.1
+REWEIGHINGS, REWEIGH_ABOVE = 3, 0.1
 """A fit is repeated with its own residual deviations until these change by less than a tenth."""
 FIRST_DRIFT = 1.0
 """of the motion, before anything is fitted: the model is trusted little"""
@@ -37,6 +38,8 @@ class Setting:
     layout: Layout
     prior: Mapping[str, float] | None
     extra: tuple[Effect, ...] = ()
+    pool: Executor | None = None
+    """processes that fits are done in"""
 
     def model(self, names: Sequence[str]) -> SingleTrack:
         """The model with the named effects."""

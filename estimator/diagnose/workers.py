@@ -1,0 +1,67 @@
+"""Fits that do not depend on each other, done side by side in processes of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.diagnose.fit import Fit
+from estimator.diagnose.noise import Noise
+from estimator.diagnose.normal import Normal
+from estimator.diagnose.predict import Predictor
+from estimator.diagnose.trial import Setting, fit_names
+from estimator.model.effects.base import Effect
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A fit to be done: of the named effects and `extra` ones, and what the progress says of it."""
+
+    label: str
+    names: tuple[str, ...]
+    extra: tuple[Effect, ...] = ()
+
+
+@contextmanager
+def workers(count: int) -> Iterator[Executor | None]:
+    """Processes for `fit_each`; none for a count of 1."""
+    if count <= 1:
+        yield None
+        return
+    # a fork would copy locks of the threads that draw the progress or run BLAS
+    with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+        yield pool
+
+
+def fit_each(setting: Setting, warm: Fit, jobs: Sequence[Job], progress: Callable[[str], None]) -> list[Fit]:
+    """Fit every job starting from `warm`, side by side where `setting` has workers, results in order."""
+    settings = [replace(setting, extra=(*setting.extra, *job.extra)) for job in jobs]
+    if setting.pool is None or len(jobs) < 2:
+        done = []
+        for own, job in zip(settings, jobs, strict=True):
+            progress(job.label)
+            done.append(fit_names(own, job.names, warm))
+        return done
+    sent = [
+        setting.pool.submit(_numbers, replace(s, pool=None), j.names, warm) for s, j in zip(settings, jobs, strict=True)
+    ]
+    fits = []
+    for own, job, future in zip(settings, jobs, sent, strict=True):
+        progress(job.label)
+        parameters, normal, noise = future.result()
+        fits.append(Fit(Predictor(own.model(job.names), own.record), parameters, normal, noise))
+    return fits
+
+
+def _numbers(setting: Setting, names: Sequence[str], warm: Fit) -> tuple[Array, Normal, Noise]:
+    """What a fit found, without the record it was found on."""
+    done = fit_names(setting, names, warm)
+    return done.parameters, done.normal, done.noise
