@@ -16,7 +16,8 @@ from estimator.node import Estimator
 from hil_gateway.bus import LocalBus
 from hil_gateway.config import Config
 from hil_gateway.errors import InputError
-from hil_gateway.messages import Estimate, VehicleState
+from hil_gateway.messages import VehicleState
+from hil_gateway.session.format import unpack_message
 from hil_gateway.session.reader import Item, SessionReader
 from hil_gateway.topics import BELIEF, ESTIMATE, MODEL_REVISION, VEHICLE_STATE
 
@@ -70,9 +71,9 @@ def _by_stamp(reader: SessionReader) -> list[VehicleState]:
     states, first_ns = [], None
     for item in reader.items():
         if item.topic == VEHICLE_STATE.key:
-            states.append(VehicleState.model_validate_json(item.data))
+            states.append(unpack_message(VEHICLE_STATE, item.data))
         elif first_ns is None:
-            first_ns = Estimate.model_validate_json(item.data).state_stamp_ns
+            first_ns = unpack_message(ESTIMATE, item.data).state_stamp_ns
     if first_ns is None:
         raise InputError(f"{reader.path}: holds no {ESTIMATE}: there is nothing to compare with")
     return [state for state in states if state.stamp_ns >= first_ns]

@@ -15,7 +15,7 @@ from typing import Any
 from hil_gateway.demo.drive import drive, say
 from hil_gateway.demo.model_error import ask, measure
 from hil_gateway.demo.options import DemoOptions
-from hil_gateway.messages import ModelRevision
+from hil_gateway.session.format import unpack_message
 from hil_gateway.session.reader import SessionReader
 from hil_gateway.topics import MODEL_REVISION
 
@@ -63,7 +63,7 @@ def why_not(rollout: Mapping[str, Any]) -> str:
 def _declared(first: Mapping[str, Any], folder: Path) -> Path:
     """The revision the first drive began with, as a file."""
     items = SessionReader(Path(first["session"]), frozenset({MODEL_REVISION.key})).items()
-    revision = ModelRevision.model_validate_json(next(items).data)
+    revision = unpack_message(MODEL_REVISION, next(items).data)
     path = folder / "declared.json"
     path.write_text(revision.model_dump_json(indent=1))
     return path

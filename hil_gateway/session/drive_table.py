@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.errors import InputError
-from hil_gateway.messages import Estimate, Plan, VehicleState
+from hil_gateway.messages import Estimate, VehicleState
+from hil_gateway.session.format import unpack_message
 from hil_gateway.session.reader import Item, SessionReader
 from hil_gateway.topics import ESTIMATE, PLAN, VEHICLE_STATE
 
@@ -84,13 +85,13 @@ def _collect(
     laps: list[tuple[int, int]] = []
     for item in items:
         if item.topic == VEHICLE_STATE.key:
-            state = VehicleState.model_validate_json(item.data)
+            state = unpack_message(VEHICLE_STATE, item.data)
             states[state.stamp_ns] = state
         elif item.topic == ESTIMATE.key:
-            estimate = Estimate.model_validate_json(item.data)
+            estimate = unpack_message(ESTIMATE, item.data)
             estimates[estimate.state_stamp_ns] = estimate
         elif item.topic == PLAN.key:
-            plan = Plan.model_validate_json(item.data)
+            plan = unpack_message(PLAN, item.data)
             laps.append((plan.state_stamp_ns, plan.lap))
     valid = {stamp: e for stamp, e in estimates.items() if e.valid}
     rows = [(states[stamp], valid[stamp]) for stamp in sorted(valid) if stamp in states]

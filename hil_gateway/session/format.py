@@ -12,11 +12,19 @@ import json
 import struct
 import subprocess
 from pathlib import Path
+from typing import TypeVar
+
+from pydantic import ValidationError
 
 from can_dbc.database import DBC_PATH
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.config import Config
+from hil_gateway.errors import InputError
+from hil_gateway.messages import Message
+from hil_gateway.topics import Topic
+
+M = TypeVar("M", bound=Message)
 
 CAN_TOPIC = "av24/can"
 CAN_SCHEMA_NAME = "can_msgs/msg/Frame"
@@ -57,13 +65,25 @@ def unpack_frame(cdr: bytes) -> Frame:
     """Inverse of `pack_frame`; the stamp is Unix time.
 
     Raises:
-        ValueError: not a frame written by this project (another frame_id, another length).
+        InputError: not a frame written by this project (another frame_id, another length).
     """
     if len(cdr) != _FRAME.size:
-        raise ValueError(f"CAN frame record of {len(cdr)} bytes, expected {_FRAME.size}")
+        raise InputError(f"{CAN_TOPIC}: a record of {len(cdr)} bytes, not {_FRAME.size}: recorded by another program")
     _, seconds, nanoseconds, _, number, _, extended, is_error, dlc, data = _FRAME.unpack(cdr)
     stamp_ns = seconds * NS_PER_S + nanoseconds
     return Frame(number | EXTENDED_ID if extended else number, data[:dlc], stamp_ns, is_error)
+
+
+def unpack_message(topic: Topic[M], data: bytes) -> M:
+    """Message of a topic as it was recorded.
+
+    Raises:
+        InputError: not one of this version.
+    """
+    try:
+        return topic.message.model_validate_json(data)
+    except ValidationError as error:
+        raise InputError(f"{topic}: a message this version cannot read: {error.errors()[0]['msg'].lower()}") from None
 
 
 def session_metadata(config: Config, name: str, bus: str, started: str) -> dict[str, str]:

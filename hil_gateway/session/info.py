@@ -26,17 +26,22 @@ def session_info(path: Path) -> dict[str, Any]:
         last = max(last, item.log_ns)
     duration = (last - first) / NS_PER_S if first is not None else 0.0
     session = dict(reader.metadata.get("session", {}))
+    damage = [str(damage) for damage in reader.damage]
+    try:
+        config = json.loads(session.pop("config", "{}"))
+    except ValueError:
+        config, damage = {}, [*damage, "the configuration in the metadata is not readable"]
     return {
         "path": str(path),
         "complete": reader.complete,
-        "damage": [str(damage) for damage in reader.damage],
+        "damage": damage,
         "bytes": path.stat().st_size,
         "start_unix_s": None if first is None else first / NS_PER_S,
         "duration_s": duration,
         "chunks": reader.chunks,
         "messages": sum(counts.values()),
         "topics": {topic: {"messages": n, "rate_hz": _rate(n, duration)} for topic, n in sorted(counts.items())},
-        "config": json.loads(session.pop("config", "{}")),
+        "config": config,
         "session": session,
         "model_revision": reader.metadata.get("model_revision", {}),
     }

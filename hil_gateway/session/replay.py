@@ -14,7 +14,7 @@ from hil_gateway.bus import Bus
 from hil_gateway.can_link import CanLink
 from hil_gateway.clock import NS_PER_S, Clock
 from hil_gateway.errors import InputError
-from hil_gateway.session.format import CAN_TOPIC, unpack_frame
+from hil_gateway.session.format import CAN_TOPIC, unpack_frame, unpack_message
 from hil_gateway.session.reader import Item, SessionReader
 from hil_gateway.topics import COMMAND, OPERATOR, TOPICS
 
@@ -70,7 +70,7 @@ def to_bus(bus: Bus, keys: Iterable[str] = DEFAULT_TOPICS) -> Send:
 
     def send(item: Item) -> None:
         if topic := chosen.get(item.topic):
-            bus.publish(topic, topic.message.model_validate_json(item.data))
+            bus.publish(topic, unpack_message(topic, item.data))
 
     return send
 

@@ -10,18 +10,13 @@ import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from mcap.reader import make_reader
 
-from hil_gateway.bus import LocalBus
-from hil_gateway.can_link import EXTENDED_ID, Frame, VirtualWire
-from hil_gateway.clock import VirtualClock
-from hil_gateway.config import RecorderConfig
+from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.errors import InputError
 from hil_gateway.messages import Command, ModelRevision
-from hil_gateway.recorder import Recorder
 from hil_gateway.session.cli import export
 from hil_gateway.session.export import export_candump
 from hil_gateway.session.format import CAN_TOPIC, pack_frame, unpack_frame
@@ -32,46 +27,7 @@ from hil_gateway.session.recover import recover
 from hil_gateway.session.writer import SessionWriter
 from hil_gateway.topics import COMMAND, MODEL_REVISION, TOPICS
 from tests.promise_figures import record_figure, volume
-
-UNIX_NS = 1_700_000_000 * 10**9
-CONFIG = RecorderConfig(min_free_bytes=0)
-
-
-class Rig:
-    """A recorder on a virtual clock, with a car that sends `frames_per_step` frames and a command every 10 ms."""
-
-    def __init__(self, path: Path, write: Any = os.write, rotate_bytes: int = 10**9) -> None:
-        self.clock, self.bus = VirtualClock(), LocalBus()
-        wire = VirtualWire(self.clock)
-        self.car = wire.link()
-        writer = SessionWriter(path, {"name": "test", "config": "{}"}, rotate_bytes, write=write)
-        self.recorder = Recorder(CONFIG, self.bus, wire.link(), writer, UNIX_NS)
-        self.sent = 0
-        self.rng = random.Random(1)
-
-    def run(self, steps: int, frames_per_step: int = 5) -> Rig:
-        for _ in range(steps):
-            now_ns = self.clock.now_ns()
-            for _ in range(frames_per_step):
-                self.car.send(self.rng.randrange(0x7FF), self.rng.randbytes(8))
-            self.bus.publish(
-                COMMAND, Command(stamp_ns=now_ns, seq=self.sent, source="t", state_stamp_ns=now_ns, steer=0, drive=0)
-            )
-            self.sent += frames_per_step + 1
-            self.recorder.step(now_ns)
-            self.clock.advance(10_000_000)
-        return self
-
-
-def recorded(path: Path) -> SessionWriter:
-    """A session of one second, closed in order."""
-    rig = Rig(path).run(100)
-    rig.recorder.close(rig.clock.now_ns())
-    return rig.recorder.writer
-
-
-def sent_items(path: Path) -> int:
-    return sum(item.topic in (CAN_TOPIC, COMMAND.key) for item in SessionReader(path).items())
+from tests.session_rig import UNIX_NS, Rig, recorded, sent_items
 
 
 def test_session_opens_with_the_mcap_reader_and_has_a_channel_for_every_topic(tmp_path: Path) -> None:
@@ -212,24 +168,6 @@ def test_rotation_begins_a_new_complete_file_and_loses_nothing(tmp_path: Path) -
         info = session_info(path)
         assert info["complete"]
         assert info["session"]["part"] == str(number)
-
-
-def test_a_restarted_recorder_never_writes_over_what_it_left(tmp_path: Path) -> None:
-    """A killed one is back within 0.2 s, in the same second and perhaps under a configured name."""
-    first = Rig(tmp_path / "s.mcap").run(50)
-    before = sent_items(tmp_path / "s.mcap")
-    second = recorded(tmp_path / "s.mcap")
-    assert sent_items(tmp_path / "s.mcap") == before > 0
-    assert second.path == tmp_path / "s_001.mcap"
-    first.recorder.close(first.clock.now_ns())
-
-
-def test_a_folder_that_cannot_be_written_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    (tmp_path / "file").write_text("")
-    Rig(tmp_path / "file" / "s.mcap").run(300)
-    assert [record.getMessage() for record in caplog.records] == [
-        f"not recording in {tmp_path / 'file'}: s.mcap: File exists"
-    ]
 
 
 def test_new_model_revision_is_noted_in_the_metadata(tmp_path: Path) -> None:

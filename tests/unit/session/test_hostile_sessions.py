@@ -1,0 +1,64 @@
+"""Recordings of other programs and versions, damaged metadata, killed recorders: one clear line, nothing lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil_gateway.bus import LocalBus
+from hil_gateway.clock import VirtualClock
+from hil_gateway.errors import InputError
+from hil_gateway.session.export import export_candump
+from hil_gateway.session.info import session_info
+from hil_gateway.session.reader import SessionReader
+from hil_gateway.session.replay import read_all, replay, to_bus
+from hil_gateway.session.writer import SessionFile, SessionWriter
+from hil_gateway.topics import COMMAND
+from tests.session_rig import Rig, recorded, sent_items
+
+
+def test_a_restarted_recorder_never_writes_over_what_it_left(tmp_path: Path) -> None:
+    """A killed one is back within 0.2 s, in the same second and perhaps under a configured name."""
+    first = Rig(tmp_path / "s.mcap").run(50)
+    before = sent_items(tmp_path / "s.mcap")
+    second = recorded(tmp_path / "s.mcap")
+    assert sent_items(tmp_path / "s.mcap") == before > 0
+    assert second.path == tmp_path / "s_001.mcap"
+    first.recorder.close(first.clock.now_ns())
+
+
+def test_a_folder_that_cannot_be_written_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "file").write_text("")
+    Rig(tmp_path / "file" / "s.mcap").run(300)
+    assert [record.getMessage() for record in caplog.records] == [
+        f"not recording in {tmp_path / 'file'}: s.mcap: File exists"
+    ]
+
+
+def rewritten(source: Path, target: Path, change: Any) -> Path:
+    """`source` with `change(topic, data)` as the data of every message, in chunks with right checksums."""
+    with SessionFile(target, {}) as file:
+        for item in SessionReader(source).items():
+            data = change(item.topic, item.data)
+            file.add(item.topic, data, item.log_ns, item.publish_ns, item.sequence)
+    return target
+
+
+def test_messages_of_another_version_and_frames_of_another_program_are_one_clear_line(tmp_path: Path) -> None:
+    recorded(tmp_path / "s.mcap")
+    other = rewritten(tmp_path / "s.mcap", tmp_path / "o.mcap", lambda topic, data: b'{"nonsense": 1}')
+    with pytest.raises(InputError, match=r"av24/can: a record of 15 bytes, .* another program"):
+        export_candump(other, tmp_path / "o.log")
+    send = to_bus(LocalBus(), [COMMAND.key])
+    with pytest.raises(InputError, match="av24/command: a message this version cannot read: field required"):
+        replay(read_all([other]), send, VirtualClock(), speed=0)
+
+
+def test_damaged_metadata_is_named(tmp_path: Path) -> None:
+    writer = SessionWriter(tmp_path / "s.mcap", {"name": "test", "config": "{\x00"}, 10**9)
+    writer.close(0)
+    info = session_info(tmp_path / "s.mcap")
+    assert info["config"] == {}
+    assert info["damage"] == ["the configuration in the metadata is not readable"]
