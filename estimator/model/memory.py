@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +23,18 @@ def input_delay(name: str) -> tuple[Callable[[Terms, Expr], None], Prepare]:
     u(t - T) is replaced by u - T du/dt, right to first order in T.
     """
 
-    def hook(terms: Terms, delay: Expr) -> None:
-        first_order = -delay * terms.auxiliary(f"{name}_rate")
-        setattr(terms, name, getattr(terms, name) + terms.aux.get(f"{name}_shift", first_order))
+    return partial(_delay_hook, name), partial(_shifted, name)
 
-    def prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]) -> dict[str, Array]:
-        return {f"{name}_shift": delayed(signals["t"], signals[name], parameters[0]) - signals[name]}
 
-    return hook, prepare
+def _delay_hook(name: str, terms: Terms, delay: Expr) -> None:
+    first_order = -delay * terms.auxiliary(f"{name}_rate")
+    setattr(terms, name, getattr(terms, name) + terms.aux.get(f"{name}_shift", first_order))
+
+
+def _shifted(
+    name: str, signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]
+) -> dict[str, Array]:
+    return {f"{name}_shift": delayed(signals["t"], signals[name], parameters[0]) - signals[name]}
 
 
 def delayed(t: Array, signal: Array, delay: float) -> Array:

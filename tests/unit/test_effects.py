@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -86,6 +87,11 @@ def predict_with(
 def test_the_catalogue_holds_every_agreed_id() -> None:
     assert set(catalogue()) == IDS
     assert all(e.cause for e in catalogue().values())
+
+
+def test_effects_can_be_sent_to_another_process() -> None:
+    for effect in catalogue().values():
+        assert pickle.loads(pickle.dumps(effect)).name == effect.name
 
 
 @pytest.mark.parametrize("name", sorted(IDS))
