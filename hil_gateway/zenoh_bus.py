@@ -27,6 +27,8 @@ HUB = "gateway"
 """Name of the process that listens on the endpoint the others connect to."""
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 TX_QUEUE_BATCHES = 16
+LARGEST_MESSAGE = 1 << 18
+"""bytes; ours have some thousands. Reading one of 20 MB held the gateway up for seconds"""
 
 
 class ZenohSubscription(Generic[M]):
@@ -135,12 +137,13 @@ def session_config(config: ZenohConfig, name: str) -> dict[str, Any]:
         "transport": {
             "shared_memory": {"enabled": False},
             "link": {
+                "rx": {"max_message_size": LARGEST_MESSAGE},
                 "tx": {
                     "queue": {
                         "size": dict.fromkeys(("real_time", "data"), TX_QUEUE_BATCHES),
                         "congestion_control": {"drop": {"wait_before_drop": 0}},
                     }
-                }
+                },
             },
         },
     }

@@ -51,6 +51,9 @@ SENSORS: Mapping[str, tuple[str, ...]] = {
 HOSTILE = (0.0, -1e7, 1e7, 1e4, -1e4, 190.0, -190.0, 1.0, 5e-324)
 
 
+HOSTILE_INTEGERS = (0, -1, 1, 255, 1 << 31, 1 << 62, 1 << 64, 10**400)
+
+
 @dataclass(frozen=True)
 class Episode:
     """One fault."""
@@ -214,18 +217,36 @@ class SeededFaults(Faults):
         return deliveries + again if self._rng.random() < episode.strength else deliveries
 
     def _distort(self, episode: Episode, deliveries: list[tuple[int, Message]]) -> list[tuple[int, Message]]:
-        """Numbers a sender could have put in by mistake; what its schema refuses never reaches a reader."""
+        """Contents a sender could have put in by mistake; what its schema refuses never reaches a reader."""
         return [(due, self._distorted(message)) for due, message in deliveries if self._rng.random() < episode.strength]
 
     def _distorted(self, message: Message) -> Message:
-        numbers = [name for name, value in message if isinstance(value, float)]
-        if not numbers:
-            return message
-        changed: dict[str, Any] = {self._rng.choice(numbers): self._rng.choice(HOSTILE)}
+        content = message.model_dump()
+        name = self._rng.choice(sorted(content))
         try:
-            return type(message).model_validate({**message.model_dump(), **changed})
+            return type(message).model_validate({**content, name: self._mistaken(content[name])})
         except ValueError:
             return message
+
+    def _mistaken(self, value: Any) -> Any:
+        """Another value of the same kind: hostile numbers, arrays too short, too long or spoilt in one place."""
+        rng = self._rng
+        match value:
+            case bool():
+                return not value
+            case int():
+                return rng.choice(HOSTILE_INTEGERS)
+            case float():
+                return rng.choice(HOSTILE)
+            case tuple() if value:
+                i = rng.randrange(len(value))
+                spoilt = (*value[:i], self._mistaken(value[i]), *value[i + 1 :])
+                return rng.choice(((), value[:-1], value + value[-1:], spoilt))
+            case dict() if value:
+                name = rng.choice(sorted(value))
+                rest = {key: kept for key, kept in value.items() if key != name}
+                return rng.choice((rest, {**rest, name: self._mistaken(value[name])}))
+        return value
 
 
 _FRAME_FAULTS: Mapping[Kind, Callable[[SeededFaults, Episode, int, list[Frame]], list[Frame]]] = {

@@ -168,7 +168,10 @@ class Stalls:
         return self.now
 
 
-@pytest.mark.parametrize("seed", range(volume(3, 40)))
+FAULTY_RUNS = volume(3, 40)
+
+
+@pytest.mark.parametrize("seed", range(FAULTY_RUNS))
 @pytest.mark.promise("N4")
 def test_random_faults_never_give_a_partial_plan_or_leave_limits(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """NaN in the state, silent estimator, late and failed solutions, jumping beliefs; every second seed explores."""
@@ -211,6 +214,7 @@ def test_random_faults_never_give_a_partial_plan_or_leave_limits(seed: int, monk
         point = reference.at(np.array([s]))
         offset = -np.sin(point.heading[0]) * (car[0] - point.x[0]) + np.cos(point.heading[0]) * (car[1] - point.y[0])
         assert abs(offset - middle) < half
+    record_figure("N4", f"{FAULTY_RUNS} runs of 900 steps with random faults: all within limits, the car on the track")
 
 
 def test_silence_before_the_first_estimate_publishes_nothing() -> None:

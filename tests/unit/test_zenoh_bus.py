@@ -58,6 +58,23 @@ def test_processes_meet_whoever_starts_first_and_also_after_the_hub_restarted(co
             bus.close()
 
 
+def test_a_message_of_megabytes_never_reaches_a_reader(config):
+    """Valid JSON, a thousand times as long as any of ours: reading it would hold the gateway up."""
+    hub, rogue, other = open_bus(config, "gateway"), open_bus(config, "rogue"), open_bus(config, "planner")
+    try:
+        heard = hub.subscribe(topics.OPERATOR, depth=100)
+        exchange(rogue, heard)
+        time.sleep(0.2)
+        heard.poll(0)
+        rogue._session.put(topics.OPERATOR.key, message(7).model_dump_json().encode() + b" " * 5_000_000)
+        time.sleep(1.0)
+        assert heard.poll(0) == []
+        exchange(other, heard)
+    finally:
+        for bus in (rogue, other, hub):
+            bus.close()
+
+
 def test_a_slow_reader_keeps_the_newest_and_counts_the_rest(config):
     hub, other = open_bus(config, "gateway"), open_bus(config, "planner")
     try:
