@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.diagnose.diagnosis import Diagnosis, alternatives
 from estimator.diagnose.score import channel_residuals
-from estimator.diagnose.words import CHANNEL_NAMES, NAMES, UNITS, parameter_words, verdict_sentence
+from estimator.diagnose.words import CHANNEL_NAMES, NAMES, UNITS, parameter_words, plain, verdict_sentence
 from estimator.html_report import COLOURS, Report, Tone, new_figure, plot_style
 from estimator.identify.drive_log import DriveLog
 from estimator.model.effects import catalogue
@@ -180,7 +180,7 @@ def _equation(report: Report, summary: dict[str, Any]) -> None:
         lines.append(f"{effect.name}: {effect.equation}, with {numbers}. Source: {effect.source}.")
     lines.extend(f"empirical: {u['description']} ({u['term']})" for u in summary["unexplained"])
     report.items(lines or ["nothing"])
-    rows = [[n, f"{v['value']:.5g}", f"{v['std']:.2g}", v["unit"]] for n, v in summary["tyre"].items()]
+    rows = [[n, plain(float(v["value"]), 5), plain(float(v["std"]), 2), v["unit"]] for n, v in summary["tyre"].items()]
     report.table(["tyre parameter", "value", "std", "unit"], rows)
 
 

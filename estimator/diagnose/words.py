@@ -59,10 +59,16 @@ def _span_words(signal: str, spans: list[tuple[float, float]], low: float, high:
     return f"{name} {' and '.join(parts)}" if parts else name
 
 
+def plain(value: float, digits: int) -> str:
+    """`value` to so many significant digits, without an exponent where people would not write one."""
+    rounded = float(f"{value:.{digits}g}")
+    return f"{rounded:.{digits}g}" if abs(rounded) < 1e-3 or abs(rounded) >= 1e6 else f"{rounded:.10g}"
+
+
 def parameter_words(name: str, parameter: dict[str, float | str]) -> str:
     """'force 420 +- 2 N'."""
     unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
-    return f"{name} {parameter['value']:.4g} ± {parameter['std']:.2g}{unit}"
+    return f"{name} {plain(float(parameter['value']), 4)} ± {plain(float(parameter['std']), 2)}{unit}"
 
 
 def verdict_sentence(summary: dict[str, Any]) -> str:

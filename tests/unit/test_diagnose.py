@@ -24,7 +24,7 @@ from estimator.diagnose.score import kernel
 from estimator.diagnose.search import within_a_sample
 from estimator.diagnose.trial import Setting, fit_names
 from estimator.diagnose.whiteness import structured_elsewhere
-from estimator.diagnose.words import describe
+from estimator.diagnose.words import describe, plain
 from estimator.identify.drive_log import DriveLog
 from estimator.identify.smoothing import second_difference_noise
 from estimator.model.effects import catalogue
@@ -209,6 +209,10 @@ def test_noise_is_measured_beside_a_smooth_signal() -> None:
     rng = np.random.default_rng(9)
     t = 0.01 * np.arange(20_000)
     assert second_difference_noise(5 * np.sin(2 * t) + 0.15 * rng.normal(size=t.size)) == pytest.approx(0.15, rel=0.05)
+
+
+def test_numbers_are_written_as_people_write_them() -> None:
+    assert [plain(v, 2) for v in (10360.0, 0.0475, 120.4, 2.3e-5, 0.0)] == ["10000", "0.048", "120", "2.3e-05", "0"]
 
 
 def test_words_say_above_which_value_a_term_acts() -> None:
