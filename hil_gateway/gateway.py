@@ -103,7 +103,7 @@ class Gateway:
         before = self._plan.latest.count
         plan = self._plan.update(now_ns)
         if plan.count != before and plan.message is not None:
-            self._stopping.take_plan(plan.message)
+            self._stopping.take_plan(plan.message, stopping=self.failsafe.action in STOPPING)
         estimate = self._estimate.update(now_ns)
         dt = 0.0 if self._last_step_ns is None else (now_ns - self._last_step_ns) / NS_PER_S
         self._stopping.track_pose(dt, state, estimate.message if estimate.valid(now_ns) else None)

@@ -88,9 +88,13 @@ class Stopping:
         self._pose: _Pose | None = None
         self._steer = 0.0
 
-    def take_plan(self, plan: Plan) -> None:
-        """Keep a fresh solution as the path to stop on; what the planner falls back to is no better."""
-        if plan.status is PlanStatus.SOLVED:
+    def take_plan(self, plan: Plan, stopping: bool) -> None:
+        """Keep a fresh solution as the path to stop on; what the planner falls back to is no better.
+
+        During a stop the path stays: plans made meanwhile begin where the car has drifted to, and lead to the edge of
+        the track that a faster car would use.
+        """
+        if plan.status is PlanStatus.SOLVED and not (stopping and self._plan is not None):
             self._plan = plan
             self._path = None
 

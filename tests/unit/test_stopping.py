@@ -62,7 +62,7 @@ def test_beyond_the_plan_the_path_follows_the_track_at_the_same_offset(rig):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_car_beside_its_path_steers_towards_it(rig, side):
     stop = stopping()
-    stop.take_plan(rig.plan(0))
+    stop.take_plan(rig.plan(0), stopping=False)
     stop.track_pose(0.01, state(rig), rig.estimate(0).model_copy(update={"y": side, "vx": 40.0}))
     stop.start(0.0)
     steer, _ = stop.command(state(rig), emergency=False)
@@ -74,7 +74,7 @@ def test_pure_pursuit_is_exact_on_a_circle(rig):
     radius, angles = 80.0, np.linspace(0.0, 1.5, 1501)
     x, y = radius * np.sin(angles), radius * (1 - np.cos(angles))
     stop = stopping()
-    stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(x), "y": tuple(y)}))
+    stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(x), "y": tuple(y)}), stopping=False)
     front = {"x": VEHICLE.lr, "y": 0.0, "yaw": 0.0, "vx": 20.0}
     stop.track_pose(0.01, state(rig, 20.0), rig.estimate(0).model_copy(update=front))
     stop.start(0.0)
@@ -90,15 +90,35 @@ def test_without_a_path_the_steering_is_held(rig):
 
 def test_what_the_planner_falls_back_to_is_not_taken_as_a_path(rig):
     stop = stopping()
-    stop.take_plan(rig.plan(0).model_copy(update={"status": PlanStatus.STOP}))
-    stop.take_plan(rig.plan(0).model_copy(update={"status": PlanStatus.SHIFTED}))
+    stop.take_plan(rig.plan(0).model_copy(update={"status": PlanStatus.STOP}), stopping=False)
+    stop.take_plan(rig.plan(0).model_copy(update={"status": PlanStatus.SHIFTED}), stopping=False)
     stop.start(0.07)
     assert stop.command(state(rig), emergency=True)[0] == 0.07
 
 
+def test_during_a_stop_the_path_stays(rig):
+    """Plans made meanwhile begin at the car: following them, it would never come back to where it should be."""
+    stop = stopping()
+    stop.take_plan(rig.plan(0), stopping=False)
+    stop.start(0.0)
+    beside = rig.estimate(0).model_copy(update={"y": 2.0, "vx": 40.0})
+    stop.track_pose(0.01, state(rig), beside)
+    steer, _ = stop.command(state(rig), emergency=False)
+    stop.take_plan(rig.plan(0).model_copy(update={"y": tuple(2.0 for _ in rig.plan(0).y)}), stopping=True)
+    assert stop.command(state(rig), emergency=False)[0] == steer < -0.01
+
+
+def test_a_plan_that_comes_during_a_stop_is_better_than_none(rig):
+    stop = stopping()
+    stop.start(0.07)
+    stop.take_plan(rig.plan(0), stopping=True)
+    stop.track_pose(0.01, state(rig), rig.estimate(0))
+    assert stop.command(state(rig), emergency=False)[0] != 0.07
+
+
 def test_without_estimates_the_pose_is_carried_on(rig):
     stop = stopping()
-    stop.take_plan(rig.plan(0))
+    stop.take_plan(rig.plan(0), stopping=False)
     stop.track_pose(0.01, state(rig), rig.estimate(0))
     turning = state(rig).model_copy(update={"yaw_rate": 0.2})
     for _ in range(50):
