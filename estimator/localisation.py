@@ -11,7 +11,7 @@ from math import cos, hypot, sin
 
 import numpy as np
 
-from estimator.filter_steps import BIAS_AY, BIAS_YAW_RATE, VX, VY, YAW
+from estimator.filter_steps import BIAS_AY, BIAS_YAW_RATE, STATES, VX, VY, YAW
 from estimator.state_filter import Array, Imu, StateFilter, course
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.messages import Estimate, VehicleState
@@ -59,9 +59,9 @@ class Localisation:
     @property
     def motion_covariance(self) -> Array:
         """Covariance of vx, vy, yaw_rate, shape (3, 3)."""
-        P = self.filter.covariance[_MOTION] * _SIGNS
+        P: Array = self.filter.covariance.take(_MOTION) * _SIGNS
         P[2, 2] += self.filter.noise.yaw_rate**2
-        return np.asarray(P)
+        return P
 
     def _new_fix(self, state: VehicleState) -> tuple[float, float] | None:
         """Position of `state` if it arrived since the last one."""
@@ -142,6 +142,7 @@ def _fresh(state: VehicleState, source: str) -> bool:
     return health is None or health.valid
 
 
-_MOTION = np.ix_([VX, VY, BIAS_YAW_RATE], [VX, VY, BIAS_YAW_RATE])
+_MOTION = np.array([[len(STATES) * i + j for j in (VX, VY, BIAS_YAW_RATE)] for i in (VX, VY, BIAS_YAW_RATE)])
+"""where they are in the flattened covariance"""
 _SIGNS = np.outer([1.0, 1.0, -1.0], [1.0, 1.0, -1.0])
 """the yaw rate falls as its bias grows"""

@@ -123,12 +123,13 @@ class SampleWindow:
 def slope(stamps_ns: Sequence[int], values: Sequence[float]) -> float | None:
     """Least-squares slope over evenly spaced samples, 1/s; None where a sample is missing or late."""
     n = len(stamps_ns)
-    dt = (stamps_ns[-1] - stamps_ns[0]) / (n - 1) / NS_PER_S
-    if dt <= 0 or any(not 0.5 * dt < (b - a) / NS_PER_S < 1.5 * dt for a, b in pairwise(stamps_ns)):
+    step_ns = (stamps_ns[-1] - stamps_ns[0]) / (n - 1)
+    shortest, longest = 0.5 * step_ns, 1.5 * step_ns
+    if step_ns <= 0 or not all(shortest < b - a < longest for a, b in pairwise(stamps_ns)):
         return None
     half = (n - 1) // 2
     weights = range(-half, half + 1)
-    return sum(w * v for w, v in zip(weights, values, strict=True)) / (dt * sum(w * w for w in weights))
+    return sum(w * v for w, v in zip(weights, values, strict=True)) * NS_PER_S / (step_ns * sum(w * w for w in weights))
 
 
 def _auxiliary(state: VehicleState, estimate: Estimate, track_position: float) -> Array:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import atan2, sqrt
+from math import atan2, isfinite, sqrt
 
 import casadi as ca
 import numpy as np
@@ -129,7 +129,7 @@ class TyreBelief:
         spread[:], covariance[:] = sample.signal_covariance, self.scaled_covariance
         self._recursion()
         deviation, covariance, nis = self._recursion.outputs
-        if np.isfinite(deviation).all() and np.isfinite(covariance).all():
+        if isfinite(float(deviation.sum() + covariance.sum())):
             self.deviation, self.scaled_covariance = deviation[:, 0].copy(), covariance.copy()
             self.samples += 1
             self._keep_sane(dt)
@@ -142,7 +142,7 @@ class TyreBelief:
         vx, vy, yaw_rate, steer, drive = signals
         plausible = all(abs(value) < PLAUSIBLE for value in (*signals, *sample.z.tolist()))  # NaN is not
         if not (plausible and vx > s.min_speed):
-            return np.zeros(len(self.channel_variance), dtype=bool)
+            return np.zeros_like(self._longitudinal)
         vehicle = self.model.vehicle
         slip_f = steer - atan2(vy + vehicle.lf * yaw_rate, vx)
         slip_r = -atan2(vy - vehicle.lr * yaw_rate, vx)
