@@ -112,9 +112,14 @@ class Plan:
     information: Array
 
 
-def excesses(plan: Plan, bounds: Bounds, forces: ForceModel) -> dict[str, Array]:
-    """How far each stage is beyond each limit, (N+1,) each, in the units of `TOLERANCES`; <= 0 inside."""
-    front, rear = load_shares(plan, bounds, forces)
+def excesses(
+    plan: Plan, bounds: Bounds, forces: ForceModel, loads: tuple[Array, Array] | None = None
+) -> dict[str, Array]:
+    """How far each stage is beyond each limit, (N+1,) each, in the units of `TOLERANCES`; <= 0 inside.
+
+    `loads` are those of `load_shares` where they are known already.
+    """
+    front, rear = loads or load_shares(plan, bounds, forces)
     steer_step, drive_step = bounds.steer_rate * bounds.dt, bounds.drive_rate * bounds.dt
     low, high = bounds.drive
     return {
@@ -144,18 +149,21 @@ def load_shares(plan: Plan, bounds: Bounds, forces: ForceModel) -> tuple[Array, 
     return np.asarray(front), np.asarray(rear)
 
 
-def violations(plan: Plan, bounds: Bounds, forces: ForceModel, defects: Array | None = None) -> list[str]:
+def violations(
+    plan: Plan, bounds: Bounds, forces: ForceModel, defects: Array | None = None,
+    loads: tuple[Array, Array] | None = None,
+) -> list[str]:  # fmt: skip
     """Names of the limits a plan breaks, with the worst value and the stage; empty when it may be published.
 
     `defects` (6, N) are the gaps between each stage and the motion from the one before, by an integrator of the
-    caller's choice that is not the solver's.
+    caller's choice that is not the solver's; `loads` as for `excesses`.
     """
     columns = [getattr(plan, name) for name in plan.__dataclass_fields__]
     if not all(np.isfinite(column).all() for column in columns):
         return ["not finite"]
     found = []
     fade = np.maximum(0.0, 1.0 - bounds.dt * np.arange(len(plan.x)) / RECOVERY_S)
-    for name, excess in excesses(plan, bounds, forces).items():
+    for name, excess in excesses(plan, bounds, forces, loads).items():
         allowed = bounds.tolerances[name] + fade * max(0.0, float(excess[0]), float(excess[1]))
         worst = int(np.argmax(excess[1:] - allowed[1:])) + 1
         if excess[worst] > allowed[worst]:

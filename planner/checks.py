@@ -47,10 +47,10 @@ class PlanCheck:
         forces = self._force_model(adopted)
         bounds = bounds_of(self._settings, controller.knowledge.load_max, float(solution.z[7, 0]))
         plan = plan_of(solution, controller.reference.line)
-        front, rear = acceptance.load_shares(plan, bounds, forces)
-        self.first_loads = float(front[0]), float(rear[0])
+        loads = acceptance.load_shares(plan, bounds, forces)
+        self.first_loads = float(loads[0][0]), float(loads[1][0])
         self.first_gain = float(solution.information[0])
-        return acceptance.violations(plan, bounds, forces, defects(plan, bounds.dt, forces, self._vehicle))
+        return acceptance.violations(plan, bounds, forces, defects(plan, bounds.dt, forces, self._vehicle), loads)
 
     def _force_model(self, adopted: Adopted) -> ForceModel:
         if self._forces is None or adopted.revised is not self._model:
