@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.clock import NS_PER_S
@@ -13,6 +14,9 @@ from hil_gateway.session.format import CAN_TOPIC, METADATA_SESSION, dbc_hash, pa
 from hil_gateway.session.recover import FLUSH_EVERY, open_output
 
 SUFFIXES = (".log", ".asc", ".blf")
+DLC_MAX = 8
+LATEST_NS = (1 << 31) * NS_PER_S
+"""what the recorded form of a frame can say: 2038"""
 
 
 def import_log(source: Path, target: Path) -> int:
@@ -45,10 +49,16 @@ def _frames(source: Path) -> Iterator[Frame]:
         with can.LogReader(source) as reader:
             for message in reader:
                 if not message.is_remote_frame and not message.is_fd:
-                    stamp_ns = round(message.timestamp * NS_PER_S)
-                    number = message.arbitration_id | (EXTENDED_ID if message.is_extended_id else 0)
-                    yield Frame(number, bytes(message.data), stamp_ns, message.is_error_frame)
+                    yield _frame(message)
     except OSError as error:
         raise InputError(f"{source}: cannot read: {error.strerror}") from None
-    except (ValueError, IndexError, can.CanError) as error:
+    except Exception as error:  # its readers raise whatever a damaged file makes of them
         raise InputError(f"{source}: not a {source.suffix} log: {error}") from None
+
+
+def _frame(message: Any) -> Frame:
+    stamp_ns = round(message.timestamp * NS_PER_S)
+    if not 0 <= stamp_ns < LATEST_NS or len(message.data) > DLC_MAX:
+        raise ValueError(f"a frame of {len(message.data)} bytes at {message.timestamp} s")
+    number = message.arbitration_id | (EXTENDED_ID if message.is_extended_id else 0)
+    return Frame(number, bytes(message.data), stamp_ns, message.is_error_frame)

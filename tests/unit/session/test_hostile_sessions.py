@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 from typing import Any
 
+import can
 import pytest
 
 from hil_gateway.bus import LocalBus
 from hil_gateway.clock import VirtualClock
 from hil_gateway.errors import InputError
 from hil_gateway.session.export import export_candump
+from hil_gateway.session.importer import import_log
 from hil_gateway.session.info import session_info
 from hil_gateway.session.reader import SessionReader
+from hil_gateway.session.recover import recover
 from hil_gateway.session.replay import read_all, replay, to_bus
 from hil_gateway.session.writer import SessionFile, SessionWriter
 from hil_gateway.topics import COMMAND
@@ -62,3 +66,57 @@ def test_damaged_metadata_is_named(tmp_path: Path) -> None:
     info = session_info(tmp_path / "s.mcap")
     assert info["config"] == {}
     assert info["damage"] == ["the configuration in the metadata is not readable"]
+
+
+def damaged(whole: bytes, rng: random.Random) -> bytes:
+    """`whole` with some bytes changed, lost, doubled or added, or cut short."""
+    data = bytearray(whole)
+    for _ in range(rng.choice((1, 3, 20))):
+        at, length = rng.randrange(len(data)), rng.choice((1, 8, 200))
+        match rng.randrange(5):
+            case 0:
+                data[at] = rng.randrange(256)
+            case 1:
+                data[at : at + length] = bytes(length)
+            case 2:
+                data[at:at] = rng.randbytes(length)
+            case 3:
+                data[at : at + 8] = b"\xff" * 8
+            case _:
+                del data[max(at, 1) : None if rng.random() < 0.2 else at + length]
+    return bytes(data)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # python-can leaves the file open
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf"])
+def test_a_damaged_log_of_another_tool_is_imported_or_refused_in_one_line(tmp_path: Path, suffix: str) -> None:
+    rng, good, bad = random.Random(suffix), tmp_path / f"good{suffix}", tmp_path / f"bad{suffix}"
+    with can.Logger(good) as logger:
+        for i in range(100):
+            frame = rng.randbytes(rng.randrange(9))
+            logger(can.Message(arbitration_id=i, data=frame, is_extended_id=False, timestamp=1.7e9 + i, channel=0))
+    refused = 0
+    for _ in range(60):
+        bad.write_bytes(damaged(good.read_bytes(), rng))
+        try:
+            import_log(bad, tmp_path / "s.mcap")
+        except InputError as error:
+            refused += 1
+            assert "\n" not in str(error)
+    assert refused > 0
+
+
+def test_a_session_damaged_anywhere_is_read_as_far_as_it_goes_or_refused_in_one_line(tmp_path: Path) -> None:
+    rng, bad = random.Random(5), tmp_path / "bad.mcap"
+    recorded(tmp_path / "s.mcap")
+    whole = (tmp_path / "s.mcap").read_bytes()
+    readable = 0
+    for _ in range(100):
+        bad.write_bytes(damaged(whole, rng))
+        try:
+            readable += session_info(bad)["messages"] > 0
+            recover(bad, tmp_path / "r.mcap")
+            export_candump(bad, tmp_path / "o.log")
+        except InputError as error:
+            assert "\n" not in str(error)
+    assert readable > 50
