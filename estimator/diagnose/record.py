@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.diagnose.basis import Basis, make_basis
+from estimator.diagnose.inputs import without_noise
 from estimator.diagnose.laps import lap_numbers, track_position
 from estimator.identify.derived import brake_share
 from estimator.identify.drive_log import DriveLog
 from estimator.identify.prepare import smoothed_velocity
-from estimator.identify.smoothing import second_difference_noise, wiener
+from estimator.identify.smoothing import wiener
 from estimator.model.single_track import AUXILIARY
 from hil_gateway.errors import InputError
 from hil_gateway.vehicle import Vehicle
@@ -40,9 +41,6 @@ SPUN = 0.7
 EDGE_S = 0.3
 STRAIGHT_BELOW = 1.0
 """Lateral acceleration, m/s2, below which the car does not turn in either direction."""
-NOISY_INPUT = 0.03
-"""Noise of an input relative to its spread from which on it is smoothed: a command has none, a slip measured by wheel
-speeds has, and through C_x it would count as model error."""
 STATES = ("vx", "vy", "yaw_rate")
 MEASURED = ("ax", "ay", "yaw_rate", "vx", "vy")
 """Measured counterpart of each predicted channel of `single_track.CHANNELS`: itself, or its integral."""
@@ -173,10 +171,8 @@ def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> tuple[Arra
     sideways = smoothed_velocity(log, "ay", vy, ay - forward.value * omega.value, log.step)
     for name, smoothed in (("vx", forward), ("vy", sideways), ("yaw_rate", omega)):
         signals[name][rows] = smoothed.value
-    for name in ("steer", "drive"):
-        values = signals[name][rows]
-        if second_difference_noise(values) > NOISY_INPUT * float(np.std(values)):
-            signals[name][rows] = wiener(values, log.step).value
+    for name, response in (("steer", ay), ("drive", ax)):
+        signals[name][rows] = without_noise(signals[name][rows], response, log.step)
     forces = [wiener(a, log.step).noise for a in (ax, ay)]
     left = np.array([forward.value_error, sideways.value_error, omega.value_error])
     return np.array([*forces, omega.noise, forward.noise, sideways.noise]), left
