@@ -59,6 +59,11 @@ class Estimator:
         # last: what arrives while the model is being built would be old, and its answers a burst
         self._states = bus.subscribe(topics.VEHICLE_STATE, depth=QUEUE_DEPTH)
 
+    @property
+    def heard(self) -> bool:
+        """Whether a vehicle state has ever come."""
+        return self._seq > 0
+
     def step(self, now_ns: int) -> None:
         """Work through the vehicle states that have arrived, in order."""
         for state in self._states.poll(now_ns):
@@ -164,14 +169,17 @@ def _starting_revision(config: Config) -> ModelRevision:
 
 def run(config: Config, period_s: float = 0.001) -> None:
     """Run the process until it is interrupted."""
+    from hil_gateway.process import SilenceNotice
     from hil_gateway.zenoh_bus import open_bus
 
     clock, bus = SystemClock(), open_bus(config.zenoh, "estimator")
     estimator = Estimator(config, bus)
+    notice = SilenceNotice("vehicle state", config.zenoh.connect, clock.now_ns())
     try:
         while True:
             now_ns = clock.now_ns()
             estimator.step(now_ns)
+            notice.step(now_ns, estimator.heard)
             clock.sleep_until(now_ns + round(period_s * NS_PER_S))
     except KeyboardInterrupt:
         pass

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 PARENT_VARIABLE = "HIL_PARENT"
 """environment variable with the process identifier of the supervisor, in the processes it starts"""
 PR_SET_PDEATHSIG = 1
+SILENT_NS = 5_000_000_000
+log = logging.getLogger(__name__)
 
 
 def stop_requested() -> Callable[[], bool]:
@@ -18,6 +21,21 @@ def stop_requested() -> Callable[[], bool]:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: event.set())
     return event.is_set
+
+
+class SilenceNotice:
+    """Says once, on the log, that nothing of `what` has ever come: a wrong endpoint looks like a quiet bus."""
+
+    def __init__(self, what: str, endpoints: Sequence[str], now_ns: int) -> None:
+        self._text = f"no {what} yet through {', '.join(endpoints) or 'no endpoint'} (zenoh.connect)"
+        self._due_ns: int | None = now_ns + SILENT_NS
+
+    def step(self, now_ns: int, heard: bool) -> None:
+        """Once a period; `heard` whether any has come."""
+        if self._due_ns is not None and (heard or now_ns >= self._due_ns):
+            self._due_ns = None
+            if not heard:
+                log.warning("%s", self._text)
 
 
 def end_with_parent() -> None:

@@ -277,7 +277,7 @@ def _fits(plan: Trajectory, z0: Array | None) -> bool:
 
 def run(config: Config) -> None:
     """Plan at 20 Hz until asked to stop."""
-    from hil_gateway.process import stop_requested
+    from hil_gateway.process import SilenceNotice, stop_requested
     from hil_gateway.zenoh_bus import open_bus
 
     stop, clock = stop_requested(), SystemClock()
@@ -285,9 +285,11 @@ def run(config: Config) -> None:
     planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
     period_ns = round(config.planner.dt * NS_PER_S)
     due_ns = clock.now_ns()
+    notice = SilenceNotice("estimate", config.zenoh.connect, due_ns)
     try:
         while not stop():
-            planner.step(clock.now_ns())
+            plan = planner.step(clock.now_ns())
+            notice.step(clock.now_ns(), heard=plan is not None)
             due_ns = max(due_ns + period_ns, clock.now_ns())
             clock.sleep_until(due_ns)
     finally:
