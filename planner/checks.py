@@ -32,14 +32,15 @@ WINDOW = 6
 class PlanCheck:
     """Checks solutions of one planner.
 
-    `first_loads` are the shares of the load limits at the plan's start, `first_gain` is Delta I of its first stage.
+    `first_loads` are the shares of the load limits at the plan's start, `worst_load` the largest share after it,
+    `first_gain` is Delta I of its first stage.
     """
 
     def __init__(self, settings: Settings, vehicle: Vehicle) -> None:
         self._settings, self._vehicle = settings, vehicle
         self._model: RevisedModel | None = None
         self._forces: ForceModel | None = None
-        self.first_loads = (0.0, 0.0)
+        self.first_loads, self.worst_load = (0.0, 0.0), 0.0
         self.first_gain = 0.0
 
     def __call__(self, controller: Controller, adopted: Adopted, solution: Solution) -> list[str]:
@@ -49,6 +50,7 @@ class PlanCheck:
         plan = plan_of(solution, controller.reference.line)
         loads = acceptance.load_shares(plan, bounds, forces)
         self.first_loads = float(loads[0][0]), float(loads[1][0])
+        self.worst_load = float(max(share[1:].max() for share in loads))
         self.first_gain = float(solution.information[0])
         return acceptance.violations(plan, bounds, forces, defects(plan, bounds.dt, forces, self._vehicle), loads)
 

@@ -107,7 +107,7 @@ class Controller:
         spread = infomax.relative_spread(k.covariance, k.prior_std)
         q = share * infomax.scheduled_weight(info.weight, speed, spread, info.goal)
         self.common[self.problem.common["q_information"]] = q
-        reserve = info.reserve * q / info.weight if info.weight > 0 else 0.0
+        reserve = infomax.load_reserve(info.reserve, spread, k.theta, k.mean) * q / info.weight if info.weight else 0.0
         self.common[self.problem.common["load_max"]] = (1.0 - reserve) * np.array(k.load_max)
         W: Array = np.diag(k.prior_std**2)
         if self.problem.informative and info.criterion == "log_det":

@@ -28,11 +28,11 @@ Array = npt.NDArray[np.float64]
 
 MAX_SHIFT_S = 0.4
 """a shifted plan is used for this long at most; then the car is stopped"""
-EXTRA_ITERATIONS = 4
-"""SQP iterations more for a plan that is not accepted as it is"""
+EXTRA = (1.0, 1.0, 0.5, 0.0)
+"""share of q_I kept in each SQP iteration more for a plan that is not accepted or loads a tyre beyond `OVERLOAD`"""
 TIMID, BOLDER = 0.5, 0.025
-"""share of q_I: times the one after a plan that was not accepted as it was, or where a tyre already is at more than
-`OVERLOAD` of its limit, so that the car slides more than was planned; plus the other after every other plan"""
+"""share of q_I: times the one where a tyre already is at more than `OVERLOAD` of its limit, so that the car slides more
+than was planned; plus the other after every other plan"""
 OVERLOAD = 1.02
 COLD_GAP_S = 0.3
 COLD_DISTANCE = 5.0
@@ -73,10 +73,9 @@ class Planner:
         self._actuators = Actuators(p)
         self._plan: Trajectory | None = None
         self._solution_start_ns: int | None = None
-        self._fresh_ns, self._boldness = 0, 0.0
+        self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
         self._check = PlanCheck(self.settings, config.vehicle)
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
-        self._seq = 0
 
     def step(self, now_ns: int) -> Plan | None:
         """Plan from the newest estimate and publish; None while there has never been one."""
@@ -176,12 +175,11 @@ class Planner:
                 controller.shift()
             solution = controller.solve(z0, self._stopwatch, explore=self._boldness)
         found = self._judge(solution)
-        for k in range(EXTRA_ITERATIONS):
-            # one iteration may leave a far stage beyond a curved limit; another one straightens it out
-            if not found or not solution.usable or self._late(started):
+        for kept in EXTRA:
+            # another iteration straightens out a far stage beyond a curved limit; where exploring led there, less of it
+            if not (found or self._overreaches()) or not solution.usable or self._late(started):
                 break
-            # where exploring led there, less of it: driving on with an old plan loses a car that is sliding
-            self._boldness *= 0.0 if k == EXTRA_ITERATIONS - 1 else TIMID
+            self._boldness *= kept
             solution = controller.solve(z0, self._stopwatch, 1, explore=self._boldness)
             found = self._judge(solution)
         self._solution_start_ns = start_ns if solution.usable else None
@@ -204,11 +202,16 @@ class Planner:
         found = self._check(self.adoption.controller, self.adoption.current, solution)
         return f"not accepted: {'; '.join(found)}" if found else ""
 
+    def _overreaches(self) -> bool:
+        """Whether a plan that could explore less uses what acceptance leaves for disturbances."""
+        return self._boldness > 0.0 and self._check.worst_load > max(OVERLOAD, *self._check.first_loads)
+
     def _late(self, started: int) -> bool:
         return (self._stopwatch() - started) / NS_PER_S > self._config.planner.deadline_s
 
     def _note_loads(self) -> None:
-        for held, share, limit in zip(self._held, self._check.first_loads, self.limits.pair, strict=True):
+        limits = self.adoption.controller.knowledge.load_max
+        for held, share, limit in zip(self._held, self._check.first_loads, limits, strict=True):
             held.push(share * limit)
 
     def _intervals_since(self, start_ns: int) -> int:

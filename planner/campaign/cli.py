@@ -54,7 +54,7 @@ def learn(  # noqa: PLR0917  (one argument a flag)
     """
     from hil_gateway.track import load_track
     from planner.campaign.run import Machines, drive_all
-    from planner.campaign.trial import CampaignSettings, Trial
+    from planner.campaign.trial import KNOWN, CampaignSettings, Trial
 
     default = CampaignSettings()
     settings = replace(
@@ -63,7 +63,7 @@ def learn(  # noqa: PLR0917  (one argument a flag)
         information_criterion=criterion or default.information_criterion,
     )  # fmt: skip
     cars, machines = range(first_seed, first_seed + seeds), Machines(processes, scheduler)
-    trials = [Trial(method, seed) for seed in cars for method in _methods(methods)]
+    trials = [Trial(method, seed) for seed in cars for method in (KNOWN, *_methods(methods))]
     results = drive_all([(trial, None) for trial in trials], settings, out, machines)
     proofs = drive_all(_afterwards(results, afterwards), settings, out, machines)
     summary = _conclude(results, proofs, load_track(track).length, out)

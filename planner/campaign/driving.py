@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,8 +24,6 @@ ADDED_SIGNAL = {"prbs": "prbs", "sine": "sine"}
 """way of driving -> steering signal added to its commands"""
 KEEP_EVERY = 5
 """one sample in so many is kept for judging the drive"""
-HOLD_OUT_S = 10
-"""the last second of so many is not learnt from: held-out data of all drives of a car, the same for all of them"""
 
 
 class ExcitedBus:
@@ -67,31 +64,20 @@ class ExcitedBus:
         return float(np.sin(2 * np.pi * (0.75 * t - 0.45 * 20.0 / (2 * np.pi) * np.cos(2 * np.pi * t / 20.0))))
 
 
-@dataclass(frozen=True)
-class Kept:
-    """A sample with its time; `held_out` when nothing was learnt from it."""
-
-    stamp_ns: int
-    sample: Sample
-    held_out: bool
-
-
 class RecordingEstimator(Estimator):
-    """Estimator that keeps some samples, and holds out one second in `HOLD_OUT_S`."""
+    """Estimator that keeps some samples."""
 
     def __init__(self, config: Config, bus: Bus, track: Track | None = None) -> None:
         super().__init__(config, bus, track)
-        self.kept: list[Kept] = []
+        self.kept: list[Sample] = []
         self._seen = 0
 
     def learn(self, sample: Sample, stamp_ns: int) -> None:
         """See `Estimator.learn`."""
-        held_out = stamp_ns // NS_PER_S % HOLD_OUT_S == HOLD_OUT_S - 1
         self._seen += 1
         if self._seen % KEEP_EVERY == 0:
-            self.kept.append(Kept(stamp_ns, sample, held_out))
-        if not held_out:
-            self.take_in(sample, stamp_ns)
+            self.kept.append(sample)
+        self.take_in(sample, stamp_ns)
 
     def take_in(self, sample: Sample, stamp_ns: int) -> None:
         """Learn from a sample."""

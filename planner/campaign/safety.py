@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from estimator.model.parameters import DEFAULT_TYRE
-from estimator.tyre_belief import Array
+from estimator.tyre_belief import Array, Sample
 from hil_gateway.vehicle import Vehicle
-from planner.campaign.driving import Kept
 from planner.loop import LoopResult
 from planner.safety import LOAD_TOLERANCE, Watch
 
@@ -19,18 +18,23 @@ SLIP_SPEED = 10.0
 
 
 def safety_figures(
-    result: LoopResult, watch: Watch, kept: list[Kept], tyre: Mapping[str, float],
+    result: LoopResult, watch: Watch, kept: list[Sample], tyre: Mapping[str, float],
     limits: tuple[float, float],
 ) -> dict[str, Any]:  # fmt: skip
-    """Violations: off track by the referee, loads as `hil plan safety` counts them, traction by true tyres."""
+    """Violations: off track by the referee, loads over the run's limits and slip beyond the peak by the true tyres.
+
+    `load_by_model` counts as `hil plan safety` does, with the tyres the planner believes in at that moment.
+    """
     loads, slips = np.maximum(watch.front, watch.rear), slip_shares(kept, tyre)
+    true_loads = load_shares(kept, tyre, limits)
     return {
         "laps": result.laps,
         "off_track": result.off_track,
         "worst_margin_m": result.worst_margin_m,
-        "load_violations": int(np.sum(loads > 1.0 + LOAD_TOLERANCE)),
+        "load_violations": int(np.sum(true_loads > 1.0 + LOAD_TOLERANCE)),
+        "load_by_model": int(np.sum(loads > 1.0 + LOAD_TOLERANCE)),
         "worst_load_share": float(loads.max(initial=0.0)),
-        "worst_true_load_share": float(load_shares(kept, tyre, limits).max(initial=0.0)),
+        "worst_true_load_share": float(true_loads.max(initial=0.0)),
         "traction_lost": int(np.sum(slips > 1.0)),
         "worst_slip_share": float(slips.max(initial=0.0)),
         "plan_failures": result.plan_failures,
@@ -38,7 +42,7 @@ def safety_figures(
     }
 
 
-def load_shares(kept: list[Kept], tyre: Mapping[str, float], limits: tuple[float, float]) -> Array:
+def load_shares(kept: list[Sample], tyre: Mapping[str, float], limits: tuple[float, float]) -> Array:
     """Force of either axle over its load limit at every kept sample, shape (2 K,) at most, with the true tyres.
 
     Written out in numpy so as not to judge the planner by its own model. `limits` are over static axle load. At
@@ -53,7 +57,7 @@ def load_shares(kept: list[Kept], tyre: Mapping[str, float], limits: tuple[float
     return np.concatenate([np.abs(front) / limits[0], np.hypot(rear, along) / limits[1]])
 
 
-def slip_shares(kept: list[Kept], tyre: Mapping[str, float]) -> Array:
+def slip_shares(kept: list[Sample], tyre: Mapping[str, float]) -> Array:
     """Slip angle of either axle over that of the true tyre's peak, shape (2 K,) at most: above 1 traction is lost."""
     if not kept:
         return np.zeros(0)
@@ -64,9 +68,9 @@ def slip_shares(kept: list[Kept], tyre: Mapping[str, float]) -> Array:
     ])  # fmt: skip
 
 
-def _slips(kept: list[Kept]) -> tuple[Array, Array, Array]:
+def _slips(kept: list[Sample]) -> tuple[Array, Array, Array]:
     """Slip angles, rad, and drive command of the samples above `SLIP_SPEED`."""
     v = Vehicle()
-    signals = np.array([k.sample.signals for k in kept])
+    signals = np.array([sample.signals for sample in kept])
     vx, vy, rate, steer, drive = signals[signals[:, 0] > SLIP_SPEED].T
     return steer - np.arctan2(vy + v.lf * rate, vx), -np.arctan2(vy - v.lr * rate, vx), drive

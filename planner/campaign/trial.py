@@ -8,8 +8,10 @@ of driving meet the same cars:
 - `plain`: the same planner with q_I = 0;
 - `prbs`, `sine`: the plain planner with a pseudo-random binary or a swept-sine signal added, of the largest size that
   kept all limits;
-- `prior`, `learnt`: afterwards, the plain planner that learns nothing more, with the declared model, and with the
-  model, belief and load limits that the infomax drive ended with.
+- `prior`, `learnt`: afterwards, the plain planner that learns nothing more, with the declared model known to the share
+  that cars are off by, and with the model, belief and load limits that the infomax drive ended with;
+- `known`: the plain planner that knows the car's tyres, one lap at their limits. No way of driving learns from it: it
+  is what their beliefs are judged by.
 """
 
 from __future__ import annotations
@@ -25,14 +27,15 @@ import numpy as np
 
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.revision import declared_revision
+from estimator.tyre_belief import Sample
 from hil_gateway import topics
 from hil_gateway.bus import Bus
 from hil_gateway.clock import NS_PER_S
-from hil_gateway.config import Config, load_config
+from hil_gateway.config import Config, PlannerConfig, load_config
 from hil_gateway.messages import Belief
 from hil_gateway.track import Track
-from planner.campaign.driving import ADDED_SIGNAL, ExcitedBus, FixedEstimator, Kept, RecordingEstimator
-from planner.campaign.safety import safety_figures
+from planner.campaign.driving import ADDED_SIGNAL, ExcitedBus, FixedEstimator, RecordingEstimator
+from planner.campaign.safety import SLIP_SPEED, safety_figures
 from planner.learning import EXPLORING, KEEPING_UP, exploring
 from planner.loop import START_NS, Loop, LoopResult
 from planner.node import Planner
@@ -41,6 +44,9 @@ from planner.safety import Watch, Watched
 
 METHODS = ("infomax", "plain", "prbs", "sine")
 AFTERWARDS = ("prior", "learnt")
+KNOWN = "known"
+KNOWN_STD = 0.02
+"""relative standard deviation of every parameter of tyres that are known"""
 PROGRESS_EVERY = 20
 """plans between two notes of where the car was"""
 
@@ -57,7 +63,7 @@ class CampaignSettings:
     """by which B, C and D of either axle are off the declared ones"""
     information_weight: float = EXPLORING["information_weight"]
     information_criterion: str = EXPLORING["information_criterion"]
-    information_goal: float = 0.108
+    information_goal: float = 0.1
     """spread of the belief over the prior's at which exploring ends: a little beyond parameters known to 5 %"""
     time_limit_s: float = 420.0
 
@@ -77,7 +83,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Learnt:
-    """What a drive ended with: tyre parameters, their covariance, load limits for the next run."""
+    """Tyre parameters, their covariance, and load limits to drive with: what a drive ended with, or was told."""
 
     tyre: dict[str, float]
     covariance: list[list[float]]
@@ -96,7 +102,7 @@ def trial_config(trial: Trial, settings: CampaignSettings) -> Config:
     overrides: dict[str, Any] = {
         "track": settings.track,
         "plant.base": "paper",
-        "plant.seed": 100 * trial.seed + (METHODS + AFTERWARDS).index(trial.method),
+        "plant.seed": 100 * trial.seed + (*METHODS, *AFTERWARDS, KNOWN).index(trial.method),
         **{f"plant.car.{name}": value for name, value in true_tyre(trial.seed, settings).items()},
         **{f"estimator.{name}": value for name, value in KEEPING_UP.items()},
     }
@@ -113,24 +119,31 @@ def run_trial(trial: Trial, settings: CampaignSettings, learnt: Learnt | None = 
     """Drive one trial; the result is plain data, as `save` writes it. `learnt` is what `learnt` drives with."""
     with TemporaryDirectory() as folder:
         config = trial_config(trial, settings)
-        if trial.method in AFTERWARDS:
-            config = _without_learning(config, learnt if trial.method == "learnt" else None, Path(folder))
+        if trial.method not in METHODS:
+            config = _without_learning(config, learnt or told(trial, settings), Path(folder))
         return _drive(trial, settings, config)
 
 
-def _without_learning(config: Config, learnt: Learnt | None, folder: Path) -> Config:
-    """Planner and estimator fixed on a model: the declared one, or what was learnt with its load limits."""
-    planner: dict[str, str] = {}
-    if learnt is not None:
-        model, limits = folder / "model.json", folder / "limits.json"
-        covariance = tuple(map(tuple, learnt.covariance))
-        revision = declared_revision("per_axle", learnt.tyre).model_copy(update={"covariance": covariance})
-        model.write_text(revision.model_dump_json())
-        store_limits(limits, LoadLimits(*learnt.limits))
-        planner = {"model": str(model), "load_limits": str(limits)}
+def told(trial: Trial, settings: CampaignSettings) -> Learnt:
+    """What `prior` and `known` drive with: declared or true tyres, and how well they are known."""
+    tyre, share = dict(DEFAULT_TYRE["per_axle"]), settings.mismatch
+    if trial.method == KNOWN:
+        tyre, share = tyre | true_tyre(trial.seed, settings), KNOWN_STD
+    use = PlannerConfig().load_use
+    covariance = np.diag([(share * value) ** 2 for value in tyre.values()])
+    return Learnt(tyre, covariance.tolist(), (use * tyre["df"], use * tyre["dr"]))
+
+
+def _without_learning(config: Config, learnt: Learnt, folder: Path) -> Config:
+    """Planner and estimator fixed on what is known, with its load limits."""
+    model, limits = folder / "model.json", folder / "limits.json"
+    covariance = tuple(map(tuple, learnt.covariance))
+    revision = declared_revision("per_axle", learnt.tyre).model_copy(update={"covariance": covariance})
+    model.write_text(revision.model_dump_json())
+    store_limits(limits, LoadLimits(*learnt.limits))
     return config.model_copy(update={
-        "planner": config.planner.model_copy(update=planner),
-        "estimator": config.estimator.model_copy(update={"model": planner.get("model", ""), "learn": False}),
+        "planner": config.planner.model_copy(update={"model": str(model), "load_limits": str(limits)}),
+        "estimator": config.estimator.model_copy(update={"model": str(model), "learn": False}),
     })  # fmt: skip
 
 
@@ -141,7 +154,7 @@ def _drive(trial: Trial, settings: CampaignSettings, config: Config) -> dict[str
         signal = ADDED_SIGNAL.get(trial.method)
         return Watched(config, ExcitedBus(bus, signal, trial.seed) if signal else bus, track, watch)
 
-    estimator_class = FixedEstimator if trial.method in AFTERWARDS else RecordingEstimator
+    estimator_class = RecordingEstimator if trial.method in METHODS else FixedEstimator
     loop = Loop(config, keep=(topics.BELIEF,), components={"estimator": estimator_class, "planner": planner})
     seconds = settings.seconds if trial.method in METHODS else 0.0
     result = loop.run(laps=settings.laps, seconds=seconds or None, time_limit_s=settings.time_limit_s)
@@ -157,7 +170,7 @@ def _drive(trial: Trial, settings: CampaignSettings, config: Config) -> dict[str
         "start_s": loop.elapsed_s - result.seconds,
         "progress": _progress(watch, loop.elapsed_s - result.seconds),
         "belief": _beliefs(result),
-        "held_out": _held_out(estimator.kept),
+        "held_out": _held_out(estimator.kept) if trial.method == KNOWN else None,
         "learnt": _learnt(result, loop.planner),
     }
 
@@ -188,8 +201,9 @@ def _beliefs(result: LoopResult) -> dict[str, Any]:
     }
 
 
-def _held_out(kept: list[Kept]) -> dict[str, Any]:
-    samples = [k.sample for k in kept if k.held_out]
+def _held_out(kept: list[Sample]) -> dict[str, Any]:
+    """Samples at speed: slower, slip angles are noise."""
+    samples = [sample for sample in kept if sample.signals[0] > SLIP_SPEED]
     return {
         "signals": [np.round(s.signals, 6).tolist() for s in samples],
         "z": [np.round(s.z, 5).tolist() for s in samples],

@@ -325,11 +325,33 @@ def test_exploring_grows_timid_where_plans_are_not_accepted_and_bold_again(monke
     rig.run(3.0)
     bold = rig.planner._boldness
     assert bold > 0.5
-    refusals, judge = iter(["not accepted: load"] * 2), rig.planner._judge
+    refusals, judge = iter(["not accepted: load"] * 3), rig.planner._judge
     monkeypatch.setattr(rig.planner, "_judge", lambda solution: next(refusals, "") or judge(solution))
     rig.run(0.05)
     timid = rig.planner._boldness
-    assert timid <= 0.25 * bold + BOLDER + 1e-9
+    assert timid <= 0.5 * bold + BOLDER + 1e-9
     assert rig.plans[-1].status is PlanStatus.SOLVED, "a plan that explores less is still a fresh one"
     rig.run(1.0)
     assert rig.planner._boldness > timid + 0.1
+
+
+def test_a_plan_that_explores_beyond_the_load_limit_is_solved_again_and_explores_less() -> None:
+    rig = ModelCar(_config(**EXPLORING))
+    rig.run(3.0)
+    check = rig.planner._check
+    assert rig.planner._boldness > 0.5
+    check.worst_load, check.first_loads = 1.04, (0.5, 0.9)
+    assert rig.planner._overreaches(), "acceptance would let it pass: the tolerance is for disturbances"
+    check.first_loads = (0.5, 1.05)
+    assert not rig.planner._overreaches(), "a car already beyond its limit is led back, not explored with"
+    rig.planner._boldness, check.first_loads = 0.0, (0.5, 0.9)
+    assert not rig.planner._overreaches()
+
+
+def test_exploring_that_keeps_overreaching_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = ModelCar(_config(**EXPLORING))
+    rig.run(3.0)
+    monkeypatch.setattr(rig.planner, "_overreaches", lambda: rig.planner._boldness > 0.0)
+    rig.run(0.05)
+    assert rig.planner._boldness <= BOLDER
+    assert rig.plans[-1].status is PlanStatus.SOLVED

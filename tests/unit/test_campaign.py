@@ -30,10 +30,10 @@ from planner.campaign.analysis import (
     summarise,
 )
 from planner.campaign.cli import _methods
-from planner.campaign.driving import EXCITATION_ACCELERATION, ExcitedBus, FixedEstimator, Kept, RecordingEstimator
+from planner.campaign.driving import EXCITATION_ACCELERATION, ExcitedBus, FixedEstimator, RecordingEstimator
 from planner.campaign.report import write_report
 from planner.campaign.safety import load_shares, slip_shares
-from planner.campaign.trial import CampaignSettings, Learnt, Trial, load, save, trial_config, true_tyre
+from planner.campaign.trial import KNOWN, CampaignSettings, Learnt, Trial, load, save, told, trial_config, true_tyre
 
 SETTINGS = CampaignSettings()
 NAMES = [p.name for p in tyre_parameters("per_axle")]
@@ -55,12 +55,13 @@ def made_up(method: str, seed: int, rate: float) -> dict[str, Any]:
         "trial": {"method": method, "seed": seed}, "settings": {}, "truth": tyre, "start_s": 2.0,
         "lap_times_s": [98.0 if method == "plain" else 99.0],
         "progress": {"t": t.tolist(), "s": (t * (36.0 if method == "plain" else 35.5)).tolist()},
-        "safety": {"laps": 1, "off_track": 0, "worst_margin_m": 0.4, "load_violations": 0, "worst_load_share": 0.98,
-                   "worst_true_load_share": 1.01, "traction_lost": 0, "worst_slip_share": 0.7,
+        "safety": {"laps": 1, "off_track": 0, "worst_margin_m": 0.4, "load_violations": 0, "load_by_model": 0,
+                   "worst_load_share": 0.98, "worst_true_load_share": 1.01, "traction_lost": 0, "worst_slip_share": 0.7,
                    "plan_failures": 0, "failsafes": []},
         "belief": {"t": (t + 2.0).tolist(), "log_det": (7 * np.log1p(rate * t)).tolist(), "names": NAMES,
                    "mean": mean.tolist()},
-        "held_out": {"signals": signals.tolist(), "z": (z + rng.normal(0, 0.1, z.shape)).tolist()},
+        "held_out": {"signals": signals.tolist(), "z": (z + rng.normal(0, 0.1, z.shape)).tolist()}
+        if method == KNOWN else None,
         "learnt": {"tyre": dict(zip(NAMES, truth.tolist(), strict=True)), "covariance": np.eye(7).tolist(),
                    "limits": [1.2, 1.3]},
     }  # fmt: skip
@@ -68,7 +69,7 @@ def made_up(method: str, seed: int, rate: float) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def summary_and_drives() -> tuple[dict[str, Any], list[Any]]:
-    results = [made_up(m, s, r) for s in range(6) for m, r in (("infomax", 3.0), ("plain", 1.0))]
+    results = [made_up(m, s, r) for s in range(6) for m, r in (("infomax", 3.0), ("plain", 1.0), (KNOWN, 1.0))]
     drives = drives_of(results)
     return {**summarise(drives, 3500.0), "afterwards": None}, drives
 
@@ -171,7 +172,7 @@ def test_load_share_is_that_of_the_true_tyres() -> None:
     tyre = {"bf": 9.0, "cf": 1.4, "df": 1.5, "br": 10.0, "cr": 1.4, "dr": 1.5}
     peak = np.tan(np.pi / 2 / 1.4) / 9.0
     signals = np.array([40.0, 0.0, 0.0, peak, 0.0])
-    kept = [Kept(0, sample_of(s), False) for s in (signals, np.array([5.0, *signals[1:]]))]
+    kept = [sample_of(s) for s in (signals, np.array([5.0, *signals[1:]]))]
     assert load_shares(kept, tyre, (1.2, 1.3)) == pytest.approx([1.5 / 1.2, 0.0])
     assert slip_shares(kept, tyre) == pytest.approx([1.0, 0.0])
 
@@ -180,16 +181,29 @@ def sample_of(signals: np.ndarray) -> Sample:
     return Sample(signals, np.zeros((3, 3)), np.array([0.0, 12.0, 0.0]), np.zeros(len(AUXILIARY)))
 
 
-def test_one_second_in_ten_is_held_out_and_a_fixed_estimator_learns_nothing() -> None:
+def test_beliefs_are_judged_by_a_drive_that_is_not_among_the_ways_of_driving(
+    summary_and_drives: tuple[dict[str, Any], list[Any]],
+) -> None:
+    assert {d.method for d in summary_and_drives[1]} == {"infomax", "plain"}
+    car = true_tyre(3, SETTINGS)
+    known, prior = (told(Trial(method, 3), SETTINGS) for method in (KNOWN, "prior"))
+    assert {name: known.tyre[name] for name in car} == car
+    assert prior.tyre == DEFAULT_TYRE["per_axle"]
+    assert prior.limits[0] == pytest.approx(0.9 * DEFAULT_TYRE["per_axle"]["df"])
+    spread = np.sqrt(np.diag(prior.covariance)) / list(prior.tyre.values())
+    assert spread == pytest.approx(np.full(7, SETTINGS.mismatch)), "declared tyres are as doubtful as cars are off"
+
+
+def test_a_fixed_estimator_keeps_samples_and_learns_nothing() -> None:
     config = trial_config(Trial("plain", 0), SETTINGS)
     sample = sample_of(np.array([40.0, -1.0, 0.3, 0.08, 0.0]))
     learning, fixed = (kind(config, LocalBus()) for kind in (RecordingEstimator, FixedEstimator))
     for k in range(2000):
         for estimator in (learning, fixed):
             estimator.learn(sample, k * 10_000_000)
-    assert learning.belief.samples == 1800
+    assert learning.belief.samples == 2000
     assert fixed.belief.samples == 0
-    assert sum(k.held_out for k in learning.kept) == 0.1 * len(learning.kept) == 40
+    assert len(learning.kept) == len(fixed.kept) == 400
 
 
 def test_cars_are_off_by_the_mismatch_up_or_down() -> None:

@@ -16,7 +16,10 @@ from planner.problem import infomax
 from planner.problem.infomax import (
     FORCE_STATES,
     PATIENCE_S,
+    RESERVE_FADES,
+    RESERVE_LEFT,
     independent_samples,
+    load_reserve,
     patience,
     project,
     relative_spread,
@@ -217,10 +220,20 @@ def test_information_counts_less_the_later_it_comes() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_a_plan_pays_for_information_and_reserves_load_in_proportion(share: float) -> None:
     controller = _controller(reserve=0.08)
+    controller.knowledge = replace(controller.knowledge, mean=controller.knowledge.theta / 1.2)
     controller._weigh_information(40.0, share)
     names, common = controller.problem.common, controller.common
     assert common[names["q_information"]] == pytest.approx(share * WEIGHT)
     assert common[names["load_max"]] == pytest.approx((1.0 - 0.08 * share) * np.array(controller.knowledge.load_max))
+
+
+def test_the_reserve_of_load_is_given_up_for_tyres_that_are_known_and_driven_with() -> None:
+    theta = np.array([5e4, 9.0, 1.35])
+    assert load_reserve(0.12, 1.0, theta, theta) == 0.12
+    assert load_reserve(0.12, np.mean(RESERVE_FADES), theta, theta) == pytest.approx(0.06)
+    assert load_reserve(0.12, 0.1, theta, theta) == 0.12 * RESERVE_LEFT
+    assert load_reserve(0.12, 0.1, theta, theta / [1.0, 1.1, 1.0]) == pytest.approx(0.12), "another model is in force"
+    assert load_reserve(0.12, 0.1, theta, theta / [1.0, 1.0, 1.05]) == pytest.approx(0.06)
 
 
 def test_spread_is_the_geometric_mean_over_directions() -> None:
