@@ -1,7 +1,7 @@
 """Motion and measurements of the state filter as expressions: what it predicts, and what each sensor says.
 
-Written down once; CasADi derives the Jacobians and evaluates a whole step in its virtual machine, ten times as fast
-as array operations on matrices this small, and with the same bits on every computer.
+Written down once; CasADi derives the Jacobians and evaluates a whole step in its virtual machine: twice as fast as
+array operations on matrices this small, without a compiler.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
+from estimator.kalman import scalar_update, symmetric
 from estimator.model.compiled import CompiledFunction, compile_function
 from estimator.model.tyre import Expr
 from hil_gateway.vehicle import Vehicle
@@ -68,12 +69,9 @@ class Moment:
     nis: list[Expr] = field(default_factory=list)
 
     def update(self, H: Expr, innovation: Expr, variance: Expr) -> None:
-        """Scalar Kalman update by a measurement with row `H`, Joseph form: (I - K H) P (I - K H)' + K variance K'."""
-        PH = self.covariance @ H.T
-        K = PH / (H @ PH + variance)
-        P = self.covariance - K @ PH.T
-        P = P - (P @ H.T) @ K.T + variance * (K @ K.T)
-        self.mean, self.covariance = self.mean + K * innovation, _symmetric(P)
+        """Take in a measurement with row `H` (1, 10)."""
+        K, self.covariance = scalar_update(self.covariance, H, variance)
+        self.mean = self.mean + K * innovation
         self.yaw_rate = self.yaw_rate - K[BIAS_YAW_RATE] * innovation
 
     def gated(self, H: Expr, innovation: Expr, variance: Expr) -> None:
@@ -123,7 +121,7 @@ def predict(moment: Moment, *imu: Expr) -> None:
         bias_ax, bias_ay, bias_yaw_rate, wheel_scale, slope_share,
     )  # fmt: skip
     F, G = ca.jacobian(after, moment.mean), ca.jacobian(after, ca.vertcat(ax, ay, gyro))
-    moment.covariance = _symmetric(F @ moment.covariance @ F.T + _process_noise(moment.noise, G, dt))
+    moment.covariance = symmetric(F @ moment.covariance @ F.T + _process_noise(moment.noise, G, dt))
     moment.mean, moment.yaw_rate = after, r
 
 
@@ -174,11 +172,6 @@ def standstill(moment: Moment, *imu: Expr) -> None:
     for bias, force, gravity in ((BIAS_AX, ax, gravity_x), (BIAS_AY, ay, gravity_y)):
         H = _row({bias: 1.0, SLOPE_SHARE: -gravity})
         moment.update(H, force - H @ moment.mean, 10 * (n.accel**2 + n.accel_model**2))
-
-
-def _symmetric(matrix: Expr) -> Expr:
-    """The upper triangle twice: what is equal is computed once."""
-    return ca.triu2symm(ca.triu(matrix))
 
 
 def _row(entries: dict[int, Expr]) -> Expr:

@@ -22,12 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from estimator import filter_steps
-from estimator.filter_steps import (
-    BIAS_YAW_RATE,
-    STATES,
-    FilterNoise,
-    step_function,
-)
+from estimator.filter_steps import BIAS_YAW_RATE, STATES, FilterNoise, step_function
 from estimator.model.compiled import CompiledFunction
 from hil_gateway.vehicle import Vehicle
 

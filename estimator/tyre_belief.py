@@ -16,10 +16,10 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from estimator.kalman import scalar_update
 from estimator.model.compiled import CompiledFunction, compile_function
 from estimator.model.measurement import CHANNELS, MeasurementKind, measurement_function
 from estimator.model.single_track import SingleTrack
-from estimator.model.tyre import Expr
 
 Array = npt.NDArray[np.float64]
 
@@ -188,19 +188,9 @@ def recursion_function(belief: TyreBelief) -> CompiledFunction:
         S = rows[i, :] @ covariance @ rows[i, :].T + variance
         nis.append(innovation**2 / S)
         teaches = ca.logic_and(active[i], nis[i] <= belief.settings.gate_sigma**2)
-        learnt = _learnt(deviation, covariance, rows[i, :], innovation, variance)
-        deviation, covariance = (
-            ca.if_else(teaches, new, old) for new, old in zip(learnt, (deviation, covariance), strict=True)
-        )
+        K, after = scalar_update(covariance, rows[i, :], variance)
+        deviation = ca.if_else(teaches, deviation + K * innovation, deviation)
+        covariance = ca.if_else(teaches, after, covariance)
     inputs = [signals, aux, phi, z, active, start, spread, P]
     results = [ca.densify(e) for e in (deviation, covariance, ca.vertcat(*nis))]
     return compile_function(ca.Function("recursion", inputs, results), compiled=False)
-
-
-def _learnt(deviation: Expr, P: Expr, H: Expr, innovation: Expr, variance: Expr) -> tuple[Expr, Expr]:
-    """Scalar Eq. (8), Joseph form: (I - K H) P (I - K H)' + K variance K'."""
-    PH = P @ H.T
-    K = PH / (H @ PH + variance)
-    after = P - K @ PH.T
-    after = after - (after @ H.T) @ K.T + variance * (K @ K.T)
-    return deviation + K * innovation, ca.triu2symm(ca.triu(after))
