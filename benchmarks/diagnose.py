@@ -32,7 +32,7 @@ from estimator.identify.health import examine
 from hil_gateway.vehicle import Vehicle
 
 sys.path.append(str(Path(__file__).parent))
-from practice import OUTSIDE, SIZES, Drive, draw_size, simulate
+from practice import COLUMNS, OUTSIDE, SIZES, Drive, draw_size, simulate
 
 BATCH = 48
 """Drives simulated side by side."""
@@ -123,7 +123,7 @@ def run(drive: Drive) -> Case:
     """Diagnose one drive."""
     np.seterr(all="ignore")
     start = time.process_time()
-    extra = ("flap",) if "flap" in drive.columns else ()
+    extra = tuple(name for name in COLUMNS if name in drive.columns)
     log = DriveLog(drive.columns, np.zeros(len(drive.columns["t"]), np.int64), extra=extra)
     prior = {"cx": 50000.0, "bf": 9.0, "cf": 1.35, "df": 1.3567, "br": 10.0, "cr": 1.4, "dr": 1.3392}
     log = examine(log, Vehicle()).log

@@ -2,5 +2,6 @@
 
 from .car import OUTSIDE, SIZES, draw_size
 from .drive import Drive, simulate
+from .outside import COLUMNS
 
-__all__ = ["OUTSIDE", "SIZES", "Drive", "draw_size", "simulate"]
+__all__ = ["COLUMNS", "OUTSIDE", "SIZES", "Drive", "draw_size", "simulate"]

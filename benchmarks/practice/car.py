@@ -7,10 +7,12 @@ does not read the catalogue either.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from . import outside
+from .outside import Local, Motion
 
 Array = NDArray[np.float64]
 
@@ -60,34 +62,10 @@ SIZES: dict[str, tuple[float, float, bool]] = {
     "speed_scale/both": (0.02, 0.06, True),
     "wind/drag_only": (5.0, 12.0, False),
     "turn_asymmetry/steer": (0.03, 0.08, True),
-    # outside the catalogue
-    "steer_compliance": (0.08, 0.2, False),
-    "grip_patch": (0.15, 0.4, False),
-    "grip_step": (0.08, 0.2, False),
-    "gust": (500.0, 1500.0, True),
-    "throttle_yaw": (300.0, 900.0, True),
-    "steer_play": (0.004, 0.01, False),
-    "speed_stall": (0.1, 0.25, False),
-    "channel_force": (300.0, 800.0, True),
-    "turn_drag": (300.0, 800.0, True),
-    "brake_fade": (0.15, 0.3, False),
-    "power_limit": (0.15, 0.4, False),
-    "sensor_step": (0.15, 0.4, True),
 }
-OUTSIDE = {
-    "steer_compliance": ({"ay", "yaw_acc", "vy_dot"}, {"vx", "speed", "steer", "slip_f"}),
-    "grip_patch": ({"ay", "vy_dot", "yaw_acc"}, {"track_position"}),
-    "grip_step": ({"ay", "vy_dot", "yaw_acc"}, {"t"}),
-    "gust": ({"ay", "vy_dot", "yaw_acc"}, {"track_position"}),
-    "throttle_yaw": ({"yaw_acc"}, {"drive", "throttle"}),
-    "steer_play": ({"ay", "yaw_acc", "vy_dot"}, {"steer_rate", "steer"}),
-    "speed_stall": ({"ay", "yaw_acc", "vy_dot"}, {"vx", "speed"}),
-    "channel_force": ({"ax", "vx_dot"}, {"flap"}),
-    "turn_drag": ({"ax", "vx_dot"}, {"turn_direction"}),
-    "brake_fade": ({"ax", "vx_dot"}, {"t", "drive"}),
-    "power_limit": ({"ax", "vx_dot"}, {"vx", "speed"}),
-    "sensor_step": ({"ay"}, {"t"}),
-}
+
+SIZES |= {name: sizes for name, (sizes, _, _) in outside.EFFECTS.items()}
+OUTSIDE = {name: (channels, signals) for name, (_, channels, signals) in outside.EFFECTS.items()}
 """effect outside the catalogue -> channels and signals either of which is a right answer"""
 
 
@@ -98,22 +76,6 @@ def draw_size(name: str, rng: np.random.Generator) -> float:
     return -size if signed and rng.random() < 0.5 else size
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Where and how every car moves at one instant."""
-
-    t: float
-    share: Array
-    yaw: Array
-    vx: Array
-    vy: Array
-    rate: Array
-    steer: Array
-    drive: Array
-    ax_before: Array
-    flap: Array
-
-
 class Car:
     """Forces of many cars at once; every effect is a column of sizes, zero (or one) where it is off."""
 
@@ -121,7 +83,7 @@ class Car:
         self.size = {name: np.array([e.get(name, 0.0) for e in effects]) for name in SIZES}
         drawn = np.array([np.random.default_rng([seed, 5]).uniform(size=8) for seed in seeds]).T
         self.phase, self.wind_from = 2 * np.pi * drawn[:4], 2 * np.pi * drawn[4]
-        self.stretch, self.step_at = 0.1 + 0.5 * drawn[5], 0.3 + 0.2 * drawn[6]
+        self.local = Local(0.1 + 0.5 * drawn[5], 900.0 * (0.3 + 0.2 * drawn[6]))
         self.axis = (drawn[7] > 0.5).astype(int)
         self.front, self.rear = MASS * GRAVITY * LR / WHEELBASE, MASS * GRAVITY * LF / WHEELBASE
         self.fmax, self.fmagic = (
@@ -144,10 +106,8 @@ class Car:
     def longitudinal(self, at: Motion) -> tuple[Array, Array, Array]:
         """Longitudinal force of front and rear tyres and on the body, N."""
         s, vx, drive, cx = self.size, at.vx, at.drive, TYRE["cx"]
-        fade = 1 - s["brake_fade"] * np.clip((at.t - 250.0) / 300.0, 0, 1)
         front_x = s["front_brake"] * np.minimum(drive, 0.0) * cx
-        limited = 1 - s["power_limit"] / (1 + np.exp(-np.clip((vx - 32.0) / 2.0, -50, 50)))
-        rear_x = cx * np.where(drive < 0, drive * fade, drive * limited) - front_x
+        rear_x = cx * outside.driven(s, at) - front_x
         rear_x = rear_x - (s["engine_braking"] + s["engine_braking/speed"] * vx / 30.0) * (drive <= 0)
         rear_x = rear_x - s["engine_braking/coast"] * (np.abs(drive) < 0.0012)
         rear_x = self.fmax * np.tanh(rear_x / self.fmax)
@@ -156,7 +116,7 @@ class Car:
         wind = s["wind"] + s["wind/drag_only"]
         air_x = vx - wind * np.cos(against)
         body_x = -s["aero_drag"] * vx * vx - s["rolling_resistance"] - 0.516 * (air_x * np.abs(air_x) - vx * vx)
-        return front_x, rear_x, body_x + s["channel_force"] * at.flap - s["turn_drag"] * (at.rate * vx > 1.0)
+        return front_x, rear_x, body_x + outside.forward_force(s, at, self.local)
 
     def peaks(self, at: Motion, slip: tuple[Array, Array]) -> tuple[Array, Array]:
         """D F_z of both axles, N."""
@@ -165,16 +125,11 @@ class Car:
         down = s["aero_downforce"] * vx * vx
         fz_f, fz_r = self.front + 0.4 * down - transfer, self.rear + 0.6 * down + transfer
         grip = 1 + s["grip_drift"] * t + s["grip_drift/warmup"] * (1 - np.exp(-t / WARM_UP_S))
-        grip = grip - s["grip_patch"] * self.in_stretch(at) - s["grip_step"] * (t > self.step_at * 900.0)
-        grip = grip - s["speed_stall"] / (1 + np.exp(-np.clip((vx - 40.0) / 1.5, -50, 50)))
+        grip_f, grip_r = (grip * g for g in outside.grip(s, at, self.local))
         left = [1 + s["turn_asymmetry"] * np.sign(alpha) for alpha in slip]
-        d_f = TYRE["df"] * (1 - s["load_sensitivity"] * (fz_f / self.front - 1)) * grip * left[0]
-        d_r = TYRE["dr"] * (1 - s["load_sensitivity"] * (fz_r / self.rear - 1)) * grip * left[1]
+        d_f = TYRE["df"] * (1 - s["load_sensitivity"] * (fz_f / self.front - 1)) * grip_f * left[0]
+        d_r = TYRE["dr"] * (1 - s["load_sensitivity"] * (fz_r / self.rear - 1)) * grip_r * left[1]
         return d_f * fz_f, d_r * fz_r
-
-    def in_stretch(self, at: Motion) -> Array:
-        """Whether the car is in the stretch of the lap where something local acts."""
-        return np.asarray(((at.share - self.stretch) % 1.0) < 0.07)
 
     def left_over(self, force: Array, peak: Array, drive: Array) -> Array:
         """Share of the lateral force that a longitudinal one leaves."""
@@ -190,9 +145,9 @@ class Car:
         peak_f, peak_r = self.peaks(at, slip)
         fy_f = peak_f * np.sin(TYRE["cf"] * np.arctan(TYRE["bf"] * slip[0])) * self.left_over(front_x, peak_f, 0 * vx)
         fy_r = peak_r * np.sin(TYRE["cr"] * np.arctan(TYRE["br"] * slip[1])) * self.left_over(rear_x, peak_r, at.drive)
-        body_y = 0.7 * s["wind"] * np.sin(self.wind_from - at.yaw) * vx + s["gust"] * self.in_stretch(at)
+        body_y = 0.7 * s["wind"] * np.sin(self.wind_from - at.yaw) * vx + outside.side_force(s, at, self.local)
         sin, cos = np.sin(at.steer), np.cos(at.steer)
-        moment = -s["yaw_damping"] * rate + s["throttle_yaw"] * np.maximum(at.drive, 0) / 0.05
+        moment = -s["yaw_damping"] * rate + outside.moment(s, at)
         ax = (rear_x + front_x * cos - fy_f * sin + body_x) / MASS
         ay = (fy_r + fy_f * cos + front_x * sin + body_y) / MASS
         yaw_acc = ((fy_f * cos + front_x * sin) * LF - fy_r * LR + moment) / INERTIA
@@ -201,8 +156,8 @@ class Car:
         vy_dot = ay - vx * rate - GRAVITY * np.sin(bank)
         return ax, ay, yaw_acc, vx_dot, vy_dot
 
-    def true_steer(self, reported: Array, vx: Array) -> Array:
+    def true_steer(self, reported: Array, vx: Array, rate: Array) -> Array:
         """Road-wheel angle behind the reported one (delay and play are applied by the caller)."""
         s = self.size
         steer = reported * (1 + s["steer_scale"] + s["turn_asymmetry/steer"] * np.sign(reported)) + s["steer_offset"]
-        return np.asarray(steer * (1 - s["steer_compliance"] * (vx / 40.0) ** 2))
+        return outside.steered(s, steer, vx, rate)

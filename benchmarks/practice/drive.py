@@ -14,7 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .car import MASS, TYRE, WHEELBASE, Array, Car, Motion
+from . import outside
+from .car import MASS, TYRE, WHEELBASE, Array, Car
+from .outside import Motion
 
 NOISE = {
     "x": 0.02, "y": 0.02, "yaw": 0.001, "vx": 0.02, "vy": 0.02, "yaw_rate": 0.003, "ax": 0.15, "ay": 0.15,
@@ -27,7 +29,10 @@ LONGEST_S = 1500.0
 STEER_RATE, DRIVE_RATE, STEER_MAX, DRIVE_MAX = 0.9, 0.6, 0.26, 0.085
 STATIONS = 2048
 LAPS = 8
-CAREFUL = ("combined_slip", "load_transfer", "load_sensitivity", "grip_", "speed_stall", "turn_asymmetry", "gust")
+CAREFUL = (
+    "combined_slip", "load_transfer", "load_sensitivity", "grip_", "speed_stall", "turn_asymmetry", "gust", "puncture",
+    "brake_oversteer", "temperature_grip", "kerb", "right_push",
+)  # fmt: skip
 CAREFUL_PACE = 0.87
 """The driver is so much slower in a car that has less grip than the reference speed presumes."""
 
@@ -130,6 +135,7 @@ class _Fleet:
         # share of the lap, offset, heading error, yaw, vx, vy, yaw rate, relaxed slips
         self.state = (*np.zeros((3, n)), tracks.heading[:, 0].copy(), first, *np.zeros((4, n)))
         self.steer, self.drive, self.play, self.flap, self.ax = np.zeros((5, n))
+        self.temperature = np.full(n, 80.0)
         self.past_steer, self.past_drive = np.zeros((2, HISTORY, n))
         size = self.car.size
         self.lag_steer, self.lag_drive = (
@@ -170,14 +176,19 @@ class _Fleet:
         if self.tick % round(20.0 / self.step) == 0:
             self.flap = np.where(np.sin(0.37 * self.tick * self.step / 20.0 + rows) > 0, 1.0, 0.0)
 
+        at = self.tick * self.step + 40.0 * self.rows
+        self.temperature = 80.0 + 14.0 * np.sin(at / 47.0) + 9.0 * np.sin(at / 18.0)
+
     def rates(self, state: tuple[Array, ...]) -> tuple[Array, ...]:
         """Derivative of the state, then ax and ay."""
         share, offset, mu, yaw, vx, vy, rate, a_f, a_r = state
         sigma = self.car.size["tyre_relaxation"]
-        steer = self.car.true_steer(self.angle, vx)
+        steer = self.car.true_steer(self.angle, vx, rate)
         slip = self.car.slips(vx, vy, rate, steer)
         used = (np.where(sigma > 0, a_f, slip[0]), np.where(sigma > 0, a_r, slip[1]))
-        motion = Motion(self.tick * self.step, share, yaw, vx, vy, rate, steer, self.torque, self.ax, self.flap)
+        motion = Motion(
+            self.tick * self.step, share, yaw, vx, vy, rate, steer, self.torque, self.ax, self.flap, self.temperature
+        )
         ax, ay, yaw_acc, vx_dot, vy_dot = self.car.accelerations(motion, used)
         kappa = self.tracks.curvature[self.rows, (share % 1.0 * STATIONS).astype(int) % STATIONS]
         along = (vx * np.cos(mu) - vy * np.sin(mu)) / (1 - kappa * offset)
@@ -205,9 +216,8 @@ class _Fleet:
 def _drive(car: Car, tracks: _Tracks, reference: Array, laps: int, step: float) -> dict[str, Array]:
     """Integrate all cars until the slowest has finished; (samples, drives) arrays."""
     fleet = _Fleet(car, tracks, reference, step)
-    log: dict[str, list[Array]] = {
-        k: [] for k in ("x", "y", "yaw", "vx", "vy", "yaw_rate", "ax", "ay", "steer", "drive", "lap", "yaw_acc", "flap")
-    }
+    names = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "ax", "ay", "steer", "drive", "lap", "yaw_acc")
+    log: dict[str, list[Array]] = {k: [] for k in (*names, *outside.COLUMNS)}
     while np.min(fleet.state[0]) < laps and fleet.tick * step < LONGEST_S:
         fleet.act()
         first = fleet.rates(fleet.state)
@@ -216,7 +226,7 @@ def _drive(car: Car, tracks: _Tracks, reference: Array, laps: int, step: float) 
             lap = share.astype(int).astype(float)
             values = (
                 fleet.x, fleet.y, yaw, vx, vy, rate, first[9], first[10], fleet.steer, fleet.drive, lap, first[6],
-                fleet.flap,
+                fleet.flap, fleet.temperature,
             )  # fmt: skip
             for key, value in zip(log, values, strict=True):
                 log[key].append(np.array(value))
@@ -244,9 +254,8 @@ def _logged(raw: Mapping[str, Array], i: int, car: Car, drive: Drive, laps: int)
     bias = effects.get("imu_bias", 0.0)
     columns["ax"] = ax + bias * (car.axis[i] == 0)
     t: Array = np.arange(stop, dtype=float) * LOG_STEP
-    columns["ay"] = (
-        ay + bias * (car.axis[i] == 1) + effects.get("sensor_step", 0.0) * (t > 400.0 * car.step_at[i] / 0.4)
-    )
+    own = {name: size[i] for name, size in car.size.items()}
+    columns["ay"] = outside.sensed(own, ay, columns["vx"], t, car.local.moment[i]) + bias * (car.axis[i] == 1)
     columns["yaw_rate"] += effects.get("imu_bias/yaw_rate", 0.0)
     both = 1 + effects.get("speed_scale/both", 0.0)
     columns["vx"] *= (1 + effects.get("speed_scale", 0.0)) * both
@@ -256,6 +265,6 @@ def _logged(raw: Mapping[str, Array], i: int, car: Car, drive: Drive, laps: int)
     decimals = {"yaw": 5, "yaw_rate": 5, "steer": 5, "drive": 5}
     logged: dict[str, Array] = {"t": t} | {k: np.round(v, decimals.get(k, 3)) for k, v in columns.items()}
     logged["lap"] = lap[:stop]
-    if "channel_force" in effects:
-        logged["flap"] = raw["flap"][:stop, i]
+    if outside.CAUSED_BY_COLUMN & set(effects):
+        logged |= {name: np.round(raw[name][:stop, i], 2) for name in outside.COLUMNS}
     return Drive(logged, effects, seed)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.diagnose.basis import make_basis
-from estimator.diagnose.empirical import Term, search_terms
-from estimator.diagnose.evidence import Evidence, compare
+from estimator.diagnose.empirical import Term
+from estimator.diagnose.evidence import Evidence
 from estimator.diagnose.fit import Fit
 from estimator.diagnose.record import Record
 from estimator.diagnose.score import noise_floor, rmse, rollout
-from estimator.diagnose.search import Search, earns_its_place, gains_of, search
+from estimator.diagnose.search import Search, search
+from estimator.diagnose.terms import Outcome, Rival, with_terms
 from estimator.diagnose.trial import Setting, Trial, fit_names
 from estimator.diagnose.whiteness import structured, structured_elsewhere
 from estimator.diagnose.workers import workers
@@ -27,21 +28,12 @@ Progress = Callable[[str], None]
 
 TEST_SHARE = 0.375
 """Share of the laps, the last ones, that no fit or choice sees: 3 of 8."""
-TERM_SHARE = 0.05
-"""Least gain per block for an empirical term: it has more freedom than an effect, and must earn it."""
-TERM_RELATIVE = 0.03
-"""Least gain of an empirical term relative to what the accepted effects gained: less is their imperfect shape."""
-MAX_TERMS = 2
-SECOND_TERM_SHARE = 0.2
-"""A second term must gain this share of the first: less is the resolution of the first one's knots."""
 WORSE = 1.2
 """A model whose error on the last laps exceeds the re-fitted one's by this factor is contradicted by them."""
 EXPLAINED, WHITE_IN_LATE_LAPS = 2.0, 3.0
 """Where averages of the residual vary no more than so many times what white noise would on the laps learnt from, but
 so much more on the last ones, these hold something new. Speeds never learnt at
 reach 2 with the true effects; 5 is a residual with nothing but slow structure."""
-WHITE_FOR_TERMS = 1.3
-"""Empirical terms are looked for only where averages of the residual vary so much more than white noise does."""
 
 
 @dataclass(frozen=True)
@@ -134,11 +126,14 @@ def _diagnose(whole: Setting, split: tuple[tuple[int, ...], tuple[int, ...]], pr
     train = record.select(np.isin(record.lap, train_laps))
     train = replace(train, lap=np.arange(train.windows, dtype=np.int64) // HELD_OUT_WINDOWS)
     setting = replace(whole, record=train)
-    found = search(setting, progress)
-    accepted, gains, terms, final, tried = _with_terms(setting, found, progress)
+    rival = Rival(setting, progress)
+    found = search(setting, progress, enough=rival.suffices)
+    outcome = with_terms(setting, found, rival, progress)
+    setting = outcome.setting
+    record = replace(record, signals=setting.record.signals, bases=setting.record.bases)
     progress("scoring on the test laps")
     test_rows = np.sort(record.rows[np.isin(record.lap, test_laps)].ravel())
-    models = _models(setting, found, accepted, terms, final)
+    models = _models(setting, outcome)
     scores = {name: rmse(record, test_rows, m.model, m.parameters) for name, m in models.items()}
     ahead = {name: rollout(record, test_rows, m.model, m.parameters) for name, m in models.items()}
     best = models["with_effects"]
@@ -146,8 +141,9 @@ def _diagnose(whole: Setting, split: tuple[tuple[int, ...], tuple[int, ...]], pr
     channels = {c: {name: s[c] for name, s in scores.items()} | {"noise_floor": floor[c]} for c in floor}
     states = {n: {name: a[n] for name, a in ahead.items()} for n in ahead["refit"]}
     return Diagnosis(
-        record, train_laps, test_laps, test_rows, found, final, accepted, gains, terms, models, channels, states, tried
-    )
+        record, train_laps, test_laps, test_rows, outcome.search, outcome.fit, outcome.accepted, outcome.gains,
+        outcome.terms, models, channels, states, outcome.tried,
+    )  # fmt: skip
 
 
 HELD_OUT_WINDOWS = 15
@@ -161,76 +157,14 @@ def _time_basis_of(record: Record, laps: tuple[int, ...]) -> Record:
     return replace(record, bases={**record.bases, "t": make_basis("t", learnt, record.lap_length)})
 
 
-def _with_terms(
-    setting: Setting, found: Search, progress: Progress
-) -> tuple[tuple[str, ...], Mapping[str, Evidence], tuple[Term, ...], Fit, tuple[Term, ...]]:
-    """Add empirical terms while they earn their place; drop effects that were only standing in for them."""
-    accepted, gains, current = list(found.accepted), dict(found.gains), found.final
-    terms: list[Term] = []
-    tried: list[Term] = []
-    while len(terms) < MAX_TERMS and structured(current, WHITE_FOR_TERMS):
-        trials = search_terms(setting, accepted, current, progress)
-        tried.extend(trials[:6])
-        total = _total_gain(found.base, current)
-        if not trials or not _term_earns_its_place(trials[0].evidence, setting.record, total):
-            break
-        if terms and trials[0].evidence.gain < SECOND_TERM_SHARE * terms[0].evidence.gain:
-            break
-        best = trials[0]
-        terms.append(best)
-        setting = replace(setting, extra=(*setting.extra, best.effect))
-        assert best.fit is not None
-        accepted, gains, current = _drop_stand_ins(setting, gains, best.fit, best.evidence.gain, progress)
-    ordered = tuple(sorted(accepted, key=lambda n: -gains[n].gain))
-    return ordered, gains, tuple(terms), current, tuple(tried)
-
-
-def _total_gain(base: Fit, current: Fit) -> float:
-    return compare(base.held_out(), current.held_out(), base.normal.count).gain if current is not base else 0.0
-
-
-def _term_earns_its_place(evidence: Evidence, record: Record, total: float) -> bool:
-    blocks = record.rows.shape[0] * record.rows.shape[1]
-    return evidence.gain > max(TERM_SHARE * blocks, TERM_RELATIVE * total) and evidence.consistent
-
-
-STAND_IN_SHARE = 0.1
-"""An effect accepted before the empirical term must still gain this share of what the term gains."""
-
-OWN_SHARE = 0.3
-"""An effect that gained so much of what the term gains, before there was one, is no stand-in."""
-
-
-def _drop_stand_ins(
-    setting: Setting, before: Mapping[str, Evidence], current: Fit, gain: float, progress: Progress
-) -> tuple[list[str], dict[str, Evidence], Fit]:
-    """Remove, weakest first, effects that gain little once the empirical term is there.
-
-    What gained a fair share of that by itself stays, though a spline can copy it: physics goes before a spline.
-    """
-    kept = list(before)
-    while True:
-        gains = gains_of(setting, kept, current, progress, ", with the empirical term")
-        weak = [
-            n for n in kept
-            if before[n].gain < OWN_SHARE * gain
-            and (not earns_its_place(gains[n], setting.record, 0.0) or gains[n].gain < STAND_IN_SHARE * gain)
-        ]  # fmt: skip
-        if not weak:
-            return kept, gains, current
-        kept.remove(min(weak, key=lambda n: gains[n].gain))
-        current = fit_names(setting, kept, current)
-
-
-def _models(
-    setting: Setting, found: Search, accepted: Sequence[str], terms: Sequence[Term], final: Fit
-) -> dict[str, Model]:
+def _models(setting: Setting, outcome: Outcome) -> dict[str, Model]:
     declared = SingleTrack(setting.record.vehicle, setting.layout, (), setting.prior)
     tyre = np.array([p.prior for p in declared.tyre_table])
-    catalogue_fit = fit_names(setting, accepted, final) if terms else final
+    final, base = outcome.fit, outcome.search.base
+    catalogue_fit = fit_names(replace(setting, extra=()), outcome.accepted, final) if outcome.terms else final
     return {
         "declared": Model(declared, tyre),
-        "refit": Model(found.base.predictor.model, found.base.parameters),
+        "refit": Model(base.predictor.model, base.parameters),
         "catalogue": Model(catalogue_fit.predictor.model, catalogue_fit.parameters),
         "with_effects": Model(final.predictor.model, final.parameters),
     }

@@ -48,7 +48,8 @@ def _laps_from_position(log: DriveLog) -> Ints:
 def track_position(log: DriveLog, lap: Ints, has_laps: bool) -> tuple[Array, float]:
     """(n,) m along the lap, every lap stretched to the median length, and that length; 0 without laps.
 
-    Incomplete first and last laps are placed by the position nearest to a complete lap where x, y exist.
+    Where positions are known, along the line of the lap whose length is the median: lines differ from lap to lap by
+    several metres, which would blur the edges of a stretch.
     """
     if not has_laps:
         return np.zeros(len(log)), 0.0
@@ -57,9 +58,37 @@ def track_position(log: DriveLog, lap: Ints, has_laps: bool) -> tuple[Array, flo
     travelled = np.cumsum(np.hypot(log["vx"], log["vy"]) * step)
     bounds = np.concatenate([[0], np.flatnonzero(np.diff(lap)) + 1, [len(lap)]])
     lengths = np.array([travelled[b - 1] - travelled[a] for a, b in itertools.pairwise(bounds)])
-    whole = float(np.median(lengths[1:-1])) if len(lengths) > 3 else float(np.median(lengths))
+    inner = lengths[1:-1] if len(lengths) > 3 else lengths
+    whole = float(np.median(inner))
     position = np.zeros(len(log))
     for (a, b), length in zip(itertools.pairwise(bounds), lengths, strict=True):
         stretch = whole / length if abs(length / whole - 1) < 0.1 else 1.0
         position[a:b] = (travelled[a:b] - travelled[a]) * stretch
+    if "x" in log and "y" in log:
+        reference = int(np.argmin(np.abs(lengths - whole)))
+        rows = slice(bounds[reference], bounds[reference + 1])
+        position = _along(position, np.stack([log["x"], log["y"]]), rows, whole)
     return position, whole
+
+
+def _along(position: Array, place: Array, rows: slice, whole: float) -> Array:
+    """(n,) position of the points `place` (2, n) along the line driven in `rows`, by Newton's method from a guess.
+
+    The guess stays where the point is not beside the line: the log then has positions of another kind.
+    """
+    at, order = np.unique(position[rows], return_index=True)
+    stations = np.arange(0.0, whole, STATION_M)
+    line = np.stack([np.interp(stations, at, p[rows][order], period=whole) for p in place])
+    tangent = (np.roll(line, -1, axis=1) - np.roll(line, 1, axis=1)) / (2 * STATION_M)
+    tangent /= np.maximum(np.hypot(*tangent), TINY_M)
+    found = position.copy()
+    for _ in range(NEWTON_STEPS):
+        point, along = (np.stack([np.interp(found, stations, c, period=whole) for c in v]) for v in (line, tangent))
+        found += np.sum((place - point) * along, axis=0)
+    beside = np.hypot(*(place - point)) < BESIDE_M
+    near = np.abs((found - position + 0.5 * whole) % whole - 0.5 * whole) < BESIDE_M
+    return np.where(beside & near, found % whole, position)
+
+
+STATION_M, NEWTON_STEPS, BESIDE_M, TINY_M = 2.0, 4, 30.0, 1e-9
+"""Stations of the reference line; steps to the nearest point on it; furthest from it and from the guess."""

@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.diagnose.diagnosis import Diagnosis, alternatives
+from estimator.diagnose.empirical import Term
 from estimator.diagnose.evidence import Evidence
 from estimator.diagnose.fit import evaluate
 from estimator.diagnose.handover import tempered
+from estimator.diagnose.places import PLACES
 from estimator.diagnose.predict import Block
 from estimator.diagnose.score import HORIZON_S, rmse
 from estimator.diagnose.timing import SAMPLED
-from estimator.diagnose.words import CHANNEL_NAMES, describe
+from estimator.diagnose.words import CHANNEL_NAMES, NAMES, describe, follows_turn_direction
 from estimator.model.single_track import CHANNELS
 from estimator.revision import revision_id
 from hil_gateway.messages import ActiveEffect, ModelRevision, Provenance
@@ -27,6 +29,8 @@ SYSTEMATIC = 0.02
 """Relative error left by the declared vehicle data, the thinning of the log and when its inputs were sampled; part of
 every stated std. On 40 practice drives four sizes were 2 to 5 % off, the others less."""
 ALTERNATIVES = 4
+NEARLY = 0.8
+"""A signal whose term gains more than this share of the accepted one's is an alternative."""
 SMALLEST_CHANNEL_SHARE = 0.1
 """A channel is named when the empirical term removes more than this of its squared residual."""
 
@@ -170,20 +174,29 @@ def unexplained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     entries = []
     blocks = {b.effect.name: b for b in diagnosis.fit.predictor.blocks}
     for term in diagnosis.terms:
-        block = blocks[term.effect.name]
-        basis = diagnosis.record.bases[term.signal]
+        coefficients = diagnosis.fit.parameters[blocks[term.effect.name].parameters]
         values = diagnosis.record.signals[term.signal][diagnosis.record.rows].ravel()
-        where = describe(basis, values, diagnosis.fit.parameters[block.parameters])
+        where, signal = describe(term.basis, values, coefficients), term.signal
+        if follows_turn_direction(term.basis, values, coefficients):
+            signal = "turn_direction"
+        what = f"{PLACES[term.place].words} as a function of {NAMES.get(signal, signal)}"
         for channel in term.effect.channels:
             before, after = (diagnosis.channels[channel][m] for m in ("catalogue", "with_effects"))
             share = max(0.0, 1.0 - (after / before) ** 2)
             if share > SMALLEST_CHANNEL_SHARE or channel == term.effect.channels[0]:
                 entries.append({
-                    "channel": channel, "signal": term.signal, "share_of_residual": round(share, 4),
-                    "description": f"{CHANNEL_NAMES[channel]}: {term.effect.lacks.removeprefix('empirical: ')}; "
-                                   f"acts at {where}", "empirical": True, "term": term.effect.name,
+                    "channel": channel, "signal": signal, "share_of_residual": round(share, 4),
+                    "description": f"{CHANNEL_NAMES[channel]}: {what}; acts at {where}",
+                    "empirical": True, "term": term.effect.name, "alternatives": _other_causes(diagnosis, term),
                 })  # fmt: skip
     return sorted(entries, key=lambda e: -float(e["share_of_residual"]))
+
+
+def _other_causes(diagnosis: Diagnosis, term: Term) -> list[dict[str, float | str]]:
+    """Other signals on which a term explains nearly as much: the drive does not tell them apart."""
+    others = [t for t in diagnosis.term_trials if t.fit and t.signal != term.signal]
+    shares = {t.signal: t.evidence.gain / term.evidence.gain for t in reversed(others)}
+    return [{"signal": n, "gain": round(g, 3)} for n, g in shares.items() if NEARLY < g < 1.0]
 
 
 def as_revision(diagnosis: Diagnosis, layout: str, sessions: tuple[str, ...]) -> ModelRevision:

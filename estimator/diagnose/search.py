@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from estimator.diagnose.evidence import Evidence, compare
 from estimator.diagnose.fit import Fit
-from estimator.diagnose.record import Record
 from estimator.diagnose.screening import screen
 from estimator.diagnose.timing import SAMPLED
 from estimator.diagnose.trial import Setting, Trial, fit_names
@@ -36,6 +35,8 @@ LOOK_AHEAD = 2
 """So many effects may be added on their gain alone if then one follows that earns its place beside them."""
 RECHECKED_AT_ONCE = 3
 """Up to so many accepted effects all are checked again after each acceptance; more, only at the end."""
+ASKED_FROM = 2
+"""From so many effects on that leave structure it is asked whether something else explains the session alone."""
 FITTED, PROMISING = 5, 0.25
 """Candidates of a round that are fitted to the end: at most so many, with this share of the best predicted gain."""
 
@@ -51,8 +52,16 @@ class Search:
     gains: Mapping[str, Evidence]
 
 
-def search(setting: Setting, progress: Callable[[str], None] = lambda _: None, warm: Fit | None = None) -> Search:
-    """Run the search; `progress` is told which candidate is being tried."""
+def search(
+    setting: Setting,
+    progress: Callable[[str], None] = lambda _: None,
+    warm: Fit | None = None,
+    enough: Callable[[Fit, Fit], bool] = lambda base, current: False,
+) -> Search:
+    """Run the search; `progress` is told which candidate is being tried.
+
+    `enough` is asked, with the declared and the current fit, whether to go on when two effects leave structure.
+    """
     progress("declared model, re-fitted")
     base = fit_names(setting, (), warm or fit_names(setting, (), None))
     current, rounds = base, []
@@ -63,13 +72,13 @@ def search(setting: Setting, progress: Callable[[str], None] = lambda _: None, w
         trials = _round(setting, accepted, current, progress)
         rounds.append(tuple(trials))
         total = compare(base.held_out(), current.held_out(), base.normal.count).gain
-        chosen = [t for t in trials if _can_be_accepted(t, setting.record, total)]
+        chosen = [t for t in trials if _can_be_accepted(t, setting, total)]
         if chosen:
             unsure = 0
         else:
             sure = (accepted, current, gains) if not unsure else sure
             unsure += 1
-        chosen = chosen or _tentative(trials, setting.record, total)
+        chosen = chosen or _tentative(trials, setting, total)
         if not chosen or unsure > LOOK_AHEAD:
             break
         before = set(accepted)
@@ -78,6 +87,9 @@ def search(setting: Setting, progress: Callable[[str], None] = lambda _: None, w
         if not unsure and len(accepted) <= RECHECKED_AT_ONCE:
             accepted, current, gains = _recheck(setting, accepted, current, progress)
         if set(accepted) <= before:
+            base = base if accepted else current  # the way there and back may have led the declared model further
+            break
+        if len(accepted) >= ASKED_FROM and enough(base, current):
             break
     if unsure:
         accepted, current, gains = sure
@@ -87,10 +99,10 @@ def search(setting: Setting, progress: Callable[[str], None] = lambda _: None, w
     return Search(base, current, ordered, tuple(rounds), {n: gains[n] for n in ordered})
 
 
-def _tentative(trials: Sequence[Trial], record: Record, total: float) -> list[Trial]:
+def _tentative(trials: Sequence[Trial], setting: Setting, total: float) -> list[Trial]:
     """The trial that gains most, though not on all stretches: another effect may hide it."""
     fitted = [t for t in trials if t.fit is not None and not within_a_sample(t.fit, t.name)]
-    return [t for t in fitted if worth_a_name(t.evidence, record, total)][:1]
+    return [t for t in fitted if worth_a_name(t.evidence, setting, total)][:1]
 
 
 def _join(
@@ -107,7 +119,7 @@ def _join(
         progress(" + ".join([*names, trial.name]))
         done = fit_names(setting, [*names, trial.name], current)
         evidence = compare(current.held_out(), done.held_out(), done.normal.count)
-        if _can_be_accepted(Trial(trial.name, evidence, done), setting.record, total):
+        if _can_be_accepted(Trial(trial.name, evidence, done), setting, total):
             names, current = [*names, trial.name], done
             channels.add(channel)
     return names, current
@@ -140,10 +152,10 @@ def gains_of(
     return {name: compare(f.held_out(), after, count) for name, f in zip(names, fits, strict=True)}
 
 
-def _can_be_accepted(trial: Trial, record: Record, total: float) -> bool:
+def _can_be_accepted(trial: Trial, setting: Setting, total: float) -> bool:
     if trial.fit is None or within_a_sample(trial.fit, trial.name):
         return False
-    return earns_its_place(trial.evidence, record, total)
+    return earns_its_place(trial.evidence, setting, total)
 
 
 def within_a_sample(fit: Fit, name: str) -> bool:
@@ -156,19 +168,20 @@ def within_a_sample(fit: Fit, name: str) -> bool:
     return abs(float(fit.parameters[block.parameters][0])) < record.step * speed
 
 
-def earns_its_place(evidence: Evidence, record: Record, total: float) -> bool:
+def earns_its_place(evidence: Evidence, setting: Setting, total: float) -> bool:
     """Worth a name, consistent over laps, and not the imperfect shape of what is already there."""
-    return worth_a_name(evidence, record, total) and evidence.consistent
+    return worth_a_name(evidence, setting, total) and evidence.consistent
 
 
-def _stays(evidence: Evidence, record: Record) -> bool:
-    return worth_a_name(evidence, record, 0.0) and evidence.still_consistent
+def _stays(evidence: Evidence, setting: Setting) -> bool:
+    return worth_a_name(evidence, setting, 0.0) and evidence.still_consistent
 
 
-def worth_a_name(evidence: Evidence, record: Record, total: float) -> bool:
+def worth_a_name(evidence: Evidence, setting: Setting, total: float) -> bool:
     """Whether the gain is large enough, whatever its scatter."""
-    blocks = record.rows.shape[0] * record.rows.shape[1]
-    return bool(evidence.gain > max(SMALLEST_SHARE * blocks, RELATIVE_SHARE * total))
+    blocks, most = setting.record.rows.shape[0] * setting.record.rows.shape[1], int(np.argmax(evidence.channels))
+    enough = evidence.gain > max(SMALLEST_SHARE * blocks, RELATIVE_SHARE * total)
+    return bool(enough and evidence.channels[most] > setting.least[most])
 
 
 def _recheck(
@@ -178,7 +191,7 @@ def _recheck(
     current = current or fit_names(setting, accepted, None)
     while True:
         gains = gains_of(setting, accepted, current, progress)
-        weak = [n for n in accepted if not _stays(gains[n], setting.record) or within_a_sample(current, n)]
+        weak = [n for n in accepted if not _stays(gains[n], setting) or within_a_sample(current, n)]
         if not weak:
             return accepted, current, gains
         worst = min(weak, key=lambda n: gains[n].gain)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.diagnose.basis import Basis
 from estimator.diagnose.evidence import Evidence
 from estimator.diagnose.fit import MAX_ITERATIONS, Fit, fit
 from estimator.diagnose.noise import MOTION_ROWS, Noise
@@ -30,16 +31,33 @@ UNFITTED_SHARE = 0.02
 """Part of a signal that any model is taken to leave before anything is fitted."""
 
 
+STAND_IN_SHARE = 0.1
+"""An effect beside an empirical term must gain this share of what the term gains in the channel it gains most in."""
+
+
 @dataclass(frozen=True)
 class Setting:
-    """What stays the same during a search; `extra` are effects always active (empirical terms)."""
+    """What stays the same during a search.
+
+    `extra` are effects always active (empirical terms). What is named beside them must gain, in the channel where it
+    gains most, at least what `least` (5,) says: less is the imperfect shape of the term.
+    """
 
     record: Record
     layout: Layout
     prior: Mapping[str, float] | None
     extra: tuple[Effect, ...] = ()
+    least: tuple[float, ...] = (0.0,) * 5
     pool: Executor | None = None
     """processes that fits are done in"""
+
+    def with_term(self, effect: Effect, basis: Basis, gained: Array) -> Setting:
+        """The same with an empirical term always active that `gained` (5,); its basis stored under its own name."""
+        record = self.record
+        signals = {**record.signals, effect.profile: record.signals[basis.signal]}
+        record = replace(record, signals=signals, bases={**record.bases, effect.profile: basis})
+        least = tuple(float(g) for g in np.maximum(self.least, STAND_IN_SHARE * gained))
+        return replace(self, record=record, extra=(*self.extra, effect), least=least)
 
     def model(self, names: Sequence[str]) -> SingleTrack:
         """The model with the named effects."""

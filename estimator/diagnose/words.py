@@ -30,17 +30,49 @@ CHANNEL_NAMES = {
 def describe(basis: Basis, values: Array, coefficients: Array) -> str:
     """Over which stretch of its signal a fitted term is active: where it deviates by half its largest deviation.
 
+    What it deviates from is its middle value, over time its first one: a step has no middle.
+
     Args:
         basis: of the term; values: (n,) the signal as driven; coefficients: (basis.size,) fitted.
     """
     low, high = np.quantile(values, (0.002, 0.998))
     at = np.linspace(low, high, 400)
     term = basis.matrix(at) @ coefficients
-    rest = float(np.median(basis.matrix(values[:: max(1, len(values) // 5000)]) @ coefficients))
+    middle = float(np.median(basis.matrix(values[:: max(1, len(values) // 5000)]) @ coefficients))
+    rest = float(term[0]) if basis.signal == "t" else middle
     active = np.abs(term - rest) > 0.5 * np.max(np.abs(term - rest))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
     spans = [(at[a], at[min(b, len(at)) - 1]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     return _span_words(basis.signal, spans[:3], float(low), float(high))
+
+
+TURNING = ("yaw_rate", "ay", "steer", "vy")
+"""Signals that change sign with the turn."""
+NEAR_STRAIGHT = (0.0, 0.02, 0.05, 0.1, 0.15)
+"""Bounds of driving straight that are tried, as shares of what the signal reaches in turns."""
+SAME_IN_ALL_TURNS = 0.95
+"""Share of a term's variance that the turn direction must explain for it to be the cause."""
+
+
+def follows_turn_direction(basis: Basis, values: Array, coefficients: Array) -> bool:
+    """Whether a term over a signal that changes sign with the turn is the same in all turns of one direction."""
+    if basis.signal not in TURNING:
+        return False
+    driven = values[:: max(1, len(values) // 5000)]
+    term = basis.matrix(driven) @ coefficients
+    reach = float(np.quantile(np.abs(driven), 0.95))
+    left = min(
+        _within((driven > a * reach).astype(int) - (driven < -b * reach), term)
+        for a in NEAR_STRAIGHT for b in NEAR_STRAIGHT
+    )  # fmt: skip
+    return left < (1 - SAME_IN_ALL_TURNS) * float(np.var(term))
+
+
+def _within(group: Array, values: Array) -> float:
+    """Variance of the values within their groups."""
+    return float(sum(np.sum((own - own.mean()) ** 2) for own in (values[group == g] for g in np.unique(group)))) / len(
+        values
+    )
 
 
 def _span_words(signal: str, spans: list[tuple[float, float]], low: float, high: float) -> str:

@@ -16,18 +16,17 @@ from estimator.diagnose.noise import Noise
 from estimator.diagnose.normal import Normal
 from estimator.diagnose.predict import Predictor
 from estimator.diagnose.trial import Setting, fit_names
-from estimator.model.effects.base import Effect
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Job:
-    """A fit to be done: of the named effects and `extra` ones, and what the progress says of it."""
+    """A fit to be done: of the named effects, in a `setting` of its own if it has one; the progress says `label`."""
 
     label: str
     names: tuple[str, ...]
-    extra: tuple[Effect, ...] = ()
+    setting: Setting | None = None
 
 
 @contextmanager
@@ -43,7 +42,7 @@ def workers(count: int) -> Iterator[Executor | None]:
 
 def fit_each(setting: Setting, warm: Fit, jobs: Sequence[Job], progress: Callable[[str], None]) -> list[Fit]:
     """Fit every job starting from `warm`, side by side where `setting` has workers, results in order."""
-    settings = [replace(setting, extra=(*setting.extra, *job.extra)) for job in jobs]
+    settings = [job.setting or setting for job in jobs]
     if setting.pool is None or len(jobs) < 2:
         done = []
         for own, job in zip(settings, jobs, strict=True):

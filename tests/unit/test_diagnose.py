@@ -84,6 +84,7 @@ def test_pair_is_named_whole(diagnosed: Callable[[str], Diagnosis]) -> None:
 def test_effect_outside_the_catalogue_is_unexplained_and_located(diagnosed: Callable[[str], Diagnosis]) -> None:
     result = as_json(diagnosed("outside"), "r", "")
     assert result["verdict"] == "unexplained"
+    assert not result["effects"], "nothing of the catalogue acts"
     assert {(u["channel"], u["signal"]) for u in result["unexplained"]} & {
         ("ay", "track_position"), ("vy_dot", "track_position"),
     }  # fmt: skip
@@ -209,6 +210,27 @@ def test_noise_is_measured_beside_a_smooth_signal() -> None:
     rng = np.random.default_rng(9)
     t = 0.01 * np.arange(20_000)
     assert second_difference_noise(5 * np.sin(2 * t) + 0.15 * rng.normal(size=t.size)) == pytest.approx(0.15, rel=0.05)
+
+
+@pytest.mark.parametrize("signal", ["t", "track_position"])
+def test_moved_knots_follow_a_step_and_the_edges_of_a_stretch(signal: str) -> None:
+    values = np.linspace(0.0, 3000.0, 60_000)
+    truth = (values > 1210.0) * 1.0 if signal == "t" else ((values > 1210.0) & (values < 1330.0)) * 1.0
+    basis, errors = make_basis(signal, values, 3000.0), []
+    for _ in range(3):
+        matrix = basis.matrix(values)
+        coefficients = np.linalg.lstsq(matrix, truth, rcond=None)[0]
+        errors.append(float(np.sqrt(np.mean((matrix @ coefficients - truth) ** 2))))
+        basis = basis.moved(coefficients, values)
+    assert errors[2] < 0.4 * errors[0]
+    np.testing.assert_allclose(basis.matrix(values).sum(axis=1), 1.0, rtol=1e-12)
+    assert np.all(np.linalg.eigvalsh(basis.precision(0.1)) > 0)
+
+
+def test_words_say_when_a_term_begins() -> None:
+    values = np.linspace(0.0, 900.0, 9000)
+    basis = make_basis("t", values, 0.0)
+    assert "after" in describe(basis, values, (np.array(basis.knots) > 300.0) * -0.1)
 
 
 def test_numbers_are_written_as_people_write_them() -> None:

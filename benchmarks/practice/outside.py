@@ -1,0 +1,126 @@
+"""Effects outside the catalogue, each in one line of physics: what a diagnosis must call unexplained.
+
+Every function takes the sizes `s` (name -> one entry a car), the motion `at` of the cars, and where and when local and
+sudden things happen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Sizes = Mapping[str, Array]
+
+LATERAL = {"ay", "yaw_acc", "vy_dot"}
+FORWARD = {"ax", "vx_dot"}
+
+# id -> a typical range of sizes and whether it is drawn with either sign, channels, signals; any of these is right
+EFFECTS: dict[str, tuple[tuple[float, float, bool], set[str], set[str]]] = {
+    "steer_compliance": ((0.08, 0.2, False), LATERAL, {"vx", "steer"}),
+    "load_compliance": ((2e-4, 6e-4, False), LATERAL, {"ay", "steer", "yaw_rate", "turn_direction"}),
+    "grip_patch": ((0.15, 0.4, False), LATERAL, {"track_position"}),
+    "grip_step": ((0.08, 0.2, False), LATERAL, {"t"}),
+    "puncture": ((0.08, 0.2, False), LATERAL, {"t"}),
+    "brake_oversteer": ((0.15, 0.35, False), LATERAL, {"drive"}),
+    "speed_stall": ((0.1, 0.25, False), LATERAL, {"vx"}),
+    "temperature_grip": ((0.06, 0.15, False), LATERAL, {"tyre_temperature"}),
+    "gust": ((500.0, 1500.0, True), LATERAL, {"track_position"}),
+    "kerb": ((1500.0, 4000.0, True), LATERAL, {"track_position"}),
+    "right_push": ((400.0, 1200.0, True), LATERAL, {"turn_direction"}),
+    "throttle_yaw": ((300.0, 900.0, True), {"yaw_acc"}, {"drive", "throttle"}),
+    "diff_lock": ((600.0, 1800.0, False), {"yaw_acc"}, {"vx", "yaw_rate", "turn_direction", "ay", "steer"}),
+    "steer_play": ((0.004, 0.01, False), LATERAL, {"steer_rate", "steer"}),
+    "channel_force": ((300.0, 800.0, True), FORWARD, {"flap"}),
+    "turn_drag": ((300.0, 800.0, True), FORWARD, {"turn_direction"}),
+    "mud": ((500.0, 1500.0, False), FORWARD, {"track_position"}),
+    "damage_drag": ((0.3, 0.8, False), FORWARD, {"t"}),
+    "drag_stall": ((0.2, 0.5, False), FORWARD, {"vx"}),
+    "brake_fade": ((0.15, 0.3, False), FORWARD, {"t", "drive"}),
+    "fade_heat": ((0.15, 0.35, False), FORWARD, {"t", "drive"}),
+    "power_limit": ((0.15, 0.4, False), FORWARD, {"vx"}),
+    "sensor_step": ((0.15, 0.4, True), {"ay"}, {"t"}),
+    "sensor_gain": ((0.04, 0.1, True), {"ay"}, {"vx"}),
+}
+COLUMNS, CAUSED_BY_COLUMN = ("flap", "tyre_temperature"), {"channel_force", "temperature_grip"}
+"""extra columns, and the effects whose logs have them: one of the columns is the cause, the other is not"""
+
+
+@dataclass(frozen=True)
+class Local:
+    """Where on the lap (its first share) and when (s) local and sudden things happen, per car."""
+
+    stretch: Array
+    moment: Array
+
+    def inside(self, share: Array, width: float) -> Array:
+        """Whether the car is in the stretch."""
+        return np.asarray(((share - self.stretch) % 1.0) < width)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where and how every car moves at one instant."""
+
+    t: float
+    share: Array
+    yaw: Array
+    vx: Array
+    vy: Array
+    rate: Array
+    steer: Array
+    drive: Array
+    ax_before: Array
+    flap: Array
+    temperature: Array
+
+
+def above(value: Array, threshold: float, width: float) -> Array:
+    """0 below the threshold, 1 above it."""
+    return np.asarray(1 / (1 + np.exp(-np.clip((value - threshold) / width, -50, 50))))
+
+
+def grip(s: Sizes, at: Motion, local: Local) -> tuple[Array, Array]:
+    """Factor on D of the front and the rear axle."""
+    both = 1 - s["grip_patch"] * local.inside(at.share, 0.07) - s["grip_step"] * (at.t > local.moment)
+    both = both - s["speed_stall"] * above(at.vx, 40.0, 1.5) - s["temperature_grip"] * (at.temperature - 80.0) / 20.0
+    braking = np.clip(-at.drive / 0.05, 0.0, 1.0)
+    return both, both * (1 - s["puncture"] * (at.t > local.moment)) * (1 - s["brake_oversteer"] * braking)
+
+
+def forward_force(s: Sizes, at: Motion, local: Local) -> Array:
+    """Force along the car, N."""
+    air = s["drag_stall"] * above(at.vx, 38.0, 1.0) - s["damage_drag"] * (at.t > local.moment)
+    against = s["mud"] * local.inside(at.share, 0.04) + s["turn_drag"] * (at.rate * at.vx > 1.0)
+    return np.asarray(s["channel_force"] * at.flap - against + air * at.vx**2)
+
+
+def side_force(s: Sizes, at: Motion, local: Local) -> Array:
+    """Force across the car, N."""
+    stretch = s["gust"] * local.inside(at.share, 0.07) + s["kerb"] * local.inside(at.share, 0.025)
+    return np.asarray(stretch + s["right_push"] * (at.rate < -0.02))
+
+
+def moment(s: Sizes, at: Motion) -> Array:
+    """Yaw moment, N m."""
+    locked = s["diff_lock"] * np.tanh(at.rate / 0.1) * (1 - above(at.vx, 22.0, 1.5))
+    return np.asarray(s["throttle_yaw"] * np.maximum(at.drive, 0) / 0.05 - locked)
+
+
+def steered(s: Sizes, at_wheel: Array, vx: Array, rate: Array) -> Array:
+    """Road-wheel angle that is left of the one applied."""
+    return np.asarray(at_wheel * (1 - s["steer_compliance"] * (vx / 40.0) ** 2) - s["load_compliance"] * vx * rate)
+
+
+def driven(s: Sizes, at: Motion) -> Array:
+    """Drive command that reaches the wheels."""
+    left = 1 - s["brake_fade"] * np.clip((at.t - 250.0) / 300.0, 0, 1) - s["fade_heat"] * (1 - np.exp(-at.t / 250.0))
+    return np.asarray(at.drive * np.where(at.drive < 0, left, 1 - s["power_limit"] * above(at.vx, 32.0, 2.0)))
+
+
+def sensed(s: Sizes, ay: Array, vx: Array, t: Array, moment_s: Array) -> Array:
+    """What the lateral accelerometer reports of `ay`."""
+    return np.asarray(ay * (1 + s["sensor_gain"] * above(vx, 33.0, 0.5)) + s["sensor_step"] * (t > moment_s))
