@@ -75,12 +75,12 @@ def prepare(options: DemoOptions) -> DemoSetup:
     if options.model:
         read_revision(options.model)
     _make(folder)
-    for earlier in folder.glob("session*.mcap"):  # of a drive into the same folder
-        earlier.unlink()
     config = _with_free_ports(config, options)
     open_link(config.can).close()
     kind = resolve_kind(config.can)
     bus = f"socketcan {config.can.channel}" if kind == "socketcan" else kind
+    for earlier in (folder / "session.mcap", *folder.glob("session_[0-9][0-9][0-9].mcap")):
+        earlier.unlink(missing_ok=True)  # of a drive into the same folder
     setup = DemoSetup(config, folder, bus, track.name)
     setup.config_file.write_text(to_toml(config.model_dump(mode="json")))
     return setup

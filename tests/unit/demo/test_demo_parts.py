@@ -107,6 +107,13 @@ def test_prepared_configuration_reaches_the_processes_unchanged(tmp_path: Path) 
     assert setup.config.zenoh.connect != Config().zenoh.connect
 
 
+def test_a_drive_into_the_same_folder_replaces_the_recording_of_the_last_and_nothing_else(tmp_path: Path) -> None:
+    for name in ("session.mcap", "session_001.mcap", "session_recovered.mcap", "other.mcap"):
+        (tmp_path / name).write_bytes(b"")
+    prepare(DemoOptions(out=tmp_path))
+    assert sorted(path.name for path in tmp_path.glob("*.mcap")) == ["other.mcap", "session_recovered.mcap"]
+
+
 def test_the_car_stays_the_one_that_was_asked_for(tmp_path: Path) -> None:
     path = tmp_path / "car.toml"
     path.write_text('[plant]\nbase = "av24"\n')
