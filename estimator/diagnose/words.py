@@ -35,6 +35,8 @@ def describe(basis: Basis, values: Array, coefficients: Array) -> str:
     Args:
         basis: of the term; values: (n,) the signal as driven; coefficients: (basis.size,) fitted.
     """
+    if basis.signal == "turn_direction":
+        return _turns(basis, coefficients)
     low, high = np.quantile(values, (0.002, 0.998))
     at = np.linspace(low, high, 400)
     term = basis.matrix(at) @ coefficients
@@ -44,6 +46,15 @@ def describe(basis: Basis, values: Array, coefficients: Array) -> str:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
     spans = [(at[a], at[min(b, len(at)) - 1]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     return _span_words(basis.signal, spans[:3], float(low), float(high))
+
+
+def _turns(basis: Basis, coefficients: Array) -> str:
+    """Which of right turns, straights and left turns differ from the two others."""
+    at = np.array([-1.0, 0.0, 1.0])
+    term = basis.matrix(at) @ coefficients
+    off = np.abs(term - np.median(term))
+    words = np.array(["right turns", "straights", "left turns"])
+    return " and ".join(words[off > 0.5 * off.max()]) if off.max() > 0 else "all turns"
 
 
 TURNING = ("yaw_rate", "ay", "steer", "vy")

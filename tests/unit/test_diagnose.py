@@ -13,7 +13,7 @@ import pytest
 from practice_drives import PRIOR, practice, record_of
 from typer.testing import CliRunner
 
-from estimator.diagnose.basis import make_basis
+from estimator.diagnose.basis import Basis, make_basis
 from estimator.diagnose.diagnosis import WHITE_IN_LATE_LAPS, Diagnosis, diagnose
 from estimator.diagnose.fit import evaluate, fit
 from estimator.diagnose.noise import Noise
@@ -24,7 +24,7 @@ from estimator.diagnose.score import kernel
 from estimator.diagnose.search import within_a_sample
 from estimator.diagnose.trial import Setting, fit_names
 from estimator.diagnose.whiteness import structured_elsewhere
-from estimator.diagnose.words import describe, plain
+from estimator.diagnose.words import describe, follows_turn_direction, plain
 from estimator.identify.drive_log import DriveLog
 from estimator.identify.smoothing import second_difference_noise
 from estimator.model.effects import catalogue
@@ -235,6 +235,16 @@ def test_words_say_when_a_term_begins() -> None:
 
 def test_numbers_are_written_as_people_write_them() -> None:
     assert [plain(v, 2) for v in (10360.0, 0.0475, 120.4, 2.3e-5, 0.0)] == ["10000", "0.048", "120", "2.3e-05", "0"]
+
+
+def test_a_term_that_is_the_same_in_all_right_turns_depends_on_the_turn_direction() -> None:
+    rate = np.random.default_rng(4).normal(0.0, 0.3, 20_000)
+    fine = Basis("yaw_rate", 7, knots=(-1.5, -0.6, -0.03, -0.02, 0.1, 0.6, 1.5))
+    assert follows_turn_direction(fine, rate, np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
+    assert not follows_turn_direction(fine, rate, np.array(fine.knots))
+    assert (
+        describe(Basis("turn_direction", 3, knots=(-1.0, 0.0, 1.0)), rate, np.array([2.0, 0.1, 0.0])) == "right turns"
+    )
 
 
 def test_words_say_above_which_value_a_term_acts() -> None:
