@@ -37,8 +37,6 @@ PLAUSIBLE = 2.5
 """factor between tyre parameters beyond which a revision or a belief is taken for a fault"""
 PROFILE_CHANGE = 0.03
 """relative change of usable grip that is worth a new speed profile"""
-PROFILE_PLANS = 20
-"""plans from one look at the usable grip to the next: it takes seconds to change by that much"""
 PROBATION = 40
 """plans after an adoption during which failures count against the new revision"""
 PROBATION_FAILURES = 3
@@ -90,7 +88,7 @@ class Adoption:
         self._worker: threading.Thread | None = None
         self._new_reference: Reference | None = None
         self._changed = True
-        self._probation = self._failures = self._since_profile = 0
+        self._probation = self._failures = 0
         self.notes: list[str] = []
         """what was refused or rolled back, and why; newest last"""
         self._line: RaceLine | None = None
@@ -127,16 +125,13 @@ class Adoption:
             self._swap(self._ready)
         if self._new_reference is not None:
             self.controller.reference, self._new_reference = self._new_reference, None
-        self._since_profile += 1
         if not self._changed:
             return
         current, theta = self.current, self.controller.knowledge.theta
         knowledge = self._knowledge(theta, current.revised, current.tyre, current.revision)
         self.controller.set_knowledge(knowledge)
         self._changed = not np.array_equal(knowledge.theta, current.revised.theta)
-        if self._since_profile >= PROFILE_PLANS:
-            self._since_profile = 0
-            self._refresh_profile(current, knowledge)
+        self._refresh_profile(current, knowledge)
 
     def judge(self, accepted: bool) -> None:
         """Outcome of a plan with the model in force; rolls a new model back that keeps failing."""

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from promise_figures import record_figure, volume
+from promise_figures import FIGURES_VARIABLE, LONG_VARIABLE, ONLY_VARIABLE, record_figure, volume
 
 from hil_gateway.mutation import TARGETS
 
@@ -25,13 +25,7 @@ def test_limits_failsafe_and_codec_are_covered_to_the_last_branch(tmp_path):
         sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not vcan and not slow",
         *(f"--cov={module}" for module in TARGETS), "--cov-branch", f"--cov-report=json:{report}", *tests,
     ]  # fmt: skip
-    environment = {
-        **os.environ,
-        "HIL_SHARE": "0.05",
-        "COVERAGE_FILE": str(tmp_path / "coverage"),
-        "HIL_PROMISE_FIGURES": "",
-    }
-    environment.pop("PYTEST_XDIST_WORKER", None)
+    environment = {**_environment(), "HIL_SHARE": "0.05", "COVERAGE_FILE": str(tmp_path / "coverage")}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-3000:]
     files = json.loads(report.read_text())["files"]
@@ -49,9 +43,8 @@ def test_no_mutant_survives_without_a_reason():
         "import json, sys; from pathlib import Path; from hil_gateway import mutation;"
         f"print(json.dumps(mutation.run(Path({str(ROOT)!r}), {_modules()!r}, {volume(9, 1)})))"
     )
-    environment = {**os.environ, "HIL_PROMISE_FIGURES": ""}  # what fails on a mutant says nothing of a promise
     done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=ROOT, env=environment
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=ROOT, env=_environment()
     )
     assert done.returncode == 0, done.stderr[-3000:]
     report = json.loads(done.stdout)
@@ -60,6 +53,12 @@ def test_no_mutant_survives_without_a_reason():
     record_figure(
         "S6", f"{mutants} mutants of {', '.join(report['counts'])}: {len(report['survivors'])} survive with a reason"
     )
+
+
+def _environment() -> dict[str, str]:
+    """Without what a run of the promises sets: all tests at their usual volume; what fails on a mutant breaks none."""
+    ours = ("PYTEST_XDIST_WORKER", FIGURES_VARIABLE, LONG_VARIABLE, ONLY_VARIABLE)
+    return {name: value for name, value in os.environ.items() if name not in ours}
 
 
 def _modules() -> tuple[str, ...]:
