@@ -23,6 +23,7 @@ from hil_gateway.limits import Limits
 from hil_gateway.messages import Applied, FailsafeAction, GatewayStatus, OperatorAction, OperatorCommand, VehicleState
 from hil_gateway.powertrain import GearChoice
 from hil_gateway.race_control import CtState, Demand, RaceControl, SysState
+from hil_gateway.rolling import Rolling
 from hil_gateway.stopping import STANDSTILL, Stopping, rear_speed, road_speed
 from hil_gateway.track import Track
 from hil_gateway.transmitter import Transmitter
@@ -67,7 +68,7 @@ class Gateway:
         self._last_step_ns: int | None = None
         self._status_due_ns = 0
         self._seq = self._status_seq = 0
-        self._latency_ms: deque[float] = deque(maxlen=LATENCY_WINDOW)
+        self._latency_ms = Rolling(LATENCY_WINDOW)
         self._answered_seq: int | None = None
         self._sent = self._limited = 0
         self.refused: dict[str, int] = {}
@@ -194,7 +195,7 @@ class Gateway:
         driving = self.failsafe.action is FailsafeAction.DRIVE
         if driving and command is not None and command.seq != self._answered_seq:
             self._answered_seq = command.seq
-            self._latency_ms.append((now_ns - command.state_stamp_ns) / 1e6)
+            self._latency_ms.add((now_ns - command.state_stamp_ns) / 1e6)
 
     def _applied(self, now_ns: int, state: VehicleState, sent: bool, limited: tuple[str, ...]) -> Applied:
         actuators = self._limits.to_actuators(self._previous)
@@ -215,7 +216,6 @@ class Gateway:
 
     def _status(self, now_ns: int, inputs: Inputs) -> GatewayStatus:
         counts, link = self.builder.counts, self._link.stats()
-        latency = sorted(self._latency_ms)
         return GatewayStatus(
             stamp_ns=now_ns,
             seq=self._status_seq,
@@ -233,8 +233,8 @@ class Gateway:
             counter_errors=counts.counter_errors,
             commands_sent=self._sent,
             commands_limited=self._limited,
-            loop_latency_p50_ms=latency[len(latency) // 2] if latency else None,
-            loop_latency_p99_ms=latency[int(len(latency) * 0.99)] if latency else None,
+            loop_latency_p50_ms=self._latency_ms.quantile(0.5),
+            loop_latency_p99_ms=self._latency_ms.quantile(0.99),
         )
 
 
