@@ -127,7 +127,7 @@ def _diagnose(whole: Setting, split: tuple[tuple[int, ...], tuple[int, ...]], pr
     train = replace(train, lap=np.arange(train.windows, dtype=np.int64) // HELD_OUT_WINDOWS)
     setting = replace(whole, record=train)
     rival = Rival(setting, progress)
-    found = search(setting, progress, enough=rival.suffices)
+    found = search(setting, progress, enough=rival.outweighs)
     outcome = with_terms(setting, found, rival, progress)
     setting = outcome.setting
     record = replace(record, signals=setting.record.signals, bases=setting.record.bases)

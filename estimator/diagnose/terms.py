@@ -30,10 +30,12 @@ SECOND_TERM_SHARE = 0.2
 """A second term must gain this share of the first: less is the resolution of the first one's knots."""
 WHITE_FOR_TERMS = 1.3
 """Empirical terms are looked for only where averages of the residual vary so much more than white noise does."""
-WHITE_WITH_ONE_TERM = 1.5
-"""One term alone explains the session where averages of its residual vary no more than so many times white noise,"""
-OUTWEIGHS = 2.0
-"""or where it gains so many times what all the effects found gain."""
+WHITE_WITH_ONE_TERM, MORE = 1.5, 1.1
+"""One term alone explains the session where averages of its residual vary no more than so many times white noise, and
+it must gain so much more than the effects found: less is the shape of one of them."""
+OUTWEIGHS = 2.5
+"""Or it gains so many times what the effects gain. Drag and rolling resistance are one function of speed: while the
+second is not found yet, that function gains 1.3 times what is named."""
 SHOWN = 6
 """So many of the terms tried are reported."""
 OWN_SHARE = 0.3
@@ -64,17 +66,28 @@ class Rival:
     progress: Progress
     trials: list[Term] = field(default_factory=list)
 
+    def outweighs(self, base: Fit, current: Fit) -> bool:
+        """Whether it explains so much more than `current` that no further effect will make up for it."""
+        return self._ratio(base, current) > OUTWEIGHS
+
     def suffices(self, base: Fit, current: Fit) -> bool:
-        """Whether it explains the session to its noise, and more of it than `current` does."""
-        if not structured(current, WHITE_FOR_TERMS):
+        """Whether it explains the session to its noise and more of it than the end of a search, or far more."""
+        ratio = self._ratio(base, current)
+        if ratio < MORE:
             return False
+        fit = self.trials[0].fit
+        return ratio > OUTWEIGHS or (fit is not None and not structured(fit, WHITE_WITH_ONE_TERM))
+
+    def _ratio(self, base: Fit, current: Fit) -> float:
+        """What it gains relative to what `current` gains over `base`; 0 where `current` leaves no structure."""
+        if not structured(current, WHITE_FOR_TERMS):
+            return 0.0
         if not self.trials:
             self.trials = search_terms(self.setting, (), base, self.progress)
         best = self.trials[0]
         if best.fit is None or not _earns_its_place(best.evidence, self.setting.record, 0.0):
-            return False
-        ratio = best.evidence.gain / max(_total_gain(base, current), 1.0)
-        return ratio > OUTWEIGHS or (ratio > 1.0 and not structured(best.fit, WHITE_WITH_ONE_TERM))
+            return 0.0
+        return best.evidence.gain / max(_total_gain(base, current), 1.0)
 
 
 def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress) -> Outcome:
