@@ -22,6 +22,7 @@ from pathlib import Path
 import pytest
 from gateway_process import Gateway, planner
 from played_car import PEER, REPORTS, played_car, write_log
+from promise_figures import record_figure
 
 from hil_gateway.messages import (
     FailsafeAction,
@@ -189,6 +190,8 @@ def test_a_lost_interface_makes_the_state_invalid_and_is_recovered_within_a_seco
     ip(repair)
     recovered = gateway.wait(lambda: gateway.status is not None and gateway.status.bus_state == "error_active")
     assert recovered < 1.0
+    how = "set down" if len(repair) == 1 else "deleted"
+    record_figure("L7", f"interface {how} and back (vcan): state invalid meanwhile, up again after {recovered:.2f} s")
     with played_car(log):
         assert gateway.wait(gateway.valid) < 1.0 + 1.0  # canplayer itself needs a moment to start
 
