@@ -94,11 +94,11 @@ def _span_words(signal: str, spans: list[tuple[float, float]], low: float, high:
         if a <= low + tolerance and b >= high - tolerance:
             parts.append("throughout")
         elif b >= high - tolerance:
-            parts.append(f"{'after' if signal == 't' else 'above'} {a:.3g} {unit}".strip())
+            parts.append(f"{'after' if signal == 't' else 'above'} {plain(a, 3)} {unit}".strip())
         elif a <= low + tolerance:
-            parts.append(f"{'before' if signal == 't' else 'below'} {b:.3g} {unit}".strip())
+            parts.append(f"{'before' if signal == 't' else 'below'} {plain(b, 3)} {unit}".strip())
         else:
-            parts.append(f"between {a:.3g} and {b:.3g} {unit}".strip())
+            parts.append(f"between {plain(a, 3)} and {plain(b, 3)} {unit}".strip())
     return f"{name} {' and '.join(parts)}" if parts else name
 
 
