@@ -41,7 +41,7 @@ SIGNS = {
     "combined_slip": ((0.9,), {}, "ay", -1),
     "drive_saturation": ((3000.0,), {}, "ax", 1),
     "front_brake": ((0.5, 1.0), {}, "yaw_acc", -1),
-    "engine_braking": ((400.0,), {}, "ax", -1),
+    "engine_braking": ((400.0, 0.015), {}, "ax", -1),
     "steer_offset": ((0.01,), {}, "ay", 1),
     "steer_scale": ((1.1,), {}, "ay", 1),
     "steer_delay": ((0.05,), {}, "ay", -1),
@@ -209,9 +209,9 @@ def test_engine_braking_switches_sample_by_sample_and_by_the_throttle_where_it_i
     prepare = catalogue()["engine_braking"].prepare
     assert prepare is not None
     fluttering = {"drive": np.array([0.004, -0.003, 0.004, -0.003])}
-    np.testing.assert_array_equal(prepare(fluttering, VEHICLE, (300.0,))["throttle_closed"], [0, 1, 0, 1])
+    np.testing.assert_array_equal(prepare(fluttering, VEHICLE, (300.0, 0.02))["throttle_closed"], [0, 1, 0, 1])
     pedal = fluttering | {"throttle": np.array([0.0, 0.0, 0.3, 0.3])}
-    np.testing.assert_array_equal(prepare(pedal, VEHICLE, (300.0,))["throttle_closed"], [1, 1, 0, 0])
+    np.testing.assert_allclose(prepare(pedal, VEHICLE, (300.0, 0.02))["throttle_closed"], [1, 1, 0, 0], atol=1e-3)
 
 
 def test_a_biased_gyroscope_is_told_from_the_turning_of_the_car() -> None:
