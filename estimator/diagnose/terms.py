@@ -111,8 +111,8 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
             break
         terms.append(best)
         setting = best.added_to(setting)
-        # what gained a fair share of that by itself stays, though a spline can copy it: physics goes before a spline
-        own = [n for n in gains if gains[n].gain >= OWN_SHARE * best.evidence.gain]
+        # what gained a fair share of that before there was any term stays, though a spline can copy it: physics first
+        own = [n for n in gains if found.gains[n].gain >= OWN_SHARE * best.evidence.gain]
         gains, current = _drop_stand_ins(setting, own, tuple(gains), best.fit, progress)
     ordered = tuple(sorted(gains, key=lambda n: -gains[n].gain))
     return Outcome(setting, found, ordered, gains, tuple(terms), current, tuple(tried))
@@ -140,11 +140,11 @@ def _earns_its_place(evidence: Evidence, record: Record, total: float) -> bool:
 def _drop_stand_ins(
     setting: Setting, own: Collection[str], names: Collection[str], fit: Fit, progress: Progress
 ) -> tuple[dict[str, Evidence], Fit]:
-    """Remove, weakest first, effects that gain little once the empirical term is there, but for those in `own`."""
+    """Remove, weakest first, effects that gain little once the empirical term is there; those in `own` if nothing."""
     kept = list(names)
     while True:
         gains = gains_of(setting, kept, fit, progress, ", with the empirical term")
-        weak = [n for n in kept if n not in own and not earns_its_place(gains[n], setting, 0.0)]
+        weak = [n for n in kept if not (gains[n].gain > 1.0 if n in own else earns_its_place(gains[n], setting, 0.0))]
         if not weak:
             return gains, fit
         kept.remove(min(weak, key=lambda n: gains[n].gain))
