@@ -32,8 +32,8 @@ SIGNALS = (
     "vx", "ay", "yaw_rate", "vy", "steer", "steer_rate", "drive", "drive_rate", "track_position", "t", "yaw",
     "turn_direction", "throttle", "brake", "gear", "engine_speed", "z",
 )  # fmt: skip
-SCREENING_STRIDE = 3
-"""Screening uses every third window."""
+SCREENING_STRIDE = 4
+"""Screening uses every fourth window."""
 FITTED = 4
 REFINED = 8
 """So many of the best terms have their knots moved in the screening; those that are fitted once more on all windows."""

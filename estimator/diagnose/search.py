@@ -37,7 +37,7 @@ RECHECKED_AT_ONCE = 3
 """Up to so many accepted effects all are checked again after each acceptance; more, only at the end."""
 ASKED_FROM = 2
 """From so many effects on that leave structure it is asked whether something else explains the session alone."""
-FITTED, PROMISING = 5, 0.25
+FITTED, PROMISING = 4, 0.25
 """Candidates of a round that are fitted to the end: at most so many, with this share of the best predicted gain."""
 
 

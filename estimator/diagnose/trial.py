@@ -23,7 +23,7 @@ from estimator.model.single_track import SingleTrack
 
 Array = NDArray[np.float64]
 
-REWEIGHINGS, REWEIGH_ABOVE = 3, 0.1
+REWEIGHINGS, REWEIGH_ABOVE = 1, 0.1
 """A fit is repeated with its own residual deviations until these change by less than a tenth."""
 FIRST_DRIFT = 1.0
 """of the motion, before anything is fitted: the model is trusted little"""
