@@ -24,13 +24,12 @@ from estimator.model.single_track import SingleTrack
 Array = NDArray[np.float64]
 
 REWEIGHINGS, REWEIGH_ABOVE = 1, 0.1
-"""A fit is repeated with its own residual deviations until these change by less than a tenth."""
+"""A fit is repeated so many times with its own residual deviations, if these changed by more than a tenth; the next
+fit starts from what it found, so that a search adapts them further."""
 FIRST_DRIFT = 1.0
 """of the motion, before anything is fitted: the model is trusted little"""
 UNFITTED_SHARE = 0.02
 """Part of a signal that any model is taken to leave before anything is fitted."""
-
-
 STAND_IN_SHARE = 0.1
 """An effect beside an empirical term must gain this share of what the term gains in the channel it gains most in."""
 
