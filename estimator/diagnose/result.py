@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 
 SYSTEMATIC = 0.02
 """Relative error left by the declared vehicle data, the thinning of the log and when its inputs were sampled; part of
-every stated std. Of 23 practice drives, one an effect, front brake, drive delay and lever arm were 2 to 5 % off; chosen on these."""
+every stated std. Of 23 practice drives, one an effect, front brake, drive delay and lever arm were 2 to 5 % off;
+the figure was chosen on these."""
 ALTERNATIVES = 4
 NEARLY = 0.8
 """A signal whose term gains more than this share of the accepted one's is an alternative."""
