@@ -17,6 +17,7 @@ from hil_gateway.clock import NS_PER_S
 from hil_gateway.command_gate import CommandGate
 from hil_gateway.conditions import KILLS, Conditions
 from hil_gateway.config import Config
+from hil_gateway.dead_reckoning import DeadReckoning, rear_speed, road_speed
 from hil_gateway.failsafe import Failsafe, Inputs, missing_for_arming
 from hil_gateway.heard import flags_heard, flags_in_force, heard
 from hil_gateway.limits import Limits
@@ -24,7 +25,7 @@ from hil_gateway.messages import Applied, FailsafeAction, GatewayStatus, Operato
 from hil_gateway.powertrain import GearChoice
 from hil_gateway.race_control import CtState, Demand, RaceControl, SysState
 from hil_gateway.rolling import Rolling
-from hil_gateway.stopping import STANDSTILL, Stopping, rear_speed, road_speed
+from hil_gateway.stopping import STANDSTILL, Stopping
 from hil_gateway.track import Track
 from hil_gateway.transmitter import Transmitter
 from hil_gateway.vehicle_state import VehicleStateBuilder
@@ -49,6 +50,7 @@ class Gateway:
         self._gears = GearChoice(config.powertrain, config.vehicle.wheel_radius)
         self._limits = Limits(codec, config.gateway.limits)
         self._stopping = Stopping(config.vehicle, config.gateway.stop, config.powertrain.force_per_drive, track)
+        self._dead_reckoning = DeadReckoning()
         self._transmitter = Transmitter(codec, link, config.gateway.vehicle_number)
         self.builder = VehicleStateBuilder(config, codec, self._actuation)
         self._commands = bus.subscribe(topics.COMMAND, depth=COMMAND_QUEUE)
@@ -65,7 +67,6 @@ class Gateway:
         self._previous = self._limits.resting(0.0)
         self._conditions = Conditions(self.builder, self._testing)
         self._requests_seen: deque[tuple[str, int, int]] = deque(maxlen=REQUESTS_REMEMBERED)
-        self._last_step_ns: int | None = None
         self._status_due_ns = 0
         self._seq = self._status_seq = 0
         self._latency_ms = Rolling(LATENCY_WINDOW)
@@ -87,7 +88,6 @@ class Gateway:
             self._status_due_ns = now_ns + STATUS_PERIOD_NS
             self._bus.publish(topics.GATEWAY_STATUS, self._status(now_ns, inputs))
             self._status_seq += 1
-        self._last_step_ns = now_ns
         self._seq += 1
 
     def shut_down(self, now_ns: int) -> None:
@@ -106,8 +106,7 @@ class Gateway:
         if plan.count != before and plan.message is not None:
             self._stopping.take_plan(plan.message, stopping=self.failsafe.action in STOPPING)
         estimate = self._estimate.update(now_ns)
-        dt = 0.0 if self._last_step_ns is None else (now_ns - self._last_step_ns) / NS_PER_S
-        self._stopping.track_pose(dt, state, estimate.message if estimate.valid(now_ns) else None)
+        self._dead_reckoning.step(now_ns, state, estimate.message if estimate.valid(now_ns) else None)
         return strongest([message.action for message in self._operator.poll(now_ns) if self._is_new(message)])
 
     def _is_new(self, request: OperatorCommand) -> bool:
@@ -182,7 +181,8 @@ class Gateway:
         if driving and command is not None:
             steer, drive = command.steer, command.drive
         else:
-            steer, drive = self._stopping.command(state, self.failsafe.action is FailsafeAction.EMERGENCY_STOP)
+            emergency = self.failsafe.action is FailsafeAction.EMERGENCY_STOP
+            steer, drive = self._stopping.command(state, self._dead_reckoning.pose, emergency)
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear)
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted

@@ -2,7 +2,7 @@
 
 Steering is pure pursuit (Coulter, CMU-RI-TR-92-01): delta = atan(2 L sin(alpha) / l) towards the point a look-ahead
 distance l along the path. Beyond the end of the plan the path goes on at the same offset from the track's centre
-line. The pose is the newest valid estimate, carried on by reported speed and yaw rate where there is none.
+line.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_gateway.config import StopConfig
-from hil_gateway.messages import Estimate, Plan, PlanStatus, VehicleState
+from hil_gateway.dead_reckoning import Pose, rear_speed
+from hil_gateway.messages import Plan, PlanStatus, VehicleState
 from hil_gateway.track import Track
 from hil_gateway.vehicle import GRAVITY, Vehicle
 
@@ -67,16 +68,8 @@ def _along_track(track: Track, x: float, y: float) -> Array:
     return np.array([on.x - lateral * np.sin(on.heading), on.y + lateral * np.cos(on.heading)])
 
 
-@dataclass(slots=True)
-class _Pose:
-    x: float
-    y: float
-    yaw: float
-    speed: float
-
-
 class Stopping:
-    """Keeps the last good path and the pose; answers with (steer, drive)."""
+    """Keeps the last good path; answers with (steer, drive)."""
 
     def __init__(self, vehicle: Vehicle, config: StopConfig, force_per_drive: float, track: Track | None) -> None:
         self._vehicle = vehicle
@@ -85,7 +78,6 @@ class Stopping:
         self._track = track
         self._plan: Plan | None = None
         self._path: Path | None = None
-        self._pose: _Pose | None = None
         self._steer = 0.0
 
     def take_plan(self, plan: Plan, stopping: bool) -> None:
@@ -98,33 +90,22 @@ class Stopping:
             self._plan = plan
             self._path = None
 
-    def track_pose(self, dt: float, state: VehicleState, estimate: Estimate | None) -> None:
-        """Newest valid estimate, or dead reckoning over `dt` seconds."""
-        if estimate is not None:
-            self._pose = _Pose(estimate.x, estimate.y, estimate.yaw, estimate.vx)
-        elif self._pose is not None:
-            pose = self._pose
-            pose.speed = rear_speed(state)
-            pose.yaw += state.yaw_rate * dt
-            pose.x += pose.speed * math.cos(pose.yaw) * dt
-            pose.y += pose.speed * math.sin(pose.yaw) * dt
-
     def start(self, steer: float) -> None:
         """A stop begins; without a path the present angle is held."""
         self._steer = steer
 
-    def command(self, state: VehicleState, emergency: bool) -> tuple[float, float]:
+    def command(self, state: VehicleState, pose: Pose | None, emergency: bool) -> tuple[float, float]:
         """Road-wheel angle (rad) and slip-ratio drive (negative) of this period."""
         if self._path is None and self._plan is not None:
             self._path = plan_path(self._plan, self._track)
-        if self._path is not None and self._pose is not None:
-            self._steer = self._pursue(self._path, self._pose)
+        if self._path is not None and pose is not None:
+            self._steer = self._pursue(self._path, pose)
         config = self._config
         wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
         force = self._vehicle.mass * min(wanted, self._grip_left(state))
         return self._steer, -force / self._force_per_drive
 
-    def _pursue(self, path: Path, pose: _Pose) -> float:
+    def _pursue(self, path: Path, pose: Pose) -> float:
         rear_x = pose.x - self._vehicle.lr * math.cos(pose.yaw)
         rear_y = pose.y - self._vehicle.lr * math.sin(pose.yaw)
         look_ahead = max(LOOK_AHEAD_MIN, LOOK_AHEAD_S * pose.speed)
@@ -139,13 +120,3 @@ class Stopping:
         weight = GRAVITY + config.downforce * rear_speed(state) ** 2 / self._vehicle.mass
         grip = config.lateral_grip * weight
         return math.sqrt(max(grip**2 - state.ay**2, (0.3 * grip) ** 2))
-
-
-def rear_speed(state: VehicleState) -> float:
-    """Road speed for gears and dead reckoning: mean of the rear wheels, m/s."""
-    return 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
-
-
-def road_speed(state: VehicleState) -> float:
-    """Fastest wheel, m/s: a locked wheel must not pass for standstill."""
-    return max(state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr)

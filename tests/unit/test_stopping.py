@@ -9,12 +9,14 @@ import pytest
 from scripted_car import Rig
 
 from hil_gateway.config import StopConfig
+from hil_gateway.dead_reckoning import Pose
 from hil_gateway.messages import PlanStatus
 from hil_gateway.stopping import Path, Stopping, plan_path
 from hil_gateway.track import load_track
 from hil_gateway.vehicle import Vehicle
 
 VEHICLE = Vehicle()
+HERE = Pose(0.0, 0.0, 0.0, 40.0)
 
 
 @pytest.fixture
@@ -63,9 +65,8 @@ def test_beyond_the_plan_the_path_follows_the_track_at_the_same_offset(rig):
 def test_a_car_beside_its_path_steers_towards_it(rig, side):
     stop = stopping()
     stop.take_plan(rig.plan(0), stopping=False)
-    stop.track_pose(0.01, state(rig), rig.estimate(0).model_copy(update={"y": side, "vx": 40.0}))
     stop.start(0.0)
-    steer, _ = stop.command(state(rig), emergency=False)
+    steer, _ = stop.command(state(rig), Pose(0.0, side, 0.0, 40.0), emergency=False)
     assert math.copysign(1.0, steer) == -side
 
 
@@ -75,17 +76,15 @@ def test_pure_pursuit_is_exact_on_a_circle(rig):
     x, y = radius * np.sin(angles), radius * (1 - np.cos(angles))
     stop = stopping()
     stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(x), "y": tuple(y)}), stopping=False)
-    front = {"x": VEHICLE.lr, "y": 0.0, "yaw": 0.0, "vx": 20.0}
-    stop.track_pose(0.01, state(rig, 20.0), rig.estimate(0).model_copy(update=front))
     stop.start(0.0)
-    steer, _ = stop.command(state(rig, 20.0), emergency=False)
+    steer, _ = stop.command(state(rig, 20.0), Pose(VEHICLE.lr, 0.0, 0.0, 20.0), emergency=False)
     assert steer == pytest.approx(math.atan(VEHICLE.wheelbase / radius), rel=0.01)
 
 
 def test_without_a_path_the_steering_is_held(rig):
     stop = stopping()
     stop.start(0.07)
-    assert stop.command(state(rig), emergency=True)[0] == 0.07
+    assert stop.command(state(rig), HERE, emergency=True)[0] == 0.07
 
 
 def test_what_the_planner_falls_back_to_is_not_taken_as_a_path(rig):
@@ -93,7 +92,7 @@ def test_what_the_planner_falls_back_to_is_not_taken_as_a_path(rig):
     stop.take_plan(rig.plan(0).model_copy(update={"status": PlanStatus.STOP}), stopping=False)
     stop.take_plan(rig.plan(0).model_copy(update={"status": PlanStatus.SHIFTED}), stopping=False)
     stop.start(0.07)
-    assert stop.command(state(rig), emergency=True)[0] == 0.07
+    assert stop.command(state(rig), HERE, emergency=True)[0] == 0.07
 
 
 def test_during_a_stop_the_path_stays(rig):
@@ -101,41 +100,27 @@ def test_during_a_stop_the_path_stays(rig):
     stop = stopping()
     stop.take_plan(rig.plan(0), stopping=False)
     stop.start(0.0)
-    beside = rig.estimate(0).model_copy(update={"y": 2.0, "vx": 40.0})
-    stop.track_pose(0.01, state(rig), beside)
-    steer, _ = stop.command(state(rig), emergency=False)
+    beside = Pose(0.0, 2.0, 0.0, 40.0)
+    steer, _ = stop.command(state(rig), beside, emergency=False)
     stop.take_plan(rig.plan(0).model_copy(update={"y": tuple(2.0 for _ in rig.plan(0).y)}), stopping=True)
-    assert stop.command(state(rig), emergency=False)[0] == steer < -0.01
+    assert stop.command(state(rig), beside, emergency=False)[0] == steer < -0.01
 
 
 def test_a_plan_that_comes_during_a_stop_is_better_than_none(rig):
     stop = stopping()
     stop.start(0.07)
     stop.take_plan(rig.plan(0), stopping=True)
-    stop.track_pose(0.01, state(rig), rig.estimate(0))
-    assert stop.command(state(rig), emergency=False)[0] != 0.07
-
-
-def test_without_estimates_the_pose_is_carried_on(rig):
-    stop = stopping()
-    stop.take_plan(rig.plan(0), stopping=False)
-    stop.track_pose(0.01, state(rig), rig.estimate(0))
-    turning = state(rig).model_copy(update={"yaw_rate": 0.2})
-    for _ in range(50):
-        stop.track_pose(0.01, turning, None)
-    stop.start(0.0)
-    steer, _ = stop.command(turning, emergency=False)
-    assert steer < -0.02, "half a second of turning left has to be steered back"
+    assert stop.command(state(rig), HERE, emergency=False)[0] != 0.07
 
 
 @pytest.mark.parametrize(("emergency", "deceleration"), [(False, 6.0), (True, 12.0)])
 def test_braking_is_as_configured_on_a_straight(rig, emergency, deceleration):
-    _, drive = stopping().command(state(rig), emergency)
+    _, drive = stopping().command(state(rig), HERE, emergency)
     assert drive * 50_000.0 / VEHICLE.mass == pytest.approx(-deceleration)
 
 
 def test_braking_leaves_the_grip_a_bend_needs(rig):
-    _, straight = stopping().command(state(rig, 20.0, ay=0.0), emergency=True)
-    _, bend = stopping().command(state(rig, 20.0, ay=11.0), emergency=True)
-    _, beyond = stopping().command(state(rig, 20.0, ay=40.0), emergency=True)
+    _, straight = stopping().command(state(rig, 20.0, ay=0.0), HERE, emergency=True)
+    _, bend = stopping().command(state(rig, 20.0, ay=11.0), HERE, emergency=True)
+    _, beyond = stopping().command(state(rig, 20.0, ay=40.0), HERE, emergency=True)
     assert straight < bend < beyond < 0
