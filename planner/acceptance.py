@@ -34,14 +34,14 @@ a gap of second order"""
 
 @dataclass(frozen=True)
 class AxleForces:
-    """Forces along and across both axles and the axle loads, N; arrays (K,)."""
+    """Forces along and across both axles and the axle loads, N; arrays (K,), or numbers where all K are the same."""
 
-    fx_f: Array
-    fy_f: Array
-    load_f: Array
-    fx_r: Array
-    fy_r: Array
-    load_r: Array
+    fx_f: Array | float
+    fy_f: Array | float
+    load_f: Array | float
+    fx_r: Array | float
+    fy_r: Array | float
+    load_r: Array | float
 
 
 ForceModel = Callable[[Array, Array, Array, Array, Array], AxleForces]
@@ -50,21 +50,15 @@ ForceModel = Callable[[Array, Array, Array, Array, Array], AxleForces]
 
 def declared_forces(vehicle: Vehicle, tyre: Mapping[str, float]) -> ForceModel:
     """Eq. (2) and (3) of the declared model, for layout `per_axle` or `shared`."""
-    front = tuple(tyre.get(n + "f", tyre.get(n, 0.0)) for n in "bcd")
-    rear = tuple(tyre.get(n + "r", tyre.get(n, 0.0)) for n in "bcd")
-
-    def lateral(slip: Array, load: float, b: float, c: float, d: float) -> Array:
-        return np.asarray(d * load * np.sin(c * np.arctan(b * slip)))
+    b, c, d = (np.array([[tyre.get(n + axle, tyre.get(n, 0.0))] for axle in "fr"]) for n in "bcd")
+    load_f, load_r = vehicle.static_load_front, vehicle.static_load_rear
+    peak, arm = d * np.array([[load_f], [load_r]]), np.array([[vehicle.lf], [-vehicle.lr]])
 
     def forces(vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array) -> AxleForces:
-        speed = np.maximum(vx, 3.0)
-        slip_f = steer - np.arctan((vy + vehicle.lf * yaw_rate) / speed)
-        slip_r = -np.arctan((vy - vehicle.lr * yaw_rate) / speed)
-        ones = np.ones_like(vx)
-        return AxleForces(
-            0.0 * ones, lateral(slip_f, vehicle.static_load_front, *front), vehicle.static_load_front * ones,
-            tyre["cx"] * drive, lateral(slip_r, vehicle.static_load_rear, *rear), vehicle.static_load_rear * ones,
-        )  # fmt: skip
+        slip = -np.arctan((vy + arm * yaw_rate) / np.maximum(vx, 3.0))
+        slip[0] += steer
+        front, rear = peak * np.sin(c * np.arctan(b * slip))
+        return AxleForces(0.0, front, load_f, tyre["cx"] * drive, rear, load_r)
 
     return forces
 
@@ -127,15 +121,18 @@ def excesses(
             plan.offset + bounds.clearance - plan.width_left, -plan.offset + bounds.clearance - plan.width_right
         ),
         "load": np.maximum(front, rear) - 1.0,
-        "actuator": np.max([np.abs(plan.steer) - bounds.steer, plan.drive - high, low - plan.drive], axis=0),
-        "rate": np.maximum(
-            np.abs(np.diff(plan.steer, prepend=plan.steer[0])) / steer_step,
-            np.abs(np.diff(plan.drive, prepend=plan.drive[0])) / drive_step,
-        )
-        - 1.0,
+        "actuator": np.maximum(np.abs(plan.steer) - bounds.steer, np.maximum(plan.drive - high, low - plan.drive)),
+        "rate": np.maximum(_steps(plan.steer) / steer_step, _steps(plan.drive) / drive_step) - 1.0,
         "state": np.maximum(plan.vx - bounds.speed, -plan.vx),
         "information": plan.information / bounds.information - 1.0,
     }
+
+
+def _steps(values: Array) -> Array:
+    """Size of the change from the stage before, (N+1,); the first has none."""
+    steps = np.zeros_like(values)
+    np.abs(values[1:] - values[:-1], out=steps[1:])
+    return steps
 
 
 def load_shares(plan: Plan, bounds: Bounds, forces: ForceModel) -> tuple[Array, Array]:
@@ -159,7 +156,7 @@ def violations(
     caller's choice that is not the solver's; `loads` as for `excesses`.
     """
     columns = [getattr(plan, name) for name in plan.__dataclass_fields__]
-    if not all(np.isfinite(column).all() for column in columns):
+    if not np.isfinite(np.concatenate(columns)).all():
         return ["not finite"]
     found = []
     fade = np.maximum(0.0, 1.0 - bounds.dt * np.arange(len(plan.x)) / RECOVERY_S)

@@ -32,8 +32,8 @@ SHORT_S = 1.8
 """most seeds end so soon: every reaction is due within 0.6 s of its fault"""
 FULL_EVERY = 10
 """each so many-th seed goes on until the car stands"""
-DEFAULTS: dict[str, Any] = {"planner": {"horizon": 20}, "estimator": {"learn": False}}
-"""A short horizon and no adoption of new revisions: speed."""
+DEFAULTS: dict[str, Any] = {"planner": {"horizon": 20}, "estimator": {"learn": False, "relinearise": False}}
+"""A short horizon, no adoption of new revisions, the belief by Eq. (8) alone: speed."""
 
 
 class Switch(Faults):
@@ -83,11 +83,15 @@ class Campaign:
 
     def run(self, seeds: Sequence[int], workers: int = 2) -> Iterator[SeedResult]:
         """Results in the order in which they come in."""
+        copies = _Copies(self)
         for group, point_s in enumerate(START_POINTS_S):
             mine = [seed for seed in seeds if seed % len(START_POINTS_S) == group]
             if mine:
-                self._drive_to(point_s)
-                yield from _fork_all(self, mine, workers)
+                self._drive_to(point_s)  # while the last copies of the point before still run
+            for seed in mine:
+                yield from copies.reap(workers - 1)
+                copies.start(seed)
+        yield from copies.reap(0)
 
     def run_here(self, seed: int) -> SeedResult:
         """One seed in this process (which is of no use for another one afterwards)."""
@@ -136,36 +140,37 @@ class Campaign:
                 return
 
 
-def _fork_all(campaign: Campaign, seeds: Sequence[int], workers: int) -> Iterator[SeedResult]:
-    """Each seed in a forked copy, at most `workers` at a time."""
-    waiting = list(reversed(seeds))
-    running: dict[int, tuple[int, int]] = {}
-    while waiting or running:
-        while waiting and len(running) < workers:
-            seed = waiting.pop()
-            pid, reader = _fork(campaign, seed)
-            running[pid] = (seed, reader)
-        pid, _ = os.wait()
-        seed, reader = running.pop(pid)
-        with os.fdopen(reader) as pipe:
-            text = pipe.read()
-        yield SeedResult(**json.loads(text)) if text else _lost(seed)
+class _Copies:
+    """Forked copies of a campaign's loop, each simulating one seed."""
 
+    def __init__(self, campaign: Campaign) -> None:
+        self._campaign = campaign
+        self._running: dict[int, tuple[int, int]] = {}
+        """process -> its seed and the pipe of its result"""
 
-def _fork(campaign: Campaign, seed: int) -> tuple[int, int]:
-    """Start one copy; its result comes as one JSON line through the pipe."""
-    gc.freeze()  # a collection in the copy would touch, and so copy, every page of the loop
-    reader, writer = os.pipe()
-    pid = os.fork()
-    if pid:
-        os.close(writer)
-        return pid, reader
-    status = 1
-    try:
-        os.write(writer, json.dumps(asdict(campaign.simulate(seed))).encode())
-        status = 0
-    finally:
-        os._exit(status)
+    def reap(self, most: int) -> Iterator[SeedResult]:
+        """Results of copies that end, until at most so many still run."""
+        while len(self._running) > most:
+            pid, _ = os.wait()
+            seed, reader = self._running.pop(pid)
+            with os.fdopen(reader) as pipe:
+                text = pipe.read()
+            yield SeedResult(**json.loads(text)) if text else _lost(seed)
+
+    def start(self, seed: int) -> None:
+        """One more copy; its result comes as one JSON line through the pipe."""
+        gc.freeze()  # a collection in the copy would touch, and so copy, every page of the loop
+        reader, writer = os.pipe()
+        if pid := os.fork():
+            os.close(writer)
+            self._running[pid] = seed, reader
+            return
+        status = 1
+        try:
+            os.write(writer, json.dumps(asdict(self._campaign.simulate(seed))).encode())
+            status = 0
+        finally:
+            os._exit(status)
 
 
 def _lost(seed: int) -> SeedResult:
