@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -54,23 +56,20 @@ def info(files: SessionFiles, as_json: AsJson = False) -> None:
         print(json.dumps(infos[0] if len(infos) == 1 else {"sessions": infos}))
     else:
         print("\n".join(line for one in infos for line in describe(one)))
-    if any("corrupt" in damage for one in infos for damage in one["damage"]):
+    if any(one["corrupt"] for one in infos):
         raise typer.Exit(EXIT_FAILURE)
 
 
 @app.command()
 def recover(file: OneSession, out: Out = None, as_json: AsJson = False) -> None:
     """Write a complete file from whatever a damaged one still holds."""
+    from hil_gateway.session.output import beside
     from hil_gateway.session.recover import recover as recover_session
 
-    target = out or file.with_stem(f"{file.stem}_recovered")
-    count, reader = recover_session(file, target)
-    damage = [str(d) for d in reader.damage]
-    for line in damage:
-        print(f"{file}: {line}", file=sys.stderr)
-    _report(
-        {"messages": count, "damage": damage, "path": str(target)}, f"{count} messages recovered to {target}", as_json
-    )
+    target = out or beside(file, f"_recovered{file.suffix}")
+    done = recover_session(file, target)
+    values = {"messages": done.messages, "left_out": done.left_out, "damage": done.damage, "path": str(target)}
+    _report(values, f"{done.messages} messages recovered to {target}", as_json)
 
 
 @app.command()
@@ -85,26 +84,33 @@ def export(
 ) -> None:
     """Write a drive log (csv, parquet) or the raw frames (candump log)."""
     from hil_gateway.session.export import EXPORTS
+    from hil_gateway.session.output import beside
 
     by_suffix = {suffix: name for name, suffix in SUFFIXES.items()}
     chosen = format or by_suffix.get(out.suffix if out else "", Format.CSV)
-    target = out or file.with_suffix(SUFFIXES[chosen])
-    count = EXPORTS[chosen](file, target)
-    _report({"rows": count, "path": str(target)}, f"{count} rows written to {target}", as_json)
+    target = out or beside(file, SUFFIXES[chosen])
+    done = EXPORTS[chosen](file, target)
+    values = {"rows": done.rows, "left_out": done.left_out, "damage": done.damage, "path": str(target)}
+    _report(values, f"{done.rows} rows written to {target}", as_json)
 
 
 @app.command(name="import")
 def import_(
     file: Annotated[Path, typer.Argument(help="a candump .log, Vector .asc or .blf file")],
     out: Out = None,
+    channel: Annotated[str | None, typer.Option(help="only this bus of a log that holds several")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Make a session of a log of raw CAN frames."""
     from hil_gateway.session.importer import import_log
+    from hil_gateway.session.output import beside
 
-    target = out or file.with_suffix(".mcap")
-    count = import_log(file, target)
-    _report({"frames": count, "path": str(target)}, f"{count} frames written to {target}", as_json)
+    target = out or beside(file, ".mcap")
+    if out is None and target.exists():
+        raise InputError(f"{target}: there already, perhaps the recording the log was made of; name a file with --out")
+    done = import_log(file, target, channel)
+    values = {"frames": done.frames, "left_out": done.left_out, "path": str(target)}
+    _report(values, f"{done.frames} frames written to {target}", as_json)
 
 
 @app.command()
@@ -117,34 +123,29 @@ def replay(
     config_file: Annotated[Path | None, typer.Option("--config", help="TOML file")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Play sessions back. On Zenoh it takes the gateway's place; on CAN only frames of a car are sent."""
-    from hil_gateway.can_link import open_link
-    from hil_gateway.clock import SystemClock
+    """Play sessions back. On Zenoh it takes the gateway's place; on CAN only frames of a car are sent.
+
+    Exit 1 when the interface did not take every frame.
+    """
     from hil_gateway.config import load_config
-    from hil_gateway.session import replay as r
-    from hil_gateway.session.reader import Item
-    from hil_gateway.zenoh_bus import HUB, open_bus
+    from hil_gateway.session.player import play
+    from hil_gateway.session.replay import DEFAULT_TOPICS
 
     if not 0 <= speed < float("inf"):
         raise InputError(f"--speed {speed} must be 0 (as fast as possible) or a positive factor")
-    config = load_config(config_file)
-    bus = open_bus(config.zenoh, HUB) if to is not Target.CAN else None
-    link = open_link(config.can) if to is not Target.ZENOH else None
-    sends = [r.to_bus(bus, topic or r.DEFAULT_TOPICS)] if bus else []
-    sends += [r.to_can(link, r.ids_from_car())] if link else []
-
-    def send(item: Item) -> None:
-        for one in sends:
-            one(item)
-
-    try:
-        count = r.replay(r.read_all(files), send, SystemClock(), speed)
-    finally:
-        for end in (bus, link):
-            if end:
-                end.close()
-    _report({"items": count}, f"{count} recorded items played", as_json)
+    topics = () if to is Target.CAN else tuple(topic or DEFAULT_TOPICS)
+    played = play(files, load_config(config_file), topics, to is not Target.ZENOH, speed)
+    text = f"{played.items} recorded items played: {played.messages} messages, {played.frames} frames sent"
+    _report(asdict(played), text, as_json)
+    if played.refused:
+        print(f"hil: {played.refused} frames were not sent: interface down, or --speed too high", file=sys.stderr)
+        raise typer.Exit(EXIT_FAILURE)
 
 
-def _report(values: dict[str, object], text: str, as_json: bool) -> None:
+def _report(values: Mapping[str, Any], text: str, as_json: bool) -> None:
+    """What was done on standard output; what was left out or not readable on standard error."""
+    for place in values.get("damage", ()):
+        print(f"hil: not readable: {place}", file=sys.stderr)
+    for reason, number in values.get("left_out", {}).items():
+        print(f"hil: left out: {reason}, {number} times", file=sys.stderr)
     print(json.dumps(values) if as_json else text)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.errors import InputError
 from hil_gateway.messages import Estimate, VehicleState
-from hil_gateway.session.format import unpack_message
+from hil_gateway.session.format import named, unpack_message
 from hil_gateway.session.reader import Item, SessionReader
 from hil_gateway.topics import ESTIMATE, PLAN, VEHICLE_STATE
 
@@ -65,7 +65,8 @@ def read_drive_table(path: Path) -> DriveTable:
         InputError: no recording, or one without estimates.
     """
     reader = SessionReader(path, frozenset({VEHICLE_STATE.key, ESTIMATE.key, PLAN.key}))
-    rows, left_out, laps = _collect(reader.items())
+    with named(path):
+        rows, left_out, laps = _collect(reader.items())
     if not rows:
         raise InputError(f"{path}: holds no valid {ESTIMATE} with its {VEHICLE_STATE}: nothing to make a drive log of")
     stamps = np.array([state.stamp_ns for state, _ in rows], dtype=np.int64)

@@ -3,30 +3,45 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
-from hil_gateway.can_link import EXTENDED_ID, Frame
-from hil_gateway.clock import NS_PER_S
 from hil_gateway.errors import InputError
-from hil_gateway.session.drive_table import as_rows, read_drive_table
-from hil_gateway.session.format import CAN_TOPIC, unpack_frame
+from hil_gateway.session.candump import format_line
+from hil_gateway.session.drive_table import DriveTable, as_rows, read_drive_table
+from hil_gateway.session.format import CAN_TOPIC, METADATA_SESSION, named, unpack_frame
+from hil_gateway.session.output import output_file
 from hil_gateway.session.reader import SessionReader
 
-ERROR_FLAG = 0x20000000
+UNKNOWN_CHANNEL = "can0"
+"""where the session came over no interface with a name"""
 
 
-def export_csv(source: Path, target: Path) -> int:
-    """Drive log as CSV; returns the number of rows. Numbers keep every digit."""
-    columns = read_drive_table(source).columns
-    with _create(target).open("w", newline="") as file:
+@dataclass(frozen=True)
+class Exported:
+    """What was written, and what was not."""
+
+    rows: int
+    """rows or frames"""
+    left_out: Mapping[str, int]
+    """rows that could not be used, by reason"""
+    damage: tuple[str, ...]
+    """places of the recording that could not be read"""
+
+
+def export_csv(source: Path, target: Path) -> Exported:
+    """Drive log as CSV. Numbers keep every digit."""
+    table = read_drive_table(source)
+    with output_file(target, source) as path, path.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows([repr(float(value)) for value in row] for row in as_rows(columns))
-    return len(columns["t"])
+        writer.writerow(table.columns)
+        writer.writerows([repr(float(value)) for value in row] for row in as_rows(table.columns))
+    return _exported(table)
 
 
-def export_parquet(source: Path, target: Path) -> int:
-    """Drive log as Parquet; returns the number of rows.
+def export_parquet(source: Path, target: Path) -> Exported:
+    """Drive log as Parquet.
 
     Raises:
         InputError: the optional package is missing.
@@ -36,41 +51,27 @@ def export_parquet(source: Path, target: Path) -> int:
         import pyarrow.parquet as pq
     except ImportError:
         raise InputError("Parquet needs the package pyarrow; install hil-gateway[parquet]") from None
-    columns = read_drive_table(source).columns
-    pq.write_table(pa.table(columns), _create(target))
-    return len(columns["t"])
+    table = read_drive_table(source)
+    with output_file(target, source) as path:
+        pq.write_table(pa.table(table.columns), path)
+    return _exported(table)
 
 
-def export_candump(source: Path, target: Path, channel: str = "can0") -> int:
-    """Raw frames as `candump -l` writes them; returns their number."""
-    count = 0
-    with _create(target).open("w") as file:
-        for item in SessionReader(source).items():
-            if item.topic != CAN_TOPIC:
-                continue
-            frame = unpack_frame(item.data)
-            seconds, rest = divmod(frame.stamp_ns, NS_PER_S)
-            file.write(f"({seconds}.{rest // 1000:06d}) {channel} {_number(frame)}#{frame.data.hex().upper()}\n")
-            count += 1
-    return count
+def _exported(table: DriveTable) -> Exported:
+    return Exported(len(table.columns["t"]), table.left_out, table.damage)
 
 
-def _number(frame: Frame) -> str:
-    """Identifier as candump writes it: three digits, eight for extended and error frames."""
-    if frame.is_error:
-        return f"{frame.id | ERROR_FLAG:08X}"
-    return f"{frame.id & ~EXTENDED_ID:08X}" if frame.id & EXTENDED_ID else f"{frame.id:03X}"
-
-
-def _create(target: Path) -> Path:
-    """The file, once it is known that it can be written."""
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.touch()
-    except OSError as error:
-        raise InputError(f"{target}: cannot write: {error.strerror}") from None
-    return target
+def export_candump(source: Path, target: Path) -> Exported:
+    """Raw frames as `candump -l` writes them, under the name of the interface they came over."""
+    count, reader = 0, SessionReader(source)
+    with output_file(target, source) as path, path.open("w") as file, named(source):
+        for item in reader.items():
+            if item.topic == CAN_TOPIC:
+                channel = reader.metadata.get(METADATA_SESSION, {}).get("channel") or UNKNOWN_CHANNEL
+                file.write(f"{format_line(unpack_frame(item.data), channel)}\n")
+                count += 1
+    return Exported(count, {}, tuple(map(str, reader.damage)))
 
 
 EXPORTS = {"csv": export_csv, "parquet": export_parquet, "candump": export_candump}
-"""format -> function (session, file) -> number of rows or frames"""
+"""format -> function (session, file)"""

@@ -11,6 +11,8 @@ import importlib.metadata
 import json
 import struct
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -52,6 +54,19 @@ _CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 _FRAME = struct.Struct("<4siII4xI???B8s")
 
 
+class MessageError(InputError):
+    """A recorded message this version cannot read."""
+
+
+@contextmanager
+def named(path: Path) -> Iterator[None]:
+    """Say which file an unreadable message is in."""
+    try:
+        yield
+    except MessageError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
 def pack_frame(frame: Frame, unix_ns: int) -> bytes:
     """CDR of one classic CAN frame stamped `unix_ns`."""
     seconds, nanoseconds = divmod(unix_ns, NS_PER_S)
@@ -65,10 +80,10 @@ def unpack_frame(cdr: bytes) -> Frame:
     """Inverse of `pack_frame`; the stamp is Unix time.
 
     Raises:
-        InputError: not a frame written by this project (another frame_id, another length).
+        MessageError: not a frame written by this project (another frame_id, another length).
     """
     if len(cdr) != _FRAME.size:
-        raise InputError(f"{CAN_TOPIC}: a record of {len(cdr)} bytes, not {_FRAME.size}: recorded by another program")
+        raise MessageError(f"{CAN_TOPIC}: a record of {len(cdr)} bytes, not {_FRAME.size}: recorded by another program")
     _, seconds, nanoseconds, _, number, _, extended, is_error, dlc, data = _FRAME.unpack(cdr)
     stamp_ns = seconds * NS_PER_S + nanoseconds
     return Frame(number | EXTENDED_ID if extended else number, data[:dlc], stamp_ns, is_error)
@@ -78,12 +93,12 @@ def unpack_message(topic: Topic[M], data: bytes) -> M:
     """Message of a topic as it was recorded.
 
     Raises:
-        InputError: not one of this version.
+        MessageError: not one of this version.
     """
     try:
         return topic.message.model_validate_json(data)
     except ValidationError as error:
-        raise InputError(f"{topic}: a message this version cannot read: {error.errors()[0]['msg'].lower()}") from None
+        raise MessageError(f"{topic}: a message this version cannot read: {error.errors()[0]['msg'].lower()}") from None
 
 
 def session_metadata(config: Config, name: str, bus: str, started: str) -> dict[str, str]:
@@ -92,6 +107,7 @@ def session_metadata(config: Config, name: str, bus: str, started: str) -> dict[
         "name": name,
         "started": started,
         "bus": bus,
+        "channel": config.can.channel if bus == "socketcan" else "",
         "software": software_version(),
         "dbc_sha256": dbc_hash(),
         "config": config.model_dump_json(),

@@ -26,15 +26,16 @@ def session_info(path: Path) -> dict[str, Any]:
         last = max(last, item.log_ns)
     duration = (last - first) / NS_PER_S if first is not None else 0.0
     session = dict(reader.metadata.get("session", {}))
-    damage = [str(damage) for damage in reader.damage]
+    damage, corrupt = [str(damage) for damage in reader.damage], not all(d.cut for d in reader.damage)
     try:
         config = json.loads(session.pop("config", "{}"))
     except ValueError:
-        config, damage = {}, [*damage, "the configuration in the metadata is not readable"]
+        config, damage, corrupt = {}, [*damage, "the configuration in the metadata is not readable"], True
     return {
         "path": str(path),
         "complete": reader.complete,
         "damage": damage,
+        "corrupt": corrupt,
         "bytes": path.stat().st_size,
         "start_unix_s": None if first is None else first / NS_PER_S,
         "duration_s": duration,
@@ -51,6 +52,13 @@ def _rate(count: int, duration_s: float) -> float | None:
     return round((count - 1) / duration_s, 3) if duration_s > 0 and count > 1 else None
 
 
+def _origin(session: dict[str, str]) -> str:
+    if source := session.get("imported_from"):
+        return f"imported from {source}, channel {session.get('channel') or 'not named'},"
+    bus = session.get("channel") or session.get("bus", "an unknown bus")
+    return f"recorded {session.get('started', 'at an unknown time')} on {bus}"
+
+
 def describe(info: dict[str, Any]) -> list[str]:
     """The summary in lines for a person."""
     session = info["session"]
@@ -58,8 +66,7 @@ def describe(info: dict[str, Any]) -> list[str]:
     lines = [
         f"{info['path']}: {info['duration_s']:.1f} s, {info['bytes'] / 1e6:.1f} MB, {info['messages']} messages",
         f"  {ending}",
-        f"  recorded {session.get('started', 'at an unknown time')} on {session.get('bus', 'an unknown bus')}"
-        f" by {session.get('software', 'unknown software')}",
+        f"  {_origin(session)} by {session.get('software', 'unknown software')}",
     ]
     if revision := info["model_revision"].get("revision"):
         lines.append(f"  newest model revision {revision}")

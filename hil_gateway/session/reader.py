@@ -1,13 +1,16 @@
 """Reads a session file however it ended: killed, cut at any byte, or damaged in the middle.
 
 The file is read once, front to back, without its index. Every whole chunk with a right checksum is given out;
-what is not readable is described in `damage`, with its place, and the reader goes on at the next chunk.
+what is not readable is described in `damage`, with its place, and the reader goes on at the next chunk. What lies
+between the chunks, and the index at the end, have checksums as well: they are compared when nothing else was wrong.
 """
 
 from __future__ import annotations
 
+import os
 import re
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -28,6 +31,9 @@ from hil_gateway.topics import TOPICS
 MAGIC = b"\x89MCAP0\r\n"
 _HEADER = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_FOOTER = struct.Struct("<BQQQI8s")
+"""footer record (opcode, length, two offsets, checksum of the index up to here) and the magic behind it"""
+_FOOTER_CHECKED = 25
 # start, end, uncompressed size, CRC, length and name of the compression: what makes a chunk recognisable
 _CHUNK_START = re.compile(rb"\x06.{8}.{28}\x04\x00\x00\x00zstd|\x06.{8}.{28}\x03\x00\x00\x00lz4", re.DOTALL)
 _SCAN_BYTES = 1 << 20
@@ -52,6 +58,8 @@ class Damage:
 
     offset: int
     what: str
+    cut: bool = False
+    """the file ends here, as one of a killed recorder does; else what was written has changed"""
 
     def __str__(self) -> str:
         return f"byte {self.offset}: {self.what}"
@@ -80,16 +88,19 @@ class SessionReader:
         except OSError as error:
             raise InputError(f"{self.path}: cannot read the session: {error.strerror}") from None
         with file:
-            if file.read(len(MAGIC)) != MAGIC:
-                raise InputError(f"{self.path}: not an MCAP recording (wrong first bytes)")
-            yield from self._records(file, self.path.stat().st_size)
+            try:
+                if file.read(len(MAGIC)) != MAGIC:
+                    raise InputError(f"{self.path}: not an MCAP recording (wrong first bytes)")
+                yield from self._records(file, os.fstat(file.fileno()).st_size)
+            except OSError as error:
+                raise InputError(f"{self.path}: cannot read the session: {error.strerror}") from None
 
     def _records(self, file: BinaryIO, size: int) -> Iterator[Item]:
-        topics = _default_topics()
+        topics, checksum = _default_topics(), zlib.crc32(MAGIC)
         while (offset := file.tell()) < size:
             head = file.read(_HEADER.size)
             if len(head) < _HEADER.size:
-                self._note(offset, f"cut off {len(head)} bytes into a record")
+                self._note(offset, f"cut off {len(head)} bytes into a record", cut=True)
                 return
             opcode, length = _HEADER.unpack(head)
             if opcode not in _KNOWN_OPCODES or offset + _HEADER.size + length > size:
@@ -97,13 +108,35 @@ class SessionReader:
                     return
                 continue
             body = file.read(length)
+            if opcode == Opcode.DATA_END:
+                self._check(offset, "what lies between the chunks", _expected(body), checksum)
+                self._read_index(file, offset)
+                return
+            checksum = zlib.crc32(body, zlib.crc32(head, checksum))
             if opcode == Opcode.CHUNK:
                 yield from self._chunk(body, offset, topics)
             elif opcode == Opcode.METADATA:
                 self._read_metadata(body, offset)
             elif opcode == Opcode.FOOTER:
-                self.complete = file.read(len(MAGIC)) == MAGIC
-                return
+                self.complete = file.read() == MAGIC
+                self._note(offset, "the record that ends the messages is corrupt")
+
+    def _read_index(self, file: BinaryIO, offset: int) -> None:
+        """The end of a file that was closed in order: its index, footer and magic."""
+        index = file.read()
+        tail = index[-_FOOTER.size :]
+        self.complete = index.endswith(MAGIC)
+        if len(tail) < _FOOTER.size or tail[0] != Opcode.FOOTER or not self.complete:
+            self._note(offset, "cut off: every message is there, the index is not", cut=not self.complete)
+            return
+        expected: int = _FOOTER.unpack(tail)[4]
+        checked = index[: len(index) - _FOOTER.size + _FOOTER_CHECKED]
+        self._check(offset, "the index", expected, zlib.crc32(checked))
+
+    def _check(self, offset: int, what: str, expected: int, found: int) -> None:
+        """Note a wrong checksum; 0 is none, and where something else was wrong it has to be."""
+        if expected not in (0, found) and not self.damage:
+            self._note(offset, f"{what} is corrupt: its checksum is wrong; every message is whole")
 
     def _chunk(self, body: bytes, offset: int, topics: dict[int, str]) -> Iterator[Item]:
         number, self.chunks = self.chunks, self.chunks + 1
@@ -114,10 +147,19 @@ class SessionReader:
         except Exception as error:  # whatever a decompressor raises, the chunk is damaged
             self._note(offset, f"chunk {number}{_span(body)} is corrupt: {type(error).__name__}: {error}")
             return
+        try:
+            yield from self._messages(data, topics)
+        except (McapError, ValueError, struct.error) as error:
+            self._note(offset, f"chunk {number}{_span(body)} is corrupt: {error}")
+
+    def _messages(self, data: bytes, topics: dict[int, str]) -> Iterator[Item]:
+        """Messages of a chunk; a checksum, where there is one, has said already that they are whole."""
         position = 0
-        while position < length:
+        while position < len(data):
             opcode, size = _HEADER.unpack_from(data, position)
             position += _HEADER.size
+            if position + size > len(data):
+                raise ValueError("a record is longer than the chunk")
             if opcode == Opcode.MESSAGE:
                 channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, position)
                 topic = topics.get(channel, f"channel {channel}")
@@ -150,16 +192,21 @@ class SessionReader:
                     file.seek(position)
                     return True
             start += max(len(window) - _SCAN_OVERLAP, 1)
-        self._note(offset, f"cut off: the last {size - offset} bytes are no whole record")
+        self._note(offset, f"cut off: the last {size - offset} bytes are no whole record", cut=True)
         return False
 
-    def _note(self, offset: int, what: str) -> None:
-        self.damage.append(Damage(offset, what))
+    def _note(self, offset: int, what: str, cut: bool = False) -> None:
+        self.damage.append(Damage(offset, what, cut))
 
 
 def _default_topics() -> dict[int, str]:
     """Channel numbers as the writer gives them out, for a file whose first chunk is damaged."""
     return dict(enumerate((CAN_TOPIC, *(t.key for t in TOPICS if t.recorded)), start=1))
+
+
+def _expected(data_end: bytes) -> int:
+    """Checksum of everything before the record `DataEnd`; 0 where there is none."""
+    return int.from_bytes(data_end[:4], "little")
 
 
 def _span(body: bytes) -> str:

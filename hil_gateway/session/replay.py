@@ -7,54 +7,66 @@ published either unless they are asked for by name.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from pathlib import Path
+import logging
+from collections.abc import Callable, Iterable, Iterator
 
 from hil_gateway.bus import Bus
 from hil_gateway.can_link import CanLink
 from hil_gateway.clock import NS_PER_S, Clock
 from hil_gateway.errors import InputError
 from hil_gateway.session.format import CAN_TOPIC, unpack_frame, unpack_message
-from hil_gateway.session.reader import Item, SessionReader
+from hil_gateway.session.reader import Item
 from hil_gateway.topics import COMMAND, OPERATOR, TOPICS
 
 WINDOW_NS = NS_PER_S // 2
 """messages are recorded in the order they were picked up, at most this much out of order of their stamps"""
+
+LONG_WAIT_NS = 10 * NS_PER_S
+log = logging.getLogger(__name__)
 
 Send = Callable[[Item], None]
 DEFAULT_TOPICS = tuple(t.key for t in TOPICS if t.recorded and t not in (COMMAND, OPERATOR))
 
 
 def in_order(items: Iterable[Item]) -> Iterator[Item]:
-    """Items by time of publication; equal times keep their order in the file."""
+    """Items by time of publication; equal times keep their order in the file.
+
+    What was delayed by more than the window comes late; where the clock was set back a new stretch begins.
+    """
     heap: list[tuple[int, int, Item]] = []
+    newest_ns = 0
     for number, item in enumerate(items):
-        heapq.heappush(heap, (item.publish_ns, number, item))
-        while heap[0][0] < item.log_ns - WINDOW_NS:
+        set_back = item.log_ns < newest_ns - WINDOW_NS
+        while heap and (set_back or heap[0][0] < item.log_ns - WINDOW_NS):
             yield heapq.heappop(heap)[2]
+        newest_ns = item.log_ns if set_back else max(newest_ns, item.log_ns)
+        heapq.heappush(heap, (item.publish_ns, number, item))
     while heap:
         yield heapq.heappop(heap)[2]
-
-
-def read_all(paths: Sequence[Path]) -> Iterator[Item]:
-    """Items of the parts of one session, one after the other."""
-    for path in paths:
-        yield from in_order(SessionReader(path).items())
 
 
 def replay(items: Iterable[Item], send: Send, clock: Clock, speed: float = 1.0) -> int:
     """Give every item to `send` at its time divided by `speed` (0: at once); returns the number of items.
 
-    The schedule is absolute: a slow receiver delays, but does not stretch what follows.
+    The schedule is absolute: a slow receiver delays, but does not stretch what follows. It begins anew where the clock
+    was set back.
     """
-    count, start_ns, first_ns = 0, clock.now_ns(), None
+    count, start_ns, first_ns, newest_ns = 0, 0, 0, 0
     for item in items:
+        if count == 0 or item.log_ns < newest_ns - WINDOW_NS:
+            start_ns, first_ns, newest_ns = clock.now_ns(), item.publish_ns, item.log_ns
+        newest_ns = max(newest_ns, item.log_ns)
         if speed > 0:
-            first_ns = item.publish_ns if first_ns is None else first_ns
-            clock.sleep_until(start_ns + int((item.publish_ns - first_ns) / speed))
+            _wait(clock, start_ns + int((item.publish_ns - first_ns) / speed))
         send(item)
         count += 1
     return count
+
+
+def _wait(clock: Clock, due_ns: int) -> None:
+    if due_ns - clock.now_ns() > LONG_WAIT_NS:
+        log.warning("nothing was recorded for a while: waiting %.0f s", (due_ns - clock.now_ns()) / NS_PER_S)
+    clock.sleep_until(due_ns)
 
 
 def to_bus(bus: Bus, keys: Iterable[str] = DEFAULT_TOPICS) -> Send:

@@ -28,6 +28,8 @@ RETRY_S = 1.0
 PENDING_LIMIT = 4 * 2**20
 """a flush is forced at this many bytes, so that memory stays bounded"""
 
+FLUSH_EVERY = 5000
+"""messages in a chunk of a file that is made of another one"""
 FILE_MODE = 0o644
 Write = Callable[[int, Buffer], int]
 """os.write, or a test's version of it"""
@@ -82,7 +84,7 @@ class SessionFile:
         self.path = path
         self.sink = Sink(path, write)
         try:
-            self._writer = Writer(self.sink, chunk_size=2 * PENDING_LIMIT)
+            self._writer = Writer(self.sink, chunk_size=2 * PENDING_LIMIT, enable_data_crcs=True)
             self._writer.start(library="hil-gateway")
             self._channels = self._register()
             for name, values in metadata.items():
@@ -105,8 +107,11 @@ class SessionFile:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.finish()
+    def __exit__(self, failed: type[BaseException] | None, *_: object) -> None:
+        if failed:
+            self.sink.close()
+        else:
+            self.finish()
 
     def knows(self, topic: str) -> bool:
         """Whether the file has a channel for `topic`."""

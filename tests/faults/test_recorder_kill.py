@@ -75,5 +75,5 @@ def test_kill_9_loses_at_most_200_ms_and_the_rest_is_recovered(tmp_path: Path) -
         worst_s = max(worst_s, (killed_ns - min(lost, default=killed_ns)) / 1e9)
         assert worst_s <= PROMISED_S
         assert not reader.complete
-        assert recover(path, tmp_path / f"{kill}_recovered.mcap")[0] >= len(numbers)
+        assert recover(path, tmp_path / f"{kill}_recovered.mcap").messages >= len(numbers)
     record_figure("R1", f"{KILLS} kills, at most {1e3 * worst_s:.0f} ms lost")

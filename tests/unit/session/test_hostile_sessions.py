@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import functools
 import random
 from pathlib import Path
 from typing import Any
 
 import can
 import pytest
+from mcap.writer import CompressionType, Writer
 
 from hil_gateway.bus import LocalBus
 from hil_gateway.clock import VirtualClock
 from hil_gateway.errors import InputError
+from hil_gateway.session import writer as writer_module
 from hil_gateway.session.export import export_candump
 from hil_gateway.session.importer import import_log
 from hil_gateway.session.info import session_info
 from hil_gateway.session.reader import SessionReader
 from hil_gateway.session.recover import recover
-from hil_gateway.session.replay import read_all, replay, to_bus
+from hil_gateway.session.replay import in_order, replay, to_bus
 from hil_gateway.session.writer import SessionFile, SessionWriter
 from hil_gateway.topics import COMMAND
 from tests.session_rig import Rig, recorded, sent_items
@@ -53,11 +56,11 @@ def rewritten(source: Path, target: Path, change: Any) -> Path:
 def test_messages_of_another_version_and_frames_of_another_program_are_one_clear_line(tmp_path: Path) -> None:
     recorded(tmp_path / "s.mcap")
     other = rewritten(tmp_path / "s.mcap", tmp_path / "o.mcap", lambda topic, data: b'{"nonsense": 1}')
-    with pytest.raises(InputError, match=r"av24/can: a record of 15 bytes, .* another program"):
+    with pytest.raises(InputError, match=r"o\.mcap: av24/can: a record of 15 bytes, .* another program"):
         export_candump(other, tmp_path / "o.log")
     send = to_bus(LocalBus(), [COMMAND.key])
     with pytest.raises(InputError, match="av24/command: a message this version cannot read: field required"):
-        replay(read_all([other]), send, VirtualClock(), speed=0)
+        replay(in_order(SessionReader(other).items()), send, VirtualClock(), speed=0)
 
 
 def test_damaged_metadata_is_named(tmp_path: Path) -> None:
@@ -66,6 +69,23 @@ def test_damaged_metadata_is_named(tmp_path: Path) -> None:
     info = session_info(tmp_path / "s.mcap")
     assert info["config"] == {}
     assert info["damage"] == ["the configuration in the metadata is not readable"]
+
+
+def test_chunks_without_checksums_are_read_as_far_as_they_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a program that writes neither: lengths inside a chunk may be anything then."""
+    with monkeypatch.context() as other_program:
+        plain = functools.partial(Writer, compression=CompressionType.NONE, enable_crcs=False)
+        other_program.setattr(writer_module, "Writer", lambda sink, **_: plain(sink))
+        recorded(tmp_path / "s.mcap")
+    whole, rng = (tmp_path / "s.mcap").read_bytes(), random.Random(6)
+    corrupt = 0
+    for _ in range(200):
+        raw = bytearray(whole)
+        for _ in range(20):
+            raw[rng.randrange(200, len(raw) - 5000)] = rng.randrange(256)
+        (tmp_path / "bad.mcap").write_bytes(raw)
+        corrupt += any("chunk" in damage for damage in session_info(tmp_path / "bad.mcap")["damage"])
+    assert corrupt > 5
 
 
 def damaged(whole: bytes, rng: random.Random) -> bytes:

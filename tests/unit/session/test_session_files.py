@@ -6,7 +6,6 @@ import errno
 import json
 import os
 import random
-import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,13 +16,9 @@ from mcap.reader import make_reader
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.errors import InputError
 from hil_gateway.messages import Command, ModelRevision
-from hil_gateway.session.cli import export
-from hil_gateway.session.export import export_candump
 from hil_gateway.session.format import CAN_TOPIC, pack_frame, unpack_frame
-from hil_gateway.session.importer import import_log
 from hil_gateway.session.info import session_info
 from hil_gateway.session.reader import SessionReader
-from hil_gateway.session.recover import recover
 from hil_gateway.session.writer import SessionWriter
 from hil_gateway.topics import COMMAND, MODEL_REVISION, TOPICS
 from tests.promise_figures import record_figure, volume
@@ -253,54 +248,27 @@ def test_first_chunk_corrupt_still_gives_the_other_chunks_with_their_topics(tmp_
     assert topics <= {CAN_TOPIC, *(t.key for t in TOPICS)}
 
 
-def test_recovered_file_is_complete_and_holds_what_was_readable(tmp_path: Path) -> None:
+@pytest.mark.promise("R3")
+@pytest.mark.parametrize(("changed", "what"), [(b"config", "between the chunks"), (b"jsonschema", "the index")])
+def test_a_changed_byte_outside_the_chunks_is_named_too(tmp_path: Path, changed: bytes, what: str) -> None:
+    """In the metadata, whose text has no checksum of its own, and in the index at the end."""
+    recorded(tmp_path / "s.mcap")
+    raw = bytearray((tmp_path / "s.mcap").read_bytes())
+    raw[raw.index(changed) + 1] ^= 1
+    (tmp_path / "bad.mcap").write_bytes(raw)
+    info = session_info(tmp_path / "bad.mcap")
+    assert (info["complete"], info["corrupt"], len(info["damage"])) == (True, True, 1)
+    assert what in info["damage"][0]
+    assert info["messages"] == session_info(tmp_path / "s.mcap")["messages"]
+
+
+def test_a_recording_that_was_only_cut_is_not_corrupt(tmp_path: Path) -> None:
     recorded(tmp_path / "s.mcap")
     raw = (tmp_path / "s.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(raw[: len(raw) * 2 // 3])
-    count, _ = recover(tmp_path / "cut.mcap", tmp_path / "out.mcap")
-    kept = [item.data for item in SessionReader(tmp_path / "cut.mcap").items()]
-    again = SessionReader(tmp_path / "out.mcap")
-    assert [item.data for item in again.items()] == kept
-    assert count == len(kept) > 100
-    assert again.complete
-    assert again.metadata["session"]["name"] == "test"
-
-
-def test_recovery_refuses_to_overwrite_its_source(tmp_path: Path) -> None:
-    recorded(tmp_path / "s.mcap")
-    with pytest.raises(InputError, match="never writes over its source"):
-        recover(tmp_path / "s.mcap", tmp_path / "s.mcap")
-
-
-def test_candump_export_and_import_keep_every_frame(tmp_path: Path) -> None:
-    recorded(tmp_path / "s.mcap")
-    exported = export_candump(tmp_path / "s.mcap", tmp_path / "s.log")
-    assert import_log(tmp_path / "s.log", tmp_path / "again.mcap") == exported == 500
-
-    def frames(path: Path) -> list[tuple[int, bytes]]:
-        items = (i for i in SessionReader(path).items() if i.topic == CAN_TOPIC)
-        return [(f.id, bytes(f.data)) for f in (unpack_frame(i.data) for i in items)]
-
-    assert frames(tmp_path / "again.mcap") == frames(tmp_path / "s.mcap")
-
-
-def test_the_name_of_the_exported_file_says_what_it_holds(tmp_path: Path) -> None:
-    recorded(tmp_path / "s.mcap")
-    export(tmp_path / "s.mcap", out=tmp_path / "lap.log")
-    assert re.match(r"\(\d+\.\d{6}\) \S+ [0-9A-F]{3}#", (tmp_path / "lap.log").read_text())
-
-
-@pytest.mark.parametrize("suffix", [".asc", ".blf"])
-def test_logs_of_other_tools_are_imported(tmp_path: Path, suffix: str) -> None:
-    import can
-
-    sent = [can.Message(arbitration_id=i, data=bytes([i]), is_extended_id=False, timestamp=1.7e9 + i) for i in range(9)]
-    with can.Logger(tmp_path / f"log{suffix}") as logger:
-        for message in sent:
-            logger(message)
-    assert import_log(tmp_path / f"log{suffix}", tmp_path / "s.mcap") == len(sent)
-    frames = [unpack_frame(item.data) for item in SessionReader(tmp_path / "s.mcap").items()]
-    assert [(f.id, f.data) for f in frames] == [(m.arbitration_id, bytes(m.data)) for m in sent]
+    for size in (len(raw) // 2, len(raw) - 4, len(raw) - 300):
+        (tmp_path / "cut.mcap").write_bytes(raw[:size])
+        info = session_info(tmp_path / "cut.mcap")
+        assert (info["complete"], info["corrupt"], len(info["damage"])) == (False, False, 1)
 
 
 @pytest.mark.parametrize(
@@ -315,11 +283,3 @@ def test_what_is_no_recording_gets_one_clear_line(tmp_path: Path, name: str, con
         (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=words):
         session_info(tmp_path / name)
-
-
-def test_what_is_no_can_log_gets_one_clear_line(tmp_path: Path) -> None:
-    (tmp_path / "x.log").write_text("nonsense\n")
-    (tmp_path / "x.txt").write_text("")
-    for name in ("x.log", "x.txt", "absent.log"):
-        with pytest.raises(InputError, match=name):
-            import_log(tmp_path / name, tmp_path / "s.mcap")
