@@ -37,6 +37,7 @@ def output_file(target: Path, source: Path) -> Iterator[Path]:
 def _aside(final: Path) -> Iterator[Path]:
     final.parent.mkdir(parents=True, exist_ok=True)
     path = final.with_name(f".{final.name}.{os.getpid()}")
+    path.unlink(missing_ok=True)
     try:
         yield path
         path.replace(final)

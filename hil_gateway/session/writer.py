@@ -36,10 +36,13 @@ Write = Callable[[int, Buffer], int]
 
 
 class Sink:
-    """Byte sink below the MCAP writer: nothing reaches the disk before `flush`, and then all or nothing."""
+    """Byte sink below the MCAP writer: nothing reaches the disk before `flush`, and then all or nothing.
+
+    The file is always a new one: two recorders of one name never write into each other's.
+    """
 
     def __init__(self, path: Path, write: Write = os.write) -> None:
-        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, FILE_MODE)
+        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, FILE_MODE)
         self._write = write
         self._pending = bytearray()
         self.size = 0
@@ -227,13 +230,13 @@ class SessionWriter:
         self._finish(now_ns)
 
     def _open(self) -> None:
-        while (path := self._path(self._opened)).exists():  # of a recorder that was killed: never written over
-            self._opened += 1
-        path.parent.mkdir(parents=True, exist_ok=True)
-        metadata = dict(self._metadata)
-        metadata[METADATA_SESSION] = {**metadata[METADATA_SESSION], "part": str(self._opened)}
-        self._opened += 1
-        self._file = SessionFile(path, metadata, self._write)
+        self._first.parent.mkdir(parents=True, exist_ok=True)
+        while self._file is None:
+            part, self._opened = self._opened, self._opened + 1
+            metadata = dict(self._metadata)
+            metadata[METADATA_SESSION] = {**metadata[METADATA_SESSION], "part": str(part)}
+            with contextlib.suppress(FileExistsError):  # of a recorder that was killed, or of another one: left alone
+                self._file = SessionFile(self._path(part), metadata, self._write)
 
     def _path(self, part: int) -> Path:
         return self._first if part == 0 else self._first.with_stem(f"{self._first.stem}_{part:03d}")

@@ -36,6 +36,17 @@ def test_a_restarted_recorder_never_writes_over_what_it_left(tmp_path: Path) -> 
     first.recorder.close(first.clock.now_ns())
 
 
+def test_recorders_of_one_name_and_links_that_lead_nowhere_never_meet_in_a_file(tmp_path: Path) -> None:
+    (tmp_path / "s.mcap").symlink_to(tmp_path / "elsewhere")
+    rigs = [Rig(tmp_path / "s.mcap").run(20) for _ in range(3)]
+    for rig in rigs:
+        rig.recorder.close(rig.clock.now_ns())
+    names = [rig.recorder.writer.path.name for rig in rigs]
+    assert names == ["s_001.mcap", "s_002.mcap", "s_003.mcap"]
+    assert [sent_items(tmp_path / name) for name in names] == [rig.sent for rig in rigs]
+    assert not (tmp_path / "elsewhere").exists()
+
+
 def test_a_folder_that_cannot_be_written_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "file").write_text("")
     Rig(tmp_path / "file" / "s.mcap").run(300)
