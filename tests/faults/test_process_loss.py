@@ -18,14 +18,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from promise_figures import record_figure, volume
+from promise_figures import long_run, record_figure, volume
 
 from hil_gateway import topics
 from hil_gateway.bus import LatestReader
 from hil_gateway.can_link import open_link
 from hil_gateway.demo.options import DemoOptions, prepare
 from hil_gateway.messages import FailsafeAction, OperatorAction, OperatorCommand
-from hil_gateway.supervisor import DASHBOARD, PROCESSES, Supervisor
+from hil_gateway.supervisor import DASHBOARD, PROCESSES, ProcessSpec, Supervisor
 from hil_gateway.wire_judge import DLC, Judge
 from hil_gateway.zenoh_bus import open_bus
 
@@ -36,14 +36,22 @@ WAYS = ("kill", "stop", "starve")
 UP_S = 60.0
 
 
+class Ordinary(Supervisor):
+    """Processes without permission to go before others: no real-time priority, no negative niceness."""
+
+    def command(self, spec: ProcessSpec) -> list[str]:
+        return ["setpriv", "--bounding-set=-sys_nice", "nice", "-n", "10", *super().command(spec)]
+
+
 class LiveLoop:
     """The supervised processes with a person, a judge on the wire and a look at the gateway's status."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, real_time: bool = True) -> None:
         setup = prepare(DemoOptions(seconds=3600.0, out=folder, headless=True))
         self.config = setup.config
         self.specs = {spec.name: spec for spec in (*PROCESSES, DASHBOARD)}
-        self.supervisors = {name: Supervisor(setup.config_file, folder, (spec,)) for name, spec in self.specs.items()}
+        kind = Supervisor if real_time else Ordinary
+        self.supervisors = {name: kind(setup.config_file, folder, (spec,)) for name, spec in self.specs.items()}
         self.folder = folder
         self.judge = Judge()
         self.gaps: list[float] = []
@@ -252,21 +260,35 @@ def test_the_gateway_feeds_the_watchdog_and_a_hanging_one_does_not(tmp_path):
     record_figure("L5", f"watchdog fed every {usual_ms:.0f} ms, and not at all within 200 ms of a hang")
 
 
-@pytest.mark.slow
-@pytest.mark.promise("S4")
-def test_commands_leave_every_10_ms(loop):
+def lateness_ms(loop: LiveLoop, seconds: float) -> list[float]:
+    """By how much each period of the commands on the wire misses 10 ms, sorted."""
     loop.drive_off()
     loop.look(0.5)
     loop.gaps.clear()
-    loop.look(volume(5, 60))
-    late_ms = sorted(abs(gap - 0.01) * 1e3 for gap in loop.gaps)
-    assert len(late_ms) > 300
+    loop.look(seconds)
     assert not loop.judge.faults
-    p999 = late_ms[int(len(late_ms) * 0.999)]
-    load = os.getloadavg()[0]
-    usual = os.sched_getscheduler(loop.pid("gateway")) == os.SCHED_OTHER
-    priority = "default priority, real-time priority not permitted" if usual else "real-time priority"
+    assert len(loop.gaps) > 300
+    return sorted(abs(gap - 0.01) * 1e3 for gap in loop.gaps)
+
+
+IDLE = 1.5
+"""load below which a machine is idle; the loop itself makes one of about 0.6"""
+TICK_MS = 5.0
+"""what an ordinary process may have to wait for another one: a tick of the kernel's clock at 250 Hz, and the switch"""
+
+
+@pytest.mark.slow
+@pytest.mark.promise("S4")
+@pytest.mark.parametrize("real_time", [True, False] if long_run() and os.geteuid() == 0 else [True])
+def test_commands_leave_every_10_ms(tmp_path, real_time):
+    """Promised with real-time priority, which the gateway takes where it may; without it, late by a tick at most."""
+    with LiveLoop(tmp_path / "out", real_time) as running:
+        late_ms = lateness_ms(running, volume(5, 60))
+        usual = os.sched_getscheduler(running.pid("gateway")) == os.SCHED_OTHER
+    assert real_time or usual
+    p999, load = late_ms[int(len(late_ms) * 0.999)], os.getloadavg()[0]
+    priority = "no permission for real-time priority" if usual else "real-time priority"
     figure = f"period 10 ms within {p999:.1f} ms at p99.9 of {len(late_ms)}, load {load:.1f} ({priority})"
     record_figure("S4", f"real processes: {figure}")
-    if load < 1.5:  # the promise is for an idle machine; the loop itself makes a load of about 0.6
-        assert p999 < 2.0
+    if load < IDLE:
+        assert p999 < (2.0 if real_time else TICK_MS)
