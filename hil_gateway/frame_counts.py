@@ -7,16 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class LeakyBucket:
-    """Rises by one an error, falls by one every `leak_ns`."""
+    """Rises by one an error, falls by one every `leak_ns`; it runs over, so that a flood is not remembered for long."""
 
     leak_ns: int
+    highest: int
     level: int = 0
     _drained_ns: int = 0
 
     def add(self, now_ns: int) -> None:
         """Count one error."""
         self.drain(now_ns)
-        self.level += 1
+        self.level = min(self.level + 1, self.highest)
 
     def drain(self, now_ns: int) -> int:
         """Level at `now_ns`."""

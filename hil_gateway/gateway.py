@@ -33,7 +33,8 @@ from hil_gateway.vehicle_state import VehicleStateBuilder
 STATUS_PERIOD_NS = NS_PER_S // 10
 LATENCY_WINDOW = 1000
 COMMAND_QUEUE = 16
-OPERATOR_QUEUE = 8
+OPERATOR_QUEUE = 1024
+"""Requests of a period that are all looked at: no flood of others pushes out the one to stop."""
 STOPPING = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 REQUESTS_REMEMBERED = 64
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +20,8 @@ app = typer.Typer(no_args_is_help=True, help="CAN to vehicle state, commands to 
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="TOML configuration")]
 ANSWER_S = 3.0
 """How long a request waits for the gateway's status."""
+REPEAT_S = 0.1
+"""A request is sent again until it is answered; the gateway knows the second delivery of the same one."""
 EXPECTED = {
     OperatorAction.ARM: (FailsafeAction.DRIVE,),
     OperatorAction.DISARM: (FailsafeAction.SILENT, FailsafeAction.CONTROLLED_STOP),
@@ -87,8 +90,7 @@ def _request(config: Config, action: OperatorAction) -> None:
             raise InputError(f"no gateway answers at {endpoint} (zenoh.connect); start it with `hil gateway run`")
         now = time.monotonic_ns()
         message = OperatorCommand(stamp_ns=now, seq=now // 1000, source=f"cli-{os.getpid()}", action=action)
-        bus.publish(topics.OPERATOR, message)
-        answer = _wait(statuses, EXPECTED[action])
+        answer = _wait(statuses, EXPECTED[action], lambda: bus.publish(topics.OPERATOR, message))
     finally:
         bus.close()
     if answer is None or answer.action not in EXPECTED[action]:
@@ -106,17 +108,23 @@ def _why(answer: GatewayStatus | None) -> str:
 
 
 def _wait(
-    statuses: Subscription[GatewayStatus], actions: tuple[FailsafeAction, ...] | None = None
+    statuses: Subscription[GatewayStatus],
+    actions: tuple[FailsafeAction, ...] | None = None,
+    request: Callable[[], None] = lambda: None,
 ) -> GatewayStatus | None:
     """Newest status within `ANSWER_S`; with `actions`, waits for one of them from the second status on."""
     newest: GatewayStatus | None = None
     seen = 0
-    deadline = time.monotonic() + ANSWER_S
-    while time.monotonic() < deadline:
+    start = asked = time.monotonic()
+    request()
+    while (now := time.monotonic()) < start + ANSWER_S:
         for status in statuses.poll(time.monotonic_ns()):
             newest = status
             seen += 1
         if newest is not None and (actions is None or (seen > 1 and newest.action in actions)):
             return newest
+        if now >= asked + REPEAT_S:
+            asked = now
+            request()
         time.sleep(0.02)
     return newest

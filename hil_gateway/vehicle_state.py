@@ -96,7 +96,7 @@ class VehicleStateBuilder:
         self.counts = FrameCounts()
         self._foreign_emergency_ns: int | None = None
         self._foreign_command_ns: int | None = None
-        self.counter_faults = LeakyBucket(COUNTER_LEAK_NS)
+        self.counter_faults = LeakyBucket(COUNTER_LEAK_NS, highest=2 * COUNTER_FAULT)
 
     def take(self, frames: Iterable[Frame], now_ns: int) -> None:
         """Take in frames, oldest first."""

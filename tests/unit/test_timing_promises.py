@@ -8,7 +8,7 @@ from scripted_car import PERIOD_NS, Rig
 
 from can_dbc.codec import load_codec
 from hil_gateway.clock import NS_PER_S
-from hil_gateway.messages import FailsafeAction
+from hil_gateway.messages import FailsafeAction, OperatorAction
 
 STOP, EMERGENCY = FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP
 
@@ -111,6 +111,18 @@ def test_five_wrong_counters_stop_the_car_and_scattered_ones_do_not():
     record_figure("L3", f"5 wrong counters: stop {reached_s * 1e3:.0f} ms after four messages' counters froze")
 
 
+def test_a_minute_of_wrong_counters_is_forgiven_within_a_second():
+    rig = driving()
+    rig.car.frozen_counters = True
+    rig.run(60.0)
+    assert "counters_wrong" in rig.status.missing_for_arming
+    rig.car.frozen_counters = False
+    rig.run(1.0)
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.2)
+    assert rig.action is FailsafeAction.DRIVE
+
+
 @pytest.mark.promise("L4")
 def test_a_frozen_heartbeat_is_a_coordinated_stop_after_500_ms():
     rig = driving()
@@ -124,6 +136,17 @@ def test_a_frozen_heartbeat_is_a_coordinated_stop_after_500_ms():
     rig.run(0.05)
     assert rig.car.ct_state == 10
     record_figure("L4", f"heartbeat frozen: coordinated stop after {reached_s * 1e3:.0f} ms")
+
+
+@pytest.mark.parametrize("action", [OperatorAction.STOP, OperatorAction.EMERGENCY])
+def test_a_flood_of_other_requests_does_not_push_out_the_one_to_stop(action):
+    """1 kHz is ten a period; here it is five hundred."""
+    rig = driving()
+    rig.ask(action)
+    for _ in range(500):
+        rig.ask(OperatorAction.ARM)
+    rig.step()
+    assert rig.action is (STOP if action is OperatorAction.STOP else EMERGENCY)
 
 
 @pytest.mark.parametrize("kill", ["purple", "e_kill", "ct_state_12", "car_emergency", "critical_limit"])
