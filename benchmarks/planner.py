@@ -1,6 +1,6 @@
-"""Planner: where the time of a step goes, the optimality gap of one SQP iteration, fallbacks, contraction.
+"""Planner: where the time of a step goes, the optimality gap of one SQP iteration, fallbacks.
 
-python benchmarks/planner.py [--steps N] [--contraction] [--json]
+python benchmarks/planner.py [--steps N] [--json]
 
 The peer of the timing table is the same problem solved with each fallback in the same run; the peer of the gap is the
 same drive with every step solved to convergence. Durations are CPU time of the thread.
@@ -18,7 +18,6 @@ sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != Path(__file__)
 import argparse
 import json
 import warnings
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,18 +25,15 @@ import numpy as np
 from hil_gateway.track import Track, load_track
 from hil_gateway.vehicle import Vehicle
 from planner.bench import INFORMATION_WEIGHT, Run, bench_controller, drive, percentiles
-from planner.contraction import measure
 from planner.problem.settings import Information, Settings
 
 GAP_ALLOWED = 0.02
 CONVERGED_ITERATIONS = 15
-UNBOUNDED = 1e9
-"""a bound on Delta I that never acts"""
 
 
-def settings(weight: float, bound: float = 400.0) -> Settings:
+def settings(weight: float) -> Settings:
     """Settings with q_I = `weight` and the estimator's measurement model."""
-    return Settings(information=Information(weight=weight, bound=bound, kind="imu_yaw"))
+    return Settings(information=Information(weight=weight, kind="imu_yaw"))
 
 
 def timing(track: Track, weight: float, backend: str, compiled: bool, steps: int) -> dict[str, Any]:
@@ -78,26 +74,10 @@ def optimality_gap(track: Track, weight: float, steps: int) -> dict[str, float]:
     }  # fmt: skip
 
 
-def contraction(track: Track) -> dict[str, Any]:
-    """Ratios without information, with it unbounded, and with the bound acting."""
-    cases = {
-        "plain": settings(0.0),
-        "infomax, bound far away": settings(3 * INFORMATION_WEIGHT, UNBOUNDED),
-        "infomax, bound 400": settings(3 * INFORMATION_WEIGHT),
-        "infomax, bound 200": settings(3 * INFORMATION_WEIGHT, 200.0),
-    }
-    result = {}
-    for name, case in cases.items():
-        controller, _ = bench_controller(track, Vehicle(), replace(case))
-        result[name] = measure(controller).summary()
-    return result
-
-
 def main() -> int:
     """Print the tables; exit 1 when the gap is larger than allowed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=400, help="steps a drive; 2000 are a lap")
-    parser.add_argument("--contraction", action="store_true", help="measure contraction as well")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     track = load_track()
@@ -111,8 +91,6 @@ def main() -> int:
     result: dict[str, Any] = {"timing_ms": rows}
     for name, weight in (("plain", 0.0), ("infomax", INFORMATION_WEIGHT)):
         result[f"optimality_gap_{name}"] = optimality_gap(track, weight, arguments.steps)
-    if arguments.contraction:
-        result["contraction"] = contraction(track)
     print(json.dumps(result) if arguments.json else report(result))
     gaps = [result[f"optimality_gap_{name}"]["gap"] for name in ("plain", "infomax")]
     return 0 if max(gaps) <= GAP_ALLOWED else 1
@@ -129,9 +107,6 @@ def report(result: dict[str, Any]) -> str:
             f"{name}: closed-loop cost {gap['cost']:.2f}, converged {gap['converged_cost']:.2f}, "
             f"gap {100 * gap['gap']:.2f} % (allowed {100 * GAP_ALLOWED:.0f} %)"
         )
-    for name, case in result.get("contraction", {}).items():
-        for kind, values in case.items():
-            lines.append(f"{name}: {kind} {values}")
     return "\n".join(lines)
 
 

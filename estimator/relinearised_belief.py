@@ -5,7 +5,13 @@ slip, so the directions linearised along an early mean differ from those along a
 knowledge of all three: on laps below the limit the covariance of C shrank to a fifth of what the data held, around a
 mean five standard deviations off. Here Gauss-Newton steps over the history, all Jacobians at the present mean, take
 the place of mean and covariance once a second (iterated Kalman smoother: Bell and Cathey 1993); in between Eq. (8)
-runs as it is.
+runs with the Jacobians at the mean of the last step. At the running mean they turn with it: within one second in a
+bend it ran away by two standard deviations, each step confirming the last.
+
+The history also tells how independent the errors are. Where a car has what Eq. (1)-(3) leave out, they keep their sign
+for a bend or a straight, and counting them as noise ends in false parameters that are stated to be exact: a rear peak
+of 0.59 +- 0.04 where 1.6 is true. So a channel's samples count as many times less as the mean of its errors over some
+seconds is larger than their independence allows.
 """
 
 from __future__ import annotations
@@ -27,6 +33,11 @@ FIRST_THINNING = 10
 """of the samples at 100 Hz one in so many is kept at first"""
 STEPS = 2
 """each time; with one the mean was still on its way from where Eq. (8) had led it"""
+STRETCH = 500
+"""samples, 5 s: as long as a bend or a straight, over which what the model leaves out keeps its sign"""
+TINY = 1e-12
+CHANCE = 1.645
+"""standard deviations above what independent errors would show, from which on they are taken to be dependent: 95 %"""
 SHARES = (1.0, 0.5, 0.25)
 """of a step that are tried"""
 
@@ -46,6 +57,7 @@ class RelinearisedBelief(TyreBelief):
         """Back to the prior, with nothing learnt from."""
         super().reset()
         self._history, self._thinning = [], FIRST_THINNING
+        self._at: Array | None = None
 
     def set_covariance(self, covariance: Array) -> None:
         """Start from a known covariance of theta, SI, instead of the prior's."""
@@ -64,6 +76,9 @@ class RelinearisedBelief(TyreBelief):
             self._relinearise()
         return nis
 
+    def _linearised_at(self) -> Array:
+        return self.deviation if self._at is None else self._at
+
     def _keep(self, sample: Sample) -> None:
         self._history.append((sample, self._active_channels(sample).astype(float)))
         if len(self._history) >= CAPACITY:
@@ -75,11 +90,13 @@ class RelinearisedBelief(TyreBelief):
             history = _Stacked([sample for sample, _ in self._history], weight)
             for _ in range(STEPS):
                 self._step(history)
+            self._at = self.deviation
 
     def _step(self, history: _Stacked) -> None:
         """A Gauss-Newton step of the maximum a posteriori estimate over the history, halved while it leads uphill."""
         residual, H, variance = self._linearised(history, self.deviation)
         weight = history.weight * (residual**2 <= self.settings.gate_sigma**2 * variance) / variance
+        weight /= self._dependence(residual, H, weight)
         precision = self._start_precision + np.einsum("kci,kc,kcj->ij", H, weight, H)
         gradient = np.einsum("kci,kc,kc->i", H, weight, residual) - self._start_precision @ self.deviation
         covariance = np.linalg.inv(precision)
@@ -93,6 +110,29 @@ class RelinearisedBelief(TyreBelief):
             if self._cost(self._residual(history, deviation), weight, deviation) < present:
                 self.deviation = deviation
                 return
+
+    def _dependence(self, residual: Array, H: Array, weight: Array) -> Array:
+        """How many times fewer independent samples than assumed the errors (K, m) of each channel amount to, (m,) >= 1.
+
+        The gradients of the squared errors in theta, summed over a stretch of independent errors, have the stretch's
+        information for covariance. What they have in truth is taken from the history, as in the covariance of
+        clustered errors (Liang and Zeger 1986), but per channel and in the trace: enough to weigh a channel less.
+        """
+        length = max(1, STRETCH // self._thinning)
+        rest = len(residual) % length
+
+        def per_stretch(values: Array) -> Array:
+            return np.asarray(values[rest:].reshape(-1, length, *values.shape[1:]).sum(axis=1))
+
+        gradients = per_stretch((weight * residual)[:, :, None] * H)
+        expected = per_stretch(weight * np.sum(H**2, axis=2))
+        total = expected.sum(axis=0) + TINY
+        # as many stretches of equal information would scatter alike; their sum of squares is chi squared
+        freedom = np.maximum(total**2 / (np.sum(expected**2, axis=0) + TINY), 1.0)
+        by_chance = (
+            1.0 - 2.0 / (9.0 * freedom) + CHANCE * np.sqrt(2.0 / (9.0 * freedom))
+        ) ** 3  # Wilson and Hilferty 1931
+        return np.asarray(np.maximum(np.sum(gradients**2, axis=(0, 2)) / total / by_chance, 1.0))
 
     def _cost(self, residual: Array, weight: Array, deviation: Array) -> float:
         return float(np.sum(weight * residual**2) + deviation @ self._start_precision @ deviation)

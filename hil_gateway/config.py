@@ -118,8 +118,8 @@ class PlannerConfig(Model):
     information_goal: float = Field(
         default=0.0, ge=0, lt=1, description="spread of the belief over the prior's at which exploring ends; 0: never"
     )
-    information_reserve: float = Field(
-        default=0.0, ge=0, lt=0.5, description="of the load limits, kept while exploring"
+    load_reserve: float = Field(
+        default=0.2, ge=0, lt=0.5, description="of the load limits, kept by plans until the tyres are known"
     )
     information_bound: float = Field(default=400.0, gt=0, description="largest Delta I of one stage, Eq. (9)")
     information_criterion: Literal["trace", "log_det"] = "trace"

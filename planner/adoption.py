@@ -23,7 +23,8 @@ from planner.controller import Controller, TyreKnowledge
 from planner.line.envelope import envelope_of
 from planner.line.raceline import RaceLine, raceline_for
 from planner.line.track import Reference
-from planner.problem.load_limits import LoadLimits, limit_within_run
+from planner.problem.infomax import relative_spread
+from planner.problem.load_limits import SLEW, LoadLimits, limits_within_run, reserve
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
 from planner.problem.usable_grip import Axles, usable_grip, usable_share
@@ -31,8 +32,6 @@ from planner.solver.functions import Functions, build_functions, build_in_child
 
 Array = npt.NDArray[np.float64]
 
-SLEW = 0.01
-"""largest relative change of a tyre parameter from one plan to the next"""
 PLAUSIBLE = 2.5
 """factor between tyre parameters beyond which a revision or a belief is taken for a fault"""
 PROFILE_CHANGE = 0.03
@@ -127,10 +126,11 @@ class Adoption:
             self.controller.reference, self._new_reference = self._new_reference, None
         if not self._changed:
             return
-        current, theta = self.current, self.controller.knowledge.theta
-        knowledge = self._knowledge(theta, current.revised, current.tyre, current.revision)
+        current, before = self.current, self.controller.knowledge
+        knowledge = self._knowledge(before, current.revised, current.tyre, current.revision)
         self.controller.set_knowledge(knowledge)
-        self._changed = not np.array_equal(knowledge.theta, current.revised.theta)
+        arrived = np.array_equal(knowledge.theta, current.revised.theta) and knowledge.load_max == before.load_max
+        self._changed = not arrived
         self._refresh_profile(current, knowledge)
 
     def judge(self, accepted: bool) -> None:
@@ -177,12 +177,12 @@ class Adoption:
         self._probation, self._failures, self._changed = PROBATION, 0, True
 
     def _knowledge(
-        self, theta: Array | None, revised: RevisedModel, tyre: TyreNames, revision: ModelRevision
+        self, before: TyreKnowledge | None, revised: RevisedModel, tyre: TyreNames, revision: ModelRevision
     ) -> TyreKnowledge:
-        """Tyre parameters one slew step from `theta` towards the revision, with the newest belief."""
+        """Tyre parameters one slew step from those `before` towards the revision, with the newest belief."""
         target = revised.theta
-        if theta is not None and len(theta) == len(target):
-            target = np.clip(target, theta * (1 - SLEW), theta * (1 + SLEW))
+        if before is not None and len(before.theta) == len(target):
+            target = np.clip(target, before.theta * (1 - SLEW), before.theta * (1 + SLEW))
         belief = self._belief
         if belief is not None and belief.names == tyre.names:
             mean, covariance = np.array(belief.mean), np.array(belief.covariance)
@@ -190,12 +190,11 @@ class Adoption:
             mean, covariance = target, np.array(revision.covariance)
         else:
             mean, covariance = target, np.diag(tyre.prior_std**2)
-        use = self._config.planner.load_use
-        front, rear = (
-            limit_within_run(limit, use, float(target[d]), float(mean[d]))
-            for limit, (_, _, d) in zip(self._limits.pair, tyre.axles, strict=True)
-        )
-        return TyreKnowledge(target, mean, covariance, tyre.prior_std, (front, rear))
+        peaks = [d for _, _, d in tyre.axles]
+        last = LoadLimits(*before.load_max) if before else None
+        asked, judged = limits_within_run(self._limits, self._config.planner.load_use, target[peaks], mean[peaks], last)
+        kept = reserve(self._settings.load_reserve, relative_spread(covariance, tyre.prior_std), target, mean)
+        return TyreKnowledge(target, mean, covariance, tyre.prior_std, judged.pair, asked.less(kept).pair)
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""

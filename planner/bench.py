@@ -26,6 +26,8 @@ from planner.controller import Controller, TyreKnowledge
 from planner.line.envelope import envelope_of
 from planner.line.raceline import RaceLine, raceline_for
 from planner.line.track import Reference
+from planner.problem.infomax import relative_spread
+from planner.problem.load_limits import LoadLimits, reserve
 from planner.problem.motion import NZ, PROGRESS, VX, S
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
@@ -75,9 +77,13 @@ def bench_controller(
     envelope = envelope_of(revised.model, list(revised.theta), grip_use=PROFILE_USE)
     line = raceline_for(track, envelope, MARGIN)
     theta, names = revised.theta, [p.name for p in revised.model.tyre_table]
-    limits = LOAD_USE * theta[names.index("df")], LOAD_USE * theta[names.index("dr")]
-    prior_std = np.array([p.prior_std for p in revised.model.tyre_table])
-    knowledge = TyreKnowledge(theta, theta, np.diag((BELIEF_STD * theta) ** 2), prior_std, limits)
+    limits = LoadLimits(LOAD_USE * theta[names.index("df")], LOAD_USE * theta[names.index("dr")])
+    prior_std, covariance = (
+        np.array([p.prior_std for p in revised.model.tyre_table]),
+        np.diag((BELIEF_STD * theta) ** 2),
+    )
+    kept = reserve(settings.load_reserve, relative_spread(covariance, prior_std), theta, theta)
+    knowledge = TyreKnowledge(theta, theta, covariance, prior_std, limits.pair, limits.less(kept).pair)
     problem = Problem(revised.model, settings)
     functions = build_functions(problem, compiled)
     return Controller(problem, functions, Reference(line), knowledge, backend=backend), line

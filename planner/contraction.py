@@ -7,16 +7,19 @@ in units of `SCALE`; below 1 the closed loop forgets.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from planner.bench import clock, start_state
+from hil_gateway.config import Config
+from hil_gateway.track import load_track
+from planner.bench import bench_controller, clock, start_state
 from planner.controller import Controller
 from planner.problem.motion import S
+from planner.problem.settings import Information, Settings
 
 Array = npt.NDArray[np.float64]
 
@@ -25,6 +28,14 @@ SCALE = np.array([1.0, 1.0, 0.05, 1.0, 0.5, 0.1])
 ITERATIONS = 6
 PLACES = 24
 SECONDS = 2.0
+WEIGHT = 0.03
+"""q_I of the cases with information, three times that of `hil plan bench`: the bound has to act"""
+CASES = {
+    "plain": Information(),
+    "infomax, bound far away": Information(weight=WEIGHT, bound=1e9),
+    "infomax, bound 400": Information(weight=WEIGHT, bound=400.0),
+    "infomax, bound 200": Information(weight=WEIGHT, bound=200.0),
+}
 NEGLIGIBLE = 1e-3
 """steps below this share of the input bounds are numerical noise of the QP solver's tolerance"""
 
@@ -50,12 +61,22 @@ def _describe(ratios: Array) -> dict[str, float]:
     }
 
 
-def measure(controller: Controller, seed: int = 0) -> Contraction:
-    """Both ratios at `PLACES` places around the lap."""
+def compare(config: Config, places: int = PLACES) -> dict[str, Any]:
+    """Summaries of `CASES` on the configured track: the object of `hil plan contraction --json`."""
+    track, result = load_track(config.track), {}
+    for name, information in CASES.items():
+        settings = Settings(information=replace(information, kind=config.estimator.measurement))
+        controller, _ = bench_controller(track, config.vehicle, settings)
+        result[name] = measure(controller, places).summary()
+    return {"places": places, "seconds": SECONDS, "cases": result}
+
+
+def measure(controller: Controller, places: int = PLACES, seed: int = 0) -> Contraction:
+    """Both ratios at `places` places around the lap."""
     rng = np.random.default_rng(seed)
     iterations: list[float] = []
     trajectories: list[float] = []
-    for s in np.arange(PLACES) * controller.reference.length / PLACES:
+    for s in np.arange(places) * controller.reference.length / places:
         z = _settled(controller, float(s))
         apart = z.copy()
         apart[:6] += 0.5 * SCALE * rng.standard_normal(6) * np.array([1, 1, 0.3, 1, 0.3, 0.3])

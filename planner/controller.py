@@ -32,8 +32,8 @@ MIN_POWER_SPEED = 10.0
 class TyreKnowledge:
     """Tyre parameters the motion is predicted with, and the belief about them.
 
-    `theta`, `mean` (n,), `covariance` (n, n), `prior_std` (n,); `load_max` the limits F-bar over axle load (front,
-    rear).
+    `theta`, `mean` (n,), `covariance` (n, n), `prior_std` (n,); over axle load, front and rear: `load_max` the limits
+    F-bar in force, `load_asked` what plans are asked to keep to, the limits less a reserve.
     """
 
     theta: Array
@@ -41,6 +41,7 @@ class TyreKnowledge:
     covariance: Array
     prior_std: Array
     load_max: tuple[float, float]
+    load_asked: tuple[float, float]
 
 
 PhiAt = Callable[[Array], Array]
@@ -79,7 +80,7 @@ class Controller:
         values: dict[str, npt.ArrayLike] = {
             "theta": k.theta,
             "lap": self.reference.length,
-            "load_max": k.load_max,
+            "load_max": k.load_asked,
             "sigma_f": self._choices(front, level),
             "sigma_r": self._choices(rear, level),
             "information_theta": k.mean,
@@ -96,7 +97,7 @@ class Controller:
         return np.column_stack([k.theta, points]).ravel(order="F")
 
     def _weigh_information(self, speed: float, share: float = 1.0) -> None:
-        """q_I at this speed with what it reserves of the load limits, and W of Tr(W F).
+        """q_I at this speed, and W of Tr(W F).
 
         W are the prior variances for `trace`; for `log_det` it is P after the horizon's F.
 
@@ -107,8 +108,6 @@ class Controller:
         spread = infomax.relative_spread(k.covariance, k.prior_std)
         q = share * infomax.scheduled_weight(info.weight, speed, spread, info.goal)
         self.common[self.problem.common["q_information"]] = q
-        reserve = infomax.load_reserve(info.reserve, spread, k.theta, k.mean) * q / info.weight if info.weight else 0.0
-        self.common[self.problem.common["load_max"]] = (1.0 - reserve) * np.array(k.load_max)
         W: Array = np.diag(k.prior_std**2)
         if self.problem.informative and info.criterion == "log_det":
             F = infomax.independent_samples(self.settings.dt) * self.sqp.horizon_information(self.common)

@@ -10,7 +10,6 @@ EXPLORING: dict[str, Any] = {
     "information_weight": 80.0,
     "information_criterion": "log_det",
     "information_bound": 1000.0,
-    "information_reserve": 0.12,
     # IMU measurements do not separate over the axles: the exact Hessian, projected
     "convexification": "projection",
 }

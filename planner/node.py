@@ -240,7 +240,7 @@ class Planner:
 
     def _stopping(self) -> Stopping:
         controller, vehicle = self.adoption.controller, self._config.vehicle
-        force = BRAKE_SHARE * self.limits.rear * vehicle.static_load_rear
+        force = BRAKE_SHARE * controller.knowledge.load_max[1] * vehicle.static_load_rear
         drive = max(self.settings.limits.drive_min, -force / float(controller.knowledge.theta[0]))
         return Stopping(
             lambda z, du: controller.sqp.propagate(z, du, controller.stages[:, 0], controller.common),

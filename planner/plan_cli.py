@@ -74,6 +74,19 @@ def safety(  # noqa: PLR0917 - options of a command line
         raise typer.Exit(EXIT_FAILURE)
 
 
+@app.command()
+def contraction(
+    track: Annotated[str, typer.Option(help="track file or shipped track; default: the road course")] = "",
+    places: Annotated[int, typer.Option(min=2, help="places around the lap")] = 24,
+    config: Annotated[Path | None, typer.Option(help="configuration (TOML)")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Measure where SQP steps and neighbouring drives contract, with and without the bound on Delta I."""
+    from planner.contraction import compare
+
+    _print(compare(load_config(config, {"track": track} if track else None), places), as_json)
+
+
 def _print(result: dict[str, Any], as_json: bool) -> None:
     if as_json:
         json.dump(result, sys.stdout)

@@ -38,11 +38,6 @@ PATIENCE_S = 0.6
 """time after which information counts 1/e: undiscounted, plans put the slalom off to their end and none was driven"""
 FADE = 1.1
 """the weight begins to fade where the belief is so many times as wide as its goal"""
-RESERVE_FADES = (0.17, 0.25)
-"""spread of the belief over the prior's between which exploring gives up its reserve of load, the larger one first"""
-RESERVE_LEFT = 0.2
-DEVIATION = 0.1
-"""relative difference of a parameter in force from the belief's mean at which exploring keeps its whole reserve"""
 SAMPLES_PER_S = 100.0
 """measurements the belief takes in"""
 FORCE_STATES = (3, 4, 5, 7, 8)
@@ -162,19 +157,6 @@ def scheduled_weight(weight: float, speed: float, spread: float, goal: float) ->
     gate = float(np.clip((speed - low) / (high - low), 0.0, 1.0))
     need = float(np.clip((spread / goal - 1.0) / (FADE - 1.0), 0.0, 1.0)) if goal > 0 else 1.0
     return weight * gate * need
-
-
-def load_reserve(reserve: float, spread: float, theta: Array, mean: Array) -> float:
-    """What of the load limits exploring keeps in reserve.
-
-    The reserve is for tyres that bear less than believed. It is given up as the belief tightens (`spread` as in
-    `scheduled_weight`), if the parameters in force `theta` are those of its `mean`: who drives with others plans loads
-    that are not the tyres'. `RESERVE_LEFT` of it stays, for noise.
-    """
-    low, high = RESERVE_FADES
-    doubt = (spread - low) / (high - low)
-    deviation = float(np.max(np.abs(theta / mean - 1.0))) / DEVIATION
-    return reserve * float(np.clip(max(doubt, deviation), RESERVE_LEFT, 1.0))
 
 
 def patience(dt: float, horizon: int) -> Array:

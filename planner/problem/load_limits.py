@@ -8,7 +8,7 @@ The rule, per axle, in units of axle load:
     next = min(supported, demonstrated, present * (1 + STEP))  otherwise, never below the present limit
 
 So the envelope grows only as far as the belief supports it, by at most STEP a run, and not beyond STEP over what
-the car has been seen to hold. Within a run it only shrinks (`limit_within_run`).
+the car has been seen to hold. Within a run it only shrinks (`limits_within_run`).
 """
 
 from __future__ import annotations
@@ -18,13 +18,25 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 from hil_gateway.config import PlannerConfig
 from hil_gateway.errors import InputError
+
+Array = npt.NDArray[np.float64]
 
 SAFETY = 0.03
 CONFIDENCE = 2.0
 STEP = 0.1
 HOLD_S = 0.2
+SLEW = 0.01
+"""largest relative change of a tyre parameter, and decrease of a limit, from one plan to the next"""
+RESERVE_FADES = (0.15, 0.31)
+"""spread of the belief over the prior's between which plans give up their reserve of load, the larger one first"""
+RESERVE_LEFT = 0.12
+DEVIATION = 0.17
+"""relative difference of a parameter in force from the belief's mean at which plans keep the whole reserve"""
 
 
 @dataclass(frozen=True)
@@ -38,6 +50,10 @@ class LoadLimits:
     def pair(self) -> tuple[float, float]:
         """(front, rear)"""
         return self.front, self.rear
+
+    def less(self, share: float) -> LoadLimits:
+        """Smaller by `share`."""
+        return LoadLimits((1.0 - share) * self.front, (1.0 - share) * self.rear)
 
 
 @dataclass(frozen=True)
@@ -57,13 +73,33 @@ def next_limit(present: float, run: RunEvidence) -> float:
     return max(present, min(supported, (1.0 + STEP) * run.held, (1.0 + STEP) * present))
 
 
-def limit_within_run(present: float, use: float, peak_in_force: float, peak_believed: float) -> float:
-    """Limit of one axle at this moment: that of the run, or the share `use` of the lesser peak factor D.
+def limits_within_run(
+    of_run: LoadLimits, use: float, peaks_in_force: Array, peaks_believed: Array, before: LoadLimits | None
+) -> tuple[LoadLimits, LoadLimits]:
+    """(what the tyres may be asked to bear now, the limits their loads are judged by), from peak factors D (2,).
 
-    Counted are the one the motion is predicted with and the mean of the belief, so that a belief that has learnt of
-    less grip lowers the limit at once, before the model in force follows. Within a run limits never widen.
+    Asked for is that of the run or the share `use` of the lesser D, of the one the motion is predicted with and of the
+    mean of the belief: a belief that has learnt of less grip tells at once, before the model in force follows. Judged
+    is by limits that come down by `SLEW` a plan from those `before`, as fast as the parameters in force may change:
+    forces by the tyres of the plan under way, set against limits of other tyres, say nothing of the car. Neither is
+    ever wider than that of the run.
     """
-    return min(present, use * min(peak_in_force, peak_believed))
+    supported = np.minimum(of_run.pair, use * np.minimum(peaks_in_force, peaks_believed))
+    judged = supported if before is None else np.maximum(supported, (1.0 - SLEW) * np.array(before.pair))
+    return LoadLimits(*supported.tolist()), LoadLimits(*judged.tolist())
+
+
+def reserve(largest: float, spread: float, theta: Array, mean: Array) -> float:
+    """Share of the load limits that plans leave alone.
+
+    All of `largest` is for tyres that may bear less than believed. It is given up as the belief tightens (`spread` over
+    that of the prior), if the parameters in force `theta` are those of its `mean`: who drives with others plans loads
+    that are not the tyres'. `RESERVE_LEFT` of it stays, for noise.
+    """
+    low, high = RESERVE_FADES
+    doubt = (spread - low) / (high - low)
+    deviation = float(np.max(np.abs(theta / mean - 1.0))) / DEVIATION
+    return largest * float(np.clip(max(doubt, deviation), RESERVE_LEFT, 1.0))
 
 
 class HeldLoad:

@@ -74,8 +74,6 @@ class Information:
     weight: float = 0.0
     goal: float = 0.0
     """exploring ends when the belief's spread over the prior's, in the geometric mean, is this small; 0: never"""
-    reserve: float = 0.0
-    """of the load limits, kept while exploring at full weight: a slalom overshoots what was planned"""
     bound: float = 400.0
     criterion: Criterion = "trace"
     kind: MeasurementKind = "tyre_force"
@@ -95,6 +93,8 @@ class Settings:
     load_limit: LoadLimit = "ellipse"
     sigma_level: float = 1.0
     """Eq. (10) holds at the mean and at this many standard deviations along each principal axis of the belief"""
+    load_reserve: float = 0.0
+    """of the load limits, kept by plans until the tyres are known (`load_limits.reserve`)"""
 
     @property
     def iterations(self) -> int:
@@ -106,10 +106,14 @@ def settings_of(config: Config) -> Settings:
     """Settings of the optimal-control problem from the configuration."""
     p = config.planner
     information = Information(
-        weight=p.information_weight, goal=p.information_goal, reserve=p.information_reserve,
-        bound=p.information_bound, criterion=p.information_criterion, kind=config.estimator.measurement,
-        convexification=p.convexification,
+        weight=p.information_weight, goal=p.information_goal, bound=p.information_bound,
+        criterion=p.information_criterion, kind=config.estimator.measurement, convexification=p.convexification,
     )  # fmt: skip
     return Settings(
-        horizon=p.horizon, dt=p.dt, information=information, load_limit=p.load_limit, sigma_level=p.sigma_level
+        horizon=p.horizon,
+        dt=p.dt,
+        information=information,
+        load_limit=p.load_limit,
+        sigma_level=p.sigma_level,
+        load_reserve=p.load_reserve,
     )

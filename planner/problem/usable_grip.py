@@ -7,7 +7,7 @@ import numpy as np
 from planner.controller import Array, TyreKnowledge
 from planner.problem.infomax import sigma_points
 
-PROFILE_SHARE = 0.9
+PROFILE_SHARE = 0.92
 """of what Eq. (10) leaves; the rest corrects errors"""
 SLIPS = np.linspace(0.0, 0.35, 176)
 """slip angles among which the usable one is sought, rad"""
@@ -24,7 +24,7 @@ def usable_share(axles: Axles, knowledge: TyreKnowledge, level: float) -> float:
     force they give is known.
     """
     shares = []
-    for axle, limit in zip(axles, knowledge.load_max, strict=True):
+    for axle, limit in zip(axles, knowledge.load_asked, strict=True):
         points = sigma_points(knowledge.mean, knowledge.covariance, axle, level)
         forces = lateral_shape(np.column_stack([knowledge.theta, points])[list(axle)])
         beyond = np.flatnonzero((forces > limit).any(axis=1))

@@ -16,10 +16,7 @@ from planner.problem import infomax
 from planner.problem.infomax import (
     FORCE_STATES,
     PATIENCE_S,
-    RESERVE_FADES,
-    RESERVE_LEFT,
     independent_samples,
-    load_reserve,
     patience,
     project,
     relative_spread,
@@ -193,7 +190,7 @@ def test_load_rows_hold_at_every_sigma_point(controller: Controller) -> None:
         for theta in sigma_points(k.mean, k.covariance, indices, controller.settings.sigma_level).T:
             forces = declared_forces(Vehicle(), dict(zip(names, theta, strict=True)))(z[3], z[4], z[5], z[8], z[7])
             load = np.hypot(getattr(forces, f"fx_{axle}"), getattr(forces, f"fy_{axle}"))
-            limit = k.load_max["fr".index(axle)] * getattr(forces, f"load_{axle}")
+            limit = k.load_asked["fr".index(axle)] * getattr(forces, f"load_{axle}")
             assert np.max(load / limit) < 1.02
     assert solution.du.shape == (NU, controller.settings.horizon)
 
@@ -218,22 +215,10 @@ def test_information_counts_less_the_later_it_comes() -> None:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
-def test_a_plan_pays_for_information_and_reserves_load_in_proportion(share: float) -> None:
-    controller = _controller(reserve=0.08)
-    controller.knowledge = replace(controller.knowledge, mean=controller.knowledge.theta / 1.2)
+def test_a_plan_pays_for_information_in_proportion(share: float) -> None:
+    controller = _controller()
     controller._weigh_information(40.0, share)
-    names, common = controller.problem.common, controller.common
-    assert common[names["q_information"]] == pytest.approx(share * WEIGHT)
-    assert common[names["load_max"]] == pytest.approx((1.0 - 0.08 * share) * np.array(controller.knowledge.load_max))
-
-
-def test_the_reserve_of_load_is_given_up_for_tyres_that_are_known_and_driven_with() -> None:
-    theta = np.array([5e4, 9.0, 1.35])
-    assert load_reserve(0.12, 1.0, theta, theta) == 0.12
-    assert load_reserve(0.12, np.mean(RESERVE_FADES), theta, theta) == pytest.approx(0.06)
-    assert load_reserve(0.12, 0.1, theta, theta) == 0.12 * RESERVE_LEFT
-    assert load_reserve(0.12, 0.1, theta, theta / [1.0, 1.1, 1.0]) == pytest.approx(0.12), "another model is in force"
-    assert load_reserve(0.12, 0.1, theta, theta / [1.0, 1.0, 1.05]) == pytest.approx(0.06)
+    assert controller.common[controller.problem.common["q_information"]] == pytest.approx(share * WEIGHT)
 
 
 def test_spread_is_the_geometric_mean_over_directions() -> None:

@@ -5,22 +5,30 @@ from __future__ import annotations
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hil_gateway.errors import InputError
 from planner.problem.load_limits import (
+    DEVIATION,
+    RESERVE_FADES,
+    RESERVE_LEFT,
+    SLEW,
     HeldLoad,
     LoadLimits,
     RunEvidence,
-    limit_within_run,
+    limits_within_run,
     load_limits,
     next_limit,
+    reserve,
     store_limits,
 )
 
 positive = st.floats(0.2, 3.0)
+limits = st.builds(LoadLimits, positive, positive)
+peaks = st.tuples(positive, positive).map(np.array)
 
 
 @given(positive, positive, st.floats(0.0, 1.0), positive)
@@ -36,8 +44,8 @@ def test_next_limit_never_exceeds_what_belief_run_and_step_support(
 
 @given(positive, positive, positive)
 def test_limits_widen_monotonically_as_the_belief_tightens(present: float, mean: float, held: float) -> None:
-    limits = [next_limit(present, RunEvidence(mean, std, held)) for std in (0.5, 0.2, 0.1, 0.05, 0.0)]
-    assert all(b >= a - 1e-12 for a, b in pairwise(limits))
+    widened = [next_limit(present, RunEvidence(mean, std, held)) for std in (0.5, 0.2, 0.1, 0.05, 0.0)]
+    assert all(b >= a - 1e-12 for a, b in pairwise(widened))
 
 
 def test_limits_shrink_at_once_when_the_belief_does_not_support_them() -> None:
@@ -75,11 +83,33 @@ def test_a_damaged_file_is_named(tmp_path: Path, content: str) -> None:
         load_limits(path)
 
 
-@given(positive, st.floats(0.1, 1.0), positive, positive)
+@given(limits, st.floats(0.1, 1.0), peaks, peaks, limits)
 def test_within_a_run_limits_never_widen_and_follow_the_lesser_grip(
-    present: float, use: float, in_force: float, believed: float
+    of_run: LoadLimits, use: float, in_force: np.ndarray, believed: np.ndarray, before: LoadLimits
 ) -> None:
-    limit = limit_within_run(present, use, in_force, believed)
-    assert limit <= present
-    assert limit <= use * min(in_force, believed)
-    assert limit in (present, use * in_force, use * believed)
+    asked, judged = limits_within_run(of_run, use, in_force, believed, before)
+    for axle in (0, 1):
+        assert asked.pair[axle] in (of_run.pair[axle], use * in_force[axle], use * believed[axle])
+        assert asked.pair[axle] <= min(of_run.pair[axle], use * in_force[axle], use * believed[axle])
+        assert judged.pair[axle] == max(asked.pair[axle], (1.0 - SLEW) * before.pair[axle])
+
+
+def test_less_grip_is_asked_for_at_once_and_judged_by_within_seconds() -> None:
+    start, believed = LoadLimits(1.2, 1.2), np.array([1.4, 1.0])
+    judged, plans = start, 0
+    while True:
+        asked, judged = limits_within_run(start, 0.9, np.array([1.4, 1.4]), believed, judged)
+        plans += 1
+        assert asked.pair == (1.2, 0.9)
+        if judged == asked:
+            break
+    assert plans == np.ceil(np.log(0.9 / 1.2) / np.log(1.0 - SLEW))
+
+
+def test_the_reserve_of_load_is_given_up_for_tyres_that_are_known_and_driven_with() -> None:
+    theta = np.array([5e4, 9.0, 1.35])
+    assert reserve(0.2, 1.0, theta, theta) == 0.2
+    assert reserve(0.2, float(np.mean(RESERVE_FADES)), theta, theta) == pytest.approx(0.1)
+    assert reserve(0.2, 0.1, theta, theta) == 0.2 * RESERVE_LEFT
+    assert reserve(0.2, 0.1, theta, theta / [1.0, 1.0 + DEVIATION, 1.0]) == pytest.approx(0.2), "another model in force"
+    assert reserve(0.2, 0.1, theta, theta / [1.0, 1.0, 1.0 + DEVIATION / 2]) == pytest.approx(0.1)

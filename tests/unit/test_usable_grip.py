@@ -15,7 +15,7 @@ LIMIT = (1.22, 1.205)
 
 
 def knowledge(covariance: np.ndarray) -> TyreKnowledge:
-    return TyreKnowledge(THETA, THETA, covariance, 0.4 * THETA, LIMIT)
+    return TyreKnowledge(THETA, THETA, covariance, 0.4 * THETA, LIMIT, LIMIT)
 
 
 def test_a_certain_belief_leaves_the_load_limit_less_what_corrections_need() -> None:
