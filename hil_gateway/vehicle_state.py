@@ -17,10 +17,12 @@ from hil_gateway.actuation import Actuation, Actuators
 from hil_gateway.can_link import Frame
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.config import Config
+from hil_gateway.fixes import MOVING, Fixes
 from hil_gateway.frame_counts import FrameCounts, LeakyBucket
 from hil_gateway.geodesy import LocalMap
 from hil_gateway.messages import SourceHealth, VehicleState
 from hil_gateway.race_control import CtState
+from hil_gateway.stopping import STANDSTILL
 
 SOURCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -45,9 +47,7 @@ ACTUATOR_COMMANDS = ("brake_pressure_cmd", "accelerator_cmd", "steering_cmd", "g
 FOREIGN_S = 1.0
 """How long the voice of another computer is remembered."""
 STUCK_FRAMES = 50
-"""So many IMU frames with the very same bytes while moving: the sensor hangs (noise alone changes the last bit)."""
-MOVING = 5.0
-"""m/s"""
+"""So many IMU or wheel frames with the very same bytes while moving: the sensor hangs (noise changes the last bit)."""
 SENSOR_DISAGREEMENT = 0.15
 """Primary against secondary steering angle, rad at the motor (about 9 deg)."""
 MAP_RADIUS = 50e3
@@ -89,8 +89,7 @@ class VehicleStateBuilder:
         self._by_name = {entry.layout.name: entry for entry in self._received.values()}
         self._sources = {name: tuple(self._by_name[m] for m in messages) for name, messages in SOURCES.items()}
         self._signals: defaultdict[str, float] = defaultdict(float)
-        self._position = (0.0, 0.0)
-        self._position_seq = 0
+        self._fixes = Fixes()
         self._seq = 0
         self._newest_ns: int | None = None
         self.counts = FrameCounts()
@@ -159,9 +158,9 @@ class VehicleStateBuilder:
             drive=self._actuation.to_drive(pedals, engine_speed, pedals.gear),
             gear=pedals.gear,
             engine_speed=engine_speed,
-            position_x=self._position[0],
-            position_y=self._position[1],
-            position_seq=self._position_seq,
+            position_x=self._fixes.x,
+            position_y=self._fixes.y,
+            position_seq=self._fixes.seq,
             sys_state=int(signals["sys_state"]),
             ct_state=ct_state,
             track_flag=track_flag,
@@ -197,16 +196,15 @@ class VehicleStateBuilder:
         if not entry.plausible:
             self.counts.implausible += 1
         elif entry.layout.name == "novatel_report":
-            self._take_position(entry, values)
+            self._take_position(entry, values, entry.stamp_ns)
         else:
             self._signals.update(values)
 
-    def _take_position(self, entry: _Received, values: Mapping[str, float]) -> None:
+    def _take_position(self, entry: _Received, values: Mapping[str, float], stamp_ns: int) -> None:
         x, y = self._map.to_map_radians(values["novatel_lat"], values["novatel_long"])
         entry.plausible = max(abs(x), abs(y)) < MAP_RADIUS
         if entry.plausible:
-            self._position = x, y
-            self._position_seq += 1
+            self._fixes.take(x, y, stamp_ns)
         else:
             self.counts.implausible += 1
 
@@ -245,6 +243,10 @@ class VehicleStateBuilder:
             return abs(apart) <= SENSOR_DISAGREEMENT
         if entry.layout.name.startswith("imu_"):
             return entry.repeats < STUCK_FRAMES or self._signals["wheel_speed_RL"] < MOVING
+        if entry.layout.name == "wheel_speed_report":
+            fastest = max(values.values())
+            locked_or_dead = fastest < STANDSTILL and self._fixes.moving
+            return not locked_or_dead and (entry.repeats < STUCK_FRAMES or fastest < MOVING)
         return True
 
     def _health(self, entries: tuple[_Received, ...], now_ns: int) -> SourceHealth:
@@ -267,7 +269,8 @@ def _limits(layout: FrameLayout) -> tuple[tuple[str, float, float], ...]:
 
 
 def _repeatable(layout: FrameLayout) -> bool:
-    return layout.counter is None and layout.name != "novatel_report" and not layout.name.startswith("imu_")
+    watched = layout.name in ("novatel_report", "wheel_speed_report") or layout.name.startswith("imu_")
+    return layout.counter is None and not watched
 
 
 def _age_s(stamp_ns: int | None, now_ns: int) -> float:
