@@ -25,6 +25,8 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from hil_gateway.cache import cache_directory
+
 Array = npt.NDArray[np.float64]
 
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
@@ -35,11 +37,6 @@ COMPILE_TIMEOUT_S = 120.0
 
 class CompilerWarning(UserWarning):
     """Code that could be compiled runs slower, interpreted."""
-
-
-def cache_directory() -> Path:
-    """Where compiled libraries are kept: $XDG_CACHE_HOME/hil-gateway, by default ~/.cache/hil-gateway."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hil-gateway"
 
 
 @cache

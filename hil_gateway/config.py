@@ -178,7 +178,6 @@ def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = 
         InputError: unreadable file, unknown key, value out of range.
     """
     tree: dict[str, Any] = _read_toml(path) if path else {}
-    origin = str(path) if path else "defaults"
     for keys, value in _environment().items():
         _set(tree, keys, value)
     for key, value in (overrides or {}).items():
@@ -186,17 +185,16 @@ def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = 
     try:
         return Config.model_validate(tree)
     except ValidationError as error:
-        raise InputError(_explain(error, origin)) from None
+        raise InputError(_explain(error, path, overrides or {})) from None
 
 
 def origins(path: Path | None = None) -> dict[str, tuple[Any, str]]:
     """Every setting as dotted key -> (value, where it came from: the file, a variable, or "default")."""
     in_file = dict(_leaves(_read_toml(path))) if path else {}
-    in_environment = {".".join(keys) for keys in _environment()}
 
     def origin(key: str) -> str:
-        if key in in_environment:
-            return f"{ENVIRONMENT_PREFIX}{key.upper().replace('.', '__')}"
+        if variable := _variable(key):
+            return variable
         named = any(key == k or key.startswith(f"{k}.") or k.startswith(f"{key}.") for k in in_file)
         return str(path) if named else DEFAULT_ORIGIN
 
@@ -222,12 +220,30 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 
 def _environment() -> dict[tuple[str, ...], Any]:
-    """HIL_CAN__CHANNEL -> ("can", "channel"); variables without a double underscore are not configuration."""
-    return {
-        tuple(name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")): _from_text(name, value)
-        for name, value in os.environ.items()
-        if name.startswith(ENVIRONMENT_PREFIX) and "__" in name
-    }
+    """HIL_CAN__CHANNEL -> ("can", "channel"); variables that name no section are not configuration.
+
+    Raises:
+        InputError: a section and a key with one underscore between: it would be ignored, and the default hold.
+    """
+    found: dict[tuple[str, ...], Any] = {}
+    for name, value in os.environ.items():
+        if not name.startswith(ENVIRONMENT_PREFIX):
+            continue
+        path = name.removeprefix(ENVIRONMENT_PREFIX).lower()
+        section, _, rest = path.partition("_")
+        if "__" in path or path in Config.model_fields:
+            found[tuple(path.split("__"))] = _from_text(name, value)
+        elif section in Config.model_fields:
+            meant = f"{ENVIRONMENT_PREFIX}{section}__{rest}".upper()
+            raise InputError(f"{name}: no setting; {meant} sets {section}.{rest} (two underscores)")
+    return found
+
+
+def _variable(key: str) -> str:
+    """The variable that sets a dotted key or the list or table it is in; empty where there is none."""
+    parts = key.upper().split(".")
+    names = (ENVIRONMENT_PREFIX + "__".join(parts[:count]) for count in range(len(parts), 0, -1))
+    return next((name for name in names if name in os.environ), "")
 
 
 def _from_text(name: str, text: str) -> Any:
@@ -244,13 +260,20 @@ def _set(tree: dict[str, Any], keys: Any, value: Any) -> None:
     *parents, leaf = keys
     for key in parents:
         tree = tree.setdefault(key, {})
+        if not isinstance(tree, dict):
+            return  # a value where a table should be: what checks the tree will say so
     tree[leaf] = value
 
 
-def _explain(error: ValidationError, origin: str) -> str:
-    """First problem in one line."""
+KINDS = {"tuple_type": "should be a list: [...]", "model_type": "should be a table", "dict_type": "should be a table"}
+"""errors whose own words speak of Python -> what a user can do with"""
+
+
+def _explain(error: ValidationError, path: Path | None, overrides: Mapping[str, Any]) -> str:
+    """First problem in one line, with the place it comes from."""
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"])
+    where = "command line" if key in overrides else _variable(key) or str(path or "defaults")
     if first["type"] == "extra_forbidden":
-        return f"{origin}: unknown key {key}; `hil doctor --config` lists the known ones"
-    return f"{origin}: {key} = {first['input']!r}: {first['msg'].lower()}"
+        return f"{where}: unknown key {key}; `hil doctor --config` lists the known ones"
+    return f"{where}: {key} = {first['input']!r}: {KINDS.get(first['type'], first['msg'].lower())}"

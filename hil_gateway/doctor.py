@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.metadata
 import json
 import os
@@ -17,6 +18,7 @@ from typing import Annotated, Any
 
 import typer
 
+from hil_gateway.cache import cache_directory
 from hil_gateway.config import Config, load_config, origins
 from hil_gateway.errors import EXIT_FAILURE
 
@@ -137,9 +139,41 @@ def _multicast(group: str) -> Finding:
     return Finding("udp multicast", ok, detail, "the demo without SocketCAN", remedy)
 
 
-def _disk() -> Finding:
-    free = shutil.disk_usage(Path.cwd()).free
-    return Finding("disk", free > MIN_FREE_BYTES, f"{free / 1e9:.1f} GB free here", "recordings", "free some space")
+def _disk(folder: str) -> Finding:
+    """Room where recordings go, or where their folder would be made."""
+    try:
+        place = next(p for p in Path(folder, "x").resolve().parents if p.exists())
+        free, writable = shutil.disk_usage(place).free, os.access(place, os.W_OK)
+    except OSError as error:
+        return Finding("disk", False, f"{folder}: {error.strerror}", "recordings", "cd to a folder that exists")
+    detail = f"{free / 1e9:.1f} GB free in {place}" if writable else f"{place} cannot be written"
+    return Finding(
+        "disk", writable and free > MIN_FREE_BYTES, detail, "recordings", "set recorder.folder to another one"
+    )
+
+
+def _cache() -> Finding:
+    """Where compiled functions are kept; without it each start runs them interpreted."""
+    folder = cache_directory()
+    place = next(p for p in (folder, *folder.parents) if p.exists())
+    ok = place.is_dir() and os.access(place, os.W_OK) and not str(place).startswith("/proc")
+    detail = str(folder) if ok else f"{place} cannot be written"
+    return Finding("compiled functions", ok, detail, "planner at full speed", "set XDG_CACHE_HOME to a folder of yours")
+
+
+def _zenoh(endpoint: str) -> Finding:
+    """Whether the gateway may listen where the configuration says; on another computer's address it does not."""
+    host, _, port = endpoint.partition("/")[2].rpartition(":")
+    ok, detail = True, "free"
+    try:
+        socket.create_server((host.strip("[]"), int(port))).close()
+    except ValueError:
+        ok, detail = False, "not PROTOCOL/HOST:PORT"
+    except OSError as error:
+        ok = error.errno == errno.EADDRNOTAVAIL
+        detail = "on another computer" if ok else str(error.strerror).partition(" (")[0].lower()
+    remedy = "end what listens there, or set zenoh.connect to another endpoint"
+    return Finding("zenoh endpoint", ok, f"{endpoint}: {detail}", "hil gateway run", remedy)
 
 
 def _cpus() -> Finding:
@@ -155,8 +189,9 @@ def _real_time() -> Finding:
 
 def findings(config: Config) -> Iterator[Finding]:
     """Look at everything, cheap things first."""
-    yield from (_python(), _packages(), _cpus(), _disk(), _socketcan(), _interface(config.can.channel))
-    yield _multicast(config.can.multicast_group)
+    yield from (_python(), _packages(), _cpus(), _disk(config.recorder.folder), _cache())
+    yield from (_socketcan(), _interface(config.can.channel), _multicast(config.can.multicast_group))
+    yield from map(_zenoh, config.zenoh.connect[:1])
     yield from map(_program, PROGRAMS)
     if uml := _user_mode_linux():
         yield uml

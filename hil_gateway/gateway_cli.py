@@ -46,7 +46,7 @@ def check(
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
     config: ConfigOption = None,
 ) -> None:
-    """Bring-up: listen only, and say what is there, what is not, and what arming still needs."""
+    """Bring-up: listen only. Say what is there, what is not, and what arming still needs."""
     from hil_gateway.check import run_check
 
     raise typer.Exit(run_check(load_config(config), channel, seconds, as_json))
@@ -54,25 +54,25 @@ def check(
 
 @app.command()
 def arm(config: ConfigOption = None) -> None:
-    """Ask the gateway to send actuator commands; says what is missing when it refuses."""
+    """Ask the gateway to send actuator commands. Says what is missing when it refuses."""
     _request(load_config(config), OperatorAction.ARM)
 
 
 @app.command()
 def disarm(config: ConfigOption = None) -> None:
-    """Stop sending actuator commands: at once when standing, after a controlled stop when moving."""
+    """Stop sending actuator commands. At once when standing, after a controlled stop when moving."""
     _request(load_config(config), OperatorAction.DISARM)
 
 
 @app.command()
 def stop(config: ConfigOption = None) -> None:
-    """Controlled stop."""
+    """Controlled stop; latches."""
     _request(load_config(config), OperatorAction.STOP)
 
 
 @app.command()
 def emergency(config: ConfigOption = None) -> None:
-    """Emergency stop."""
+    """Emergency stop; latches."""
     _request(load_config(config), OperatorAction.EMERGENCY)
 
 

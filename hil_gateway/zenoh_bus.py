@@ -109,7 +109,7 @@ def open_bus(config: ZenohConfig, name: str) -> ZenohBus:
     """
     import zenoh
 
-    zenoh.init_log_from_env_or("error")
+    zenoh.init_log_from_env_or("error,zenoh::api::session=off")  # which reports every message that comes while closing
     tree = session_config(config, name)
     try:
         return ZenohBus(zenoh.open(zenoh.Config.from_json5(json.dumps(tree))))
@@ -202,11 +202,10 @@ def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
 
 
 def _explain(text: str, tree: dict[str, Any]) -> str:
-    endpoints = ", ".join(tree["listen"]["endpoints"]) or "no endpoint"
+    listen, connect = (", ".join(tree[side]["endpoints"]) or "nothing" for side in ("listen", "connect"))
     if "in use" in text:
-        return f"{endpoints}: the port is busy (zenoh.listen); stop the other gateway or choose another endpoint"
+        return f"{listen}: the port is busy (zenoh.listen); stop the other gateway or choose another endpoint"
     if tree["mode"] == "client":
-        routers = ", ".join(tree["connect"]["endpoints"])
-        return f"no Zenoh router at {routers} (zenoh.connect); start zenohd there, or set zenoh.mode to peer"
+        return f"no Zenoh router at {connect} (zenoh.connect); start zenohd there, or set zenoh.mode to peer"
     reason = text.partition(" at /")[0]
-    return f"cannot open Zenoh on {endpoints} (zenoh.listen, zenoh.connect): {reason}"
+    return f"cannot open Zenoh: zenoh.listen is {listen}, zenoh.connect is {connect}: {reason}"

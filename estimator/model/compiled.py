@@ -5,7 +5,6 @@ from __future__ import annotations
 from hil_gateway.compiled import (
     CompiledFunction,
     CompilerWarning,
-    cache_directory,
     compile_function,
     compile_library,
     compile_source,
@@ -17,7 +16,6 @@ from hil_gateway.compiled import (
 __all__ = [
     "CompiledFunction",
     "CompilerWarning",
-    "cache_directory",
     "compile_function",
     "compile_library",
     "compile_source",

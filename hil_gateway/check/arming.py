@@ -33,7 +33,7 @@ EXPLANATION = {
     "engine_running": "the engine runs, and gateway.mode is actuator_test",
     "counters_wrong": "rolling counters jump",
     "heartbeat_frozen": "race control's heartbeat stands still",
-    "car_moving": "the car must stand still",
+    "car_moving": "the car must stand still, and valid reports say so",
     "mode": "gateway.mode is listen",
 }
 """Cause of the failsafe table -> what a person reads."""

@@ -17,9 +17,9 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from estimator.model.compiled import cache_directory
 from estimator.model.parameters import layout_of
 from estimator.model.single_track import SingleTrack
+from hil_gateway.cache import cache_directory
 from hil_gateway.track import Track
 from hil_gateway.vehicle import GRAVITY, Vehicle
 from planner.line.envelope import Array, Envelope, envelope_of

@@ -6,6 +6,7 @@ import importlib
 import json
 import os
 import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from hil_gateway.cli import COMMANDS
-from hil_gateway.config import Config, load_config
+from hil_gateway.config import Config, ZenohConfig, load_config
 from hil_gateway.doctor import findings, missing_packages
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -90,6 +91,22 @@ def test_doctor_json_is_one_object_and_every_lack_has_a_remedy() -> None:
     assert report["ok"]
     assert {"python", "packages", "socketcan", "disk"} <= {check["name"] for check in report["checks"]}
     assert all(check["remedy"] and check["needed_for"] for check in report["checks"] if not check["ok"])
+
+
+def test_doctor_says_what_is_wrong_with_an_odd_set_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy port, a home that cannot be written, a working directory that is gone: never a traceback."""
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc")
+    with socket.create_server(("127.0.0.1", 0)) as busy:
+        port = busy.getsockname()[1]
+        config = Config(zenoh=ZenohConfig(connect=(f"tcp/127.0.0.1:{port}",)))
+        rows = {row.name: row for row in findings(config)}
+    assert [rows[name].ok for name in ("disk", "compiled functions", "zenoh endpoint")] == [False] * 3
+    assert "in use" in rows["zenoh endpoint"].detail
+    assert all(rows[name].remedy for name in ("disk", "compiled functions", "zenoh endpoint"))
 
 
 def test_doctor_names_the_package_of_every_missing_program(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,6 +43,37 @@ def test_bad_file_names_file_key_and_value(tmp_path: Path, text: str, expected: 
     assert "\n" not in str(error.value)
 
 
+def test_a_mistake_in_the_environment_or_a_flag_is_said_to_be_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = _write(tmp_path, '[can]\nchannel = "file"\n')
+    with pytest.raises(InputError, match=r"^command line: dashboard\.port = 99999: "):
+        load_config(path, {"dashboard.port": 99999})
+    for name, words in (
+        ("HIL_CAN__CHANEL", "unknown key can.chanel"),
+        ("HIL_CAN__BITRATE", "can.bitrate = 'abc'"),
+        ("HIL_ZENOH__CONNECT", "zenoh.connect = 'abc': should be a list"),
+        ("HIL_GATEWAY", "gateway = 'abc': should be a table"),
+    ):
+        monkeypatch.setenv(name, "abc")
+        with pytest.raises(InputError, match=f"^{name}: {words}"):
+            load_config(path)
+        monkeypatch.delenv(name)
+
+
+def test_one_underscore_too_few_is_an_error_and_not_the_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    """HIL_GATEWAY_MODE=listen would else run a gateway that can be armed."""
+    monkeypatch.setenv("HIL_GATEWAY_MODE", "listen")
+    with pytest.raises(InputError, match=r"HIL_GATEWAY_MODE: no setting; HIL_GATEWAY__MODE sets gateway\.mode"):
+        load_config()
+
+
+def test_a_value_where_a_table_should_be_is_said_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HIL_GATEWAY__MODE", "listen")
+    with pytest.raises(InputError, match="gateway = 3: should be a table"):
+        load_config(_write(tmp_path, "gateway = 3\n"))
+
+
 def test_missing_file_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot read"):
         load_config(tmp_path / "absent.toml")
