@@ -28,7 +28,8 @@ from estimator.tyre_belief import Array, BeliefSettings, Sample, TyreBelief
 EVERY = 100
 """samples between two linearisations"""
 CAPACITY = 200
-"""samples in the history; when it is full every other one is dropped and the rest count twice"""
+"""samples in the history; when it is full every other one is dropped and the rest count twice, each for up to
+one independent sample"""
 FIRST_THINNING = 10
 """of the samples at 100 Hz one in so many is kept at first"""
 STEPS = 2
@@ -36,8 +37,6 @@ STEPS = 2
 STRETCH = 500
 """samples, 5 s: as long as a bend or a straight, over which what the model leaves out keeps its sign"""
 TINY = 1e-12
-CHANCE = 1.645
-"""standard deviations above what independent errors would show, from which on they are taken to be dependent: 95 %"""
 SHARES = (1.0, 0.5, 0.25)
 """of a step that are tried"""
 
@@ -58,6 +57,7 @@ class RelinearisedBelief(TyreBelief):
         super().reset()
         self._history, self._thinning = [], FIRST_THINNING
         self._at: Array | None = None
+        self._dependent = np.ones(len(self.channel_variance))
 
     def set_covariance(self, covariance: Array) -> None:
         """Start from a known covariance of theta, SI, instead of the prior's."""
@@ -79,6 +79,9 @@ class RelinearisedBelief(TyreBelief):
     def _linearised_at(self) -> Array:
         return self.deviation if self._at is None else self._at
 
+    def _error_variance(self) -> Array:
+        return self.channel_variance * self._dependent
+
     def _keep(self, sample: Sample) -> None:
         self._history.append((sample, self._active_channels(sample).astype(float)))
         if len(self._history) >= CAPACITY:
@@ -86,7 +89,9 @@ class RelinearisedBelief(TyreBelief):
 
     def _relinearise(self) -> None:
         if self._history:
-            weight = np.array([self._thinning * active for _, active in self._history])
+            # a kept sample stands for those dropped, but for no more than one independent one
+            count = min(self._thinning, self.settings.correlation_samples)
+            weight = np.array([count * active for _, active in self._history])
             history = _Stacked([sample for sample, _ in self._history], weight)
             for _ in range(STEPS):
                 self._step(history)
@@ -96,7 +101,8 @@ class RelinearisedBelief(TyreBelief):
         """A Gauss-Newton step of the maximum a posteriori estimate over the history, halved while it leads uphill."""
         residual, H, variance = self._linearised(history, self.deviation)
         weight = history.weight * (residual**2 <= self.settings.gate_sigma**2 * variance) / variance
-        weight /= self._dependence(residual, H, weight)
+        self._dependent = self._dependence(residual, H, weight)
+        weight /= self._dependent
         precision = self._start_precision + np.einsum("kci,kc,kcj->ij", H, weight, H)
         gradient = np.einsum("kci,kc,kc->i", H, weight, residual) - self._start_precision @ self.deviation
         covariance = np.linalg.inv(precision)
@@ -127,11 +133,9 @@ class RelinearisedBelief(TyreBelief):
         gradients = per_stretch((weight * residual)[:, :, None] * H)
         expected = per_stretch(weight * np.sum(H**2, axis=2))
         total = expected.sum(axis=0) + TINY
-        # as many stretches of equal information would scatter alike; their sum of squares is chi squared
+        # as many stretches of equal information would scatter alike; median of chi squared (Wilson and Hilferty 1931)
         freedom = np.maximum(total**2 / (np.sum(expected**2, axis=0) + TINY), 1.0)
-        by_chance = (
-            1.0 - 2.0 / (9.0 * freedom) + CHANCE * np.sqrt(2.0 / (9.0 * freedom))
-        ) ** 3  # Wilson and Hilferty 1931
+        by_chance = (1.0 - 2.0 / (9.0 * freedom)) ** 3
         return np.asarray(np.maximum(np.sum(gradients**2, axis=(0, 2)) / total / by_chance, 1.0))
 
     def _cost(self, residual: Array, weight: Array, deviation: Array) -> float:

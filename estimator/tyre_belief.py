@@ -123,7 +123,8 @@ class TyreBelief:
         if not active.any():
             return np.empty(0)
         *vectors, spread, covariance = self._recursion.inputs
-        given = (sample.signals, sample.aux, sample.phi, sample.z, active, self._linearised_at(), self.deviation)
+        at, variance = self._linearised_at(), self._error_variance()
+        given = (sample.signals, sample.aux, sample.phi, sample.z, active, variance, at, self.deviation)
         for vector, values in zip(vectors, given, strict=True):
             vector[:, 0] = values
         spread[:], covariance[:] = sample.signal_covariance, self.scaled_covariance
@@ -139,6 +140,10 @@ class TyreBelief:
     def _linearised_at(self) -> Array:
         """Scaled deviation at which the Jacobians of the next sample are taken: the present mean."""
         return self.deviation
+
+    def _error_variance(self) -> Array:
+        """Variance (m,) of the errors of the next sample, besides that of the motion it was taken in."""
+        return self.channel_variance
 
     def _active_channels(self, sample: Sample) -> npt.NDArray[np.bool_]:
         """Which rows of z may teach: enough speed, and slip (lateral) or drive (longitudinal) to learn from."""
@@ -172,23 +177,23 @@ class TyreBelief:
 
 
 def recursion_function(belief: TyreBelief) -> CompiledFunction:
-    """One sample of Eq. (8): (signals, aux, phi, z, active, at, deviation, signal covariance, covariance) to new
-    deviation, covariance and normalised innovations squared (m,).
+    """One sample of Eq. (8): (signals, aux, phi, z, active, variance, at, deviation, signal covariance, covariance)
+    to new deviation, covariance and normalised innovations squared (m,).
 
-    Deviation (n,) and covariance (n, n) are scaled, `active` (m,) says which channels teach. Channels come one after
-    the other, all linearised at the deviation `at`.
+    Deviation (n,) and covariance (n, n) are scaled, `active` (m,) says which channels teach, `variance` (m,) is that of
+    their errors. Channels come one after the other, all linearised at the deviation `at`.
     """
     h = measurement_function(belief.model, belief.settings.kind)
     signals, aux, _, phi = (ca.SX.sym(name, h.size1_in(name)) for name in h.name_in())
     n, m = len(belief.names), h.size1_out("h")
-    z, active = ca.SX.sym("z", m), ca.SX.sym("active", m)
+    z, active, error = (ca.SX.sym(name, m) for name in ("z", "active", "variance"))
     at, start, spread, P = (ca.SX.sym(*shape) for shape in (("at", n), ("deviation", n), ("spread", 3, 3), ("P", n, n)))
     predicted, by_theta, by_signals = h.call([signals, aux, belief.prior + belief.scale * at, phi])
     rows = by_theta @ ca.diag(ca.DM(belief.scale))
     deviation, covariance, nis = start, P, []
     for i in range(m):
         slip = by_signals[i, :3]
-        variance = belief.channel_variance[i] + slip @ spread @ slip.T
+        variance = error[i] + slip @ spread @ slip.T
         innovation = z[i] - predicted[i] - rows[i, :] @ (deviation - at)
         S = rows[i, :] @ covariance @ rows[i, :].T + variance
         nis.append(innovation**2 / S)
@@ -196,6 +201,6 @@ def recursion_function(belief: TyreBelief) -> CompiledFunction:
         K, after = scalar_update(covariance, rows[i, :], variance)
         deviation = ca.if_else(teaches, deviation + K * innovation, deviation)
         covariance = ca.if_else(teaches, after, covariance)
-    inputs = [signals, aux, phi, z, active, at, start, spread, P]
+    inputs = [signals, aux, phi, z, active, error, at, start, spread, P]
     results = [ca.densify(e) for e in (deviation, covariance, ca.vertcat(*nis))]
     return compile_function(ca.Function("recursion", inputs, results), compiled=False)

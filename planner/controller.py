@@ -110,6 +110,7 @@ class Controller:
         self.common[self.problem.common["q_information"]] = q
         W: Array = np.diag(k.prior_std**2)
         if self.problem.informative and info.criterion == "log_det":
+            self.common[self.problem.common["q_information"]] = q * infomax.caution(spread)
             F = infomax.independent_samples(self.settings.dt) * self.sqp.horizon_information(self.common)
             # (P^-1 + F)^-1 without inverting P, which may be singular
             W = np.asarray(np.linalg.solve(np.eye(len(k.mean)) + k.covariance @ F, k.covariance))

@@ -7,7 +7,7 @@ from typing import Any
 from hil_gateway.config import Config
 
 EXPLORING: dict[str, Any] = {
-    "information_weight": 80.0,
+    "information_weight": 60.0,
     "information_criterion": "log_det",
     "information_bound": 1000.0,
     # IMU measurements do not separate over the axles: the exact Hessian, projected

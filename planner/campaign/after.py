@@ -15,21 +15,31 @@ def learnt_by(result: Mapping[str, Any]) -> Learnt:
 
 
 def compare(results: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
-    """Lap times and margins with the declared and with the learnt model over all cars that drove both.
+    """Lap times and margins with the declared and with the learnt model, over the cars that never left the track.
 
-    None where no car did.
+    A lap that leaves the track is no lap to compare with: such cars are named in `left_the_track`, by model. None where
+    no car is left.
     """
     drives = {(r["trial"]["method"], r["trial"]["seed"]): r for r in results if r["trial"]["method"] in AFTERWARDS}
-    seeds = sorted(s for m, s in drives if m == "prior" and ("learnt", s) in drives)
+    both = sorted(s for m, s in drives if m == "prior" and ("learnt", s) in drives)
+    left = {m: [s for s in both if drives[m, s]["safety"]["off_track"]] for m in AFTERWARDS}
+    seeds = [s for s in both if not any(s in cars for cars in left.values())]
     if not seeds:
         return None
     gain = [100.0 * (1.0 - _lap(drives["learnt", s]) / _lap(drives["prior", s])) for s in seeds]
     return {
         "seeds": len(seeds),
+        "left_the_track": left,
         "faster_percent": vars(bootstrap(gain)),
         "slower_cars": sum(g <= 0.0 for g in gain),
+        "cars": {s: {m: _car(drives[m, s]) for m in AFTERWARDS} for s in both},
         **{method: _figures([drives[method, s] for s in seeds]) for method in AFTERWARDS},
     }
+
+
+def _car(result: Mapping[str, Any]) -> dict[str, Any]:
+    keys = ("worst_margin_m", "worst_slip_share", "worst_true_load_share", "off_track", "load_violations")
+    return {"lap_times_s": result["lap_times_s"], **{key: result["safety"][key] for key in keys}}
 
 
 def _lap(result: Mapping[str, Any]) -> float:

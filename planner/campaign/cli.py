@@ -133,6 +133,7 @@ def _print(summary: dict[str, Any]) -> None:
     if (after := summary["afterwards"]) is not None:
         console.print(
             f"afterwards: {interval(after['faster_percent'])} % faster with the learnt model, "
-            f"least margin {after['prior']['worst_margin_m']:.2f} -> {after['learnt']['worst_margin_m']:.2f} m"
+            f"least margin {after['prior']['worst_margin_m']:.2f} -> {after['learnt']['worst_margin_m']:.2f} m, "
+            f"cars that left the track: {after['left_the_track']}"
         )
     console.print(f"report: {summary['report']}")

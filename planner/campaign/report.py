@@ -169,7 +169,9 @@ def _afterwards(report: Report, after: dict[str, Any]) -> None:
     report.section(
         "After learning",
         f"The plain planner, learning nothing more, on {after['seeds']} cars: with the declared model and with model, "
-        f"belief and load limits that driving to learn ended with. Faster by {interval(after['faster_percent'])} %.",
+        f"belief and load limits that driving to learn ended with. Faster by {interval(after['faster_percent'])} %. "
+        f"Left out, because they left the track with the declared model: {len(after['left_the_track']['prior'])} cars, "
+        f"with the learnt one: {len(after['left_the_track']['learnt'])}.",
     )  # fmt: skip
     rows = [
         [name, interval(after[key]["lap_time_s"]), interval(after[key]["margin_m"]),

@@ -63,7 +63,7 @@ class CampaignSettings:
     """by which B, C and D of either axle are off the declared ones"""
     information_weight: float = EXPLORING["information_weight"]
     information_criterion: str = EXPLORING["information_criterion"]
-    information_goal: float = 0.1
+    information_goal: float = 0.106
     """spread of the belief over the prior's at which exploring ends: a little beyond parameters known to 5 %"""
     time_limit_s: float = 420.0
 

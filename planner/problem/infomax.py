@@ -34,10 +34,12 @@ Array = npt.NDArray[np.float64]
 
 LEARNING_SPEED = (12.0, 20.0)
 """m/s between which the weight rises from 0 to q_I: slower, slip angles are noise and the belief's gates are shut"""
-PATIENCE_S = 0.6
+PATIENCE_S = 0.4
 """time after which information counts 1/e: undiscounted, plans put the slalom off to their end and none was driven"""
-FADE = 1.1
+FADE = 1.05
 """the weight begins to fade where the belief is so many times as wide as its goal"""
+CAUTION, MIN_SPREAD = 0.2, 0.05
+"""spread of the belief over the prior's at which q_I is what is configured, and below which it no longer rises"""
 SAMPLES_PER_S = 100.0
 """measurements the belief takes in"""
 FORCE_STATES = (3, 4, 5, 7, 8)
@@ -157,6 +159,14 @@ def scheduled_weight(weight: float, speed: float, spread: float, goal: float) ->
     gate = float(np.clip((speed - low) / (high - low), 0.0, 1.0))
     need = float(np.clip((spread / goal - 1.0) / (FADE - 1.0), 0.0, 1.0)) if goal > 0 else 1.0
     return weight * gate * need
+
+
+def caution(spread: float) -> float:
+    """Factor of q_I for `log_det`: its gain falls with the square of the belief's spread over the prior's, this rises.
+
+    Information promises most where least is known, and that is where plans go wrong; the last of it is worth more time.
+    """
+    return CAUTION / max(spread, MIN_SPREAD)
 
 
 def patience(dt: float, horizon: int) -> Array:

@@ -61,7 +61,7 @@ class Limits:
 class Slack:
     """L1 and L2 penalties on soft rows."""
 
-    track: tuple[float, float] = (80.0, 200.0)
+    track: tuple[float, float] = (300.0, 800.0)
     load: tuple[float, float] = (200.0, 1000.0)
     speed: tuple[float, float] = (0.01, 5.0)
     information: tuple[float, float] = (20.0, 100.0)

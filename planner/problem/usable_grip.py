@@ -9,6 +9,8 @@ from planner.problem.infomax import sigma_points
 
 PROFILE_SHARE = 0.92
 """of what Eq. (10) leaves; the rest corrects errors"""
+MIN_SHARE = 0.1
+"""the car has to move; asking for more than Eq. (10) leaves, bends were entered faster than plans could follow them"""
 SLIPS = np.linspace(0.0, 0.35, 176)
 """slip angles among which the usable one is sought, rad"""
 
@@ -30,7 +32,7 @@ def usable_share(axles: Axles, knowledge: TyreKnowledge, level: float) -> float:
         beyond = np.flatnonzero((forces > limit).any(axis=1))
         within = forces[: beyond[0] if len(beyond) else None, 0]
         shares.append(within.max(initial=0.0) / knowledge.theta[axle[2]])
-    return float(np.clip(PROFILE_SHARE * min(shares), 0.3, 0.95))
+    return float(np.clip(PROFILE_SHARE * min(shares), MIN_SHARE, 0.95))
 
 
 def lateral_shape(tyre: Array) -> Array:

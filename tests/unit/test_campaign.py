@@ -227,6 +227,12 @@ def test_learning_is_proved_by_the_laps_after_it(
     assert found["faster_percent"]["median"] == pytest.approx(100 * 5 / 102)
     assert found["slower_cars"] == 1
     assert compare(results[:1]) is None
+    results[0]["safety"] = {**results[0]["safety"], "off_track": 1}
+    without = compare(results)
+    assert without is not None
+    assert without["seeds"] == 2
+    assert without["left_the_track"] == {"prior": [0], "learnt": []}
+    assert set(without["cars"]) == {0, 1, 2}, "every car is named, compared or not"
     summary, drives = summary_and_drives
     assert "After learning" in write_report(drives, {**summary, "afterwards": found}, tmp_path / "r.html").read_text()
 

@@ -14,8 +14,11 @@ from planner.bench import bench_controller, clock, start_state
 from planner.controller import Controller
 from planner.problem import infomax
 from planner.problem.infomax import (
+    CAUTION,
+    FADE,
     FORCE_STATES,
     PATIENCE_S,
+    caution,
     independent_samples,
     patience,
     project,
@@ -201,7 +204,7 @@ def test_a_stage_counts_for_as_many_samples_as_the_belief_will_count() -> None:
 
 def test_exploring_fades_out_towards_its_goal_and_is_shut_below_learning_speed() -> None:
     assert scheduled_weight(8.0, 40.0, spread=0.5, goal=0.1) == 8.0
-    assert scheduled_weight(8.0, 40.0, spread=0.105, goal=0.1) == pytest.approx(4.0)
+    assert scheduled_weight(8.0, 40.0, spread=0.1 * (1.0 + FADE) / 2.0, goal=0.1) == pytest.approx(4.0)
     assert scheduled_weight(8.0, 40.0, spread=0.09, goal=0.1) == 0.0
     assert scheduled_weight(8.0, 40.0, spread=1e-6, goal=0.0) == 8.0, "no goal: never ends"
     assert scheduled_weight(8.0, 10.0, spread=0.5, goal=0.1) == 0.0
@@ -219,6 +222,13 @@ def test_a_plan_pays_for_information_in_proportion(share: float) -> None:
     controller = _controller()
     controller._weigh_information(40.0, share)
     assert controller.common[controller.problem.common["q_information"]] == pytest.approx(share * WEIGHT)
+
+
+def test_where_least_is_known_information_is_paid_less_for_than_it_promises() -> None:
+    assert caution(CAUTION) == 1.0
+    assert caution(1.0) == pytest.approx(CAUTION)
+    assert caution(0.1) == pytest.approx(2.0)
+    assert caution(0.0) == caution(0.01) < 5.0
 
 
 def test_spread_is_the_geometric_mean_over_directions() -> None:
