@@ -11,6 +11,7 @@ class Chart {
   constructor(id) {
     this.canvas = byId(id);
     this.title = this.canvas.dataset.title;
+    this.span = Number(this.canvas.dataset.span);
     this.points = [];
   }
 
@@ -32,7 +33,8 @@ class Chart {
     c.fillText(this.title, 0, 11);
     const values = this.points.map((p) => p[1]);
     let [low, high] = values.length ? [Math.min(...values), Math.max(...values)] : [0, 1];
-    if (high - low < 1e-6) [low, high] = [low - 1, high + 1];
+    const missing = Math.max(this.span - (high - low), 0) / 2; // noise is not drawn as large as a lap
+    [low, high] = [low - missing, high + missing];
     const [left, top, right, bottom] = [38, 26, w - 2, h - 6];
     const y = (v) => bottom - ((v - low) / (high - low)) * (bottom - top);
     c.strokeStyle = "#2b3744";
@@ -40,7 +42,7 @@ class Chart {
     for (const v of [low, (low + high) / 2, high]) {
       c.moveTo(left, y(v));
       c.lineTo(right, y(v));
-      c.fillText(short(v), 0, y(v) + 3);
+      c.fillText(v.toFixed(this.span < 4 ? 1 : 0), 0, y(v) + 3);
     }
     c.stroke();
     c.strokeStyle = "#e4eaf0";
@@ -94,9 +96,9 @@ function shape(name, attributes) {
   return node;
 }
 
-// Belief over prior: the grey mark is the prior, the bar mean +- 2 std, on a scale of 0 to 2 priors.
-function beliefBar(mean, std, prior) {
-  const at = (value) => Math.max(0, Math.min(100, (50 * value) / prior));
+// Belief over the first one seen: the grey mark is that one, the bar mean +- 2 std, on a scale of 0 to 2 of it.
+function beliefBar(mean, std, first) {
+  const at = (value) => Math.max(0, Math.min(100, (50 * value) / (first || 1)));
   const svg = shape("svg", { viewBox: "0 0 100 10", width: "100%", height: "12", preserveAspectRatio: "none" });
   svg.append(
     shape("line", { x1: 0, x2: 100, y1: 5, y2: 5, stroke: "#2b3744" }),
@@ -131,19 +133,30 @@ function drawCar(now, { vehicle_state: state, estimate, plan }) {
   }
   if (plan) {
     byId("plan").setAttribute("points", plan.x.map((x, i) => `${x},${-plan.y[i]}`).join(" "));
-    byId("lap").textContent = plan.lap;
+    byId("lap").textContent = plan.lap + 1;
     charts.plan.add(now, plan.solve_ms);
   }
+}
+
+// What is old is not what is: without word from the gateway nothing on the page says that it drives.
+function drawAction(gateway, alive) {
+  if (!gateway) return;
+  if (!alive) return drawNoWord("no word from the gateway");
+  byId("action").textContent = gateway.action.replaceAll("_", " ");
+  byId("action").className = `pill ${gateway.action}`;
+  const missing = gateway.missing_for_arming.length && !gateway.armed ? `missing: ${gateway.missing_for_arming.join(", ")}` : "";
+  byId("cause").textContent = gateway.cause || missing;
+}
+
+function drawNoWord(text) {
+  byId("action").textContent = text;
+  byId("action").className = "pill";
+  byId("cause").textContent = "";
 }
 
 function drawStatus({ gateway_status: gateway, recorder_status: recorder, plan, model_revision: model }) {
   const rows = [];
   if (gateway) {
-    const pill = byId("action");
-    pill.textContent = gateway.action.replaceAll("_", " ");
-    pill.className = `pill ${gateway.action}`;
-    const missing = gateway.missing_for_arming.length && !gateway.armed ? `missing: ${gateway.missing_for_arming.join(", ")}` : "";
-    byId("cause").textContent = gateway.cause || missing;
     rows.push(
       ["bus", gateway.bus], ["bus state", gateway.bus_state.replaceAll("_", " ")], ["mode", gateway.mode],
       ["frames received", gateway.frames_received], ["frames lost", gateway.frames_lost],
@@ -161,10 +174,11 @@ function drawStatus({ gateway_status: gateway, recorder_status: recorder, plan, 
   fill("status", rows.map((cells) => row(cells, ["", "text"])));
 }
 
-function drawAges(ages) {
+// Messages are looked at once a snapshot: an age is known no better than the time between two of them.
+function drawAges(ages, step_s) {
+  const age = (age_s) => (age_s === null ? "never" : age_s < step_s ? `< ${10 * Math.round(100 * step_s)} ms` : `${(1000 * age_s).toFixed(0)} ms`);
   fill("ages", Object.entries(ages).map(([name, { age_s, alive }]) => row(
-    [name.replaceAll("_", " "), age_s === null ? "never" : `${(1000 * age_s).toFixed(0)} ms`, alive ? "ok" : "old"],
-    ["", "", alive ? "ok" : "old"],
+    [name.replaceAll("_", " "), age(age_s), alive ? "ok" : "old"], ["", "", alive ? "ok" : "old"],
   )));
 }
 
@@ -178,12 +192,16 @@ function drawAlerts(alerts) {
   }));
 }
 
+let shown_s = null;
+
 function show(snapshot) {
   const now = snapshot.stamp_s;
   drawCar(now, snapshot.messages);
+  drawAction(snapshot.messages.gateway_status, snapshot.ages.gateway_status.alive);
   drawStatus(snapshot.messages);
   drawBelief(snapshot.messages.belief, snapshot.prior);
-  drawAges(snapshot.ages);
+  drawAges(snapshot.ages, shown_s === null ? 0 : now - shown_s);
+  shown_s = now;
   drawAlerts(snapshot.alerts);
   Object.values(charts).forEach((chart) => chart.draw(now));
 }
@@ -191,4 +209,7 @@ function show(snapshot) {
 fetch("track.json").then((response) => response.json()).then(drawTrack);
 const stream = new EventSource("events");
 stream.onmessage = (event) => { byId("link").textContent = ""; show(JSON.parse(event.data)); };
-stream.onerror = () => { byId("link").textContent = "no connection to the dashboard process, trying again"; };
+stream.onerror = () => {
+  byId("link").textContent = "trying again";
+  drawNoWord("no connection to the dashboard process");
+};

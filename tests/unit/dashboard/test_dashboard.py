@@ -104,14 +104,23 @@ def test_snapshot_is_finite_json_before_and_after_the_first_messages() -> None:
 
 
 @pytest.fixture
-def served_page() -> Iterator[str]:
+def loop_runs() -> threading.Event:
+    """Set while somebody publishes."""
+    event = threading.Event()
+    event.set()
+    return event
+
+
+@pytest.fixture
+def served_page(loop_runs: threading.Event) -> Iterator[str]:
     """URL of a page fed with the scene, ten times a second."""
     bus = LocalBus()
     feed = Feed(bus)
 
     def snapshot() -> dict[str, Any]:
         now_ns = time.monotonic_ns()
-        publish_scene(bus, now_ns)
+        if loop_runs.is_set():
+            publish_scene(bus, now_ns)
         return feed.snapshot(now_ns)
 
     listener = socket.create_server(("127.0.0.1", 0))
@@ -141,7 +150,9 @@ def test_page_accepts_nothing_but_reading(served_page: str) -> None:
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
-def test_a_real_browser_shows_car_belief_and_alert(served_page: str, tmp_path: Path) -> None:
+def test_a_real_browser_shows_car_belief_and_alert_and_does_not_say_drive_when_the_gateway_is_silent(
+    served_page: str, loop_runs: threading.Event, tmp_path: Path
+) -> None:
     with Browser(tmp_path / "profile") as browser:
         browser.open(served_page)
         browser.wait_for("document.getElementById('speed')?.textContent === '61.5'")
@@ -157,3 +168,6 @@ def test_a_real_browser_shows_car_belief_and_alert(served_page: str, tmp_path: P
         assert chart["top"] < car["top"] < chart["bottom"]
         time.sleep(1.0)
         browser.screenshot(tmp_path / "page.png")
+        loop_runs.clear()
+        browser.wait_for("document.getElementById('action').textContent === 'no word from the gateway'")
+        assert browser.evaluate("document.getElementById('action').className") == "pill"
