@@ -23,6 +23,7 @@ while [ $# -gt 0 ]; do
         *) sed -n '2,12s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
     esac
 done
+[[ ! $can_path || $can_path =~ ^[A-Za-z0-9:._-]+$ ]] || fail "--can-path $can_path: not an ID_PATH, as pci-0000:00:14.0-usb-0:2:1.0"
 [ -n "$root" ] || [ "$(id -u)" = 0 ] || fail "must be root (sudo deploy/install.sh), or stage with --root DIR"
 
 program=/opt/hil-gateway
@@ -104,4 +105,4 @@ install_units
 install_can
 systemd daemon-reload
 systemd enable systemd-networkd 2>/dev/null || true
-say "done; next: docs/bring-up.md, step 3"
+say "done; next: docs/bring-up.md, step 8"

@@ -3,7 +3,7 @@
 # installs the system packages that the vcan and browser tests want.
 set -uo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
-cd "$root"
+cd "$root" || exit
 "$root/deploy/setup.sh" || exit 1
 results=$(mktemp -d)
 export PATH="$root/.venv/bin:$PATH" OMP_NUM_THREADS=1 HIL_PROMISE_FIGURES="$results/figures"

@@ -4,8 +4,10 @@
 # are reached by (default: localhost 127.0.0.1). Copy to each computer ca.pem and the three files of its roles only;
 # ca.key stays off the vehicle. Valid 398 days; run again with the same FOLDER to renew from the same authority.
 set -euo pipefail
-usage="usage: make-certificates.sh FOLDER [HOST...]"
-folder=${1:?$usage}; shift
+case ${1-} in
+    "" | -*) sed -n '2,5s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
+esac
+folder=$1; shift
 hosts=("$@"); [ ${#hosts[@]} -gt 0 ] || hosts=(localhost 127.0.0.1)
 roles=(gateway estimator planner operator recorder dashboard plant router)
 days=398
@@ -13,7 +15,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 
 command -v openssl >/dev/null || { echo "make-certificates: openssl is missing: apt-get install openssl" >&2; exit 2; }
 umask 077
-mkdir -p "$folder"
+mkdir -p "$folder" || exit 2
 folder=$(cd "$folder" && pwd)
 
 names=""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import configparser
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -88,8 +89,32 @@ def test_the_adapter_is_named_by_its_path_and_may_be_made_to_listen_only(tmp_pat
     assert "ListenOnly=yes" in (tmp_path / "etc/systemd/network/80-can0.network.d/listen-only.conf").read_text()
 
 
-@pytest.mark.parametrize("arguments", [["--frobnicate"], ["--root"], ["--root", "/nonexistent-root", "--uninstall"]])
-def test_wrong_use_of_the_install_script_is_exit_2_and_changes_nothing(arguments: list[str]) -> None:
-    result = install(*arguments)
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--frobnicate"],
+        ["--root"],
+        ["--root", "ROOT", "--uninstall"],
+        ["--root", "ROOT", "--can-path", "ID_PATH=pci|x"],
+    ],
+)
+def test_wrong_use_of_the_install_script_is_exit_2_and_changes_nothing(tmp_path: Path, arguments: list[str]) -> None:
+    result = install(*(str(tmp_path) if word == "ROOT" else word for word in arguments))
+    assert result.returncode == 2
+    assert result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_install_script_names_the_step_of_the_guide_that_comes_next(tmp_path: Path) -> None:
+    said = re.search(r"next: docs/bring-up.md, step (\d+)", install("--root", str(tmp_path)).stderr)
+    assert said is not None
+    guide = (DEPLOY.parent / "docs" / "bring-up.md").read_text()
+    assert re.search(rf"^### {said[1]}\. Install", guide, re.MULTILINE)
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["/proc/nowhere"]])
+def test_wrong_use_of_the_certificate_script_is_exit_2(arguments: list[str]) -> None:
+    script = DEPLOY / "zenoh" / "make-certificates.sh"
+    result = subprocess.run([script, *arguments], capture_output=True, text=True, check=False)
     assert result.returncode == 2
     assert result.stderr
