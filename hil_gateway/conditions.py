@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from hil_gateway.clock import NS_PER_S
+from hil_gateway.dead_reckoning import road_speed
 from hil_gateway.failsafe import HOLDS
 from hil_gateway.messages import OperatorAction, VehicleState
 from hil_gateway.race_control import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, SysState
 from hil_gateway.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
 
-KILLS = ("operator_emergency", "vehicle_flag_kill", "foreign_emergency")
+KILLS = ("operator_emergency", "vehicle_flag_kill", "foreign_emergency", "uncommanded_motion")
 """Measures that put the ladder into emergency even while no actuator command is sent."""
+UNCOMMANDED = 1.0
+"""m/s; a car in sys_state driving that moves so fast while nobody sends commands obeys old ones"""
 DRIVING_ONLY = ("command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving")
 """Measures that have no meaning while actuators are tested with the engine off."""
 FAILURE_SIGNALS = ("sd_system_failure", "est4_sd_comms_loss", "est5_motec_comms_loss")
@@ -46,11 +49,15 @@ class Conditions:
         state: VehicleState,
         request: OperatorAction | None,
         *,
+        answers_for_motion: bool,
         command_age_s: float,
         estimate_valid: bool,
         heartbeat_frozen_s: float,
     ) -> dict[str, float]:
-        """Measure -> seconds it has held; once a period."""
+        """Measure -> seconds it has held; once a period.
+
+        `answers_for_motion`: commands are sent, or the mode leaves the actuators to somebody else.
+        """
         builder = self._builder
         failed = any(builder.signal(name) for name in FAILURE_SIGNALS)
         counters = builder.counter_faults.drain(now_ns) >= COUNTER_FAULT
@@ -63,6 +70,7 @@ class Conditions:
             "car_emergency": _holds(state.sys_state in (SysState.EMERGENCY, SysState.CRITICAL_LIMIT)),
             "car_not_driving": _holds(state.sys_state != SysState.DRIVING),
             "car_failure": _holds(failed),
+            "uncommanded_motion": _holds(not answers_for_motion and _drives_on(state)),
             "engine_running": 0.0,
             "foreign_emergency": _holds(builder.foreign_emergency(now_ns)),
             "foreign_commands": _holds(builder.foreign_commands(now_ns)),
@@ -83,3 +91,8 @@ class Conditions:
 
 def _holds(condition: bool) -> float:
     return HOLDS if condition else 0.0
+
+
+def _drives_on(state: VehicleState) -> bool:
+    """Whether the car obeys commands and moves."""
+    return state.sys_state == SysState.DRIVING and road_speed(state) > UNCOMMANDED

@@ -64,6 +64,7 @@ class Gateway:
         self._testing = config.gateway.mode == "actuator_test"
         self._transmits = config.gateway.mode in ("armed", "actuator_test")
         self._restarting = False
+        self._killed_by = ""
         self._armed_ns = 0
         self._previous = self._limits.resting(0.0)
         self._conditions = Conditions(self.builder, self._testing)
@@ -122,6 +123,7 @@ class Gateway:
             now_ns,
             state,
             request,
+            answers_for_motion=self.failsafe.armed or not self._transmits,
             command_age_s=self._gate.age_s(now_ns),
             estimate_valid=self._estimate.latest.valid(now_ns),
             heartbeat_frozen_s=self.race_control.heartbeat_frozen_s(now_ns),
@@ -143,7 +145,9 @@ class Gateway:
             self._restarting |= before is not FailsafeAction.SILENT or ct_state is CtState.EMERGENCY
         elif state.sources["vehicle"].valid and state.sys_state <= SysState.CONNECTED:
             self._restarting = False
-        killed = any(inputs.measures[measure] > 0 for measure in KILLS)
+        kills = [measure for measure in KILLS if inputs.measures[measure] > 0]
+        self._killed_by = kills[0] if kills else self._killed_by
+        killed = bool(kills)
         killed |= inputs.measures["car_emergency"] > 0 and ct_state > CtState.INIT and not self._restarting
         demand = Demand(
             stop=action is FailsafeAction.CONTROLLED_STOP,
@@ -223,7 +227,7 @@ class Gateway:
             mode=self._config.gateway.mode,
             armed=self.failsafe.armed,
             action=self.failsafe.action,
-            cause=self.failsafe.cause,
+            cause=self.failsafe.cause or (self._killed_by if self.race_control.ct_state is CtState.EMERGENCY else ""),
             missing_for_arming=() if self.failsafe.armed else missing_for_arming(inputs),
             bus=self._link.kind,
             bus_state=str(link.bus_state),

@@ -46,10 +46,11 @@ class CommandReceiver:
             self._update()
 
     def forget(self) -> None:
-        """Supervision starts anew with the next command (after an emergency has been left)."""
+        """Start anew (after an emergency has been left): old commands are neither supervised nor obeyed again."""
         self._advanced_ns.clear()
         self._counters.clear()
-        self.heard.counters_ns = None
+        self._values = {"ct_state": self._values.get("ct_state", 0.0)}
+        self._update()
 
     def _count(self, name: str, counter: int, now_ns: int) -> None:
         if not self._advanced_ns:

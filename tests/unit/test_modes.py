@@ -107,3 +107,31 @@ def test_at_rest_outside_the_moves(elapsed_s):
 
 def test_the_first_move_is_to_the_left():
     assert actuator_test.position(1.5).steering_motor == pytest.approx(math.radians(30))
+
+
+def test_a_car_that_moves_on_old_commands_is_stopped_by_a_gateway_that_sends_none():
+    """What replaces a killed gateway is silent; the car is in driving again and still has its last accelerator."""
+    rig = rig_in("armed")
+    rig.car.commands["acc_pedal_cmd"], rig.car.supervised = 40.0, False
+    rig.run(2.0)
+    assert (rig.action, rig.car.ct_state, rig.car.sys_state) == (FailsafeAction.SILENT, 12, 16)
+    assert rig.status.cause == "uncommanded_motion"
+    assert rig.frames() == []
+    rig.car.commands.clear()
+    rig.car.speed = 0.0
+    rig.run(0.5)
+    rig.ask(OperatorAction.DISARM)
+    rig.run(2.0)
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.2)
+    assert rig.action is FailsafeAction.DRIVE
+    assert rig.status.cause == ""
+
+
+@pytest.mark.parametrize("mode", ["shadow", "listen"])
+def test_a_person_who_drives_is_nobody_s_emergency(mode):
+    rig = rig_in(mode)
+    rig.car.sys_state, rig.car.speed = 9, 30.0
+    rig.run(1.0)
+    assert rig.status.cause == ""
+    assert rig.car.heard == []

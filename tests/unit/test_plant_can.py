@@ -210,6 +210,8 @@ def test_emergency_is_left_standing_still_only(driving: Bench) -> None:
     assert driving.sys_state == SysState.CONNECTED
     driving.climb()
     assert driving.sys_state == SysState.DRIVING
+    driving.run(0.5)
+    assert driving.last("accelerator_report")["acc_pedal_fdbk"] < 0.02, "the last command is not obeyed again"
 
 
 def test_race_control_heartbeat_advances_until_it_stops() -> None:
