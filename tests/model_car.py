@@ -9,11 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.revision import revision_id
 from hil_gateway import topics
 from hil_gateway.bus import LocalBus
 from hil_gateway.clock import NS_PER_S
-from hil_gateway.config import Config
-from hil_gateway.messages import Applied, Command, Estimate, FailsafeAction, Plan
+from hil_gateway.config import Config, load_config
+from hil_gateway.messages import ActiveEffect, Applied, Command, Estimate, FailsafeAction, ModelRevision, Plan
 from hil_gateway.track import Track
 from planner.node import Planner
 from planner.prediction import Actuators, Sent
@@ -21,6 +22,7 @@ from planner.solver.sqp import Stopwatch
 
 TICK_NS = NS_PER_S // 100
 PLAN_TICKS = 5
+HORIZON = 40
 
 
 class ModelCar:
@@ -91,3 +93,36 @@ class ModelCar:
             steer=command.steer, drive=command.drive, accelerator_percent=0.0, brake_front_kpa=0.0,
             brake_rear_kpa=0.0, steering_motor_deg=0.0, gear=1,
         ))  # fmt: skip
+
+
+def planner_config(**overrides: object) -> Config:
+    return load_config(None, {f"planner.{name}": value for name, value in overrides.items()})
+
+
+def whole(plan: Plan) -> bool:
+    """Every array of a plan has the full horizon and only finite numbers."""
+    arrays = [getattr(plan, name) for name in ("x", "y", "yaw", "vx", "s", "steer", "drive")]
+    return all(len(a) == HORIZON + 1 and np.isfinite(a).all() for a in arrays)
+
+
+def assert_within_limits(rig: ModelCar) -> None:
+    """Commands and plans keep to the actuators' ranges and rates, whatever their status."""
+    limits = rig.planner.settings.limits
+    for command in rig.commands:
+        assert abs(command.steer) <= limits.steer
+        assert limits.drive_min <= command.drive <= limits.drive_max
+    for plan in rig.plans:
+        assert whole(plan)
+        assert np.abs(plan.steer).max() <= limits.steer + 1e-4
+        assert np.abs(np.diff(plan.steer)).max() <= limits.steer_rate * plan.dt * 1.001 + 1e-5
+        assert np.abs(np.diff(plan.drive)).max() <= limits.drive_rate * plan.dt * 1.001 + 1e-5
+        assert min(plan.vx) > -0.5
+
+
+def revision_with(rig: ModelCar, tyre: dict[str, float] | None = None, *effects: ActiveEffect) -> ModelRevision:
+    """The revision in force with changed tyre parameters and other effects."""
+    current = rig.planner.adoption.current.revision
+    values = {**current.tyre, **(tyre or {})}
+    return current.model_copy(
+        update={"tyre": values, "effects": effects, "revision": revision_id(current.layout, values, effects)}
+    )

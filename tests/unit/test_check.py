@@ -4,75 +4,21 @@ from __future__ import annotations
 
 import io
 import json
-import math
 from collections.abc import Callable
 
-import numpy as np
 import pytest
+from check_traffic import CODEC, Values, finding, report, traffic, trouble
 
-from can_dbc.codec import load_codec
 from hil_gateway.can_link import Frame, LinkStats, VirtualWire
 from hil_gateway.check.arming import EXPLANATION
-from hil_gateway.check.finding import Finding, Verdict
+from hil_gateway.check.finding import Verdict
 from hil_gateway.check.interface import judge_interface, parse_interface
-from hil_gateway.check.report import Report, print_report
-from hil_gateway.check.run import Capture, capture, examine, run_check
+from hil_gateway.check.report import print_report
+from hil_gateway.check.run import capture, run_check
 from hil_gateway.clock import NS_PER_S, VirtualClock
 from hil_gateway.config import Config
 from hil_gateway.errors import InputError
 from hil_gateway.failsafe import TABLE
-from hil_gateway.vehicle import GRAVITY
-
-CODEC = load_codec()
-SECONDS = 2.0
-Values = dict[str, float]
-Change = Callable[[str, float, Values], Values]
-
-
-def at_rest(name: str, t: float, rng: np.random.Generator) -> Values:
-    """What the car says standing still with the engine off, SI."""
-    values = dict.fromkeys(CODEC.messages[name].signal, 0.0)
-    known = {
-        "imu_ax": 0.02 * rng.standard_normal(), "imu_ay": 0.02 * rng.standard_normal(),
-        "imu_az": GRAVITY + 0.02 * rng.standard_normal(), "imu_yaw_rate": 0.002 * rng.standard_normal(),
-        "imu_roll_rate": 0.002 * rng.standard_normal(), "battery_voltage": 13.2, "sys_state": 2,
-        "novatel_lat": math.radians(36.585), "novatel_long": math.radians(-121.7535),
-        "base_to_car_heartbeat": int(t * 10) % 16,
-    }  # fmt: skip
-    return values | {signal: value for signal, value in known.items() if signal in values}
-
-
-def traffic(change: Change = lambda name, t, values: values) -> list[Frame]:
-    """`SECONDS` of every message of the car at its period; `change` edits the values of a frame."""
-    rng = np.random.default_rng(3)
-    frames = []
-    for message in CODEC.messages.values():
-        if message.direction == "computer":
-            continue
-        for index in range(int(SECONDS / message.period_s)):
-            t = index * message.period_s
-            values = at_rest(message.name, t, rng)
-            if message.counter:
-                values[message.counter.signal] = index % message.counter.modulus
-            frame_id, data = CODEC.encode(message.name, change(message.name, t, values))
-            frames.append(Frame(frame_id, data, int(t * NS_PER_S)))
-    return sorted(frames, key=lambda frame: frame.stamp_ns)
-
-
-def report(frames: list[Frame], stats: LinkStats | None = None) -> Report:
-    heard = Capture(frames, 0, int(SECONDS * NS_PER_S), 0.001, stats or LinkStats())
-    return examine(Config(), "wire", None, heard)
-
-
-def finding(result: Report, name: str) -> Finding:
-    (match,) = [item for item in result.findings if item.name == name]
-    return match
-
-
-def trouble(result: Report) -> set[str]:
-    """Names of everything that is not fine."""
-    rows = {row.name for row in result.messages if row.verdict in (Verdict.WARN, Verdict.FAIL)}
-    return rows | {item.name for item in result.findings if item.verdict in (Verdict.WARN, Verdict.FAIL)}
 
 
 def test_a_healthy_car_at_rest_has_nothing_to_complain_about() -> None:
@@ -160,76 +106,6 @@ def test_load_is_counted_in_bits() -> None:
     frames = [Frame(0x514, bytes(8), i * 2 * 10**7) for i in range(100)]
     load = finding(report(frames), "load").detail
     assert load == "50 frames/s, 1% of 1000000 bit/s (at most 1% with bit stuffing)"
-
-
-def edit(target: str, **fixed: float) -> Change:
-    return lambda name, t, values: values | fixed if name == target else values
-
-
-@pytest.mark.parametrize(
-    ("change", "name", "words"),
-    [
-        (edit("imu_3", imu_az=-GRAVITY), "gravity", "up is along -z"),
-        (edit("imu_3", imu_az=0.5 * GRAVITY), "gravity", "0.50 g in all"),
-        (edit("imu_3", imu_az=GRAVITY), "imu_az", "in all 200 frames"),
-        (edit("imu_1", imu_yaw_rate=0.1), "imu_yaw_rate", "+5.73 deg/s"),
-        (edit("steering_report_extd", average_steering_ang_fdbk=1.0), "steering centre", "+57.5 deg"),
-        (edit("steering_report_extd", secondary_steering_ang_fdbk=0.2), "steering sensors", "apart"),
-        (edit("misc_report", battery_voltage=3.0), "battery_voltage", "3 to 3 V, possible are 9 to 16"),
-        (edit("base_to_car_summary", base_to_car_heartbeat=3), "race-control heartbeat", "frozen at 3"),
-        (edit("novatel_report", novatel_lat=0.0, novatel_long=0.0), "position", "no fix"),
-        (edit("novatel_report", novatel_lat=0.7, novatel_long=-1.5), "position", "km from the map's origin"),
-    ],
-)
-def test_implausible_values_at_rest_are_named(change: Change, name: str, words: str) -> None:
-    result = report(traffic(change))
-    assert name in trouble(result)
-    assert any(words in item.detail for item in result.findings if item.name == name)
-
-
-def pushed(steer_sign: float = 1.0, yaw_sign: float = 1.0, ax_sign: float = 1.0, swap: bool = False) -> Change:
-    """Pushed to 2 m/s and slowed down again in a left bend of 12 m radius at the rear axle."""
-
-    def change(name: str, t: float, values: Values) -> Values:
-        speed = 2 * math.sin(math.pi * t / SECONDS) ** 2
-        yaw = speed / 12.0
-        inner, outer = speed - yaw * 1.523 / 2, speed + yaw * 1.523 / 2
-        left, right = (outer, inner) if swap else (inner, outer)
-        new = {
-            "wheel_speed_FL": left, "wheel_speed_RL": left, "wheel_speed_FR": right, "wheel_speed_RR": right,
-            "imu_yaw_rate": yaw_sign * yaw, "average_steering_ang_fdbk": steer_sign * 15 * math.atan(2.972 / 12.0),
-            "imu_ax": ax_sign * 2 * math.pi / SECONDS * math.sin(2 * math.pi * t / SECONDS),
-        }  # fmt: skip
-        return values | {signal: value for signal, value in new.items() if signal in values}
-
-    return change
-
-
-SIGNS = ("yaw rate against wheels", "yaw rate against steering", "acceleration against wheels")
-
-
-@pytest.mark.parametrize(
-    ("change", "wrong"),
-    [
-        (pushed(), set()),
-        (pushed(yaw_sign=-1), {SIGNS[0], SIGNS[1]}),
-        (pushed(steer_sign=-1), {SIGNS[1]}),
-        (pushed(ax_sign=-1), {SIGNS[2]}),
-        (pushed(swap=True), {SIGNS[0]}),
-    ],
-)
-def test_wrong_signs_show_when_the_car_is_pushed(change: Change, wrong: set[str]) -> None:
-    result = report(traffic(change))
-    assert {name for name in SIGNS if finding(result, name).verdict is Verdict.FAIL} == wrong
-    assert finding(result, "wheel speeds").verdict is Verdict.OK
-
-
-def test_a_dead_wheel_sensor_is_named_when_pushed() -> None:
-    def change(name: str, t: float, values: Values) -> Values:
-        values = pushed()(name, t, values)
-        return values | {"wheel_speed_RR": 0.0} if name == "wheel_speed_report" else values
-
-    assert finding(report(traffic(change)), "wheel speeds").remedy == "sensor of RR"
 
 
 CONTROLLER = {
