@@ -111,10 +111,10 @@ def test_five_wrong_counters_stop_the_car_and_scattered_ones_do_not():
     record_figure("L3", f"5 wrong counters: stop {reached_s * 1e3:.0f} ms after four messages' counters froze")
 
 
-def test_a_minute_of_wrong_counters_is_forgiven_within_a_second():
+def test_a_flood_of_wrong_counters_is_forgiven_within_a_second():
     rig = driving()
     rig.car.frozen_counters = True
-    rig.run(60.0)
+    rig.run(10.0)
     assert (rig.action, rig.cause, rig.car.speed) == (STOP, "counters_wrong", 0.0)
     rig.car.frozen_counters = False
     rig.run(1.0)
