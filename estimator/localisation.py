@@ -64,11 +64,13 @@ class Localisation:
         return P
 
     def _new_fix(self, state: VehicleState) -> tuple[float, float] | None:
-        """Position of `state` if it arrived since the last one."""
+        """Position of `state` if it arrived since the last one and is near the track."""
         if state.position_seq in (0, self._position_seq):
             return None
         self._position_seq = state.position_seq
         fix = (state.position_x, state.position_y)
+        if not self._track.near(*fix):
+            return None
         self._fixes.append(fix)
         return fix
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.dead_reckoning import road_speed
 from hil_gateway.failsafe import HOLDS
-from hil_gateway.messages import OperatorAction, VehicleState
+from hil_gateway.latest import Latest
+from hil_gateway.messages import Estimate, OperatorAction, VehicleState
 from hil_gateway.race_control import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, SysState
 from hil_gateway.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
 
@@ -15,6 +16,9 @@ UNCOMMANDED = 1.0
 """m/s; a car in sys_state driving that moves so fast while nobody sends commands obeys old ones"""
 DRIVING_ONLY = ("command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving")
 """Measures that have no meaning while actuators are tested with the engine off."""
+ESTIMATE_MAX_S = 0.1
+"""An estimate of an older state is none. The state's stamp is the gateway's own, so that what lay in a queue while the
+gateway was held up does not pass for new."""
 FAILURE_SIGNALS = ("sd_system_failure", "est4_sd_comms_loss", "est5_motec_comms_loss")
 
 
@@ -51,7 +55,7 @@ class Conditions:
         *,
         answers_for_motion: bool,
         command_age_s: float,
-        estimate_valid: bool,
+        estimate: Latest[Estimate],
         heartbeat_frozen_s: float,
     ) -> dict[str, float]:
         """Measure -> seconds it has held; once a period.
@@ -80,13 +84,20 @@ class Conditions:
             "counters_wrong": _holds(counters),
             "heartbeat_frozen": heartbeat_frozen_s,
             "state_invalid": self._state_invalid.update(not state.valid, now_ns),
-            "estimate_invalid": self._estimate_invalid.update(not estimate_valid, now_ns),
+            "estimate_invalid": self._without_estimate(estimate, now_ns),
         }
         if self._testing:
             running = state.engine_speed > 0 or state.sys_state >= SysState.IDLE
             measures |= dict.fromkeys(DRIVING_ONLY, 0.0) | {"engine_running": _holds(running)}
         self._last_ns = now_ns
         return measures
+
+    def _without_estimate(self, estimate: Latest[Estimate], now_ns: int) -> float:
+        """Seconds without a valid estimate of a recent state."""
+        age_s = 0.0 if estimate.message is None else (now_ns - estimate.message.state_stamp_ns) / NS_PER_S
+        invalid = not (estimate.valid(now_ns) and 0.0 <= age_s <= ESTIMATE_MAX_S)
+        held_s = self._estimate_invalid.update(invalid, now_ns)
+        return max(held_s, age_s - ESTIMATE_MAX_S) if invalid else 0.0
 
 
 def _holds(condition: bool) -> float:

@@ -125,7 +125,7 @@ class Gateway:
             request,
             answers_for_motion=self.failsafe.armed or not self._transmits,
             command_age_s=self._gate.age_s(now_ns),
-            estimate_valid=self._estimate.latest.valid(now_ns),
+            estimate=self._estimate.latest,
             heartbeat_frozen_s=self.race_control.heartbeat_frozen_s(now_ns),
         )
         standing = state.valid and road_speed(state) < STANDSTILL

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 TRACKS_FOLDER = Path(__file__).resolve().parents[1] / "deploy" / "tracks"
 DEFAULT_TRACK = "road_course"
+FAR = 1000.0
+"""m beyond the line: no longer near"""
 
 
 class TrackPoint(NamedTuple):
@@ -81,6 +83,17 @@ class Track:
     def _line(self) -> tuple[list[float], ...]:
         """x, y, heading, curvature as lists: reading single numbers out of lists is quicker than out of arrays."""
         return tuple(self._table[[0, 1, 3, 4]].tolist())
+
+    @cached_property
+    def _surroundings(self) -> tuple[float, float, float, float]:
+        """Least and greatest x, least and greatest y of what is near, m."""
+        x, y = self.x, self.y
+        return float(x.min()) - FAR, float(x.max()) + FAR, float(y.min()) - FAR, float(y.max()) + FAR
+
+    def near(self, x: float, y: float) -> bool:
+        """Whether a car that drives here can be at a point; one that is no number is nowhere."""
+        west, east, south, north = self._surroundings
+        return west < x < east and south < y < north
 
     def at(self, s: float | Array) -> TrackPoint:
         """Track at arc length `s`, any real number, linear between points; the heading grows by `turning` a lap."""

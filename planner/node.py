@@ -18,7 +18,7 @@ from hil_gateway.track import Track, load_track
 from planner.adoption import Adoption
 from planner.checks import PlanCheck
 from planner.fallback import Stopping, Trajectory, shifted, stop_plan
-from planner.prediction import Actuators, Moment, Sent, predict
+from planner.prediction import Actuators, Moment, Sent, credible, predict
 from planner.problem.load_limits import HeldLoad, LoadLimits, RunEvidence, next_limit, starting_limits, store_limits
 from planner.problem.motion import DRIVE, PROGRESS, STEER, VX, S
 from planner.problem.settings import settings_of
@@ -63,9 +63,8 @@ class Planner:
         p = config.planner
         start = load_revision(p.model) if p.model else declared_revision(config.estimator.layout)
         self.limits = starting_limits(p, start.tyre)
-        self.adoption = Adoption(
-            config, track or load_track(config.track), self.settings, self.limits, start, background=background
-        )
+        self._track = track or load_track(config.track)
+        self.adoption = Adoption(config, self._track, self.settings, self.limits, start, background=background)
         self._estimate: LatestReader[Estimate] = LatestReader(bus, topics.ESTIMATE)
         self._belief = LatestReader(bus, topics.BELIEF)
         self._revision = LatestReader(bus, topics.MODEL_REVISION)
@@ -122,13 +121,13 @@ class Planner:
             self._actuators.record(Sent(now_ns - age_ns, message.steer, message.drive))
 
     def _initial_state(self, now_ns: int, start_ns: int) -> Array | None:
-        """z at `start_ns` predicted from the newest estimate; None where that is missing, stale or not finite."""
+        """z at `start_ns` predicted from the newest estimate; None where that is missing, stale or not credible."""
         latest = self._estimate.update(now_ns)
         e = latest.message
         if e is None or not latest.valid(now_ns) or latest.received_ns is None:
             return None
         car = np.array([e.x, e.y, e.yaw, e.vx, e.vy, e.yaw_rate])
-        if not (np.isfinite(car).all() and np.isfinite([e.drive, e.steer]).all()):
+        if not (credible(car, self._track) and np.isfinite([e.drive, e.steer]).all()):
             return None
         controller = self.adoption.controller
         guess = controller.sqp.z

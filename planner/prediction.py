@@ -17,12 +17,16 @@ import numpy.typing as npt
 
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.config import PlannerConfig
+from hil_gateway.track import Track
 
 Array = npt.NDArray[np.float64]
 
 SUB_STEP_S = 0.01
 HISTORY = 100
 """sent commands remembered: one second at 100 Hz"""
+
+FASTEST = np.array([150.0, 60.0, 10.0])
+"""vx and vy, m/s, and yaw rate, rad/s, that no car on four wheels reaches"""
 
 
 @dataclass(frozen=True)
@@ -89,3 +93,9 @@ def predict(
         car[3] = max(car[3], 0.0)
         now = Moment(now.at_ns + step_ns, car, drive, steer)
     return now
+
+
+def credible(car: Array, track: Track) -> bool:
+    """Whether a car (6,) can be in this state on or near a track; not where a number is none."""
+    near = track.near(float(car[0]), float(car[1]))
+    return bool(near and np.isfinite(car).all() and (np.abs(car[3:]) < FASTEST).all())

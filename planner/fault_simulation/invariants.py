@@ -32,6 +32,7 @@ class Watch:
     command_ns: int = 0
     state_bad_ns: int | None = None
     estimate_good_ns: int = 0
+    """stamp of the newest state that a valid estimate answers; 0.1 s later it is too old, 50 ms later the car stops"""
     stopped_ns: int | None = None
     severity: FailsafeAction = FailsafeAction.DRIVE
 
@@ -56,8 +57,9 @@ class Watch:
         ran = self.gateway_ns == now_ns
         if self._commands.poll(now_ns):
             self.command_ns = now_ns
-        if any(estimate.valid for estimate in self._estimates.poll(now_ns)):
-            self.estimate_good_ns = now_ns
+        for estimate in self._estimates.poll(now_ns):
+            if estimate.valid and estimate.state_stamp_ns <= now_ns:
+                self.estimate_good_ns = max(self.estimate_good_ns, estimate.state_stamp_ns)
         self._check_wire(ran)
         if ran:
             self._check_reactions(now_ns)
@@ -83,7 +85,7 @@ class Watch:
             self._break("L1", f"no emergency stop although the last command is {command_s:.3f} s old")
         if driving and self.state_bad_ns is not None and now_ns - self.state_bad_ns > 0.06 * NS_PER_S:
             self._break("L2", "driving on an invalid state")
-        if driving and now_ns - self.estimate_good_ns > (0.1 + 3 * TICK_S) * NS_PER_S:
+        if driving and now_ns - self.estimate_good_ns > (0.15 + 2 * TICK_S) * NS_PER_S:
             self._break("L2", "driving without a valid estimate")
 
     def _check_latch(self, now_ns: int) -> None:

@@ -108,6 +108,12 @@ def test_no_estimate_is_valid_before_a_position_fix(oval: Track) -> None:
     assert not any(e.valid for e in bench.feed(*(car.state() for _ in range(50))))
 
 
+def test_a_position_fix_off_the_map_is_none(oval: Track) -> None:
+    """At the end of what a message can say: a filter started there drifts out of it."""
+    bench, car = Bench(oval), Car(oval, changes={"position_x": 1e7, "position_y": -1e7})
+    assert not any(e.valid for e in bench.feed(*(car.state() for _ in range(50))))
+
+
 def test_a_car_standing_against_the_track_is_found_by_its_course(oval: Track) -> None:
     """Heading is first taken from the track; motion the other way must turn it round, not confuse it."""
     bench, car = Bench(oval), Car(oval, s=2000.0)

@@ -9,7 +9,8 @@ import pytest
 
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.config import PlannerConfig
-from planner.prediction import Actuators, Moment, Sent, predict
+from hil_gateway.track import load_track
+from planner.prediction import Actuators, Moment, Sent, credible, predict
 
 MS = NS_PER_S // 1000
 
@@ -55,3 +56,15 @@ def test_braking_does_not_push_a_standing_car_backwards() -> None:
 
     then = predict(Actuators(PlannerConfig()), brake, Moment(0, np.array([0, 0, 0, 0.1, 0, 0]), 0, 0), 100 * MS)
     assert then.car[3] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "value", "can_be"),
+    [(0, 600.0, True), (0, 1e7, False), (1, -1e7, False), (0, math.nan, False), (2, math.inf, False), (3, 85.0, True),
+     (3, 9e3, False), (4, -9e3, False), (5, 9e3, False), (5, math.nan, False)],
+)  # fmt: skip
+def test_a_state_that_no_car_can_be_in_is_not_planned_from(changed: int, value: float, can_be: bool) -> None:
+    track = load_track("oval")
+    car = np.array([track.x[0], track.y[0], 3.0, 60.0, -1.0, 0.3])
+    car[changed] = value
+    assert credible(car, track) is can_be

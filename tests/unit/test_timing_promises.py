@@ -8,6 +8,8 @@ from scripted_car import PERIOD_NS, Rig
 
 from can_dbc.codec import load_codec
 from hil_gateway.clock import NS_PER_S
+from hil_gateway.conditions import Conditions
+from hil_gateway.latest import Latest
 from hil_gateway.messages import FailsafeAction, OperatorAction
 
 STOP, EMERGENCY = FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP
@@ -77,6 +79,22 @@ def test_an_invalid_state_or_estimate_stops_the_car(what):
     assert rig.action is STOP
     assert within_one_period(reached_s, limit_s) or reached_s < limit_s, reached_s
     record_figure("L2", f"{what} invalid: stop after {reached_s * 1e3:.0f} ms")
+
+
+@pytest.mark.parametrize(("age_ms", "measures_ms"), [(20, (0, 0)), (100, (0, 10)), (130, (30, 40)), (-50, (0, 10))])
+@pytest.mark.promise("L2")
+def test_an_estimate_is_as_old_as_its_state(age_ms, measures_ms):
+    """However lately it was received: it may have waited while the gateway was held up. From the future is none."""
+    rig = driving()
+    state = rig.gateway.builder.build(rig.now_ns, 9, 1, 0)
+    conditions, latest = Conditions(rig.gateway.builder, testing=False), Latest(0.05)
+    latest.put(rig.estimate(rig.now_ns - age_ms * NS_PER_S // 1000), rig.now_ns)
+    for later_ms, expected_ms in zip((0, 10), measures_ms, strict=True):
+        measures = conditions.measures(
+            rig.now_ns + later_ms * NS_PER_S // 1000, state, None,
+            command_age_s=0.0, estimate=latest, heartbeat_frozen_s=0.0,
+        )  # fmt: skip
+        assert measures["estimate_invalid"] == pytest.approx(expected_ms / 1000, abs=1e-9)
 
 
 @pytest.mark.promise("L3")
