@@ -92,7 +92,7 @@ def test_an_estimate_is_as_old_as_its_state(age_ms, measures_ms):
     for later_ms, expected_ms in zip((0, 10), measures_ms, strict=True):
         measures = conditions.measures(
             rig.now_ns + later_ms * NS_PER_S // 1000, state, None,
-            command_age_s=0.0, estimate=latest, heartbeat_frozen_s=0.0,
+            answers_for_motion=True, command_age_s=0.0, estimate=latest, heartbeat_frozen_s=0.0,
         )  # fmt: skip
         assert measures["estimate_invalid"] == pytest.approx(expected_ms / 1000, abs=1e-9)
 
