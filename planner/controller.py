@@ -97,7 +97,7 @@ class Controller:
         return np.column_stack([k.theta, points]).ravel(order="F")
 
     def _weigh_information(self, speed: float, share: float = 1.0) -> None:
-        """q_I at this speed, and W of Tr(W F).
+        """q_I at this speed, what exploring leaves of the load limits, and W of Tr(W F).
 
         W are the prior variances for `trace`; for `log_det` it is P after the horizon's F.
 
@@ -108,6 +108,8 @@ class Controller:
         spread = infomax.relative_spread(k.covariance, k.prior_std)
         q = share * infomax.scheduled_weight(info.weight, speed, spread, info.goal)
         self.common[self.problem.common["q_information"]] = q
+        swing = self.settings.limits.exploring_reserve if q > 0 else 0.0
+        self.common[self.problem.common["load_max"]] = (1.0 - swing) * np.array(k.load_asked)
         W: Array = np.diag(k.prior_std**2)
         if self.problem.informative and info.criterion == "log_det":
             self.common[self.problem.common["q_information"]] = q * infomax.caution(spread)

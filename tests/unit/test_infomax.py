@@ -224,6 +224,15 @@ def test_a_plan_pays_for_information_in_proportion(share: float) -> None:
     assert controller.common[controller.problem.common["q_information"]] == pytest.approx(share * WEIGHT)
 
 
+def test_a_slalom_leaves_some_of_the_load_limits_alone() -> None:
+    controller = _controller()
+    asked = np.array(controller.knowledge.load_asked)
+    controller._weigh_information(40.0)
+    assert controller.common[controller.problem.common["load_max"]] == pytest.approx(0.97 * asked)
+    controller._weigh_information(40.0, 0.0)
+    assert controller.common[controller.problem.common["load_max"]] == pytest.approx(asked)
+
+
 def test_where_least_is_known_information_is_paid_less_for_than_it_promises() -> None:
     assert caution(CAUTION) == 1.0
     assert caution(1.0) == pytest.approx(CAUTION)
