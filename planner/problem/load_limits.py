@@ -3,12 +3,14 @@
 The rule, per axle, in units of axle load:
 
     supported = (1 - SAFETY) * (mean - CONFIDENCE * std) of the peak factor D at the end of a run
-    demonstrated = largest load held for `HOLD_S` in the run, times (1 + STEP)
-    next = supported                                      if that is below the present limit: shrink at once
-    next = min(supported, demonstrated, present * (1 + STEP))  otherwise, never below the present limit
+    held = largest load held for `HOLD_S` in the run
+    next = max(supported, min(held, present, (1 - SAFETY) * mean))  if supported is below the present limit: shrink
+    next = min(supported, held * (1 + STEP), present * (1 + STEP))  otherwise, never below the present limit
 
 So the envelope grows only as far as the belief supports it, by at most STEP a run, and not beyond STEP over what
-the car has been seen to hold. Within a run it only shrinks (`limits_within_run`).
+the car has been seen to hold; it shrinks at once, but not below that while the belief's mean agrees: a peak that was
+never driven to stays uncertain. One standard deviation, because Eq. (10) holds at the sigma points besides.
+Within a run the envelope only shrinks (`limits_within_run`).
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from hil_gateway.errors import InputError
 Array = npt.NDArray[np.float64]
 
 SAFETY = 0.03
-CONFIDENCE = 2.0
+CONFIDENCE = 1.0
 STEP = 0.1
 HOLD_S = 0.2
 SLEW = 0.01
@@ -69,7 +71,7 @@ def next_limit(present: float, run: RunEvidence) -> float:
     """Limit of one axle for the next run."""
     supported = (1.0 - SAFETY) * (run.peak_mean - CONFIDENCE * run.peak_std)
     if supported < present:
-        return max(supported, 0.1)
+        return max(supported, min(present, run.held, (1.0 - SAFETY) * run.peak_mean), 0.1)
     return max(present, min(supported, (1.0 + STEP) * run.held, (1.0 + STEP) * present))
 
 

@@ -36,8 +36,8 @@ def test_next_limit_never_exceeds_what_belief_run_and_step_support(
     present: float, mean: float, std: float, held: float
 ) -> None:
     new = next_limit(present, RunEvidence(mean, std, held))
-    supported = 0.97 * (mean - 2 * std)
-    assert new <= max(0.1, supported) + 1e-12
+    supported = 0.97 * (mean - std)
+    assert new <= max(0.1, supported, min(present, held, 0.97 * mean)) + 1e-12
     assert new <= 1.1 * present + 1e-12
     assert new <= max(present, 1.1 * held) + 1e-12
 
@@ -49,7 +49,12 @@ def test_limits_widen_monotonically_as_the_belief_tightens(present: float, mean:
 
 
 def test_limits_shrink_at_once_when_the_belief_does_not_support_them() -> None:
-    assert next_limit(1.3, RunEvidence(1.0, 0.05, 1.2)) == pytest.approx(0.97 * 0.9)
+    assert next_limit(1.3, RunEvidence(1.0, 0.05, held=0.6)) == pytest.approx(0.97 * 0.95)
+    assert next_limit(1.3, RunEvidence(1.0, 0.05, held=1.2)) == pytest.approx(0.97), "no further than the mean agrees"
+
+
+def test_limits_do_not_shrink_below_what_the_car_has_held() -> None:
+    assert next_limit(1.2, RunEvidence(1.3, 0.3, held=1.1)) == pytest.approx(1.1)
 
 
 def test_envelope_reaches_the_supported_limit_over_several_runs() -> None:
