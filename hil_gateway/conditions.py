@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from hil_gateway.clock import NS_PER_S
-from hil_gateway.dead_reckoning import road_speed
 from hil_gateway.failsafe import HOLDS
 from hil_gateway.latest import Latest
 from hil_gateway.messages import Estimate, OperatorAction, VehicleState
 from hil_gateway.race_control import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, SysState
+from hil_gateway.road_speed import road_speed
 from hil_gateway.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
 
 KILLS = ("operator_emergency", "vehicle_flag_kill", "foreign_emergency", "uncommanded_motion")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from hil_gateway.clock import NS_PER_S
 from hil_gateway.messages import Estimate, VehicleState
+from hil_gateway.road_speed import road_speed
 
 FIX_GAIN = 0.3
 """share of its distance to a fix by which the pose moves: at 20 fixes a second, 1 m/s of drift stay below 0.2 m"""
@@ -71,13 +72,3 @@ class DeadReckoning:
             return pose
         self._blind_m = 0.0
         return Pose(pose.x + FIX_GAIN * dx, pose.y + FIX_GAIN * dy, pose.yaw, pose.speed)
-
-
-def rear_speed(state: VehicleState) -> float:
-    """Road speed for gears: mean of the rear wheels, m/s."""
-    return 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
-
-
-def road_speed(state: VehicleState) -> float:
-    """Fastest wheel, m/s: a locked wheel must not pass for standstill."""
-    return max(state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr)

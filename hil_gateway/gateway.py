@@ -17,15 +17,16 @@ from hil_gateway.clock import NS_PER_S
 from hil_gateway.command_gate import CommandGate
 from hil_gateway.conditions import KILLS, Conditions
 from hil_gateway.config import Config
-from hil_gateway.dead_reckoning import DeadReckoning, rear_speed, road_speed
+from hil_gateway.dead_reckoning import DeadReckoning
 from hil_gateway.failsafe import Failsafe, Inputs, missing_for_arming
 from hil_gateway.heard import flags_heard, flags_in_force, heard
 from hil_gateway.limits import Limits
 from hil_gateway.messages import Applied, FailsafeAction, GatewayStatus, OperatorAction, OperatorCommand, VehicleState
 from hil_gateway.powertrain import GearChoice
 from hil_gateway.race_control import CtState, Demand, RaceControl, SysState
+from hil_gateway.road_speed import STANDSTILL, rear_speed, road_speed
 from hil_gateway.rolling import Rolling
-from hil_gateway.stopping import STANDSTILL, Stopping
+from hil_gateway.stopping import Stopping
 from hil_gateway.track import Track
 from hil_gateway.transmitter import Transmitter
 from hil_gateway.vehicle_state import VehicleStateBuilder

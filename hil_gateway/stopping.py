@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_gateway.config import StopConfig
-from hil_gateway.dead_reckoning import Pose, rear_speed
+from hil_gateway.dead_reckoning import Pose
 from hil_gateway.messages import Plan, PlanStatus, VehicleState
+from hil_gateway.road_speed import rear_speed
 from hil_gateway.track import Track
 from hil_gateway.vehicle import GRAVITY, Vehicle
 
@@ -29,8 +30,6 @@ EXTENSION = 400.0
 EXTENSION_STEP = 4.0
 SHORTEST_STEP = 1e-3
 """points closer together are one, m"""
-STANDSTILL = 0.5
-"""m/s"""
 
 
 @dataclass(frozen=True, slots=True)

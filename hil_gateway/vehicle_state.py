@@ -22,7 +22,7 @@ from hil_gateway.frame_counts import FrameCounts, LeakyBucket
 from hil_gateway.geodesy import LocalMap
 from hil_gateway.messages import SourceHealth, VehicleState
 from hil_gateway.race_control import CtState
-from hil_gateway.stopping import STANDSTILL
+from hil_gateway.road_speed import STANDSTILL
 
 SOURCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
