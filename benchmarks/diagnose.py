@@ -24,12 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from estimator.diagnose.diagnosis import diagnose
-from estimator.diagnose.record import make_record
-from estimator.diagnose.result import as_json
-from estimator.identify.drive_log import DriveLog
-from estimator.identify.health import examine
-from hil_gateway.vehicle import Vehicle
+from estimator.drive_log.health import examine
+from estimator.drive_log.table import DriveLog
+from estimator.offline.record.record import make_record
+from estimator.offline.result.diagnosis_result import as_json
+from estimator.offline.search.diagnosis import diagnose
+from hil_gateway.car.vehicle import Vehicle
 
 sys.path.append(str(Path(__file__).parent))
 from practice import COLUMNS, OUTSIDE, SIZES, Drive, draw_size, simulate

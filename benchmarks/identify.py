@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from estimator.identify.drive_log import DriveLog, segment_numbers
-from estimator.identify.evaluate import CHANNELS, ModelColumns
-from estimator.identify.fit import fit
-from estimator.identify.inputs import default_tyre_prior
-from estimator.identify.prepare import Samples, prepare
-from estimator.identify.problem import FitSettings
-from estimator.identify.recursive import averaged, batch
+from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.model.single_track import SingleTrack
 from estimator.model.tyre import blend_speed
-from hil_gateway.vehicle import Vehicle
+from estimator.offline.fit.equation_error import fit
+from estimator.offline.fit.problem import FitSettings
+from estimator.offline.fit.recursive import averaged, batch
+from estimator.offline.predict.evaluate import CHANNELS, ModelColumns
+from estimator.offline.record.declared import default_tyre_prior
+from estimator.offline.record.prepare import Samples, prepare
+from hil_gateway.car.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 SAMPLES = 180_000

@@ -13,17 +13,18 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from estimator.identify.drive_log import DriveLog, segment_numbers
-from estimator.identify.evaluate import ModelColumns
-from estimator.identify.fit import fit
-from estimator.identify.inputs import default_tyre_prior
-from estimator.identify.nuisance import steer_timing
-from estimator.identify.output_error import OutputErrorSettings, fit_output_error
-from estimator.identify.prepare import prepare
-from estimator.identify.recursive import averaged
+from support.drive_simulator import TYRE, Drive, random_tyres, simulate
+
+from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.model.single_track import SingleTrack
-from hil_gateway.vehicle import Vehicle
-from tests.support.drive_simulator import TYRE, Drive, random_tyres, simulate
+from estimator.offline.fit.equation_error import fit
+from estimator.offline.fit.nuisance import steer_timing
+from estimator.offline.fit.output_error import OutputErrorSettings, fit_output_error
+from estimator.offline.fit.recursive import averaged
+from estimator.offline.predict.evaluate import ModelColumns
+from estimator.offline.record.declared import default_tyre_prior
+from estimator.offline.record.prepare import prepare
+from hil_gateway.car.vehicle import Vehicle
 
 SECONDS = 60.0
 SETTINGS = OutputErrorSettings(outputs=("vy", "yaw_rate", "ay"))

@@ -13,8 +13,8 @@ import json
 import time
 from typing import Any
 
-from hil_gateway.config import load_config
-from planner.loop import Loop
+from hil_gateway.process.config import load_config
+from planner.simulation.loop import Loop
 
 WARM_UP_S = 8.0
 COMPONENTS = ("plant", "gateway", "estimator", "planner")

@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from hil_gateway.track import Track, load_track
-from hil_gateway.vehicle import Vehicle
-from planner.bench import INFORMATION_WEIGHT, Run, bench_controller, drive, percentiles
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.track.track import Track, load_track
 from planner.problem.settings import Information, Settings
+from planner.studies.bench import INFORMATION_WEIGHT, Run, bench_controller, drive, percentiles
 
 GAP_ALLOWED = 0.02
 CONVERGED_ITERATIONS = 15

@@ -13,20 +13,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimator.localisation import Localisation
+from estimator.belief.monitor import ResidualMonitor
+from estimator.belief.relinearised import RelinearisedBelief
+from estimator.belief.revision import RevisedModel, RevisionPolicy, declared_revision, load_revision, model_of
+from estimator.belief.tyre_belief import Array, BeliefSettings, Sample, TyreBelief
 from estimator.model.measurement import MeasurementKind, axle_forces
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA
-from estimator.monitor import ResidualMonitor
-from estimator.relinearised_belief import RelinearisedBelief
-from estimator.revision import RevisedModel, RevisionPolicy, declared_revision, load_revision, model_of
-from estimator.tyre_belief import Array, BeliefSettings, Sample, TyreBelief
-from hil_gateway import topics
-from hil_gateway.bus import Bus
-from hil_gateway.clock import NS_PER_S, SystemClock
-from hil_gateway.config import Config
-from hil_gateway.messages import Alert, Belief, Estimate, ModelRevision, VehicleState
-from hil_gateway.track import Track, load_track
-from hil_gateway.vehicle import Vehicle
+from estimator.state.localisation import Localisation
+from hil_gateway.bus import topics
+from hil_gateway.bus.interface import Bus
+from hil_gateway.bus.messages import Alert, Belief, Estimate, ModelRevision, VehicleState
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.clock import NS_PER_S, SystemClock
+from hil_gateway.process.config import Config
+from hil_gateway.track.track import Track, load_track
 
 BELIEF_PERIOD_NS = NS_PER_S // 10
 REVISION_PERIOD_NS = NS_PER_S
@@ -169,8 +169,8 @@ def _starting_revision(config: Config) -> ModelRevision:
 
 def run(config: Config, period_s: float = 0.001) -> None:
     """Run the process until it is interrupted."""
-    from hil_gateway.process import SilenceNotice
-    from hil_gateway.zenoh_bus import open_bus
+    from hil_gateway.bus.zenoh_bus import open_bus
+    from hil_gateway.process.lifecycle import SilenceNotice
 
     clock, bus = SystemClock(), open_bus(config.zenoh, "estimator")
     estimator = Estimator(config, bus)

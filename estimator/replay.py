@@ -13,13 +13,13 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from estimator.node import Estimator
-from hil_gateway.bus import LocalBus
-from hil_gateway.config import Config
-from hil_gateway.errors import InputError
-from hil_gateway.messages import VehicleState
+from hil_gateway.bus.interface import LocalBus
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.bus.topics import BELIEF, ESTIMATE, MODEL_REVISION, VEHICLE_STATE
+from hil_gateway.process.config import Config
+from hil_gateway.process.errors import InputError
 from hil_gateway.session.format import unpack_message
 from hil_gateway.session.reader import Item, SessionReader
-from hil_gateway.topics import BELIEF, ESTIMATE, MODEL_REVISION, VEHICLE_STATE
 
 OUTPUTS = (ESTIMATE, BELIEF, MODEL_REVISION)
 DEPTH = 64

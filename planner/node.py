@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from estimator.revision import declared_revision, load_revision
-from hil_gateway import topics
-from hil_gateway.bus import Bus, LatestReader
-from hil_gateway.clock import NS_PER_S, SystemClock
-from hil_gateway.config import Config
-from hil_gateway.messages import Applied, Command, Estimate, Plan, PlanStatus
-from hil_gateway.track import Track, load_track
-from planner.adoption import Adoption
-from planner.checks import PlanCheck
-from planner.fallback import Stopping, Trajectory, shifted, stop_plan
-from planner.prediction import Actuators, Moment, Sent, credible, predict
+from estimator.belief.revision import declared_revision, load_revision
+from hil_gateway.bus import topics
+from hil_gateway.bus.interface import Bus, LatestReader
+from hil_gateway.bus.messages import Applied, Command, Estimate, Plan, PlanStatus
+from hil_gateway.process.clock import NS_PER_S, SystemClock
+from hil_gateway.process.config import Config
+from hil_gateway.track.track import Track, load_track
+from planner.adoption.adoption import Adoption
+from planner.plan.checks import PlanCheck
+from planner.plan.fallback import Stopping, Trajectory, shifted, stop_plan
+from planner.plan.prediction import Actuators, Moment, Sent, credible, predict
 from planner.problem.load_limits import HeldLoad, LoadLimits, RunEvidence, next_limit, starting_limits, store_limits
 from planner.problem.motion import DRIVE, PROGRESS, STEER, VX, S
 from planner.problem.settings import settings_of
@@ -279,8 +279,8 @@ def _fits(plan: Trajectory, z0: Array | None) -> bool:
 
 def run(config: Config) -> None:
     """Plan at 20 Hz until asked to stop."""
-    from hil_gateway.process import SilenceNotice, stop_requested
-    from hil_gateway.zenoh_bus import open_bus
+    from hil_gateway.bus.zenoh_bus import open_bus
+    from hil_gateway.process.lifecycle import SilenceNotice, stop_requested
 
     stop, clock = stop_requested(), SystemClock()
     bus = open_bus(config.zenoh, "planner")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from promise_figures import note_outcome, select
+from support.promise_figures import note_outcome, select
 
 from hil_gateway.can_link.udp import UdpLink
 from hil_gateway.can_link.virtual import VirtualLink

@@ -1,8 +1,8 @@
-"""CasADi functions compiled at run time; the plant uses the same compiler, so it lives in `hil_gateway.compiled`."""
+"""CasADi functions compiled at run time, as the plant compiles its own: `hil_gateway.process.compiled`."""
 
 from __future__ import annotations
 
-from hil_gateway.compiled import (
+from hil_gateway.process.compiled import (
     CompiledFunction,
     CompilerWarning,
     compile_function,

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
 from estimator.model.tyre import Expr
-from hil_gateway.vehicle import Vehicle
+from hil_gateway.car.vehicle import Vehicle
 
 MeasurementKind = Literal["imu", "imu_yaw", "tyre_force"]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimator.model.effects.base import Prepare
 from estimator.model.single_track import Terms
 from estimator.model.tyre import Expr
-from hil_gateway.vehicle import Vehicle
+from hil_gateway.car.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 
-from hil_gateway.vehicle import Vehicle
+from hil_gateway.car.vehicle import Vehicle
 
 Expr = Any
 """CasADi SX/MX or a float: CasADi overloads both alike and has no common static type."""

@@ -12,7 +12,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from hil_gateway.can_link.batch import SLOTS, SO_RXQ_OVFL, SO_TIMESTAMPNS, BatchReceiver
-from hil_gateway.clock import NS_PER_S, wall_offset_ns
+from hil_gateway.process.clock import NS_PER_S, wall_offset_ns
 
 EXTENDED_ID = 0x8000_0000
 """Set in `Frame.id` of 29-bit identifiers, so that none can pass for an 11-bit one."""

@@ -13,7 +13,7 @@ import socket
 from collections.abc import Iterator
 from struct import Struct
 
-from hil_gateway.clock import NS_PER_S
+from hil_gateway.process.clock import NS_PER_S
 
 SLOTS = 128
 """Datagrams a call."""

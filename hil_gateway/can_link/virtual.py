@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 
 from hil_gateway.can_link.base import EXTENDED_ID, FRAMES_PER_CALL, Frame, LinkStats
-from hil_gateway.clock import NS_PER_S, wall_offset_ns
+from hil_gateway.process.clock import NS_PER_S, wall_offset_ns
 
 
 class VirtualLink:

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import replace
 
 from hil_gateway.can_link.base import BusState, Frame, LinkStats
-from hil_gateway.clock import Clock
+from hil_gateway.process.clock import Clock
 
 QUEUE_FRAMES = 16_384
 """Bound of each receive queue; more is lost and counted, as on a real interface."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hil_gateway.bus import Bus, LatestReader
-from hil_gateway.messages import Alert, Belief, Plan, VehicleState
-from hil_gateway.topics import ALERT, BELIEF, OPERATOR, TOPICS, TRUTH
-from hil_gateway.track import Track
+from hil_gateway.bus.interface import Bus, LatestReader
+from hil_gateway.bus.messages import Alert, Belief, Plan, VehicleState
+from hil_gateway.bus.topics import ALERT, BELIEF, OPERATOR, TOPICS, TRUTH
+from hil_gateway.track.track import Track
 
 ALERTS_SHOWN = 8
 TRACK_POINTS = 600

@@ -12,12 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from hil_gateway.bus.topics import MODEL_REVISION
 from hil_gateway.demo.drive import drive, say
 from hil_gateway.demo.model_error import ask, measure
 from hil_gateway.demo.options import DemoOptions
 from hil_gateway.session.format import unpack_message
 from hil_gateway.session.reader import SessionReader
-from hil_gateway.topics import MODEL_REVISION
 
 DEFAULT_LAPS = 3
 """fewer leave too little to learn from, choose by and test on"""

@@ -30,7 +30,7 @@ class Answer:
 
 def ask(arguments: Sequence[str], timeout_s: float) -> Answer:
     """Run `hil ARGUMENTS --json`; a failure becomes a reason. On a terminal its progress shows."""
-    command = [sys.executable, "-m", "hil_gateway.cli", *arguments, "--json"]
+    command = [sys.executable, "-m", "hil_gateway", *arguments, "--json"]
     try:
         heard = None if sys.stderr.isatty() else subprocess.PIPE
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=heard, text=True, timeout=timeout_s, check=False)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from hil_gateway.bus import Bus, LatestReader
-from hil_gateway.messages import (
+from hil_gateway.bus.interface import Bus, LatestReader
+from hil_gateway.bus.messages import (
     Belief,
     Estimate,
     FailsafeAction,
@@ -15,7 +15,7 @@ from hil_gateway.messages import (
     PlanStatus,
     RecorderStatus,
 )
-from hil_gateway.topics import (
+from hil_gateway.bus.topics import (
     APPLIED,
     BELIEF,
     COMMAND,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from hil_gateway.bus import Bus
-from hil_gateway.clock import NS_PER_S
-from hil_gateway.messages import FailsafeAction, GatewayStatus, OperatorAction, OperatorCommand
-from hil_gateway.topics import OPERATOR
+from hil_gateway.bus.interface import Bus
+from hil_gateway.bus.messages import FailsafeAction, GatewayStatus, OperatorAction, OperatorCommand
+from hil_gateway.bus.topics import OPERATOR
+from hil_gateway.process.clock import NS_PER_S
 
 REPEAT_NS = NS_PER_S // 2
 

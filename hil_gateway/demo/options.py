@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hil_gateway.bus.revision_file import read_revision
 from hil_gateway.can_link import open_link, resolve_kind
-from hil_gateway.config import DEFAULT_ORIGIN, Config, load_config, origins
-from hil_gateway.errors import InputError
-from hil_gateway.revision_file import read_revision
-from hil_gateway.track import load_track
+from hil_gateway.process.config import DEFAULT_ORIGIN, Config, load_config, origins
+from hil_gateway.process.errors import InputError
+from hil_gateway.track.track import load_track
 
 DEFAULT_LAPS = 1
 CONFIG_NAME = "config.toml"

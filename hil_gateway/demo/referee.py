@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from hil_gateway.bus import Bus
-from hil_gateway.messages import Truth
-from hil_gateway.topics import TRUTH
+from hil_gateway.bus.interface import Bus
+from hil_gateway.bus.messages import Truth
+from hil_gateway.bus.topics import TRUTH
 
 STANDSTILL_MPS = 0.3
 

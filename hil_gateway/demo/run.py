@@ -7,15 +7,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from hil_gateway.clock import NS_PER_S, Clock, SystemClock
+from hil_gateway.bus.messages import OperatorAction
+from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.demo.monitor import Monitor
 from hil_gateway.demo.operator import Operator
 from hil_gateway.demo.options import DemoOptions, DemoSetup
 from hil_gateway.demo.referee import Referee
 from hil_gateway.demo.view import Scene, View
-from hil_gateway.messages import OperatorAction
-from hil_gateway.supervisor import Exit, Supervisor
-from hil_gateway.zenoh_bus import open_bus
+from hil_gateway.process.clock import NS_PER_S, Clock, SystemClock
+from hil_gateway.process.supervisor import Exit, Supervisor
 
 PERIOD_NS = NS_PER_S // 20
 START_S = 180.0

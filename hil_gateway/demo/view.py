@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.demo.canvas import Canvas
 from hil_gateway.demo.monitor import Monitor
 from hil_gateway.demo.referee import Referee
-from hil_gateway.messages import FailsafeAction
-from hil_gateway.track import Track
+from hil_gateway.track.track import Track
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from struct import Struct
 from typing import Any
 
-from hil_gateway.compiled import compile_function
 from hil_gateway.plant.dynamics import INPUTS, OUTPUTS, STATES, step_function
 from hil_gateway.plant.parameters import PlantParameters
 from hil_gateway.plant.road import Road
-from hil_gateway.track import Track
+from hil_gateway.process.compiled import compile_function
+from hil_gateway.track.track import Track
 
 STEP_S = 1e-3
 ROAD_STEPS = 5

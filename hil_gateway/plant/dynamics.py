@@ -12,9 +12,9 @@ from typing import Any
 
 import casadi as ca
 
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.plant import chassis, driveline, tyre
 from hil_gateway.plant.parameters import AV24, CarParameters
-from hil_gateway.vehicle import GRAVITY
 
 Expr = Any
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from hil_gateway.clock import NS_PER_S
 from hil_gateway.plant.car import Commands
+from hil_gateway.process.clock import NS_PER_S
 
 AT_REST = Commands()
 COMMAND_TIMEOUT_S = 0.2

@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields, replace
 from types import SimpleNamespace
 from typing import Any
 
-from hil_gateway.powertrain import Powertrain
-from hil_gateway.vehicle import GRAVITY
+from hil_gateway.car.powertrain import Powertrain
+from hil_gateway.car.vehicle import GRAVITY
 
 RPM = 0.10471975511965977
 """rad/s per revolution a minute"""

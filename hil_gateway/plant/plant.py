@@ -6,11 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 from can_dbc.codec import load_codec
-from hil_gateway.bus import Bus
+from hil_gateway.bus.interface import Bus
+from hil_gateway.bus.topics import TRUTH
 from hil_gateway.can_link import CanLink
-from hil_gateway.clock import NS_PER_S
-from hil_gateway.config import Config, PlantConfig
-from hil_gateway.errors import InputError
 from hil_gateway.plant.car import STEP_S, Car
 from hil_gateway.plant.effects import configure
 from hil_gateway.plant.ladder import AT_REST, MARELLI_KILL, SysState, VehicleController
@@ -19,8 +17,10 @@ from hil_gateway.plant.receive import CommandReceiver
 from hil_gateway.plant.referee import Referee
 from hil_gateway.plant.sensors import Sensors
 from hil_gateway.plant.transmit import RaceControl, Transmitter
-from hil_gateway.topics import TRUTH
-from hil_gateway.track import Track, load_track
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.config import Config, PlantConfig
+from hil_gateway.process.errors import InputError
+from hil_gateway.track.track import Track, load_track
 
 STEP_NS = round(STEP_S * NS_PER_S)
 TRUTH_PERIOD_NS = NS_PER_S // 20

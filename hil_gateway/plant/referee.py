@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hil_gateway.messages import Truth
+from hil_gateway.bus.messages import Truth
 from hil_gateway.plant.car import Car
 
 HALF_WIDTH_M = 0.95

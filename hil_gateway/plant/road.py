@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.plant.parameters import RoadParameters
-from hil_gateway.track import Track
-from hil_gateway.vehicle import GRAVITY
+from hil_gateway.track.track import Track
 
 
 class Road:

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from hil_gateway.config import OriginConfig
-from hil_gateway.geodesy import LocalMap
 from hil_gateway.plant.car import Car
 from hil_gateway.plant.parameters import SensorParameters
+from hil_gateway.process.config import OriginConfig
+from hil_gateway.track.geodesy import LocalMap
 
 BLOCK = 4096
 WHEELS = tuple((f"wheel_speed_{wheel.upper()}", f"spin_{wheel}") for wheel in ("fl", "fr", "rl", "rr"))

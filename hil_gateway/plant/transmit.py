@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from can_dbc.codec import Codec
 from can_dbc.database import Message
 from hil_gateway.can_link import CanLink
-from hil_gateway.clock import NS_PER_S
 from hil_gateway.plant.car import Car
 from hil_gateway.plant.ladder import Heard, SysState, VehicleController
 from hil_gateway.plant.referee import Referee
 from hil_gateway.plant.sensors import Sensors
+from hil_gateway.process.clock import NS_PER_S
 
 Values = dict[str, float]
 AMBIENT_C = 25.0

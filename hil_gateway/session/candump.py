@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hil_gateway.can_link import EXTENDED_ID, Frame
-from hil_gateway.clock import NS_PER_S
-from hil_gateway.errors import InputError
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.errors import InputError
 
 ERROR_FLAG = 0x20000000
 EXTENDED_ID_MAX = 0x1FFFFFFF

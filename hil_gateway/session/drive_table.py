@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_gateway.clock import NS_PER_S
-from hil_gateway.errors import InputError
-from hil_gateway.messages import Estimate, VehicleState
+from hil_gateway.bus.messages import Estimate, VehicleState
+from hil_gateway.bus.topics import ESTIMATE, PLAN, VEHICLE_STATE
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.errors import InputError
 from hil_gateway.session.format import named, unpack_message
 from hil_gateway.session.reader import Item, SessionReader
-from hil_gateway.topics import ESTIMATE, PLAN, VEHICLE_STATE
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from hil_gateway.errors import InputError
+from hil_gateway.process.errors import InputError
 from hil_gateway.session.candump import format_line
 from hil_gateway.session.drive_table import DriveTable, as_rows, read_drive_table
 from hil_gateway.session.format import CAN_TOPIC, METADATA_SESSION, named, unpack_frame

@@ -7,7 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from hil_gateway.clock import NS_PER_S
+from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.session.reader import SessionReader
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from hil_gateway.errors import InputError
+from hil_gateway.process.errors import InputError
 
 
 @contextmanager

@@ -23,10 +23,10 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata
 from mcap.stream_reader import get_chunk_data_stream
 
-from hil_gateway.clock import NS_PER_S
-from hil_gateway.errors import InputError
+from hil_gateway.bus.topics import TOPICS
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.errors import InputError
 from hil_gateway.session.format import CAN_TOPIC
-from hil_gateway.topics import TOPICS
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEADER = struct.Struct("<BQ")

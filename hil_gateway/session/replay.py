@@ -10,13 +10,13 @@ import heapq
 import logging
 from collections.abc import Callable, Iterable, Iterator
 
-from hil_gateway.bus import Bus
+from hil_gateway.bus.interface import Bus
+from hil_gateway.bus.topics import COMMAND, OPERATOR, TOPICS
 from hil_gateway.can_link import CanLink
-from hil_gateway.clock import NS_PER_S, Clock
-from hil_gateway.errors import InputError
+from hil_gateway.process.clock import NS_PER_S, Clock
+from hil_gateway.process.errors import InputError
 from hil_gateway.session.format import CAN_TOPIC, unpack_frame, unpack_message
 from hil_gateway.session.reader import Item
-from hil_gateway.topics import COMMAND, OPERATOR, TOPICS
 
 WINDOW_NS = NS_PER_S // 2
 """messages are recorded in the order they were picked up, at most this much out of order of their stamps"""

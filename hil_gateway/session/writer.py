@@ -18,9 +18,9 @@ from typing import Self
 from mcap.writer import Writer
 from typing_extensions import Buffer
 
-from hil_gateway.clock import NS_PER_S
+from hil_gateway.bus.topics import TOPICS
+from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.session.format import CAN_SCHEMA, CAN_SCHEMA_NAME, CAN_TOPIC, METADATA_SESSION, json_schema
-from hil_gateway.topics import TOPICS
 
 log = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from estimator.model.single_track import SIGNALS, SingleTrack, Terms
-from hil_gateway.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
 
 Array = npt.NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from math import sqrt
 
 import numpy as np
 
-from hil_gateway.vehicle import GRAVITY
+from hil_gateway.car.vehicle import GRAVITY
 from planner.line.envelope import Array, Envelope
 
 Row = list[float]

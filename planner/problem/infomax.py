@@ -21,11 +21,11 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from estimator.information import stage_information
+from estimator.belief.information import stage_information
+from estimator.belief.tyre_belief import DEFAULT_STD, BeliefSettings
 from estimator.model.measurement import CHANNELS
 from estimator.model.single_track import SingleTrack
 from estimator.model.tyre import Expr
-from estimator.tyre_belief import DEFAULT_STD, BeliefSettings
 
 if TYPE_CHECKING:
     from planner.problem.mpcc import Problem

@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from hil_gateway.config import PlannerConfig
-from hil_gateway.errors import InputError
+from hil_gateway.process.config import PlannerConfig
+from hil_gateway.process.errors import InputError
 
 Array = npt.NDArray[np.float64]
 

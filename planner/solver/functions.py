@@ -24,7 +24,7 @@ from estimator.model.compiled import (
 from estimator.model.effects import catalogue
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
-from hil_gateway.vehicle import Vehicle
+from hil_gateway.car.vehicle import Vehicle
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Information, Limits, Settings, Slack, Weights
 

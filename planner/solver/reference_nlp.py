@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from planner.controller import Controller
+from planner.plan.controller import Controller
 from planner.problem.motion import BOUNDED, DRIVE, NU, NZ
 from planner.solver.sqp import Stopwatch
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from planner.campaign.closed import close_loop
+from planner.studies.campaign.closed import close_loop
 
 
 @pytest.mark.slow

@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.promise_figures import long_run, record_figure
 
 from hil_gateway.can_link import resolve_kind
-from hil_gateway.config import load_config
+from hil_gateway.process.config import load_config
+from hil_gateway.process.supervisor import PROCESSES
 from hil_gateway.session.info import session_info
-from hil_gateway.supervisor import PROCESSES
-from tests.promise_figures import long_run, record_figure
 
 Recorder = Callable[[str, object], None]
 UP_S = 120.0
@@ -34,7 +34,7 @@ class Demo:
     def __init__(self, folder: Path, record_property: Recorder) -> None:
         record_property("can", resolve_kind(load_config().can))
         self.folder, self.said = folder, ""
-        command = [sys.executable, "-m", "hil_gateway.cli", "demo", "--seconds", "120", "--headless", "--json"]
+        command = [sys.executable, "-m", "hil_gateway", "demo", "--seconds", "120", "--headless", "--json"]
         self.process = subprocess.Popen(
             [*command, "--out", str(folder)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )

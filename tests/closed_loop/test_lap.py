@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from hil_gateway import topics
-from hil_gateway.config import load_config
-from hil_gateway.messages import Estimate, VehicleState
-from planner.loop import Loop, LoopResult
-from planner.loop_log import LOGGED, drive_log
+from hil_gateway.bus import topics
+from hil_gateway.bus.messages import Estimate, VehicleState
+from hil_gateway.process.config import load_config
+from planner.simulation.loop import Loop, LoopResult
+from planner.simulation.loop_log import LOGGED, drive_log
 
 
 def _loop(track: str = "road_course", **overrides: Any) -> Loop:

@@ -9,10 +9,10 @@ import sys
 from collections import Counter
 
 import pytest
-from promise_figures import record_figure, volume
+from support.promise_figures import record_figure, volume
+from verification.fault_simulation.faults import Kind, draw
 
-from hil_gateway.clock import NS_PER_S
-from planner.fault_simulation.faults import Kind, draw
+from hil_gateway.process.clock import NS_PER_S
 
 SEEDS = volume(500, 5000)
 
@@ -27,7 +27,7 @@ estimate that had waited while the gateway was held up passed for new."""
 def test_the_promises_hold_under_seeded_faults():
     """In a process of its own: it forks, and single-threaded numerics make it repeatable."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", "hil_gateway.cli", "verify", "--seeds", str(SEEDS), "--json"]
+    command = [sys.executable, "-m", "hil_gateway", "verify", "--seeds", str(SEEDS), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert done.stdout, done.stderr[-3000:]
     report = json.loads(done.stdout)
@@ -44,7 +44,7 @@ def test_the_promises_hold_under_seeded_faults():
 def test_a_seed_alone_does_what_it_does_in_a_campaign():
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     script = (
-        "import json, sys; from dataclasses import asdict; from planner.fault_simulation.campaign import Campaign;"
+        "import json, sys; from dataclasses import asdict; from verification.fault_simulation.campaign import Campaign;"
         "alone = Campaign().run_here(5); among = {r.seed: r for r in Campaign().run([0, 5, 10])};"
         "print(json.dumps([asdict(alone), asdict(among[5])]))"
     )
@@ -56,7 +56,7 @@ def test_a_seed_alone_does_what_it_does_in_a_campaign():
 @pytest.mark.slow
 def test_what_once_broke_holds():
     script = (
-        "import json; from planner.fault_simulation.campaign import Campaign;"
+        "import json; from verification.fault_simulation.campaign import Campaign;"
         f"print(json.dumps({{r.seed: r.broken for r in Campaign().run({FOUND})}}))"
     )
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}

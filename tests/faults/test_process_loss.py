@@ -18,16 +18,16 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from promise_figures import long_run, record_figure, volume
+from support.promise_figures import long_run, record_figure, volume
+from verification.wire_judge import DLC, Judge
 
-from hil_gateway import topics
-from hil_gateway.bus import LatestReader
+from hil_gateway.bus import topics
+from hil_gateway.bus.interface import LatestReader
+from hil_gateway.bus.messages import FailsafeAction, OperatorAction, OperatorCommand
+from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.can_link import open_link
 from hil_gateway.demo.options import DemoOptions, prepare
-from hil_gateway.messages import FailsafeAction, OperatorAction, OperatorCommand
-from hil_gateway.supervisor import DASHBOARD, PROCESSES, ProcessSpec, Supervisor
-from hil_gateway.wire_judge import DLC, Judge
-from hil_gateway.zenoh_bus import open_bus
+from hil_gateway.process.supervisor import DASHBOARD, PROCESSES, ProcessSpec, Supervisor
 
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 ESSENTIAL = ("planner", "estimator")
@@ -238,7 +238,7 @@ def test_the_gateway_feeds_the_watchdog_and_a_hanging_one_does_not(tmp_path):
         ear.settimeout(20.0)
         setup = prepare(DemoOptions(seconds=60.0, out=tmp_path / "out", headless=True))
         process = subprocess.Popen(
-            [sys.executable, "-m", "hil_gateway.cli", "gateway", "run", "--config", str(setup.config_file)],
+            [sys.executable, "-m", "hil_gateway", "gateway", "run", "--config", str(setup.config_file)],
             env={**os.environ, "NOTIFY_SOCKET": str(address)},
         )
         try:

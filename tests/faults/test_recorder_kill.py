@@ -9,11 +9,11 @@ import time
 from pathlib import Path
 
 import pytest
+from support.promise_figures import record_figure, volume
 
 from hil_gateway.session.format import CAN_TOPIC, unpack_frame
 from hil_gateway.session.reader import SessionReader
 from hil_gateway.session.recover import recover
-from tests.promise_figures import record_figure, volume
 
 KILLS = volume(10, 100)
 PROMISED_S = 0.2
@@ -22,11 +22,11 @@ MESSAGES_AT_ONCE = 20
 RECORDER = """
 import sys
 from pathlib import Path
-from hil_gateway.bus import LocalBus
+from hil_gateway.bus.interface import LocalBus
 from hil_gateway.can_link import VirtualWire
-from hil_gateway.clock import SystemClock
-from hil_gateway.config import RecorderConfig
-from hil_gateway.recorder import Recorder
+from hil_gateway.process.clock import SystemClock
+from hil_gateway.process.config import RecorderConfig
+from hil_gateway.session.recorder import Recorder
 from hil_gateway.session.writer import SessionWriter
 
 clock, bus = SystemClock(), LocalBus()

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from hil_gateway import topics
-from hil_gateway.access import ROLES, secure_session
-from hil_gateway.bus import Subscription
-from hil_gateway.config import ZenohConfig
-from hil_gateway.errors import InputError
-from hil_gateway.messages import Command, OperatorAction, OperatorCommand
-from hil_gateway.zenoh_bus import ZenohBus, open_bus, read_json5
+from hil_gateway.bus import topics
+from hil_gateway.bus.access import ROLES, secure_session
+from hil_gateway.bus.interface import Subscription
+from hil_gateway.bus.messages import Command, OperatorAction, OperatorCommand
+from hil_gateway.bus.zenoh_bus import ZenohBus, open_bus, read_json5
+from hil_gateway.process.config import ZenohConfig
+from hil_gateway.process.errors import InputError
 
 SHIPPED = Path(__file__).resolve().parents[2] / "deploy" / "zenoh"
 pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is missing")
@@ -161,7 +161,7 @@ def test_the_shipped_file_is_the_one_derived_from_the_topics():
     shipped = read_json5(SHIPPED / "secure.json5")
     expected = json.dumps(secure_session("gateway", "@FOLDER@"))
     expected = expected.replace("/gateway.key", "/@ROLE@.key").replace("/gateway.pem", "/@ROLE@.pem")
-    assert shipped == json.loads(expected), "deploy/zenoh/secure.json5 differs from hil_gateway.access.secure_session"
+    assert shipped == json.loads(expected), "secure.json5 differs from what hil_gateway.bus.access derives"
 
 
 def test_each_role_publishes_its_topics_only():

@@ -17,20 +17,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from promise_figures import record_figure
+from support.promise_figures import record_figure
 
 ROOT = Path(__file__).resolve().parents[2]
 VEHICLE, BASE = f"hilv{os.getpid()}", f"hilb{os.getpid()}"
 VEHICLE_IP, BASE_IP = "10.99.24.1", "10.99.24.2"
 PORT = 7447
-HIL = [sys.executable, "-m", "hil_gateway.cli"]
+HIL = [sys.executable, "-m", "hil_gateway.cli.main"]
 
 WATCHER = """
 import json, sys, time
-from hil_gateway import topics
-from hil_gateway.bus import LatestReader
-from hil_gateway.config import load_config
-from hil_gateway.zenoh_bus import open_bus
+from hil_gateway.bus import topics
+from hil_gateway.bus.interface import LatestReader
+from hil_gateway.process.config import load_config
+from hil_gateway.bus.zenoh_bus import open_bus
 from pathlib import Path
 bus = open_bus(load_config(Path(sys.argv[1])).zenoh, "dashboard")
 status, state = LatestReader(bus, topics.GATEWAY_STATUS), LatestReader(bus, topics.VEHICLE_STATE)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from support.promise_figures import record_figure
 
 from estimator.replay import OUTPUTS, compare, recorded_config, replay_estimator
-from hil_gateway.config import Config
-from hil_gateway.recorder import Recorder
+from hil_gateway.process.config import Config
 from hil_gateway.session.format import session_metadata
+from hil_gateway.session.recorder import Recorder
 from hil_gateway.session.writer import SessionWriter
-from planner.loop import Loop
-from tests.promise_figures import record_figure
+from planner.simulation.loop import Loop
 
 UNIX_NS = 1_700_000_000 * 10**9
 DRIVE_S = 15.0

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from measurement_evaluation import MeasurementEvaluation
-from promise_figures import record_figure, volume
 from scipy import stats
+from support.measurement_evaluation import MeasurementEvaluation
+from support.promise_figures import record_figure, volume
 
-from estimator.information import a_criterion, d_criterion, e_criterion, fisher_information, trace_criterion
+from estimator.belief.information import a_criterion, d_criterion, e_criterion, fisher_information, trace_criterion
+from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.measurement import CHANNELS, MeasurementKind, axle_forces
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.model.single_track import AUXILIARY, SingleTrack
-from estimator.tyre_belief import BeliefSettings, Sample, TyreBelief
-from hil_gateway.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
 
 UPDATES = volume(20_000, 1_000_000)
 AUX = np.zeros(len(AUXILIARY))

@@ -9,7 +9,7 @@ import cantools
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from promise_figures import record_figure, volume
+from support.promise_figures import record_figure, volume
 
 from can_dbc.codec import Fault, load_codec
 from can_dbc.database import DBC_PATH, Message

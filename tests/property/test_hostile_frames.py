@@ -6,13 +6,13 @@ import math
 import random
 
 import pytest
-from promise_figures import record_figure, volume
-from scripted_car import Rig
+from support.promise_figures import record_figure, volume
+from support.scripted_car import Rig
+from verification.wire_judge import Judge
 
 from can_dbc.codec import load_codec
+from hil_gateway.bus.messages import FailsafeAction, VehicleState
 from hil_gateway.can_link import Frame
-from hil_gateway.messages import FailsafeAction, VehicleState
-from hil_gateway.wire_judge import Judge
 
 
 def hostile_frame(rng: random.Random, ids: list[int], stamp_ns: int) -> Frame:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from promise_figures import record_figure
 from scipy import stats
+from support.promise_figures import record_figure
 
-from estimator.filter_steps import STATES, VX, VY, YAW, FilterNoise
-from estimator.state_filter import Imu, StateFilter
-from hil_gateway.vehicle import Vehicle
+from estimator.state.filter_steps import STATES, VX, VY, YAW, FilterNoise
+from estimator.state.state_filter import Imu, StateFilter
+from hil_gateway.car.vehicle import Vehicle
 
 DT, FINE = 0.01, 10
 NOISE = FilterNoise(initial_yaw=0.1)

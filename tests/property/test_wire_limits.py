@@ -7,20 +7,20 @@ import random
 from itertools import pairwise
 
 import pytest
-from promise_figures import record_figure, volume
-from scripted_car import ACTUATOR_IDS, PERIOD_NS, Rig
+from support.promise_figures import record_figure, volume
+from support.scripted_car import ACTUATOR_IDS, PERIOD_NS, Rig
+from verification.wire_judge import STEPS, VALUES, Judge
 
 from can_dbc.codec import load_codec
-from hil_gateway import topics
-from hil_gateway.actuation import Actuators
+from hil_gateway.bus import topics
+from hil_gateway.bus.messages import Command, FailsafeAction, OperatorAction
 from hil_gateway.can_link import VirtualWire
-from hil_gateway.clock import VirtualClock
-from hil_gateway.config import Config, LimitConfig
-from hil_gateway.limits import Limits
-from hil_gateway.messages import Command, FailsafeAction, OperatorAction
-from hil_gateway.powertrain import Powertrain
-from hil_gateway.transmitter import TRANSMITTED, Transmitter
-from hil_gateway.wire_judge import STEPS, VALUES, Judge
+from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.powertrain import Powertrain
+from hil_gateway.gateway.act.limits import Limits
+from hil_gateway.gateway.act.transmitter import TRANSMITTED, Transmitter
+from hil_gateway.process.clock import VirtualClock
+from hil_gateway.process.config import Config, LimitConfig
 
 HOSTILE = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.0, -0.0, 1e9, -1e9)
 

@@ -20,11 +20,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from gateway_process import Gateway, planner
-from played_car import PEER, REPORTS, played_car, write_log
-from promise_figures import record_figure
+from support.gateway_process import Gateway, planner
+from support.played_car import PEER, REPORTS, played_car, write_log
+from support.promise_figures import record_figure
 
-from hil_gateway.messages import (
+from hil_gateway.bus.messages import (
     FailsafeAction,
     OperatorAction,
     VehicleState,
@@ -255,7 +255,7 @@ def test_what_can_gw_drops_and_alters_is_noticed(gateway: Gateway, log: Path, tm
 
 
 def test_the_check_agrees_with_candump(shared_channel: str, log: Path) -> None:
-    command = [sys.executable, "-m", "hil_gateway.cli", "gateway", "check", "--seconds", "2", "--json"]
+    command = [sys.executable, "-m", "hil_gateway", "gateway", "check", "--seconds", "2", "--json"]
     command += ["--channel", shared_channel]
     pipe = subprocess.PIPE
     with played_car(log), subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as check:

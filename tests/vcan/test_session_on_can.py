@@ -12,8 +12,8 @@ import pytest
 
 from hil_gateway.can_link import Frame
 from hil_gateway.can_link.socketcan import SocketCanLink
-from hil_gateway.clock import SystemClock
 from hil_gateway.demo.options import DemoOptions, prepare
+from hil_gateway.process.clock import SystemClock
 from hil_gateway.session.export import export_candump
 from hil_gateway.session.format import CAN_TOPIC, pack_frame
 from hil_gateway.session.importer import import_log

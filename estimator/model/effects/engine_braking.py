@@ -16,7 +16,7 @@ from estimator.model.effects.base import Array, Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from estimator.model.tyre import Expr
-from hil_gateway.vehicle import Vehicle
+from hil_gateway.car.vehicle import Vehicle
 
 CLOSED_BELOW, WIDTH = 0.0005, 0.0005
 """Slip-ratio command below which the throttle counts as closed, and the width of the switch."""

@@ -15,7 +15,7 @@ from estimator.model.memory import relaxed
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from estimator.model.tyre import Expr
-from hil_gateway.vehicle import Vehicle
+from hil_gateway.car.vehicle import Vehicle
 
 SLOWEST = 1.0
 """Below this speed, m/s, the lag does not grow further."""

@@ -1,0 +1,227 @@
+"""Live watch over the model: where has it stopped explaining what the car does, and which effect would?
+
+Residuals of specific forces and yaw acceleration against the model now believed are averaged in cells: turn direction
+or pedal, by speed band. A cell whose mean leaves the noise floor behind on repeated visits raises an alert. The suspect
+is found by a score test (Rao 1948): how much of the recent residual would one Gauss-Newton step in the parameters of
+each effect of the catalogue explain beyond what re-tuned tyres already do. Constant work a sample.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf, sqrt
+
+import casadi as ca
+import numpy as np
+
+from estimator.belief.tyre_belief import DEFAULT_STD, PLAUSIBLE, Array, Sample
+from estimator.model.compiled import compile_function
+from estimator.model.effects import catalogue
+from estimator.model.effects.base import Effect
+from estimator.model.measurement import CHANNELS, measurement
+from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack
+
+DECIMATION = 4
+"""residuals are looked at on every fourth sample"""
+WINDOW = 500
+"""looks a cell remembers: 20 s spent in it"""
+SCORE_WINDOW = 3000
+"""looks the score test remembers: two minutes"""
+MIN_LOOKS, MIN_VISITS = 40, 2
+VISIT_GAP = 25
+"""looks elsewhere after which coming back is a new visit"""
+RATIO = 3.0
+"""mean residual over noise floor that raises an alert"""
+REPEAT_NS = 60_000_000_000
+"""the same alert is not repeated for a minute"""
+EXPLAINED = 0.25
+"""least share of the residual that a suspect must explain"""
+SMALLEST: Mapping[str, float] = {"ax": 0.1, "ay": 0.1, "yaw_acc": 0.08}
+"""noise floors are not believed below these, m/s2 and rad/s2"""
+
+SPEED_BANDS = ((25.0, "below 25 m/s"), (40.0, "between 25 and 40 m/s"), (np.inf, "above 40 m/s"))
+TURNING = 3.0
+"""lateral acceleration that makes a turn, m/s2"""
+PEDAL = 0.01
+"""drive command that counts as driving or braking"""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What an alert says; `strength` is the residual's RMS over its noise floor."""
+
+    channel: str
+    condition: str
+    suspected_effect: str
+    strength: float
+
+
+@dataclass
+class _Cell:
+    looks: int = 0
+    visits: int = 0
+    last_look: int = -VISIT_GAP - 1
+    mean: float = 0.0
+    square: float = 0.0
+    alerted_ns: int | None = None
+
+    def add(self, residual: float, look: int) -> None:
+        self.visits += look - self.last_look > VISIT_GAP
+        self.last_look = look
+        self.looks += 1
+        gain = 1.0 / min(self.looks, WINDOW)
+        self.mean += gain * (residual - self.mean)
+        self.square += gain * (residual * residual - self.square)
+
+
+@dataclass
+class _NoiseFloor:
+    """White noise of each channel from second differences, which know nothing of slow signals."""
+
+    last: deque[list[float]] = field(default_factory=lambda: deque(maxlen=3))
+    variance: list[float] = field(default_factory=lambda: [0.0] * 3)
+    count: int = 0
+
+    def add(self, z: list[float]) -> None:
+        self.last.append(z)
+        if len(self.last) == 3:
+            self.count += 1
+            for i, (a, b, c) in enumerate(zip(*self.last, strict=True)):
+                # clipped: a kerb or a shift is not noise
+                limit = 9.0 * self.variance[i] if self.count > 100 else inf
+                change = min((a - 2 * b + c) ** 2 / 6.0, limit) - self.variance[i]
+                self.variance[i] += change / min(self.count, 2000)
+
+    def std(self) -> list[float]:
+        return [max(sqrt(variance), least) for variance, least in zip(self.variance, SMALLEST.values(), strict=True)]
+
+
+class ResidualMonitor:
+    """`push` every belief sample (kind `imu_yaw`); returns what is newly wrong with the model, mostly nothing."""
+
+    def __init__(self, model: SingleTrack) -> None:
+        self._score = _ScoreTest(model)
+        self._cells: dict[tuple[str, str], _Cell] = {}
+        self._noise = _NoiseFloor()
+        self._count = self._looks = 0
+
+    def push(self, sample: Sample, theta: Array, stamp_ns: int) -> list[Finding]:
+        """Take in one sample with the tyre parameters now believed."""
+        z = sample.z.tolist()
+        if not all(abs(value) < PLAUSIBLE for value in (*z, *sample.signals.tolist())):  # not-a-number is not
+            return []
+        self._noise.add(z)
+        self._count += 1
+        if self._count % DECIMATION or sample.signals[0] < 8.0:
+            return []
+        self._looks += 1
+        residual = self._score.add(sample, theta)
+        for channel, value in zip(SMALLEST, residual.tolist(), strict=True):
+            key = (channel, _condition(channel, sample))
+            self._cells.setdefault(key, _Cell()).add(value, self._looks)
+        return self._findings(sample, stamp_ns)
+
+    def _findings(self, sample: Sample, stamp_ns: int) -> list[Finding]:
+        """Alerts due in the cells just visited."""
+        findings = []
+        for channel, floor in zip(SMALLEST, self._noise.std(), strict=True):
+            condition = _condition(channel, sample)
+            cell = self._cells[channel, condition]
+            if cell.looks < MIN_LOOKS or cell.visits < MIN_VISITS or abs(cell.mean) < RATIO * floor:
+                continue
+            if cell.alerted_ns is not None and stamp_ns - cell.alerted_ns < REPEAT_NS:
+                continue
+            cell.alerted_ns = stamp_ns
+            suspect = self._score.suspect(channel)
+            findings.append(Finding(channel, condition, suspect, float(np.sqrt(cell.square) / floor)))
+        return findings
+
+
+def _condition(channel: str, sample: Sample) -> str:
+    """The cell a sample falls into, in words: by pedal for ax, by turn direction for the lateral channels."""
+    vx, drive = float(sample.signals[0]), float(sample.signals[4])
+    band = next(words for limit, words in SPEED_BANDS if vx < limit)
+    if channel == "ax":
+        where = "driving" if drive > PEDAL else "braking" if drive < -PEDAL else "coasting"
+    else:
+        ay = float(sample.z[1])
+        where = "left turns" if ay > TURNING else "right turns" if ay < -TURNING else "straights"
+    return f"{where} {band}"
+
+
+class _ScoreTest:
+    """Discounted normal equations of the residual on the sensitivities of tyres and candidate effects."""
+
+    def __init__(self, model: SingleTrack) -> None:
+        known = {"imu_bias", *(effect.name for effect in model.effects)}  # the state filter estimates biases itself
+        self._candidates = [e for e in catalogue().values() if e.name not in known and not e.profile]
+        self._n_phi = len(model.effect_table)
+        widened = SingleTrack(model.vehicle, model.layout, (*model.effects, *self._candidates), model.tyre_prior)
+        self._function = compile_function(_sensitivities(widened, self._n_phi), compiled=False)
+        self._neutral = np.array([x for e in self._candidates for x in e.neutral()])
+        tyre_scale = [p.prior_std for p in model.tyre_table]
+        self._scale = np.array(tyre_scale + [p.prior_std for e in self._candidates for p in e.parameters])
+        self._tyre = list(range(len(tyre_scale)))
+        self._columns = self._columns_of(self._candidates)
+        n = len(self._scale)
+        self._gram, self._moment, self._count = np.zeros((3, n, n)), np.zeros((3, n)), 0
+        self._energy = np.zeros(3)
+        self._std = np.array([DEFAULT_STD[c] for c in CHANNELS["imu_yaw"]])
+
+    def _columns_of(self, effects: list[Effect]) -> dict[str, list[int]]:
+        columns, start = {}, len(self._tyre)
+        for effect in effects:
+            columns[effect.name] = list(range(start, start + len(effect.parameters)))
+            start += len(effect.parameters)
+        return columns
+
+    def add(self, sample: Sample, theta: Array) -> Array:
+        """Residual of the three channels, m/s2 and rad/s2; also accumulated."""
+        inputs = self._function.inputs
+        inputs[0][:, 0], inputs[1][:, 0], inputs[2][:, 0] = sample.signals, sample.aux, theta
+        inputs[3][: self._n_phi, 0], inputs[3][self._n_phi :, 0] = sample.phi, self._neutral
+        self._function()
+        h, sensitivity = self._function.outputs
+        residual = sample.z - h[:, 0]
+        if np.isfinite(residual).all() and np.isfinite(sensitivity).all():
+            self._accumulate(residual / self._std, sensitivity * self._scale / self._std[:, None])
+        return np.asarray(np.nan_to_num(residual))
+
+    def _accumulate(self, r: Array, J: Array) -> None:
+        self._count += 1
+        gain = 1.0 / min(self._count, SCORE_WINDOW)
+        self._gram += gain * (J[:, :, None] * J[:, None, :] - self._gram)
+        self._moment += gain * (J * r[:, None] - self._moment)
+        self._energy += gain * (r * r - self._energy)
+
+    def suspect(self, channel: str) -> str:
+        """Effect acting on `channel` that explains most beyond the tyres; empty where none explains enough."""
+        tyres = self._explained(self._tyre)
+        left = float(np.sum(self._energy)) - tyres
+        gains = {
+            e.name: (self._explained(self._tyre + self._columns[e.name]) - tyres) / max(left, 1e-9)
+            for e in self._candidates
+            if channel in e.channels
+        }
+        best = max(gains, key=lambda name: gains[name], default="")
+        return best if best and gains[best] > EXPLAINED else ""
+
+    def _explained(self, columns: list[int]) -> float:
+        """Residual energy explained by one regularised Gauss-Newton step in `columns`."""
+        G = self._gram.sum(axis=0)[np.ix_(columns, columns)]
+        b = self._moment.sum(axis=0)[columns]
+        ridge = 1e-6 * max(float(np.trace(G)), 1e-12)
+        return float(b @ np.linalg.solve(G + ridge * np.eye(len(columns)), b))
+
+
+def _sensitivities(model: SingleTrack, n_active: int) -> ca.Function:
+    """(signals, aux, theta, phi) -> h (3), dh/d(theta, candidate phi)."""
+    signals, aux = ca.SX.sym("signals", len(SIGNALS)), ca.SX.sym("aux", len(AUXILIARY))
+    theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
+    named = dict(zip(AUXILIARY, ca.vertsplit(aux), strict=True))
+    h = measurement(model, "imu_yaw", ca.vertsplit(signals), ca.vertsplit(theta), ca.vertsplit(phi), aux=named)
+    return ca.Function(
+        "sensitivities", [signals, aux, theta, phi], [h, ca.jacobian(h, ca.vertcat(theta, phi[n_active:]))]
+    )

@@ -1,0 +1,123 @@
+"""Model revisions: the vehicle model as a message, and when the estimator sends a new one.
+
+A revision moves only after enough samples, by more than a hysteresis, by at most one step at a time, and never
+outside bounds around where it started: an early wild belief cannot reach the planner.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estimator.belief.tyre_belief import Array, TyreBelief
+from estimator.model.effects import catalogue
+from estimator.model.parameters import DEFAULT_TYRE, Layout, layout_of
+from estimator.model.profile import profile_basis
+from estimator.model.single_track import SingleTrack
+from hil_gateway.bus.messages import ActiveEffect, ModelRevision
+from hil_gateway.bus.revision_file import read_revision
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.config import EstimatorConfig
+from hil_gateway.process.errors import InputError
+
+
+def revision_id(layout: str, tyre: Mapping[str, float], effects: Sequence[ActiveEffect] = ()) -> str:
+    """Content hash of a model: equal models have equal ids on every computer."""
+    content = {"layout": layout, "tyre": dict(sorted(tyre.items())), "effects": [e.model_dump() for e in effects]}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def declared_revision(layout: Layout, tyre: Mapping[str, float] | None = None) -> ModelRevision:
+    """The declared model, Eq. (1)-(3), with no effects."""
+    values = dict(DEFAULT_TYRE[layout] if tyre is None else tyre)
+    return ModelRevision(stamp_ns=0, seq=0, revision=revision_id(layout, values), layout=layout, tyre=values)
+
+
+def load_revision(path: str | Path) -> ModelRevision:
+    """Read a model revision (`model.json`).
+
+    Raises:
+        InputError: unreadable, not a revision, or with an effect this version does not know.
+    """
+    revision = read_revision(path)
+    if unknown := [e.name for e in revision.effects if e.name not in catalogue()]:
+        raise InputError(f"{path}: effect {unknown[0]} is not in the catalogue: {', '.join(catalogue())}")
+    return revision
+
+
+@dataclass(frozen=True)
+class RevisedModel:
+    """The single-track model of a revision with its numbers."""
+
+    model: SingleTrack
+    theta: Array
+    """tyre parameters in the order of `model.tyre_table`, SI"""
+    constants: Array
+    """effect parameters in the order of `model.effect_table`; 0 where a profile over the lap takes their place"""
+    profiles: Mapping[int, Array]
+    """index into `constants` -> spline coefficients over track position"""
+    lap_length: float
+
+    def phi_at(self, track_position: Array) -> Array:
+        """Effect parameters at track positions (K,), m: shape (n_phi, K)."""
+        phi = np.repeat(self.constants[:, None], len(track_position), axis=1)
+        for row, coefficients in self.profiles.items():
+            phi[row] = profile_basis(track_position, self.lap_length, len(coefficients)) @ coefficients
+        return phi
+
+
+def model_of(revision: ModelRevision, vehicle: Vehicle, lap_length: float) -> RevisedModel:
+    """The model a revision describes, on a track of `lap_length` m."""
+    effects = tuple(catalogue()[e.name] for e in revision.effects)
+    model = SingleTrack(vehicle, layout_of(revision.tyre), effects, tyre_prior=revision.tyre)
+    constants: list[float] = []
+    profiles: dict[int, Array] = {}
+    for effect, active in zip(effects, revision.effects, strict=True):
+        if active.profile:
+            profiles[len(constants)] = np.array(active.profile)
+        constants += [active.parameters.get(p.name, 0.0) for p in effect.parameters]
+    theta = np.array([revision.tyre[p.name] for p in model.tyre_table])
+    return RevisedModel(model, theta, np.array(constants), profiles, lap_length)
+
+
+class RevisionPolicy:
+    """Decides what the planner is told; holds the revision now in force."""
+
+    def __init__(self, config: EstimatorConfig, start: ModelRevision) -> None:
+        self._config = config
+        self.current = start
+        self._start = np.array(list(start.tyre.values()))
+        self._seq = 0
+
+    def message(self, belief: TyreBelief, stamp_ns: int) -> ModelRevision:
+        """The revision to publish now: the one in force, moved towards the belief where that is due."""
+        tyre = self._next_tyre(belief)
+        covariance = tuple(map(tuple, belief.covariance.tolist()))
+        self._seq += 1
+        self.current = self.current.model_copy(update={
+            "stamp_ns": stamp_ns, "seq": self._seq, "tyre": tyre, "covariance": covariance,
+            "revision": revision_id(self.current.layout, tyre, self.current.effects),
+        })  # fmt: skip
+        return self.current
+
+    def _next_tyre(self, belief: TyreBelief) -> dict[str, float]:
+        c, tyre = self._config, self.current.tyre
+        if not c.learn or belief.samples < c.revision_min_samples:
+            return tyre
+        old = np.array([tyre[n] for n in belief.names])
+        change = _towards(old, belief.mean, self._start * c.revision_bounds[0], self._start * c.revision_bounds[1])
+        largest = float(np.max(np.abs(change) / old))
+        if largest < c.revision_hysteresis:
+            return tyre
+        # one factor for all parameters keeps to the line between the models: combinations stay meaningful
+        new = old + change * min(1.0, c.revision_max_step / largest)
+        return dict(zip(belief.names, new.tolist(), strict=True))
+
+
+def _towards(old: Array, target: Array, lower: Array, upper: Array) -> Array:
+    return np.asarray(np.clip(target, lower, upper) - old)

@@ -1,0 +1,206 @@
+"""Gaussian belief over the tyre parameters, updated sample by sample with Eq. (8).
+
+The recursion runs on parameters scaled by their prior standard deviation, so the prior covariance is the identity.
+Sigma_z is diagonal, which makes Eq. (8) equal to one scalar update a channel; each is in Joseph form, so the
+covariance stays symmetric positive semi-definite whatever the rounding. All of a sample is one CasADi function,
+interpreted, not compiled: some microseconds, and the same bits on every computer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import atan2, isfinite, sqrt
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from estimator.model.compiled import CompiledFunction, compile_function
+from estimator.model.measurement import CHANNELS, MeasurementKind, measurement_function
+from estimator.model.single_track import SingleTrack
+from estimator.state.kalman import scalar_update
+
+Array = npt.NDArray[np.float64]
+
+DEFAULT_STD: Mapping[str, float] = {
+    "imu_ax": 0.5, "imu_ay": 0.4, "yaw_acc": 0.4, "fx_r": 400.0, "fy_f": 250.0, "fy_r": 250.0,
+}  # fmt: skip
+"""Measurement standard deviations: sensor noise and what Eq. (1)-(3) leave out, m/s2, rad/s2, N."""
+
+PLAUSIBLE = 1e6
+"""no signal or measurement of a car is larger in SI; what is, is broken"""
+
+
+@dataclass(frozen=True)
+class BeliefSettings:
+    """Noise, gates and bounds of the recursion.
+
+    `correlation_samples` is over how many samples model errors stay correlated: the information of one sample is
+    divided by it, which keeps the covariance honest at 100 Hz. `drift` is the random walk of the scaled parameters
+    per square root of a second.
+    """
+
+    kind: MeasurementKind = "imu_yaw"
+    std: Mapping[str, float] | None = None
+    correlation_samples: float = 50.0
+    drift: float = 0.0
+    gate_sigma: float = 5.0
+    min_speed: float = 8.0
+    min_slip: float = 0.002
+    min_drive: float = 0.01
+    max_slip_std: float = 0.02
+
+    def channel_std(self) -> Array:
+        """Standard deviation of each row of z, inflated for serial correlation."""
+        table = {**DEFAULT_STD, **(self.std or {})}
+        return np.asarray(np.array([table[c] for c in CHANNELS[self.kind]]) * np.sqrt(self.correlation_samples))
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One measurement with the state it was taken in.
+
+    `signals`: vx, vy, yaw_rate, steer, drive; `signal_covariance` (3, 3) of the first three;
+    `z` as the channels of the measurement kind; `aux` as `single_track.AUXILIARY`; `phi` the parameters of the active
+    effects there.
+    """
+
+    signals: Array
+    signal_covariance: Array
+    z: Array
+    aux: Array
+    phi: Array | tuple[float, ...] = ()
+
+
+class TyreBelief:
+    """Mean and covariance of theta given the data so far (p(theta_k | z_1..k) of the paper)."""
+
+    def __init__(self, model: SingleTrack, settings: BeliefSettings | None = None) -> None:
+        self.model, self.settings = model, settings or BeliefSettings()
+        table = model.tyre_table
+        self.names = tuple(p.name for p in table)
+        self.prior = np.array([p.prior for p in table])
+        self.scale = np.array([p.prior_std for p in table])
+        self.lower = (np.array([p.lower for p in table]) - self.prior) / self.scale
+        self.upper = (np.array([p.upper for p in table]) - self.prior) / self.scale
+        self.channel_variance = self.settings.channel_std() ** 2
+        self._longitudinal = np.array([c in ("imu_ax", "fx_r") for c in CHANNELS[self.settings.kind]])
+        self._recursion = recursion_function(self)
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the prior."""
+        self.deviation = np.zeros(len(self.names))
+        self.scaled_covariance = np.eye(len(self.names))
+        self.samples = 0
+
+    def set_covariance(self, covariance: Array) -> None:
+        """Start from a known covariance of theta, SI, instead of the prior's."""
+        self.scaled_covariance = covariance / np.outer(self.scale, self.scale)
+
+    @property
+    def mean(self) -> Array:
+        """Posterior mean of theta, SI."""
+        return np.asarray(self.prior + self.scale * self.deviation)
+
+    @property
+    def covariance(self) -> Array:
+        """Posterior covariance of theta, SI."""
+        return np.asarray(self.scaled_covariance * np.outer(self.scale, self.scale))
+
+    @property
+    def log_det_information(self) -> float:
+        """D-criterion of the posterior precision in prior-scaled units: 0 at the prior, grows with what is learnt."""
+        return float(-np.linalg.slogdet(self.scaled_covariance)[1])
+
+    def update(self, sample: Sample, dt: float = 0.01) -> Array:
+        """Eq. (8) for one sample; returns the normalised innovation squared of each channel used (may be empty).
+
+        An outlier beyond the gate teaches nothing, nor does a sample that would make anything not finite.
+        """
+        active = self._active_channels(sample)
+        if not active.any():
+            return np.empty(0)
+        *vectors, spread, covariance = self._recursion.inputs
+        at, variance = self._linearised_at(), self._error_variance()
+        given = (sample.signals, sample.aux, sample.phi, sample.z, active, variance, at, self.deviation)
+        for vector, values in zip(vectors, given, strict=True):
+            vector[:, 0] = values
+        spread[:], covariance[:] = sample.signal_covariance, self.scaled_covariance
+        self._recursion()
+        deviation, covariance, nis = self._recursion.outputs
+        if isfinite(float(deviation.sum() + covariance.sum())):
+            self.deviation, self.scaled_covariance = deviation[:, 0].copy(), covariance.copy()
+            self.samples += 1
+            self._keep_sane(dt)
+            return np.asarray(nis[active, 0])
+        return np.empty(0)
+
+    def _linearised_at(self) -> Array:
+        """Scaled deviation at which the Jacobians of the next sample are taken: the present mean."""
+        return self.deviation
+
+    def _error_variance(self) -> Array:
+        """Variance (m,) of the errors of the next sample, besides that of the motion it was taken in."""
+        return self.channel_variance
+
+    def _active_channels(self, sample: Sample) -> npt.NDArray[np.bool_]:
+        """Which rows of z may teach: enough speed, and slip (lateral) or drive (longitudinal) to learn from."""
+        s, signals = self.settings, sample.signals.tolist()
+        vx, vy, yaw_rate, steer, drive = signals
+        plausible = all(abs(value) < PLAUSIBLE for value in (*signals, *sample.z.tolist()))  # NaN is not
+        if not (plausible and vx > s.min_speed):
+            return np.zeros_like(self._longitudinal)
+        vehicle = self.model.vehicle
+        slip_f = steer - atan2(vy + vehicle.lf * yaw_rate, vx)
+        slip_r = -atan2(vy - vehicle.lr * yaw_rate, vx)
+        well_known = sqrt(max(float(sample.signal_covariance[1, 1]), 0.0)) < s.max_slip_std * vx
+        lateral = well_known and max(abs(slip_f), abs(slip_r)) > s.min_slip
+        return np.asarray(np.where(self._longitudinal, abs(drive) > s.min_drive, lateral))
+
+    def _keep_sane(self, dt: float) -> None:
+        """Drift and bounds."""
+        if self.settings.drift > 0:
+            room = np.clip(1.0 - np.diag(self.scaled_covariance), 0.0, None)
+            self.scaled_covariance += np.diag(np.minimum(self.settings.drift**2 * dt, room))
+        if (self.deviation < self.lower).any() or (self.deviation > self.upper).any():
+            self._project_on_bounds()
+
+    def _project_on_bounds(self) -> None:
+        """Move the mean to the nearest point within the bounds, in the metric of the covariance."""
+        for i in np.flatnonzero((self.deviation < self.lower) | (self.deviation > self.upper)):
+            excess = self.deviation[i] - np.clip(self.deviation[i], self.lower[i], self.upper[i])
+            if (variance := self.scaled_covariance[i, i]) > 0:
+                self.deviation = self.deviation - self.scaled_covariance[:, i] / variance * excess
+        self.deviation = np.clip(self.deviation, self.lower, self.upper)
+
+
+def recursion_function(belief: TyreBelief) -> CompiledFunction:
+    """One sample of Eq. (8): (signals, aux, phi, z, active, variance, at, deviation, signal covariance, covariance)
+    to new deviation, covariance and normalised innovations squared (m,).
+
+    Deviation (n,) and covariance (n, n) are scaled, `active` (m,) says which channels teach, `variance` (m,) is that of
+    their errors. Channels come one after the other, all linearised at the deviation `at`.
+    """
+    h = measurement_function(belief.model, belief.settings.kind)
+    signals, aux, _, phi = (ca.SX.sym(name, h.size1_in(name)) for name in h.name_in())
+    n, m = len(belief.names), h.size1_out("h")
+    z, active, error = (ca.SX.sym(name, m) for name in ("z", "active", "variance"))
+    at, start, spread, P = (ca.SX.sym(*shape) for shape in (("at", n), ("deviation", n), ("spread", 3, 3), ("P", n, n)))
+    predicted, by_theta, by_signals = h.call([signals, aux, belief.prior + belief.scale * at, phi])
+    rows = by_theta @ ca.diag(ca.DM(belief.scale))
+    deviation, covariance, nis = start, P, []
+    for i in range(m):
+        slip = by_signals[i, :3]
+        variance = error[i] + slip @ spread @ slip.T
+        innovation = z[i] - predicted[i] - rows[i, :] @ (deviation - at)
+        S = rows[i, :] @ covariance @ rows[i, :].T + variance
+        nis.append(innovation**2 / S)
+        teaches = ca.logic_and(active[i], nis[i] <= belief.settings.gate_sigma**2)
+        K, after = scalar_update(covariance, rows[i, :], variance)
+        deviation = ca.if_else(teaches, deviation + K * innovation, deviation)
+        covariance = ca.if_else(teaches, after, covariance)
+    inputs = [signals, aux, phi, z, active, error, at, start, spread, P]
+    results = [ca.densify(e) for e in (deviation, covariance, ca.vertcat(*nis))]
+    return compile_function(ca.Function("recursion", inputs, results), compiled=False)

@@ -1,0 +1,1 @@
+"""Command line of the estimator package: one module a verb."""

@@ -1,0 +1,100 @@
+"""`hil diagnose`: residual, missing effect, error before and after."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+TYPICAL_STEPS = 45.0
+"""Fits of a typical diagnosis: the bar approaches its end over about twice as many."""
+
+
+@app.command()
+def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
+    sessions: Annotated[list[Path], typer.Argument(help="recorded .mcap or drive-log .csv files: one data set")],
+    vehicle: Annotated[Path | None, typer.Option(help="vehicle JSON; default: the AV-24")] = None,
+    tyre: Annotated[Path | None, typer.Option(help="tyre prior JSON; default: the AV-24's")] = None,
+    layout: Annotated[str, typer.Option(help="tyre parameters: per_axle or shared")] = "per_axle",
+    out: Annotated[Path | None, typer.Option(help="folder for diagnosis.json, model.json and report.html")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Find what the model does not explain, trace it to an effect, and show the error before and after."""
+    # fits run in processes side by side: threads of the linear algebra would only get in their way
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from estimator.drive_log.health import examine
+    from estimator.drive_log.table import read_logs
+    from estimator.offline.record.declared import read_tyre_prior, read_vehicle
+    from estimator.offline.record.record import make_record
+    from estimator.offline.result.diagnosis_result import as_json as to_json
+    from estimator.offline.result.diagnosis_result import as_revision, write
+    from estimator.offline.search.diagnosis import diagnose as run
+    from hil_gateway.process.errors import InputError
+
+    if layout not in ("per_axle", "shared"):
+        raise InputError(f"--layout {layout}: must be per_axle or shared")
+    car = read_vehicle(vehicle)
+    prior = read_tyre_prior(tyre, layout, car)  # type: ignore[arg-type]
+    with _progress() as progress:
+        progress("reading")
+        health = examine(read_logs(sessions), car)
+        log = health.log
+        processes = os.cpu_count() or 1
+        result = run(make_record(log, car, health.doubtful), layout, prior, progress, processes)  # type: ignore[arg-type]
+        revision = as_revision(result, layout, tuple(log.sources.values()))
+        summary: dict[str, Any] = {"health": [f.description for f in health.findings]}
+        summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))
+        if out is not None:
+            progress("writing the report")
+            from estimator.offline.report.diagnosis_report import write_report
+
+            write(summary, revision, out)
+            write_report(result, summary, log, out / "report.html")
+    if as_json:
+        print(json.dumps(summary))
+    else:
+        _print(summary)
+
+
+@contextmanager
+def _progress() -> Iterator[Any]:
+    """Progress bar on standard error that says which candidate is being tried; silent where that is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (BarColumn(20), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=1.0)
+        steps = iter(range(10**6))
+
+        def report(what: str) -> None:
+            share = 1.0 - math.exp(-next(steps) / TYPICAL_STEPS)
+            bar.update(task, description=what, completed=share)
+
+        yield report
+
+
+def _print(summary: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from estimator.offline.report.words import verdict_sentence
+
+    console = Console(file=sys.stdout)
+    console.print(verdict_sentence(summary), soft_wrap=True)
+    table = Table("channel", "declared", "re-fitted", "with effects", "noise floor", box=None)
+    for channel, values in summary["channels"].items():
+        table.add_row(channel, *(f"{values[k]:.4g}" for k in ("declared", "refit", "with_effects", "noise_floor")))
+    console.print(table)
+    for entry in summary["unexplained"]:
+        console.print(f"- {entry['description']}", soft_wrap=True)

@@ -1,0 +1,58 @@
+"""`hil estimator`: the estimator process, its score on a session, and its replay."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hil_gateway.cli.process_app import process_app
+from hil_gateway.process.config import load_config
+from hil_gateway.process.errors import EXIT_FAILURE, InputError
+
+app = process_app(
+    "estimator", "estimator.node", "State, tyre belief and model revisions.",
+    "Estimate the state, learn the tyres, publish model revisions until interrupted.",
+)  # fmt: skip
+
+
+@app.command()
+def score(
+    session: Annotated[Path, typer.Argument(help="a recorded .mcap file")],
+    config: Annotated[Path | None, typer.Option(help="configuration (TOML)")] = None,
+    before: Annotated[Path | None, typer.Option(help="model revision (JSON), with --after")] = None,
+    after: Annotated[Path | None, typer.Option(help="model revision (JSON), with --before")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Prediction error over one second: of two given models, or of the first and the learnt one of the session."""
+    from estimator.offline.result.model_score import score_models, score_session
+
+    if (before is None) != (after is None):
+        raise InputError("--before and --after belong together: give both models, or none")
+    tree = load_config(config)
+    result = score_models(session, before, after, tree) if before and after else score_session(session, tree)
+    if as_json:
+        print(json.dumps(result))
+        return
+    for channel, error in result["before"].items():
+        print(f"{channel:10} {error:.4g} -> {result['after'][channel]:.4g}")
+
+
+@app.command()
+def replay(
+    session: Annotated[Path, typer.Argument(help="a recorded .mcap file")],
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Replay a session through the estimator; exit 1 unless it gives the recorded outputs byte for byte."""
+    from estimator.replay import compare, recorded_config, replay_estimator
+
+    result = compare(session, replay_estimator(session, recorded_config(session)))
+    if as_json:
+        print(json.dumps({key: asdict(row) for key, row in result.items()}))
+    else:
+        print("\n".join(f"{key:22} {row.identical} of {row.recorded} identical" for key, row in result.items()))
+    if any(row.identical < row.recorded for row in result.values()):
+        raise typer.Exit(EXIT_FAILURE)

@@ -1,0 +1,133 @@
+"""`hil identify`: tyre parameters from recorded drives, with the error before and after."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from estimator.offline.identification import Identification
+    from estimator.offline.result.identification_score import Scores
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+class LayoutName(StrEnum):
+    """Tyre parameters of both axles together, or of each."""
+
+    SHARED = "shared"
+    PER_AXLE = "per_axle"
+
+
+class MethodName(StrEnum):
+    """How the parameters are estimated."""
+
+    BATCH = "batch"
+    SAMPLE = "sample"
+    NLS = "nls"
+
+
+class FormulationName(StrEnum):
+    """What is compared with the data."""
+
+    AUTO = "auto"
+    ALGEBRAIC = "algebraic"
+    OUTPUT_ERROR = "output_error"
+
+
+@app.command()
+def identify(  # noqa: PLR0917 - every option of the command is a parameter
+    sessions: Annotated[list[Path], typer.Argument(help="recorded .mcap or drive-log .csv files: one data set")],
+    vehicle: Annotated[Path | None, typer.Option(help="vehicle JSON; default: the AV-24")] = None,
+    tyre: Annotated[Path | None, typer.Option(help="tyre prior JSON; default: the AV-24's")] = None,
+    layout: Annotated[LayoutName, typer.Option(help="one tyre for both axles, or one each")] = LayoutName.PER_AXLE,
+    method: Annotated[
+        MethodName, typer.Option(help="batches of 100 samples, Eq. 8 per sample, or full nonlinear least squares")
+    ] = MethodName.NLS,
+    formulation: Annotated[
+        FormulationName, typer.Option(help="forces against accelerations, or simulated windows")
+    ] = FormulationName.AUTO,
+    window: Annotated[float, typer.Option(help="length of simulated windows, s", min=0.5, max=60.0)] = 4.0,
+    keep: Annotated[list[str] | None, typer.Option(help="log-health finding to report but not act on")] = None,
+    score: Annotated[
+        list[Path] | None, typer.Option(help="another log to score the result on; may be repeated")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="folder for identification.json, tyre.json and report.html")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Identify the tyre parameters and say what the data can and cannot tell."""
+    from estimator.drive_log.table import read_logs
+    from estimator.offline.identification import Options
+    from estimator.offline.identification import identify as run
+    from estimator.offline.record.declared import read_tyre_prior, read_vehicle
+    from estimator.offline.result.identification_score import as_summary, score_log
+
+    options = Options(layout.value, method.value, formulation.value, window, frozenset(keep or ()))
+    car = read_vehicle(vehicle)
+    prior = read_tyre_prior(tyre, layout.value, car)
+    with _progress() as progress:
+        progress("reading", 0.0)
+        result = run(read_logs(sessions), car, prior, options, progress)
+        scores = {str(path): score_log(result, read_logs([path])) for path in score or ()}
+        summary = {**result.summary(), "scored": {path: as_summary(one) for path, one in scores.items()}}
+        if out is not None:
+            progress("report", 0.95)
+            summary["report"] = str(_write(result, summary, out))
+    if as_json:
+        print(json.dumps(summary))
+    else:
+        _print(result, scores)
+
+
+def _write(result: Identification, summary: dict[str, Any], out: Path) -> Path:
+    from estimator.offline.report.identification_report import write_report
+
+    out.mkdir(parents=True, exist_ok=True)
+    page = write_report(result, out / "report.html")
+    (out / "identification.json").write_text(json.dumps(summary, indent=1))
+    (out / "tyre.json").write_text(json.dumps(result.final, indent=1))
+    return page
+
+
+class _progress:  # noqa: N801 - used like a function
+    """Progress bar on standard error; silent where that is not a terminal."""
+
+    def __enter__(self) -> Any:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn())
+        console = Console(stderr=True)
+        self._bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        task = self._bar.add_task("", total=1.0)
+        self._bar.start()
+        return lambda what, share: self._bar.update(task, description=what, completed=share)
+
+    def __exit__(self, *exception: object) -> None:
+        self._bar.stop()
+
+
+def _print(result: Identification, scores: Mapping[str, Scores]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(file=sys.stdout)
+    table = Table("parameter", "initial", "final", "change", "std", "identified", box=None)
+    for name, initial in result.initial.items():
+        final, std = result.final[name], result.fit.std[name]
+        known = "yes" if result.identifiability.identifiable[name] else "no"
+        table.add_row(
+            name, f"{initial:.5g}", f"{final:.5g}", f"{100 * (final / initial - 1):+.1f} %", f"{std:.2g}", known
+        )
+    console.print(table)
+    for what, rmse in {"held-out": result.rmse, **scores}.items():
+        for channel, (initial, final) in rmse.items():
+            console.print(f"{what} RMSE {channel:9s} {initial:.4g} -> {final:.4g}", soft_wrap=True)
+    for line in (*(f.description for f in result.health.findings), *result.identifiability.statements):
+        console.print(f"- {line}", soft_wrap=True)

@@ -1,0 +1,1 @@
+"""Recorded drives as one table: readers, derived channels, smoothing, health."""

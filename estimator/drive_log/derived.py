@@ -1,0 +1,130 @@
+"""Channels a log may lack, from those it has: drive from wheel speeds or pedals, ax and ay from velocities."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.model.single_track import FULL_BRAKE_PA
+from hil_gateway.process.errors import InputError
+
+Array = NDArray[np.float64]
+
+DERIVATIVE_SPAN_S = 0.3
+"""Span of the local parabola that differentiates velocities: passes what a car does, up to about 3 Hz."""
+
+FULL_THROTTLE_DRIVE = 0.10
+"""Slip ratio taken to stand for full throttle."""
+
+FULL_BRAKE_DRIVE = 0.30
+"""Slip ratio taken to stand for full braking, 6 MPa or pedal 1: brakes act on four wheels, the engine on two."""
+
+PEDALS_MUST_EXPLAIN = (0.3, 1.5)
+"""Pedals replace wheel speeds where their correlation with d/dt vx is above the first, and so many times as high."""
+
+
+def add_missing_channels(
+    path: Path, columns: dict[str, Array], segment: NDArray[np.int64]
+) -> tuple[dict[str, Array], dict[str, str]]:
+    """`columns` with `ax`, `ay`, `drive` filled in where missing, and column -> how it was derived.
+
+    Raises:
+        InputError: `drive` is missing and nothing it could be derived from is there.
+    """
+    complete, derived = dict(columns), {}
+    if "ax" not in columns:
+        vx_dot = derivative(columns["t"], columns["vx"], segment)
+        complete["ax"] = vx_dot - columns["vy"] * columns["yaw_rate"]
+        derived["ax"] = "d/dt vx - vy yaw_rate, so grade counts as acceleration"
+    if "ay" not in columns:
+        vy_dot = derivative(columns["t"], columns["vy"], segment)
+        complete["ay"] = vy_dot + columns["vx"] * columns["yaw_rate"]
+        derived["ay"] = "d/dt vy + vx yaw_rate, so bank counts as acceleration"
+    if "drive" not in columns:
+        complete["drive"], derived["drive"] = derive_drive(path, columns, segment)
+    return complete, derived
+
+
+def derivative(t: Array, values: Array, segment: NDArray[np.int64], span: float = DERIVATIVE_SPAN_S) -> Array:
+    """d/dt of (n,) `values` by local parabolas (Savitzky & Golay 1964) within each uninterrupted segment."""
+    from scipy.signal import savgol_filter
+
+    step = float(np.median(np.diff(t)))
+    window = max(5, 2 * round(0.5 * span / step) + 1)
+    result = np.zeros_like(values)
+    bounds = np.concatenate([[0], np.flatnonzero(np.diff(segment)) + 1, [len(t)]])
+    for a, b in itertools.pairwise(bounds):
+        if b - a >= window:
+            result[a:b] = savgol_filter(values[a:b], window, 2, deriv=1, delta=step)
+        elif b - a > 1:
+            result[a:b] = np.gradient(values[a:b], t[a:b])
+    return result
+
+
+def derive_drive(path: Path, columns: dict[str, Array], segment: NDArray[np.int64]) -> tuple[Array, str]:
+    """Slip-ratio command from wheel speeds, else from throttle and brake; where both are there, what explains more."""
+    slip = _slip_from_wheels(columns)
+    pedals = _drive_from_pedals(columns)
+    if slip is None and pedals is None:
+        raise InputError(
+            f"{path}: row 1: column drive is missing and cannot be derived:"
+            " wheel_speed_rl and wheel_speed_rr, or throttle, are needed"
+        )
+    if slip is None or pedals is None:
+        return slip or pedals  # type: ignore[return-value]  # one of them is there
+    vx_dot = derivative(columns["t"], columns["vx"], segment)
+    moving = columns["vx"] > 0.2 * float(np.quantile(columns["vx"], 0.95))
+    by_slip, by_pedals = (abs(_correlation(d[0][moving], vx_dot[moving])) for d in (slip, pedals))
+    least, times = PEDALS_MUST_EXPLAIN
+    if by_pedals < max(least, times * by_slip):
+        return slip
+    return pedals[0], f"{pedals[1]}; wheel-speed slip follows d/dt vx less ({by_slip:.2f} against {by_pedals:.2f})"
+
+
+def _slip_from_wheels(columns: dict[str, Array]) -> tuple[Array, str] | None:
+    """(rear wheel speed - reference) / reference; the undriven front wheels are the reference where there are any.
+
+    The wheels roll without slip at the median, so a wrong rolling radius does not count as slip.
+    """
+    if not {"wheel_speed_rl", "wheel_speed_rr"} <= columns.keys():
+        return None
+    rear = 0.5 * (columns["wheel_speed_rl"] + columns["wheel_speed_rr"])
+    front = {"wheel_speed_fl", "wheel_speed_fr"} <= columns.keys()
+    reference = 0.5 * (columns["wheel_speed_fl"] + columns["wheel_speed_fr"]) if front else columns["vx"]
+    fast = float(np.quantile(np.abs(columns["vx"]), 0.95))
+    moving = np.abs(reference) > 0.3 * fast
+    scale = float(np.median(rear[moving] / reference[moving])) if moving.any() else 1.0
+    how = "slip of the rear wheel speeds against " + ("the front wheel speeds" if front else "vx")
+    how += f", both in the ratio {scale:.4f} when rolling"
+    return (rear / scale - reference) / np.maximum(np.abs(reference), 0.1 * fast), how
+
+
+def _drive_from_pedals(columns: dict[str, Array]) -> tuple[Array, str] | None:
+    if "throttle" not in columns:
+        return None
+    brake = columns.get("brake", np.zeros_like(columns["throttle"]))
+    in_pascal, share = is_pressure(brake), brake_share(brake)
+    how = (
+        f"{FULL_THROTTLE_DRIVE:g} throttle - {FULL_BRAKE_DRIVE:g} brake"
+        + (f" / {FULL_BRAKE_PA / 1e6:g} MPa" if in_pascal else "")
+        + ", so C_x includes the scale of the pedals"
+    )
+    return FULL_THROTTLE_DRIVE * columns["throttle"] - FULL_BRAKE_DRIVE * share, how
+
+
+def is_pressure(brake: Array) -> bool:
+    """Whether a brake channel is in Pa and not a pedal, 0..1."""
+    return bool(brake.max() > 1.5)
+
+
+def brake_share(brake: Array) -> Array:
+    """Brake channel, Pa or 0..1, as a share of full braking."""
+    return brake / FULL_BRAKE_PA if is_pressure(brake) else brake
+
+
+def _correlation(a: Array, b: Array) -> float:
+    spread = float(np.std(a) * np.std(b))
+    return float(np.mean((a - a.mean()) * (b - b.mean()))) / spread if spread > 0 else 0.0

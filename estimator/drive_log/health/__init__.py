@@ -1,0 +1,91 @@
+"""Log health: what is wrong with a recording, found from the recording itself before anything is fitted.
+
+Finders are small modules with `find(log, vehicle)`; they run in an order in which each can rely on what the ones
+before it repaired. Every repair can be switched off by the finding's name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+
+from estimator.drive_log.health import acceleration, lateral_velocity, offsets, sampling, steering, units, wheels
+from estimator.drive_log.health.finding import Action, Finding
+from estimator.drive_log.table import DriveLog
+from hil_gateway.car.vehicle import Vehicle
+
+__all__ = ["Action", "Finding", "HealthReport", "examine"]
+
+FINDERS: tuple[Callable[[DriveLog, Vehicle], list[Finding]], ...] = (
+    sampling.find,
+    units.find,
+    acceleration.find,
+    offsets.find,
+    lateral_velocity.find,
+    steering.find,
+    wheels.find,
+)
+
+
+@dataclass(frozen=True)
+class HealthReport:
+    """What was found, and the log with what was repaired."""
+
+    findings: tuple[Finding, ...]
+    log: DriveLog
+
+    @property
+    def vy_is_displaced(self) -> bool:
+        """Whether vy is not simply that of the CoG: a fit then estimates its sensor along with the tyres."""
+        return any(f.channel == "vy" and f.action is Action.CORRECTED for f in self.findings)
+
+    @property
+    def yaw_rate_was_moved(self) -> bool:
+        """Whether the yaw rate was re-aligned: a fit then estimates what is left of its lag."""
+        return any(f.channel == "yaw_rate" and f.action is Action.REALIGNED for f in self.findings)
+
+    @property
+    def steering_is_off(self) -> bool:
+        """Whether the steering's zero is off: a fit then estimates it along with the tyres."""
+        return any(f.name == steering.OFFSET_STEER and f.action is Action.CORRECTED for f in self.findings)
+
+    def replaced(self, finding: Finding) -> HealthReport:
+        """This report with `finding` instead of the one of its name."""
+        return replace(self, findings=(*(f for f in self.findings if f.name != finding.name), finding))
+
+    @property
+    def doubtful(self) -> tuple[str, ...]:
+        """Channels not to be explained by effects: repaired too coarsely for it, or found to be useless."""
+        useless = tuple(f.channel for f in self.findings if f.action is Action.EXCLUDED and f.repair is None)
+        return ("vy",) * self.vy_is_displaced + ("yaw_rate",) * self.yaw_rate_was_moved + useless
+
+    def repaired(self, finding: Finding) -> HealthReport:
+        """This report with one more finding and its repair, for what only a fit can find; sizes of one name add up."""
+        log = self.log if finding.repair is None else finding.repair(self.log)
+        before = sum(f.size for f in self.findings if f.name == finding.name)
+        total = replace(finding, size=before + finding.size, description=finding.described(before + finding.size))
+        return replace(self.replaced(total), log=log)
+
+
+def examine(log: DriveLog, vehicle: Vehicle, keep: Collection[str] = ()) -> HealthReport:
+    """Run all finders on `log`; findings named in `keep` are reported but not acted on."""
+    findings: list[Finding] = []
+    for finder in FINDERS:
+        found = [_switched(finding, keep) for finding in finder(log, vehicle)]
+        for finding in found:
+            if finding.repair is not None:
+                log = _rederive(finding.repair(log), finding.channel)
+        findings += found
+    return HealthReport(tuple(findings), log)
+
+
+def _switched(finding: Finding, keep: Collection[str]) -> Finding:
+    return replace(finding, action=Action.LEFT, repair=None) if finding.name in keep else finding
+
+
+def _rederive(log: DriveLog, changed: str) -> DriveLog:
+    """Accelerations that were derived follow what they were derived from."""
+    axes = tuple(axis for axis in ("ax", "ay") if axis in log.derived)
+    if changed not in ("vx", "vy", "yaw_rate") or not axes:
+        return log
+    return acceleration.rederived(log, axes, f"{', '.join(axes)} derived again after {changed} was repaired")

@@ -1,0 +1,73 @@
+"""Acceleration channels against the derivative of velocity: late, attenuated or unrelated ones are not used."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.drive_log.derived import derivative
+from estimator.drive_log.health.finding import Action, Finding
+from estimator.drive_log.health.lag import Lag, lag_between
+from estimator.drive_log.table import DriveLog
+from estimator.offline.record.prepare import moving_speed
+from hil_gateway.car.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+LONGEST_S = 2.5
+LATE_S = 0.15
+GAIN_BAND = (0.6, 1.5)
+MIN_CORRELATION = 0.6
+
+
+def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
+    """ax, ay, and unknown columns named like them, that do not follow the velocities."""
+    moving = log["vx"] > moving_speed(log)
+    findings = []
+    for axis, expected in _kinematic(log).items():
+        names = [axis] if axis not in log.derived else []
+        names += [n for n in log.extra if re.match(rf"{axis}(_|$)", n)]
+        for name in names:
+            lag = lag_between(expected, log[name], moving, log.step, LONGEST_S, slowest=4.0)
+            if lag is not None and _useless(lag):
+                findings.append(_finding(log, name, axis, lag))
+    return findings
+
+
+def _kinematic(log: DriveLog) -> dict[str, Array]:
+    forward = derivative(log["t"], log["vx"], log.segment) - log["vy"] * log["yaw_rate"]
+    sideways = derivative(log["t"], log["vy"], log.segment) + log["vx"] * log["yaw_rate"]
+    return {"ax": forward, "ay": sideways}
+
+
+def _useless(lag: Lag) -> bool:
+    low, high = GAIN_BAND
+    return lag.correlation < MIN_CORRELATION or abs(lag.value) > LATE_S or not low < lag.gain < high
+
+
+def _finding(log: DriveLog, name: str, axis: str, lag: Lag) -> Finding:
+    velocity = "vx" if axis == "ax" else "vy"
+    late = "lags" if lag.value > 0 else "leads"
+    text = (
+        f"{name} is useless as {axis}: it {late} the derivative of {velocity} by {abs(lag.value):.2f} s, with gain"
+        f" {lag.gain:.2f} and correlation {lag.correlation:.2f} at best"
+    )
+    confidence = float(min(1.0, max(abs(lag.value) / LATE_S, 1.0 / max(lag.gain, 0.1)) / 2.0))
+    if name != axis:
+        return Finding(f"useless_{name}", name, text, lag.value, lag.std, "s", confidence, Action.EXCLUDED)
+
+    def repair(log: DriveLog) -> DriveLog:
+        return rederived(log, (axis,), f"{axis} as logged is not used: derived from velocities instead")
+
+    return Finding(f"useless_{name}", name, text, lag.value, lag.std, "s", confidence, Action.EXCLUDED, repair)
+
+
+def rederived(log: DriveLog, axes: tuple[str, ...], note: str) -> DriveLog:
+    """`log` with the named accelerations derived from the velocities it holds now."""
+    from dataclasses import replace
+
+    kinematic = _kinematic(log)
+    derived = {**log.derived, **{axis: log.derived.get(axis, "from velocities") for axis in axes}}
+    return replace(log.with_columns({axis: kinematic[axis] for axis in axes}, note), derived=derived)

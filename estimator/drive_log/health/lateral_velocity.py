@@ -1,0 +1,85 @@
+"""Where vy is measured, and how the sensor is turned: seen while the tyres slip little.
+
+At small slip the rear axle runs nearly where it points: vy at the CoG is lr yaw_rate less vx times a slip that grows
+with the rear axle's force, which Eq. (1) gives from ay and the yaw acceleration. So vy as reported =
+(lr + x) yaw_rate + angle vx + bias - vx (k ay + l yaw_acc + m ay^3), linear in the unknowns.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.drive_log.health.finding import Action, Finding, confidence_of
+from estimator.drive_log.health.regression import PARTS, jackknifed
+from estimator.drive_log.table import DriveLog
+from estimator.offline.record.prepare import moving_speed, prepare
+from hil_gateway.car.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+GENTLE_SHARE = 0.35
+"""Only samples below this share of the log's hardest cornering are used."""
+
+LEAST_ANGLE = 0.004
+"""rad; less is within what tyres and road do"""
+
+LEAST_POSITION = 0.2
+"""share of the wheelbase"""
+
+
+def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
+    """Misalignment with bias, and position, of the sensor of vy."""
+    estimate = sensor_of_vy(log, vehicle)
+    if estimate is None:
+        return []
+    (x, angle, bias), std = estimate
+    speed = float(np.median(log["vx"][log["vx"] > moving_speed(log)]))
+    findings = []
+    parts = ((angle, std[1]), (bias / speed, std[2] / speed))
+    if any(abs(size) > LEAST_ANGLE and abs(size) > 5.0 * error for size, error in parts):
+        findings.append(_misaligned(angle, bias, speed, (float(std[1]), float(std[2]))))
+    least = LEAST_POSITION * vehicle.wheelbase
+    if abs(x) > least and abs(x) > 5.0 * std[0]:
+        findings.append(_displaced(x, float(std[0]), least))
+    return findings
+
+
+def sensor_of_vy(log: DriveLog, vehicle: Vehicle) -> tuple[Array, Array] | None:
+    """(x ahead of the CoG m, angle rad, bias m/s) and their standard deviations; None without gentle driving."""
+    samples = prepare(log)
+    vx, yaw_rate, vy = samples["vx"], samples["yaw_rate"], log["vy"][samples.row]
+    cornering = np.abs(vx * yaw_rate)
+    gentle = cornering < GENTLE_SHARE * np.quantile(cornering, 0.99)
+    if gentle.sum() < 50 * PARTS:
+        return None
+    force = samples["ay"]
+    X = np.stack([yaw_rate, vx, np.ones_like(vx), vx * force, vx * samples["yaw_acc"], vx * force**3], axis=1)[gentle]
+    whole, spread = jackknifed(X, vy[gentle])
+    whole[0] -= vehicle.lr
+    return whole[:3], spread[:3]
+
+
+def _misaligned(angle: float, bias: float, speed: float, std: tuple[float, float]) -> Finding:
+    turned, error = angle + bias / speed, float(np.hypot(std[0], std[1] / speed))
+    text = (
+        f"vy is turned by {np.degrees(turned):+.2f} deg at {speed:.0f} m/s (misalignment {np.degrees(angle):+.2f}"
+        f" +- {np.degrees(std[0]):.2f} deg, bias {bias:+.3f} +- {std[1]:.3f} m/s): a side-slip that is not there"
+    )
+
+    def repair(log: DriveLog) -> DriveLog:
+        corrected = log["vy"] - angle * log["vx"] - bias
+        return log.with_columns({"vy": corrected}, f"vy less {angle:.4f} vx and {bias:.3f} m/s")
+
+    return Finding(
+        "offset_vy", "vy", text, turned, error, "rad", confidence_of(angle, std[0], 0.0), Action.CORRECTED, repair
+    )
+
+
+def _displaced(x: float, std: float, least: float) -> Finding:
+    text = f"vy is measured {abs(x):.2f} m {'ahead of' if x > 0 else 'behind'} the centre of gravity"
+
+    def repair(log: DriveLog) -> DriveLog:
+        return log.with_columns({"vy": log["vy"] - x * log["yaw_rate"]}, f"vy moved {x:.2f} m to the CoG")
+
+    return Finding("position_vy", "vy", text, x, std, "m", confidence_of(x, std, least), Action.CORRECTED, repair)

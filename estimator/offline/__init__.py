@@ -1,0 +1,1 @@
+"""Identification and diagnosis of recorded drives: record -> predict -> fit -> search -> result -> report."""

@@ -1,0 +1,1 @@
+"""Fits: equation error, output error, prediction error, recursive; and what the data determines."""

@@ -1,0 +1,88 @@
+"""Steps of a fit: damped, inside the bounds, along coordinates in which the minimum is no curved valley."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.offline.fit.normal import Normal
+
+Array = NDArray[np.float64]
+
+LARGEST_LOG_STEP = 0.4
+RIDGE = 1e-11
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """Step coordinates log(B C D), log C, log D of each axle instead of B, C, D; the other parameters themselves.
+
+    At small slip only the product shows; in B, C, D themselves the minimum lies in a long curved valley.
+
+    Attributes:
+        axles: indices of B, C, D of each axle.
+        lower, upper: (p,) bounds of the parameters.
+    """
+
+    axles: tuple[tuple[int, int, int], ...]
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def of(cls, tyre: Sequence[str], lower: Array, upper: Array) -> Coordinates:
+        """Coordinates for parameters that begin with those of the tyre."""
+        axles = [axle for axle in ("", "f", "r") if f"b{axle}" in tyre]
+        return cls(tuple((tyre.index(f"b{a}"), tyre.index(f"c{a}"), tyre.index(f"d{a}")) for a in axles), lower, upper)
+
+    def damped_step(self, normal: Normal, at: Array, damping: float) -> Array:
+        """Next parameters: a Levenberg-Marquardt step in which what would leave its bounds goes just there."""
+        tangent = self._tangent(at)
+        total = tangent.T @ normal.precision(normal.variance) @ tangent
+        pull = tangent.T @ normal.pull(normal.variance)
+        low, high = self._room(at)
+        step, free = np.zeros(len(at)), np.ones(len(at), bool)
+        while free.any():
+            rest = pull[free] - total[np.ix_(free, ~free)] @ step[~free]
+            step[free] = _damped_solve(total[np.ix_(free, free)], rest, damping)
+            outside = free & ((step < low) | (step > high))
+            if not outside.any():
+                break
+            step[outside] = np.clip(step, low, high)[outside]
+            free &= ~outside
+        return np.clip(self._advance(at, step), self.lower, self.upper)
+
+    def _tangent(self, at: Array) -> Array:
+        """(p, p) derivative of the parameters by the step coordinates."""
+        out = np.eye(len(at))
+        for b, c, d in self.axles:
+            out[b, b], out[b, c], out[b, d] = at[b], -at[b], -at[b]
+            out[c, c], out[d, d] = at[c], at[d]
+        return out
+
+    def _room(self, at: Array) -> tuple[Array, Array]:
+        """Least and largest step in each coordinate."""
+        low, high = self.lower - at, self.upper - at
+        for b, c, d in self.axles:
+            low[b], high[b] = -LARGEST_LOG_STEP, LARGEST_LOG_STEP
+            for i in (c, d):
+                low[i] = max(-LARGEST_LOG_STEP, float(np.log(self.lower[i] / at[i])))
+                high[i] = min(LARGEST_LOG_STEP, float(np.log(self.upper[i] / at[i])))
+        return low, high
+
+    def _advance(self, at: Array, step: Array) -> Array:
+        """Parameters after a step in step coordinates."""
+        out = at + step
+        for b, c, d in self.axles:
+            out[c], out[d] = at[c] * np.exp(step[c]), at[d] * np.exp(step[d])
+            out[b] = at[b] * np.exp(step[b] - step[c] - step[d])
+        return out
+
+
+def _damped_solve(total: Array, pull: Array, damping: float) -> Array:
+    scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
+    scaled = total / scale[:, None] / scale + (damping + RIDGE) * np.eye(len(scale))
+    step: Array = np.linalg.solve(scaled, pull / scale) / scale
+    return step

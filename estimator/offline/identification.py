@@ -1,0 +1,250 @@
+"""The whole of an identification: health, smoothing, split, fit by the chosen method, scores, identifiability."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.drive_log.health import HealthReport, examine
+from estimator.drive_log.health.steering import LAG_STEER, lag_of, zero_of
+from estimator.drive_log.table import DriveLog
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Layout
+from estimator.model.single_track import SingleTrack
+from estimator.offline.fit.equation_error import Fit, fit
+from estimator.offline.fit.identifiability import Identifiability, analyse
+from estimator.offline.fit.nuisance import steer_timing, steer_zero, vy_sensor, yaw_rate_timing
+from estimator.offline.fit.output_error import OutputErrorSettings, fit_output_error
+from estimator.offline.fit.recursive import CurvePoint, Recursion, averaged, batch, sample
+from estimator.offline.predict.evaluate import ModelColumns
+from estimator.offline.predict.rollout import Rollout
+from estimator.offline.record.prepare import Samples, prepare, spinning
+from estimator.offline.record.split import Split, split
+from estimator.offline.result.identification_score import Scores, as_summary, score_samples, simulations
+from hil_gateway.car.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+Method = Literal["batch", "sample", "nls"]
+Formulation = Literal["auto", "algebraic", "output_error"]
+Progress = Callable[[str, float], None]
+
+LAG_ROUNDS = 3
+"""Times a steering lag is taken out and estimated again: the model's delay is of first order."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to do; `keep` names health findings that are reported but not acted on."""
+
+    layout: Layout = "per_axle"
+    method: Method = "nls"
+    formulation: Formulation = "auto"
+    window_s: float = 4.0
+    keep: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Everything a report needs.
+
+    `initial` and `final` are tyre parameters; `rmse` is channel -> (initial, final) on held-out data; `rollouts` are
+    (initial, final) open-loop predictions of the held-out data, `samples` are those of the whole log.
+    """
+
+    options: Options
+    vehicle: Vehicle
+    formulation: Formulation
+    log: DriveLog
+    samples: Samples
+    split: Split
+    health: HealthReport
+    columns: ModelColumns
+    fit: Fit
+    initial: Mapping[str, float]
+    rmse: Scores
+    curve: tuple[CurvePoint, ...]
+    identifiability: Identifiability
+    rollouts: tuple[Rollout, Rollout]
+    seconds: float
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def final(self) -> dict[str, float]:
+        """Tyre parameters identified."""
+        return {n: self.fit.values[n] for n in self.initial}
+
+    def summary(self) -> dict[str, Any]:
+        """The `--json` object."""
+        known = self.identifiability
+        return {
+            "layout": self.options.layout,
+            "method": self.options.method,
+            "formulation": self.formulation,
+            "initial": dict(self.initial),
+            "final": self.final,
+            "std": {n: self.fit.std[n] for n in self.initial},
+            "covariance": {"names": list(self.fit.names), "matrix": self.fit.covariance.tolist()},
+            "identifiable": known.identifiable,
+            "not_determined": list(known.statements),
+            "information": {
+                "trace": known.trace,
+                "d_criterion": _finite(known.d_criterion),
+                "a_criterion": _finite(known.a_criterion),
+                "e_criterion": known.e_criterion,
+                "condition_number": _finite(known.condition_number),
+            },
+            "nuisance": {n: {"value": v, "std": self.fit.std[n]} for n, v in self.fit.values.items() if "." in n},
+            "rmse": as_summary(self.rmse),
+            "curve": [{"batch": p.batch, **p.rmse} for p in self.curve],
+            "health": [finding.summary() for finding in self.health.findings],
+            "rows": len(self.log),
+            "samples": len(self.samples),
+            "split": self.split.kind,
+            "notes": [*self.log.notes, *self.notes],
+            "seconds": self.seconds,
+        }
+
+
+def identify(
+    log: DriveLog,
+    vehicle: Vehicle,
+    tyre_prior: Mapping[str, float] | None,
+    options: Options,
+    progress: Progress = lambda what, share: None,
+) -> Identification:
+    """Identify the tyre parameters of `vehicle` from `log`."""
+    began = time.perf_counter()
+    progress("log health", 0.0)
+    health = examine(log, vehicle, options.keep)
+    task = _Task(health.log, vehicle, tyre_prior, options, _formulation(options), progress)
+    fitted, task, health = _fit_and_repair(task, health)
+    progress("held-out error", 0.9)
+    held_out = fitted.samples.select(fitted.split.test)
+    columns, theta = fitted.columns, fitted.fit.theta
+    rollouts = simulations(columns, theta, task.log, held_out, options.window_s)
+    scores = score_samples(columns, theta, held_out, rollouts if task.formulation == "output_error" else None)
+    known = analyse(fitted.fit, fitted.samples.select(fitted.split.train), vehicle, options.layout)
+    progress("done", 1.0)
+    return Identification(
+        options=options,
+        vehicle=vehicle,
+        formulation=task.formulation,
+        log=task.log,
+        samples=fitted.samples,
+        split=fitted.split,
+        health=health,
+        columns=fitted.columns,
+        fit=fitted.fit,
+        initial={p.name: p.prior for p in fitted.columns.model.tyre_table},
+        rmse=scores,
+        curve=fitted.curve,
+        identifiability=known,
+        rollouts=rollouts,
+        notes=_notes(task.log),
+        seconds=time.perf_counter() - began,
+    )
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """A fit with what it was made of."""
+
+    samples: Samples
+    split: Split
+    columns: ModelColumns
+    fit: Fit
+    curve: tuple[CurvePoint, ...]
+
+
+def _fit_and_repair(task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, HealthReport]:
+    """Fit, move the steering by the lag the fit finds, fit again; what the fit found joins the log's health."""
+    fitted = _fit_and_split(task, health)
+    for round_number in range(LAG_ROUNDS):
+        if (lag := lag_of(fitted.fit, task.log.step, again=round_number > 0)) is None:
+            break
+        health = health.repaired(lag)
+        task = replace(task, log=health.log)
+        fitted = _fit_and_split(task, health, fitted.fit)
+    if (zero := zero_of(fitted.fit)) is not None:
+        health = health.replaced(zero)
+    return fitted, task, health
+
+
+def _fit_and_split(task: _Task, health: HealthReport, known: Fit | None = None) -> _Fitted:
+    task.progress("smoothing", 0.1)
+    samples = prepare(task.log)
+    divided = split(task.log, samples)
+    columns = _columns(task, health)
+    train, test = samples.select(divided.train), samples.select(divided.test)
+    result, curve = _fit(task, columns, train, test, known)
+    return _Fitted(samples, divided, columns, result, curve)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What all steps of one identification share."""
+
+    log: DriveLog
+    vehicle: Vehicle
+    prior: Mapping[str, float] | None
+    options: Options
+    formulation: Formulation
+    progress: Progress
+
+
+def _formulation(options: Options) -> Formulation:
+    """The recursions are algebraic; a full fit simulates: neither noisy slip angles nor bad accelerations bias it."""
+    if options.method != "nls":
+        return "algebraic"
+    return "output_error" if options.formulation == "auto" else options.formulation
+
+
+def _columns(task: _Task, health: HealthReport) -> ModelColumns:
+    options = task.options
+    nuisances: list[Effect] = []
+    if LAG_STEER not in options.keep:
+        nuisances.append(steer_timing(task.log.step))
+    if health.steering_is_off:
+        nuisances.append(steer_zero())
+    if task.formulation == "output_error" and health.vy_is_displaced:
+        nuisances.append(vy_sensor())
+    if task.formulation == "output_error" and health.yaw_rate_was_moved:
+        nuisances.append(yaw_rate_timing())
+    return ModelColumns(SingleTrack(task.vehicle, options.layout, tuple(nuisances), task.prior))
+
+
+def _fit(
+    task: _Task, columns: ModelColumns, train: Samples, held_out: Samples, known: Fit | None
+) -> tuple[Fit, tuple[CurvePoint, ...]]:
+    recursion = _recursion(task, columns, train, averaged(held_out))
+    if task.options.method != "nls":
+        return recursion.fit, recursion.curve
+    task.progress("nonlinear least squares", 0.5)
+    trusted = not {"ax", "ay"} & set(task.log.derived)
+    start = fit(columns, averaged(train)) if trusted or task.formulation == "algebraic" else None
+    if start is not None and task.formulation == "algebraic":
+        return start, recursion.curve
+    outputs = ("vy", "yaw_rate", "ay") if trusted else ("vy", "yaw_rate")
+    settings = OutputErrorSettings(window_s=task.options.window_s, outputs=outputs)
+    candidates = [columns.start, *(one.theta for one in (start, known) if one is not None)]
+    return fit_output_error(columns, task.log, train, settings, candidates), recursion.curve
+
+
+def _recursion(task: _Task, columns: ModelColumns, train: Samples, held_out: Samples) -> Recursion:
+    method = sample if task.options.method == "sample" else batch
+    name = "sample by sample" if task.options.method == "sample" else "batches"
+    return method(columns, averaged(train), held_out, lambda share: task.progress(name, 0.2 + 0.3 * share))
+
+
+def _notes(log: DriveLog) -> tuple[str, ...]:
+    spun = int(spinning(log).sum())
+    return (f"{spun} rows are left out: the car spins or slides sideways",) if spun else ()
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

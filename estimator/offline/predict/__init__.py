@@ -1,0 +1,1 @@
+"""What a model predicts of a record, with sensitivities to its parameters."""

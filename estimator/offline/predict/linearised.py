@@ -1,0 +1,76 @@
+"""Residual and sensitivity of the measured signals around one set of parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.offline.predict.innovations import STATE_ROWS, VY_ROW, YAW_RATE_ROW, Innovations
+from estimator.offline.predict.propagate import MOTION, Propagator
+from estimator.offline.record.noise import Noise
+from estimator.offline.record.record import Record
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """What a model leaves of the measured signals around one set of parameters.
+
+    Attributes:
+        error: (5, windows, blocks) whitened residual of the measured signals.
+        sensitivity: (5, p, windows, blocks) of the predictions by the parameters, whitened alike.
+        propagator, forces_by: the motion, and the derivatives (2, 3, windows, blocks) of ax, ay by the states.
+        inputs: (blocks, windows, 11, 1 + p) of the predictor, see `Innovations`.
+    """
+
+    record: Record
+    propagator: Propagator
+    forces_by: Array
+    innovations: Innovations
+    inputs: Array
+    error: Array
+    sensitivity: Array
+
+    def error_under(self, noise: Noise) -> tuple[Array, Array]:
+        """Residual (5, windows, blocks) as it would be with other noise, and the scale of its whitening (5,)."""
+        innovations = Innovations.make(self.record, self.propagator, self.forces_by, noise)
+        return np.moveaxis(innovations.run(self.inputs[..., :1].copy())[..., 0], 2, 0), innovations.scale
+
+
+def linearised(record: Record, values: Array, state_by: Array, jacobian: Array, noise: Noise) -> Linearised:
+    """Residual and sensitivity of the measured signals.
+
+    Args:
+        record: the windows.
+        values, state_by, jacobian: predictions and derivatives as `Predictor.linearise` gives them.
+        noise: of the measured signals and of the motion.
+    """
+    lateral_is_known = record.used[YAW_RATE_ROW] or record.used[VY_ROW]
+    if not lateral_is_known:
+        state_by = state_by.copy()
+        state_by[[2, 4]] = 0.0
+    propagator = Propagator.make(state_by, record.block_step)
+    forces_by = state_by[:2]
+    innovations = Innovations.make(record, propagator, forces_by, noise)
+    inputs = _inputs(record, values, jacobian)
+    if not lateral_is_known:
+        inputs[:, :, 4:6] = 0.0
+    out = np.moveaxis(innovations.run(inputs), (0, 1, 2, 3), (3, 2, 0, 1))
+    return Linearised(record, propagator, forces_by, innovations, inputs, out[:, 0], out[:, 1:])
+
+
+def _inputs(record: Record, values: Array, jacobian: Array) -> Array:
+    """Column 0: defect of the motion, measured less predicted; the others: less what a unit of each parameter adds."""
+    step, measured = record.block_step, record.measured_blocks
+    windows, blocks = record.rows.shape[:2]
+    inputs = np.zeros((blocks, windows, 11, 1 + jacobian.shape[1]))
+    defect = values[list(MOTION)] * step - np.diff(record.state_edges, axis=2)
+    inputs[:, :, 3:6, 0] = defect.transpose(2, 1, 0)
+    inputs[:, :, 6:8, 0] = (measured[:2] - values[:2]).transpose(2, 1, 0)
+    inputs[:, :, 8:, 0] = (measured[STATE_ROWS] - record.state_means).transpose(2, 1, 0)
+    inputs[:, :, 3:6, 1:] = np.moveaxis(jacobian[list(MOTION)] * -step, (0, 1, 2, 3), (2, 3, 1, 0))
+    inputs[:, :, 6:8, 1:] = np.moveaxis(jacobian[:2], (0, 1, 2, 3), (2, 3, 1, 0))
+    return inputs

@@ -1,0 +1,203 @@
+"""A model over the windows of a record: predictions of the five channels and their derivatives by every parameter.
+
+Parameters are ordered: tyre, then each effect's. A profile contributes its spline coefficients; a parameter of
+an effect with memory is differentiated numerically through the past.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import AUXILIARY, CHANNELS, SIGNALS, SingleTrack, Terms
+from estimator.model.tyre import Expr
+from estimator.offline.predict.evaluate import Columns
+from estimator.offline.record.record import Record
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Block:
+    """One effect's place in the parameter vector."""
+
+    effect: Effect
+    parameters: slice
+
+
+class Predictor:
+    """Predictions of one model on one record."""
+
+    def __init__(self, model: SingleTrack, record: Record) -> None:
+        """Nothing is evaluated yet; the symbolic function is built on first use."""
+        self.model, self.record = model, record
+        start = len(model.tyre_table)
+        blocks = []
+        for effect in model.effects:
+            size = record.bases[effect.profile].size if effect.profile else len(effect.parameters)
+            blocks.append(Block(effect, slice(start, start + size)))
+            start += size
+        self.blocks, self.size = tuple(blocks), start
+
+    def __reduce__(self) -> tuple[type[Predictor], tuple[SingleTrack, Record]]:
+        """Another process builds the symbolic functions anew."""
+        return Predictor, (self.model, self.record)
+
+    @cached_property
+    def table(self) -> tuple[Parameter, ...]:
+        """One entry a parameter; the coefficients of a profile share theirs."""
+        rows: list[Parameter] = list(self.model.tyre_table)
+        for block in self.blocks:
+            effect = block.effect
+            size = block.parameters.stop - block.parameters.start
+            rows.extend(effect.parameters * size if effect.profile else effect.parameters)
+        return tuple(rows)
+
+    def start(self, tyre: Sequence[float]) -> Array:
+        """Start of a fit: given tyre parameters, each effect at its own start."""
+        values = [*tyre]
+        for block in self.blocks:
+            size = block.parameters.stop - block.parameters.start
+            values.extend(block.effect.start() * (size if block.effect.profile else 1))
+        return np.array(values)
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bound of every parameter (p,).
+
+        An effect whose neutral value is a stationary point is kept a little off it: a fit could never leave it again.
+        """
+        lower, upper = (np.array([getattr(p, side) for p in self.table]) for side in ("lower", "upper"))
+        for block in self.blocks:
+            if block.effect.initial and not block.effect.prepare:
+                prior, start = np.array(block.effect.neutral()), np.array(block.effect.initial)
+                own, off = lower[block.parameters], prior + OFF_NEUTRAL * (start - prior)
+                own[own == prior] = off[own == prior]
+        return lower, upper
+
+    @cached_property
+    def prior_precision(self) -> Array:
+        """(p, p) weak prior from the parameter table; smoothness for profiles."""
+        precision = np.diag([1.0 / p.prior_std**2 for p in self.table])
+        for block in self.blocks:
+            if block.effect.profile:
+                std = block.effect.parameters[0].prior_std
+                precision[block.parameters, block.parameters] = self.record.bases[block.effect.profile].precision(std)
+        return precision
+
+    @cached_property
+    def _expressions(self) -> tuple[Expr, Expr, Expr, Expr]:
+        """Inputs, parameters that are the same for all samples, channels, and what these are differentiated by."""
+        names = (*SIGNALS, *AUXILIARY, *self._memory_names)
+        inputs = ca.SX.sym("inputs", len(names) + len(self._profiles))
+        theta = ca.SX.sym("theta", len(self.model.tyre_table) + len(self._points))
+        parts, given = ca.vertsplit(theta), ca.vertsplit(inputs)
+        aux = dict(zip(names[len(SIGNALS) :], given[len(SIGNALS) : len(names)], strict=True))
+        terms = Terms(self.model.vehicle, **dict(zip(SIGNALS, given, strict=False)), aux=aux)
+        points, profiles = iter(parts[len(self.model.tyre_table) :]), iter(given[len(names) :])
+        phi = [next(profiles) if e.profile else next(points) for e in self.model.effects for _ in e.parameters]
+        self.model.evaluate(terms, parts[: len(self.model.tyre_table)], phi)
+        by, out = ca.vertcat(*given[:STATES], theta, *given[len(names) :]), ca.vertcat(*terms.channels())
+        return inputs, theta, out, by
+
+    @cached_property
+    def _values(self) -> Columns:
+        inputs, theta, out, _ = self._expressions
+        return Columns(ca.Function("values", [inputs, theta], [ca.densify(out)], {"cse": True}))
+
+    @cached_property
+    def _derivatives(self) -> Columns:
+        inputs, theta, out, by = self._expressions
+        full = ca.vertcat(out, ca.vec(ca.densify(ca.jacobian(out, by))))
+        return Columns(ca.Function("derivatives", [inputs, theta], [ca.densify(full)], {"cse": True}))
+
+    @property
+    def _profiles(self) -> tuple[Block, ...]:
+        return tuple(b for b in self.blocks if b.effect.profile)
+
+    @property
+    def _memory(self) -> tuple[Block, ...]:
+        return tuple(b for b in self.blocks if b.effect.prepare)
+
+    @cached_property
+    def _memory_names(self) -> tuple[str, ...]:
+        return tuple(n for b in self._memory for n in b.effect.remembers)
+
+    @property
+    def _points(self) -> list[int]:
+        return [i for b in self.blocks if not b.effect.profile for i in range(b.parameters.start, b.parameters.stop)]
+
+    @cached_property
+    def _plain_inputs(self) -> Array:
+        record = self.record
+        zero = np.zeros(record.rows.shape[:2])
+        others = (*SIGNALS[STATES:], *AUXILIARY)
+        rows = [record.thin(record.signals[n]) if n in record.signals else zero for n in others]
+        return np.stack([*record.state_means, *rows]).reshape(STATES + len(rows), -1)
+
+    @cached_property
+    def _bases(self) -> dict[str, Array]:
+        record = self.record
+        return {
+            b.effect.name: record.bases[b.effect.profile].matrix(record.thin(record.signals[b.effect.profile]).ravel())
+            for b in self._profiles
+        }
+
+    def inputs(self, parameters: Array) -> Array:
+        """(k, windows * blocks) everything the model is evaluated at, states first."""
+        rows = [self._plain_inputs]
+        signals = dict(self.record.signals)
+        memory: dict[str, Array] = {}
+        for block in self._memory:
+            assert block.effect.prepare is not None
+            made = block.effect.prepare(signals, self.record.vehicle, tuple(parameters[block.parameters]))
+            signals |= made
+            memory |= made
+        rows.extend(self.record.thin(memory[n]).reshape(1, -1) for n in self._memory_names)
+        rows.extend((self._bases[b.effect.name] @ parameters[b.parameters])[None] for b in self._profiles)
+        return np.concatenate(rows)
+
+    def _theta(self, parameters: Array) -> Array:
+        return parameters[[*range(len(self.model.tyre_table)), *self._points]]
+
+    def at_inputs(self, inputs: Array, parameters: Array) -> Array:
+        """(5, n) predictions at given `inputs` (k, n)."""
+        return self._values(inputs, self._theta(parameters))
+
+    def predict(self, parameters: Array) -> Array:
+        """(5, windows, blocks) predictions, motion channels as derivatives."""
+        return self._values(self.inputs(parameters), self._theta(parameters)).reshape(5, *self.record.rows.shape[:2])
+
+    def linearise(self, parameters: Array) -> tuple[Array, Array, Array]:
+        """Predictions (5, windows, blocks), derivatives by states (5, 3, ...) and by parameters (5, p, ...)."""
+        out = self._derivatives(self.inputs(parameters), self._theta(parameters))
+        c, shape = len(CHANNELS), self.record.rows.shape[:2]
+        values, by = out[:c], out[c:].reshape(-1, c, out.shape[1]).swapaxes(0, 1)
+        jacobian = np.zeros((c, self.size, out.shape[1]))
+        columns = [*range(len(self.model.tyre_table)), *self._points]
+        jacobian[:, columns] = by[:, STATES : STATES + len(columns)]
+        for k, block in enumerate(self._profiles):
+            at_point = by[:, STATES + len(columns) + k]
+            jacobian[:, block.parameters] = at_point[:, None, :] * self._bases[block.effect.name].T
+        jacobian = jacobian.reshape(c, self.size, *shape)
+        values = values.reshape(c, *shape)
+        for block in self._memory:
+            for i in range(block.parameters.start, block.parameters.stop):
+                step = MEMORY_STEP * self.table[i].prior_std
+                jacobian[:, i] = (self.predict(parameters + step * np.eye(self.size)[i]) - values) / step
+        return values, by[:, :STATES].reshape(c, STATES, *shape), jacobian
+
+
+STATES = 3
+"""vx, vy, yaw_rate: the first of `SIGNALS`, and the integrals of the last three channels (other order)."""
+OFF_NEUTRAL = 0.1
+"""Share of its start that an effect keeps whose neutral value, at its lower bound, is a stationary point."""
+MEMORY_STEP = 0.02
+"""Step of the numerical derivative through the past, in prior standard deviations."""

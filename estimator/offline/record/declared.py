@@ -1,0 +1,85 @@
+"""Vehicle and tyre prior from JSON files, checked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from estimator.model.parameters import DEFAULT_TYRE, Layout
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.errors import InputError
+
+
+def read_vehicle(path: Path | None) -> Vehicle:
+    """Vehicle data; the AV-24's where no file is given.
+
+    Raises:
+        InputError: unreadable file, unknown key, missing or impossible value.
+    """
+    if path is None:
+        return Vehicle()
+    data = _read_object(path)
+    for key in ("mass", "yaw_inertia", "lf", "lr"):
+        if key not in data:
+            raise InputError(f"{path}: {key} is missing: mass, yaw_inertia, lf and lr are needed")
+    try:
+        return Vehicle.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"{path}: {key} = {first['input']!r}: {first['msg'].lower()}") from None
+
+
+def default_tyre_prior(layout: Layout, vehicle: Vehicle) -> Mapping[str, float]:
+    """The AV-24's tyres, with C_x in proportion to the weight they carry: B, C and D have no such scale."""
+    values = DEFAULT_TYRE[layout]
+    return {**values, "cx": values["cx"] * vehicle.mass / Vehicle().mass}
+
+
+def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle | None = None) -> Mapping[str, float]:
+    """Tyre prior of `layout`; one given for the other layout is converted (axle means, or both axles alike).
+
+    Without a file it is `default_tyre_prior`.
+
+    Raises:
+        InputError: unreadable file, unknown key, missing, non-numeric or not positive value.
+    """
+    if path is None:
+        return default_tyre_prior(layout, vehicle or Vehicle())
+    data = _read_object(path)
+    given: Layout = "shared" if "b" in data else "per_axle"
+    names = tuple(DEFAULT_TYRE[given])
+    if unknown := sorted(set(data) - set(names)):
+        raise InputError(f"{path}: unknown key {unknown[0]}: a tyre prior holds {', '.join(names)}")
+    for name in names:
+        value = data.get(name)
+        if value is None:
+            raise InputError(f"{path}: {name} is missing: a tyre prior holds {', '.join(names)}")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
+            raise InputError(f"{path}: {name} = {value!r} must be a positive number")
+    return in_layout({name: float(data[name]) for name in names}, given, layout)
+
+
+def in_layout(values: Mapping[str, float], given: Layout, wanted: Layout) -> Mapping[str, float]:
+    """Tyre parameters of one layout in another."""
+    if given == wanted:
+        return dict(values)
+    if wanted == "per_axle":
+        return {name: values["cx" if name == "cx" else name[0]] for name in DEFAULT_TYRE["per_axle"]}
+    return {n: values["cx"] if n == "cx" else 0.5 * (values[f"{n}f"] + values[f"{n}r"]) for n in DEFAULT_TYRE["shared"]}
+
+
+def _read_object(path: Path) -> dict[str, Any]:
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot read: {error.strerror}") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not valid JSON: {error}") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: must hold one JSON object")
+    return data

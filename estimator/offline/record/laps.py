@@ -1,0 +1,94 @@
+"""Laps and position along the lap, from what a log offers: lap numbers, positions, or neither."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.drive_log.table import DriveLog
+from estimator.offline.record.split import BLOCK_S
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SHORTEST_LAP_S = 15.0
+RETURN_RADIUS_M = 25.0
+
+
+def lap_numbers(log: DriveLog) -> tuple[Ints, bool]:
+    """(n,) lap of every row, and whether these are real laps (else blocks of time)."""
+    if "lap" in log and len(np.unique(log["lap"])) >= 3:
+        return log["lap"].astype(np.int64), True
+    if "x" in log and "y" in log:
+        laps = _laps_from_position(log)
+        if laps.max() >= 3:
+            return laps, True
+    return ((log["t"] - log["t"][0]) // BLOCK_S).astype(np.int64) + 10_000 * log.segment, False
+
+
+def _laps_from_position(log: DriveLog) -> Ints:
+    """Counts returns, in the same direction, to where the car was at half its fastest speed for the first time."""
+    speed = np.hypot(log["vx"], log["vy"])
+    start = int(np.argmax(speed > 0.5 * np.quantile(speed, 0.95)))
+    distance = np.hypot(log["x"] - log["x"][start], log["y"] - log["y"][start])
+    laps = np.zeros(len(log), np.int64)
+    near = distance < RETURN_RADIUS_M
+    last = log["t"][start]
+    for i in np.flatnonzero(np.diff(near.astype(int)) == 1):
+        if i > start and log["t"][i] - last > SHORTEST_LAP_S:
+            stop = i + int(np.argmax(~near[i + 1 :])) + 1
+            closest = i + int(np.argmin(distance[i : stop + 1]))
+            laps[closest:] += 1
+            last = log["t"][closest]
+    return laps
+
+
+def track_position(log: DriveLog, lap: Ints, has_laps: bool) -> tuple[Array, float]:
+    """(n,) m along the lap, every lap stretched to the median length, and that length; 0 without laps.
+
+    Where positions are known, along the line of the lap whose length is the median: lines differ from lap to lap by
+    several metres, which would blur the edges of a stretch.
+    """
+    if not has_laps:
+        return np.zeros(len(log)), 0.0
+    step = np.diff(log["t"], prepend=log["t"][0])
+    step[1:][np.diff(log.segment) != 0] = 0.0
+    travelled = np.cumsum(np.hypot(log["vx"], log["vy"]) * step)
+    bounds = np.concatenate([[0], np.flatnonzero(np.diff(lap)) + 1, [len(lap)]])
+    lengths = np.array([travelled[b - 1] - travelled[a] for a, b in itertools.pairwise(bounds)])
+    inner = lengths[1:-1] if len(lengths) > 3 else lengths
+    whole = float(np.median(inner))
+    position = np.zeros(len(log))
+    for (a, b), length in zip(itertools.pairwise(bounds), lengths, strict=True):
+        stretch = whole / length if abs(length / whole - 1) < 0.1 else 1.0
+        position[a:b] = (travelled[a:b] - travelled[a]) * stretch
+    if "x" in log and "y" in log:
+        reference = int(np.argmin(np.abs(lengths - whole)))
+        rows = slice(bounds[reference], bounds[reference + 1])
+        position = _along(position, np.stack([log["x"], log["y"]]), rows, whole)
+    return position, whole
+
+
+def _along(position: Array, place: Array, rows: slice, whole: float) -> Array:
+    """(n,) position of the points `place` (2, n) along the line driven in `rows`, by Newton's method from a guess.
+
+    The guess stays where the point is not beside the line: the log then has positions of another kind.
+    """
+    at, order = np.unique(position[rows], return_index=True)
+    stations = np.arange(0.0, whole, STATION_M)
+    line = np.stack([np.interp(stations, at, p[rows][order], period=whole) for p in place])
+    tangent = (np.roll(line, -1, axis=1) - np.roll(line, 1, axis=1)) / (2 * STATION_M)
+    tangent /= np.maximum(np.hypot(*tangent), TINY_M)
+    found = position.copy()
+    for _ in range(NEWTON_STEPS):
+        point, along = (np.stack([np.interp(found, stations, c, period=whole) for c in v]) for v in (line, tangent))
+        found += np.sum((place - point) * along, axis=0)
+    beside = np.hypot(*(place - point)) < BESIDE_M
+    near = np.abs((found - position + 0.5 * whole) % whole - 0.5 * whole) < BESIDE_M
+    return np.where(beside & near, found % whole, position)
+
+
+STATION_M, NEWTON_STEPS, BESIDE_M, TINY_M = 2.0, 4, 30.0, 1e-9
+"""Stations of the reference line; steps to the nearest point on it; furthest from it and from the guess."""

@@ -1,0 +1,205 @@
+"""A drive log cut into windows: smoothed states, measured channels with white noise, laps.
+
+Every fit works on block means over 40 ms inside windows of 2 s. What is compared with a model are the five
+measured signals themselves, whose noise is white: differentiating a sensor would make it blue. Smoothing acts
+only on the states a prediction is linearised at, so that no filter can shift a channel in time and pass for an
+effect.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.drive_log.derived import brake_share
+from estimator.drive_log.smoothing import wiener
+from estimator.drive_log.table import DriveLog
+from estimator.model.single_track import AUXILIARY
+from estimator.offline.predict.basis import Basis, make_basis
+from estimator.offline.record.laps import lap_numbers, track_position
+from estimator.offline.record.prepare import smoothed_velocity
+from estimator.offline.record.reported_inputs import without_noise
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.errors import InputError
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+BLOCK_S = 0.04
+"""Block means thin the data to 25 Hz, above anything a car's body does."""
+WINDOW_S = 2.0
+"""Long enough for slow effects to add up, short enough that the integrated yaw-rate noise stays below the sensor's."""
+SLOWEST = 0.15
+"""Windows slower than this share of the log's fast speed (95th percentile) carry no tyre information."""
+SPUN = 0.7
+"""Lateral over forward velocity beyond which a car has spun: Eq. (1-3) describe driving (35 deg)."""
+EDGE_S = 0.3
+STRAIGHT_BELOW = 1.0
+"""Lateral acceleration, m/s2, below which the car does not turn in either direction."""
+STATES = ("vx", "vy", "yaw_rate")
+MEASURED = ("ax", "ay", "yaw_rate", "vx", "vy")
+"""Measured counterpart of each predicted channel of `single_track.CHANNELS`: itself, or its integral."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One data set ready to be explained.
+
+    Attributes:
+        signals: (n,) arrays at the log's rate: smoothed states, inputs, auxiliaries, extra columns.
+        measured: (5, n) as measured, in the order of `MEASURED`.
+        noise: (5,) standard deviation of the white noise of each measured channel.
+        used: (5,) which of them are sensors of their own and can be trusted; the others are shown, not fitted.
+        state_error: (3,) standard deviation left in the smoothed vx, vy, yaw rate.
+        rows: (windows, blocks, q) rows of each block of each window.
+        lap: (windows,) number of the lap, or of any other group that is held out together, consecutive from 0.
+        lap_length: m; 0 where there is no track position.
+    """
+
+    signals: Mapping[str, Array]
+    measured: Array
+    noise: Array
+    used: NDArray[np.bool_]
+    state_error: Array
+    rows: Ints
+    lap: Ints
+    step: float
+    lap_length: float
+    has_laps: bool
+    vehicle: Vehicle
+    extra: tuple[str, ...] = ()
+    bases: Mapping[str, Basis] = field(default_factory=dict)
+
+    @property
+    def windows(self) -> int:
+        """Number of windows."""
+        return int(self.rows.shape[0])
+
+    @property
+    def block_noise(self) -> Array:
+        """(5,) standard deviation of the noise of a block mean."""
+        return np.asarray(self.noise / np.sqrt(self.rows.shape[2]))
+
+    @property
+    def block_step(self) -> float:
+        """Time between blocks, s."""
+        return self.step * float(self.rows.shape[2])
+
+    def thin(self, signal: Array) -> Array:
+        """(windows, blocks) block means of an (n,) signal."""
+        return np.asarray(signal[self.rows].mean(axis=2))
+
+    def select(self, windows: NDArray[np.bool_]) -> Record:
+        """The windows where `windows` is true."""
+        return replace(self, rows=self.rows[windows], lap=self.lap[windows])
+
+    @cached_property
+    def measured_blocks(self) -> Array:
+        """(5, windows, blocks) block means of what was measured."""
+        return np.stack([self.thin(channel) for channel in self.measured])
+
+    @cached_property
+    def state_means(self) -> Array:
+        """(3, windows, blocks) block means of the smoothed vx, vy, yaw rate."""
+        return np.stack([self.thin(self.signals[n]) for n in STATES])
+
+    @cached_property
+    def state_edges(self) -> Array:
+        """(3, windows, blocks + 1) the same states at the edges of the blocks."""
+        first, after = self.rows[:, :, 0], self.rows[:, -1:, -1] + 1
+        edge = np.concatenate([first, after], axis=1)
+        return np.stack([0.5 * (self.signals[n][edge - 1] + self.signals[n][edge]) for n in STATES])
+
+
+def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = ()) -> Record:
+    """Smooth, differentiate inputs, find laps, cut windows; signals in `distrusted` are neither fitted nor causes.
+
+    Raises:
+        InputError: no uninterrupted stretch long enough.
+    """
+    signals = {name: np.array(log[name], float) for name in log.columns}
+    long_enough = [s for s in log.segments() if (s.stop - s.start) * log.step > 2 * WINDOW_S]
+    pieces = [(stretch, *_smooth(log, stretch, signals)) for stretch in long_enough]
+    if not pieces:
+        raise InputError(f"the log has no uninterrupted stretch of {2 * WINDOW_S:g} s: nothing can be diagnosed")
+    weight = np.array([stretch.stop - stretch.start for stretch, _, _ in pieces], float)
+    noise = np.sqrt(np.average(np.array([n**2 for _, n, _ in pieces]), axis=0, weights=weight))
+    state_error = np.sqrt(np.average(np.array([e**2 for _, _, e in pieces]), axis=0, weights=weight))
+    lap, has_laps = lap_numbers(log)
+    position, length = track_position(log, lap, has_laps)
+    signals |= {"track_position": position} if has_laps else {}
+    if "brake" in signals:
+        signals["brake"] = brake_share(signals["brake"])
+    for name in ("steer", "drive"):
+        signals[f"{name}_rate"] = np.gradient(signals[name], log["t"])
+    signals["ay"] = signals["vx"] * signals["yaw_rate"]
+    signals["turn_direction"] = np.sign(signals["ay"]) * (np.abs(signals["ay"]) > STRAIGHT_BELOW)
+    windows, window_lap = _cut(log, lap, signals["vx"], signals["vy"])
+    measured = np.stack([log[name] for name in MEASURED])
+    bases = {n: make_basis(n, signals[n][windows], length) for n in signals if np.ptp(signals[n][windows]) > 0}
+    return Record(
+        signals,
+        measured,
+        noise,
+        np.array([name not in log.derived and name not in distrusted for name in MEASURED]),
+        state_error,
+        windows,
+        window_lap,
+        log.step,
+        length,
+        has_laps,
+        vehicle,
+        tuple(name for name in log.extra if name not in distrusted),
+        bases,
+    )
+
+
+def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> tuple[Array, Array]:
+    """Replace the states of one segment by smoothed ones, and inputs that were measured with noise.
+
+    Returns:
+        noise (5,) of the measured channels, error (3,) left in the smoothed vx, vy, yaw rate.
+    """
+    vx, vy, rate, ax, ay = (np.array(log[n][rows], float) for n in ("vx", "vy", "yaw_rate", "ax", "ay"))
+    omega = wiener(rate, log.step)
+    forward = smoothed_velocity(log, "ax", vx, ax + vy * omega.value, log.step)
+    sideways = smoothed_velocity(log, "ay", vy, ay - forward.value * omega.value, log.step)
+    for name, smoothed in (("vx", forward), ("vy", sideways), ("yaw_rate", omega)):
+        signals[name][rows] = smoothed.value
+    for name, response in (("steer", ay), ("drive", ax)):
+        signals[name][rows] = without_noise(signals[name][rows], response, log.step)
+    forces = [wiener(a, log.step).noise for a in (ax, ay)]
+    left = np.array([forward.value_error, sideways.value_error, omega.value_error])
+    return np.array([*forces, omega.noise, forward.noise, sideways.noise]), left
+
+
+def _cut(log: DriveLog, lap: Ints, vx: Array, vy: Array) -> tuple[Ints, Ints]:
+    """Rows (windows, blocks, q) and lap of every full window inside one lap of one segment, driven and not spun."""
+    q = max(1, round(BLOCK_S / log.step))
+    blocks = max(8, round(WINDOW_S / (q * log.step)))
+    size, edge = q * blocks, round(EDGE_S / log.step)
+    slowest = SLOWEST * float(np.quantile(vx, 0.95))
+    starts: list[int] = []
+    for segment in log.segments():
+        first, last = segment.start + edge, segment.stop - edge
+        cuts = [first, *(np.flatnonzero(np.diff(lap[first:last])) + first + 1).tolist(), last]
+        for a, b in itertools.pairwise(cuts):
+            starts.extend(range(a, b - size + 1, size))
+    driven = (vx > slowest) & (np.abs(vy) < SPUN * vx)
+    keep = np.array([s for s in starts if driven[s : s + size].all()], dtype=np.int64)
+    if len(keep) < 20:
+        found, least = len(keep) * WINDOW_S, 20 * WINDOW_S
+        raise InputError(f"only {found:.0f} s of driving in the log: at least {least:.0f} s are needed")
+    rows = keep[:, None] + np.arange(size)
+    _, number = np.unique(lap[keep], return_inverse=True)
+    return rows.reshape(len(keep), blocks, q), number.astype(np.int64)
+
+
+def available(record: Record) -> frozenset[str]:
+    """Auxiliary signals the record has."""
+    return frozenset(name for name in AUXILIARY if name in record.signals)

@@ -1,0 +1,117 @@
+"""The identification report: one self-contained page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from estimator.offline.identification import Identification
+from estimator.offline.report import plots
+from estimator.offline.report.page import Report, plot_style
+
+UNITS = {"ax": "m/s2", "ay": "m/s2", "yaw_acc": "rad/s2", "vy": "m/s", "yaw_rate": "rad/s"}
+
+
+def write_report(result: Identification, path: Path) -> Path:
+    """Write the page of `result` and return its path."""
+    report = Report("Tyre identification", _subtitle(result))
+    with plot_style():
+        _headline(report, result)
+        _parameters(report, result)
+        _predictions(report, result)
+        _what_is_known(report, result)
+        _health(report, result)
+    _provenance(report, result)
+    return report.write(path)
+
+
+def _subtitle(result: Identification) -> str:
+    names = ", ".join(Path(source).name for source in result.log.sources) or "drive log"
+    hours = len(result.log) * result.log.step
+    return f"{names}: {hours:.0f} s at {1 / result.log.step:.0f} Hz, {result.split.kind}"
+
+
+def _headline(report: Report, result: Identification) -> None:
+    unknown = [n for n, known in result.identifiability.identifiable.items() if not known]
+    before, after = result.rmse["ay"]
+    sentence = f"Lateral error on data not fitted falls from {before:.3g} to {after:.3g} m/s2. "
+    sentence += f"Not determined by this data: {', '.join(unknown)}." if unknown else "All parameters are determined."
+    report.verdict(sentence, "warn" if unknown else "good")
+    report.tiles(
+        [
+            (f"{c} held out", f"{final:.3g}", f"{UNITS[c]}, was {initial:.3g}")
+            for c, (initial, final) in result.rmse.items()
+        ]
+    )
+
+
+def _parameters(report: Report, result: Identification) -> None:
+    report.section(
+        "Parameters", "Initial and identified values; the standard deviation allows for correlated residuals."
+    )
+    rows = []
+    for name, initial in result.initial.items():
+        final, std = result.final[name], result.fit.std[name]
+        known = "yes" if result.identifiability.identifiable[name] else "no"
+        rows.append(
+            [name, f"{initial:.5g}", f"{final:.5g}", f"{100 * (final / initial - 1):+.2f} %", f"{std:.2g}", known]
+        )
+    report.table(["Parameter", "Initial", "Final", "Change", "Std", "Identified"], rows)
+    report.figure(plots.tyre_curves(result), _CURVES)
+    extra = {n: v for n, v in result.fit.values.items() if n not in result.initial}
+    report.table(
+        ["Estimated along with them", "Value", "Std"],
+        [[n, f"{v:.4g}", f"{result.fit.std[n]:.2g}"] for n, v in extra.items()],
+    )
+
+
+_CURVES = (
+    "Lateral force over axle load against slip angle: before, after with its 95 % band, and where this data lies"
+    " (grey: share of samples). Outside the grey the curve is extrapolated."
+)
+
+
+def _predictions(report: Report, result: Identification) -> None:
+    report.section("Predicted against measured", "Held-out data only: no fit has seen it.")
+    report.figure(plots.time_histories(result), "Measured, and predicted before and after, over one held-out stretch.")
+    report.figure(
+        plots.learning_curve(result), "Held-out RMSE over the batches of 100 samples, from the initial parameters."
+    )
+    report.figure(
+        plots.residual_spectra(result), "What remains, by frequency: a flat line is noise, a hump is physics."
+    )
+
+
+def _what_is_known(report: Report, result: Identification) -> None:
+    known = result.identifiability
+    report.section("What the data tells and what not", "Fisher information of the scaled tyre parameters, Eq. 6 and 7.")
+    report.items(known.statements)
+    report.table(
+        ["Trace", "D: log det", "A: trace of inverse", "E: smallest eigenvalue", "Condition number"],
+        [[f"{v:.4g}" for v in (known.trace, known.d_criterion, known.a_criterion, known.e_criterion)]
+         + [f"{known.condition_number:.3g}"]],
+    )  # fmt: skip
+    report.figure(plots.correlations(result), "Correlation of the estimates, and relative standard deviation of each.")
+
+
+def _health(report: Report, result: Identification) -> None:
+    report.section("Log health", "Defects found in the recording itself, and what was done about them.")
+    if not result.health.findings:
+        report.text("Nothing was found.")
+        return
+    rows = [
+        [f.name, f.description, f"{f.size:.3g} {f.unit}", f"{f.confidence:.2f}", str(f.action)]
+        for f in result.health.findings
+    ]
+    report.table(["Finding", "What", "Size", "Confidence", "Action"], rows, "Switch one off with --keep NAME.")
+
+
+def _provenance(report: Report, result: Identification) -> None:
+    report.section("Provenance")
+    report.items(
+        [
+            f"layout {result.options.layout}, method {result.options.method}, formulation {result.formulation}",
+            f"{len(result.log)} rows, {len(result.samples)} samples used, {result.seconds:.1f} s",
+        ]
+    )
+    report.details("Notes on the data", [*result.log.notes, *result.notes])
+    report.details("Files", [f"{path}  sha256 {digest}" for path, digest in result.log.sources.items()])

@@ -1,0 +1,132 @@
+"""Where, when and above which value something acts, in words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.offline.predict.basis import Basis
+
+Array = NDArray[np.float64]
+
+UNITS = {
+    "vx": "m/s", "ay": "m/s2", "yaw_rate": "rad/s", "vy": "m/s", "steer": "rad", "steer_rate": "rad/s",
+    "drive": "slip", "drive_rate": "slip/s", "track_position": "m", "t": "s", "yaw": "rad", "engine_speed": "rad/s",
+}  # fmt: skip
+NAMES = {
+    "vx": "speed", "ay": "lateral acceleration", "yaw_rate": "yaw rate", "vy": "lateral velocity",
+    "steer": "steering angle", "steer_rate": "steering rate", "drive": "drive command",
+    "drive_rate": "rate of the drive command", "track_position": "track position", "t": "time", "yaw": "heading",
+    "turn_direction": "turn direction (1 left, -1 right, 0 straight)",
+}  # fmt: skip
+CHANNEL_NAMES = {
+    "ax": "longitudinal specific force", "ay": "lateral specific force", "yaw_acc": "yaw acceleration",
+    "vx_dot": "d/dt vx", "vy_dot": "d/dt vy",
+}  # fmt: skip
+
+
+def describe(basis: Basis, values: Array, coefficients: Array) -> str:
+    """Over which stretch of its signal a fitted term is active: where it deviates by half its largest deviation.
+
+    What it deviates from is its middle value, over time its first one: a step has no middle.
+
+    Args:
+        basis: of the term; values: (n,) the signal as driven; coefficients: (basis.size,) fitted.
+    """
+    if basis.signal == "turn_direction":
+        return _turns(basis, coefficients)
+    low, high = np.quantile(values, (0.002, 0.998))
+    at = np.linspace(low, high, 400)
+    term = basis.matrix(at) @ coefficients
+    middle = float(np.median(basis.matrix(values[:: max(1, len(values) // 5000)]) @ coefficients))
+    rest = float(term[0]) if basis.signal == "t" else middle
+    active = np.abs(term - rest) > 0.5 * np.max(np.abs(term - rest))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
+    spans = [(at[a], at[min(b, len(at)) - 1]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return _span_words(basis.signal, spans[:3], float(low), float(high))
+
+
+def _turns(basis: Basis, coefficients: Array) -> str:
+    """Which of right turns, straights and left turns differ from the two others."""
+    at = np.array([-1.0, 0.0, 1.0])
+    term = basis.matrix(at) @ coefficients
+    off = np.abs(term - np.median(term))
+    words = np.array(["right turns", "straights", "left turns"])
+    return " and ".join(words[off > 0.5 * off.max()]) if off.max() > 0 else "all turns"
+
+
+TURNING = ("yaw_rate", "ay", "steer", "vy")
+"""Signals that change sign with the turn."""
+NEAR_STRAIGHT = (0.0, 0.02, 0.05, 0.1, 0.15)
+"""Bounds of driving straight that are tried, as shares of what the signal reaches in turns."""
+SAME_IN_ALL_TURNS = 0.95
+"""Share of a term's variance that the turn direction must explain for it to be the cause."""
+
+
+def follows_turn_direction(basis: Basis, values: Array, coefficients: Array) -> bool:
+    """Whether a term over a signal that changes sign with the turn is the same in all turns of one direction."""
+    if basis.signal not in TURNING:
+        return False
+    driven = values[:: max(1, len(values) // 5000)]
+    term = basis.matrix(driven) @ coefficients
+    reach = float(np.quantile(np.abs(driven), 0.95))
+    left = min(
+        _within((driven > a * reach).astype(int) - (driven < -b * reach), term)
+        for a in NEAR_STRAIGHT for b in NEAR_STRAIGHT
+    )  # fmt: skip
+    return left < (1 - SAME_IN_ALL_TURNS) * float(np.var(term))
+
+
+def _within(group: Array, values: Array) -> float:
+    """Variance of the values within their groups."""
+    return float(sum(np.sum((own - own.mean()) ** 2) for own in (values[group == g] for g in np.unique(group)))) / len(
+        values
+    )
+
+
+def _span_words(signal: str, spans: list[tuple[float, float]], low: float, high: float) -> str:
+    unit, name = UNITS.get(signal, ""), NAMES.get(signal, signal)
+    tolerance = 0.01 * (high - low)
+    parts = []
+    for a, b in spans:
+        if a <= low + tolerance and b >= high - tolerance:
+            parts.append("throughout")
+        elif b >= high - tolerance:
+            parts.append(f"{'after' if signal == 't' else 'above'} {plain(a, 3)} {unit}".strip())
+        elif a <= low + tolerance:
+            parts.append(f"{'before' if signal == 't' else 'below'} {plain(b, 3)} {unit}".strip())
+        else:
+            parts.append(f"between {plain(a, 3)} and {plain(b, 3)} {unit}".strip())
+    return f"{name} {' and '.join(parts)}" if parts else name
+
+
+def plain(value: float, digits: int) -> str:
+    """`value` to so many significant digits, without an exponent where people would not write one."""
+    rounded = float(f"{value:.{digits}g}")
+    return f"{rounded:.{digits}g}" if abs(rounded) < 1e-3 or abs(rounded) >= 1e6 else f"{rounded:.10g}"
+
+
+def parameter_words(name: str, parameter: dict[str, float | str]) -> str:
+    """'force 420 +- 2 N'."""
+    unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
+    return f"{name} {plain(float(parameter['value']), 4)} ± {plain(float(parameter['std']), 2)}{unit}"
+
+
+def verdict_sentence(summary: dict[str, Any]) -> str:
+    """The result of a diagnosis in a sentence."""
+    from estimator.model.effects import catalogue
+
+    found = [
+        f"{e['name']} ({', '.join(parameter_words(n, p) for n, p in e['parameters'].items())})"
+        for e in summary["effects"]
+    ]
+    if summary["verdict"] == "none":
+        return "The declared model, re-identified, explains this session down to its sensor noise: nothing is missing."
+    if summary["verdict"] == "effect":
+        lacks = "; ".join(catalogue()[e["name"]].lacks for e in summary["effects"])
+        return f"The declared model lacks {' and '.join(found)}: {lacks}."
+    first = summary["unexplained"][0]
+    beside = f" Beside it: {', '.join(found)}." if found else ""
+    return f"Something outside the catalogue acts on {first['description']}.{beside}"

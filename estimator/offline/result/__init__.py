@@ -1,0 +1,1 @@
+"""Scores, typed results, and the model revision handed to the car."""

@@ -1,0 +1,133 @@
+"""Errors before and after, on laps no fit or choice has seen: per channel, and in open-loop prediction.
+
+Specific forces are compared sample by sample. Yaw acceleration and d/dt vx, d/dt vy do not exist as sensors:
+the measured signal is differentiated by a smoothing kernel, and the prediction passes through the same
+kernel's smoothing, so that the filter cancels in the difference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.drive_log.smoothing import second_difference_noise
+from estimator.model.single_track import CHANNELS, SingleTrack
+from estimator.offline.predict.predict import STATES, Predictor
+from estimator.offline.record.record import Record
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+KERNEL_S = 0.25
+"""Full width of the differentiating kernel (Hann)."""
+HORIZON_S = 1.0
+ROLLOUT_STATES = ("vx", "vy", "yaw_rate")
+DIFFERENTIATED = {2: 2, 3: 3, 4: 4}
+"""Channel -> measured row (`record.MEASURED`) it is the derivative of."""
+
+
+def kernel(step: float) -> tuple[Array, Array]:
+    """Smoothing kernel, and the one that differentiates and smooths alike, per sample of `step` s."""
+    half = max(2, round(0.5 * KERNEL_S / step))
+    at = np.arange(-half, half + 1)
+    smooth = 1.0 + np.cos(np.pi * at / (half + 1))
+    smooth /= smooth.sum()
+    edges = np.concatenate([[0.0], smooth, [0.0]])
+    slope = 0.5 * (edges[2:] - edges[:-2])
+    slope -= slope.mean()
+    return smooth, slope / (-(slope * at).sum()) / step
+
+
+def stretches(rows: Rows, step: float) -> list[Rows]:
+    """Uninterrupted runs of row numbers long enough for the kernel."""
+    cuts = np.flatnonzero(np.diff(rows) != 1) + 1
+    least = 3 * round(KERNEL_S / step) + 2
+    return [run for run in np.split(rows, cuts) if len(run) > least]
+
+
+def rmse(record: Record, rows: Rows, model: SingleTrack, parameters: Array) -> dict[str, float]:
+    """RMS residual of every channel over the given rows."""
+    residuals = channel_residuals(record, rows, model, parameters)
+    return {name: float(np.sqrt(np.mean(r**2))) for name, (_, r) in residuals.items()}
+
+
+def channel_residuals(
+    record: Record, rows: Rows, model: SingleTrack, parameters: Array
+) -> dict[str, tuple[Rows, Array]]:
+    """Channel -> rows and measured less predicted, at the log's rate."""
+    smooth, slope = kernel(record.step)
+    half = len(smooth) // 2
+    parts: dict[str, list[tuple[Rows, Array]]] = {name: [] for name in CHANNELS}
+    for run in stretches(rows, record.step):
+        whole = replace(record, rows=run[None, :, None], lap=np.zeros(1, np.int64))
+        predicted = Predictor(model, whole).predict(parameters)[:, 0]
+        for c, name in enumerate(CHANNELS):
+            if c in DIFFERENTIATED:
+                measured = np.convolve(record.measured[DIFFERENTIATED[c], run], slope, "valid")
+                parts[name].append((run[half:-half], measured - np.convolve(predicted[c], smooth, "valid")))
+            else:
+                parts[name].append((run, record.measured[c, run] - predicted[c]))
+    return {
+        name: (np.concatenate([r for r, _ in runs]), np.concatenate([v for _, v in runs]))
+        for name, runs in parts.items()
+    }
+
+
+def noise_floor(record: Record, rows: Rows, model: SingleTrack, parameters: Array) -> dict[str, float]:
+    """What noise alone leaves in every channel: the sensor's own, and that of the states the model is evaluated at.
+
+    The sensor's noise is measured on second differences: of the force residuals, of the motion signals.
+    """
+    _, slope = kernel(record.step)
+    gain = float(np.sqrt(np.sum(slope**2)))
+    through_states = _noise_through_states(record, model, parameters)
+    residuals = channel_residuals(record, rows, model, parameters)
+    floor = {}
+    for c, name in enumerate(CHANNELS):
+        if c in DIFFERENTIATED:
+            own = gain * second_difference_noise(record.measured[DIFFERENTIATED[c], rows])
+        else:
+            own = second_difference_noise(residuals[name][1])
+        floor[name] = float(np.hypot(own, through_states[c]))
+    return floor
+
+
+def _noise_through_states(record: Record, model: SingleTrack, parameters: Array) -> Array:
+    """(5,) RMS of the error in the predictions that the error of the smoothed states causes."""
+    _, by_states, _ = Predictor(model, record).linearise(parameters)
+    squares = np.mean(by_states**2, axis=(2, 3)) @ record.state_error**2
+    return np.asarray(np.sqrt(squares))
+
+
+def rollout(record: Record, rows: Rows, model: SingleTrack, parameters: Array) -> dict[str, float]:
+    """RMS error of vx, vy, yaw rate after `HORIZON_S` of simulation (Heun) from the smoothed state."""
+    length = round(HORIZON_S / record.step)
+    starts = [np.arange(run[0], run[-1] - length, length) for run in stretches(rows, record.step)]
+    first = np.concatenate(starts) if starts else np.zeros(0, np.int64)
+    if not len(first):
+        return dict.fromkeys(ROLLOUT_STATES, 0.0)
+    grid = first[:, None] + np.arange(length + 1)
+    windows = replace(record, rows=grid[:, :, None], lap=np.zeros(len(grid), np.int64))
+    end = _simulate(Predictor(model, windows), parameters, record.step)
+    error = np.stack([record.signals[n][grid[:, -1]] for n in ROLLOUT_STATES]) - end
+    error = error[:, np.all(np.isfinite(error), axis=0)]
+    return {n: float(np.sqrt(np.mean(e**2))) for n, e in zip(ROLLOUT_STATES, error, strict=True)}
+
+
+def _simulate(predictor: Predictor, parameters: Array, step: float) -> Array:
+    """(3, windows) state at the end of every window."""
+    inputs = predictor.inputs(parameters).reshape(-1, *predictor.record.rows.shape[:2])
+    state = inputs[:STATES, :, 0].copy()
+
+    def derivative(state: Array, k: int) -> Array:
+        at = inputs[:, :, k].copy()
+        at[:STATES] = state
+        return predictor.at_inputs(at, parameters)[[3, 4, 2]]
+
+    for k in range(inputs.shape[2] - 1):
+        first = derivative(state, k)
+        second = derivative(state + step * first, k + 1)
+        state = state + 0.5 * step * (first + second)
+    return state

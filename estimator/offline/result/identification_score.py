@@ -1,0 +1,60 @@
+"""Errors before and after, at smoothed states and along simulations: of held-out data, and of other logs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.drive_log.health import examine
+from estimator.drive_log.health.steering import without_lag
+from estimator.drive_log.table import DriveLog
+from estimator.offline.fit.equation_error import rmse
+from estimator.offline.predict.evaluate import ModelColumns
+from estimator.offline.predict.rollout import Rollout, roll_out
+from estimator.offline.predict.simulate import OUTPUTS
+from estimator.offline.record.prepare import Samples, prepare
+
+if TYPE_CHECKING:
+    from estimator.offline.identification import Identification
+
+Array = NDArray[np.float64]
+Scores = dict[str, tuple[float, float]]
+"""channel -> root mean square of measured minus predicted, with the initial and the final parameters"""
+
+ALGEBRAIC_CHANNELS = ("ax", "ay", "yaw_acc")
+
+
+def simulations(
+    columns: ModelColumns, theta: Array, log: DriveLog, samples: Samples, window_s: float
+) -> tuple[Rollout, Rollout]:
+    """Open-loop predictions of `samples` with the initial parameters and with `theta` (p,)."""
+    before, after = (roll_out(columns, log, samples, one, window_s) for one in (columns.start, theta))
+    return before, after
+
+
+def score_samples(
+    columns: ModelColumns, theta: Array, samples: Samples, rollouts: tuple[Rollout, Rollout] | None
+) -> Scores:
+    """Scores at the smoothed states, and along `rollouts` for what a simulation predicts."""
+    before, after = (rmse(columns, samples, one, ALGEBRAIC_CHANNELS) for one in (columns.start, theta))
+    scores = {c: (before[c], after[c]) for c in ALGEBRAIC_CHANNELS}
+    if rollouts is not None:
+        first, second = (r.rmse for r in rollouts)
+        scores |= {c: (first[c], second[c]) for c in OUTPUTS}
+    return scores
+
+
+def as_summary(scores: Scores) -> dict[str, dict[str, float]]:
+    """Scores as they appear in JSON."""
+    return {channel: {"initial": initial, "final": final} for channel, (initial, final) in scores.items()}
+
+
+def score_log(result: Identification, log: DriveLog) -> Scores:
+    """Scores of the whole of another `log`, repaired by its own log health and by the steering lag of `result`."""
+    options = result.options
+    repaired = without_lag(examine(log, result.vehicle, options.keep).log, result.health.findings)
+    columns, theta, samples = result.columns, result.fit.theta, prepare(repaired)
+    rollouts = simulations(columns, theta, repaired, samples, options.window_s)
+    return score_samples(columns, theta, samples, rollouts if result.formulation == "output_error" else None)

@@ -1,0 +1,1 @@
+"""Search for effects the model lacks: screening, trials, evidence, empirical terms."""

@@ -1,0 +1,55 @@
+"""Held-out evidence of a larger model over a smaller one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.offline.fit.normal import TINY
+
+Array = NDArray[np.float64]
+
+SIGNIFICANCE, SIGNIFICANCE_TO_STAY = 2.0, 1.0
+"""The mean gain per stretch must exceed so many of its standard errors: to be accepted, and to stay so."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Held-out gain of a larger model over a smaller one.
+
+    Attributes:
+        gain: log-likelihood, natural log, summed over laps and channels.
+        channels: (5,) its parts.
+        laps: (laps,) its parts.
+    """
+
+    gain: float
+    channels: Array
+    laps: Array
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the gain per stretch is positive beyond its scatter."""
+        return self._significant(SIGNIFICANCE)
+
+    @property
+    def still_consistent(self) -> bool:
+        """The same for what was accepted before: easier to stay than to enter, or the search would waver."""
+        return self._significant(SIGNIFICANCE_TO_STAY)
+
+    def _significant(self, errors: float) -> bool:
+        spread = self.laps.std(ddof=1) / np.sqrt(len(self.laps)) if len(self.laps) > 1 else 0.0
+        return bool(self.laps.mean() > errors * spread or np.all(self.laps > 0))
+
+
+def compare(before: Array, after: Array, count: Array) -> Evidence:
+    """Held-out evidence from squares (5, laps) of two models, variances concentrated out per channel."""
+    total = float(count.sum())
+    channels = 0.5 * total * np.log(np.maximum(before.sum(1), TINY) / np.maximum(after.sum(1), TINY))
+    difference = before - after
+    whole = difference.sum(1)
+    weight = np.divide(channels, whole, out=np.zeros(5), where=np.abs(whole) > 1e-12)
+    laps = np.einsum("cl,c->l", difference, np.abs(weight))
+    return Evidence(float(channels.sum()), channels, laps)

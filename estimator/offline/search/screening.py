@@ -1,0 +1,87 @@
+"""Which candidates are worth a whole fit: their predicted evidence from linearisations at the current one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.model.effects import catalogue
+from estimator.model.effects.base import Effect
+from estimator.offline.fit.prediction_error import Fit, normal_at
+from estimator.offline.predict.predict import Predictor
+from estimator.offline.record.record import Record, available
+from estimator.offline.search.evidence import compare
+from estimator.offline.search.trial import Setting, Trial, fit_names, warm_start
+
+Array = NDArray[np.float64]
+
+SCREENING_STRIDE = 3
+"""Screening uses every third window."""
+SCREENING_ITERATIONS = 3
+"""Steps of a candidate that is stationary at its neutral value and cannot be screened there."""
+
+
+def candidates(record: Record, accepted: Sequence[str]) -> list[Effect]:
+    """Effects that can be tried: their signals are there, and what they build on is active."""
+    signals = available(record)
+    return [
+        e for e in catalogue().values()
+        if e.name not in accepted and set(e.needs) <= signals
+        and (not e.requires_any or set(e.requires_any) & set(accepted))
+    ]  # fmt: skip
+
+
+def screen(setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]) -> list[Trial]:
+    """Predicted evidence of every candidate on part of the windows, best first, from linearisations there."""
+    effects = candidates(setting.record, accepted)
+    setting, current = _thinned(setting, current)
+    before, count = current.held_out(), SCREENING_STRIDE * current.normal.count
+    alone = {e.name for e in effects if e.initial or e.profile}
+    together = [e for e in effects if e.name not in alone]
+    trials = _screen_together(setting, accepted, together, current, before)
+    for effect in effects:
+        if effect.name in alone:
+            progress(" + ".join([*accepted, effect.name]))
+            steps = 1 if effect.profile else SCREENING_ITERATIONS
+            done = fit_names(setting, [*accepted, effect.name], current, steps)
+            trials.append(Trial(effect.name, compare(before, done.held_out(), count)))
+    return sorted(trials, key=lambda t: -t.evidence.gain)
+
+
+def _thinned(setting: Setting, current: Fit) -> tuple[Setting, Fit]:
+    """The search and its fit on every so many windows."""
+    chosen = np.arange(setting.record.windows) % SCREENING_STRIDE == 0
+    _, number = np.unique(setting.record.lap[chosen], return_inverse=True)
+    record = replace(current.predictor.record.select(chosen), lap=number.astype(np.int64))
+    predictor = Predictor(current.predictor.model, record)
+    normal, _ = normal_at(predictor, current.parameters, current.noise)
+    return replace(setting, record=record), Fit(predictor, current.parameters, normal, current.noise)
+
+
+def _screen_together(
+    setting: Setting, accepted: Sequence[str], effects: Sequence[Effect], current: Fit, before: Array
+) -> list[Trial]:
+    """One linearisation of the model with all `effects` at their neutral values."""
+    model = setting.model(accepted)
+    wide = replace(model, effects=(*model.effects, *effects))
+    predictor = Predictor(wide, current.predictor.record)
+    at = warm_start(predictor, predictor.start([p.prior for p in wide.tyre_table]), current)
+    normal, _ = normal_at(predictor, at, current.noise)
+    base = [i for i in range(predictor.size) if i < len(wide.tyre_table)]
+    places = {b.effect.name: range(b.parameters.start, b.parameters.stop) for b in predictor.blocks}
+    for block in current.predictor.blocks:
+        base.extend(places[block.effect.name])
+    trials = []
+    for effect in effects:
+        rows = np.array([*base, *places[effect.name]])
+        part = normal.subset(rows)
+        end = at[rows] + part.step(current.normal.variance)
+        own = slice(-len(places[effect.name]), None)
+        table = [predictor.table[i] for i in places[effect.name]]
+        inside = all(p.lower <= v <= p.upper for p, v in zip(table, end[own], strict=True)) or len(table) > 1
+        after = part.held_out(current.normal.variance) if inside else before
+        trials.append(Trial(effect.name, compare(before, after, SCREENING_STRIDE * normal.count)))
+    return trials

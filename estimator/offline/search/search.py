@@ -1,0 +1,199 @@
+"""Greedy search over the catalogue: what earns its place on laps it was not fitted to.
+
+Every candidate is fitted together with the tyre parameters and everything accepted so far. Its evidence is the
+gain in held-out log-likelihood, every stretch of 30 s predicted by a fit to all the others. One linearisation
+screens the whole catalogue; the most promising are fitted to the end. After each acceptance everything accepted is
+checked again without it; what no longer earns its place is dropped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.fit.workers import Job, fit_each
+from estimator.offline.record.timing import SAMPLED
+from estimator.offline.search.evidence import Evidence, compare
+from estimator.offline.search.screening import screen
+from estimator.offline.search.trial import Setting, Trial, fit_names
+from estimator.offline.search.whiteness import structured
+
+Array = NDArray[np.float64]
+
+SMALLEST_SHARE = 0.02
+"""Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not worth a name."""
+RELATIVE_SHARE = 0.01
+"""Least gain relative to everything accepted so far: less is the imperfect shape of an accepted effect."""
+WHITE = 1.1
+"""The search ends when averages of the residual vary no more than so many times what white noise would."""
+MAX_EFFECTS = 12
+LOOK_AHEAD = 2
+"""So many effects may be added on their gain alone if then one follows that earns its place beside them."""
+RECHECKED_AT_ONCE = 3
+"""Up to so many accepted effects all are checked again after each acceptance; more, only at the end."""
+ASKED_FROM = 2
+"""From so many effects on that leave structure it is asked whether something else explains the session alone."""
+FITTED, PROMISING = 4, 0.25
+"""Candidates of a round that are fitted to the end: at most so many, with this share of the best predicted gain."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """Result of a search: the accepted fit, every round's trials, the gain of each accepted effect given the rest."""
+
+    base: Fit
+    final: Fit
+    accepted: tuple[str, ...]
+    rounds: tuple[tuple[Trial, ...], ...]
+    gains: Mapping[str, Evidence]
+
+
+def search(
+    setting: Setting,
+    progress: Callable[[str], None] = lambda _: None,
+    warm: Fit | None = None,
+    enough: Callable[[Fit, Fit], bool] = lambda base, current: False,
+) -> Search:
+    """Run the search; `progress` is told which candidate is being tried.
+
+    `enough` is asked, with the declared and the current fit, whether to go on when two effects leave structure.
+    """
+    progress("declared model, re-fitted")
+    base = fit_names(setting, (), warm or fit_names(setting, (), None))
+    current, rounds = base, []
+    accepted: list[str] = []
+    gains: dict[str, Evidence] = {}
+    unsure, sure = 0, (accepted, current, gains)
+    while len(accepted) < MAX_EFFECTS and (not accepted or structured(current, WHITE)):
+        trials = _round(setting, accepted, current, progress)
+        rounds.append(tuple(trials))
+        total = compare(base.held_out(), current.held_out(), base.normal.count).gain
+        chosen = [t for t in trials if _can_be_accepted(t, setting, total)]
+        if chosen:
+            unsure = 0
+        else:
+            sure = (accepted, current, gains) if not unsure else sure
+            unsure += 1
+        chosen = chosen or _tentative(trials, setting, total)
+        if not chosen or unsure > LOOK_AHEAD:
+            break
+        before = set(accepted)
+        accepted, current = _join(setting, accepted, chosen, total, progress)
+        gains = {}
+        if not unsure and len(accepted) <= RECHECKED_AT_ONCE:
+            accepted, current, gains = _recheck(setting, accepted, current, progress)
+        if set(accepted) <= before:
+            base = base if accepted else current  # the way there and back may have led the declared model further
+            break
+        if len(accepted) >= ASKED_FROM and enough(base, current):
+            break
+    if unsure:
+        accepted, current, gains = sure
+    if accepted and not gains:
+        accepted, current, gains = _recheck(setting, accepted, current, progress)
+    ordered = tuple(sorted(accepted, key=lambda n: -gains[n].gain))
+    return Search(base, current, ordered, tuple(rounds), {n: gains[n] for n in ordered})
+
+
+def _tentative(trials: Sequence[Trial], setting: Setting, total: float) -> list[Trial]:
+    """The trial that gains most, though not on all stretches: another effect may hide it."""
+    fitted = [t for t in trials if t.fit is not None and not within_a_sample(t.fit, t.name)]
+    return [t for t in fitted if worth_a_name(t.evidence, setting, total)][:1]
+
+
+def _join(
+    setting: Setting, accepted: Sequence[str], chosen: Sequence[Trial], total: float, progress: Callable[[str], None]
+) -> tuple[list[str], Fit]:
+    """The best trial, and with it those that mainly act on other channels and still earn their place beside it."""
+    names, current = [*accepted, chosen[0].name], chosen[0].fit
+    assert current is not None
+    channels = {int(np.argmax(chosen[0].evidence.channels))}
+    for trial in chosen[1:]:
+        channel = int(np.argmax(trial.evidence.channels))
+        if channel in channels or len(names) >= MAX_EFFECTS or not structured(current, WHITE):
+            continue
+        progress(" + ".join([*names, trial.name]))
+        done = fit_names(setting, [*names, trial.name], current)
+        evidence = compare(current.held_out(), done.held_out(), done.normal.count)
+        if _can_be_accepted(Trial(trial.name, evidence, done), setting, total):
+            names, current = [*names, trial.name], done
+            channels.add(channel)
+    return names, current
+
+
+def _round(setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]) -> list[Trial]:
+    """Screen the catalogue, then fit the most promising to the end; best first."""
+    screened = screen(setting, accepted, current, progress)
+    before, count = current.held_out(), current.normal.count
+    least = SMALLEST_SHARE * count.sum() / 4
+    enough = max(least, PROMISING * screened[0].evidence.gain)
+    names = [t.name for t in screened[:FITTED] if t.evidence.gain > enough]
+    fits = fit_each(setting, current, [with_effects((*accepted, name)) for name in names], progress)
+    trials = [Trial(n, compare(before, f.held_out(), count), f) for n, f in zip(names, fits, strict=True)]
+    return sorted([*trials, *(t for t in screened if t.name not in names)], key=lambda t: -t.evidence.gain)
+
+
+def with_effects(names: tuple[str, ...]) -> Job:
+    """The fit of these effects."""
+    return Job(" + ".join(names), names)
+
+
+def gains_of(
+    setting: Setting, names: Sequence[str], current: Fit, progress: Callable[[str], None], beside: str = ""
+) -> dict[str, Evidence]:
+    """Evidence of each of the effects of `current` given all the others."""
+    jobs = [Job(f"without {name}{beside}", tuple(n for n in names if n != name)) for name in names]
+    after, count = current.held_out(), current.normal.count
+    fits = fit_each(setting, current, jobs, progress)
+    return {name: compare(f.held_out(), after, count) for name, f in zip(names, fits, strict=True)}
+
+
+def _can_be_accepted(trial: Trial, setting: Setting, total: float) -> bool:
+    if trial.fit is None or within_a_sample(trial.fit, trial.name):
+        return False
+    return earns_its_place(trial.evidence, setting, total)
+
+
+def within_a_sample(fit: Fit, name: str) -> bool:
+    """Whether `name` is a lag so short that the sampling of the log explains it; a length counts at the mean speed."""
+    block = next(b for b in fit.predictor.blocks if b.effect.name == name)
+    if name not in (*SAMPLED, "tyre_relaxation"):
+        return False
+    record = fit.predictor.record
+    speed = float(record.signals["vx"][record.rows].mean()) if block.effect.parameters[0].unit == "m" else 1.0
+    return abs(float(fit.parameters[block.parameters][0])) < record.step * speed
+
+
+def earns_its_place(evidence: Evidence, setting: Setting, total: float) -> bool:
+    """Worth a name, consistent over laps, and not the imperfect shape of what is already there."""
+    return worth_a_name(evidence, setting, total) and evidence.consistent
+
+
+def _stays(evidence: Evidence, setting: Setting) -> bool:
+    return worth_a_name(evidence, setting, 0.0) and evidence.still_consistent
+
+
+def worth_a_name(evidence: Evidence, setting: Setting, total: float) -> bool:
+    """Whether the gain is large enough, whatever its scatter."""
+    blocks, most = setting.record.rows.shape[0] * setting.record.rows.shape[1], int(np.argmax(evidence.channels))
+    enough = evidence.gain > max(SMALLEST_SHARE * blocks, RELATIVE_SHARE * total)
+    return bool(enough and evidence.channels[most] > setting.least[most])
+
+
+def _recheck(
+    setting: Setting, accepted: list[str], current: Fit | None, progress: Callable[[str], None]
+) -> tuple[list[str], Fit, dict[str, Evidence]]:
+    """Drop, weakest first, every accepted effect that no longer earns its place given the others."""
+    current = current or fit_names(setting, accepted, None)
+    while True:
+        gains = gains_of(setting, accepted, current, progress)
+        weak = [n for n in accepted if not _stays(gains[n], setting) or within_a_sample(current, n)]
+        if not weak:
+            return accepted, current, gains
+        worst = min(weak, key=lambda n: gains[n].gain)
+        accepted = [n for n in accepted if n != worst]
+        current = fit_names(setting, accepted, current)

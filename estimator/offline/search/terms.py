@@ -1,0 +1,151 @@
+"""Empirical terms beside, or instead of, what the catalogue explains.
+
+An effect of the catalogue can earn its place only because it stands in for something the catalogue does not have. Two
+explanations compete therefore where structure remains: the effects found, with an empirical term for what they leave,
+and one empirical term on the declared model. Where the one term alone explains the session to its noise and more than
+all the effects do, or far more than they, nothing is named but what still earns its place beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
+
+from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.record.record import Record
+from estimator.offline.search.empirical import Term, search_terms
+from estimator.offline.search.evidence import Evidence, compare
+from estimator.offline.search.search import Search, earns_its_place, gains_of, search
+from estimator.offline.search.trial import Setting, fit_names
+from estimator.offline.search.whiteness import structured
+
+Progress = Callable[[str], None]
+
+TERM_SHARE = 0.05
+"""Least gain per block for an empirical term: it has more freedom than an effect, and must earn it."""
+TERM_RELATIVE = 0.03
+"""Least gain of an empirical term relative to what the accepted effects gained: less is their imperfect shape."""
+MAX_TERMS = 2
+SECOND_TERM_SHARE = 0.2
+"""A second term must gain this share of the first: less is the resolution of the first one's knots."""
+WHITE_FOR_TERMS = 1.3
+"""Empirical terms are looked for only where averages of the residual vary so much more than white noise does."""
+WHITE_WITH_ONE_TERM, MORE = 1.5, 1.1
+"""One term alone explains the session where averages of its residual vary no more than so many times white noise, and
+it must gain so much more than the effects found: less is the shape of one of them."""
+OUTWEIGHS = 2.5
+"""Or it gains so many times what the effects gain. Drag and rolling resistance are one function of speed: while the
+second is not found yet, that function gains 1.3 times what is named."""
+SHOWN = 6
+"""So many of the terms tried are reported."""
+OWN_SHARE = 0.3
+"""An effect that gained so much of what the term gains, before there was one, is no stand-in."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What explains the session: effects with their gains given the rest, terms, the fit, and all terms tried.
+
+    `setting` has the terms, with their bases, in it; `search` is the one that found the effects.
+    """
+
+    setting: Setting
+    search: Search
+    accepted: tuple[str, ...]
+    gains: Mapping[str, Evidence]
+    terms: tuple[Term, ...]
+    fit: Fit
+    tried: tuple[Term, ...]
+
+
+@dataclass
+class Rival:
+    """One empirical term on the declared model, against all that the catalogue finds; looked for when first asked."""
+
+    setting: Setting
+    progress: Progress
+    trials: list[Term] = field(default_factory=list)
+
+    def outweighs(self, base: Fit, current: Fit) -> bool:
+        """Whether it explains so much more than `current` that no further effect will make up for it."""
+        return self._ratio(base, current) > OUTWEIGHS
+
+    def suffices(self, base: Fit, current: Fit) -> bool:
+        """Whether it explains the session to its noise and more of it than the end of a search, or far more."""
+        ratio = self._ratio(base, current)
+        if ratio < MORE:
+            return False
+        fit = self.trials[0].fit
+        return ratio > OUTWEIGHS or (fit is not None and not structured(fit, WHITE_WITH_ONE_TERM))
+
+    def _ratio(self, base: Fit, current: Fit) -> float:
+        """What it gains relative to what `current` gains over `base`; 0 where `current` leaves no structure."""
+        if not structured(current, WHITE_FOR_TERMS):
+            return 0.0
+        if not self.trials:
+            self.trials = search_terms(self.setting, (), base, self.progress)
+        best = self.trials[0]
+        if best.fit is None or not _earns_its_place(best.evidence, self.setting.record, 0.0):
+            return 0.0
+        return best.evidence.gain / max(_total_gain(base, current), 1.0)
+
+
+def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress) -> Outcome:
+    """What the catalogue found, and empirical terms for what it leaves.
+
+    Terms are added while they earn their place; effects that were only standing in for them are dropped.
+    """
+    terms: list[Term] = []
+    tried: list[Term] = []
+    if rival.suffices(found.base, found.final):
+        terms, tried = rival.trials[:1], rival.trials[:SHOWN]
+        setting, found = _on_top(terms[0], setting, found, progress)
+    gains, current = dict(found.gains), found.final
+    while len(terms) < MAX_TERMS and structured(current, WHITE_FOR_TERMS):
+        trials = search_terms(setting, tuple(gains), current, progress)
+        tried.extend(trials[:SHOWN])
+        best, total = trials[0], _total_gain(found.base, current)
+        if best.fit is None or not _earns_its_place(best.evidence, setting.record, total):
+            break
+        if terms and best.evidence.gain < SECOND_TERM_SHARE * terms[0].evidence.gain:
+            break
+        terms.append(best)
+        setting = best.added_to(setting)
+        # what gained a fair share of that before there was any term stays, though a spline can copy it: physics first
+        own = [n for n in gains if found.gains[n].gain >= OWN_SHARE * best.evidence.gain]
+        gains, current = _drop_stand_ins(setting, own, tuple(gains), best.fit, progress)
+    ordered = tuple(sorted(gains, key=lambda n: -gains[n].gain))
+    return Outcome(setting, found, ordered, gains, tuple(terms), current, tuple(tried))
+
+
+def _on_top(term: Term, setting: Setting, found: Search, progress: Progress) -> tuple[Setting, Search]:
+    """What the catalogue still explains with the term always active; the base stays the declared model."""
+    assert term.fit is not None
+    setting = term.added_to(setting)
+    if not structured(term.fit, WHITE_FOR_TERMS):
+        return setting, Search(found.base, term.fit, (), found.rounds, {})
+    on_top = search(setting, progress, term.fit)
+    return setting, replace(on_top, base=found.base, rounds=(*found.rounds, *on_top.rounds))
+
+
+def _total_gain(base: Fit, current: Fit) -> float:
+    return compare(base.held_out(), current.held_out(), base.normal.count).gain if current is not base else 0.0
+
+
+def _earns_its_place(evidence: Evidence, record: Record, total: float) -> bool:
+    blocks = record.rows.shape[0] * record.rows.shape[1]
+    return evidence.gain > max(TERM_SHARE * blocks, TERM_RELATIVE * total) and evidence.consistent
+
+
+def _drop_stand_ins(
+    setting: Setting, own: Collection[str], names: Collection[str], fit: Fit, progress: Progress
+) -> tuple[dict[str, Evidence], Fit]:
+    """Remove, weakest first, effects that gain little once the empirical term is there; those in `own` if nothing."""
+    kept = list(names)
+    while True:
+        gains = gains_of(setting, kept, fit, progress, ", with the empirical term")
+        weak = [n for n in kept if not (gains[n].gain > 1.0 if n in own else earns_its_place(gains[n], setting, 0.0))]
+        if not weak:
+            return gains, fit
+        kept.remove(min(weak, key=lambda n: gains[n].gain))
+        fit = fit_names(setting, kept, fit)

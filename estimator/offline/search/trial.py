@@ -1,0 +1,112 @@
+"""One fit of the search: which effects, on what record, and what it gained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.model.effects import catalogue
+from estimator.model.effects.base import Effect
+from estimator.model.parameters import Layout
+from estimator.model.single_track import SingleTrack
+from estimator.offline.fit.prediction_error import MAX_ITERATIONS, Fit, fit
+from estimator.offline.predict.basis import Basis
+from estimator.offline.predict.predict import Predictor
+from estimator.offline.record.noise import MOTION_ROWS, Noise
+from estimator.offline.record.record import Record
+from estimator.offline.record.timing import sampling_effects
+from estimator.offline.search.evidence import Evidence
+
+Array = NDArray[np.float64]
+
+REWEIGHINGS, REWEIGH_ABOVE = 1, 0.1
+"""A fit is repeated so many times with its own residual deviations, if these changed by more than a tenth; the next
+fit starts from what it found, so that a search adapts them further."""
+FIRST_DRIFT = 1.0
+"""of the motion, before anything is fitted: the model is trusted little"""
+UNFITTED_SHARE = 0.02
+"""Part of a signal that any model is taken to leave before anything is fitted."""
+STAND_IN_SHARE = 0.1
+"""An effect beside an empirical term must gain this share of what the term gains in the channel it gains most in."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What stays the same during a search.
+
+    `extra` are effects always active (empirical terms). What is named beside them must gain, in the channel where it
+    gains most, at least what `least` (5,) says: less is the imperfect shape of the term.
+    """
+
+    record: Record
+    layout: Layout
+    prior: Mapping[str, float] | None
+    extra: tuple[Effect, ...] = ()
+    least: tuple[float, ...] = (0.0,) * 5
+    pool: Executor | None = None
+    """processes that fits are done in"""
+
+    def with_term(self, effect: Effect, basis: Basis, gained: Array) -> Setting:
+        """The same with an empirical term always active that `gained` (5,); its basis stored under its own name."""
+        record = self.record
+        signals = {**record.signals, effect.profile: record.signals[basis.signal]}
+        record = replace(record, signals=signals, bases={**record.bases, effect.profile: basis})
+        least = tuple(float(g) for g in np.maximum(self.least, STAND_IN_SHARE * gained))
+        return replace(self, record=record, extra=(*self.extra, effect), least=least)
+
+    def model(self, names: Sequence[str]) -> SingleTrack:
+        """The model with the named effects."""
+        effects = tuple(e for e in catalogue().values() if e.name in names)
+        sampling = sampling_effects(self.record.step, frozenset(names))
+        return SingleTrack(self.record.vehicle, self.layout, effects + self.extra + sampling, self.prior)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One candidate tried on top of what was accepted; `fit` only where it was fitted to the end."""
+
+    name: str
+    evidence: Evidence
+    fit: Fit | None = None
+
+
+def fit_names(setting: Setting, names: Sequence[str], warm: Fit | None, iterations: int | None = None) -> Fit:
+    """Fit the model with the named effects, starting from what `warm` found."""
+    model = setting.model(names)
+    predictor = Predictor(model, setting.record)
+    start = predictor.start([p.prior for p in model.tyre_table])
+    if warm is not None:
+        start = warm_start(predictor, start, warm)
+    noise = _first_noise(setting.record) if warm is None else warm.noise
+    done = fit(predictor, start, noise, iterations or MAX_ITERATIONS)
+    for _ in range(0 if iterations else REWEIGHINGS):
+        found = done.new_noise()
+        if found.close_to(noise, REWEIGH_ABOVE):
+            break
+        noise = found
+        done = fit(done.predictor, done.parameters, noise)
+    return done
+
+
+def _first_noise(record: Record) -> Noise:
+    """Weights before anything is fitted: the sensors' noise, but no less than any model leaves of a measured signal."""
+    spread = record.measured[:, record.rows.ravel()].std(axis=1)
+    deviation = np.maximum(record.block_noise, UNFITTED_SHARE * spread)
+    drift = np.zeros(len(spread))
+    drift[list(MOTION_ROWS)] = FIRST_DRIFT
+    return Noise(deviation, drift)
+
+
+def warm_start(predictor: Predictor, start: Array, warm: Fit) -> Array:
+    """`start` with tyre parameters and effects replaced by those `warm` already has."""
+    size = len(predictor.model.tyre_table)
+    start[:size] = warm.parameters[:size]
+    known = {b.effect.name: warm.parameters[b.parameters] for b in warm.predictor.blocks}
+    for block in predictor.blocks:
+        if block.effect.name in known:
+            start[block.parameters] = known[block.effect.name]
+    return start

@@ -1,0 +1,1 @@
+"""State estimation: Kalman filter over the vehicle states, alignment and recovery."""

@@ -1,0 +1,182 @@
+"""Motion and measurements of the state filter as expressions: what it predicts, and what each sensor says.
+
+Written down once; CasADi derives the Jacobians and evaluates a whole step in its virtual machine: twice as fast as
+array operations on matrices this small, without a compiler.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from estimator.model.compiled import CompiledFunction, compile_function
+from estimator.model.tyre import Expr
+from estimator.state.kalman import scalar_update, symmetric
+from hil_gateway.car.vehicle import Vehicle
+
+STATES = ("x", "y", "yaw", "vx", "vy", "bias_ax", "bias_ay", "bias_yaw_rate", "wheel_scale", "slope_share")
+X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, SLOPE_SHARE = range(10)
+
+
+@dataclass(frozen=True)
+class FilterNoise:
+    """Standard deviations; white ones per sample at the IMU rate, SI."""
+
+    accel: float = 0.15
+    yaw_rate: float = 0.004
+    accel_model: float = 0.15
+    """what the map leaves out of gravity, m/s2 per sample"""
+    bias_accel_walk: float = 0.01
+    """m/s2 per square root of a second"""
+    bias_yaw_rate_walk: float = 2e-4
+    wheel_scale_walk: float = 5e-4
+    slope_share_walk: float = 0.01
+    position: float = 0.05
+    wheel_speed: float = 0.3
+    """per axle, including what stays correlated from sample to sample, m/s"""
+    wheel_slip: float = 0.6
+    """share of vx * drive by which a driven or braked wheel may slip unseen"""
+    rear_slip: float = 0.03
+    """rear slip angle on a straight, with what stays correlated from sample to sample, rad"""
+    rear_slip_per_ay: float = 0.2
+    """growth of the above with lateral acceleration, rad per m/s2"""
+    initial_position: float = 0.3
+    initial_yaw: float = 0.3
+    initial_speed: float = 0.5
+    initial_bias_accel: float = 0.2
+    initial_bias_yaw_rate: float = 0.01
+    initial_wheel_scale: float = 0.01
+    initial_slope_share: float = 0.5
+
+
+GATE = 5.0**2
+"""limit of a normalised innovation squared: five standard deviations"""
+GATE_POSITION = 25.0
+"""the same of a position fix, two degrees of freedom: one in 3e5 good fixes is refused"""
+
+
+@dataclass
+class Moment:
+    """Symbolic mean (10,), covariance (10, 10) and yaw rate; `nis` gathers normalised innovations squared."""
+
+    mean: Expr
+    covariance: Expr
+    yaw_rate: Expr
+    vehicle: Vehicle
+    noise: FilterNoise
+    nis: list[Expr] = field(default_factory=list)
+
+    def update(self, H: Expr, innovation: Expr, variance: Expr) -> None:
+        """Take in a measurement with row `H` (1, 10)."""
+        K, self.covariance = scalar_update(self.covariance, H, variance)
+        self.mean = self.mean + K * innovation
+        self.yaw_rate = self.yaw_rate - K[BIAS_YAW_RATE] * innovation
+
+    def gated(self, H: Expr, innovation: Expr, variance: Expr) -> None:
+        """The same unless the innovation is an outlier."""
+        before = self.mean, self.covariance, self.yaw_rate
+        nis = innovation**2 / (H @ self.covariance @ H.T + variance)
+        self.update(H, innovation, variance)
+        self.keep_if(nis, GATE, before)
+
+    def keep_if(self, nis: Expr, gate: float, before: tuple[Expr, Expr, Expr]) -> None:
+        """Go back to `before` where `nis` is not below `gate` (not-a-number is not)."""
+        after = self.mean, self.covariance, self.yaw_rate
+        self.mean, self.covariance, self.yaw_rate = (
+            ca.if_else(nis < gate, new, old) for new, old in zip(after, before, strict=True)
+        )
+        self.nis.append(nis)
+
+
+Step = Callable[..., None]
+"""step(moment, *measured) moves `moment` on"""
+
+
+def step_function(step: Step, measured: int, vehicle: Vehicle, noise: FilterNoise) -> CompiledFunction:
+    """(mean, covariance, yaw rate, measured) to the same after `step`, and its normalised innovations squared."""
+    n, u = len(STATES), ca.SX.sym("measured", measured)
+    start = ca.SX.sym("mean", n), ca.SX.sym("covariance", n, n), ca.SX.sym("yaw_rate")
+    moment = Moment(*start, vehicle, noise)
+    step(moment, *ca.vertsplit(u))
+    end = [moment.mean, moment.covariance, moment.yaw_rate, ca.vertcat(*moment.nis) if moment.nis else ca.SX(0, 1)]
+    return compile_function(ca.Function(step.__name__, [*start, u], [ca.densify(e) for e in end]), compiled=False)
+
+
+def predict(moment: Moment, *imu: Expr) -> None:
+    """Strap-down step over dt s, second order in it: ax, ay, yaw rate held; gravity along the body's axes; dt."""
+    ax, ay, gyro, gravity_x, gravity_y, dt = imu
+    x, y, yaw, vx, vy, bias_ax, bias_ay, bias_yaw_rate, wheel_scale, slope_share = ca.vertsplit(moment.mean)
+    r = gyro - bias_yaw_rate
+    fx, fy = ax - bias_ax + slope_share * gravity_x, ay - bias_ay + slope_share * gravity_y
+    c, s = ca.cos(r * dt), ca.sin(r * dt)
+    # the specific force turns with the body: over the step it acts half a turn later than at the start
+    ch, sh = ca.cos(0.5 * r * dt) * dt, ca.sin(0.5 * r * dt) * dt
+    vx1, vy1 = c * vx + s * vy + ch * fx + sh * fy, -s * vx + c * vy - sh * fx + ch * fy
+    forward, left, course = 0.5 * (vx + vx1), 0.5 * (vy + vy1), yaw + 0.5 * r * dt
+    cy, sy = ca.cos(course), ca.sin(course)
+    after = ca.vertcat(
+        x + dt * (cy * forward - sy * left), y + dt * (sy * forward + cy * left), yaw + r * dt, vx1, vy1,
+        bias_ax, bias_ay, bias_yaw_rate, wheel_scale, slope_share,
+    )  # fmt: skip
+    F, G = ca.jacobian(after, moment.mean), ca.jacobian(after, ca.vertcat(ax, ay, gyro))
+    moment.covariance = symmetric(F @ moment.covariance @ F.T + _process_noise(moment.noise, G, dt))
+    moment.mean, moment.yaw_rate = after, r
+
+
+def _process_noise(n: FilterNoise, G: Expr, dt: Expr) -> Expr:
+    """Covariance of IMU noise, which acts through `G` (10, 3), and of the random walks over `dt` s."""
+    accel = n.accel**2 + n.accel_model**2
+    walk = (n.bias_accel_walk, n.bias_accel_walk, n.bias_yaw_rate_walk, n.wheel_scale_walk, n.slope_share_walk)
+    walks = ca.diag(ca.vertcat(ca.DM.zeros(BIAS_AX), ca.DM(walk) ** 2))
+    return G @ ca.diag(ca.DM([accel, accel, n.yaw_rate**2])) @ G.T + walks * dt
+
+
+def position(moment: Moment, x: Expr, y: Expr) -> None:
+    """Position fix of the CoG: gated as a whole, then taken one coordinate after the other."""
+    before, variance = (moment.mean, moment.covariance, moment.yaw_rate), moment.noise.position**2
+    ex, ey, P = x - moment.mean[X], y - moment.mean[Y], moment.covariance
+    sxx, sxy, syy = P[X, X] + variance, P[X, Y], P[Y, Y] + variance
+    nis = (ex * ex * syy - 2 * ex * ey * sxy + ey * ey * sxx) / (sxx * syy - sxy * sxy)
+    moment.update(_row({X: 1.0}), ex, variance)
+    moment.update(_row({Y: 1.0}), y - moment.mean[Y], variance)
+    moment.keep_if(nis, GATE_POSITION, before)
+
+
+def wheel_speeds(moment: Moment, front: Expr, rear: Expr, steer: Expr, drive: Expr) -> None:
+    """Mean circumferential speeds of front and rear wheels; slip widens their noise."""
+    m, n, lf, c, s = moment.mean, moment.noise, moment.vehicle.lf, ca.cos(steer), ca.sin(steer)
+    slip = n.wheel_slip * m[VX] * drive
+    scale, rolling = 1.0 + m[WHEEL_SCALE], m[VX] * c + (m[VY] + lf * moment.yaw_rate) * s
+    H = _row({VX: c * scale, VY: s * scale, BIAS_YAW_RATE: -lf * s * scale, WHEEL_SCALE: rolling})
+    moment.gated(H, front - rolling * scale, n.wheel_speed**2 + ca.fmin(slip, 0.0) ** 2)
+    m = moment.mean
+    scale = 1.0 + m[WHEEL_SCALE]
+    moment.gated(_row({VX: scale, WHEEL_SCALE: m[VX]}), rear - m[VX] * scale, n.wheel_speed**2 + slip**2)
+
+
+def rear_slip(moment: Moment, ay: Expr) -> None:
+    """The rear axle hardly slides on a straight: vy - l_r r = 0, the less certain the more the car corners."""
+    m, n, lr = moment.mean, moment.noise, moment.vehicle.lr
+    std = (n.rear_slip + n.rear_slip_per_ay * ca.fabs(ay)) * ca.fabs(m[VX]) + 0.05
+    moment.gated(_row({VY: 1.0, BIAS_YAW_RATE: lr}), lr * moment.yaw_rate - m[VY], std**2)
+
+
+def standstill(moment: Moment, *imu: Expr) -> None:
+    """Wheels at rest: no velocity, no yaw rate; the gyro and the accelerometers show their biases."""
+    n, (ax, ay, gyro, gravity_x, gravity_y) = moment.noise, imu
+    for speed in (VX, VY):
+        moment.update(_row({speed: 1.0}), -moment.mean[speed], 0.02**2)
+    moment.update(_row({BIAS_YAW_RATE: 1.0}), gyro - moment.mean[BIAS_YAW_RATE], n.yaw_rate**2)
+    for bias, force, gravity in ((BIAS_AX, ax, gravity_x), (BIAS_AY, ay, gravity_y)):
+        H = _row({bias: 1.0, SLOPE_SHARE: -gravity})
+        moment.update(H, force - H @ moment.mean, 10 * (n.accel**2 + n.accel_model**2))
+
+
+def _row(entries: dict[int, Expr]) -> Expr:
+    """A measurement's row of the Jacobian, sparse (1, 10)."""
+    row = ca.SX(1, len(STATES))
+    for index, value in entries.items():
+        row[0, index] = value
+    return row

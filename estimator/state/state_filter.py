@@ -1,0 +1,125 @@
+"""Inertial navigation of the car: extended Kalman filter on IMU, wheel speeds, steering and position fixes.
+
+The IMU drives the prediction, so the filter does not depend on the tyre model it is meant to help identify. State:
+
+    x, y, yaw                      map frame, m and rad
+    vx, vy                         body frame at the CoG, m/s
+    bias_ax, bias_ay, bias_yaw_rate    IMU biases, m/s2 and rad/s
+    wheel_scale                    (indicated wheel speed) / (true) - 1: rolling radius
+    slope_share                    share of the declared track map's grade and bank that is real
+
+The yaw rate is the bias-corrected gyro. Gravity on grade and bank comes from the declared track map, which may be
+wrong as a whole (a flat road under a hilly map): the share of it that is real is estimated too. Every measurement is
+gated by its normalised innovation squared (Bar-Shalom, Estimation with Applications to Tracking, ch. 5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import atan2, isfinite, sqrt
+
+import numpy as np
+import numpy.typing as npt
+
+from estimator.model.compiled import CompiledFunction
+from estimator.state import filter_steps
+from estimator.state.filter_steps import BIAS_YAW_RATE, STATES, FilterNoise, step_function
+from hil_gateway.car.vehicle import Vehicle
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Imu:
+    """One IMU sample with gravity along the body axes from the track map, m/s2 and rad/s."""
+
+    ax: float
+    ay: float
+    yaw_rate: float
+    gravity_x: float = 0.0
+    gravity_y: float = 0.0
+
+
+class StateFilter:
+    """Mean and covariance of `STATES`; `initialise` first, then `predict` and updates in order of time."""
+
+    def __init__(self, vehicle: Vehicle, noise: FilterNoise | None = None) -> None:
+        self.vehicle, self.noise = vehicle, noise or FilterNoise()
+        self.mean = np.zeros(len(STATES))
+        self.covariance = np.eye(len(STATES))
+        self.yaw_rate = 0.0
+        self.rejected = 0
+        self._predict = step_function(filter_steps.predict, 6, vehicle, self.noise)
+        self._position = step_function(filter_steps.position, 2, vehicle, self.noise)
+        self._wheel_speeds = step_function(filter_steps.wheel_speeds, 4, vehicle, self.noise)
+        self._rear_slip = step_function(filter_steps.rear_slip, 1, vehicle, self.noise)
+        self._standstill = step_function(filter_steps.standstill, 5, vehicle, self.noise)
+
+    def initialise(self, x: float, y: float, yaw: float, vx: float = 0.0, yaw_std: float | None = None) -> None:
+        """Start at a position fix with a heading that may be wrong by `yaw_std` (default: `initial_yaw`)."""
+        n = self.noise
+        self.mean = np.array([x, y, yaw, vx, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+        yaw_std = n.initial_yaw if yaw_std is None else yaw_std
+        std = np.array([
+            n.initial_position, n.initial_position, yaw_std, n.initial_speed, n.initial_speed + 0.1 * abs(vx),
+            n.initial_bias_accel, n.initial_bias_accel, n.initial_bias_yaw_rate, n.initial_wheel_scale,
+            n.initial_slope_share,
+        ])  # fmt: skip
+        self.covariance = np.diag(std**2)
+
+    def predict(self, imu: Imu, dt: float) -> None:
+        """Strap-down step over `dt` s, second order in it (specific force and yaw rate held)."""
+        self._apply(self._predict, imu.ax, imu.ay, imu.yaw_rate, imu.gravity_x, imu.gravity_y, dt)
+
+    def update_position(self, x: float, y: float) -> float | None:
+        """Position fix of the CoG, m. Returns the normalised innovation squared, None where it was gated out."""
+        used = self._gated(self._position, filter_steps.GATE_POSITION, x, y)
+        return used[0] if used else None
+
+    def update_wheel_speeds(self, front: float, rear: float, steer: float, drive: float) -> list[float]:
+        """Mean circumferential speeds of front and rear wheels, m/s; slip widens their noise. Returns the NIS used."""
+        return self._gated(self._wheel_speeds, filter_steps.GATE, front, rear, steer, drive)
+
+    def update_rear_slip(self, ay: float) -> float | None:
+        """The rear axle hardly slides on a straight: vy - l_r r = 0, the less certain the more the car corners."""
+        used = self._gated(self._rear_slip, filter_steps.GATE, ay)
+        return used[0] if used else None
+
+    def update_standstill(self, imu: Imu) -> None:
+        """Wheels at rest: no velocity, no yaw rate; the gyro and the accelerometers show their biases."""
+        self._apply(self._standstill, imu.ax, imu.ay, imu.yaw_rate, imu.gravity_x, imu.gravity_y)
+
+    def std(self) -> Array:
+        """Standard deviations of `STATES`, shape (10,)."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    @property
+    def yaw_rate_std(self) -> float:
+        """Of the bias-corrected gyro, rad/s."""
+        return sqrt(max(float(self.covariance[BIAS_YAW_RATE, BIAS_YAW_RATE]), 0.0) + self.noise.yaw_rate**2)
+
+    @property
+    def healthy(self) -> bool:
+        """Finite mean and covariance."""
+        return isfinite(float(self.mean.sum() + self.covariance.sum()))
+
+    def _gated(self, function: CompiledFunction, gate: float, *measured: float) -> list[float]:
+        """Apply an update; the normalised innovations squared within `gate`, the rest is counted as rejected."""
+        found = self._apply(function, *measured)
+        used = [nis for nis in found if nis < gate]
+        self.rejected += len(found) - len(used)
+        return used
+
+    def _apply(self, function: CompiledFunction, *measured: float) -> list[float]:
+        """Evaluate one step from the present state into the next; its normalised innovations squared."""
+        mean, covariance, yaw_rate, u = function.inputs
+        mean[:, 0], covariance[:], yaw_rate[0, 0], u[:, 0] = self.mean, self.covariance, self.yaw_rate, measured
+        function()
+        mean, covariance, yaw_rate, nis = function.outputs
+        self.mean, self.covariance, self.yaw_rate = mean[:, 0].copy(), covariance.copy(), float(yaw_rate[0, 0])
+        return list(nis[:, 0].tolist())
+
+
+def course(x0: float, y0: float, x1: float, y1: float) -> float:
+    """Direction of travel between two position fixes, rad in the map frame."""
+    return atan2(y1 - y0, x1 - x0)

@@ -1,0 +1,58 @@
+"""Every topic once: key, message, rate, deadline, whether it is recorded, priority.
+
+The bus, the recorder, the dashboard, the watchdogs and the documentation are all driven by this table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from hil_gateway.bus import messages as m
+
+M = TypeVar("M", bound=m.Message)
+
+
+@dataclass(frozen=True)
+class Topic(Generic[M]):
+    """One stream of messages. `deadline_s` is the age beyond which a reader calls it dead."""
+
+    key: str
+    message: type[M]
+    publisher: str
+    rate_hz: float
+    deadline_s: float
+    recorded: bool = True
+    priority: str = "data"
+
+    def __str__(self) -> str:
+        return self.key
+
+
+VEHICLE_STATE = Topic("av24/vehicle_state", m.VehicleState, "gateway", 100, 0.05, priority="real_time")
+APPLIED = Topic("av24/applied", m.Applied, "gateway", 100, 0.05)
+GATEWAY_STATUS = Topic("av24/gateway_status", m.GatewayStatus, "gateway", 10, 0.5)
+ESTIMATE = Topic("av24/estimate", m.Estimate, "estimator", 100, 0.05, priority="real_time")
+BELIEF = Topic("av24/belief", m.Belief, "estimator", 10, 1.0)
+MODEL_REVISION = Topic("av24/model_revision", m.ModelRevision, "estimator", 1, 3.0)
+ALERT = Topic("av24/alert", m.Alert, "estimator", 1, 60.0)
+PLAN = Topic("av24/plan", m.Plan, "planner", 20, 0.1)
+COMMAND = Topic("av24/command", m.Command, "planner", 20, 0.1, priority="real_time")
+OPERATOR = Topic("av24/operator", m.OperatorCommand, "operator", 0, 1.0, priority="real_time")
+RECORDER_STATUS = Topic("av24/recorder_status", m.RecorderStatus, "recorder", 1, 3.0)
+TRUTH = Topic("referee/truth", m.Truth, "plant", 20, 1.0)
+
+TOPICS: tuple[Topic[Any], ...] = (
+    VEHICLE_STATE,
+    APPLIED,
+    GATEWAY_STATUS,
+    ESTIMATE,
+    BELIEF,
+    MODEL_REVISION,
+    ALERT,
+    PLAN,
+    COMMAND,
+    OPERATOR,
+    RECORDER_STATUS,
+    TRUTH,
+)

@@ -1,0 +1,211 @@
+"""The bus between processes: Zenoh peers with explicit endpoints, no multicast scouting, no router needed.
+
+The gateway listens where the others connect; peers then learn of each other through it and link directly, so
+the estimate reaches the planner in one hop. Receiving is pull only: a ring of fixed depth behind every
+subscriber, no code of ours in a Zenoh thread. Publishing never waits for a slow reader: what does not
+fit is dropped, and the reader sees the gap in the sequence numbers.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from pydantic import ValidationError
+
+from hil_gateway.bus.messages import Message
+from hil_gateway.bus.topics import Topic
+from hil_gateway.process.config import ZenohConfig
+from hil_gateway.process.errors import InputError
+
+M = TypeVar("M", bound=Message)
+log = logging.getLogger(__name__)
+
+HUB = "gateway"
+"""Name of the process that listens on the endpoint the others connect to."""
+LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "[::1]")
+TX_QUEUE_BATCHES = 16
+LARGEST_MESSAGE = 1 << 18
+"""bytes; ours have some thousands. Reading one of 20 MB held the gateway up for seconds"""
+
+
+class ZenohSubscription(Generic[M]):
+    """Newest `depth` messages of one topic; invalid ones are counted and reported, never raised."""
+
+    def __init__(self, session: Any, topic: Topic[M], depth: int) -> None:
+        from zenoh.handlers import RingChannel
+
+        self._topic = topic
+        self._subscriber = session.declare_subscriber(topic.key, RingChannel(depth))
+        self._last_seq: dict[str, int] = {}
+        self.dropped = 0
+        self.invalid = 0
+
+    def poll(self, now_ns: int) -> list[M]:
+        messages: list[M] = []
+        while (sample := self._subscriber.try_recv()) is not None:
+            message = self._parse(sample.payload.to_bytes())
+            if message is not None:
+                messages.append(message)
+        return messages
+
+    def _parse(self, payload: bytes) -> M | None:
+        try:
+            message = self._topic.message.model_validate_json(payload)
+        except ValidationError as error:
+            self.invalid += 1
+            if self.invalid & (self.invalid - 1) == 0:  # 1st, 2nd, 4th, 8th...: a flood must not flood the log
+                log.warning("%s: invalid message no. %d: %s", self._topic, self.invalid, error.errors()[0]["msg"])
+            return None
+        self._count_gap(message)
+        return message
+
+    def _count_gap(self, message: M) -> None:
+        sender = str(getattr(message, "source", ""))
+        gap = message.seq - self._last_seq.get(sender, message.seq) - 1
+        self.dropped += max(gap, 0)
+        self._last_seq[sender] = message.seq
+
+    def close(self) -> None:
+        """Undeclare the subscriber."""
+        self._subscriber.undeclare()
+
+
+class ZenohBus:
+    """`Bus` over one Zenoh session."""
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+        self._publishers: dict[str, Any] = {}
+
+    def publish(self, topic: Topic[M], message: M) -> None:
+        publisher = self._publishers.get(topic.key) or self._declare(topic)
+        publisher.put(message.model_dump_json().encode())
+
+    def subscribe(self, topic: Topic[M], depth: int = 1) -> ZenohSubscription[M]:
+        return ZenohSubscription(self._session, topic, depth)
+
+    def close(self) -> None:
+        self._session.close()
+
+    def _declare(self, topic: Topic[Any]) -> Any:
+        from zenoh import CongestionControl, Priority
+
+        priority = Priority.REAL_TIME if topic.priority == "real_time" else Priority.DATA
+        publisher = self._session.declare_publisher(
+            topic.key, priority=priority, congestion_control=CongestionControl.DROP, express=True
+        )
+        self._publishers[topic.key] = publisher
+        return publisher
+
+
+def open_bus(config: ZenohConfig, name: str) -> ZenohBus:
+    """Open the session of process `name`; succeeds at once whether or not the others are there yet.
+
+    Raises:
+        InputError: busy or unusable endpoint, unreadable or wrong extra file.
+    """
+    import zenoh
+
+    zenoh.init_log_from_env_or("error,zenoh::api::session=off")  # which reports every message that comes while closing
+    tree = session_config(config, name)
+    try:
+        return ZenohBus(zenoh.open(zenoh.Config.from_json5(json.dumps(tree))))
+    except zenoh.ZError as error:
+        raise InputError(_explain(str(error), tree)) from None
+
+
+def session_config(config: ZenohConfig, name: str) -> dict[str, Any]:
+    """Zenoh configuration tree of process `name`: ours, with the user's extra file merged over it."""
+    client = config.mode == "client"
+    connect = () if name == HUB and not client else config.connect
+    tree: dict[str, Any] = {
+        "mode": config.mode,
+        "metadata": {"name": name},
+        "listen": {"endpoints": list(_listen_endpoints(config, name)), "exit_on_failure": True},
+        "connect": {
+            "endpoints": list(connect),
+            "timeout_ms": 0 if client else -1,  # a client is nothing without its router, a peer waits for the others
+            "exit_on_failure": client,
+            "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+        },
+        "open": {"return_conditions": {"connect_scouted": False}},
+        # gossip only tells connected peers of each other; nothing is sent to addresses not configured
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": True}},
+        "transport": {
+            "shared_memory": {"enabled": False},
+            "link": {
+                "rx": {"max_message_size": LARGEST_MESSAGE},
+                "tx": {
+                    "queue": {
+                        "size": dict.fromkeys(("real_time", "data"), TX_QUEUE_BATCHES),
+                        "congestion_control": {"drop": {"wait_before_drop": 0}},
+                    }
+                },
+            },
+        },
+    }
+    return _merge(tree, _read_extra(config.extra)) if config.extra else tree
+
+
+def _listen_endpoints(config: ZenohConfig, name: str) -> tuple[str, ...]:
+    """Explicit ones, else the hub's own; the other processes listen on a free port of the same loopback."""
+    if config.listen or not config.connect or config.mode == "client":
+        return config.listen
+    first = config.connect[0]
+    if name == HUB:
+        return (first,)
+    protocol, _, address = first.partition("/")
+    host = address.rpartition(":")[0]
+    return (f"{protocol}/{host}:0",) if host in LOOPBACK_HOSTS else ()
+
+
+def _read_extra(path: str) -> dict[str, Any]:
+    import zenoh
+
+    tree = read_json5(Path(path))
+    try:
+        zenoh.Config.from_json5(json.dumps(tree))
+    except zenoh.ZError as error:
+        raise InputError(f"{path}: not a Zenoh configuration (zenoh.extra): {error}") from None
+    return tree
+
+
+def read_json5(path: Path) -> dict[str, Any]:
+    """Tree of a file that uses nothing of JSON5 but `//` comment lines.
+
+    Raises:
+        InputError: unreadable, or not that.
+    """
+    try:
+        text = path.read_text()
+    except OSError as error:
+        raise InputError(f"{path}: cannot read (zenoh.extra): {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not text (zenoh.extra): {error}") from None
+    try:
+        lines = (line for line in text.splitlines() if not line.lstrip().startswith("//"))
+        return dict(json.loads("\n".join(lines)))
+    except ValueError as error:
+        raise InputError(f"{path}: not JSON with // comment lines (zenoh.extra): {error}") from None
+
+
+def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """`over` wins; tables are merged, everything else is replaced."""
+    merged = dict(base)
+    for key, value in over.items():
+        old = merged.get(key)
+        merged[key] = _merge(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return merged
+
+
+def _explain(text: str, tree: dict[str, Any]) -> str:
+    listen, connect = (", ".join(tree[side]["endpoints"]) or "nothing" for side in ("listen", "connect"))
+    if "in use" in text:
+        return f"{listen}: the port is busy (zenoh.listen); stop the other gateway or choose another endpoint"
+    if tree["mode"] == "client":
+        return f"no Zenoh router at {connect} (zenoh.connect); start zenohd there, or set zenoh.mode to peer"
+    reason = text.partition(" at /")[0]
+    return f"cannot open Zenoh: zenoh.listen is {listen}, zenoh.connect is {connect}: {reason}"

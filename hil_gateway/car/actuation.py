@@ -1,0 +1,60 @@
+"""Between what the planner asks for (road-wheel angle, slip-ratio drive d) and what the car's actuators take.
+
+Force wanted: F = C_x d with the declared C_x (Eq. 2). Positive F: accelerator = F over the full-throttle force in
+the gear; negative F: brake pressures p_f, p_r = bias F / k, (1 - bias) F / k. The inverse turns reported pedals
+into the equivalent d, which is what the estimator learns from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hil_gateway.car.powertrain import Powertrain
+from hil_gateway.car.vehicle import Vehicle
+
+
+@dataclass(frozen=True, slots=True)
+class Actuators:
+    """One set of actuator positions, SI: motor angle (rad), pedal (0..1), pressures (Pa), gear (0 neutral)."""
+
+    steering_motor: float
+    accelerator: float
+    brake_front: float
+    brake_rear: float
+    gear: int
+
+
+class Actuation:
+    """The declared conversion, both ways."""
+
+    def __init__(self, vehicle: Vehicle, powertrain: Powertrain) -> None:
+        self._vehicle = vehicle
+        self._powertrain = powertrain
+
+    def to_actuators(self, steer: float, drive: float, gear: int, engine_speed: float, next_gear: int) -> Actuators:
+        """Command (rad, slip ratio) in the engaged `gear` at `engine_speed` (rad/s) to actuator positions."""
+        train = self._powertrain
+        force = train.force_per_drive * drive
+        available = train.drive_force(gear, engine_speed, self._vehicle.wheel_radius)
+        accelerator = min(force / available, 1.0) if force > 0 and available > 0 else 0.0
+        front, rear = self.brake_pressures(max(-force, 0.0))
+        return Actuators(steer * self._vehicle.steering_ratio, accelerator, front, rear, next_gear)
+
+    def brake_pressures(self, force: float) -> tuple[float, float]:
+        """Front and rear pressure (Pa) for a braking force (N >= 0), held to what the brakes take."""
+        train = self._powertrain
+        total = force / train.brake_force_per_pa
+        front = min(total * train.brake_bias_front, train.brake_pressure_max)
+        rear = min(total * (1 - train.brake_bias_front), train.brake_pressure_max)
+        return front, rear
+
+    def to_drive(self, actuators: Actuators, engine_speed: float, gear: int) -> float:
+        """Equivalent slip-ratio drive command of reported or applied pedals in the engaged `gear`."""
+        train = self._powertrain
+        available = train.drive_force(gear, engine_speed, self._vehicle.wheel_radius)
+        braking = (actuators.brake_front + actuators.brake_rear) * train.brake_force_per_pa
+        return (actuators.accelerator * available - braking) / train.force_per_drive
+
+    def to_steer(self, steering_motor: float) -> float:
+        """Road-wheel angle of a motor angle, rad."""
+        return steering_motor / self._vehicle.steering_ratio

@@ -1,0 +1,78 @@
+"""Declared powertrain and brakes of the car: engine map, gear ratios, brake gains, and the choice of the gear.
+
+The plant has its own; where the two differ, the tyre belief learns the difference through C_x of Eq. (2).
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+
+from pydantic import Field
+
+from hil_gateway.bus.messages import Model
+
+RPM = 2 * math.pi / 60
+"""rad/s per rpm."""
+
+
+class Powertrain(Model):
+    """Declared numbers, SI. 473 hp at 6110 rpm, gears and final drive: AV-21/AV-24, public sources (docs/av24.md)."""
+
+    engine_rpm: tuple[float, ...] = (1500, 2500, 3500, 4500, 5500, 6110, 6800, 7400)
+    engine_torque: tuple[float, ...] = Field(
+        default=(300, 430, 520, 560, 566, 551, 490, 400), description="full throttle at `engine_rpm`, N m"
+    )
+    gears: tuple[float, ...] = (2.917, 1.875, 1.381, 1.115, 0.96, 0.889)
+    final_drive: float = Field(default=3.0, gt=0)
+    upshift_rpm: float = Field(default=6500.0, gt=0)
+    downshift_rpm: float = Field(default=5700.0, gt=0, description="shift down when the lower gear turns slower")
+    shift_pause_s: float = Field(default=0.3, ge=0, description="least time between two shifts")
+    clutch_rpm: float = Field(default=2000.0, gt=0, description="slowest engine speed with the clutch slipping")
+    brake_force_per_pa: float = Field(default=1.8e-3, gt=0, description="braking force of one axle, N per Pa")
+    brake_bias_front: float = Field(default=0.54, ge=0, le=1, description="front share of the pressure")
+    brake_pressure_max: float = Field(default=6.0e6, gt=0, description="Pa")
+    force_per_drive: float = Field(default=50_000.0, gt=0, description="C_x that turns the command d into a force, N")
+
+    def engine_torque_at(self, engine_speed: float) -> float:
+        """Full-throttle torque at `engine_speed` (rad/s), N m, linear between the points of the map."""
+        rpm, torque = self.engine_rpm, self.engine_torque
+        speed = min(max(engine_speed / RPM, self.clutch_rpm, rpm[0]), rpm[-1])
+        i = min(bisect_right(rpm, speed), len(rpm) - 1)
+        return torque[i - 1] + (torque[i] - torque[i - 1]) * (speed - rpm[i - 1]) / (rpm[i] - rpm[i - 1])
+
+    def ratio(self, gear: int) -> float:
+        """Engine speed over wheel speed in `gear` (1..6); 0 in neutral."""
+        return self.gears[gear - 1] * self.final_drive if 1 <= gear <= len(self.gears) else 0.0
+
+    def drive_force(self, gear: int, engine_speed: float, wheel_radius: float) -> float:
+        """Full-throttle force at the driven wheels, N; 0 in neutral."""
+        return self.engine_torque_at(engine_speed) * self.ratio(gear) / wheel_radius
+
+
+class GearChoice:
+    """Gear from road speed with hysteresis: shift up above one engine speed, down when the lower gear has room."""
+
+    def __init__(self, powertrain: Powertrain, wheel_radius: float) -> None:
+        self._powertrain = powertrain
+        self._radius = wheel_radius
+        self._shifted_ns: int | None = None
+        self.gear = 1
+
+    def step(self, now_ns: int, speed: float) -> int:
+        """Gear for road speed `speed` (m/s): at most one step a `shift_pause_s`."""
+        train = self._powertrain
+        if self._shifted_ns is not None and now_ns - self._shifted_ns < train.shift_pause_s * 1e9:
+            return self.gear
+        change = 0
+        if self._rpm(speed, self.gear) > train.upshift_rpm:
+            change = self.gear < len(train.gears)
+        elif self.gear > 1 and self._rpm(speed, self.gear - 1) < train.downshift_rpm:
+            change = -1
+        if change:
+            self.gear += change
+            self._shifted_ns = now_ns
+        return self.gear
+
+    def _rpm(self, speed: float, gear: int) -> float:
+        return speed / self._radius * self._powertrain.ratio(gear) / RPM

@@ -1,0 +1,39 @@
+"""Declared numbers of the car, shared by gateway, estimator and planner (the plant has its own)."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from hil_gateway.bus.messages import Model
+
+GRAVITY = 9.80665
+"""Standard gravity, m/s2."""
+
+
+class Vehicle(Model):
+    """Single-track vehicle data, SI. Defaults: AV-21/AV-24, public sources (docs/av24.md)."""
+
+    mass: float = Field(default=787.3, gt=0, description="kg")
+    yaw_inertia: float = Field(default=1000.0, gt=0, description="kg m2")
+    lf: float = Field(default=1.724, gt=0, description="CoG to front axle, m")
+    lr: float = Field(default=1.248, gt=0, description="CoG to rear axle, m")
+    cg_height: float = Field(default=0.275, ge=0, description="m")
+    track_front: float = Field(default=1.638, gt=0, description="m")
+    track_rear: float = Field(default=1.523, gt=0, description="m")
+    wheel_radius: float = Field(default=0.3118, gt=0, description="m")
+    steering_ratio: float = Field(default=15.0, gt=0, description="steering motor angle over road-wheel angle")
+
+    @property
+    def wheelbase(self) -> float:
+        """Distance between the axles, m."""
+        return self.lf + self.lr
+
+    @property
+    def static_load_front(self) -> float:
+        """Front axle load on level ground at rest, N."""
+        return self.mass * GRAVITY * self.lr / self.wheelbase
+
+    @property
+    def static_load_rear(self) -> float:
+        """Rear axle load on level ground at rest, N."""
+        return self.mass * GRAVITY * self.lf / self.wheelbase

@@ -1,0 +1,247 @@
+"""`hil doctor`: what this machine lacks, what for, and the remedy; `--config` lists every setting and its origin."""
+
+from __future__ import annotations
+
+import errno
+import importlib.metadata
+import json
+import os
+import platform
+import resource
+import shutil
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hil_gateway.process.cache import cache_directory
+from hil_gateway.process.config import Config, load_config, origins
+from hil_gateway.process.errors import EXIT_FAILURE
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+MIN_FREE_BYTES = 2 * 10**9
+"""one hour of recording at about 500 kB/s, B"""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at. `required` ones make `hil demo` impossible when they are not ok."""
+
+    name: str
+    ok: bool
+    detail: str
+    needed_for: str
+    remedy: str = ""
+    required: bool = False
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program that some part calls, and the Debian package that brings it."""
+
+    names: tuple[str, ...]
+    package: str
+    needed_for: str
+
+
+PROGRAMS = (
+    Program(("cc", "gcc"), "gcc libc6-dev", "compiled planner stages (about 3 times faster)"),
+    Program(("ip",), "iproute2", "CAN interfaces, two-computer tests"),
+    Program(("candump",), "can-utils", "vcan tests with programs that are not ours"),
+    Program(("chromium", "chromium-browser", "google-chrome"), "chromium", "dashboard test in a browser"),
+    Program(("openssl",), "openssl", "certificates for TLS between computers"),
+    Program(("systemd-analyze",), "systemd", "check of the systemd units"),
+)
+USER_MODE_LINUX = Program(("linux.uml",), "user-mode-linux", "vcan tests where the kernel has no CAN")
+
+
+def _find(program: Program) -> str | None:
+    return next((path for path in map(shutil.which, program.names) if path), None)
+
+
+def _program(program: Program) -> Finding:
+    path = _find(program)
+    remedy = f"apt-get install {program.package}"
+    return Finding(program.names[0], path is not None, path or "not found", program.needed_for, remedy)
+
+
+def _python() -> Finding:
+    ok = sys.version_info >= (3, 11)
+    return Finding("python", ok, platform.python_version(), "everything", "install Python 3.11 or newer", True)
+
+
+def _packages() -> Finding:
+    """Whether every distribution the project declares without an extra is installed."""
+    declared = importlib.metadata.requires("hil-gateway") or []
+    names = [_distribution(line) for line in declared if "extra ==" not in line]
+    missing = [name for name in names if not _installed(name)]
+    detail = f"missing: {', '.join(missing)}" if missing else f"{len(names)} installed"
+    return Finding("packages", not missing, detail, "everything", "rm -r .venv && deploy/setup.sh", True)
+
+
+def _distribution(requirement: str) -> str:
+    return requirement.partition(";")[0].translate({ord(c): " " for c in "[<>=!~"}).split()[0]
+
+
+def _installed(name: str) -> bool:
+    try:
+        importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def socketcan_available() -> bool:
+    """Whether this kernel has SocketCAN."""
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    return True
+
+
+def _socketcan() -> Finding:
+    ok = socketcan_available()
+    remedy = "a kernel with CAN (modprobe can-raw vcan); without, the demo uses UDP multicast"
+    detail = "available" if ok else "this kernel has none"
+    return Finding("socketcan", ok, detail, "a real car, vcan", remedy)
+
+
+def _interface(channel: str) -> Finding:
+    ok = Path("/sys/class/net", channel).exists()
+    remedy = f"ip link add dev {channel} type vcan && ip link set {channel} up (as root), or go without"
+    return Finding(channel, ok, "present" if ok else "absent", "the demo over SocketCAN", remedy)
+
+
+def _user_mode_linux() -> Finding | None:
+    return None if socketcan_available() else _program(USER_MODE_LINUX)
+
+
+def _multicast(group: str) -> Finding:
+    """A datagram to the group over loopback must come back."""
+    remedy = "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo (as root)"
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("", 0))
+            membership = socket.inet_aton(group) + socket.inet_aton("127.0.0.1")
+            probe.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+            probe.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
+            probe.settimeout(0.5)
+            probe.sendto(b"hil", (group, probe.getsockname()[1]))
+            ok, detail = probe.recv(16) == b"hil", f"{group} loops back"
+    except OSError as error:
+        ok, detail = False, f"{group}: {error}"
+    return Finding("udp multicast", ok, detail, "the demo without SocketCAN", remedy)
+
+
+def _disk(folder: str) -> Finding:
+    """Room where recordings go, or where their folder would be made."""
+    try:
+        place = next(p for p in Path(folder, "x").resolve().parents if p.exists())
+        free, writable = shutil.disk_usage(place).free, os.access(place, os.W_OK)
+    except OSError as error:
+        return Finding("disk", False, f"{folder}: {error.strerror}", "recordings", "cd to a folder that exists")
+    detail = f"{free / 1e9:.1f} GB free in {place}" if writable else f"{place} cannot be written"
+    return Finding(
+        "disk", writable and free > MIN_FREE_BYTES, detail, "recordings", "set recorder.folder to another one"
+    )
+
+
+def _cache() -> Finding:
+    """Where compiled functions are kept; without it each start runs them interpreted."""
+    folder = cache_directory()
+    place = next(p for p in (folder, *folder.parents) if p.exists())
+    ok = place.is_dir() and os.access(place, os.W_OK) and not str(place).startswith("/proc")
+    detail = str(folder) if ok else f"{place} cannot be written"
+    return Finding("compiled functions", ok, detail, "planner at full speed", "set XDG_CACHE_HOME to a folder of yours")
+
+
+def _zenoh(endpoint: str) -> Finding:
+    """Whether the gateway may listen where the configuration says; on another computer's address it does not."""
+    host, _, port = endpoint.partition("/")[2].rpartition(":")
+    ok, detail = True, "free"
+    try:
+        socket.create_server((host.strip("[]"), int(port))).close()
+    except ValueError:
+        ok, detail = False, "not PROTOCOL/HOST:PORT"
+    except OSError as error:
+        ok = error.errno == errno.EADDRNOTAVAIL
+        detail = "on another computer" if ok else str(error.strerror).partition(" (")[0].lower()
+    remedy = "end what listens there, or set zenoh.connect to another endpoint"
+    return Finding("zenoh endpoint", ok, f"{endpoint}: {detail}", "hil gateway run", remedy)
+
+
+def _cpus() -> Finding:
+    count = len(os.sched_getaffinity(0))
+    return Finding("processors", count >= 2, str(count), "the demo in real time", "a machine with 2 cores or more")
+
+
+def _real_time() -> Finding:
+    ok = os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_RTPRIO)[0] > 0
+    detail = "may be raised" if ok else "not permitted"
+    return Finding("real-time priority", ok, detail, "a car (not the demo)", "run by deploy/systemd, or ulimit -r 80")
+
+
+def findings(config: Config) -> Iterator[Finding]:
+    """Look at everything, cheap things first."""
+    yield from (_python(), _packages(), _cpus(), _disk(config.recorder.folder), _cache())
+    yield from (_socketcan(), _interface(config.can.channel), _multicast(config.can.multicast_group))
+    yield from map(_zenoh, config.zenoh.connect[:1])
+    yield from map(_program, PROGRAMS)
+    if uml := _user_mode_linux():
+        yield uml
+    yield _real_time()
+
+
+def missing_packages() -> list[str]:
+    """Debian packages that would bring the programs not found here."""
+    wanted = (*PROGRAMS, *(() if socketcan_available() else (USER_MODE_LINUX,)))
+    return [p.package for p in wanted if _find(p) is None]
+
+
+def _print_findings(rows: list[Finding], echo: Callable[[str], None]) -> None:
+    for row in rows:
+        mark = "ok  " if row.ok else ("FAIL" if row.required else "none")
+        echo(f"{mark} {row.name:20} {row.detail:28} for {row.needed_for}")
+        if not row.ok:
+            echo(f"     {'':20} remedy: {row.remedy}")
+
+
+def _print_config(path: Path | None, as_json: bool) -> None:
+    table = origins(path)
+    if as_json:
+        print(json.dumps({key: {"value": value, "origin": origin} for key, (value, origin) in table.items()}))
+        return
+    width = max(map(len, table))
+    for key, (value, origin) in table.items():
+        print(f"{key:{width}} = {json.dumps(value)}  ({origin})")
+
+
+@app.command()
+def doctor(
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+    show_config: Annotated[bool, typer.Option("--config", help="list every setting, its value and its origin")] = False,
+    config_file: Annotated[Path | None, typer.Option("--file", help="TOML file to read settings from")] = None,
+    packages: Annotated[bool, typer.Option("--packages", help="only the Debian packages that are missing")] = False,
+) -> None:
+    """Say what this machine lacks for what, with the remedy. Exit 1 when `hil demo` cannot run here."""
+    if packages:
+        print(" ".join(missing_packages()))
+        return
+    if show_config:
+        _print_config(config_file, as_json)
+        return
+    rows = list(findings(load_config(config_file)))
+    can_run = all(row.ok for row in rows if row.required)
+    if as_json:
+        report: dict[str, Any] = {"ok": can_run, "checks": [asdict(row) for row in rows]}
+        print(json.dumps(report))
+    else:
+        _print_findings(rows, print)
+    if not can_run:
+        raise typer.Exit(EXIT_FAILURE)

@@ -1,0 +1,98 @@
+"""The `hil` command: one table of sub-commands, each imported only when it is called."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from hil_gateway.process.errors import EXIT_FAILURE, EXIT_INPUT, InputError
+from hil_gateway.process.lifecycle import end_with_parent
+
+COMMANDS: dict[str, tuple[str, str]] = {
+    "demo": ("hil_gateway.cli.demo:app", "drive a simulated AV-24 around a track: the whole loop"),
+    "gateway": ("hil_gateway.cli.gateway:app", "CAN to vehicle state, commands to CAN; bring-up check"),
+    "estimator": ("estimator.cli.estimator:app", "state, tyre belief and model revisions"),
+    "planner": ("planner.cli.planner:app", "infomax MPCC: plans and commands"),
+    "plant": ("hil_gateway.cli.plant:app", "the simulated AV-24 at the other end of the CAN cable"),
+    "identify": ("estimator.cli.identify:app", "tyre parameters from a session, error before and after"),
+    "diagnose": ("estimator.cli.diagnose:app", "residual, missing effect, error before and after"),
+    "plan": ("planner.cli.plan:app", "planner benchmark in closed loop on the model"),
+    "campaign": ("planner.cli.campaign:app", "long comparisons over seeds"),
+    "recorder": ("hil_gateway.cli.recorder:app", "raw frames and topics into one MCAP file"),
+    "session": ("hil_gateway.cli.session:app", "recordings: info, recover, export, import, replay"),
+    "dashboard": ("hil_gateway.cli.dashboard:app", "read-only live page"),
+    "verify": ("hil_gateway.cli.verify:app", "the reliability promises at their stated figures"),
+    "doctor": ("hil_gateway.cli.doctor:app", "what this machine lacks for what, with the remedy"),
+}
+"""name -> (module:attribute of a Typer app, help line)"""
+
+
+class LazyGroup(TyperGroup):
+    """Lists sub-commands from the table and imports one only to run it."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in COMMANDS:
+            return None
+        target, text = COMMANDS[cmd_name]
+        if ctx.resilient_parsing or "--help" in sys.argv[1:2] or len(sys.argv) == 1:
+            return TyperCommand(cmd_name, help=text, short_help=text)
+        module, attribute = target.split(":")
+        sub: typer.Typer = getattr(importlib.import_module(module), attribute)
+        sub.rich_markup_mode = None  # the same plain help everywhere
+        sub._add_completion = False
+        return typer.main.get_command(sub)
+
+
+app = typer.Typer(
+    cls=LazyGroup,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain help: importing rich would double its time
+    help="Hardware-in-the-loop CAN gateway and active tyre-learning loop for the Dallara AV-24.",
+)
+
+
+@app.callback()
+def _root() -> None:
+    """Hardware-in-the-loop CAN gateway and active tyre-learning loop for the Dallara AV-24."""
+
+
+_UsageError: Any = typer.BadParameter.__bases__[0]
+"""what typer raises for wrong arguments; its own module for it is private"""
+
+
+def main() -> None:
+    """Run the command line; bad input ends in one line on standard error and exit code 2."""
+    end_with_parent()
+    try:
+        code = app(standalone_mode=False, prog_name="hil")
+    except InputError as error:
+        print(f"hil: {error}", file=sys.stderr)
+        code = EXIT_INPUT
+    except ValueError as error:
+        if type(error).__module__ != "can_dbc.database":  # named, not imported: few commands need it
+            raise
+        print(f"hil: {error}", file=sys.stderr)
+        code = EXIT_INPUT
+    except _UsageError as error:
+        print(_explain_usage(error), file=sys.stderr)
+        code = EXIT_INPUT
+    except (BrokenPipeError, KeyboardInterrupt, typer.Abort):
+        code = EXIT_FAILURE
+    raise SystemExit(code)
+
+
+def _explain_usage(error: Any) -> str:
+    """One line, or the help of a group that was called without a command."""
+    text = str(error.format_message()).strip()
+    command = error.ctx.command_path if error.ctx else "hil"
+    return text if "\n" in text else f"hil: {text.rstrip('.')}; `{command} --help` lists what there is"
+

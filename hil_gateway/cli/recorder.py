@@ -1,0 +1,47 @@
+"""`hil recorder run`: the recorder as a process of its own."""
+
+from __future__ import annotations
+
+import datetime as dt
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+PERIOD_S = 0.01
+
+
+@app.callback()
+def _group() -> None:
+    """Raw frames and topics into one MCAP file."""
+
+
+@app.command()
+def run(config_file: Annotated[Path | None, typer.Option("--config", help="TOML file")] = None) -> None:
+    """Record until interrupted (Ctrl-C or SIGTERM ends with a complete file)."""
+    from hil_gateway.bus.zenoh_bus import open_bus
+    from hil_gateway.can_link import open_link
+    from hil_gateway.process.clock import NS_PER_S, SystemClock, wall_offset_ns
+    from hil_gateway.process.config import load_config
+    from hil_gateway.process.lifecycle import stop_requested
+    from hil_gateway.session.format import session_metadata
+    from hil_gateway.session.recorder import Recorder, session_path
+    from hil_gateway.session.writer import SessionWriter
+
+    config = load_config(config_file)
+    stopping = stop_requested()
+    link, bus, clock = open_link(config.can), open_bus(config.zenoh, "recorder"), SystemClock()
+    started = dt.datetime.now(dt.UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+    path = session_path(config.recorder, started)
+    metadata = session_metadata(config, path.stem, link.kind, started)
+    writer = SessionWriter(path, metadata, config.recorder.rotate_bytes, config.recorder.min_free_bytes)
+    recorder = Recorder(config.recorder, bus, link, writer, wall_offset_ns())
+    while not stopping():
+        now_ns = clock.now_ns()
+        recorder.step(now_ns)
+        clock.sleep_until(now_ns + int(PERIOD_S * NS_PER_S))
+    recorder.close(clock.now_ns())
+    link.close()
+    bus.close()

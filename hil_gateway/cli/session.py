@@ -1,0 +1,151 @@
+"""`hil session`: info, recover, export, import, replay."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hil_gateway.process.errors import EXIT_FAILURE, InputError
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, no_args_is_help=True)
+
+SessionFiles = Annotated[list[Path], typer.Argument(help="recorded .mcap files")]
+OneSession = Annotated[Path, typer.Argument(help="a recorded .mcap file")]
+AsJson = Annotated[bool, typer.Option("--json", help="one JSON object on standard output")]
+Out = Annotated[Path | None, typer.Option("--out", help="file to write")]
+
+
+class Format(StrEnum):
+    """What a session can be exported to."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+    CANDUMP = "candump"
+
+
+SUFFIXES = {Format.CSV: ".csv", Format.PARQUET: ".parquet", Format.CANDUMP: ".log"}
+
+
+class Target(StrEnum):
+    """Where a session can be played to."""
+
+    ZENOH = "zenoh"
+    CAN = "can"
+    BOTH = "both"
+
+
+@app.callback()
+def _group() -> None:
+    """Recordings: what is in them, and what can be made of them."""
+
+
+@app.command()
+def info(files: SessionFiles, as_json: AsJson = False) -> None:
+    """Say what a session holds, and whether it is whole. Exit 1 when a part of it is corrupt."""
+    from hil_gateway.session.info import describe, session_info
+
+    infos = [session_info(path) for path in files]
+    if as_json:
+        print(json.dumps(infos[0] if len(infos) == 1 else {"sessions": infos}))
+    else:
+        print("\n".join(line for one in infos for line in describe(one)))
+    if any(one["corrupt"] for one in infos):
+        raise typer.Exit(EXIT_FAILURE)
+
+
+@app.command()
+def recover(file: OneSession, out: Out = None, as_json: AsJson = False) -> None:
+    """Write a complete file from whatever a damaged one still holds."""
+    from hil_gateway.session.output import beside
+    from hil_gateway.session.recover import recover as recover_session
+
+    target = out or beside(file, f"_recovered{file.suffix}")
+    done = recover_session(file, target)
+    values = {"messages": done.messages, "left_out": done.left_out, "damage": done.damage, "path": str(target)}
+    _report(values, f"{done.messages} messages recovered to {target}", as_json)
+
+
+@app.command()
+def export(
+    file: OneSession,
+    format: Annotated[
+        Format | None,
+        typer.Option("--format", help="drive log as csv or parquet, or raw frames (default: as --out says, else csv)"),
+    ] = None,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write a drive log (csv, parquet) or the raw frames (candump log)."""
+    from hil_gateway.session.export import EXPORTS
+    from hil_gateway.session.output import beside
+
+    by_suffix = {suffix: name for name, suffix in SUFFIXES.items()}
+    chosen = format or by_suffix.get(out.suffix if out else "", Format.CSV)
+    target = out or beside(file, SUFFIXES[chosen])
+    done = EXPORTS[chosen](file, target)
+    values = {"rows": done.rows, "left_out": done.left_out, "damage": done.damage, "path": str(target)}
+    _report(values, f"{done.rows} rows written to {target}", as_json)
+
+
+@app.command(name="import")
+def import_(
+    file: Annotated[Path, typer.Argument(help="a candump .log, Vector .asc or .blf file")],
+    out: Out = None,
+    channel: Annotated[str | None, typer.Option(help="only this bus of a log that holds several")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make a session of a log of raw CAN frames."""
+    from hil_gateway.session.importer import import_log
+    from hil_gateway.session.output import beside
+
+    target = out or beside(file, ".mcap")
+    if out is None and target.exists():
+        raise InputError(f"{target}: there already, perhaps the recording the log was made of; name a file with --out")
+    done = import_log(file, target, channel)
+    values = {"frames": done.frames, "left_out": done.left_out, "path": str(target)}
+    _report(values, f"{done.frames} frames written to {target}", as_json)
+
+
+@app.command()
+def replay(
+    files: SessionFiles,
+    *,
+    to: Annotated[Target, typer.Option(help="where to")] = Target.ZENOH,
+    speed: Annotated[float, typer.Option(help="1: real time, 2: twice as fast, 0: as fast as possible")] = 1.0,
+    topic: Annotated[list[str] | None, typer.Option(help="only these topics (default: all but commands)")] = None,
+    config_file: Annotated[Path | None, typer.Option("--config", help="TOML file")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Play sessions back. On Zenoh it takes the gateway's place; on CAN only frames of a car are sent.
+
+    Exit 1 when the interface did not take every frame.
+    """
+    from hil_gateway.process.config import load_config
+    from hil_gateway.session.player import play
+    from hil_gateway.session.replay import DEFAULT_TOPICS
+
+    if not 0 <= speed < float("inf"):
+        raise InputError(f"--speed {speed} must be 0 (as fast as possible) or a positive factor")
+    topics = () if to is Target.CAN else tuple(topic or DEFAULT_TOPICS)
+    played = play(files, load_config(config_file), topics, to is not Target.ZENOH, speed)
+    text = f"{played.items} recorded items played: {played.messages} messages, {played.frames} frames sent"
+    _report(asdict(played), text, as_json)
+    if played.refused:
+        print(f"hil: {played.refused} frames were not sent: interface down, or --speed too high", file=sys.stderr)
+        raise typer.Exit(EXIT_FAILURE)
+
+
+def _report(values: Mapping[str, Any], text: str, as_json: bool) -> None:
+    """What was done on standard output; what was left out or not readable on standard error."""
+    for place in values.get("damage", ()):
+        print(f"hil: not readable: {place}", file=sys.stderr)
+    for reason, number in values.get("left_out", {}).items():
+        print(f"hil: left out: {reason}, {number} times", file=sys.stderr)
+    print(json.dumps(values) if as_json else text)

@@ -1,0 +1,1 @@
+"""The gateway process: perceive, decide, act, 100 times a second; and the bring-up check."""

@@ -1,0 +1,1 @@
+"""From the decision to frames: stopping, limits, transmission."""

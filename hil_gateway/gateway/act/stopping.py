@@ -1,0 +1,121 @@
+"""Stopping without the planner: steering that keeps the car on its last good path, braking within the grip left.
+
+Steering is pure pursuit (Coulter, CMU-RI-TR-92-01): delta = atan(2 L sin(alpha) / l) towards the point a look-ahead
+distance l along the path. Beyond the end of the plan the path goes on at the same offset from the track's centre
+line.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_gateway.bus.messages import Plan, PlanStatus, VehicleState
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.road_speed import rear_speed
+from hil_gateway.process.config import StopConfig
+from hil_gateway.track.track import Track
+
+Array = NDArray[np.float64]
+
+LOOK_AHEAD_S = 0.5
+LOOK_AHEAD_MIN = 6.0
+"""m"""
+EXTENSION = 400.0
+"""m of track added to a plan: more than a controlled stop from top speed needs"""
+EXTENSION_STEP = 4.0
+SHORTEST_STEP = 1e-3
+"""points closer together are one, m"""
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Polyline over its own arc length, local map frame, m; arrays of one length (n >= 2)."""
+
+    x: Array
+    y: Array
+    s: Array
+
+    def ahead(self, x: float, y: float, distance: float) -> tuple[float, float]:
+        """Point `distance` along the path from the vertex nearest to (x, y); its last point beyond the end."""
+        nearest = int(np.argmin((self.x - x) ** 2 + (self.y - y) ** 2))
+        target = self.s[nearest] + distance
+        return float(np.interp(target, self.s, self.x)), float(np.interp(target, self.s, self.y))
+
+
+def plan_path(plan: Plan, track: Track | None) -> Path | None:
+    """Path of a plan, extended along the track at the offset it ends with; None when it has no two distinct points."""
+    points = np.array([plan.x, plan.y], dtype=np.float64)
+    if track is not None and points.size:
+        points = np.hstack([points, _along_track(track, *points[:, -1].tolist())])
+    steps = np.hypot(*np.diff(points)) if points.size else np.zeros(0)
+    distinct = steps > SHORTEST_STEP
+    if not distinct.any():
+        return None
+    kept = points[:, np.concatenate([[True], distinct])]
+    return Path(kept[0], kept[1], np.concatenate([[0.0], np.cumsum(steps[distinct])]))
+
+
+def _along_track(track: Track, x: float, y: float) -> Array:
+    """Points beyond (x, y), shape (2, n)."""
+    s, lateral = track.project(x, y)
+    on = track.at(np.arange(s + EXTENSION_STEP, s + EXTENSION, EXTENSION_STEP, dtype=np.float64))
+    return np.array([on.x - lateral * np.sin(on.heading), on.y + lateral * np.cos(on.heading)])
+
+
+class Stopping:
+    """Keeps the last good path; answers with (steer, drive)."""
+
+    def __init__(self, vehicle: Vehicle, config: StopConfig, force_per_drive: float, track: Track | None) -> None:
+        self._vehicle = vehicle
+        self._config = config
+        self._force_per_drive = force_per_drive
+        self._track = track
+        self._plan: Plan | None = None
+        self._path: Path | None = None
+        self._steer = 0.0
+
+    def take_plan(self, plan: Plan, stopping: bool) -> None:
+        """Keep a fresh solution as the path to stop on; what the planner falls back to is no better.
+
+        During a stop the path stays: plans made meanwhile begin where the car has drifted to, and lead to the edge of
+        the track that a faster car would use.
+        """
+        if plan.status is PlanStatus.SOLVED and not (stopping and self._plan is not None):
+            self._plan = plan
+            self._path = None
+
+    def start(self, steer: float) -> None:
+        """A stop begins; without a path the present angle is held."""
+        self._steer = steer
+
+    def command(self, state: VehicleState, pose: Pose | None, emergency: bool) -> tuple[float, float]:
+        """Road-wheel angle (rad) and slip-ratio drive (negative) of this period."""
+        if self._path is None and self._plan is not None:
+            self._path = plan_path(self._plan, self._track)
+        if self._path is not None and pose is not None:
+            self._steer = self._pursue(self._path, pose)
+        config = self._config
+        wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
+        force = self._vehicle.mass * min(wanted, self._grip_left(state))
+        return self._steer, -force / self._force_per_drive
+
+    def _pursue(self, path: Path, pose: Pose) -> float:
+        rear_x = pose.x - self._vehicle.lr * math.cos(pose.yaw)
+        rear_y = pose.y - self._vehicle.lr * math.sin(pose.yaw)
+        look_ahead = max(LOOK_AHEAD_MIN, LOOK_AHEAD_S * pose.speed)
+        x, y = path.ahead(rear_x, rear_y, look_ahead)
+        angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw
+        distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_MIN)
+        return math.atan2(2 * self._vehicle.wheelbase * math.sin(angle), distance)
+
+    def _grip_left(self, state: VehicleState) -> float:
+        """Deceleration the friction circle leaves beside the present lateral force, m/s2."""
+        config = self._config
+        weight = GRAVITY + config.downforce * rear_speed(state) ** 2 / self._vehicle.mass
+        grip = config.lateral_grip * weight
+        return math.sqrt(max(grip**2 - state.ay**2, (0.3 * grip) ** 2))

@@ -1,0 +1,80 @@
+"""What is still needed before the gateway would arm: asked of the gateway core itself, on the captured frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hil_gateway.bus import topics
+from hil_gateway.bus.interface import LocalBus
+from hil_gateway.can_link import Frame, LinkStats
+from hil_gateway.gateway.core import Gateway
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.config import Config
+
+PERIOD_NS = NS_PER_S // 100
+
+EXPLANATION = {
+    "operator_emergency": "an emergency was asked for",
+    "operator_stop": "a stop was asked for",
+    "vehicle_flag_kill": "purple flag or e-kill from race control",
+    "vehicle_flag_stop": "black or stop flag from race control",
+    "track_flag_stop": "red or checkered flag from race control",
+    "car_emergency": "the car reports an emergency (sys_state 16 or 18)",
+    "car_not_driving": "the car is not in sys_state driving (9)",
+    "car_failure": "the car reports a system failure (0x53E)",
+    "foreign_emergency": "another computer reports ct_state 12",
+    "foreign_commands": "another computer commands the actuators",
+    "command_dead": "no planner sends commands: `hil planner run`",
+    "command_stale": "no fresh planner command: `hil planner run`",
+    "can_silent": "the car sends nothing",
+    "gateway_late": "the gateway missed its period",
+    "state_invalid": "a report needed for driving is missing or implausible",
+    "estimate_invalid": "no valid estimate: `hil estimator run`",
+    "engine_running": "the engine runs, and gateway.mode is actuator_test",
+    "counters_wrong": "rolling counters jump",
+    "heartbeat_frozen": "race control's heartbeat stands still",
+    "car_moving": "the car must stand still, and valid reports say so",
+    "mode": "gateway.mode is listen",
+}
+"""Cause of the failsafe table -> what a person reads."""
+
+
+class Playback:
+    """A link that replays captured frames by their stamps and refuses to transmit."""
+
+    kind = "playback"
+
+    def __init__(self, frames: Sequence[Frame]) -> None:
+        self._frames = frames
+        self._next = 0
+        self.now_ns = 0
+
+    def receive(self, timeout_s: float = 0.0) -> list[Frame]:
+        """Frames up to `now_ns`."""
+        start = self._next
+        while self._next < len(self._frames) and self._frames[self._next].stamp_ns <= self.now_ns:
+            self._next += 1
+        return list(self._frames[start : self._next])
+
+    def send(self, frame_id: int, data: bytes) -> bool:
+        """Never."""
+        return False
+
+    def stats(self) -> LinkStats:
+        return LinkStats()
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+def missing_for_arming(config: Config, frames: Sequence[Frame], start_ns: int, end_ns: int) -> tuple[str, ...]:
+    """Causes that would refuse arming at `end_ns`, as the gateway's failsafe names them."""
+    shadow = config.model_copy(update={"gateway": config.gateway.model_copy(update={"mode": "shadow"})})
+    bus, playback = LocalBus(), Playback(frames)
+    gateway = Gateway(shadow, bus, playback)
+    status = bus.subscribe(topics.GATEWAY_STATUS)
+    for now_ns in range(start_ns, end_ns + 1, PERIOD_NS):
+        playback.now_ns = now_ns
+        gateway.step(now_ns)
+    newest = status.poll(end_ns)
+    return newest[-1].missing_for_arming if newest else ()

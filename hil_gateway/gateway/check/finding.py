@@ -1,0 +1,26 @@
+"""One result of the check."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from hil_gateway.bus.messages import Model
+
+
+class Verdict(StrEnum):
+    """How bad it is: `fail` stands in the way of driving, `warn` deserves a look, `info` only tells."""
+
+    OK = "ok"
+    INFO = "info"
+    WARN = "warn"
+    FAIL = "fail"
+
+
+class Finding(Model):
+    """What was looked at, how it is, and what to do about it."""
+
+    area: str
+    name: str
+    verdict: Verdict
+    detail: str
+    remedy: str = ""

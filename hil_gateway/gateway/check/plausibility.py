@@ -1,0 +1,236 @@
+"""Findings about what the messages say: at standstill, and while the car is pushed. Pure.
+
+Signs follow ISO 8855: x forward, y left, z up, so at rest an accelerometer feels +1 g along z; yaw rate and
+steering are positive to the left; in a left turn the right wheels are the faster ones.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.gateway.check.finding import Finding, Verdict
+from hil_gateway.gateway.check.observation import FloatArray, Observation
+from hil_gateway.gateway.decide.race_control import SysState
+from hil_gateway.gateway.perceive.vehicle_state import SENSOR_DISAGREEMENT
+from hil_gateway.process.config import Config
+from hil_gateway.track.geodesy import LocalMap
+
+AREA = "plausibility"
+WHEELS = ("FL", "FR", "RL", "RR")
+STANDING_SPEED = 0.3
+"""Faster than this is moving, m/s."""
+TILT_MAX = np.radians(15.0)
+"""Steepest bank or slope the car is parked on."""
+GRAVITY_TOLERANCE = 0.1 * GRAVITY
+RATE_BIAS_MAX = np.radians(2.0)
+CENTRE_MAX = np.radians(30.0)
+"""Steering motor off centre (2 deg at the road wheel)."""
+WHEEL_SPREAD = 0.25
+"""Wheels of a car pushed around a bend differ by less, share of their mean."""
+YAW_SEEN, ACCELERATION_SEEN = 0.05, 0.3
+"""Turning and speeding up by less tells no sign, rad/s and m/s2."""
+POSITION_MAX_M = 20_000.0
+MIN_SAMPLES = 20
+
+
+def judge_signals(seen: Observation, config: Config) -> list[Finding]:
+    """Everything the values themselves can tell."""
+    findings = [*_limits(seen), *_frozen_imu(seen), *_states(seen), *_position(seen, config)]
+    speeds = wheel_speeds(seen)
+    if speeds is None:
+        return findings
+    time, by_wheel = speeds
+    if max(float(v.max()) for v in by_wheel.values()) < STANDING_SPEED:
+        remedy = "push the car forward around a left bend while the check runs: it then judges the signs"
+        hint = Finding(area=AREA, name="movement", verdict=Verdict.INFO, detail="standing still", remedy=remedy)
+        return [*findings, hint, *_gravity(seen), *_rates_at_rest(seen), *_steering_at_rest(seen)]
+    return [*findings, *_wheels_agree(by_wheel), *_signs(seen, time, by_wheel, config.vehicle)]
+
+
+def wheel_speeds(seen: Observation) -> tuple[FloatArray, dict[str, FloatArray]] | None:
+    """(time, speed by wheel), m/s; None when there is too little."""
+    time, _ = seen.series["wheel_speed_FL"]
+    if time.size < MIN_SAMPLES:
+        return None
+    return time, {wheel: seen.series[f"wheel_speed_{wheel}"][1] for wheel in WHEELS}
+
+
+def _finding(name: str, good: bool, detail: str, remedy: str = "", bad: Verdict = Verdict.FAIL) -> Finding:
+    return Finding(
+        area=AREA, name=name, verdict=Verdict.OK if good else bad, detail=detail, remedy="" if good else remedy
+    )
+
+
+def _limits(seen: Observation) -> list[Finding]:
+    """Every signal of the car that left what the car can do (av24.toml)."""
+    findings = []
+    for record in seen.records.values():
+        for signal in record.layout.signals if record.frames and record.layout.direction == "car" else ():
+            if signal.limits is None:
+                continue
+            ends = sorted(extreme[signal.name] / signal.si_factor for extreme in (record.lowest, record.highest))
+            if not signal.limits[0] <= ends[0] <= ends[1] <= signal.limits[1]:
+                possible = f"{signal.limits[0]:g} to {signal.limits[1]:g}"
+                detail = f"{ends[0]:g} to {ends[1]:g} {signal.unit}, possible are {possible}"
+                remedy = f"0x{record.layout.id:03X}: sensor, wiring, or another version of the car's DBC"
+                findings.append(_finding(signal.name, False, detail, remedy))
+    if not findings and any(record.frames for record in seen.records.values()):
+        findings.append(_finding("ranges", True, "every signal within what the car can do"))
+    return findings
+
+
+def _frozen_imu(seen: Observation) -> list[Finding]:
+    """Noise alone moves the last bit of a live sensor."""
+    findings = []
+    for name in ("imu_ax", "imu_ay", "imu_az", "imu_yaw_rate"):
+        _, values = seen.series[name]
+        if values.size >= MIN_SAMPLES and float(np.ptp(values)) == 0.0:
+            detail = f"exactly {values[0]:.4g} in all {values.size} frames"
+            findings.append(
+                _finding(name, False, detail, "the sensor hangs or is simulated without noise", Verdict.WARN)
+            )
+    return findings
+
+
+def _mean(seen: Observation, signal: str) -> float | None:
+    _, values = seen.series[signal]
+    return float(values.mean()) if values.size >= MIN_SAMPLES else None
+
+
+def _gravity(seen: Observation) -> list[Finding]:
+    """At rest the accelerometer feels 1 g upwards and nothing else."""
+    means = [_mean(seen, f"imu_a{axis}") for axis in "xyz"]
+    if any(mean is None for mean in means):
+        return []
+    felt = np.array(means, dtype=np.float64)
+    size = float(np.linalg.norm(felt))
+    detail = f"ax {felt[0]:+.2f}, ay {felt[1]:+.2f}, az {felt[2]:+.2f} m/s2 at rest"
+    if abs(size - GRAVITY) > GRAVITY_TOLERANCE:
+        return [_finding("gravity", False, f"{detail}: {size / GRAVITY:.2f} g in all", "scale or bias of the IMU")]
+    if felt[2] >= size * np.cos(TILT_MAX):
+        return [_finding("gravity", True, detail)]
+    axis = int(np.abs(felt).argmax())
+    sign = "+" if felt[axis] > 0 else "-"
+    return [
+        _finding(
+            "gravity",
+            False,
+            f"{detail}: up is along {sign}{'xyz'[axis]}",
+            "the IMU is mounted turned, or axes are swapped",
+        )
+    ]
+
+
+def _rates_at_rest(seen: Observation) -> list[Finding]:
+    findings = []
+    for signal in ("imu_yaw_rate", "imu_roll_rate"):
+        mean = _mean(seen, signal)
+        if mean is not None:
+            detail = f"{np.degrees(mean):+.2f} deg/s at rest"
+            findings.append(_finding(signal, abs(mean) <= RATE_BIAS_MAX, detail, "bias of the IMU, or the car moved"))
+    return findings
+
+
+def _steering_at_rest(seen: Observation) -> list[Finding]:
+    primary, secondary, average = (
+        _mean(seen, f"{name}_steering_{rest}")
+        for name, rest in (("primary", "angle_fbk"), ("secondary", "ang_fdbk"), ("average", "ang_fdbk"))
+    )
+    if primary is None or secondary is None or average is None:
+        return []
+    centre = _finding(
+        "steering centre", abs(average) <= CENTRE_MAX, f"motor at {np.degrees(average):+.1f} deg",
+        "turn the wheels straight ahead; if they are, the sensor's zero is off", Verdict.WARN,
+    )  # fmt: skip
+    apart = abs(primary - secondary)
+    agree = _finding(
+        "steering sensors",
+        apart <= SENSOR_DISAGREEMENT,
+        f"{np.degrees(apart):.1f} deg apart",
+        "one of the two sensors is off",
+    )
+    return [centre, agree]
+
+
+def _states(seen: Observation) -> list[Finding]:
+    """What car and race control say they are doing."""
+    findings = []
+    if sys_state := int(seen.records["misc_report"].newest.get("sys_state", 0)):
+        name = SysState(sys_state).name.lower() if sys_state in set(SysState) else "unknown"
+        findings.append(Finding(area=AREA, name="sys_state", verdict=Verdict.INFO, detail=f"{sys_state} ({name})"))
+    _, beats = seen.series["base_to_car_heartbeat"]
+    if beats.size >= MIN_SAMPLES // 2:
+        beating = float(np.ptp(beats)) > 0
+        detail = "beating" if beating else f"frozen at {beats[0]:.0f}"
+        findings.append(
+            _finding("race-control heartbeat", beating, detail, "base station or its radio link", Verdict.WARN)
+        )
+    return findings
+
+
+def _position(seen: Observation, config: Config) -> list[Finding]:
+    fix = seen.records["novatel_report"].newest
+    if not fix:
+        return []
+    latitude, longitude = fix["novatel_lat"], fix["novatel_long"]
+    if latitude == longitude == 0.0:
+        return [_finding("position", False, "0, 0: no fix", "antenna, sky", Verdict.WARN)]
+    distance = float(np.hypot(*LocalMap(config.origin).to_map_radians(latitude, longitude)))
+    detail = (
+        f"{np.degrees(latitude):.6f}, {np.degrees(longitude):.6f} deg, {distance / 1e3:.2f} km from the map's origin"
+    )
+    return [_finding("position", distance <= POSITION_MAX_M, detail, "set [origin] to the track's", Verdict.WARN)]
+
+
+def _wheels_agree(by_wheel: dict[str, FloatArray]) -> list[Finding]:
+    """No wheel sensor stands still or reads another unit."""
+    means = {wheel: float(speed.mean()) for wheel, speed in by_wheel.items()}
+    typical = float(np.median(list(means.values())))
+    off = [wheel for wheel, mean in means.items() if abs(mean - typical) > WHEEL_SPREAD * max(typical, STANDING_SPEED)]
+    detail = ", ".join(f"{wheel} {mean:.2f}" for wheel, mean in means.items()) + " m/s on average"
+    return [_finding("wheel speeds", not off, detail, f"sensor of {', '.join(off)}")]
+
+
+def _signs(seen: Observation, time: FloatArray, by_wheel: dict[str, FloatArray], vehicle: Vehicle) -> list[Finding]:
+    """Signs of yaw rate, steering and longitudinal acceleration against the wheels."""
+    speed = np.mean(list(by_wheel.values()), axis=0)
+    yaw = _resampled(seen, "imu_yaw_rate", time)
+    steer = _resampled(seen, "average_steering_ang_fdbk", time)
+    ax = _resampled(seen, "imu_ax", time)
+    findings = []
+    if yaw is not None and float(np.abs(yaw).max()) > YAW_SEEN:
+        turning = (by_wheel["RR"] - by_wheel["RL"]) / vehicle.track_rear
+        findings.append(
+            _sign("yaw rate against wheels", yaw, turning, "left and right wheels swapped, or sign of the yaw rate")
+        )
+        if steer is not None:
+            steered = speed * np.tan(steer / vehicle.steering_ratio)
+            findings.append(
+                _sign("yaw rate against steering", yaw, steered, "sign of the steering angle or of the yaw rate")
+            )
+    smooth = np.convolve(speed, np.full(15, 1 / 15), mode="same")
+    gained = np.gradient(smooth, time) if np.ptp(time) > 0 and np.all(np.diff(time) > 0) else np.zeros_like(speed)
+    if ax is not None and float(np.abs(gained[15:-15]).max(initial=0.0)) > ACCELERATION_SEEN:
+        change = ax[15:-15] - ax[15:-15].mean()
+        remedy = "the x axis points backwards, or the car was pushed backwards"
+        findings.append(_sign("acceleration against wheels", change, gained[15:-15] - gained[15:-15].mean(), remedy))
+    if not findings:
+        remedy = "push harder, around a bend"
+        findings.append(
+            Finding(area=AREA, name="signs", verdict=Verdict.INFO, detail="too little movement to tell", remedy=remedy)
+        )
+    return findings
+
+
+def _sign(name: str, a: FloatArray, b: FloatArray, remedy: str) -> Finding:
+    """Two signals that must go up and down together."""
+    scale = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
+    together = float(np.sum(a * b)) / scale if scale > 0 else 0.0
+    return _finding(name, together > 0, f"correlation {together:+.2f}", remedy)
+
+
+def _resampled(seen: Observation, signal: str, time: FloatArray) -> FloatArray | None:
+    """A signal at other times, by linear interpolation."""
+    at, values = seen.series[signal]
+    return np.interp(time, at, values) if at.size >= MIN_SAMPLES else None

@@ -1,0 +1,1 @@
+"""Failsafe, race control and command checks: what the gateway does this period, and why."""

@@ -1,0 +1,49 @@
+"""Which commands are believed: one source at a time, in order, and about a recent state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from hil_gateway.bus.messages import Command
+from hil_gateway.process.clock import NS_PER_S
+
+SOURCE_TIMEOUT_S = 0.5
+"""A source silent for so long may be replaced or start over, but only while disarmed."""
+
+
+class Refusal(StrEnum):
+    """Why a command was not taken."""
+
+    SECOND_SOURCE = "second_source"
+    OUT_OF_ORDER = "out_of_order"
+    STALE = "stale"
+    FROM_THE_FUTURE = "from_the_future"
+
+
+@dataclass(slots=True)
+class CommandGate:
+    """Holds the newest believed command and its time of receipt."""
+
+    latency_max_s: float
+    newest: Command | None = None
+    received_ns: int | None = None
+
+    def offer(self, command: Command, now_ns: int, armed: bool) -> Refusal | None:
+        """Take `command` or say why not."""
+        known = self.newest
+        if known is not None and not (self.age_s(now_ns) > SOURCE_TIMEOUT_S and not armed):
+            if command.source != known.source:
+                return Refusal.SECOND_SOURCE
+            if command.seq <= known.seq or command.state_stamp_ns < known.state_stamp_ns:
+                return Refusal.OUT_OF_ORDER
+        if command.state_stamp_ns > now_ns:
+            return Refusal.FROM_THE_FUTURE
+        if now_ns - command.state_stamp_ns > self.latency_max_s * NS_PER_S:
+            return Refusal.STALE
+        self.newest, self.received_ns = command, now_ns
+        return None
+
+    def age_s(self, now_ns: int) -> float:
+        """Seconds since the newest believed command arrived; infinite before the first."""
+        return float("inf") if self.received_ns is None else (now_ns - self.received_ns) / NS_PER_S

@@ -1,0 +1,109 @@
+"""Every measure of the failsafe table, from what the gateway sees in one period."""
+
+from __future__ import annotations
+
+from hil_gateway.bus.latest import Latest
+from hil_gateway.bus.messages import Estimate, OperatorAction, VehicleState
+from hil_gateway.gateway.decide.failsafe import HOLDS
+from hil_gateway.gateway.decide.race_control import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, SysState
+from hil_gateway.gateway.perceive.road_speed import road_speed
+from hil_gateway.gateway.perceive.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
+from hil_gateway.process.clock import NS_PER_S
+
+KILLS = ("operator_emergency", "vehicle_flag_kill", "foreign_emergency", "uncommanded_motion")
+"""Measures that put the ladder into emergency even while no actuator command is sent."""
+UNCOMMANDED = 1.0
+"""m/s; a car in sys_state driving that moves so fast while nobody sends commands obeys old ones"""
+DRIVING_ONLY = ("command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving")
+"""Measures that have no meaning while actuators are tested with the engine off."""
+ESTIMATE_MAX_S = 0.1
+"""An estimate of an older state is none. The state's stamp is the gateway's own, so that what lay in a queue while the
+gateway was held up does not pass for new."""
+FAILURE_SIGNALS = ("sd_system_failure", "est4_sd_comms_loss", "est5_motec_comms_loss")
+
+
+class Held:
+    """How long a condition has held, s."""
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+
+    def update(self, holds: bool, now_ns: int) -> float:
+        """0 while it does not hold."""
+        if not holds:
+            self._since_ns = None
+            return 0.0
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        return (now_ns - self._since_ns) / NS_PER_S
+
+
+class Conditions:
+    """Remembers since when state and estimate are invalid and when the gateway ran last."""
+
+    def __init__(self, builder: VehicleStateBuilder, testing: bool) -> None:
+        self._builder = builder
+        self._testing = testing
+        self._state_invalid, self._estimate_invalid = Held(), Held()
+        self._last_ns: int | None = None
+
+    def measures(
+        self,
+        now_ns: int,
+        state: VehicleState,
+        request: OperatorAction | None,
+        *,
+        answers_for_motion: bool,
+        command_age_s: float,
+        estimate: Latest[Estimate],
+        heartbeat_frozen_s: float,
+    ) -> dict[str, float]:
+        """Measure -> seconds it has held; once a period.
+
+        `answers_for_motion`: commands are sent, or the mode leaves the actuators to somebody else.
+        """
+        builder = self._builder
+        failed = any(builder.signal(name) for name in FAILURE_SIGNALS)
+        counters = builder.counter_faults.drain(now_ns) >= COUNTER_FAULT
+        measures = {
+            "operator_emergency": _holds(request is OperatorAction.EMERGENCY),
+            "operator_stop": _holds(request is OperatorAction.STOP),
+            "vehicle_flag_kill": _holds(state.vehicle_flag in KILL_VEHICLE_FLAGS),
+            "vehicle_flag_stop": _holds(state.vehicle_flag in STOP_VEHICLE_FLAGS),
+            "track_flag_stop": _holds(state.track_flag in STOP_TRACK_FLAGS),
+            "car_emergency": _holds(state.sys_state in (SysState.EMERGENCY, SysState.CRITICAL_LIMIT)),
+            "car_not_driving": _holds(state.sys_state != SysState.DRIVING),
+            "car_failure": _holds(failed),
+            "uncommanded_motion": _holds(not answers_for_motion and _drives_on(state)),
+            "engine_running": 0.0,
+            "foreign_emergency": _holds(builder.foreign_emergency(now_ns)),
+            "foreign_commands": _holds(builder.foreign_commands(now_ns)),
+            "command_age": command_age_s,
+            "can_silence": builder.silence_s(now_ns),
+            "gateway_gap": 0.0 if self._last_ns is None else (now_ns - self._last_ns) / NS_PER_S,
+            "counters_wrong": _holds(counters),
+            "heartbeat_frozen": heartbeat_frozen_s,
+            "state_invalid": self._state_invalid.update(not state.valid, now_ns),
+            "estimate_invalid": self._without_estimate(estimate, now_ns),
+        }
+        if self._testing:
+            running = state.engine_speed > 0 or state.sys_state >= SysState.IDLE
+            measures |= dict.fromkeys(DRIVING_ONLY, 0.0) | {"engine_running": _holds(running)}
+        self._last_ns = now_ns
+        return measures
+
+    def _without_estimate(self, estimate: Latest[Estimate], now_ns: int) -> float:
+        """Seconds without a valid estimate of a recent state."""
+        age_s = 0.0 if estimate.message is None else (now_ns - estimate.message.state_stamp_ns) / NS_PER_S
+        invalid = not (estimate.valid(now_ns) and 0.0 <= age_s <= ESTIMATE_MAX_S)
+        held_s = self._estimate_invalid.update(invalid, now_ns)
+        return max(held_s, age_s - ESTIMATE_MAX_S) if invalid else 0.0
+
+
+def _holds(condition: bool) -> float:
+    return HOLDS if condition else 0.0
+
+
+def _drives_on(state: VehicleState) -> bool:
+    """Whether the car obeys commands and moves."""
+    return state.sys_state == SysState.DRIVING and road_speed(state) > UNCOMMANDED

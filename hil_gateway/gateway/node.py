@@ -1,0 +1,81 @@
+"""Gateway process: the core on the system clock, every 10 ms.
+
+An exception in the core is a bug: it ends the process at once. The frames stop with it, the car sees the counters
+stand still and stops by itself, and whatever restarts the process gets a gateway that is silent.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import os
+import socket
+
+from hil_gateway.bus.zenoh_bus import HUB, open_bus
+from hil_gateway.can_link import open_link
+from hil_gateway.gateway.core import Gateway
+from hil_gateway.process.clock import NS_PER_S, SystemClock
+from hil_gateway.process.config import Config
+from hil_gateway.process.lifecycle import stop_requested
+from hil_gateway.process.scheduling import punctual
+from hil_gateway.track.track import load_track
+
+PERIOD_NS = NS_PER_S // 100
+log = logging.getLogger(__name__)
+
+
+def run(config: Config) -> None:
+    """Run until SIGINT or SIGTERM; the last frames say controlled shutdown.
+
+    Raises:
+        InputError: no such CAN interface, busy port, broken track file.
+    """
+    stopped = stop_requested()
+    track = load_track(config.track)
+    link = open_link(config.can)
+    try:
+        bus = open_bus(config.zenoh, HUB)
+    except BaseException:
+        link.close()
+        raise
+    gateway = Gateway(config, bus, link, track)
+    notify = Notifier()
+    if not punctual():
+        log.warning("real-time priority is not permitted: frames may leave some ms late while this computer is busy")
+    gc.freeze()  # what start-up allocated is never collected: shorter pauses
+    clock = SystemClock()
+    due_ns = clock.now_ns()
+    notify.send("READY=1")
+    try:
+        while not stopped():
+            gateway.step(clock.now_ns())
+            notify.send("WATCHDOG=1")
+            due_ns = next_period(due_ns, clock.now_ns())
+            clock.sleep_until(due_ns)
+        gateway.shut_down(clock.now_ns())
+    finally:
+        notify.send("STOPPING=1")
+        bus.close()
+        link.close()
+
+
+def next_period(due_ns: int, now_ns: int) -> int:
+    """Next multiple of the period; periods that were missed are left out, never caught up in a burst."""
+    missed = max((now_ns - due_ns) // PERIOD_NS, 0)
+    return due_ns + (missed + 1) * PERIOD_NS
+
+
+class Notifier:
+    """systemd's notification protocol (sd_notify(3)); silent where there is no systemd."""
+
+    def __init__(self) -> None:
+        self._address = os.environ.get("NOTIFY_SOCKET", "").replace("@", "\0", 1)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+
+    def send(self, message: str) -> None:
+        """Tell systemd; a full or absent socket must not cost a period."""
+        if self._address:
+            try:
+                self._socket.sendto(message.encode(), self._address)
+            except OSError:
+                return

@@ -1,0 +1,1 @@
+"""Frames to vehicle state, with counters, ages and plausibility of every source."""

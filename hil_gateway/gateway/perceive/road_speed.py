@@ -1,0 +1,18 @@
+"""How fast the car goes by its wheels, and below what it stands."""
+
+from __future__ import annotations
+
+from hil_gateway.bus.messages import VehicleState
+
+STANDSTILL = 0.5
+"""m/s"""
+
+
+def rear_speed(state: VehicleState) -> float:
+    """Mean of the rear wheels, m/s: what gears and braking go by."""
+    return 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
+
+
+def road_speed(state: VehicleState) -> float:
+    """Fastest wheel, m/s: a locked wheel must not pass for standstill."""
+    return max(state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr)

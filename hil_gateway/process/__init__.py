@@ -1,0 +1,1 @@
+"""What every process needs: errors, clock, configuration, scheduling, supervision, compiled functions."""

@@ -1,0 +1,279 @@
+"""One frozen configuration tree: defaults here, then a TOML file, then HIL_... variables, then flags.
+
+An unknown key, a value out of range or an unreadable file is an `InputError` that names file, key, value and
+remedy. `HIL_CAN__CHANNEL=can0` sets `can.channel`; lists and tables are written as in TOML.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, ValidationError
+
+from hil_gateway.bus.messages import Model
+from hil_gateway.car.powertrain import Powertrain
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.errors import InputError
+
+ENVIRONMENT_PREFIX = "HIL_"
+DEFAULT_ORIGIN = "default"
+"""where a setting came from that nobody made"""
+
+
+class CanConfig(Model):
+    """Which CAN bus, and how."""
+
+    interface: Literal["auto", "socketcan", "udp_multicast", "virtual"] = "auto"
+    channel: str = "vcan0"
+    bitrate: int = Field(default=1_000_000, gt=0, description="bit/s, for the bus load figure")
+    multicast_group: str = "239.74.163.2"
+    multicast_port: int = Field(default=43113, gt=0, lt=65536)
+
+
+class ZenohConfig(Model):
+    """Explicit Zenoh endpoints; loopback unless changed. The gateway listens, the others connect."""
+
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    mode: Literal["peer", "client"] = Field(
+        default="peer", description="client: everything goes through the router that `connect` names"
+    )
+    extra: str = Field(default="", description="path of a Zenoh JSON5 file merged over these (TLS, access control)")
+
+
+class OriginConfig(Model):
+    """Geodetic origin of the local map frame."""
+
+    latitude: float = Field(default=36.5844, ge=-90, le=90, description="deg")
+    longitude: float = Field(default=-121.7535, ge=-180, le=180, description="deg")
+
+
+class LimitConfig(Model):
+    """Fastest moves the gateway lets out; value limits are the car's own (can_dbc/av24.toml)."""
+
+    steering_rate: float = Field(default=500.0, gt=0, le=500, description="motor angle, deg/s")
+    accelerator_rise: float = Field(default=400.0, gt=0, le=1000, description="%/s; falling is never held back")
+    brake_rise: float = Field(default=180_000.0, gt=0, le=180_000, description="kPa/s")
+    brake_fall: float = Field(default=60_000.0, gt=0, le=180_000, description="kPa/s")
+
+
+class StopConfig(Model):
+    """How hard the gateway brakes by itself."""
+
+    controlled_deceleration: float = Field(default=6.0, gt=0, le=30, description="m/s2")
+    emergency_deceleration: float = Field(default=12.0, gt=0, le=30, description="m/s2 on a straight at low speed")
+    lateral_grip: float = Field(default=1.3, gt=0, le=4, description="lateral specific force the tyres hold, g")
+    downforce: float = Field(default=1.12, ge=0, description="N per (m/s)^2, both axles: grip grows with it")
+    hold_pressure: float = Field(default=2.0e6, gt=0, description="brake pressure at standstill, Pa")
+
+
+class GatewayConfig(Model):
+    """Gateway process."""
+
+    mode: Literal["listen", "shadow", "actuator_test", "armed"] = "armed"
+    vehicle_number: int = Field(default=1, ge=0, le=255)
+    command_latency_max_s: float = Field(default=0.15, gt=0, le=1, description="older states are not answered any more")
+    limits: LimitConfig = LimitConfig()
+    stop: StopConfig = StopConfig()
+
+
+class PlantConfig(Model):
+    """Simulated car."""
+
+    base: Literal["av24", "paper"] = Field(default="av24", description="realistic car, or nearly that of Eq. 1-3")
+    effects: dict[str, float] = Field(default={}, description="undeclared effect -> size (docs/plant.md)")
+    car: dict[str, float] = Field(default={}, description="single numbers of the simulated car, SI")
+    start_s: float = Field(default=0.0, ge=0, description="where on the track the car stands at first, m")
+    seed: int = Field(default=1, ge=0, description="of all sensor noise")
+
+
+class EstimatorConfig(Model):
+    """Estimator process."""
+
+    layout: Literal["shared", "per_axle"] = "per_axle"
+    measurement: Literal["imu", "imu_yaw", "tyre_force"] = "imu_yaw"
+    model: str = Field(default="", description="model revision (JSON) to start from; empty: the declared model")
+    learn: bool = Field(default=True, description="publish model revisions as the belief moves")
+    relinearise: bool = Field(default=True, description="linearise Eq. (8) again over a history, once a second")
+    revision_hysteresis: float = Field(default=0.02, gt=0, description="smallest relative change worth publishing")
+    revision_max_step: float = Field(default=0.05, gt=0, description="largest relative change of a parameter at once")
+    revision_min_samples: int = Field(default=500, ge=1, description="samples before the first change")
+    revision_bounds: tuple[float, float] = Field(
+        default=(0.5, 2.0), description="published tyre parameters over the starting ones"
+    )
+
+
+class PlannerConfig(Model):
+    """Planner process."""
+
+    horizon: int = Field(default=40, ge=5, le=200)
+    dt: float = Field(default=0.05, gt=0, le=0.5, description="s")
+    backend: Literal["auto", "hpipm", "piqp", "conic"] = "auto"
+    model: str = Field(default="", description="model revision (JSON) to start from; empty: the declared model")
+    information_weight: float = Field(default=0.0, ge=0, description="q_I of Eq. (9); 0 is the plain MPCC")
+    information_goal: float = Field(
+        default=0.0, ge=0, lt=1, description="spread of the belief over the prior's at which exploring ends; 0: never"
+    )
+    load_reserve: float = Field(
+        default=0.2, ge=0, lt=0.5, description="of the load limits, kept by plans until the tyres are known"
+    )
+    information_bound: float = Field(default=400.0, gt=0, description="largest Delta I of one stage, Eq. (9)")
+    information_criterion: Literal["trace", "log_det"] = "trace"
+    convexification: Literal["abs", "projection"] = "abs"
+    load_limit: Literal["ellipse", "literal"] = "ellipse"
+    sigma_level: float = Field(default=1.0, ge=0, le=3, description="Eq. (10) holds at this many sigma of the belief")
+    load_use: float = Field(default=0.9, gt=0, le=1, description="load limits of a first run over peak tyre force")
+    load_limits: str = Field(default="", description="file of load limits carried from run to run; empty: first run")
+    actuator_delay_s: float = Field(default=0.04, ge=0, le=0.5, description="command to first motion")
+    steer_bandwidth_hz: float = Field(default=3.0, gt=0)
+    drive_bandwidth_hz: float = Field(default=5.0, gt=0)
+    estimate_age_s: float = Field(default=0.01, ge=0, le=0.2, description="age of an estimate when it arrives")
+    compute_s: float = Field(default=0.004, ge=0, le=0.05, description="time from estimate to command, expected")
+    deadline_s: float = Field(default=0.04, gt=0, description="a solution later than this is not used")
+
+
+class RecorderConfig(Model):
+    """Recording of raw frames and topics."""
+
+    flush_s: float = Field(default=0.1, gt=0, le=0.2, description="at most this much is lost by a kill, s")
+    folder: str = Field(default="sessions", description="where recordings go")
+    name: str = Field(default="", pattern="^[^/]*$", description="name of the recording; empty: date and time")
+    rotate_bytes: int = Field(default=2_000_000_000, ge=100_000, description="size at which the next file begins, B")
+    min_free_bytes: int = Field(default=300_000_000, ge=0, description="recording pauses below this free space, B")
+
+
+class DashboardConfig(Model):
+    """Read-only live page."""
+
+    host: str = Field(default="127.0.0.1", description="address to serve on; loopback unless changed")
+    port: int = Field(default=8024, gt=0, lt=65536)
+    rate_hz: float = Field(default=10.0, gt=0, le=50, description="updates a second sent to each page")
+
+
+class Config(Model):
+    """The whole tree."""
+
+    vehicle: Vehicle = Vehicle()
+    powertrain: Powertrain = Powertrain()
+    track: str = Field(default="", description="track file; empty: the road course that is shipped")
+    origin: OriginConfig = OriginConfig()
+    can: CanConfig = CanConfig()
+    zenoh: ZenohConfig = ZenohConfig()
+    gateway: GatewayConfig = GatewayConfig()
+    plant: PlantConfig = PlantConfig()
+    estimator: EstimatorConfig = EstimatorConfig()
+    planner: PlannerConfig = PlannerConfig()
+    recorder: RecorderConfig = RecorderConfig()
+    dashboard: DashboardConfig = DashboardConfig()
+
+
+def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Config:
+    """Merge defaults, TOML file, environment and dotted `overrides` ("can.channel": "can0").
+
+    Raises:
+        InputError: unreadable file, unknown key, value out of range.
+    """
+    tree: dict[str, Any] = _read_toml(path) if path else {}
+    for keys, value in _environment().items():
+        _set(tree, keys, value)
+    for key, value in (overrides or {}).items():
+        _set(tree, key.split("."), value)
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as error:
+        raise InputError(_explain(error, path, overrides or {})) from None
+
+
+def origins(path: Path | None = None) -> dict[str, tuple[Any, str]]:
+    """Every setting as dotted key -> (value, where it came from: the file, a variable, or "default")."""
+    in_file = dict(_leaves(_read_toml(path))) if path else {}
+
+    def origin(key: str) -> str:
+        if variable := _variable(key):
+            return variable
+        named = any(key == k or key.startswith(f"{k}.") or k.startswith(f"{key}.") for k in in_file)
+        return str(path) if named else DEFAULT_ORIGIN
+
+    tree = load_config(path).model_dump(mode="json")
+    return {key: (value, origin(key)) for key, value in _leaves(tree)}
+
+
+def _leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in tree.items():
+        if isinstance(value, dict) and value:
+            yield from _leaves(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text())
+    except OSError as error:
+        raise InputError(f"{path}: cannot read the configuration: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+
+
+def _environment() -> dict[tuple[str, ...], Any]:
+    """HIL_CAN__CHANNEL -> ("can", "channel"); variables that name no section are not configuration.
+
+    Raises:
+        InputError: a section and a key with one underscore between: it would be ignored, and the default hold.
+    """
+    found: dict[tuple[str, ...], Any] = {}
+    for name, value in os.environ.items():
+        if not name.startswith(ENVIRONMENT_PREFIX):
+            continue
+        path = name.removeprefix(ENVIRONMENT_PREFIX).lower()
+        section, _, rest = path.partition("_")
+        if "__" in path or path in Config.model_fields:
+            found[tuple(path.split("__"))] = _from_text(name, value)
+        elif section in Config.model_fields:
+            meant = f"{ENVIRONMENT_PREFIX}{section}__{rest}".upper()
+            raise InputError(f"{name}: no setting; {meant} sets {section}.{rest} (two underscores)")
+    return found
+
+
+def _variable(key: str) -> str:
+    """The variable that sets a dotted key or the list or table it is in; empty where there is none."""
+    parts = key.upper().split(".")
+    names = (ENVIRONMENT_PREFIX + "__".join(parts[:count]) for count in range(len(parts), 0, -1))
+    return next((name for name in names if name in os.environ), "")
+
+
+def _from_text(name: str, text: str) -> Any:
+    """Lists and tables as TOML writes them; anything else stays text, which pydantic turns into the key's type."""
+    if not text.startswith(("[", "{")):
+        return text
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{name}={text}: not a TOML list or table: {error}") from None
+
+
+def _set(tree: dict[str, Any], keys: Any, value: Any) -> None:
+    *parents, leaf = keys
+    for key in parents:
+        tree = tree.setdefault(key, {})
+        if not isinstance(tree, dict):
+            return  # a value where a table should be: what checks the tree will say so
+    tree[leaf] = value
+
+
+KINDS = {"tuple_type": "should be a list: [...]", "model_type": "should be a table", "dict_type": "should be a table"}
+"""errors whose own words speak of Python -> what a user can do with"""
+
+
+def _explain(error: ValidationError, path: Path | None, overrides: Mapping[str, Any]) -> str:
+    """First problem in one line, with the place it comes from."""
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    where = "command line" if key in overrides else _variable(key) or str(path or "defaults")
+    if first["type"] == "extra_forbidden":
+        return f"{where}: unknown key {key}; `hil doctor --config` lists the known ones"
+    return f"{where}: {key} = {first['input']!r}: {KINDS.get(first['type'], first['msg'].lower())}"

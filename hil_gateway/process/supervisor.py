@@ -1,0 +1,163 @@
+"""Starts and stops the processes of the loop from one table, and says which died."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hil_gateway.process.lifecycle import PARENT_VARIABLE
+from hil_gateway.process.scheduling import real_time
+
+CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
+NICENESS = -10
+STOP_S = 1.0
+"""what the drivers of the loop get to end in order; the recorder, asked last, gets the same again"""
+
+
+@dataclass(frozen=True)
+class ProcessSpec:
+    """One process of the loop: `hil <name> run --config FILE`.
+
+    Stage 0 starts first, the rest when the recorder listens, so that a recording begins before what it records.
+    `stops_last`: it has the end of the others to hear. Losing an `optional` one is no reason to end. `real_time`: it
+    must not wait for other work on the computer while the car drives.
+    """
+
+    name: str
+    stage: int = 1
+    stops_last: bool = False
+    optional: bool = False
+    real_time: bool = False
+
+
+PROCESSES: tuple[ProcessSpec, ...] = (
+    ProcessSpec("gateway", stage=0, real_time=True),
+    ProcessSpec("recorder", stage=0, stops_last=True),
+    ProcessSpec("plant", real_time=True),
+    ProcessSpec("estimator", real_time=True),
+    ProcessSpec("planner", real_time=True),
+)
+DASHBOARD = ProcessSpec("dashboard", optional=True)
+
+
+@dataclass(frozen=True)
+class Exit:
+    """A process that ended without being asked to."""
+
+    name: str
+    code: int
+    last_words: str
+    optional: bool = False
+
+    def __str__(self) -> str:
+        how = (
+            f"was killed by {signal.Signals(-self.code).name}" if self.code < 0 else f"ended with exit code {self.code}"
+        )
+        return f"{self.name} {how}" + (f": {self.last_words}" if self.last_words else "")
+
+
+class Supervisor:
+    """The running processes. Each has its own process group, so that Ctrl-C reaches only the parent, and gets
+    SIGTERM when the parent dies in any way. Their standard error goes to `folder`/NAME.log."""
+
+    def __init__(self, config_file: Path, folder: Path, specs: Sequence[ProcessSpec] = PROCESSES) -> None:
+        self._config_file, self._folder, self._specs = config_file, folder, specs
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._cpu_s: dict[str, float] = {}
+
+    def __enter__(self) -> Supervisor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process identifier of everything that still runs."""
+        return {name: process.pid for name, process in self._running.items()}
+
+    def start(self, stage: int) -> None:
+        """Start the processes of one stage."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for spec in (s for s in self._specs if s.stage == stage):
+            with self._log(spec.name).open("wb") as log:
+                self._running[spec.name] = subprocess.Popen(
+                    self.command(spec), stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+                    env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
+                )  # fmt: skip
+            _prefer(self._running[spec.name].pid)
+
+    def prefer_real_time(self) -> None:
+        """Let the processes that drive come before everything else, where the user may ask for that (root may).
+
+        Whatever they start later, a compiler for instance, runs as ordinary work again.
+        """
+        for spec in self._specs:
+            if spec.real_time and spec.name in self._running:
+                real_time(self._running[spec.name].pid)
+
+    def command(self, spec: ProcessSpec) -> list[str]:
+        """What is run for a process."""
+        return [sys.executable, "-m", "hil_gateway", spec.name, "run", "--config", str(self._config_file)]
+
+    def poll(self) -> list[Exit]:
+        """Processes that ended since the last call."""
+        ended = [s for s in self._specs if s.name in self._running and self._running[s.name].poll() is not None]
+        return [Exit(s.name, self._running.pop(s.name).returncode, self._last_words(s.name), s.optional) for s in ended]
+
+    def cpu_seconds(self) -> dict[str, float]:
+        """Processor time each process has used so far (its last known value once it has ended)."""
+        for name, pid in self.pids.items():
+            if (used := _cpu_seconds(pid)) is not None:
+                self._cpu_s[name] = used
+        return dict(self._cpu_s)
+
+    def stop(self) -> None:
+        """End everything in at most twice `STOP_S`; what does not end by itself is killed."""
+        for last in (False, True):
+            self._end([s.name for s in self._specs if s.stops_last == last and s.name in self._running])
+
+    def _end(self, names: Sequence[str]) -> None:
+        for name in names:
+            self._running[name].terminate()
+        deadline = time.monotonic() + STOP_S
+        for name in names:
+            process = self._running.pop(name)
+            try:
+                process.wait(max(deadline - time.monotonic(), 0.0))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    def _log(self, name: str) -> Path:
+        return self._folder / f"{name}.log"
+
+    def _last_words(self, name: str) -> str:
+        lines = self._log(name).read_text(errors="replace").strip().splitlines()
+        return lines[-1].removeprefix("hil: ") if lines else ""
+
+
+def _prefer(pid: int) -> None:
+    """Ahead of ordinary work on this computer, where the user may ask for that (root may).
+
+    Where the kernel groups tasks by session (sched(7), autogroup), it is the group that has to be preferred.
+    """
+    with contextlib.suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, pid, NICENESS)
+        Path(f"/proc/{pid}/autogroup").write_text(str(NICENESS))
+
+
+def _cpu_seconds(pid: int) -> float | None:
+    """User and system time of a process, from proc(5) stat fields 14 and 15; None when it is gone."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return None
+    return (int(fields[11]) + int(fields[12])) / CLOCK_TICKS

@@ -1,0 +1,104 @@
+"""Tracks from CSV files in the convention of the TUM race-track database.
+
+Header `x_m,y_m,w_tr_right_m,w_tr_left_m` (a leading `#` is allowed), optionally `z_m` and `bank_rad`, in any
+order; one row a point, in driving order, the last not repeating the first.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hil_gateway.process.errors import InputError
+from hil_gateway.track.smoothing import Survey
+from hil_gateway.track.track import Array
+
+REQUIRED = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
+OPTIONAL = ("z_m", "bank_rad")
+LIMITS: dict[str, tuple[float, float]] = {
+    "x_m": (-1e6, 1e6),
+    "y_m": (-1e6, 1e6),
+    "w_tr_right_m": (0.5, 100.0),
+    "w_tr_left_m": (0.5, 100.0),
+    "z_m": (-1e4, 1e4),
+    "bank_rad": (-0.8, 0.8),
+}
+"""column -> range of values that can be meant (a bank of 9 is in degrees)"""
+POINTS_MIN = 12
+GAP_RATIO = 20.0
+"""a step this many times the median one is a jump, not a track"""
+GAP_MIN_M = 30.0
+
+
+def read_csv(path: Path) -> Survey:
+    """Read and check a track file.
+
+    Raises:
+        InputError: with file, row (line number), column, value and remedy.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot read the track: {error}") from None
+    names = [name.strip() for name in lines[0].lstrip("# ").split(",")] if lines else []
+    missing = [name for name in REQUIRED if name not in names]
+    if missing:
+        raise InputError(f"{path}:1: column {missing[0]} is missing; the header must name {','.join(REQUIRED)}")
+    rows = [(i, line) for i, line in enumerate(lines[1:], start=2) if line.strip() and not line.startswith("#")]
+    table = np.array([_row(path, number, line, names) for number, line in rows]).reshape(len(rows), len(names))
+    columns = {name: table[:, names.index(name)] for name in (*REQUIRED, *OPTIONAL) if name in names}
+    numbers = [number for number, _ in rows]
+    keep = _distinct(columns["x_m"], columns["y_m"])
+    _check_line(path, numbers, columns["x_m"], columns["y_m"], keep)
+    flat = np.zeros(len(rows))
+    return Survey(
+        source=str(path),
+        name=path.stem,
+        x=columns["x_m"][keep],
+        y=columns["y_m"][keep],
+        width_left=columns["w_tr_left_m"][keep],
+        width_right=columns["w_tr_right_m"][keep],
+        z=columns.get("z_m", flat)[keep],
+        bank=columns.get("bank_rad", flat)[keep],
+    )
+
+
+def _row(path: Path, number: int, line: str, names: list[str]) -> list[float]:
+    cells = line.split(",")
+    if len(cells) != len(names):
+        raise InputError(f"{path}:{number}: {len(cells)} values, the header names {len(names)} columns")
+    return [_value(path, number, name, cell.strip()) for name, cell in zip(names, cells, strict=True)]
+
+
+def _value(path: Path, number: int, name: str, text: str) -> float:
+    if name not in LIMITS:
+        return 0.0  # further columns are carried by some files and mean nothing here
+    low, high = LIMITS[name]
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"{path}:{number}: {name} = {text!r} is not a number") from None
+    if not low <= value <= high:
+        raise InputError(f"{path}:{number}: {name} = {text} is outside {low:g} to {high:g}; units are m and rad")
+    return value
+
+
+def _distinct(x: Array, y: Array) -> Array:
+    """Mask of points that differ from their predecessor (files often repeat the first point at the end)."""
+    return np.asarray(np.hypot(x - np.roll(x, 1), y - np.roll(y, 1)) > 1e-6)
+
+
+def _check_line(path: Path, numbers: list[int], x: Array, y: Array, keep: Array) -> None:
+    index = np.flatnonzero(keep)
+    if len(index) < POINTS_MIN:
+        raise InputError(f"{path}: {len(index)} different points; a track needs at least {POINTS_MIN}")
+    steps = np.hypot(np.diff(x[index], append=x[index[0]]), np.diff(y[index], append=y[index[0]]))
+    limit = max(GAP_MIN_M, GAP_RATIO * float(np.median(steps)))
+    worst = int(np.argmax(steps))
+    if steps[worst] <= limit:
+        return
+    where = f"{path}:{numbers[index[worst]]}"
+    if worst == len(index) - 1:
+        raise InputError(f"{where}: the track is not closed: {steps[worst]:.1f} m from the last point to the first")
+    raise InputError(f"{where}: {steps[worst]:.1f} m to the next point (limit {limit:.1f} m); points must be in order")

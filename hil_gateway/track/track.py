@@ -1,0 +1,166 @@
+"""The race track: centre line, widths, elevation and bank over arc length.
+
+Frame: local map (x east, y north, z up), metres; heading is measured from x to the left; the track runs in
+the order of its points and is closed. `lateral` offsets are positive to the left of the centre line. `bank` is
+positive when the left side is up, so a banked left turn has a negative one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_gateway.process.errors import InputError
+
+Array = NDArray[np.float64]
+
+TRACKS_FOLDER = Path(__file__).resolve().parents[2] / "deploy" / "tracks"
+DEFAULT_TRACK = "road_course"
+FAR = 1000.0
+"""m beyond the line: no longer near"""
+
+
+class TrackPoint(NamedTuple):
+    """The track at one arc length (scalars) or at several (arrays of one shape); units as in `Track`."""
+
+    x: Any
+    y: Any
+    z: Any
+    heading: Any
+    curvature: Any
+    grade: Any
+    bank: Any
+    width_left: Any
+    width_right: Any
+
+
+@dataclass(frozen=True)
+class Track:
+    """Closed centre line at equal steps of arc length; arrays have shape (n,), the last point is not the first again.
+
+    `heading` is continuous along the lap (rad), `curvature` positive in left turns (1/m), `grade` the slope angle
+    (rad, positive uphill), `bank` the cross slope angle (rad), widths are from the centre line (m). Arc length is
+    that of the plan view.
+    """
+
+    name: str
+    x: Array
+    y: Array
+    s: Array
+    width_left: Array
+    width_right: Array
+    z: Array
+    bank: Array
+    heading: Array
+    curvature: Array
+    grade: Array
+    length: float
+    deviation: float
+    """root mean square distance from the points of the file to the smoothed line, m"""
+    closed: bool = True
+
+    @cached_property
+    def turning(self) -> float:
+        """Change of heading over a lap: 2 pi counter-clockwise, -2 pi clockwise."""
+        last = self.heading[-1] + 0.5 * (self.curvature[-1] + self.curvature[0]) * (self.length - self.s[-1])
+        return float(2.0 * np.pi * np.round((last - self.heading[0]) / (2.0 * np.pi)))
+
+    @cached_property
+    def _table(self) -> Array:
+        """Rows as the fields of `TrackPoint`; one lap, its first point repeated at the end, shape (9, n + 1)."""
+        rows = np.vstack([getattr(self, name) for name in TrackPoint._fields])
+        end = rows[:, :1].copy()
+        end[TrackPoint._fields.index("heading")] += self.turning
+        return np.hstack([rows, end])
+
+    @cached_property
+    def _line(self) -> tuple[list[float], ...]:
+        """x, y, heading, curvature as lists: reading single numbers out of lists is quicker than out of arrays."""
+        return tuple(self._table[[0, 1, 3, 4]].tolist())
+
+    @cached_property
+    def _surroundings(self) -> tuple[float, float, float, float]:
+        """Least and greatest x, least and greatest y of what is near, m."""
+        x, y = self.x, self.y
+        return float(x.min()) - FAR, float(x.max()) + FAR, float(y.min()) - FAR, float(y.max()) + FAR
+
+    def near(self, x: float, y: float) -> bool:
+        """Whether a car that drives here can be at a point; one that is no number is nowhere."""
+        west, east, south, north = self._surroundings
+        return west < x < east and south < y < north
+
+    def at(self, s: float | Array) -> TrackPoint:
+        """Track at arc length `s`, any real number, linear between points; the heading grows by `turning` a lap."""
+        lap, along = np.divmod(np.asarray(s, dtype=float), self.length)
+        position = along / (self.length / len(self.s))
+        index = np.minimum(position.astype(np.int64), len(self.s) - 1)
+        weight = position - index
+        values = self._table[:, index] * (1.0 - weight) + self._table[:, index + 1] * weight
+        values[3] += lap * self.turning
+        return TrackPoint(*(values if values.ndim > 1 else values.tolist()))
+
+    def project(self, x: float, y: float, hint: float | None = None) -> tuple[float, float]:
+        """Arc length in [0, length) and lateral offset (m, positive left) of the nearest point of the centre line.
+
+        `hint` is the arc length of a recent answer (within some 50 m): quicker, and right where two parts of the
+        track run side by side. Without it all points are searched.
+        """
+        s = float(self.s[np.argmin((self.x - x) ** 2 + (self.y - y) ** 2)]) if hint is None else hint
+        xs, ys, headings, curvatures = self._line
+        n = len(xs) - 1
+        spacing = self.length / n
+        lateral = 0.0
+        for _ in range(20):
+            position = (s % self.length) / spacing
+            i = min(int(position), n - 1)
+            w = position - i
+            heading = headings[i] + w * (headings[i + 1] - headings[i])
+            cos, sin = math.cos(heading), math.sin(heading)
+            dx = x - xs[i] - w * (xs[i + 1] - xs[i])
+            dy = y - ys[i] - w * (ys[i + 1] - ys[i])
+            lateral = cos * dy - sin * dx
+            # Newton step; the clip keeps it finite for points near the centre of curvature
+            step = (cos * dx + sin * dy) / max(0.3, 1.0 - curvatures[i] * lateral)
+            s += max(-25.0, min(25.0, step))
+            if abs(step) < 1e-3:
+                break
+        return s % self.length, lateral
+
+
+def shipped_tracks() -> dict[str, Path]:
+    """Name -> file of the tracks that come with the project."""
+    return {path.stem: path for path in sorted(TRACKS_FOLDER.glob("*.toml"))}
+
+
+def load_track(path: str | Path | None = None) -> Track:
+    """Read a track: a CSV in the TUM convention, an own description (TOML), or the name of a shipped track.
+
+    None or "" gives the shipped road course.
+
+    Raises:
+        InputError: no such file, or a file that does not describe a closed track; names file, row and column.
+    """
+    from hil_gateway.track.csv_file import read_csv
+    from hil_gateway.track.layout import read_layout
+    from hil_gateway.track.smoothing import smooth
+
+    file = _resolve(str(path or DEFAULT_TRACK))
+    readers = {".csv": read_csv, ".toml": read_layout}
+    if file.suffix.lower() not in readers:
+        raise InputError(f"{file}: a track is a .csv (x_m,y_m,w_tr_right_m,w_tr_left_m) or a .toml description")
+    return smooth(readers[file.suffix.lower()](file))
+
+
+def _resolve(name: str) -> Path:
+    shipped = shipped_tracks()
+    if name in shipped:
+        return shipped[name]
+    if not Path(name).is_file():
+        raise InputError(f"{name}: no such track file; shipped tracks: {', '.join(shipped)}")
+    return Path(name)

@@ -1,0 +1,1 @@
+"""Which model the planner drives with."""

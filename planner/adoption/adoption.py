@@ -1,0 +1,252 @@
+"""Which model the planner drives with: model revisions taken over without missing a plan, and given back if bad.
+
+New parameter values are written into the running controller and approached slowly. Another list of active effects
+needs new compiled functions: they are built beside the running planner and swapped in between two plans. A revision
+that makes plans fail soon after is rolled back and not tried again.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from estimator.belief.revision import RevisedModel, model_of
+from estimator.model.effects import catalogue
+from hil_gateway.bus.messages import Belief, ModelRevision
+from hil_gateway.process.config import Config
+from hil_gateway.track.track import Track
+from planner.adoption.usable_grip import Axles, usable_grip, usable_share
+from planner.line.envelope import envelope_of
+from planner.line.raceline import RaceLine, raceline_for
+from planner.line.track import Reference
+from planner.plan.controller import Controller, TyreKnowledge
+from planner.problem.infomax import relative_spread
+from planner.problem.load_limits import SLEW, LoadLimits, limits_within_run, reserve
+from planner.problem.mpcc import Problem
+from planner.problem.settings import Settings
+from planner.solver.functions import Functions, build_functions, build_in_child
+
+Array = npt.NDArray[np.float64]
+
+PLAUSIBLE = 2.5
+"""factor between tyre parameters beyond which a revision or a belief is taken for a fault"""
+PROFILE_CHANGE = 0.03
+"""relative change of usable grip that is worth a new speed profile"""
+PROBATION = 40
+"""plans after an adoption during which failures count against the new revision"""
+PROBATION_FAILURES = 3
+RACE_LINE_MARGIN = 1.9
+"""least distance of the race line from the edges, m"""
+
+
+@dataclass(frozen=True)
+class TyreNames:
+    """Order and prior spread of a model's tyre parameters, and where those of each axle are."""
+
+    names: tuple[str, ...]
+    prior_std: Array
+    axles: Axles
+
+    @classmethod
+    def of(cls, revised: RevisedModel) -> TyreNames:
+        """Of a revised model."""
+        table = revised.model.tyre_table
+        names = tuple(p.name for p in table)
+        b, c, d = ([names.index(n + axle if n + axle in names else n) for axle in "fr"] for n in "bcd")
+        return cls(names, np.array([p.prior_std for p in table]), ((b[0], c[0], d[0]), (b[1], c[1], d[1])))
+
+
+@dataclass
+class Adopted:
+    """A controller with the revision it was built for."""
+
+    revision: ModelRevision
+    revised: RevisedModel
+    tyre: TyreNames
+    controller: Controller
+
+
+class Adoption:
+    """The model in force; `offer` revisions and beliefs, call `advance` before every plan."""
+
+    def __init__(
+        self, config: Config, track: Track, settings: Settings, limits: LoadLimits, revision: ModelRevision,
+        *, background: bool = False,
+    ) -> None:  # fmt: skip
+        self._config, self._track, self._settings, self._limits = config, track, settings, limits
+        self._background = background
+        self._belief: Belief | None = None
+        self._refused: set[str] = set()
+        self._start = revision
+        self._previous: Adopted | None = None
+        self._ready: Adopted | None = None
+        self._worker: threading.Thread | None = None
+        self._new_reference: Reference | None = None
+        self._changed = True
+        self._probation = self._failures = 0
+        self.notes: list[str] = []
+        """what was refused or rolled back, and why; newest last"""
+        self._line: RaceLine | None = None
+        self._grip = 0.0
+        self.current = self._adopt(revision, build_functions)
+
+    @property
+    def controller(self) -> Controller:
+        """The controller to plan with."""
+        return self.current.controller
+
+    def offer(self, revision: ModelRevision) -> None:
+        """Consider a revision from the estimator."""
+        if revision.revision in self._refused or revision.revision == self.current.revision.revision:
+            return
+        if reason := implausible(revision, self._start):
+            self._refuse(revision, reason)
+        elif [e.name for e in revision.effects] == [e.name for e in self.current.revision.effects]:
+            revised = model_of(revision, self._config.vehicle, self._track.length)
+            self.current.revision, self.current.revised = revision, revised
+            self.controller.phi_at = revised.phi_at
+            self._changed = True
+        elif self._worker is None:
+            self._build(revision)
+
+    def offer_belief(self, belief: Belief) -> None:
+        """Use a belief for Eq. (7) and (10), if it fits the model and is not far from it."""
+        if belief.names == self.current.tyre.names and _near(belief.mean, self.current.revised.theta):
+            self._belief, self._changed = belief, True
+
+    def advance(self) -> None:
+        """Move parameters towards the revision in force and swap in what was built meanwhile."""
+        if self._ready is not None:
+            self._swap(self._ready)
+        if self._new_reference is not None:
+            self.controller.reference, self._new_reference = self._new_reference, None
+        if not self._changed:
+            return
+        current, before = self.current, self.controller.knowledge
+        knowledge = self._knowledge(before, current.revised, current.tyre, current.revision)
+        self.controller.set_knowledge(knowledge)
+        arrived = np.array_equal(knowledge.theta, current.revised.theta) and knowledge.load_max == before.load_max
+        self._changed = not arrived
+        self._refresh_profile(current, knowledge)
+
+    def judge(self, accepted: bool) -> None:
+        """Outcome of a plan with the model in force; rolls a new model back that keeps failing."""
+        if self._probation == 0:
+            return
+        self._probation -= 1
+        self._failures += not accepted
+        if self._failures >= PROBATION_FAILURES and self._previous is not None:
+            self._refuse(self.current.revision, "plans with it failed, rolled back")
+            self.current, self._previous, self._probation = self._previous, None, 0
+
+    def _refuse(self, revision: ModelRevision, reason: str) -> None:
+        self._refused.add(revision.revision)
+        self.notes = [*self.notes[-99:], f"revision {revision.revision}: {reason}"]
+
+    def _build(self, revision: ModelRevision) -> None:
+        build = build_in_child if self._background else build_functions
+
+        def work() -> None:
+            try:
+                self._ready = self._adopt(revision, build)
+            except RuntimeError as error:
+                self._refuse(revision, str(error))
+
+        self._run(work)
+
+    def _adopt(self, revision: ModelRevision, build: Callable[[Problem], Functions]) -> Adopted:
+        revised = model_of(revision, self._config.vehicle, self._track.length)
+        tyre = TyreNames.of(revised)
+        problem = Problem(revised.model, self._settings)
+        functions = build(problem)
+        knowledge = self._knowledge(None, revised, tyre, revision)
+        reference = self._reference(revised, tyre, knowledge)
+        backend = self._config.planner.backend
+        controller = Controller(problem, functions, reference, knowledge, phi_at=revised.phi_at, backend=backend)
+        return Adopted(revision, revised, tyre, controller)
+
+    def _swap(self, new: Adopted) -> None:
+        """Carry the guess over: the new model starts from the plan of the old one."""
+        old = self.controller.sqp
+        new.controller.sqp.set_guess(old.z.copy(), old.du.copy())
+        self._previous, self.current, self._ready = self.current, new, None
+        self._probation, self._failures, self._changed = PROBATION, 0, True
+
+    def _knowledge(
+        self, before: TyreKnowledge | None, revised: RevisedModel, tyre: TyreNames, revision: ModelRevision
+    ) -> TyreKnowledge:
+        """Tyre parameters one slew step from those `before` towards the revision, with the newest belief."""
+        target = revised.theta
+        if before is not None and len(before.theta) == len(target):
+            target = np.clip(target, before.theta * (1 - SLEW), before.theta * (1 + SLEW))
+        belief = self._belief
+        if belief is not None and belief.names == tyre.names:
+            mean, covariance = np.array(belief.mean), np.array(belief.covariance)
+        elif revision.covariance:
+            mean, covariance = target, np.array(revision.covariance)
+        else:
+            mean, covariance = target, np.diag(tyre.prior_std**2)
+        peaks = [d for _, _, d in tyre.axles]
+        last = LoadLimits(*before.load_max) if before else None
+        asked, judged = limits_within_run(self._limits, self._config.planner.load_use, target[peaks], mean[peaks], last)
+        kept = reserve(self._settings.load_reserve, relative_spread(covariance, tyre.prior_std), target, mean)
+        return TyreKnowledge(target, mean, covariance, tyre.prior_std, judged.pair, asked.less(kept).pair)
+
+    def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
+        """Race line of a model, or the line in use with the speed profile of this model."""
+        share = usable_share(tyre.axles, knowledge, self._settings.sigma_level)
+        at_start = revised.phi_at(np.zeros(1))[:, 0]
+        top = self._settings.limits.speed - 2.0
+        envelope = envelope_of(revised.model, list(knowledge.theta), list(at_start), grip_use=share, max_speed=top)
+        if self._line is None:
+            self._line = raceline_for(self._track, envelope, RACE_LINE_MARGIN)
+        self._line = self._line.with_envelope(envelope)
+        self._grip = usable_grip(tyre.axles, knowledge, self._settings.sigma_level)
+        return Reference(self._line)
+
+    def _refresh_profile(self, current: Adopted, knowledge: TyreKnowledge) -> None:
+        """New speed profile on the same path when the usable grip has changed: tens of ms, beside the planner."""
+        grip = usable_grip(current.tyre.axles, knowledge, self._settings.sigma_level)
+        if abs(grip / self._grip - 1.0) < PROFILE_CHANGE or self._worker is not None:
+            return
+        self._run(lambda: self._take_reference(self._reference(current.revised, current.tyre, knowledge)))
+
+    def _take_reference(self, reference: Reference) -> None:
+        self._new_reference = reference
+
+    def _run(self, work: Callable[[], None]) -> None:
+        """Do `work` in the worker thread, or at once where everything is to be deterministic."""
+        if not self._background:
+            work()
+            return
+
+        def guarded() -> None:
+            try:
+                work()
+            finally:
+                self._worker = None
+
+        self._worker = threading.Thread(target=guarded, name="planner worker", daemon=True)
+        self._worker.start()
+
+
+def implausible(revision: ModelRevision, start: ModelRevision) -> str:
+    """Why a revision must not be driven with, given the one the run started from; empty when it may."""
+    if revision.layout != start.layout:
+        return f"layout {revision.layout} is not the planner's {start.layout}"
+    if unknown := [e.name for e in revision.effects if e.name not in catalogue()]:
+        return f"effect {unknown[0]} is unknown"
+    for name, value in revision.tyre.items():
+        if not _near((value,), (start.tyre[name],)):
+            return f"tyre parameter {name} = {value:.4g} is far from the {start.tyre[name]:.4g} the run started with"
+    return ""
+
+
+def _near(values: Sequence[float], references: Sequence[float] | Array) -> bool:
+    """Whether all values are finite and within a factor `PLAUSIBLE` of their positive references."""
+    ratios = np.asarray(values) / np.asarray(references)
+    return bool(np.all(np.isfinite(ratios)) and np.all((ratios < PLAUSIBLE) & (ratios > 1 / PLAUSIBLE)))

@@ -1,0 +1,1 @@
+"""Command line of the planner package: one module a verb."""

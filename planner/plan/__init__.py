@@ -1,0 +1,1 @@
+"""One plan: predicted state, solution, acceptance, fallback."""

@@ -1,0 +1,158 @@
+"""Prepares a solution for `acceptance`: the plan as it would be published, beside the track, with its bounds.
+
+Offsets and widths come from the race line by plain projection, forces from the equations of the declared model
+written out again in numpy, or, with active effects, from the model evaluated by CasADi's interpreter.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from estimator.belief.revision import RevisedModel
+from estimator.model.single_track import SIGNALS, Terms
+from hil_gateway.car.vehicle import Vehicle
+from planner.adoption.adoption import Adopted
+from planner.line.raceline import RaceLine
+from planner.plan import acceptance
+from planner.plan.acceptance import AxleForces, Bounds, ForceModel
+from planner.plan.controller import Controller
+from planner.problem.settings import Settings
+from planner.solver.sqp import Solution
+
+Array = npt.NDArray[np.float64]
+
+WINDOW = 6
+"""points of the race line either side of the predicted progress among which the nearest is sought"""
+
+
+class PlanCheck:
+    """Checks solutions of one planner.
+
+    `first_loads` are the shares of the load limits at the plan's start, `worst_load` the largest share after it,
+    `first_gain` is Delta I of its first stage.
+    """
+
+    def __init__(self, settings: Settings, vehicle: Vehicle) -> None:
+        self._settings, self._vehicle = settings, vehicle
+        self._model: RevisedModel | None = None
+        self._forces: ForceModel | None = None
+        self.first_loads, self.worst_load = (0.0, 0.0), 0.0
+        self.first_gain = 0.0
+
+    def __call__(self, controller: Controller, adopted: Adopted, solution: Solution) -> list[str]:
+        """Limits the solution breaks, in words; empty when it may be published."""
+        forces = self._force_model(adopted)
+        bounds = bounds_of(self._settings, controller.knowledge.load_max, float(solution.z[7, 0]))
+        plan = plan_of(solution, controller.reference.line)
+        loads = acceptance.load_shares(plan, bounds, forces)
+        self.first_loads = float(loads[0][0]), float(loads[1][0])
+        self.worst_load = float(max(share[1:].max() for share in loads))
+        self.first_gain = float(solution.information[0])
+        return acceptance.violations(plan, bounds, forces, defects(plan, bounds.dt, forces, self._vehicle), loads)
+
+    def _force_model(self, adopted: Adopted) -> ForceModel:
+        if self._forces is None or adopted.revised is not self._model:
+            self._model = adopted.revised
+            effects = adopted.revised.model.effects
+            self._forces = (
+                interpreted_forces(adopted.revised) if effects
+                else acceptance.declared_forces(self._vehicle, adopted.revision.tyre)
+            )  # fmt: skip
+        return self._forces
+
+
+def bounds_of(settings: Settings, load_max: tuple[float, float], drive: float) -> Bounds:
+    """Limits of Eq. (4), (9), (10); `drive` is where the plan starts, which may still be outside its range."""
+    limits, info = settings.limits, settings.information
+    return Bounds(
+        dt=settings.dt, steer=limits.steer, steer_rate=limits.steer_rate,
+        drive=(min(limits.drive_min, drive), max(limits.drive_max, drive)), drive_rate=limits.drive_rate,
+        speed=limits.speed, load_max=load_max, clearance=limits.car_half_width,
+        literal_load=settings.load_limit == "literal", information=info.bound if info.weight > 0 else np.inf,
+    )  # fmt: skip
+
+
+def plan_of(solution: Solution, line: RaceLine) -> acceptance.Plan:
+    """The solution beside the race line."""
+    z = solution.z
+    offset, width_left, width_right = beside(z[0], z[1], z[6], line)
+    return acceptance.Plan(
+        x=z[0], y=z[1], yaw=z[2], vx=z[3], vy=z[4], yaw_rate=z[5], drive=z[7], steer=z[8], offset=offset,
+        width_left=width_left, width_right=width_right, information=np.concatenate([[0.0], solution.information]),
+    )  # fmt: skip
+
+
+def beside(x: Array, y: Array, s: Array, line: RaceLine) -> tuple[Array, Array, Array]:
+    """Distance to the left of the line (m) of points (K,) near progress `s`, and the line's distance to both edges."""
+    n = len(line.s)
+    around = np.round(s / line.length * n)[:, None] + np.arange(-WINDOW, WINDOW + 1)
+    index = (around % n).astype(np.intp)
+    dx, dy = x[:, None] - line.x[index], y[:, None] - line.y[index]
+    nearest = np.argmin(dx**2 + dy**2, axis=1)
+    rows = np.arange(len(x))
+    i, dx, dy = index[rows, nearest], dx[rows, nearest], dy[rows, nearest]
+    cos, sin = np.cos(line.heading[i]), np.sin(line.heading[i])
+    cells = (cos * dx + sin * dy) * n / line.length
+    left, right = (w[i] + cells * 0.5 * (w[(i + 1) % n] - w[i - 1]) for w in (line.width_left, line.width_right))
+    return cos * dy - sin * dx, left, right
+
+
+MIN_DYNAMIC_SPEED = 12.0
+"""m/s: below it the plan is kinematic and its lateral motion is not judged by Eq. (1)"""
+
+
+def defects(plan: acceptance.Plan, dt: float, forces: ForceModel, vehicle: Vehicle) -> Array:
+    """Gap (6, N) between each stage and the motion by Eq. (1) from the one before: Hermite-Simpson defects.
+
+    Inputs run straight from stage to stage. Gravity on grade and bank is left out: far below what counts as a gap.
+    Source: Hargraves & Paris, J. Guidance 10 (1987).
+    """
+    state = np.vstack([plan.x, plan.y, plan.yaw, plan.vx, plan.vy, plan.yaw_rate])
+    inputs = np.vstack([plan.steer, plan.drive])
+    slope = _motion(state, inputs, forces, vehicle)
+    before, after, slope_before, slope_after = state[:, :-1], state[:, 1:], slope[:, :-1], slope[:, 1:]
+    middle = 0.5 * (before + after) + dt / 8 * (slope_before - slope_after)
+    slope_middle = _motion(middle, 0.5 * (inputs[:, :-1] + inputs[:, 1:]), forces, vehicle)
+    gap = after - before - dt / 6 * (slope_before + 4 * slope_middle + slope_after)
+    judged = before[3] > MIN_DYNAMIC_SPEED
+    gap[:3] *= judged
+    gap[4:] *= judged
+    return gap
+
+
+def _motion(state: Array, inputs: Array, forces: ForceModel, vehicle: Vehicle) -> Array:
+    """Eq. (1)."""
+    _, _, yaw, vx, vy, rate = state
+    steer, drive = inputs
+    f = forces(vx, vy, rate, steer, drive)
+    (cos_yaw, cos_steer), (sin_yaw, sin_steer) = np.cos([yaw, steer]), np.sin([yaw, steer])
+    front_x = f.fx_f * cos_steer - f.fy_f * sin_steer
+    front_y = f.fy_f * cos_steer + f.fx_f * sin_steer
+    slope = np.empty_like(state)
+    slope[0] = vx * cos_yaw - vy * sin_yaw
+    slope[1] = vx * sin_yaw + vy * cos_yaw
+    slope[2] = rate
+    slope[3] = (f.fx_r + front_x) / vehicle.mass + vy * rate
+    slope[4] = (f.fy_r + front_y) / vehicle.mass - vx * rate
+    slope[5] = (front_y * vehicle.lf - f.fy_r * vehicle.lr) / vehicle.yaw_inertia
+    return slope
+
+
+def interpreted_forces(revised: RevisedModel) -> ForceModel:
+    """Axle forces of a model with effects, evaluated by CasADi's interpreter at the start of the lap's profiles."""
+    model = revised.model
+    signals = ca.SX.sym("signals", len(SIGNALS))
+    named: dict[str, Any] = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
+    phi = list(revised.phi_at(np.zeros(1))[:, 0])
+    terms = model.evaluate(Terms(model.vehicle, **named), list(revised.theta), phi)
+    names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r")
+    function = ca.Function("forces", [signals], [ca.vertcat(*(getattr(terms, n) for n in names))])
+
+    def forces(vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array) -> AxleForces:
+        return AxleForces(*np.array(function(np.vstack([vx, vy, yaw_rate, steer, drive]))))
+
+    return forces

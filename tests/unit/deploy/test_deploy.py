@@ -1,0 +1,120 @@
+"""The service files and the install script, as far as they can be judged without a vehicle computer."""
+
+from __future__ import annotations
+
+import configparser
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+DEPLOY = Path(__file__).resolve().parents[3] / "deploy"
+UNITS = sorted([*DEPLOY.glob("systemd/*.service"), *DEPLOY.glob("systemd/*.target")])
+
+
+def install(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([DEPLOY / "install.sh", *arguments], capture_output=True, text=True, check=False)
+
+
+def files(root: Path) -> set[str]:
+    """Installed files outside the program's own folder."""
+    return {str(p.relative_to(root)) for p in root.rglob("*") if p.is_file() and "opt/hil-gateway" not in str(p)}
+
+
+def unit(name: str) -> configparser.ConfigParser:
+    parser = configparser.ConfigParser(strict=False, interpolation=None)
+    parser.optionxform = str  # type: ignore[assignment,method-assign]
+    parser.read(DEPLOY / "systemd" / name)
+    return parser
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd: apt-get install systemd")
+def test_systemd_finds_nothing_wrong_with_the_units() -> None:
+    path = {"SYSTEMD_UNIT_PATH": f"{DEPLOY / 'systemd'}:"}  # so that the common drop-in is read as well
+    command = ["systemd-analyze", "verify", "--man=no", *map(str, UNITS)]
+    result = subprocess.run(command, capture_output=True, text=True, env=os.environ | path, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert len(UNITS) == 6
+
+
+@pytest.mark.promise("L5")
+def test_a_hanging_gateway_is_killed_within_200_ms_and_started_again() -> None:
+    service = unit("hil-gateway.service")["Service"]
+    assert (service["Type"], service["WatchdogSec"], service["WatchdogSignal"]) == ("notify", "200ms", "SIGKILL")
+    assert (service["CPUSchedulingPolicy"], int(service["CPUSchedulingPriority"])) == ("fifo", 80)
+    common = unit("hil-.service.d/common.conf")
+    assert (common["Service"]["Restart"], common["Unit"]["StartLimitIntervalSec"]) == ("always", "0")
+
+
+def test_priorities_fall_along_the_loop() -> None:
+    """Gateway before estimator before planner; what only listens has no real-time priority at all."""
+    priority = {
+        name: int(unit(f"hil-{name}.service")["Service"].get("CPUSchedulingPriority", "0"))
+        for name in ("gateway", "estimator", "planner", "recorder", "dashboard")
+    }
+    assert priority["gateway"] > priority["estimator"] > priority["planner"] > 0
+    assert priority["recorder"] == priority["dashboard"] == 0
+
+
+def test_installing_and_uninstalling_leaves_nothing_behind(tmp_path: Path) -> None:
+    assert install("--root", str(tmp_path)).returncode == 0
+    installed = files(tmp_path)
+    assert {f"etc/systemd/system/{path.name}" for path in UNITS} <= installed
+    assert {"etc/hil-gateway/av24.toml", "etc/systemd/network/80-can0.network"} <= installed
+    assert (tmp_path / "opt/hil-gateway/hil_gateway/gateway/core.py").is_file()
+    assert not any("rules" in name or "listen-only" in name for name in installed)
+    assert install("--root", str(tmp_path), "--uninstall").returncode == 0
+    assert files(tmp_path) == set()
+    assert not (tmp_path / "opt/hil-gateway").exists()
+
+
+def test_an_edited_configuration_survives_both_installing_again_and_uninstalling(tmp_path: Path) -> None:
+    install("--root", str(tmp_path))
+    edited = tmp_path / "etc/hil-gateway/av24.toml"
+    edited.write_text("# mine\n")
+    assert "kept" in install("--root", str(tmp_path)).stderr
+    assert "kept" in install("--root", str(tmp_path), "--uninstall").stderr
+    assert files(tmp_path) == {"etc/hil-gateway/av24.toml"}
+    assert edited.read_text() == "# mine\n"
+
+
+def test_the_adapter_is_named_by_its_path_and_may_be_made_to_listen_only(tmp_path: Path) -> None:
+    install("--root", str(tmp_path), "--can-path", "pci-0000:00:14.0-usb-0:2:1.0", "--listen-only")
+    rules = (tmp_path / "etc/udev/rules.d/70-hil-can.rules").read_text()
+    assert 'ENV{ID_PATH}=="pci-0000:00:14.0-usb-0:2:1.0", NAME="can0"' in rules
+    assert "@ID_PATH@" not in rules
+    assert "ListenOnly=yes" in (tmp_path / "etc/systemd/network/80-can0.network.d/listen-only.conf").read_text()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--frobnicate"],
+        ["--root"],
+        ["--root", "ROOT", "--uninstall"],
+        ["--root", "ROOT", "--can-path", "ID_PATH=pci|x"],
+    ],
+)
+def test_wrong_use_of_the_install_script_is_exit_2_and_changes_nothing(tmp_path: Path, arguments: list[str]) -> None:
+    result = install(*(str(tmp_path) if word == "ROOT" else word for word in arguments))
+    assert result.returncode == 2
+    assert result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_install_script_names_the_step_of_the_guide_that_comes_next(tmp_path: Path) -> None:
+    said = re.search(r"next: docs/bring-up.md, step (\d+)", install("--root", str(tmp_path)).stderr)
+    assert said is not None
+    guide = (DEPLOY.parent / "docs" / "bring-up.md").read_text()
+    assert re.search(rf"^### {said[1]}\. Install", guide, re.MULTILINE)
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["/proc/nowhere"]])
+def test_wrong_use_of_the_certificate_script_is_exit_2(arguments: list[str]) -> None:
+    script = DEPLOY / "zenoh" / "make-certificates.sh"
+    result = subprocess.run([script, *arguments], capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert result.stderr

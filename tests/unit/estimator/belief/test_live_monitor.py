@@ -1,0 +1,83 @@
+"""The live monitor: silent while the model explains the car, and where it fails it says so and suspects why."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from support.measurement_evaluation import MeasurementEvaluation
+
+from estimator.belief.monitor import ResidualMonitor
+from estimator.belief.tyre_belief import Sample
+from estimator.model.single_track import AUXILIARY, SingleTrack
+from hil_gateway.car.vehicle import Vehicle
+
+DT_NS = 10_000_000
+START_NS = 1_000_000_000
+VEHICLE = Vehicle()
+
+
+class Laps:
+    """Samples of a car on laps with left and right turns at several speeds; the model's own physics plus a defect."""
+
+    def __init__(self, seed: int = 3) -> None:
+        self.model = SingleTrack(VEHICLE, "per_axle")
+        self.theta = np.array([p.prior for p in self.model.tyre_table])
+        self._h = MeasurementEvaluation(self.model, "imu_yaw")
+        self._rng = np.random.default_rng(seed)
+
+    def sample(self, k: int) -> Sample:
+        t = k * 0.01
+        vx = 35.0 + 15.0 * np.sin(0.11 * t)
+        slip = 0.045 * np.sin(0.5 * t)
+        w = 0.25 * np.sin(0.31 * t)
+        vy = VEHICLE.lr * w - vx * np.tan(slip)
+        steer = slip + np.arctan((vy + VEHICLE.lf * w) / vx)
+        signals = np.array([vx, vy, w, steer, 0.06 * np.sin(0.23 * t)])
+        z = self._h(signals, np.zeros(len(AUXILIARY)), self.theta)[0] + self._rng.normal(0, [0.11, 0.11, 0.05])
+        return Sample(signals, np.zeros((3, 3)), z, np.zeros(len(AUXILIARY)))
+
+    def findings(self, defect: Any, seconds: float = 100.0) -> list[Any]:
+        monitor, found = ResidualMonitor(self.model), []
+        for k in range(round(seconds * 100)):
+            sample = self.sample(k)
+            found += monitor.push(replace(sample, z=sample.z + defect(sample)), self.theta, START_NS + k * DT_NS)
+        return found
+
+
+def test_monitor_is_silent_while_the_model_explains_the_car() -> None:
+    assert Laps().findings(lambda s: np.zeros(3)) == []
+
+
+def test_monitor_says_where_the_model_fails() -> None:
+    """Only right turns above 40 m/s lose grip: that, and nothing else, is reported."""
+
+    def defect(s: Sample) -> np.ndarray:
+        fails = s.signals[0] > 40.0 and s.z[1] < -5.0
+        return np.array([0.0, 1.2 if fails else 0.0, 0.0])
+
+    found = Laps().findings(defect)
+    assert {(f.channel, f.condition) for f in found} == {("ay", "right turns above 40 m/s")}
+    assert found[0].strength > 5.0
+
+
+def test_monitor_suspects_the_effect_that_is_there() -> None:
+    drag = Laps().findings(lambda s: np.array([-0.6 * s.signals[0] ** 2 / VEHICLE.mass, 0.0, 0.0]))
+    assert {f.channel for f in drag} == {"ax"}
+    assert drag[-1].suspected_effect == "aero_drag"
+    damping = Laps().findings(lambda s: np.array([0.0, 0.0, -1500.0 * s.signals[2] / VEHICLE.yaw_inertia]))
+    assert {f.suspected_effect for f in damping if f.channel == "yaw_acc"} == {"yaw_damping"}
+
+
+def test_an_alert_is_not_repeated_within_a_minute() -> None:
+    found = Laps().findings(lambda s: np.array([-1.5, 0.0, 0.0]), seconds=55.0)
+    assert len({(f.channel, f.condition) for f in found}) == len(found) > 0
+
+
+def test_monitor_survives_meaningless_numbers() -> None:
+    laps = Laps()
+    monitor = ResidualMonitor(laps.model)
+    for k, bad in enumerate((np.nan, np.inf, 1e300) * 20):
+        sample = laps.sample(k)
+        assert monitor.push(replace(sample, z=np.array([bad, 0.0, 0.0])), laps.theta, START_NS) == []

@@ -1,0 +1,153 @@
+"""Drive logs: what is read, what is derived, and what is refused with file, row and column."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.drive_simulator import TYRE, simulate, to_csv
+
+from estimator.drive_log.table import DriveLog, read_log, read_logs
+from hil_gateway.process.errors import InputError
+
+DRIVE = simulate([TYRE], 8.0, seed=3)[0].columns
+
+
+def _write(tmp_path: Path, changes: dict[str, object] | None = None, without: tuple[str, ...] = ()) -> Path:
+    columns = {n: c.copy() for n, c in DRIVE.items() if n not in without}
+    columns |= changes or {}  # type: ignore[arg-type]
+    path = tmp_path / "drive.csv"
+    path.write_text(to_csv(columns))
+    return path
+
+
+def _refused(path: Path, *words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_log(path)
+    for word in (path.name, *words):
+        assert word in str(caught.value)
+
+
+def test_columns_come_back_as_written(tmp_path: Path) -> None:
+    log = read_log(_write(tmp_path, {"tyre_temperature": 80.0 + DRIVE["t"]}))
+    assert np.allclose(log["ay"], DRIVE["ay"], rtol=1e-8)
+    assert log.extra == ("tyre_temperature",)
+    assert log.derived == {}
+    assert log.step == pytest.approx(0.01)
+
+
+def test_missing_column_is_named(tmp_path: Path) -> None:
+    _refused(_write(tmp_path, without=("vy",)), "row 1", "vy", "missing")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_non_finite_value_is_named_by_row_and_column(tmp_path: Path, value: float) -> None:
+    ay = DRIVE["ay"].copy()
+    ay[99] = value
+    _refused(_write(tmp_path, {"ay": ay}), "row 101", "ay", "not finite")
+
+
+def test_text_in_a_cell_is_named_by_row_and_column(tmp_path: Path) -> None:
+    path = _write(tmp_path)
+    lines = path.read_text().splitlines()
+    cells = lines[41].split(",")
+    cells[2] = "n/a"
+    path.write_text("\n".join([*lines[:41], ",".join(cells), *lines[42:]]) + "\n")
+    _refused(path, "row 42", "vy", "'n/a'")
+
+
+def test_row_with_too_few_values_is_named(tmp_path: Path) -> None:
+    path = _write(tmp_path)
+    lines = path.read_text().splitlines()
+    lines[10] = lines[10].rsplit(",", 2)[0]
+    path.write_text("\n".join(lines) + "\n")
+    _refused(path, "row 11")
+
+
+def test_time_running_backwards_is_named(tmp_path: Path) -> None:
+    t = DRIVE["t"].copy()
+    t[300] = t[298]
+    _refused(_write(tmp_path, {"t": t}), "row 302", "column t", "does not increase")
+
+
+@pytest.mark.parametrize("name", ["vy", "yaw_rate", "ay", "ax", "vx", "yaw"])
+def test_sensor_frozen_while_the_car_moves_is_named(tmp_path: Path, name: str) -> None:
+    values = DRIVE[name].copy()
+    values[200:600] = values[200]
+    _refused(_write(tmp_path, {name: values}), "rows 202 to 601", name, "frozen")
+
+
+def test_steering_frozen_for_the_whole_log_is_refused(tmp_path: Path) -> None:
+    _refused(_write(tmp_path, {"steer": np.zeros_like(DRIVE["t"])}), "steer", "frozen")
+
+
+def test_too_short_a_log_is_refused(tmp_path: Path) -> None:
+    _refused(_write(tmp_path, {n: c[:50] for n, c in DRIVE.items()}), "50 rows", "200")
+
+
+def test_time_in_milliseconds_is_refused_by_its_rate(tmp_path: Path) -> None:
+    _refused(_write(tmp_path, {"t": 1000.0 * DRIVE["t"]}), "column t", "seconds")
+
+
+def test_repeated_and_cut_rows_are_left_out_counted_and_named(tmp_path: Path) -> None:
+    path = _write(tmp_path)
+    lines = path.read_text().splitlines()
+    lines.insert(20, lines[19])
+    path.write_text("\n".join(lines) + "\n1.0,2")
+    log = read_log(path)
+    assert len(log) == len(DRIVE["t"])
+    assert any("1 rows written twice" in note and "row 21" in note for note in log.notes)
+    assert any("cut off" in note for note in log.notes)
+
+
+def test_missing_accelerations_are_derived_and_said_so(tmp_path: Path) -> None:
+    log = read_log(_write(tmp_path, without=("ax", "ay")))
+    assert set(log.derived) == {"ax", "ay"}
+    inner = slice(50, -50)
+    assert np.sqrt(np.mean((log["ay"] - DRIVE["ay"])[inner] ** 2)) < 0.25
+    assert sum("is derived" in note for note in log.notes) == 2
+
+
+def test_drive_is_derived_from_wheel_speeds_whatever_their_rolling_radius(tmp_path: Path) -> None:
+    rear = 1.03 * DRIVE["vx"] * (1.0 + DRIVE["drive"])
+    log = read_log(_write(tmp_path, {"wheel_speed_rl": rear, "wheel_speed_rr": rear}, without=("drive",)))
+    assert "wheel speeds" in log.derived["drive"]
+    assert np.corrcoef(log["drive"], DRIVE["drive"])[0, 1] > 0.99
+
+
+def test_drive_without_any_source_is_refused(tmp_path: Path) -> None:
+    _refused(_write(tmp_path, without=("drive",)), "drive", "throttle")
+
+
+def test_gaps_start_new_segments(tmp_path: Path) -> None:
+    t = DRIVE["t"].copy()
+    t[400:] += 5.0
+    log = read_log(_write(tmp_path, {"t": t}))
+    assert [s.stop - s.start for s in log.segments()] == [400, 400]
+
+
+def test_several_files_are_one_data_set_with_gaps(tmp_path: Path) -> None:
+    first = _write(tmp_path, {"lap": np.zeros(800)})
+    second = first.rename(tmp_path / "second.csv")
+    first = _write(tmp_path, {"lap": np.zeros(800)}, without=("yaw",))
+    log = read_logs([first, second])
+    assert len(log) == 1600
+    assert len(log.segments()) == 2
+    assert np.all(np.diff(log["t"]) > 0)
+    assert [lap for lap, _ in log.laps()] == [0, 1000]
+    assert "yaw" not in log
+    assert any("yaw" in note for note in log.notes)
+
+
+def test_a_hundred_thousand_rows_are_read_in_about_a_second(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    n = 97_000
+    columns = {name: rng.standard_normal(n).round(5) for name in ("vx", "vy", "yaw_rate", "ax", "ay", "steer", "drive")}
+    path = tmp_path / "long.csv"
+    path.write_text(to_csv({"t": np.arange(n) / 100, **columns}))
+    began = time.process_time()
+    log = read_log(path)
+    assert isinstance(log, DriveLog)
+    assert time.process_time() - began < 2.0

@@ -1,0 +1,125 @@
+"""Log health: each defect is found with its size, and a clean log has none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.drive_simulator import TYRE, simulate
+
+from estimator.drive_log.health import Action, examine
+from estimator.drive_log.table import DriveLog, segment_numbers
+from hil_gateway.car.vehicle import Vehicle
+
+VEHICLE = Vehicle()
+COLUMNS = simulate([TYRE], 60.0, seed=21)[0].columns
+
+
+def _log(**changes: np.ndarray) -> DriveLog:
+    columns = {**COLUMNS, **changes}
+    return DriveLog(
+        columns=columns,
+        segment=segment_numbers(columns["t"]),
+        extra=tuple(n for n in changes if n not in COLUMNS),
+    )
+
+
+def _late(name: str, seconds: float) -> np.ndarray:
+    t = COLUMNS["t"]
+    return np.asarray(np.interp(t - seconds, t, COLUMNS[name]))
+
+
+def _only(log: DriveLog, name: str, **options: object) -> object:
+    found = {f.name: f for f in examine(log, VEHICLE, **options).findings}  # type: ignore[arg-type]
+    assert name in found, f"found {sorted(found)}"
+    return found[name]
+
+
+def test_a_clean_log_has_no_findings() -> None:
+    assert examine(_log(), VEHICLE).findings == ()
+
+
+@pytest.mark.parametrize("lag", [0.15, 0.32, -0.2])
+def test_late_yaw_rate_is_found_and_re_aligned(lag: float) -> None:
+    log = _log(yaw_rate=_late("yaw_rate", lag))
+    finding = _only(log, "offset_yaw_rate")
+    assert finding.size == pytest.approx(lag, abs=0.02)  # type: ignore[attr-defined]
+    repaired = examine(log, VEHICLE).log
+    inner = slice(200, -200)
+    rows = np.searchsorted(COLUMNS["t"], repaired["t"][inner])
+    assert np.std(repaired["yaw_rate"][inner] - COLUMNS["yaw_rate"][rows]) < 0.01
+
+
+def test_a_repair_can_be_switched_off() -> None:
+    log = _log(yaw_rate=_late("yaw_rate", 0.3))
+    report = examine(log, VEHICLE, keep={"offset_yaw_rate"})
+    assert next(f for f in report.findings if f.name == "offset_yaw_rate").action is Action.LEFT
+    assert np.array_equal(report.log["yaw_rate"], log["yaw_rate"])
+
+
+def test_misaligned_sensor_of_vy_is_found_and_corrected() -> None:
+    log = _log(vy=COLUMNS["vy"] + 0.015 * COLUMNS["vx"] - 0.1)
+    finding = _only(log, "offset_vy")
+    expected = 0.015 - 0.1 / np.median(COLUMNS["vx"])
+    assert finding.size == pytest.approx(expected, abs=0.003)  # type: ignore[attr-defined]
+    assert np.std(examine(log, VEHICLE).log["vy"] - COLUMNS["vy"]) < 0.06
+
+
+def test_vy_measured_ahead_of_the_centre_of_gravity_is_found() -> None:
+    finding = _only(_log(vy=COLUMNS["vy"] + 1.2 * COLUMNS["yaw_rate"]), "position_vy")
+    assert finding.size == pytest.approx(1.2, abs=0.25)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("offset", [0.006, -0.012])
+def test_steering_that_does_not_read_zero_is_found(offset: float) -> None:
+    report = examine(_log(steer=COLUMNS["steer"] + offset), VEHICLE)
+    assert report.steering_is_off
+    finding = next(f for f in report.findings if f.name == "offset_steer")
+    assert finding.size == pytest.approx(offset, abs=0.001)
+    assert np.array_equal(report.log["steer"], COLUMNS["steer"] + offset), "the fit allows for it, the log keeps it"
+
+
+def test_late_and_attenuated_acceleration_is_found_useless() -> None:
+    useless = 0.4 * _late("ax", 1.2)
+    finding = _only(_log(ax_logged=useless), "useless_ax_logged")
+    assert finding.size == pytest.approx(1.2, abs=0.1)  # type: ignore[attr-defined]
+    report = examine(_log(ax=useless), VEHICLE)
+    assert "ax" in report.log.derived
+    assert np.corrcoef(report.log["ax"], COLUMNS["ax"])[0, 1] > 0.95
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "words"),
+    [
+        ("yaw_rate", 57.29578, "degrees"),
+        ("steer", 57.29578, "degrees"),
+        ("steer", -1.0, "opposite sign"),
+        ("ay", -1.0, "opposite sign"),
+        ("ax", -1.0, "opposite sign"),
+    ],
+)
+def test_unit_and_sign_slips_are_found_and_converted(name: str, factor: float, words: str) -> None:
+    report = examine(_log(**{name: factor * COLUMNS[name]}), VEHICLE)
+    finding = next(f for f in report.findings if f.name == f"unit_{name}")
+    assert words in finding.description
+    assert np.allclose(report.log[name], COLUMNS[name], rtol=1e-4)
+
+
+def test_wheel_speeds_in_kmh_and_throttle_in_percent_are_found() -> None:
+    log = _log(wheel_speed_fl=3.6 * COLUMNS["vx"], throttle=50.0 + 50.0 * np.sin(COLUMNS["t"]))
+    names = {f.name for f in examine(log, VEHICLE).findings}
+    assert {"unit_wheel_speed_fl", "unit_throttle"} <= names
+
+
+def test_quantised_channel_and_irregular_steps_are_reported_and_left() -> None:
+    t = COLUMNS["t"].copy()
+    t[::25] += 0.004
+    report = examine(_log(t=t, vy=np.round(COLUMNS["vy"] / 0.2) * 0.2), VEHICLE)
+    found = {f.name: f for f in report.findings}
+    assert found["quantised_vy"].size == pytest.approx(0.2, rel=0.01)
+    assert found["irregular_steps"].action is Action.LEFT
+
+
+def test_wrong_rolling_radius_is_reported() -> None:
+    wheels = {f"wheel_speed_{w}": 1.015 * COLUMNS["vx"] for w in ("rl", "rr")}
+    finding = _only(_log(**wheels), "scale_rear_wheels")
+    assert finding.size == pytest.approx(0.015, abs=0.001)  # type: ignore[attr-defined]

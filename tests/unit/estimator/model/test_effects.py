@@ -1,0 +1,219 @@
+"""Every effect: nothing at its neutral value, the right sign, exact derivatives, mirror symmetry where it holds."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Mapping
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from estimator.model.effects import catalogue
+from estimator.model.effects.base import Effect
+from estimator.model.memory import delayed, relaxed
+from estimator.model.profile import profile_basis, profile_value
+from estimator.model.single_track import CHANNELS, SIGNALS, SingleTrack, Terms
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
+
+VEHICLE = Vehicle()
+AUXILIARY = {"brake": 0.3, "yaw": 0.4, "t": 100.0, "steer_rate": 0.3, "drive_rate": -0.2, "track_position": 250.0}
+IDS = {
+    "aero_drag", "rolling_resistance", "road_grade", "road_bank", "aero_downforce", "load_transfer",
+    "load_sensitivity", "combined_slip", "drive_saturation", "front_brake", "engine_braking", "steer_offset",
+    "steer_scale", "steer_delay", "drive_delay", "tyre_relaxation", "grip_drift", "imu_misalignment",
+    "imu_lever_arm", "imu_bias", "speed_scale", "wind", "yaw_damping", "turn_asymmetry",
+    "brake_pressure", "traction_loss", "total_slip",
+}  # fmt: skip
+MIRROR_BREAKING = {
+    "steer_offset", "imu_misalignment", "imu_lever_arm", "imu_bias", "wind", "turn_asymmetry", "road_bank",
+}  # fmt: skip
+LEFT_TURN = {"vx": 38.0, "vy": -0.35, "yaw_rate": 0.33, "steer": 0.045, "drive": -0.04}
+# effect -> (parameters, signals changed, channel, sign of the change)
+SIGNS = {
+    "aero_drag": ((0.5,), {}, "ax", -1),
+    "rolling_resistance": ((400.0,), {}, "ax", -1),
+    "road_grade": ((0.05,), {}, "vx_dot", -1),
+    "road_bank": ((0.05,), {}, "vy_dot", -1),
+    "aero_downforce": ((0.4, 0.4), {}, "ay", 1),
+    "load_transfer": ((0.3,), {}, "yaw_acc", 1),
+    "combined_slip": ((0.9,), {}, "ay", -1),
+    "drive_saturation": ((3000.0,), {}, "ax", 1),
+    "front_brake": ((0.5, 1.0), {}, "yaw_acc", -1),
+    "engine_braking": ((400.0, 0.015), {}, "ax", -1),
+    "steer_offset": ((0.01,), {}, "ay", 1),
+    "steer_scale": ((1.1,), {}, "ay", 1),
+    "steer_delay": ((0.05,), {}, "ay", -1),
+    "drive_delay": ((0.05,), {}, "ax", 1),
+    "grip_drift": ((-1e-3, 0.0), {}, "ay", -1),
+    "imu_misalignment": ((0.02,), {}, "ax", 1),
+    "imu_lever_arm": ((1.0, 0.0), {}, "ax", -1),
+    "imu_bias": ((0.2, 0.1, 0.01), {}, "ay", 1),
+    "speed_scale": ((1.05, 1.0), {}, "yaw_acc", -1),
+    "wind": ((-8.0, 0.0, 0.5), {}, "ax", -1),
+    "yaw_damping": ((500.0,), {}, "yaw_acc", -1),
+    "turn_asymmetry": ((0.05,), {}, "ay", 1),
+    "brake_pressure": ((5000.0,), {}, "ax", -1),
+    "traction_loss": ((0.8,), {}, "ax", 1),
+    "total_slip": ((0.3, 0.8, 0.0), {}, "ay", -1),
+}
+
+
+def predict(effect: Effect | None, parameters: tuple[float, ...] = (), **signals: float) -> dict[str, float]:
+    model = SingleTrack(VEHICLE, "per_axle", () if effect is None else (effect,))
+    terms = Terms(VEHICLE, **{name: signals[name] for name in SIGNALS}, aux=AUXILIARY)
+    model.evaluate(terms, [p.prior for p in model.tyre_table], parameters)
+    return dict(zip(CHANNELS, (float(value) for value in terms.channels()), strict=True))
+
+
+BESIDE = {"load_sensitivity": (("load_transfer", 0.3),)}
+"""effects (with one parameter) without which another does not show: loads must move"""
+VISIBLE = {"load_sensitivity": (0.3,)}
+"""a size that shows, where the start of a fit is the neutral value"""
+PAST = {"tyre_relaxation": {"relaxation_f": -0.004, "relaxation_r": -0.003}}
+"""what an effect with memory adds to the slip angles in the middle of turning in, when they grow"""
+
+
+def predict_with(
+    effects: tuple[Effect, ...], parameters: tuple[float, ...], past: Mapping[str, float] | None = None
+) -> dict[str, float]:
+    model = SingleTrack(VEHICLE, "per_axle", effects)
+    terms = Terms(VEHICLE, **LEFT_TURN, aux={**AUXILIARY, **(past or {})})
+    model.evaluate(terms, [p.prior for p in model.tyre_table], parameters)
+    return dict(zip(CHANNELS, (float(value) for value in terms.channels()), strict=True))
+
+
+def test_the_catalogue_holds_every_agreed_id() -> None:
+    assert set(catalogue()) == IDS
+    assert all(e.cause for e in catalogue().values())
+
+
+def test_effects_can_be_sent_to_another_process() -> None:
+    for effect in catalogue().values():
+        assert pickle.loads(pickle.dumps(effect)).name == effect.name
+
+
+@pytest.mark.parametrize("name", sorted(IDS))
+def test_neutral_parameters_leave_the_declared_model_exactly(name: str) -> None:
+    effect = catalogue()[name]
+    declared = predict(None, **LEFT_TURN)
+    changed = predict(effect, effect.neutral(), **LEFT_TURN)
+    assert changed == pytest.approx(declared, rel=1e-7, abs=1e-7)
+
+
+@pytest.mark.parametrize("name", sorted(SIGNS))
+def test_sign_of_the_effect(name: str) -> None:
+    parameters, signals, channel, sign = SIGNS[name]
+    state = LEFT_TURN | signals
+    change = predict(catalogue()[name], parameters, **state)[channel] - predict(None, **state)[channel]
+    assert change * sign > 1e-3, f"{name}: {channel} changes by {change}"
+
+
+@pytest.mark.parametrize("name", sorted(IDS))
+def test_declared_channels_are_those_that_change(name: str) -> None:
+    effect = catalogue()[name]
+    parameters = SIGNS.get(name, (VISIBLE.get(name, effect.start()),))[0]
+    given = BESIDE.get(name, ())
+    before = predict_with(tuple(catalogue()[n] for n, _ in given), tuple(v for _, v in given))
+    beside = (*(catalogue()[n] for n, _ in given), effect)
+    after = predict_with(beside, (*(v for _, v in given), *parameters), PAST.get(name, {}))
+    moved = {channel for channel in CHANNELS if abs(after[channel] - before[channel]) > 2e-2}
+    assert set(effect.channels) & moved, f"{name} moves {moved}"
+
+
+@pytest.mark.parametrize("name", sorted(IDS - MIRROR_BREAKING))
+def test_mirrored_state_gives_mirrored_accelerations(name: str) -> None:
+    effect = catalogue()[name]
+    parameters = SIGNS.get(name, (effect.start(),))[0]
+    left = {**LEFT_TURN}
+    right = {**left, "vy": -left["vy"], "yaw_rate": -left["yaw_rate"], "steer": -left["steer"]}
+    mirrored = {key: -value if key == "steer_rate" else value for key, value in AUXILIARY.items()}
+    a = predict(effect, parameters, **left)
+    terms = Terms(VEHICLE, **{n: right[n] for n in SIGNALS}, aux=mirrored)
+    model = SingleTrack(VEHICLE, "per_axle", (effect,))
+    model.evaluate(terms, [p.prior for p in model.tyre_table], parameters)
+    b = dict(zip(CHANNELS, (float(v) for v in terms.channels()), strict=True))
+    odd = {"ay", "yaw_acc", "vy_dot"}
+    assert b == pytest.approx({c: -v if c in odd else v for c, v in a.items()}, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", sorted(IDS))
+def test_jacobian_agrees_with_finite_differences(name: str) -> None:
+    effect = catalogue()[name]
+    loads = (catalogue()["load_transfer"],) if effect.requires_any else ()
+    model = SingleTrack(VEHICLE, "per_axle", (*loads, effect))
+    size = len(model.effect_table)
+    phi, state = ca.SX.sym("phi", size), ca.SX.sym("state", 5)
+    terms = Terms(VEHICLE, *ca.vertsplit(state), aux=AUXILIARY)
+    out = ca.vertcat(*model.evaluate(terms, [p.prior for p in model.tyre_table], ca.vertsplit(phi)).channels())
+    f = ca.Function("f", [state, phi], [out])
+    jacobian = ca.Function("j", [state, phi], [ca.jacobian(out, phi)])
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        x = np.array([*LEFT_TURN.values()]) * rng.uniform(0.7, 1.3, 5)
+        at = np.array([*([0.3] * len(loads)), *SIGNS.get(name, (effect.start(),))[0]])
+        exact = np.array(jacobian(x, at))
+        step = 1e-6 * np.maximum(np.abs(at), 1e-2)
+        for k in range(size):
+            d = np.eye(size)[k] * step[k]
+            numeric = (np.array(f(x, at + d)) - np.array(f(x, at - d))).ravel() / (2 * step[k])
+            np.testing.assert_allclose(exact[:, k], numeric, rtol=1e-5, atol=1e-6 * (1 + np.abs(numeric).max()))
+
+
+def test_gravity_is_not_felt_by_the_accelerometer() -> None:
+    for name, channel in (("road_grade", "vx_dot"), ("road_bank", "vy_dot")):
+        before, after = predict(None, **LEFT_TURN), predict(catalogue()[name], (0.1,), **LEFT_TURN)
+        assert after[channel] - before[channel] == pytest.approx(-GRAVITY * np.sin(0.1))
+        assert after["ax"] == before["ax"]
+        assert after["ay"] == before["ay"]
+
+
+def test_load_transfer_moves_load_and_keeps_its_sum() -> None:
+    model = SingleTrack(VEHICLE, "per_axle", (catalogue()["load_transfer"],))
+    terms = Terms(VEHICLE, **LEFT_TURN)
+    model.evaluate(terms, [p.prior for p in model.tyre_table], (0.3,))
+    assert terms.load_f + terms.load_r == pytest.approx(VEHICLE.mass * GRAVITY)
+    assert terms.load_f > VEHICLE.static_load_front, "braking loads the front axle"
+
+
+def test_delay_and_relaxation_follow_their_definitions() -> None:
+    t = np.arange(0.0, 4.0, 0.01)
+    wave = np.sin(2 * t)
+    np.testing.assert_allclose(delayed(t, wave, 0.05)[10:], np.sin(2 * (t - 0.05))[10:], atol=1e-4)
+    tau = 0.2
+    expected = (np.sin(2 * t) - 2 * tau * np.cos(2 * t) + 2 * tau * np.exp(-t / tau)) / (1 + 4 * tau**2)
+    np.testing.assert_allclose(relaxed(t, wave, np.full(len(t), tau)), expected, atol=2e-4)
+
+
+def test_profile_is_periodic_and_the_same_in_numbers_and_symbols() -> None:
+    rng = np.random.default_rng(3)
+    coefficients = rng.normal(size=12)
+    s = rng.uniform(-500.0, 4500.0, 50)
+    numbers = profile_basis(s, 1700.0, 12) @ coefficients
+    position = ca.SX.sym("s")
+    symbolic = ca.Function("p", [position], [profile_value(position, 1700.0, list(coefficients))])
+    np.testing.assert_allclose(numbers, [float(symbolic(v)) for v in s], atol=1e-12)
+    np.testing.assert_allclose(numbers, profile_basis(s + 1700.0, 1700.0, 12) @ coefficients, atol=1e-12)
+    np.testing.assert_allclose(profile_basis(s, 1700.0, 12).sum(axis=1), 1.0, atol=1e-12)
+
+
+def test_the_documented_catalogue_is_the_one_in_the_code() -> None:
+    from estimator.model.catalogue_page import page
+
+    document = Path(__file__).resolve().parents[4] / "docs" / "effects.md"
+    assert document.read_text() == page(), "python -m estimator.model.catalogue_page > docs/effects.md"
+
+
+def test_engine_braking_switches_sample_by_sample_and_by_the_throttle_where_it_is_recorded() -> None:
+    prepare = catalogue()["engine_braking"].prepare
+    assert prepare is not None
+    fluttering = {"drive": np.array([0.004, -0.003, 0.004, -0.003])}
+    np.testing.assert_array_equal(prepare(fluttering, VEHICLE, (300.0, 0.02))["throttle_closed"], [0, 1, 0, 1])
+    pedal = fluttering | {"throttle": np.array([0.0, 0.0, 0.3, 0.3])}
+    np.testing.assert_allclose(prepare(pedal, VEHICLE, (300.0, 0.02))["throttle_closed"], [1, 1, 0, 0], atol=1e-3)
+
+
+def test_a_biased_gyroscope_is_told_from_the_turning_of_the_car() -> None:
+    effect, biased = catalogue()["imu_bias"], LEFT_TURN | {"yaw_rate": LEFT_TURN["yaw_rate"] + 0.02}
+    assert predict(effect, (0.0, 0.0, 0.02), **biased) == pytest.approx(predict(None, **LEFT_TURN), rel=1e-12)

@@ -1,0 +1,262 @@
+"""What a diagnosis promises, on drives simulated by equations that are not the estimator's."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.practice_drives import PRIOR, practice, record_of
+from typer.testing import CliRunner
+
+from estimator.belief.revision import model_of
+from estimator.drive_log.smoothing import second_difference_noise
+from estimator.drive_log.table import DriveLog
+from estimator.model.effects import catalogue
+from estimator.model.single_track import SingleTrack
+from estimator.offline.fit.normal import Normal
+from estimator.offline.fit.prediction_error import evaluate, fit
+from estimator.offline.predict.basis import Basis, make_basis
+from estimator.offline.predict.predict import Predictor
+from estimator.offline.record.noise import Noise
+from estimator.offline.report.words import describe, follows_turn_direction, plain
+from estimator.offline.result.diagnosis_result import as_json, as_revision
+from estimator.offline.result.diagnosis_score import kernel
+from estimator.offline.search.diagnosis import WHITE_IN_LATE_LAPS, Diagnosis, diagnose
+from estimator.offline.search.search import within_a_sample
+from estimator.offline.search.trial import Setting, fit_names
+from estimator.offline.search.whiteness import structured_elsewhere
+from hil_gateway.car.vehicle import Vehicle
+
+EFFECTS: dict[str, dict[str, float]] = {
+    "none": {}, "single": {"rolling_resistance": 420.0}, "pair": {"aero_drag": 0.6, "steer_offset": -0.005},
+    "outside": {"gust": 1200.0},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def drives() -> dict[str, Any]:
+    """Four drives of five laps each."""
+    made = practice().simulate(list(EFFECTS.values()), [21, 22, 23, 24], laps=5, step=0.01)
+    return dict(zip(EFFECTS, made, strict=True))
+
+
+@pytest.fixture(scope="module")
+def diagnosed(drives: dict[str, Any]) -> Callable[[str], Diagnosis]:
+    done: dict[str, Diagnosis] = {}
+
+    def get(name: str) -> Diagnosis:
+        if name not in done:
+            done[name] = diagnose(record_of(drives[name]), "per_axle", PRIOR)
+        return done[name]
+
+    return get
+
+
+def test_nothing_missing_is_called_none(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("none")
+    assert found.verdict == "none"
+    for channel in ("ax", "ay"):
+        row = found.channels[channel]
+        assert row["with_effects"] < 1.1 * row["noise_floor"]
+
+
+def test_single_effect_is_named_alone_with_its_size(diagnosed: Callable[[str], Diagnosis]) -> None:
+    result = as_json(diagnosed("single"), "r", "")
+    assert result["verdict"] == "effect"
+    assert [e["name"] for e in result["effects"]] == ["rolling_resistance"]
+    force = result["effects"][0]["parameters"]["force"]
+    assert abs(force["value"] - 420.0) < min(42.0, 3 * force["std"])
+    assert result["effects"][0]["confidence"] > 0.95
+    assert result["channels"]["ax"]["with_effects"] < 1.1 * result["channels"]["ax"]["noise_floor"]
+
+
+def test_pair_is_named_whole(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("pair")
+    assert set(found.accepted) == {"aero_drag", "steer_offset"}
+    json.dumps(as_json(found, "r", ""), allow_nan=False)
+
+
+def test_effect_outside_the_catalogue_is_unexplained_and_located(diagnosed: Callable[[str], Diagnosis]) -> None:
+    result = as_json(diagnosed("outside"), "r", "")
+    assert result["verdict"] == "unexplained"
+    assert not result["effects"], "nothing of the catalogue acts"
+    assert {(u["channel"], u["signal"]) for u in result["unexplained"]} & {
+        ("ay", "track_position"), ("vy_dot", "track_position"),
+    }  # fmt: skip
+    row = result["channels"]["ay"]
+    assert row["refit"] - row["with_effects"] > 0.6 * (row["refit"] - row["noise_floor"])
+
+
+def test_test_laps_are_kept_from_every_fit(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("single")
+    assert not set(found.train_laps) & set(found.test_laps)
+    learnt = set(np.unique(found.fit.predictor.record.rows).tolist())
+    assert not learnt & set(found.test_rows.tolist())
+
+
+def test_revision_rebuilds_the_diagnosed_model(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("single")
+    revision = as_revision(found, "per_axle", ("hash",))
+    rebuilt = model_of(revision, Vehicle(), 1000.0)
+    assert [e.name for e in rebuilt.model.effects] == ["rolling_resistance"]
+    std = np.sqrt(np.diag(found.fit.covariance))[:7]
+    assert np.all(np.abs(rebuilt.theta - found.fit.parameters[:7]) < 2.0 * std), (
+        "all is explained: handed over as found"
+    )
+    assert revision.provenance.error_after["ax"] < revision.provenance.error_before["ax"]
+
+
+def test_report_is_one_page_without_network(
+    diagnosed: Callable[[str], Diagnosis], drives: dict[str, Any], tmp_path: Path
+) -> None:
+    from estimator.offline.report.diagnosis_report import write_report
+
+    found = diagnosed("single")
+    columns = drives["single"].columns
+    log = DriveLog(columns, np.zeros(len(columns["t"]), np.int64), sources={"drive.csv": "abc"})
+    page = write_report(found, as_json(found, "r", ""), log, tmp_path / "report.html").read_text()
+    assert "rolling_resistance" in page
+    assert "<script src" not in page
+    assert "<link" not in page
+
+
+def test_what_begins_only_in_the_last_laps_is_noticed_there(
+    diagnosed: Callable[[str], Diagnosis], drives: dict[str, Any]
+) -> None:
+    found, drive = diagnosed("none"), drives["none"]
+    late = np.isin(found.record.lap, found.test_laps)
+    assert not structured_elsewhere(found.fit, found.record.select(late), WHITE_IN_LATE_LAPS)
+    begins = found.record.signals["t"][found.record.rows[late].min()]
+    columns = drive.columns | {"ay": drive.columns["ay"] + 0.3 * (drive.columns["t"] > begins)}
+    changed = record_of(replace(drive, columns=columns))
+    assert structured_elsewhere(found.fit, changed.select(late), WHITE_IN_LATE_LAPS)
+
+
+def test_a_delay_within_a_sample_is_no_effect(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    record = record.select(np.arange(record.windows) % 12 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
+    assert within_a_sample(fit_names(setting, ["steer_delay"], None), "steer_delay")
+
+
+def test_windows_in_which_the_car_has_spun_are_left_out(drives: dict[str, Any]) -> None:
+    drive = drives["none"]
+    spun = np.abs(drive.columns["t"] - 100.0) < 1.0
+    columns = drive.columns | {"vy": np.where(spun, 1.5 * drive.columns["vx"], drive.columns["vy"])}
+    kept = np.zeros(len(spun), bool)
+    kept[record_of(replace(drive, columns=columns)).rows.ravel()] = True
+    assert not np.any(kept & spun)
+    assert kept.mean() > 0.9
+
+
+def test_sensitivities_agree_with_finite_differences(drives: dict[str, Any]) -> None:
+    record = record_of(drives["single"])
+    record = record.select(np.arange(record.windows) % 12 == 0)
+    names = ("aero_drag", "steer_scale", "steer_delay", "road_bank")
+    model = SingleTrack(Vehicle(), "per_axle", tuple(catalogue()[n] for n in names), PRIOR)
+    predictor = Predictor(model, record)
+    at = predictor.start([*PRIOR.values()])
+    at[7], at[9] = 0.3, 0.04
+    noise = Noise.white(record.block_noise)
+    # about measured states the residual is small, so the projection and the exponential may be taken as constant
+    jacobian = evaluate(predictor, at, noise).sensitivity
+    for i in (0, 1, 7, 8, 9, 12):
+        step = 1e-3 * predictor.table[i].prior_std * np.eye(len(at))[i]
+        ahead = evaluate(predictor, at + step, noise).error
+        behind = evaluate(predictor, at - step, noise).error
+        numeric = -(ahead - behind) / (2 * step[i])
+        scale = np.abs(numeric).max()
+        assert np.sqrt(np.mean((jacobian[:, i] - numeric) ** 2)) < 0.05 * scale, predictor.table[i].name
+
+
+def test_leaving_a_lap_out_by_normal_equations_is_exact_for_a_linear_model() -> None:
+    rng = np.random.default_rng(5)
+    laps, p, n = 4, 3, 60
+    X, truth = rng.normal(size=(laps, n, p)), np.array([1.0, -2.0, 0.5])
+    y = X @ truth + 0.1 * rng.normal(size=(laps, n))
+    squares, gradient, hessian = np.zeros((5, laps)), np.zeros((5, laps, p)), np.zeros((5, laps, p, p))
+    for lap in range(laps):
+        squares[0, lap], gradient[0, lap] = y[lap] @ y[lap], X[lap].T @ y[lap]
+        hessian[0, lap] = X[lap].T @ X[lap]
+    normal = Normal(squares, gradient, hessian, np.full(laps, float(n)), np.zeros((p, p)), np.zeros(p), np.ones(5))
+    held_out = normal.held_out(np.ones(5))[0]
+    for lap in range(laps):
+        others = [k for k in range(laps) if k != lap]
+        beta = np.linalg.lstsq(np.concatenate(X[others]), np.concatenate(y[others]), rcond=None)[0]
+        assert held_out[lap] == pytest.approx(np.sum((y[lap] - X[lap] @ beta) ** 2), rel=1e-6)
+
+
+def test_fit_recovers_from_a_far_start(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    predictor = Predictor(SingleTrack(Vehicle(), "per_axle", (), PRIOR), record)
+    near = fit(predictor, np.array([*PRIOR.values()]))
+    far = fit(predictor, np.array([60000.0, 5.0, 2.0, 2.3, 14.0, 1.1, 2.2]), iterations=30)
+    np.testing.assert_allclose(far.parameters, near.parameters, rtol=0.02)
+
+
+def test_differentiating_kernel_is_the_derivative_of_the_smoothing_one() -> None:
+    smooth, slope = kernel(0.01)
+    t = 0.01 * np.arange(400)
+    wave, rate = np.sin(3 * t), 3 * np.cos(3 * t)
+    np.testing.assert_allclose(np.convolve(wave, slope, "valid"), np.convolve(rate, smooth, "valid"), atol=2e-3)
+
+
+def test_noise_is_measured_beside_a_smooth_signal() -> None:
+    rng = np.random.default_rng(9)
+    t = 0.01 * np.arange(20_000)
+    assert second_difference_noise(5 * np.sin(2 * t) + 0.15 * rng.normal(size=t.size)) == pytest.approx(0.15, rel=0.05)
+
+
+@pytest.mark.parametrize("signal", ["t", "track_position"])
+def test_moved_knots_follow_a_step_and_the_edges_of_a_stretch(signal: str) -> None:
+    values = np.linspace(0.0, 3000.0, 60_000)
+    truth = (values > 1210.0) * 1.0 if signal == "t" else ((values > 1210.0) & (values < 1330.0)) * 1.0
+    basis, errors = make_basis(signal, values, 3000.0), []
+    for _ in range(3):
+        matrix = basis.matrix(values)
+        coefficients = np.linalg.lstsq(matrix, truth, rcond=None)[0]
+        errors.append(float(np.sqrt(np.mean((matrix @ coefficients - truth) ** 2))))
+        basis = basis.moved(coefficients, values)
+    assert errors[2] < 0.4 * errors[0]
+    np.testing.assert_allclose(basis.matrix(values).sum(axis=1), 1.0, rtol=1e-12)
+    assert np.all(np.linalg.eigvalsh(basis.precision(0.1)) > 0)
+
+
+def test_words_say_when_a_term_begins() -> None:
+    values = np.linspace(0.0, 900.0, 9000)
+    basis = make_basis("t", values, 0.0)
+    assert "after" in describe(basis, values, (np.array(basis.knots) > 300.0) * -0.1)
+
+
+def test_numbers_are_written_as_people_write_them() -> None:
+    assert [plain(v, 2) for v in (10360.0, 0.0475, 120.4, 2.3e-5, 0.0)] == ["10000", "0.048", "120", "2.3e-05", "0"]
+
+
+def test_a_term_that_is_the_same_in_all_right_turns_depends_on_the_turn_direction() -> None:
+    rate = np.random.default_rng(4).normal(0.0, 0.3, 20_000)
+    fine = Basis("yaw_rate", 7, knots=(-1.5, -0.6, -0.03, -0.02, 0.1, 0.6, 1.5))
+    assert follows_turn_direction(fine, rate, np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
+    assert not follows_turn_direction(fine, rate, np.array(fine.knots))
+    assert (
+        describe(Basis("turn_direction", 3, knots=(-1.0, 0.0, 1.0)), rate, np.array([2.0, 0.1, 0.0])) == "right turns"
+    )
+
+
+def test_words_say_above_which_value_a_term_acts() -> None:
+    values = np.linspace(10.0, 60.0, 4000)
+    basis = make_basis("vx", values, 0.0)
+    coefficients = (np.array(basis.knots) > 45.0) * 1.0
+    assert "above 4" in describe(basis, values, coefficients)
+
+
+def test_command_refuses_a_layout_it_does_not_know(tmp_path: Path) -> None:
+    from estimator.cli.diagnose import app
+    from hil_gateway.process.errors import InputError
+
+    result = CliRunner().invoke(app, [str(tmp_path / "x.csv"), "--layout", "nonsense"])
+    assert isinstance(result.exception, InputError)

@@ -1,0 +1,24 @@
+"""Fits in processes side by side find what fits one after the other find."""
+
+from __future__ import annotations
+
+import numpy as np
+from support.practice_drives import PRIOR, practice, record_of
+
+from estimator.offline.fit.workers import Job, fit_each, workers
+from estimator.offline.search.trial import Setting, fit_names
+
+
+def test_fits_side_by_side_agree_with_fits_in_turn() -> None:
+    (drive,) = practice().simulate([{"rolling_resistance": 300.0}], [62], laps=2, step=0.01)
+    setting = Setting(record_of(drive), "per_axle", PRIOR)
+    warm = fit_names(setting, (), None)
+    jobs = [Job("resistance", ("rolling_resistance",)), Job("drag", ("aero_drag",))]
+    said: list[str] = []
+    in_turn = fit_each(setting, warm, jobs, said.append)
+    with workers(2) as pool:
+        beside = fit_each(Setting(setting.record, "per_axle", PRIOR, pool=pool), warm, jobs, said.append)
+    assert said == ["resistance", "drag"] * 2
+    for one, other in zip(in_turn, beside, strict=True):
+        assert np.allclose(one.parameters, other.parameters, rtol=1e-9)
+        assert np.allclose(one.held_out(), other.held_out(), rtol=1e-9)

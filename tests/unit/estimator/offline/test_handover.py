@@ -1,0 +1,47 @@
+"""The model a diagnosis hands over is no surer than its residual allows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from support.practice_drives import PRIOR, practice, record_of
+
+from estimator.offline.fit.prediction_error import Fit, normal_at
+from estimator.offline.record.noise import Noise
+from estimator.offline.result.handover import tempered
+from estimator.offline.search.trial import Setting, fit_names
+
+
+@pytest.fixture(scope="module")
+def fits() -> dict[str, tuple[Any, Fit, Fit]]:
+    """Drive, fit of the model without effects, and what would be handed over, with nothing and with much missing."""
+    missing = {"nothing": {}, "much": {"aero_downforce": 1.5, "combined_slip": 1.0, "yaw_damping": 2000.0}}
+    made = practice().simulate(list(missing.values()), [51, 52], laps=3, step=0.01)
+    out = {}
+    for name, drive in zip(missing, made, strict=True):
+        setting = Setting(record_of(drive), "per_axle", PRIOR)
+        found = fit_names(setting, (), None)
+        handed = tempered(found.predictor.model, found.parameters, setting.record, found.deviation)
+        out[name] = (drive, found, handed)
+    return out
+
+
+def test_a_model_that_explains_everything_is_handed_over_as_it_was_found(fits: dict[str, tuple[Any, Fit, Fit]]) -> None:
+    _, found, handed = fits["nothing"]
+    tyre = slice(0, len(found.predictor.model.tyre_table))
+    std = np.sqrt(np.diag(found.covariance))[tyre]
+    assert np.all(np.abs(handed.parameters - found.parameters)[tyre] < 2.0 * std)
+    assert np.all(np.sqrt(np.diag(handed.covariance))[tyre] < 3.0 * std)
+
+
+def test_a_residual_that_lasts_counts_as_fewer_samples(fits: dict[str, tuple[Any, Fit, Fit]]) -> None:
+    _, found, handed = fits["much"]
+    names = [p.name for p in found.predictor.model.tyre_table]
+    # at the same point: a peak that the tyre never reaches is the less certain, the higher it is
+    white, _ = normal_at(found.predictor, handed.parameters, Noise.white(found.deviation))
+    as_if_white = np.diag(np.linalg.pinv(white.precision(white.variance), hermitian=True))
+    wider = np.sqrt(np.diag(handed.covariance) / as_if_white)[: len(names)]
+    assert np.all(wider > 0.95)
+    assert np.all(wider[[names.index(n) for n in ("bf", "cf", "df")]] > 1.3)

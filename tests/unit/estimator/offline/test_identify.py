@@ -1,0 +1,159 @@
+"""`hil identify` from files to JSON and report, and on measured data where that is there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.drive_simulator import TYRE, simulate, to_csv
+from typer.testing import CliRunner
+
+from estimator.cli.identify import app
+from estimator.drive_log.table import DriveLog, read_logs
+from estimator.offline.identification import Identification, Options, identify
+from estimator.offline.record.declared import read_tyre_prior, read_vehicle
+from estimator.offline.result.identification_score import score_log
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def log_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("logs") / "drive.csv"
+    path.write_text(to_csv(simulate([TYRE], 50.0, seed=31)[0].columns))
+    return path
+
+
+def test_json_and_report_hold_what_the_format_promises(log_file: Path, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, [str(log_file), "--json", "--method", "batch", "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    summary = json.loads(result.stdout)
+    promised = {"layout", "method", "initial", "final", "std", "identifiable", "rmse", "curve", "seconds"}
+    assert promised <= set(summary)
+    assert summary["rmse"]["ay"]["final"] < summary["rmse"]["ay"]["initial"]
+    assert set(summary["final"]) == set(TYRE)
+    assert json.loads((tmp_path / "tyre.json").read_text()) == summary["final"]
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("<figure>") >= 4
+    for source in ('src="http', "url(http", "<script src", '<link rel="stylesheet"'):
+        assert source not in page
+
+
+def test_shared_layout_takes_a_prior_per_axle(log_file: Path, tmp_path: Path) -> None:
+    prior = tmp_path / "tyre.json"
+    prior.write_text(json.dumps(TYRE))
+    arguments = [str(log_file), "--json", "--method", "batch", "--layout", "shared", "--tyre", str(prior)]
+    summary = json.loads(CliRunner().invoke(app, arguments).stdout)
+    assert set(summary["final"]) == {"cx", "b", "c", "d"}
+    assert summary["initial"]["b"] == pytest.approx(0.5 * (TYRE["bf"] + TYRE["br"]))
+
+
+def test_a_log_too_short_to_hold_anything_out_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "short.csv"
+    path.write_text(to_csv(simulate([TYRE], 15.0, seed=32)[0].columns))
+    with pytest.raises(InputError, match="s of driving in the log: at least 20 s are needed"):
+        identify(read_logs([path]), read_vehicle(None), None, Options(method="batch"))
+
+
+def test_a_log_shorter_than_four_blocks_still_holds_a_quarter_out(tmp_path: Path) -> None:
+    path = tmp_path / "short.csv"
+    path.write_text(to_csv(simulate([TYRE], 26.0, seed=32)[0].columns))
+    done = identify(read_logs([path]), read_vehicle(None), None, Options(method="batch"))
+    assert 0.15 < done.split.test.mean() < 0.35
+    assert done.split.train.mean() > 0.5
+
+
+def test_result_is_scored_on_another_log(log_file: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.csv"
+    columns = simulate([TYRE], 25.0, seed=32)[0].columns
+    other.write_text(to_csv(columns))
+    arguments = [str(log_file), "--json", "--method", "batch", "--score", str(other)]
+    scored = json.loads(CliRunner().invoke(app, arguments).stdout)["scored"][str(other)]
+    assert scored["ay"]["final"] < 0.2 < scored["ay"]["initial"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{", "not valid JSON"),
+        ('{"mass": 800, "yaw_inertia": 1000, "lf": 1.7}', "lr is missing"),
+        ('{"mass": -1, "yaw_inertia": 1000, "lf": 1.7, "lr": 1.2}', "mass = -1"),
+        ('{"mass": 800, "yaw_inertia": 1000, "lf": 1.7, "lr": 1.2, "wings": 2}', "wings"),
+    ],
+)
+def test_broken_vehicle_file_is_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "vehicle.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_vehicle(path)
+
+
+@pytest.mark.parametrize(("text", "words"), [('{"cx": 1}', "bf is missing"), ('{"b": 1, "q": 2}', "unknown key q")])
+def test_broken_tyre_prior_is_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "tyre.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_tyre_prior(path, "per_axle", read_vehicle(None))
+
+
+def _identify(path: Path, vehicle: Path | None, tyre: Path | None, **options: object) -> Identification:
+    chosen = Options(**options)  # type: ignore[arg-type]
+    car = read_vehicle(vehicle)
+    return identify(read_logs([path]), car, read_tyre_prior(tyre, chosen.layout, car), chosen)
+
+
+@pytest.mark.slow
+def test_practice_log_is_identified_to_a_percent(measured_data: Path) -> None:
+    folder = measured_data / "practice"
+    result = _identify(folder / "p01.csv", folder / "vehicle.json", folder / "tyre.json")
+    truth = json.loads((folder / "p01.truth.json").read_text())["tyre"]
+    limits = {"cx": 0.01, "df": 0.03, "dr": 0.03}
+    for name, value in truth.items():
+        assert result.final[name] == pytest.approx(value, rel=limits.get(name, 0.06))
+        assert abs(result.final[name] - value) < 2.576 * result.fit.std[name], name
+    for axle in "fr":
+        found, right = (v[f"b{axle}"] * v[f"c{axle}"] * v[f"d{axle}"] for v in (result.final, truth))
+        assert found == pytest.approx(right, rel=0.02)
+    assert result.rmse["ay"][1] < 1.05 * 0.15
+
+
+@pytest.mark.slow
+def test_measured_run_is_repaired_and_predicted(measured_data: Path) -> None:
+    result = _identify(measured_data / "av21" / "putnam_run4_2.csv", None, None)
+    found = {f.name: f for f in result.health.findings}
+    assert 0.28 <= found["offset_yaw_rate"].size <= 0.36
+    assert found["useless_ax_logged"].size > 1.0
+    assert "offset_vy" in found
+    assert result.rmse["ay"][1] <= 0.14
+    assert result.rmse["yaw_rate"][1] <= 0.0060
+    assert result.rmse["ax"][1] <= 0.77
+    assert "D, C and B of the front axle cannot be separated" in " ".join(result.identifiability.statements)
+
+
+@pytest.mark.slow
+def test_model_car_is_predicted_better_with_steering_lag_and_separate_axles(measured_data: Path) -> None:
+    folder = measured_data / "dart"
+    train, *others = (
+        next(folder.glob(name)) for name in ("free*02_28.csv", "free*01_01.csv", "*fast*.csv", "*rub*.csv")
+    )
+    car = Vehicle(mass=1.58, yaw_inertia=0.0048, lf=0.0805, lr=0.0930)
+
+    def run(**options: Any) -> Identification:
+        prior = read_tyre_prior(None, options.get("layout", "per_axle"), car)
+        return identify(read_logs([train]), car, prior, Options(**options))
+
+    plain = run(layout="shared", method="batch", keep=frozenset({"lag_steer", "offset_steer"}))
+    whole = run()
+    found = {f.name: f.size for f in whole.health.findings}
+    assert 0.03 < found["lag_steer"] < 0.07
+    assert np.degrees(found["offset_steer"]) == pytest.approx(-0.6, abs=0.3)
+    ratios = [score_log(whole, log)["ay"][1] / score_log(plain, log)["ay"][1] for log in map(_read, others)]
+    assert float(np.mean(ratios)) < 0.75
+    assert all(np.isfinite(list(whole.fit.std.values())))
+
+
+def _read(path: Path) -> DriveLog:
+    return read_logs([path])

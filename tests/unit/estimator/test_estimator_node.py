@@ -1,0 +1,260 @@
+"""The estimator process core on vehicle states: life cycle, gates, revisions, alerts, determinism."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.belief.revision import RevisionPolicy, declared_revision, load_revision, model_of, revision_id
+from estimator.belief.tyre_belief import TyreBelief
+from estimator.model.parameters import DEFAULT_TYRE
+from estimator.model.single_track import SingleTrack
+from estimator.node import Estimator, slope
+from hil_gateway.bus import topics
+from hil_gateway.bus.interface import LocalBus
+from hil_gateway.bus.messages import ActiveEffect, Estimate, Message, ModelRevision, SourceHealth, VehicleState
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.process.config import Config, EstimatorConfig
+from hil_gateway.process.errors import InputError
+from hil_gateway.track.track import Track, load_track
+
+DT_NS = 10_000_000
+START_NS = 1_000_000_000
+VEHICLE = Vehicle()
+
+
+@pytest.fixture(scope="module")
+def oval() -> Track:
+    return load_track("oval")
+
+
+@dataclass
+class Car:
+    """Moves along the centre line at a set speed; its sensors are exact but for seeded noise."""
+
+    track: Track
+    speed: float = 30.0
+    s: float = 100.0
+    seed: int = 1
+    k: int = 0
+    grip: float = 1.0
+    changes: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng(self.seed)
+
+    def state(self) -> VehicleState:
+        p, v = self.track.at(self.s), self.speed
+        rate = float(p.curvature) * v
+        slip = np.arcsin(np.clip(v * rate / (1.3 * GRAVITY * self.grip), -0.99, 0.99)) / 13.0
+        noise = self._rng.normal
+        values: dict[str, Any] = {
+            "ax": GRAVITY * np.sin(p.grade) + noise(0, 0.05),
+            "ay": v * rate + GRAVITY * np.sin(p.bank) + noise(0, 0.05),
+            "az": GRAVITY,
+            "yaw_rate": rate + noise(0, 0.002),
+            "roll_rate": 0.0,
+            "steer": float(VEHICLE.wheelbase * rate / max(v, 1.0)) + float(slip - slip),
+            "position_x": float(p.x) + noise(0, 0.02),
+            "position_y": float(p.y) + noise(0, 0.02),
+            "position_seq": 1 + self.k,
+            "drive": 0.02,
+        }
+        values |= {f"wheel_speed_{w}": v for w in ("fl", "fr", "rl", "rr")}
+        zero = ("steer_rate", "accelerator", "throttle", "brake_front", "brake_rear", "engine_speed")
+        values |= dict.fromkeys(zero, 0.0)
+        values |= dict.fromkeys(("gear", "sys_state", "ct_state", "track_flag", "vehicle_flag"), 1)
+        values |= self.changes
+        stamp = START_NS + self.k * DT_NS
+        self.k += 1
+        self.s += v * DT_NS * 1e-9
+        return VehicleState(stamp_ns=stamp, seq=self.k, valid=True, sources={}, **values)
+
+
+class Bench:
+    """Estimator with its inputs and everything it publishes."""
+
+    def __init__(self, track: Track, **config: Any) -> None:
+        self.bus = LocalBus()
+        keys = (topics.ESTIMATE, topics.BELIEF, topics.MODEL_REVISION, topics.ALERT)
+        self.out = {t.key: self.bus.subscribe(t, depth=100_000) for t in keys}
+        self.estimator = Estimator(Config(estimator=EstimatorConfig(**config)), self.bus, track)
+
+    def feed(self, *states: VehicleState) -> list[Estimate]:
+        for state in states:
+            self.bus.publish(topics.VEHICLE_STATE, state)
+            self.estimator.step(state.stamp_ns)
+        return self.out[topics.ESTIMATE.key].poll(0)
+
+
+def test_estimate_follows_the_car_from_the_first_fix(oval: Track) -> None:
+    bench, car = Bench(oval), Car(oval)
+    estimates = bench.feed(*(car.state() for _ in range(800)))
+    assert len(estimates) == 800
+    assert all(e.valid for e in estimates[5:])
+    here, last = oval.at(car.s - car.speed * 0.01), estimates[-1]
+    assert np.hypot(last.x - here.x, last.y - here.y) < 0.1
+    assert abs(last.vx - car.speed) < 0.15
+    assert abs((last.yaw - here.heading + np.pi) % (2 * np.pi) - np.pi) < 0.03
+
+
+def test_no_estimate_is_valid_before_a_position_fix(oval: Track) -> None:
+    bench, car = Bench(oval), Car(oval, changes={"position_seq": 0})
+    assert not any(e.valid for e in bench.feed(*(car.state() for _ in range(50))))
+
+
+def test_a_position_fix_off_the_map_is_none(oval: Track) -> None:
+    """At the end of what a message can say: a filter started there drifts out of it."""
+    bench, car = Bench(oval), Car(oval, changes={"position_x": 1e7, "position_y": -1e7})
+    assert not any(e.valid for e in bench.feed(*(car.state() for _ in range(50))))
+
+
+def test_a_car_standing_against_the_track_is_found_by_its_course(oval: Track) -> None:
+    """Heading is first taken from the track; motion the other way must turn it round, not confuse it."""
+    bench, car = Bench(oval), Car(oval, s=2000.0)
+    states = [car.state() for _ in range(600)]
+    back = [
+        s.model_copy(update={"stamp_ns": START_NS + i * DT_NS, "seq": i, "position_seq": i + 1})
+        for i, s in enumerate(reversed(states))
+    ]
+    last = bench.feed(*back)[-1]
+    heading = oval.at(2000.0).heading + np.pi
+    assert last.valid
+    assert abs((last.yaw - heading + np.pi) % (2 * np.pi) - np.pi) < 0.2
+
+
+@pytest.mark.parametrize("gap_ns", [500_000_000, 5_000_000_000])
+def test_a_gap_too_long_to_bridge_starts_the_filter_again(oval: Track, gap_ns: int) -> None:
+    bench, car = Bench(oval), Car(oval)
+    bench.feed(*(car.state() for _ in range(300)))
+    car.s += car.speed * gap_ns * 1e-9
+    late = [s.model_copy(update={"stamp_ns": s.stamp_ns + gap_ns}) for s in (car.state() for _ in range(300))]
+    last = bench.feed(*late)[-1]
+    here = oval.at(car.s - car.speed * 0.01)
+    assert last.valid
+    assert np.hypot(last.x - here.x, last.y - here.y) < 0.3
+
+
+def test_a_dead_imu_invalidates_the_estimate_until_it_is_back(oval: Track) -> None:
+    bench, car = Bench(oval), Car(oval)
+    bench.feed(*(car.state() for _ in range(300)))
+    dead = {"imu": SourceHealth(age_s=1.0, valid=False)}
+    broken = [car.state().model_copy(update={"sources": dead, "valid": False}) for _ in range(50)]
+    assert not any(e.valid for e in bench.feed(*broken))
+    assert bench.feed(*(car.state() for _ in range(100)))[-1].valid
+
+
+def test_a_repeated_state_changes_nothing(oval: Track) -> None:
+    bench, car = Bench(oval), Car(oval)
+    bench.feed(*(car.state() for _ in range(200)))
+    state = car.state()
+    first, again = bench.feed(state, state)
+    assert (first.x, first.vx, first.std) == (again.x, again.vx, again.std)
+
+
+@pytest.mark.promise("R4")
+def test_same_states_give_byte_identical_outputs(oval: Track) -> None:
+    def outputs() -> list[str]:
+        bench, car = Bench(oval), Car(oval)
+        estimates: list[Message] = list(bench.feed(*(car.state() for _ in range(600))))
+        rest = [m for key in (topics.BELIEF.key, topics.MODEL_REVISION.key, topics.ALERT.key)
+                for m in bench.out[key].poll(0)]  # fmt: skip
+        return [m.model_dump_json() for m in estimates + rest]
+
+    assert outputs() == outputs()
+
+
+def test_belief_and_revision_keep_their_rates(oval: Track) -> None:
+    bench, car = Bench(oval), Car(oval)
+    bench.feed(*(car.state() for _ in range(500)))
+    assert len(bench.out[topics.BELIEF.key].poll(0)) == 50
+    assert len(bench.out[topics.MODEL_REVISION.key].poll(0)) == 5
+
+
+def test_slope_needs_even_spacing() -> None:
+    even = [k * DT_NS for k in range(7)]
+    assert slope(even, [3.0 * k for k in range(7)]) == pytest.approx(300.0)
+    assert slope([*even[:5], *(t + 2 * DT_NS for t in even[5:])], [0.0] * 7) is None
+    assert slope([0] * 7, [0.0] * 7) is None
+
+
+class Believing(TyreBelief):
+    """A belief set by hand."""
+
+    def __init__(self, mean: dict[str, float], samples: int) -> None:
+        super().__init__(SingleTrack(VEHICLE, "per_axle"))
+        self.deviation = (np.array([mean[n] for n in self.names]) - self.prior) / self.scale
+        self.samples = samples
+
+
+def scaled(factor: float) -> dict[str, float]:
+    return {name: factor * value for name, value in DEFAULT_TYRE["per_axle"].items()}
+
+
+def test_revision_waits_for_samples_and_for_a_change_worth_sending() -> None:
+    policy = RevisionPolicy(EstimatorConfig(), declared_revision("per_axle"))
+    declared = policy.current.revision
+    assert policy.message(Believing(scaled(1.5), samples=10), 0).revision == declared
+    assert policy.message(Believing(scaled(1.01), samples=10_000), 0).revision == declared
+    assert policy.message(Believing(scaled(1.03), samples=10_000), 0).revision != declared
+
+
+def test_revision_moves_by_bounded_steps_and_stays_within_bounds() -> None:
+    policy = RevisionPolicy(EstimatorConfig(), declared_revision("per_axle"))
+    believing = Believing(scaled(2.9), samples=10_000)
+    values = [policy.current.tyre["df"], *(policy.message(believing, k).tyre["df"] for k in range(60))]
+    assert max(b / a for a, b in pairwise(values)) <= 1.05 + 1e-9
+    assert values[-1] <= 2.0 * values[0]
+    assert values[-1] > 1.8 * values[0]
+
+
+def test_learning_switched_off_keeps_the_model() -> None:
+    policy = RevisionPolicy(EstimatorConfig(learn=False), declared_revision("per_axle"))
+    assert policy.message(Believing(scaled(1.5), samples=10_000), 0).tyre == policy.current.tyre == scaled(1.0)
+
+
+def test_revision_id_is_of_content_only() -> None:
+    effect = ActiveEffect(name="aero_drag", parameters={"k": 0.5})
+    one, other = revision_id("per_axle", scaled(1.0), (effect,)), revision_id("per_axle", scaled(1.0))
+    assert one == revision_id("per_axle", dict(reversed(scaled(1.0).items())), (effect,))
+    assert one != other
+
+
+def test_revision_file_round_trips_and_bad_ones_are_named(tmp_path: Path) -> None:
+    effect = ActiveEffect(name="road_grade", parameters={}, profile=(0.0, 0.1, 0.0, -0.1, 0.0))
+    drag = ActiveEffect(name="aero_drag", parameters={"k": 0.6})
+    revision = declared_revision("per_axle").model_copy(update={"effects": (effect, drag)})
+    file = tmp_path / "model.json"
+    file.write_text(revision.model_dump_json())
+    revised = model_of(load_revision(file), VEHICLE, 100.0)
+    phi = revised.phi_at(np.array([20.0, 60.0, 120.0]))
+    assert phi.shape == (2, 3)
+    assert phi[0, 0] == pytest.approx(phi[0, 2])
+    assert phi[0, 0] > 0 > phi[0, 1]
+    assert np.all(phi[1] == 0.6)
+    file.write_text(revision.model_copy(update={"effects": (replace_name(drag),)}).model_dump_json())
+    with pytest.raises(InputError, match="not in the catalogue"):
+        load_revision(file)
+    file.write_text("{}")
+    with pytest.raises(InputError, match="not a model revision"):
+        load_revision(file)
+    with pytest.raises(InputError, match="cannot read"):
+        load_revision(tmp_path / "absent.json")
+
+
+def replace_name(effect: ActiveEffect) -> ActiveEffect:
+    return effect.model_copy(update={"name": "phlogiston"})
+
+
+def test_estimator_starts_from_a_revision_file(oval: Track, tmp_path: Path) -> None:
+    revision: ModelRevision = declared_revision("per_axle", scaled(1.1))
+    file = tmp_path / "model.json"
+    file.write_text(revision.model_dump_json())
+    bench = Bench(oval, model=str(file))
+    assert bench.estimator.policy.current.tyre["df"] == pytest.approx(scaled(1.1)["df"])
+    assert bench.estimator.belief.mean[0] == pytest.approx(scaled(1.1)["cx"])

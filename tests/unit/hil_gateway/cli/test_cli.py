@@ -1,0 +1,165 @@
+"""The command line: quick help, one clear line for bad input, exit codes 0, 1, 2."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hil_gateway.cli.doctor import findings, missing_packages
+from hil_gateway.cli.main import COMMANDS
+from hil_gateway.process.config import Config, ZenohConfig, load_config
+
+ROOT = Path(__file__).resolve().parents[4]
+
+
+def hil(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run `hil ARGUMENTS` as a user does."""
+    command = [sys.executable, "-m", "hil_gateway", *arguments]
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=120, check=False, env={**os.environ, **environment}
+    )
+
+
+def test_help_lists_every_command_and_imports_none_of_them() -> None:
+    code = "import sys; sys.argv = ['hil', '--help']\nfrom hil_gateway.cli.main import main\n"
+    code += "try: main()\nexcept SystemExit: pass\n"
+    code += (
+        "heavy = {'numpy', 'casadi', 'scipy', 'zenoh', 'can', 'pydantic', 'matplotlib', 'rich'} & set(sys.modules)\n"
+    )
+    code += "print('HEAVY', sorted(heavy))"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "HEAVY []" in shown
+    assert all(re.search(rf"^  {name} ", shown, re.MULTILINE) for name in COMMANDS)
+
+
+def test_help_appears_within_300_ms_of_processor_time() -> None:
+    def processor_s() -> float:
+        begin = os.times()
+        hil("--help")
+        end = os.times()
+        return end.children_user + end.children_system - begin.children_user - begin.children_system
+
+    assert min(processor_s() for _ in range(3)) < 0.3
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_of_the_table_can_be_asked_for_help(name: str) -> None:
+    module, attribute = COMMANDS[name][0].split(":")
+    assert hasattr(importlib.import_module(module), attribute)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("nonsense",), "nonsense"),
+        (("demo", "--laps", "many"), "'--laps': Input should be a valid integer"),
+        (("demo", "--laps", "0"), "--laps 0"),
+        (("demo", "--track", "nowhere.csv"), "nowhere.csv"),
+        (("demo", "--channel", "can77"), "can77"),
+        (("demo", "--effect", "aero_drag"), "NAME=SIZE"),
+        (("session", "info", "absent.mcap"), "absent.mcap"),
+        (("session", "export", "absent.mcap", "--format", "pdf"), "pdf"),
+        (("doctor", "--file", "absent.toml"), "absent.toml"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_exit_code_2(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
+    extra = ("--out", str(tmp_path)) if arguments[0] == "demo" else ()
+    result = hil(*arguments, *extra)
+    assert result.returncode == 2
+    assert words in result.stderr
+    assert result.stderr.startswith("hil: ")
+    assert len(result.stderr.splitlines()) == 1
+    assert result.stdout == ""
+
+
+def test_unknown_key_in_the_environment_is_named() -> None:
+    result = hil("doctor", HIL_CAN__CHANEL="can0")
+    assert result.returncode == 2
+    assert "can.chanel" in result.stderr
+
+
+def test_doctor_json_is_one_object_and_every_lack_has_a_remedy() -> None:
+    report = json.loads(hil("doctor", "--json").stdout)
+    assert report["ok"]
+    assert {"python", "packages", "socketcan", "disk"} <= {check["name"] for check in report["checks"]}
+    assert all(check["remedy"] and check["needed_for"] for check in report["checks"] if not check["ok"])
+
+
+def test_doctor_says_what_is_wrong_with_an_odd_set_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy port, a home that cannot be written, a working directory that is gone: never a traceback."""
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc")
+    with socket.create_server(("127.0.0.1", 0)) as busy:
+        port = busy.getsockname()[1]
+        config = Config(zenoh=ZenohConfig(connect=(f"tcp/127.0.0.1:{port}",)))
+        rows = {row.name: row for row in findings(config)}
+    assert [rows[name].ok for name in ("disk", "compiled functions", "zenoh endpoint")] == [False] * 3
+    assert "in use" in rows["zenoh endpoint"].detail
+    assert all(rows[name].remedy for name in ("disk", "compiled functions", "zenoh endpoint"))
+
+
+def test_doctor_names_the_package_of_every_missing_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "/nonexistent")
+    assert {"can-utils", "chromium", "iproute2"} <= set(missing_packages())
+    lacking = [f for f in findings(Config()) if f.name == "candump"]
+    assert lacking[0].remedy == "apt-get install can-utils"
+
+
+def test_doctor_lists_every_setting_with_its_origin(tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("[planner]\nhorizon = 30\n")
+    shown = hil("doctor", "--config", "--json", "--file", str(tmp_path / "c.toml"), HIL_CAN__CHANNEL="can9")
+    table = json.loads(shown.stdout)
+    assert table["planner.horizon"] == {"value": 30, "origin": str(tmp_path / "c.toml")}
+    assert table["can.channel"] == {"value": "can9", "origin": "HIL_CAN__CHANNEL"}
+    assert table["vehicle.mass"]["origin"] == "default"
+    assert {key.split(".")[0] for key in table} == set(Config.model_fields)
+
+
+def test_configuration_for_the_car_is_valid_and_listens_only() -> None:
+    config = load_config(ROOT / "deploy" / "av24.toml")
+    assert config.gateway.mode == "listen"
+    assert config.can.interface == "socketcan"
+
+
+@pytest.mark.parametrize("page", sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")]), ids=lambda p: p.name)
+def test_every_link_between_documents_leads_somewhere(page: Path) -> None:
+    targets = re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text())
+    assert [t for t in targets if not (page.parent / t).exists()] == []
+
+
+def test_commands_in_the_readme_exist() -> None:
+    shown = re.findall(r"\bhil ([a-z]+)", (ROOT / "README.md").read_text())
+    assert shown
+    assert set(shown) <= set(COMMANDS)
+
+
+NOTATION = re.findall(
+    r"^\|[^|]+\|[^|]+\|([^|]+)\| (`[a-z][\w.]+`[^|]*) \|$", (ROOT / "docs" / "notation.md").read_text(), re.MULTILINE
+)
+
+
+def test_notation_names_what_is_in_the_code() -> None:
+    """Every function or class the table names is found in one of the modules it gives for it."""
+    assert len(NOTATION) > 20
+    for names, places in NOTATION:
+        text = "".join(_source(place) for place in re.findall(r"`([a-z][\w.]+)`", places))
+        for name in re.findall(r"`([\w.]+)`", names):
+            assert re.search(rf"\b{name.split('.')[-1]}\b", text), f"{name} is not in {places}"
+
+
+def _source(place: str) -> str:
+    """Source of the module that `place` (module, or module.Name) lies in."""
+    path = ROOT.joinpath(*place.split("."))
+    path = path.with_suffix(".py") if path.with_suffix(".py").exists() else path.parent.with_suffix(".py")
+    return path.read_text()

@@ -1,0 +1,233 @@
+"""Parts of the demo that need no processes: what users can get wrong, arming, judging, drawing."""
+
+from __future__ import annotations
+
+import io
+import socket
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from hil_gateway.bus import messages as m
+from hil_gateway.bus.interface import LocalBus
+from hil_gateway.bus.topics import GATEWAY_STATUS, OPERATOR, PLAN, TRUTH
+from hil_gateway.demo.canvas import Canvas
+from hil_gateway.demo.monitor import Monitor
+from hil_gateway.demo.operator import Operator
+from hil_gateway.demo.options import DemoOptions, parse_effects, prepare, to_toml
+from hil_gateway.demo.referee import Referee
+from hil_gateway.demo.view import LiveView, Scene, line
+from hil_gateway.process.config import Config, load_config
+from hil_gateway.process.errors import InputError
+from hil_gateway.track.track import load_track
+
+MS = 1_000_000
+
+
+def status(action: str = "silent", missing: tuple[str, ...] = (), cause: str = "", seq: int = 0) -> m.GatewayStatus:
+    return m.GatewayStatus(
+        stamp_ns=0, seq=seq, mode="armed", armed=action != "silent", action=m.FailsafeAction(action), cause=cause,
+        missing_for_arming=missing, bus="wire", bus_state="error_active", frames_received=1, frames_lost=0,
+        frames_unknown=0, frames_malformed=0, counter_errors=0, commands_sent=1, commands_limited=0,
+        loop_latency_p50_ms=None, loop_latency_p99_ms=None,
+    )  # fmt: skip
+
+
+def truth(x: float, vx: float = 10.0, laps: tuple[float, ...] = (), off: int = 0, seq: int = 0) -> m.Truth:
+    return m.Truth(
+        stamp_ns=0, seq=seq, x=x, y=0, z=0, yaw=0, vx=vx, vy=0, yaw_rate=0, s=x, lateral_offset=0, off_track=False,
+        lap=len(laps), lap_times_s=laps, off_track_count=off,
+    )  # fmt: skip
+
+
+def plan(state: m.PlanStatus, reason: str = "") -> m.Plan:
+    one = (0.0,)
+    return m.Plan(
+        stamp_ns=0, seq=0, state_stamp_ns=0, status=state, reason=reason, dt=0.05, x=one, y=one, yaw=one, vx=one,
+        s=one, steer=one, drive=one, lap=0, revision="r", solve_ms=5.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"laps": 0}, "--laps 0: at least 1"),
+        ({"seconds": -1.0}, "--seconds -1.0: must be positive"),
+        ({"seconds": float("nan")}, "--seconds nan"),
+        ({"effects": ("aero_drag",)}, "expected NAME=SIZE"),
+        ({"effects": ("aero_drag=lots",)}, "expected NAME=SIZE"),
+        ({"effects": ("moon_gravity=1",)}, "moon_gravity.*unknown"),
+        ({"track": "nowhere.csv"}, "nowhere.csv: no such track file"),
+        ({"channel": "can77"}, "can77"),
+        ({"config_file": Path("absent.toml")}, "absent.toml: cannot read"),
+        ({"zenoh_port": 70000}, "--zenoh-port 70000"),
+        ({"out": Path("/proc/nothing/here")}, "cannot write there"),
+    ],
+)
+def test_what_a_user_gets_wrong_is_one_clear_line(tmp_path: Path, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words) as raised:
+        prepare(DemoOptions(**{"out": tmp_path / "out", **options}))
+    assert "\n" not in str(raised.value)
+
+
+def test_broken_track_and_unknown_key_are_named(tmp_path: Path) -> None:
+    track, config = tmp_path / "t.csv", tmp_path / "c.toml"
+    track.write_text("x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,5,5\n1,zero,5,5\n")
+    with pytest.raises(InputError, match=r"t\.csv"):
+        prepare(DemoOptions(track=str(track), out=tmp_path))
+    config.write_text("[planner]\nhorizont = 3\n")
+    with pytest.raises(InputError, match=r"unknown key planner\.horizont"):
+        prepare(DemoOptions(config_file=config, out=tmp_path))
+
+
+def test_busy_port_is_named(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(InputError, match="in use"):
+        prepare(DemoOptions(zenoh_port=taken.getsockname()[1], out=tmp_path))
+
+
+def test_a_file_that_is_no_model_revision_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    broken = tmp_path / "model.json"
+    broken.write_bytes(b"\x89MCAP0\r\n")
+    with pytest.raises(InputError, match=r"model.json: not a model revision: not text"):
+        prepare(DemoOptions(model=str(broken), out=tmp_path / "out"))
+    broken.write_text('{"revision": 1}')
+    with pytest.raises(InputError, match="not a model revision: stamp_ns: Field required"):
+        prepare(DemoOptions(model=str(broken), out=tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_prepared_configuration_reaches_the_processes_unchanged(tmp_path: Path) -> None:
+    setup = prepare(DemoOptions(out=tmp_path, effects=("aero_drag=0.7", "wind=3")))
+    assert load_config(setup.config_file) == setup.config
+    assert setup.config.plant.effects == {"aero_drag": 0.7, "wind": 3.0}
+    assert setup.config.plant.base == "paper", "the effects are all that the declared model lacks"
+    assert setup.config.zenoh.connect != Config().zenoh.connect
+
+
+def test_a_drive_into_the_same_folder_replaces_the_recording_of_the_last_and_nothing_else(tmp_path: Path) -> None:
+    for name in ("session.mcap", "session_001.mcap", "session_recovered.mcap", "other.mcap"):
+        (tmp_path / name).write_bytes(b"")
+    prepare(DemoOptions(out=tmp_path))
+    assert sorted(path.name for path in tmp_path.glob("*.mcap")) == ["other.mcap", "session_recovered.mcap"]
+
+
+def test_the_car_stays_the_one_that_was_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "car.toml"
+    path.write_text('[plant]\nbase = "av24"\n')
+    options = DemoOptions(out=tmp_path / "out", effects=("aero_drag=0.7",), config_file=path)
+    assert prepare(options).config.plant.base == "av24"
+    assert prepare(DemoOptions(out=tmp_path / "plain")).config.plant.base == "av24"
+
+
+def test_toml_of_the_configuration_reads_back_the_same() -> None:
+    tree = load_config().model_dump(mode="json")
+    tree["track"] = 'a "quoted" \\ name\twith é'
+    tree["plant"]["effects"] = {"wind": -3.5}
+    assert tomllib.loads(to_toml(tree)) == tree
+
+
+def test_effects_are_read() -> None:
+    assert parse_effects(["aero_drag=0.6", "wind = -2"]) == {"aero_drag": 0.6, "wind": -2.0}
+
+
+def test_operator_arms_only_when_nothing_is_missing_and_never_again_after_a_stop() -> None:
+    bus = LocalBus()
+    sent, operator = bus.subscribe(OPERATOR, depth=10), Operator(bus)
+    operator.update(None, 0)
+    operator.update(status(missing=("plan",)), 0)
+    assert sent.poll(0) == []
+    operator.update(status(), 1 * MS)
+    operator.update(status(), 2 * MS)
+    assert [c.action for c in sent.poll(0)] == [m.OperatorAction.ARM]
+    operator.update(status(), 600 * MS)
+    assert len(sent.poll(0)) == 1
+    operator.update(status("drive"), 700 * MS)
+    operator.update(status("silent"), 9000 * MS)
+    assert sent.poll(0) == []
+
+
+def test_referee_adds_up_distance_laps_and_excursions() -> None:
+    bus = LocalBus()
+    referee = Referee(bus)
+    for x, vx, laps, off in ((0, 5, (), 0), (3, 45, (), 1), (7, 9, (88.5,), 2)):
+        bus.publish(TRUTH, truth(x, vx, laps, off))
+    referee.update(0)
+    assert (referee.distance_m, referee.peak_speed, referee.laps, referee.off_track) == (7.0, 45, 1, 2)
+    assert not referee.standing
+
+
+def test_monitor_notes_stops_once_with_their_cause_and_counts_plans_that_are_not_fresh() -> None:
+    bus = LocalBus()
+    monitor = Monitor(bus)
+    bus.publish(PLAN, plan(m.PlanStatus.STOP, "starting"))
+    monitor.update(0, driving=False)
+    for t, (action, cause) in enumerate(
+        [
+            ("drive", ""),
+            ("controlled_stop", "plan older than 100 ms"),
+            ("controlled_stop", "x"),
+            ("emergency_stop", "y"),
+        ]
+    ):
+        bus.publish(GATEWAY_STATUS, status(action, cause=cause, seq=t))
+        if t == 0:
+            bus.publish(PLAN, plan(m.PlanStatus.SOLVED))
+            bus.publish(PLAN, plan(m.PlanStatus.SHIFTED, "deadline"))
+        monitor.update(t * 1000 * MS, driving=True)
+    assert [(f.t_s, f.action, f.cause) for f in monitor.failsafes] == [
+        (1.0, "controlled_stop", "plan older than 100 ms"),
+        (3.0, "emergency_stop", "y"),
+    ]
+    assert (len(monitor.plans.solve_ms), monitor.plans.failures, monitor.plans.reasons) == (2, 1, {"deadline": 1})
+
+
+def test_plain_line_says_why_nothing_moves_and_what_the_car_does() -> None:
+    bus = LocalBus()
+    monitor, referee = Monitor(bus), Referee(bus)
+    scene = Scene(0, 1.5, monitor, referee, {}, {}, "track on bus")
+    assert "waiting for the gateway" in line(scene)
+    bus.publish(GATEWAY_STATUS, status(missing=("plan", "estimate")))
+    bus.publish(TRUTH, truth(12.0))
+    monitor.update(0, driving=False)
+    referee.update(0)
+    assert "waiting for plan, estimate" in line(scene)
+    assert "off track 0" in line(scene)
+
+
+@pytest.mark.parametrize(("columns", "rows", "wide"), [(150, 40, True), (80, 24, False)])
+def test_live_page_fits_the_terminal_and_shows_car_cause_and_ages(columns: int, rows: int, wide: bool) -> None:
+    bus = LocalBus()
+    monitor, referee = Monitor(bus), Referee(bus)
+    bus.publish(GATEWAY_STATUS, status("controlled_stop", cause="plan older than 100 ms"))
+    bus.publish(TRUTH, truth(12.0, laps=(88.5,)))
+    monitor.update(0, driving=True)
+    referee.update(0)
+    console = Console(width=columns, height=rows, file=io.StringIO(), record=True)
+    view = LiveView(load_track("oval"), console)
+    view.close()
+    scene = Scene(5 * MS, 1.0, monitor, referee, {"plant": 0.1}, {}, "oval on vcan0")
+    console.export_text()
+    console.print(view.page(scene))
+    text = console.export_text()
+    assert "CONTROLLED_STOP" in text
+    assert "plan older than 100 ms" in text
+    assert "88.50 s" in text
+    assert text.count("●") == 1
+    assert ("ended" in text) == wide
+    assert "vehicle_state" in text
+    assert len(text.splitlines()) <= rows
+    assert max(map(len, text.splitlines())) <= columns
+
+
+def test_map_is_drawn_to_scale_with_the_car_inside() -> None:
+    canvas = Canvas([0.0, 100.0, 100.0, 0.0], [0.0, 0.0, 50.0, 50.0], 20, 10)
+    lines = canvas.lines()
+    assert [len(text) for text in lines] == [20] * 10
+    assert sum(char != "\u2800" for text in lines for char in text) == 4
+    bottom_left, top_right = canvas.cell(0.0, 0.0), canvas.cell(100.0, 50.0)
+    assert bottom_left.row > top_right.row
+    assert bottom_left.column < top_right.column
+    assert canvas.cell(1e6, 1e6).row == 0

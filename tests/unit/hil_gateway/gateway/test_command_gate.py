@@ -1,0 +1,66 @@
+"""Commands carry sequence, time and source: stale, repeated, late and second-source ones are refused."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from hil_gateway.bus.messages import Command
+from hil_gateway.gateway.decide.command_gate import CommandGate, Refusal
+
+MS = 1_000_000
+
+
+def command(seq: int, state_ms: float, source: str = "planner") -> Command:
+    return Command(
+        stamp_ns=int(state_ms * MS), seq=seq, source=source, state_stamp_ns=int(state_ms * MS), steer=0.0, drive=0.0
+    )
+
+
+@pytest.fixture
+def gate() -> CommandGate:
+    fresh = CommandGate(latency_max_s=0.15)
+    assert fresh.age_s(0) == float("inf")
+    assert fresh.offer(command(10, 990), 1000 * MS, armed=True) is None
+    assert fresh.age_s(1100 * MS) == pytest.approx(0.1)
+    return fresh
+
+
+@pytest.mark.parametrize(
+    ("offered", "now_ms", "armed", "refusal"),
+    [
+        (command(11, 1000), 1010, True, None),
+        (command(11, 990), 1010, True, None),  # two answers to one state
+        (command(10, 1000), 1010, True, Refusal.OUT_OF_ORDER),
+        (command(9, 1000), 1010, True, Refusal.OUT_OF_ORDER),
+        (command(11, 989), 1010, True, Refusal.OUT_OF_ORDER),
+        (command(11, 1000, "rogue"), 1010, True, Refusal.SECOND_SOURCE),
+        (command(11, 1000, "rogue"), 1010, False, Refusal.SECOND_SOURCE),
+        (command(11, 1000), 1150, True, None),
+        (command(11, 1000), 1151, True, Refusal.STALE),
+        (command(11, 1011), 1010, True, Refusal.FROM_THE_FUTURE),
+        (command(1, 1900), 2000, True, Refusal.OUT_OF_ORDER),  # a planner that restarted, while armed
+        (command(1, 1400), 1500, False, Refusal.OUT_OF_ORDER),
+        (command(1, 1401), 1501, False, None),  # silent for longer than 0.5 s and disarmed: may start over
+        (command(1, 1900, "other"), 2000, False, None),
+        (command(1, 1900, "other"), 2000, True, Refusal.SECOND_SOURCE),
+    ],
+)
+def test_what_is_refused(gate, offered, now_ms, armed, refusal):
+    assert gate.offer(offered, now_ms * MS, armed) == refusal
+    taken = gate.newest is offered
+    assert taken == (refusal is None)
+    assert (gate.received_ns == now_ms * MS) == taken
+
+
+def test_sequence_numbers_of_taken_commands_only_rise():
+    rng = random.Random(5)
+    gate, taken = CommandGate(0.15), []
+    for now_ms in range(1000, 6000):
+        offered = command(rng.randrange(now_ms - 50, now_ms + 5), now_ms - rng.randrange(0, 300), rng.choice("ab"))
+        if gate.offer(offered, now_ms * MS, armed=True) is None:
+            taken.append(offered)
+    assert len(taken) > 150
+    assert [c.seq for c in taken] == sorted({c.seq for c in taken})
+    assert len({c.source for c in taken}) == 1

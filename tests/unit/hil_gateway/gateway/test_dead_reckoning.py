@@ -1,0 +1,105 @@
+"""Where the car is while nobody estimates it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from support.scripted_car import Rig
+
+from hil_gateway.bus.messages import Estimate, VehicleState
+from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
+
+TICK_NS = 10_000_000
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    made = Rig()
+    made.run(0.2)
+    return made
+
+
+def state(rig: Rig, speed: float = 40.0, **changed: Any) -> VehicleState:
+    speeds = dict.fromkeys(("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr"), speed)
+    return rig.gateway.builder.build(rig.now_ns, 9, 1, 0).model_copy(update={**speeds, "position_seq": 0, **changed})
+
+
+def estimate(rig: Rig, **changed: Any) -> Estimate:
+    start = {"x": 0.0, "y": 0.0, "yaw": 0.0, "vx": 40.0, "state_stamp_ns": rig.now_ns}
+    return rig.estimate(0).model_copy(update={**start, **changed})
+
+
+def circle(rig: Rig, seconds: float, fixes: dict[int, tuple[float, float]] | None = None) -> Pose:
+    """Pose after driving a circle at 40 m/s and 0.2 rad/s, estimated only at the beginning; fixes by tick."""
+    reckoning, seq = DeadReckoning(), 0
+    pose = reckoning.step(rig.now_ns, state(rig), estimate(rig))
+    for tick in range(1, round(seconds * 100) + 1):
+        seq += tick in (fixes or {})
+        x, y = (fixes or {}).get(tick, (0.0, 0.0))
+        reported = state(rig, yaw_rate=0.2, position_seq=seq, position_x=x, position_y=y)
+        pose = reckoning.step(rig.now_ns + tick * TICK_NS, reported, None)
+    assert pose is not None
+    return pose
+
+
+def on_circle(seconds: float, aside: float = 0.0) -> tuple[float, float]:
+    """Exact position on that circle (radius 200 m), `aside` m to the right of it."""
+    angle, radius = 0.2 * seconds, 200.0 + aside
+    return radius * math.sin(angle), 200.0 - radius * math.cos(angle)
+
+
+def test_nothing_is_known_before_the_first_estimate(rig):
+    assert DeadReckoning().step(rig.now_ns, state(rig), None) is None
+
+
+def test_the_pose_is_carried_on_along_a_circle(rig):
+    pose = circle(rig, 2.0)
+    assert (pose.x, pose.y) == pytest.approx(on_circle(2.0), abs=0.01)
+    assert pose.yaw == pytest.approx(0.4)
+
+
+def test_an_estimate_is_carried_on_from_the_moment_it_speaks_of(rig):
+    """Late by 80 ms at 40 m/s it would be 3.2 m behind, also while it is repeated."""
+    reckoning, late = DeadReckoning(), estimate(rig)
+    for tick in range(9):
+        pose = reckoning.step(rig.now_ns + tick * TICK_NS, state(rig), late)
+    assert pose is not None and pose.x == pytest.approx(3.2)
+
+
+def test_fixes_hold_a_drift_that_wheels_and_gyro_do_not_see(rig):
+    """Side slip takes the car outwards by 1 m/s; a fix every 50 ms says so."""
+    fixes = {tick: on_circle(tick / 100, tick / 100) for tick in range(5, 301, 5)}
+    x, y = on_circle(3.0, 3.0)
+    blind, helped = circle(rig, 3.0), circle(rig, 3.0, fixes)
+    assert math.hypot(blind.x - x, blind.y - y) == pytest.approx(3.0, abs=0.1)
+    assert math.hypot(helped.x - x, helped.y - y) < 0.2
+
+
+def test_a_fix_that_jumps_is_no_fix(rig):
+    x, y = on_circle(1.0)
+    pose = circle(rig, 1.0, {50: (x + 500.0, y)})
+    assert (pose.x, pose.y) == pytest.approx((x, y), abs=0.01)
+
+
+def test_after_a_long_way_without_a_fix_a_distant_one_is_taken(rig):
+    """Blind for 120 m the pose may be metres off: what would be a jump at once is news then."""
+    x, y = on_circle(3.0)
+    far, pose = (x + 6.0, y), circle(rig, 3.0)
+    helped = circle(rig, 3.0, {300: far})
+    assert math.hypot(helped.x - far[0], helped.y - far[1]) < math.hypot(pose.x - far[0], pose.y - far[1]) - 1.0
+
+
+@pytest.mark.parametrize("stamp", [1, 1 << 62])
+def test_an_estimate_with_an_absurd_stamp_moves_the_pose_by_little(rig, stamp):
+    pose = DeadReckoning().step(rig.now_ns, state(rig), estimate(rig, state_stamp_ns=stamp))
+    assert pose is not None and 0 <= pose.x <= 8.0 + 1e-9
+
+
+def test_a_new_estimate_replaces_what_was_reckoned(rig):
+    reckoning = DeadReckoning()
+    reckoning.step(rig.now_ns, state(rig), estimate(rig))
+    later = rig.now_ns + 50 * TICK_NS
+    pose = reckoning.step(later, state(rig), estimate(rig, x=7.0, y=1.0, state_stamp_ns=later))
+    assert pose == Pose(7.0, 1.0, 0.0, 40.0)

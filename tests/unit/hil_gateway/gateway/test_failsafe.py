@@ -1,0 +1,288 @@
+"""The failsafe table against an oracle written from docs/failsafe.md by hand; arming, latching, priorities."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+from support.promise_figures import record_figure, volume
+from support.scripted_car import Rig
+
+from hil_gateway.bus import topics
+from hil_gateway.bus.messages import FailsafeAction, OperatorAction, OperatorCommand
+from hil_gateway.gateway.decide.failsafe import (
+    MEASURES,
+    TABLE,
+    Failsafe,
+    Inputs,
+    first_firing,
+    missing_for_arming,
+    table_markdown,
+)
+from hil_gateway.process.config import Config
+
+# The oracle: what must happen, written down a second time without looking at the code's table. It uses the actions'
+# numbers and sets instead of rows: 0 silent, 1 drive, 2 controlled stop, 3 emergency stop.
+EMERGENCY_AT = {
+    "operator_emergency": 0.0, "vehicle_flag_kill": 0.0, "car_emergency": 0.0, "foreign_emergency": 0.0,
+    "command_age": 0.5, "can_silence": 0.1, "gateway_gap": 0.1,
+}  # fmt: skip
+STOP_AT = {
+    "operator_stop": 0.0, "command_age": 0.1, "state_invalid": 0.05, "estimate_invalid": 0.05, "counters_wrong": 0.0,
+    "foreign_commands": 0.0, "heartbeat_frozen": 0.5, "track_flag_stop": 0.0, "vehicle_flag_stop": 0.0,
+    "car_not_driving": 0.0, "car_failure": 0.0, "engine_running": 0.0,
+}  # fmt: skip
+NUMBER = {"silent": 0, "drive": 1, "controlled_stop": 2, "emergency_stop": 3}
+
+
+def demanded(measures: dict[str, float]) -> int:
+    def any_of(limits: dict[str, float]) -> bool:
+        return any(measures[name] > 0 and measures[name] >= limit for name, limit in limits.items())
+
+    return 3 if any_of(EMERGENCY_AT) else 2 if any_of(STOP_AT) else 0
+
+
+def oracle(state: int, measures: dict[str, float], standing: bool, request: str | None, may_arm: bool) -> int:
+    demand = demanded(measures)
+    clear_to_arm = demand == 0 and standing and may_arm
+    if state == 0:
+        return 1 if request == "arm" and clear_to_arm else 0
+    if request == "disarm" and standing:
+        return 0
+    worst = max(state, demand)
+    if worst > state:
+        return worst
+    if state == 1 and request == "disarm":
+        return 2
+    if state == 2 and request == "arm" and clear_to_arm:
+        return 1
+    return state
+
+
+def random_measures(rng: random.Random) -> dict[str, float]:
+    """Mostly all well, with a few conditions around their thresholds."""
+    measures = dict.fromkeys(MEASURES, 0.0)
+    for name in rng.sample(sorted(MEASURES), k=rng.choice((0, 0, 0, 1, 1, 2, 3))):
+        measures[name] = rng.choice((0.0, 0.049, 0.05, 0.0999, 0.1, 0.3, 0.499, 0.5, 2.0, math.inf))
+    return measures
+
+
+@pytest.mark.promise("S7")
+def test_an_oracle_written_from_the_table_agrees():
+    rng = random.Random(7)
+    sequences = volume(20_000, 100_000)
+    reached: dict[str, int] = {}
+    for sequence in range(sequences):
+        failsafe, expected = Failsafe(), 0
+        for step in range(10):
+            measures = dict.fromkeys(MEASURES, 0.0) if rng.random() < 0.5 else random_measures(rng)
+            request = rng.choice((None, None, *OperatorAction)) if step else OperatorAction.ARM
+            standing, may_arm = rng.random() < 0.7, rng.random() < 0.95
+            failsafe = failsafe.step(Inputs(measures, standing, request, may_arm))
+            expected = oracle(expected, measures, standing, request and request.value, may_arm)
+            assert NUMBER[failsafe.action.value] == expected, (sequence, step, measures, standing, request, failsafe)
+            reached[failsafe.action.value] = reached.get(failsafe.action.value, 0) + 1
+    assert min(reached.get(name, 0) for name in NUMBER) > sequences / 10
+    record_figure("S7", f"{sequences:,} sequences of 10 periods agree with the oracle")
+
+
+def test_the_oracle_knows_every_measure():
+    assert set(EMERGENCY_AT) | set(STOP_AT) == MEASURES
+
+
+def test_the_documented_table_is_the_code_s():
+    from pathlib import Path
+
+    text = (Path(__file__).resolve().parents[4] / "docs" / "failsafe.md").read_text()
+    assert table_markdown() in text, "docs/failsafe.md: replace its table with failsafe.table_markdown()"
+
+
+@pytest.mark.promise("S5")
+def test_one_missing_condition_is_enough_to_refuse_arming():
+    good = Inputs(dict.fromkeys(MEASURES, 0.0), standing=True, request=OperatorAction.ARM)
+    assert Failsafe().step(good).action is FailsafeAction.DRIVE
+    for row in TABLE:
+        below = dict(good.measures) | {row.measure: max(row.threshold_s - 1e-6, 0.0)}
+        at = dict(good.measures) | {row.measure: row.threshold_s or math.inf}
+        assert row.cause not in missing_for_arming(Inputs(below, standing=True))
+        assert Failsafe().step(Inputs(at, True, OperatorAction.ARM)).action is FailsafeAction.SILENT
+        assert row.cause in missing_for_arming(Inputs(at, standing=True))
+        absent = {name: held for name, held in good.measures.items() if name != row.measure}
+        assert Failsafe().step(Inputs(absent, True, OperatorAction.ARM)).action is FailsafeAction.SILENT
+    record_figure("S5", f"arming refused with each of {len(TABLE)} rows alone at its threshold, or its measure missing")
+
+
+@pytest.mark.promise("S5")
+def test_arming_needs_standstill_and_a_mode_that_allows_it():
+    well = dict.fromkeys(MEASURES, 0.0)
+    assert missing_for_arming(Inputs(well, standing=False)) == ("car_moving",)
+    assert missing_for_arming(Inputs(well, standing=True, may_arm=False)) == ("mode",)
+    assert Failsafe().step(Inputs(well, False, OperatorAction.ARM)).action is FailsafeAction.SILENT
+    assert Failsafe().step(Inputs(well, True, OperatorAction.ARM, may_arm=False)).action is FailsafeAction.SILENT
+    record_figure("S5", "arming refused while moving and in a mode without transmission")
+
+
+@pytest.mark.promise("S5")
+def test_not_a_number_fires():
+    measures = dict.fromkeys(MEASURES, 0.0) | {"command_age": math.nan}
+    assert first_firing(Inputs(measures, standing=True)).cause == "command_dead"
+
+
+@pytest.mark.promise("S5")
+def test_nothing_but_an_arm_request_ends_the_silence():
+    rig = Rig()
+    rig.run(3.0)
+    assert rig.status.missing_for_arming == ()
+    assert rig.frames() == []
+    for action in (OperatorAction.DISARM, OperatorAction.STOP):
+        rig.ask(action)
+        rig.run(0.1)
+    assert rig.frames() == []
+    record_figure("S5", "all conditions met for 2 s: silent until a person arms")
+
+
+@pytest.mark.promise("S5")
+def test_a_request_to_arm_is_answered_at_once_or_forgotten():
+    rig = Rig()
+    rig.run(1.0)
+    rig.estimate_valid = False
+    rig.run(0.3)
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.1)
+    rig.estimate_valid = True
+    rig.run(1.0)
+    assert rig.status.missing_for_arming == ()
+    assert rig.frames() == [], "an old request must not arm later"
+    rig.ask(OperatorAction.ARM)
+    rig.step()
+    assert rig.action is FailsafeAction.DRIVE
+
+
+@pytest.mark.promise("S5")
+def test_a_second_delivery_of_a_request_to_arm_does_not_arm_again():
+    rig = Rig()
+    rig.run(1.0)
+    request = OperatorCommand(stamp_ns=7, seq=7, source="test", action=OperatorAction.ARM)
+    rig.bus.publish(topics.OPERATOR, request)
+    rig.run(0.5)
+    assert rig.action is FailsafeAction.DRIVE
+    rig.ask(OperatorAction.STOP)
+    rig.run(3.0)
+    assert rig.car.speed == 0
+    rig.bus.publish(topics.OPERATOR, request)
+    rig.run(0.2)
+    assert rig.action is FailsafeAction.CONTROLLED_STOP
+
+
+@pytest.mark.parametrize("spoil", ["can", "state", "estimate", "plan", "sys_state", "heartbeat", "moving", "mode"])
+@pytest.mark.promise("S5")
+def test_the_whole_gateway_refuses_to_arm_with_one_thing_missing(spoil):
+    mode = "listen" if spoil == "mode" else "armed"
+    rig = Rig(Config.model_validate({"gateway": {"mode": mode}}))
+    rig.run(1.0)
+    if spoil == "can":
+        rig.car.reports = False
+    elif spoil == "state":
+        rig.car.muted.add("imu_1")
+    elif spoil == "estimate":
+        rig.estimate_valid = False
+    elif spoil == "plan":
+        rig.planner_runs = False
+    elif spoil == "sys_state":
+        rig.car.overrides["sys_state"] = 8
+    elif spoil == "heartbeat":
+        rig.car.heartbeat_runs = False
+    elif spoil == "moving":
+        rig.car.speed = 3.0
+    rig.run(0.7)
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.2)
+    assert rig.action is FailsafeAction.SILENT
+    assert rig.frames() == []
+    assert rig.status.missing_for_arming
+    record_figure("S5", f"gateway refuses with {spoil} missing")
+
+
+@pytest.mark.promise("S5")
+def test_a_failsafe_latches_until_a_person_arms_again():
+    rig = Rig()
+    rig.drive_off()
+    rig.car.track_flag = 3
+    rig.run(0.5)
+    assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "track_flag_stop")
+    rig.car.track_flag = 1
+    rig.run(3.0)
+    assert rig.car.speed == 0
+    assert rig.action is FailsafeAction.CONTROLLED_STOP, "the cause is gone, the stop stays"
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.5)
+    assert rig.action is FailsafeAction.DRIVE
+    assert rig.car.ct_state == 9
+
+
+@pytest.mark.promise("S5")
+def test_after_an_emergency_arming_alone_is_not_enough():
+    rig = Rig()
+    rig.drive_off()
+    rig.ask(OperatorAction.EMERGENCY)
+    rig.run(4.0)
+    assert rig.car.speed == 0
+    assert rig.car.ct_state == 12
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.5)
+    assert rig.action is FailsafeAction.EMERGENCY_STOP
+    rig.ask(OperatorAction.DISARM)
+    rig.run(2.0)
+    assert rig.action is FailsafeAction.SILENT
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.1)
+    assert rig.action is FailsafeAction.DRIVE
+
+
+@pytest.mark.parametrize("stop", [OperatorAction.STOP, OperatorAction.EMERGENCY])
+def test_after_disarming_the_ladder_is_climbed_again_with_the_car(stop):
+    """Without commands the car goes into its own emergency: neither side may wait for the other for ever."""
+    rig = Rig()
+    rig.drive_off()
+    rig.ask(stop)
+    rig.run(4.0)
+    rig.ask(OperatorAction.DISARM)
+    rig.run(3.0)
+    assert rig.status.missing_for_arming == ()
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.5)
+    assert rig.action is FailsafeAction.DRIVE
+
+
+def test_disarming_a_silent_gateway_changes_nothing():
+    rig = Rig()
+    rig.run(1.0)
+    rig.ask(OperatorAction.DISARM)
+    rig.run(0.5)
+    assert rig.car.ct_state == 9
+    assert rig.status.missing_for_arming == ()
+
+
+def test_the_first_cause_of_an_action_keeps_its_name():
+    well = dict.fromkeys(MEASURES, 0.0)
+    failsafe = Failsafe().step(Inputs(well, True, OperatorAction.ARM))
+    failsafe = failsafe.step(Inputs(well | {"heartbeat_frozen": 1.0}, False))
+    assert failsafe.cause == "heartbeat_frozen"
+    failsafe = failsafe.step(Inputs(well | {"operator_stop": math.inf}, False))
+    assert failsafe.cause == "heartbeat_frozen"
+    failsafe = failsafe.step(Inputs(well | {"operator_stop": math.inf, "can_silence": 1.0}, False))
+    assert (failsafe.action, failsafe.cause) == (FailsafeAction.EMERGENCY_STOP, "can_silent")
+
+
+def test_disarming_while_moving_stops_the_car_first():
+    rig = Rig()
+    rig.drive_off(3.0)
+    rig.ask(OperatorAction.DISARM)
+    rig.step()
+    assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "disarmed_moving")
+    rig.run(4.0)
+    assert rig.car.speed == 0
+    rig.ask(OperatorAction.DISARM)
+    rig.step()
+    assert rig.action is FailsafeAction.SILENT

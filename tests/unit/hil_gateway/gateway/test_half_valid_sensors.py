@@ -1,0 +1,69 @@
+"""Sensors that go on sending and say nothing true: the car is not driven, armed or let go on their word."""
+
+from __future__ import annotations
+
+import pytest
+from support.scripted_car import Rig
+
+from hil_gateway.bus.messages import FailsafeAction, OperatorAction
+
+WHEELS = ("wheel_speed_FL", "wheel_speed_FR", "wheel_speed_RL", "wheel_speed_RR")
+METRES_PER_DEGREE = 111_000.0
+
+
+def moving(speed: float = 30.0) -> Rig:
+    """Driving north at `speed`, m/s, with wheels and position fixes that say so."""
+    rig = Rig()
+    rig.drive_off(3.0)
+    rig.car.speed = speed
+    travelled = 0.0
+
+    def travel(rig: Rig) -> None:
+        nonlocal travelled
+        travelled += 0.01 * rig.car.speed
+        rig.car.overrides["novatel_lat"] = 36.5844 + travelled / METRES_PER_DEGREE
+
+    rig.hooks.append(travel)
+    rig.run(1.0)
+    assert rig.action is FailsafeAction.DRIVE
+    return rig
+
+
+def test_wheel_speeds_that_hang_stop_the_car() -> None:
+    rig = moving()
+    rig.car.overrides |= dict.fromkeys(WHEELS, 108.0)
+    rig.run(0.6)
+    assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "state_invalid")
+
+
+@pytest.mark.parametrize("reading", [0.0, 1.0])
+def test_dead_wheel_sensors_do_not_make_a_moving_car_stand(reading: float) -> None:
+    """Nor do four locked wheels: it is stopped, and neither let go by a person's disarming nor armed."""
+    rig = moving()
+    rig.car.overrides |= dict.fromkeys(WHEELS, reading)
+    rig.run(0.7)
+    assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "state_invalid")
+    rig.ask(OperatorAction.DISARM)
+    rig.run(0.1)
+    assert rig.action is FailsafeAction.CONTROLLED_STOP
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.1)
+    assert rig.action is FailsafeAction.CONTROLLED_STOP
+
+
+@pytest.mark.parametrize("offsets", [(0.0, 5e-4), (0.0, 2e-6), (0.0, 1e-3, 2e-3)])
+def test_a_receiver_that_jumps_or_is_noisy_does_not_disturb_a_standing_car(offsets: tuple[float, ...]) -> None:
+    rig = Rig()
+    rig.drive = 0.0
+    rig.hooks.append(
+        lambda rig: rig.car.overrides.update(novatel_lat=36.5844 + offsets[(rig.tick // 50) % len(offsets)])
+    )
+    rig.drive_off(5.0)
+
+
+def test_a_car_at_constant_speed_is_driven() -> None:
+    """Wheels are never the same to the last bit, as those of a real car."""
+    rig = moving()
+    rig.hooks.append(lambda rig: rig.car.overrides.update(wheel_speed_FL=108.0 + 0.01 * (rig.tick % 7)))
+    rig.run(5.0)
+    assert rig.action is FailsafeAction.DRIVE

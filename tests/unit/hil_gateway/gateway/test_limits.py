@@ -1,0 +1,138 @@
+"""Limits signal by signal, to the raw step."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from can_dbc.codec import load_codec
+from hil_gateway.car.actuation import Actuators
+from hil_gateway.gateway.act.limits import Limits, RawCommand, SignalLimit, _signal_limit
+from hil_gateway.process.config import LimitConfig
+
+LIMITS = Limits(load_codec(), LimitConfig())
+REST = Actuators(0.0, 0.0, 0.0, 0.0, 1)
+STILL = RawCommand(0, 0, 0, 0, 1)
+STEERING = math.radians(0.5)
+
+
+def test_bounds_and_rates_are_the_declared_ones_in_raw_steps():
+    bounds = {name: (limit.low, limit.high, limit.rise, limit.fall) for name, limit in LIMITS.signals.items()}
+    assert bounds == {
+        "steering_motor_ang_cmd": (-479, 479, 10, 10),  # 239.8 deg lies between two steps of 0.5
+        "acc_pedal_cmd": (0, 10_000, 400, 65_536),
+        "F_brake_pressure_cmd": (0, 6000, 1800, 600),
+        "R_brake_pressure_cmd": (0, 6000, 1800, 600),
+        "desired_gear": (0, 6, 1, 1),
+    }
+    assert LIMITS.signals["steering_motor_ang_cmd"].scale == pytest.approx(STEERING)
+    assert LIMITS.signals["acc_pedal_cmd"].scale == pytest.approx(1e-4)
+    assert LIMITS.signals["F_brake_pressure_cmd"].scale == pytest.approx(1e3)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "previous", "raw"),
+    [
+        (0.0, 0, 0), (3.4, 0, 3), (3.6, 0, 4), (-3.6, 0, -4), (5.0, 0, 5), (5.01, 0, 5), (99.0, 0, 5), (-99.0, 0, -7),
+        (99.0, 18, 20), (99.0, 20, 20), (-99.0, -18, -20), (-20.0, -18, -20), (20.0, 18, 20),
+        (math.inf, 0, 5), (-math.inf, 0, -7), (math.nan, 3, 3), (math.nan, 30, 23), (math.nan, -30, -25),
+        (0.0, 40, 33), (0.0, -40, -35),
+    ],
+)  # fmt: skip
+def test_a_signal_goes_as_far_as_it_may(wanted, previous, raw):
+    """Bounds -20..20, up 5 and down 7 a frame; a previous value outside is led back no faster than that."""
+    limit = SignalLimit("x", 1.0, -20, 20, 5, 7)
+    if abs(previous) <= 20:
+        assert limit.apply(wanted, previous) == raw
+    else:
+        assert limit.apply(wanted, previous) in (raw, 20 if previous > 0 else -20)
+
+
+def test_the_scale_is_applied_once():
+    assert SignalLimit("x", 0.25, -100, 100, 100, 100).apply(5.0, 0) == 20
+
+
+def test_what_is_admissible_is_not_called_limited():
+    command, changed = LIMITS.apply(Actuators(4.2 * STEERING, 0.03, 0.0, 0.0, 2), STILL)
+    assert command == RawCommand(4, 300, 0, 0, 2)
+    assert changed == ()
+
+
+@pytest.mark.parametrize(
+    ("wanted", "name", "expected"),
+    [
+        (replace(REST, steering_motor=11 * STEERING), "steering_motor_ang_cmd", {"steering_motor": 10}),
+        (replace(REST, steering_motor=-11 * STEERING), "steering_motor_ang_cmd", {"steering_motor": -10}),
+        (replace(REST, accelerator=0.0402), "acc_pedal_cmd", {"accelerator": 400}),
+        (replace(REST, accelerator=-0.5), "acc_pedal_cmd", {}),
+        (replace(REST, brake_front=1.802e6), "F_brake_pressure_cmd", {"brake_front": 1800}),
+        (replace(REST, brake_rear=1.802e6), "R_brake_pressure_cmd", {"brake_rear": 1800}),
+        (replace(REST, gear=3), "desired_gear", {"gear": 2}),
+        (replace(REST, steering_motor=math.nan), "steering_motor_ang_cmd", {}),
+        (replace(REST, accelerator=math.nan), "acc_pedal_cmd", {}),
+    ],
+)
+def test_each_limit_is_named_when_it_acts(wanted, name, expected):
+    command, changed = LIMITS.apply(wanted, STILL)
+    assert command == replace(STILL, **expected)
+    assert changed == (name,)
+
+
+def test_half_a_step_is_rounding_and_a_whole_one_is_a_limit():
+    _, rounded = LIMITS.apply(replace(REST, brake_front=1_800_499.0), STILL)
+    _, limited = LIMITS.apply(replace(REST, brake_front=1_801_000.0), STILL)
+    assert (rounded, limited) == ((), ("F_brake_pressure_cmd",))
+
+
+@pytest.mark.parametrize(("front", "rear", "pedal"), [(50, 0, 100), (51, 0, 0), (0, 50, 100), (0, 51, 0), (51, 51, 0)])
+def test_the_accelerator_is_closed_while_the_brakes_bite(front, rear, pedal):
+    command, changed = LIMITS.apply(Actuators(0.0, 0.01, front * 1e3, rear * 1e3, 1), STILL)
+    assert command.accelerator == pedal
+    assert ("acc_pedal_cmd" in changed) == (pedal == 0)
+
+
+def test_brakes_still_falling_keep_the_accelerator_closed():
+    pressed = RawCommand(0, 0, 1300, 1300, 1)
+    command, _ = LIMITS.apply(Actuators(0.0, 0.02, 0.0, 0.0, 1), pressed)
+    assert (command.brake_front, command.accelerator) == (700, 0)
+    command, _ = LIMITS.apply(Actuators(0.0, 0.02, 0.0, 0.0, 1), command)
+    command, _ = LIMITS.apply(Actuators(0.0, 0.02, 0.0, 0.0, 1), command)
+    assert (command.brake_front, command.accelerator) == (0, 200)
+
+
+def test_the_accelerator_closes_at_once():
+    command, _ = LIMITS.apply(REST, RawCommand(0, 10_000, 0, 0, 1))
+    assert command.accelerator == 0
+
+
+def test_from_rest_the_steering_starts_where_it_is():
+    assert LIMITS.resting(math.radians(31.0)) == RawCommand(62, 0, 0, 0, 1)
+    assert LIMITS.resting(math.radians(300.0)).steering_motor == 479
+    assert LIMITS.resting(math.radians(-300.0)).steering_motor == -479
+
+
+def test_raw_and_si_agree():
+    sent = LIMITS.to_actuators(RawCommand(-20, 5000, 1000, 900, 4))
+    assert sent == Actuators(pytest.approx(-math.radians(10)), pytest.approx(0.5), 1e6, 9e5, 4)
+
+
+def test_a_signal_without_limits_is_a_mistake_of_ours():
+    signal = load_codec().messages["steering_cmd"].signal["driver_steering_P_cmd"]
+    with pytest.raises(ValueError, match=r"driver_steering_P_cmd: no limits in av24\.toml"):
+        _signal_limit(signal, 1, 1)
+
+
+def test_limits_wider_than_the_field_stop_at_the_field():
+    signal = load_codec().messages["steering_cmd"].signal["steering_motor_ang_cmd"]
+    wide = _signal_limit(replace(signal, limits=(-9e9, 9e9)), 1, 1)
+    assert (wide.low, wide.high) == (-1024, 1023)
+    exact = _signal_limit(replace(signal, limits=(-2.0, 2.0)), 1, 1)
+    assert (exact.low, exact.high) == (-4, 4)
+
+
+@pytest.mark.parametrize(("rate", "steps"), [(500.0, 10), (499.9, 9), (50.0, 1)])
+def test_rates_are_rounded_down_to_whole_steps(rate, steps):
+    limit = Limits(load_codec(), LimitConfig(steering_rate=rate)).signals["steering_motor_ang_cmd"]
+    assert (limit.rise, limit.fall) == (steps, steps)

@@ -1,0 +1,94 @@
+"""Configuration: every mistake is one line that names where, what and what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hil_gateway.process.config import Config, load_config
+from hil_gateway.process.errors import InputError
+
+
+def _write(folder: Path, text: str) -> Path:
+    path = folder / "car.toml"
+    path.write_text(text)
+    return path
+
+
+def test_flags_override_environment_overrides_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = _write(tmp_path, '[can]\nchannel = "file"\nbitrate = 500000\n')
+    assert load_config(path).can.channel == "file"
+    monkeypatch.setenv("HIL_CAN__CHANNEL", "environment")
+    assert load_config(path).can.channel == "environment"
+    config = load_config(path, {"can.channel": "flag"})
+    assert (config.can.channel, config.can.bitrate) == ("flag", 500000)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("[can]\nchanel = 'can0'\n", "unknown key can.chanel"),
+        ("[planner]\ndt = -1\n", "planner.dt = -1"),
+        ("[vehicle]\nmass = nan\n", "vehicle.mass"),
+        ("[can\n", "not valid TOML"),
+    ],
+)
+def test_bad_file_names_file_key_and_value(tmp_path: Path, text: str, expected: str) -> None:
+    path = _write(tmp_path, text)
+    with pytest.raises(InputError) as error:
+        load_config(path)
+    assert expected in str(error.value)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_mistake_in_the_environment_or_a_flag_is_said_to_be_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = _write(tmp_path, '[can]\nchannel = "file"\n')
+    with pytest.raises(InputError, match=r"^command line: dashboard\.port = 99999: "):
+        load_config(path, {"dashboard.port": 99999})
+    for name, words in (
+        ("HIL_CAN__CHANEL", "unknown key can.chanel"),
+        ("HIL_CAN__BITRATE", "can.bitrate = 'abc'"),
+        ("HIL_ZENOH__CONNECT", "zenoh.connect = 'abc': should be a list"),
+        ("HIL_GATEWAY", "gateway = 'abc': should be a table"),
+    ):
+        monkeypatch.setenv(name, "abc")
+        with pytest.raises(InputError, match=f"^{name}: {words}"):
+            load_config(path)
+        monkeypatch.delenv(name)
+
+
+def test_one_underscore_too_few_is_an_error_and_not_the_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    """HIL_GATEWAY_MODE=listen would else run a gateway that can be armed."""
+    monkeypatch.setenv("HIL_GATEWAY_MODE", "listen")
+    with pytest.raises(InputError, match=r"HIL_GATEWAY_MODE: no setting; HIL_GATEWAY__MODE sets gateway\.mode"):
+        load_config()
+
+
+def test_a_value_where_a_table_should_be_is_said_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HIL_GATEWAY__MODE", "listen")
+    with pytest.raises(InputError, match="gateway = 3: should be a table"):
+        load_config(_write(tmp_path, "gateway = 3\n"))
+
+
+def test_missing_file_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot read"):
+        load_config(tmp_path / "absent.toml")
+
+
+def test_no_file_gives_the_defaults() -> None:
+    assert load_config() == Config()
+
+
+def test_lists_and_tables_in_the_environment_are_written_as_in_toml(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HIL_ZENOH__CONNECT", '["tcp/127.0.0.1:7001", "tcp/127.0.0.1:7002"]')
+    monkeypatch.setenv("HIL_PLANT__EFFECTS", "{aero_drag = 1.2}")
+    config = load_config()
+    assert config.zenoh.connect == ("tcp/127.0.0.1:7001", "tcp/127.0.0.1:7002")
+    assert config.plant.effects == {"aero_drag": 1.2}
+    monkeypatch.setenv("HIL_ZENOH__CONNECT", "[tcp/127.0.0.1:7001")
+    with pytest.raises(InputError, match=r"HIL_ZENOH__CONNECT=.*not a TOML list"):
+        load_config()

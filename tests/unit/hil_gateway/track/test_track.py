@@ -1,0 +1,150 @@
+"""Tracks: geometry, smoothing, shipped files, and what is said about broken ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hil_gateway.process.errors import InputError
+from hil_gateway.track.track import Track, load_track, shipped_tracks
+
+HEADER = "x_m,y_m,w_tr_right_m,w_tr_left_m"
+
+
+def _circle(radius: float, n: int, noise: float = 0.0, seed: int = 1) -> list[str]:
+    angle = np.arange(n) * 2 * np.pi / n
+    scatter = np.random.default_rng(seed).normal(0.0, noise, (2, n)) if noise else np.zeros((2, n))
+    x, y = radius * np.cos(angle) + scatter[0], radius * np.sin(angle) + scatter[1]
+    return [HEADER, *(f"{a:.4f},{b:.4f},6.0,5.0" for a, b in zip(x, y, strict=True))]
+
+
+def _load(folder: Path, lines: list[str]) -> Track:
+    path = folder / "t.csv"
+    path.write_text("\n".join(lines))
+    return load_track(path)
+
+
+def test_circle_has_its_length_curvature_and_heading(tmp_path: Path) -> None:
+    track = _load(tmp_path, _circle(100.0, 200))
+    assert track.length == pytest.approx(2 * np.pi * 100, rel=1e-4)
+    assert track.curvature == pytest.approx(np.full(len(track.s), 0.01), rel=2e-3)
+    assert track.at(0.0).heading == pytest.approx(np.pi / 2, abs=1e-3)
+    assert track.turning == pytest.approx(2 * np.pi)
+    assert track.at(0.0).width_left == pytest.approx(5.0)
+    assert track.at(0.0).width_right == pytest.approx(6.0)
+
+
+def test_heading_is_continuous_over_laps(tmp_path: Path) -> None:
+    track = _load(tmp_path, _circle(50.0, 100))
+    heading = track.at(np.arange(-700.0, 700.0, 1.0)).heading
+    assert np.abs(np.diff(heading) - 1.0 / 50.0).max() < 1e-3
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.3])
+@pytest.mark.parametrize("points", [300, 900])
+def test_survey_noise_does_not_reach_the_curvature(tmp_path: Path, noise: float, points: int) -> None:
+    track = _load(tmp_path, _circle(150.0, points, noise))
+    assert (
+        np.abs(track.curvature - 1 / 150.0).max() < 2e-3
+    )  # as surveyed, it scatters by noise / spacing^2: 0.01 to 0.3
+    assert 0.3 * noise < track.deviation < 1.5 * noise
+
+
+def test_survey_noise_does_not_reach_the_grade(tmp_path: Path) -> None:
+    angle = np.arange(300) * 2 * np.pi / 300
+    z = 15.0 * np.sin(angle) + np.random.default_rng(2).normal(0.0, 0.2, 300)
+    rows = [f"{150 * np.cos(a):.4f},{150 * np.sin(a):.4f},6,6,{h:.4f}" for a, h in zip(angle, z, strict=True)]
+    track = _load(tmp_path, [HEADER + ",z_m", *rows])
+    assert np.tan(track.grade) == pytest.approx(0.1 * np.cos(track.s / 150.0), abs=0.01)
+
+
+@settings(max_examples=60, deadline=None)
+@given(s=st.floats(0, 3600), lateral=st.floats(-5.5, 5.5), error=st.floats(-30, 30))
+def test_projection_inverts_position_on_the_road_course(s: float, lateral: float, error: float) -> None:
+    track = load_track()
+    p = track.at(s)
+    x, y = p.x - lateral * np.sin(p.heading), p.y + lateral * np.cos(p.heading)
+    found, offset = track.project(x, y, hint=s + error)
+    assert abs((found - s + 0.5 * track.length) % track.length - 0.5 * track.length) < 0.02
+    assert offset == pytest.approx(lateral, abs=0.02)
+
+
+def test_projection_without_hint_searches_the_whole_lap() -> None:
+    track = load_track("oval")
+    p = track.at(1234.0)
+    assert track.project(p.x, p.y) == pytest.approx((1234.0, 0.0), abs=0.01)
+
+
+def test_road_course_keeps_the_public_facts_of_its_model() -> None:
+    track = load_track()
+    assert track.length == pytest.approx(3602, rel=0.002)
+    assert np.ptp(track.z) == pytest.approx(55.0, abs=1.0)
+    assert -100 * np.tan(track.grade.min()) == pytest.approx(18.0, abs=0.5)
+    assert np.trapezoid(np.tan(track.grade), track.s) == pytest.approx(0.0, abs=0.2)
+    turns = np.flatnonzero(np.diff((np.abs(track.curvature) > 0.01).astype(int)) == 1)
+    assert len(turns) >= 9
+
+
+@pytest.mark.parametrize("name", shipped_tracks())
+def test_shipped_tracks_close_and_do_not_cross_themselves(name: str) -> None:
+    track = load_track(name)
+    ends = track.at(np.array([0.0, track.length - 1e-9]))
+    assert np.hypot(*np.diff([ends.x, ends.y], axis=1).ravel()) < 0.01
+    left = np.stack([track.x, track.y]) + track.width_left * np.stack([-np.sin(track.heading), np.cos(track.heading)])
+    along = np.diff(left, axis=1)
+    forward = along[0] * np.cos(track.heading[:-1]) + along[1] * np.sin(track.heading[:-1])
+    assert forward.min() > 0  # the inner edge never folds back
+
+
+def test_measured_tracks_load(measured_tracks: Path) -> None:
+    for path in measured_tracks.glob("*.csv"):
+        track = load_track(path)
+        assert track.deviation < 0.1
+        assert np.abs(track.curvature).max() < 0.08
+
+
+BROKEN = {
+    "missing column": (lambda lines: ["x_m,y_m,w_tr_right_m", *lines[1:]], r"t\.csv:1: column w_tr_left_m is missing"),
+    "text": (lambda lines: [*lines[:5], "1,abc,5,5", *lines[6:]], r"t\.csv:6: y_m = 'abc' is not a number"),
+    "nan": (lambda lines: [*lines[:5], "nan,1.0,5,5", *lines[6:]], r"t\.csv:6: x_m = nan is outside"),
+    "width": (lambda lines: [*lines[:9], "1.0,1.0,-5,5", *lines[10:]], r"t\.csv:10: w_tr_right_m = -5 is outside"),
+    "short row": (lambda lines: [*lines[:9], "1.0,1.0", *lines[10:]], r"t\.csv:10: 2 values, the header names 4"),
+    "too few": (lambda lines: lines[:6], r"5 different points; a track needs at least 12"),
+    "open": (lambda lines: lines[:120], r"t\.csv:120: the track is not closed: 1\d\d\.\d m"),
+    "shuffled": (lambda lines: [*lines[:60], *lines[100:150], *lines[60:100], *lines[150:]], r"m to the next point"),
+    "empty": (lambda lines: [], r"column x_m is missing"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_broken_file_is_explained(tmp_path: Path, case: str) -> None:
+    change, message = BROKEN[case]
+    with pytest.raises(InputError, match=message):
+        _load(tmp_path, change(_circle(100.0, 200)))
+
+
+def test_unknown_track_lists_the_shipped_ones(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no such track file; shipped tracks: oval, road_course"):
+        load_track(tmp_path / "none.csv")
+
+
+LAYOUT_ERRORS = {
+    "turns": ("[[segment]]\nstraight=100\n[[segment]]\ncorner=90\nradius=50\n", "turn by 90 deg in all"),
+    "both": ("[[segment]]\nstraight=100\ncorner=90\n[[segment]]\nstraight=1\n", "segment 1: give either"),
+    "unknown key": ("[[segment]]\nlenght=100\n[[segment]]\nstraight=1\n", "segment.0.lenght"),
+    "open": ("[[segment]]\nstraight=100\n[[segment]]\ncorner=360\nradius=50\n", "corner = 360"),
+    "no straight": ("[[segment]]\ncorner=180\nradius=50\n[[segment]]\ncorner=180\nradius=90\n", "does not close"),
+}
+
+
+@pytest.mark.parametrize("case", LAYOUT_ERRORS)
+def test_broken_description_is_explained(tmp_path: Path, case: str) -> None:
+    text, message = LAYOUT_ERRORS[case]
+    path = tmp_path / "t.toml"
+    path.write_text(f'name = "t"\n{text}')
+    with pytest.raises(InputError, match=message):
+        load_track(path)

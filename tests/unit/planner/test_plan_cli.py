@@ -1,0 +1,45 @@
+"""`hil plan bench`: one JSON object with the promised keys, exit codes, IPOPT on the same problems."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.errors import InputError
+from hil_gateway.track.track import load_track
+from planner.cli.plan import app
+from planner.problem.settings import Settings
+from planner.studies.bench import bench_controller, drive, summary
+
+KEYS = {
+    "laps", "lap_time_s", "solve_ms", "ipopt_warm_ms", "speedup_vs_ipopt", "violations", "qp_failures",
+    "information_per_s", "backend",
+}  # fmt: skip
+
+
+def test_bench_prints_one_json_object_and_keeps_all_limits() -> None:
+    result = CliRunner().invoke(app, ["bench", "--track", "oval", "--no-ipopt", "--json"])
+    assert result.exit_code == 0, result.output
+    (line,) = result.stdout.strip().splitlines()
+    report = json.loads(line)
+    assert set(report) >= KEYS
+    assert report["violations"] == {"track": 0, "load": 0, "actuator": 0, "information": 0}
+    assert report["qp_failures"] == 0
+    assert report["lap_time_over_quasi_steady"] < 1.03
+
+
+def test_sqp_beats_warm_ipopt_on_the_same_problems() -> None:
+    """Loose bound for busy machines; the figure is `hil plan bench`."""
+    controller, line = bench_controller(load_track(), Vehicle(), Settings())
+    report = summary(drive(controller, 1, ipopt=True, steps=81), controller, line)
+    assert report["ipopt_warm_ms"]["samples"] >= 2
+    assert report["speedup_vs_ipopt"] > 10
+
+
+def test_unknown_choices_and_tracks_are_input_errors() -> None:
+    assert CliRunner().invoke(app, ["bench", "--backend", "magic"]).exit_code == 2
+    with pytest.raises(InputError, match="no such track"):
+        CliRunner().invoke(app, ["bench", "--track", "nowhere.csv"], catch_exceptions=False)

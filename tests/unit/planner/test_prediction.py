@@ -1,0 +1,70 @@
+"""Latency compensation: the plan starts where the car will be, and the command leads the actuators' lag."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.config import PlannerConfig
+from hil_gateway.track.track import load_track
+from planner.plan.prediction import Actuators, Moment, Sent, credible, predict
+
+MS = NS_PER_S // 1000
+
+
+def _still(car: np.ndarray, drive: float, steer: float, duration: float) -> np.ndarray:
+    return car + np.array([car[3] * duration, 0, 0, 0, 0, 0])
+
+
+def test_a_command_acts_after_the_dead_time() -> None:
+    actuators = Actuators(PlannerConfig())
+    actuators.record(Sent(0, 0.1, 0.0))
+    actuators.record(Sent(100 * MS, 0.2, 0.0))
+    assert actuators.input_at(39 * MS) is None
+    acting = [actuators.input_at(t * MS) for t in (40, 139, 140)]
+    assert [a.steer for a in acting if a] == [0.1, 0.1, 0.2]
+
+
+def test_prediction_follows_the_first_order_lag() -> None:
+    actuators = Actuators(PlannerConfig())
+    actuators.record(Sent(-NS_PER_S, 0.1, -0.05))
+    then = predict(actuators, _still, Moment(0, np.array([0, 0, 0, 30.0, 0, 0]), 0.0, 0.0), 55 * MS)
+    assert then.at_ns == 55 * MS
+    assert then.car[0] == pytest.approx(30.0 * 0.055)
+    assert then.steer == pytest.approx(0.1 * (1 - math.exp(-0.055 * 2 * math.pi * 3)), rel=1e-9)
+    assert then.drive == pytest.approx(-0.05 * (1 - math.exp(-0.055 * 2 * math.pi * 5)), rel=1e-9)
+
+
+def test_without_any_command_the_actuators_stay() -> None:
+    then = predict(Actuators(PlannerConfig()), _still, Moment(0, np.zeros(6), 0.02, 0.01), 50 * MS)
+    assert (then.drive, then.steer) == (0.02, 0.01)
+
+
+def test_lead_brings_the_lagging_actuator_where_the_plan_wants_it() -> None:
+    actuators = Actuators(PlannerConfig())
+    command = actuators.lead(0.02, 0.03, 0.05, actuators.steer_lag)
+    actuators.record(Sent(-NS_PER_S, command, 0.0))
+    assert actuators.follow(0.0, 0.02, 0, 0.05)[1] == pytest.approx(0.03, rel=1e-9)
+
+
+def test_braking_does_not_push_a_standing_car_backwards() -> None:
+    def brake(car: np.ndarray, drive: float, steer: float, duration: float) -> np.ndarray:
+        return car + np.array([0, 0, 0, -8.0 * duration, 0, 0])
+
+    then = predict(Actuators(PlannerConfig()), brake, Moment(0, np.array([0, 0, 0, 0.1, 0, 0]), 0, 0), 100 * MS)
+    assert then.car[3] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "value", "can_be"),
+    [(0, 600.0, True), (0, 1e7, False), (1, -1e7, False), (0, math.nan, False), (2, math.inf, False), (3, 85.0, True),
+     (3, 9e3, False), (4, -9e3, False), (5, 9e3, False), (5, math.nan, False)],
+)  # fmt: skip
+def test_a_state_that_no_car_can_be_in_is_not_planned_from(changed: int, value: float, can_be: bool) -> None:
+    track = load_track("oval")
+    car = np.array([track.x[0], track.y[0], 3.0, 60.0, -1.0, 0.3])
+    car[changed] = value
+    assert credible(car, track) is can_be

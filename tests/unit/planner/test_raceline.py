@@ -1,0 +1,116 @@
+"""Race line: closed, inside the track, within the envelope, faster than the centre line, on any track."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.model.parameters import DEFAULT_TYRE
+from estimator.model.single_track import SingleTrack
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.track.track import Track, load_track
+from planner.line.envelope import Envelope, envelope_of, required_lateral
+from planner.line.raceline import RaceLine, centre_line, compute_raceline, raceline_for
+from planner.line.speed_profile import lap_time_of, speed_profile
+
+MARGIN = 1.5
+TYRE = DEFAULT_TYRE["per_axle"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _private_cache(tmp_path_factory: pytest.TempPathFactory) -> object:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+def declared_envelope(**changes: float) -> Envelope:
+    model = SingleTrack(Vehicle(), "per_axle")
+    tyre = {**TYRE, **changes}
+    return envelope_of(model, [tyre[p.name] for p in model.tyre_table])
+
+
+def circle(radius: float, bank: float = 0.0, n: int = 200) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    ones = np.ones(n)
+    return ones / radius, 0.0 * ones, bank * ones, 2 * np.pi * radius
+
+
+def assert_sound(line: RaceLine, track: Track, envelope: Envelope) -> None:
+    assert np.allclose(np.diff(line.s), line.length / len(line.s))
+    steps = np.hypot(np.diff(line.x, append=line.x[0]), np.diff(line.y, append=line.y[0]))
+    assert np.ptp(steps) < 0.05, "uniform and closed"
+    turned = np.sum(line.curvature) * line.length / len(line.s)
+    assert abs(abs(turned) - 2 * np.pi) < 0.02
+    assert min(line.width_left.min(), line.width_right.min()) > MARGIN - 0.15
+    lateral = required_lateral(line.curvature, line.bank, line.vx_profile)
+    assert np.all(np.abs(lateral) <= envelope.at(envelope.lateral, line.vx_profile) * 1.001 + 1e-6)
+    acceleration = np.gradient(line.vx_profile**2 / 2, line.s)[2:-2]
+    assert acceleration.max() < envelope.traction + GRAVITY * np.abs(np.sin(line.grade)).max() + 0.5
+
+
+@pytest.mark.parametrize("name", ["road_course", "oval"])
+def test_race_line_stays_inside_and_beats_the_centre_line(name: str) -> None:
+    track = load_track(name)
+    line = compute_raceline(track, Vehicle(), TYRE, MARGIN)
+    assert_sound(line, track, declared_envelope())
+    assert line.lap_time < 0.985 * centre_line(track, declared_envelope()).lap_time
+
+
+def test_race_line_of_a_noisy_surveyed_track_is_sound(tmp_path: Path) -> None:
+    track, rng = load_track("road_course"), np.random.default_rng(3)
+    step = slice(None, None, 5)
+    columns = [track.x, track.y, track.width_right, track.width_left]
+    rows = np.column_stack([c[step] + rng.normal(0, 0.15, len(track.x[step])) for c in columns])
+    file = tmp_path / "noisy.csv"
+    np.savetxt(file, rows, delimiter=",", header="x_m,y_m,w_tr_right_m,w_tr_left_m", comments="")
+    noisy = load_track(file)
+    line = compute_raceline(noisy, Vehicle(), TYRE, MARGIN)
+    assert_sound(line, noisy, declared_envelope())
+    assert np.max(np.abs(line.curvature)) < 0.08
+
+
+def test_race_lines_of_measured_tracks_are_sound(measured_tracks: Path) -> None:
+    for file in sorted(measured_tracks.glob("*.csv")):
+        track = load_track(file)
+        assert_sound(compute_raceline(track, Vehicle(), TYRE, MARGIN), track, declared_envelope())
+
+
+def test_more_grip_gives_a_shorter_lap_and_is_not_taken_from_the_cache_of_less() -> None:
+    track = load_track("oval")
+    times = [raceline_for(track, declared_envelope(df=d, dr=d), MARGIN).lap_time for d in (1.0, 1.2, 1.4)]
+    assert times[0] > times[1] > times[2]
+
+
+def test_cached_line_is_the_computed_line() -> None:
+    track = load_track("oval")
+    first, second = (compute_raceline(track, Vehicle(), TYRE, 2.0) for _ in range(2))
+    assert np.array_equal(first.x, second.x)
+    assert first.lap_time == second.lap_time
+
+
+def test_speed_on_a_circle_is_the_closed_form() -> None:
+    envelope = declared_envelope()
+    curvature, grade, bank, length = circle(60.0)
+    v = speed_profile(curvature, grade, bank, length, envelope)
+    limit = np.sqrt(envelope.lateral[0] * 60.0)
+    assert np.all((v > 0.998 * limit) & (v <= limit)), "a little grip goes into pushing against drag"
+    assert lap_time_of(v, length) == pytest.approx(length / v.mean(), rel=1e-4)
+
+
+def test_bank_towards_the_inside_of_the_turn_is_faster() -> None:
+    envelope = declared_envelope()
+    speeds = [float(speed_profile(*circle(100.0, bank), envelope).mean()) for bank in (0.1, 0.0, -0.1)]
+    assert speeds[0] < speeds[1] < speeds[2]
+
+
+def test_downforce_of_the_model_widens_the_envelope_with_speed() -> None:
+    from estimator.model.effects import catalogue
+
+    effect = catalogue()["aero_downforce"]
+    model = SingleTrack(Vehicle(), "per_axle", (effect,))
+    theta = [TYRE[p.name] for p in model.tyre_table]
+    widened = envelope_of(model, theta, [0.3 * p.upper for p in effect.parameters])
+    assert widened.lateral[1] > 1e-4
+    assert widened.at(widened.lateral, np.array([60.0])) > declared_envelope().lateral[0] * 1.02

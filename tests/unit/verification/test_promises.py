@@ -1,0 +1,73 @@
+"""Every promise has a test, every marked test a promise, and the report says what happened."""
+
+from __future__ import annotations
+
+import ast
+import json
+from pathlib import Path
+
+import pytest
+from verification.command import verify
+from verification.promises import PROMISES, Evidence, as_json, keep_long, markdown, read_evidence
+
+from hil_gateway.process.errors import InputError
+
+TESTS = Path(__file__).resolve().parents[2]
+
+
+def marked() -> dict[str, set[str]]:
+    """Promise -> tests marked with it, read from the sources."""
+    found: dict[str, set[str]] = {}
+    for path in TESTS.rglob("test_*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            is_mark = (
+                isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "promise"
+            )
+            if is_mark and node.args and isinstance(node.args[0], ast.Constant):
+                found.setdefault(str(node.args[0].value), set()).add(path.name)
+    return found
+
+
+@pytest.mark.parametrize("promise", PROMISES, ids=lambda promise: promise.id)
+def test_a_promise_without_a_test_fails(promise):
+    assert marked().get(promise.id), f"{promise.id} ({promise.text}) has no test"
+
+
+def test_a_mark_without_a_promise_fails():
+    assert set(marked()) <= {promise.id for promise in PROMISES}
+
+
+def test_an_unknown_promise_is_one_clear_line():
+    with pytest.raises(InputError, match="no promise S9, Z1"):
+        verify(only="S1,Z1,S9")
+
+
+def test_the_report_takes_the_worst_outcome_and_every_figure_once(tmp_path):
+    lines = [
+        {"promise": "S1", "test": "a.py::test_x[1]", "outcome": "passed"},
+        {"promise": "S1", "test": "a.py::test_x[1]", "outcome": "failed"},
+        {"promise": "S1", "figure": "10 | 20"},
+        {"promise": "S1", "figure": "10 | 20"},
+        {"promise": "S2", "test": "a.py::test_y", "outcome": "passed"},
+        {"promise": "S3", "test": "a.py::test_z", "outcome": "skipped"},
+    ]
+    path = tmp_path / "figures.jsonl"
+    path.write_text("\n".join(map(json.dumps, lines)))
+    evidence = read_evidence(path)
+    assert [evidence[name].verdict for name in ("S1", "S2", "S3", "S4")] == [
+        "BROKEN", "kept", "not proved here", "not proved here",
+    ]  # fmt: skip
+    text = markdown(evidence, "now", {"S2": {"verdict": "kept", "run": "a long run", "figures": ["all of it"]}})
+    assert text.count("10 \\| 20") == 1
+    assert "| kept (a long run) | all of it |" in text
+    assert "`a.py` (1)" in text
+    assert len(as_json(evidence)) == len(PROMISES) == 24
+
+
+def test_a_long_run_of_some_promises_keeps_what_is_known_of_the_others(tmp_path):
+    path = tmp_path / "long.json"
+    keep_long(path, {"S1": Evidence({"t": "passed"}, ["a"]), "S2": Evidence({"t": "failed"}, ["b"])}, "Monday")
+    keep_long(path, {"S1": Evidence(), "S2": Evidence({"t": "passed"}, ["c"])}, "Tuesday")
+    kept = json.loads(path.read_text())
+    assert kept["S1"] == {"verdict": "kept", "figures": ["a"], "run": "Monday"}
+    assert kept["S2"] == {"verdict": "kept", "figures": ["c"], "run": "Tuesday"}

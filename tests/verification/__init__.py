@@ -1,0 +1,1 @@
+"""Verification tools: promises, mutation, wire judge, fault simulation."""

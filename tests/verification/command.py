@@ -1,0 +1,100 @@
+"""`hil verify`: runs the tests of the promises and writes down what they reached."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hil_gateway.process.errors import EXIT_FAILURE, InputError
+from verification import mutation as mutation_run
+from verification.promises import PROMISES, as_json, keep_long, markdown, read_evidence
+
+app = typer.Typer(help="The reliability promises at their stated figures.")
+
+ROOT = Path(__file__).resolve().parents[2]
+LONG_RUNS = ROOT / "docs" / "promises-long.json"
+"""what long runs said, by promise; the usual run puts it beside its own figures in docs/promises.md"""
+
+
+@app.command()
+def verify(  # noqa: PLR0917 (options are passed by name)
+    long: Annotated[bool, typer.Option("--long", help="the full figures; takes hours")] = False,
+    as_json_text: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+    only: Annotated[str, typer.Option("--only", help="promises to run, comma-separated: S1,L1")] = "",
+    seed: Annotated[int | None, typer.Option(help="run one seed of the fault simulation")] = None,
+    seeds: Annotated[int | None, typer.Option(help="run so many seeds of the fault simulation")] = None,
+    mutation: Annotated[bool, typer.Option("--mutation", help="mutate limits, failsafe and codec")] = False,
+    gathered: Annotated[Path | None, typer.Option("--from", help="only report what a test run wrote here")] = None,
+) -> None:
+    """Run the tests of the promises; writes docs/promises.md and says what was reached."""
+    if unknown := {part for part in only.split(",") if part} - {promise.id for promise in PROMISES}:
+        raise InputError(f"--only {only}: no promise {', '.join(sorted(unknown))}; docs/promises.md lists them")
+    if seed is not None or seeds is not None:
+        report = _simulate(seed, seeds or 0)
+    elif mutation:
+        report = mutation_run.run(ROOT)
+    else:
+        report = _promises(long, only, gathered)
+    typer.echo(json.dumps(report) if as_json_text else _plain(report))
+    if not report["ok"]:
+        raise typer.Exit(EXIT_FAILURE)
+
+
+def _simulate(seed: int | None, count: int) -> dict[str, Any]:
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    campaign = importlib.import_module("verification.fault_simulation.campaign")  # after the thread limit is set
+    if seed is None:
+        report: dict[str, Any] = campaign.run_campaign(range(count))
+        return {**report, "ok": not report["broken"]}
+    result = campaign.Campaign().run_here(seed)
+    return {**{key: getattr(result, key) for key in result.__dataclass_fields__}, "ok": not result.broken}
+
+
+def _promises(long: bool, only: str, gathered: Path | None) -> dict[str, Any]:
+    """Run the marked tests (or take what a run has written) and report."""
+    started = time.time()
+    with tempfile.TemporaryDirectory() as folder:
+        path = gathered or Path(folder) / "figures.jsonl"
+        status = 0 if gathered else _run_tests(path, long, [part for part in only.split(",") if part])
+        evidence = read_evidence(path)
+    when = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(started))
+    took = f"{'long' if long else 'usual'} run of {time.time() - started:.0f} s"
+    length = "gathered from a test run" if gathered else took
+    conditions = f"{when}, {length}, {os.cpu_count()} CPUs, Python {platform.python_version()}"
+    if long:
+        # a test may prove two promises: of one that was not asked for, the other tests are missing
+        asked = {name: of for name, of in evidence.items() if not only or name in only.split(",")}
+        keep_long(LONG_RUNS, asked, conditions)
+    elif not only:
+        kept = json.loads(LONG_RUNS.read_text()) if LONG_RUNS.exists() else {}
+        (ROOT / "docs" / "promises.md").write_text(markdown(evidence, conditions, kept))
+    rows = [row for row in as_json(evidence) if not only or row["id"] in only.split(",")]
+    broken = [row["id"] for row in rows if row["verdict"] == "BROKEN"]
+    return {"ok": status in (0, 5) and not broken, "promises": rows, "broken": broken, "conditions": conditions}
+
+
+def _run_tests(path: Path, long: bool, only: list[str]) -> int:
+    """pytest over the marked tests in a process of its own; its output goes to standard error."""
+    environment = {**os.environ, "HIL_PROMISE_FIGURES": str(path), "HIL_PROMISES": ",".join(only)}
+    if long:
+        environment["HIL_LONG"] = "1"
+    command = [sys.executable, "-m", "pytest", "-m", "promise", "-p", "no:cacheprovider", "--tb=short", "tests"]
+    return subprocess.run(command, cwd=ROOT, env=environment, stdout=sys.stderr, check=False).returncode
+
+
+def _plain(report: dict[str, Any]) -> str:
+    """For people."""
+    if "promises" not in report:
+        return json.dumps(report, indent=1)
+    lines = [f"{row['id']}  {row['verdict']:16s} {'; '.join(row['reached']) or '-'}" for row in report["promises"]]
+    return "\n".join([*lines, report["conditions"]])

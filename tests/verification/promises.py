@@ -1,0 +1,232 @@
+"""The reliability promises: what each says, the figure it is held to, and the report of what was reached."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Promise:
+    """One promise and its figure."""
+
+    id: str
+    text: str
+    figure: str
+
+
+PROMISES: tuple[Promise, ...] = (
+    Promise(
+        "S1",
+        "Nothing outside limits is ever sent, judged on the bytes by an independent decoder",
+        "10^6 hostile commands",
+    ),
+    Promise(
+        "S2",
+        "A legal command passes unchanged",
+        "within 1 LSB, random legal commands",
+    ),
+    Promise(
+        "S3",
+        "Only declared identifiers and lengths leave",
+        "all 2,048 identifiers x DLC 0..8",
+    ),
+    Promise(
+        "S4",
+        "Command counters advance by 1 mod 256; period 10 ms",
+        "p99.9 within 2 ms on an idle machine",
+    ),
+    Promise(
+        "S5",
+        "Silent by default; arming is an edge that needs every condition; a failsafe latches",
+        "each condition missing once",
+    ),
+    Promise(
+        "S6",
+        "Limits, failsafe and codec: every branch covered, no surviving mutant without a reason",
+        "100 % branches, mutation run",
+    ),
+    Promise(
+        "S7",
+        "An oracle written from the failsafe table agrees with the code",
+        "10^5 sequences",
+    ),
+    Promise(
+        "L1",
+        "Plan older than 100 ms: controlled stop; older than 500 ms: emergency stop",
+        "first safe frame within one period",
+    ),
+    Promise(
+        "L2",
+        "State or estimate invalid for 50 ms: controlled stop",
+        "one period",
+    ),
+    Promise(
+        "L3",
+        "CAN silent for 100 ms, or 5 wrong counters (leaky): fault and stop",
+        "one period",
+    ),
+    Promise(
+        "L4",
+        "Heartbeat frozen for 500 ms: coordinated stop; purple flag, e-kill, ct_state 12: emergency",
+        "next period",
+    ),
+    Promise(
+        "L5",
+        "A hanging gateway's counters stop; restarted by the watchdog, it is silent",
+        "200 ms watchdog",
+    ),
+    Promise(
+        "L6",
+        "Killing, stopping or starving a process ends in the specified state; recorder and dashboard change nothing",
+        "200 times",
+    ),
+    Promise(
+        "L7",
+        "Bus-off, interface down or replugged: state invalid meanwhile, recovered without a restart",
+        "1 s",
+    ),
+    Promise(
+        "F1",
+        "Any identifier, any length, any bytes: no exception, no non-finite state",
+        "10^6 frames",
+    ),
+    Promise(
+        "F2",
+        "Encode and decode are inverse and agree with cantools on every message",
+        "all 53 messages, every raw range",
+    ),
+    Promise(
+        "R1",
+        "kill -9 loses at most 200 ms of recording, the rest is recovered",
+        "100 kills",
+    ),
+    Promise(
+        "R2",
+        "Disk full, I/O error, slow disk: command timing unaffected, loss counted and reported",
+        "fail at the Nth write",
+    ),
+    Promise(
+        "R3",
+        "A recording cut anywhere in its last 64 KiB recovers; a corrupt chunk is named",
+        "every byte",
+    ),
+    Promise(
+        "R4",
+        "Replaying a session gives byte-identical estimator outputs",
+        "twice, and against the recording",
+    ),
+    Promise(
+        "N1",
+        "Belief covariance stays symmetric positive semi-definite, parameters within bounds",
+        "10^6 random updates",
+    ),
+    Promise(
+        "N2",
+        "Jacobians agree with finite differences; mirror exact; RK4 of order 4",
+        "1,000 random points, 1e-6",
+    ),
+    Promise(
+        "N3",
+        "Filter consistency: NEES and NIS within their 95 % bands",
+        "200 runs with known truth",
+    ),
+    Promise(
+        "N4",
+        "Every accepted plan meets its constraints; failure gives the shifted plan, then a stop plan",
+        "all plans of a run",
+    ),
+)
+
+
+@dataclass
+class Evidence:
+    """What the tests of one promise said."""
+
+    tests: dict[str, str] = field(default_factory=dict)
+    """test -> passed | failed | skipped"""
+    figures: list[str] = field(default_factory=list)
+
+    @property
+    def verdict(self) -> str:
+        """Kept when a test passed and none failed."""
+        outcomes = set(self.tests.values())
+        if "failed" in outcomes:
+            return "BROKEN"
+        return "kept" if "passed" in outcomes else "not proved here"
+
+
+def read_evidence(path: Path) -> dict[str, Evidence]:
+    """Gather the lines the tests wrote (`tests/support/promise_figures.py`)."""
+    evidence = {promise.id: Evidence() for promise in PROMISES}
+    for line in path.read_text().splitlines() if path.exists() else ():
+        entry = json.loads(line)
+        of = evidence.setdefault(entry["promise"], Evidence())
+        if "test" in entry:
+            of.tests[entry["test"]] = entry["outcome"]  # a test run again counts by its last run
+        elif entry["figure"] not in of.figures:
+            of.figures.append(entry["figure"])
+    return evidence
+
+
+def keep_long(path: Path, evidence: dict[str, Evidence], conditions: str) -> None:
+    """Put what a long run said in the place of what earlier long runs said of the same promises."""
+    kept = json.loads(path.read_text()) if path.exists() else {}
+    for name, of in evidence.items():
+        if of.tests:
+            kept[name] = {"verdict": of.verdict, "figures": of.figures, "run": conditions}
+    path.write_text(json.dumps(kept, indent=1, sort_keys=True) + "\n")
+
+
+def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dict[str, Any]]) -> str:
+    """`docs/promises.md`; `long` is what `keep_long` keeps."""
+    lines = [
+        "# Promises",
+        "",
+        "Written by `hil verify`. Each promise has at least one test marked",
+        '`@pytest.mark.promise("ID")`; a promise without one fails the test suite. The usual run, part of every',
+        "`deploy/test.sh`, is smaller than what is required where that takes long; `hil verify --long` runs it whole.",
+        "",
+        f"Usual run: {conditions}.",
+        "",
+        "| id | promise | required | usual run | reached | long run | reached | tests |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for promise in PROMISES:
+        of, whole = evidence[promise.id], long.get(promise.id)
+        cells = [promise.id, promise.text, promise.figure, of.verdict, _lines(of.figures)]
+        cells += [f"{whole['verdict']} ({whole['run']})", _lines(whole["figures"])] if whole else ["not run", "-"]
+        lines.append(f"| {' | '.join([*cells, _tests(of.tests)])} |")
+    return "\n".join(lines) + "\n"
+
+
+def as_json(evidence: dict[str, Evidence]) -> list[dict[str, object]]:
+    """For `hil verify --json`."""
+    return [
+        {
+            "id": promise.id,
+            "promise": promise.text,
+            "required": promise.figure,
+            "reached": evidence[promise.id].figures,
+            "verdict": evidence[promise.id].verdict,
+            "tests": evidence[promise.id].tests,
+        }
+        for promise in PROMISES
+    ]
+
+
+def _tests(tests: Iterable[str]) -> str:
+    """Test functions by file, without parameters."""
+    by_file: dict[str, set[str]] = {}
+    for test in tests:
+        file, _, name = test.partition("::")
+        by_file.setdefault(file, set()).add(name.partition("[")[0])
+    return "<br>".join(f"`{file}` ({len(names)})" for file, names in sorted(by_file.items())) or "-"
+
+
+def _lines(figures: Iterable[str]) -> str:
+    """Figures in one cell of a table."""
+    return "<br>".join(text.replace("|", "\\|").replace("\n", " ") for text in figures) or "-"
