@@ -26,9 +26,9 @@ import numpy as np
 
 from estimator.drive_log.health import examine
 from estimator.drive_log.table import DriveLog
+from estimator.offline.diagnosis import diagnose
 from estimator.offline.record.record import make_record
-from estimator.offline.result.diagnosis_result import as_json
-from estimator.offline.search.diagnosis import diagnose
+from estimator.offline.report.diagnosis_result import as_json
 from hil_gateway.car.vehicle import Vehicle
 
 sys.path.append(str(Path(__file__).parent))

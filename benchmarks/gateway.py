@@ -27,8 +27,8 @@ from can_dbc.database import DBC_PATH
 from hil_gateway.can_link import CanLink, Frame, open_link
 from hil_gateway.can_link.opening import interface_exists
 from hil_gateway.car.actuation import Actuation
+from hil_gateway.config import CanConfig, Config
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
-from hil_gateway.process.config import CanConfig, Config
 
 FULL_BUS_HZ = 8_000
 PERIOD_S = 0.01

@@ -11,21 +11,20 @@ import time
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from estimator.drive_log.table import DriveLog, segment_numbers
+from estimator.model.columns import CHANNELS, ModelColumns
 from estimator.model.single_track import SingleTrack
 from estimator.model.tyre import blend_speed
 from estimator.offline.fit.equation_error import fit
 from estimator.offline.fit.problem import FitSettings
 from estimator.offline.fit.recursive import averaged, batch
-from estimator.offline.predict.evaluate import CHANNELS, ModelColumns
 from estimator.offline.record.declared import default_tyre_prior
 from estimator.offline.record.prepare import Samples, prepare
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array
 
-Array = NDArray[np.float64]
 SAMPLES = 180_000
 CHOSEN = ("ax", "ay", "yaw_acc")
 TYRE = np.array([62000.0, 11.5, 1.55, 1.6, 13.0, 1.6, 1.58])

@@ -16,12 +16,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from support.drive_simulator import TYRE, Drive, random_tyres, simulate
 
 from estimator.drive_log.table import DriveLog, segment_numbers
+from estimator.model.columns import ModelColumns
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.equation_error import fit
-from estimator.offline.fit.nuisance import steer_timing
 from estimator.offline.fit.output_error import OutputErrorSettings, fit_output_error
 from estimator.offline.fit.recursive import averaged
-from estimator.offline.predict.evaluate import ModelColumns
+from estimator.offline.predict.nuisance import steer_timing
 from estimator.offline.record.declared import default_tyre_prior
 from estimator.offline.record.prepare import prepare
 from hil_gateway.car.vehicle import Vehicle

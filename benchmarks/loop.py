@@ -13,7 +13,7 @@ import json
 import time
 from typing import Any
 
-from hil_gateway.process.config import load_config
+from hil_gateway.config import load_config
 from planner.simulation.loop import Loop
 
 WARM_UP_S = 8.0

@@ -16,7 +16,7 @@ import numpy as np
 from estimator.belief.monitor import ResidualMonitor
 from estimator.belief.relinearised import RelinearisedBelief
 from estimator.belief.revision import RevisedModel, RevisionPolicy, declared_revision, load_revision, model_of
-from estimator.belief.tyre_belief import Array, BeliefSettings, Sample, TyreBelief
+from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.measurement import MeasurementKind, axle_forces
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA
 from estimator.state.localisation import Localisation
@@ -24,8 +24,9 @@ from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Alert, Belief, Estimate, ModelRevision, VehicleState
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.config import Config
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S, SystemClock
-from hil_gateway.process.config import Config
 from hil_gateway.track.track import Track, load_track
 
 BELIEF_PERIOD_NS = NS_PER_S // 10

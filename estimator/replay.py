@@ -16,7 +16,7 @@ from estimator.node import Estimator
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.bus.topics import BELIEF, ESTIMATE, MODEL_REVISION, VEHICLE_STATE
-from hil_gateway.process.config import Config
+from hil_gateway.config import Config
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.format import unpack_message
 from hil_gateway.session.reader import Item, SessionReader

@@ -6,14 +6,14 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from estimator.belief.revision import declared_revision, load_revision
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.messages import Applied, Command, Estimate, Plan, PlanStatus
+from hil_gateway.config import Config
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S, SystemClock
-from hil_gateway.process.config import Config
 from hil_gateway.track.track import Track, load_track
 from planner.adoption.adoption import Adoption
 from planner.plan.checks import PlanCheck
@@ -23,8 +23,6 @@ from planner.problem.load_limits import HeldLoad, LoadLimits, RunEvidence, next_
 from planner.problem.motion import DRIVE, PROGRESS, STEER, VX, S
 from planner.problem.settings import settings_of
 from planner.solver.sqp import Solution, Stopwatch
-
-Array = npt.NDArray[np.float64]
 
 MAX_SHIFT_S = 0.4
 """a shifted plan is used for this long at most; then the car is stopped"""

@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+
+from hil_gateway.process.arrays import Array
 
 from . import outside
 from .outside import Local, Motion
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.80665
 MASS, INERTIA, LF, LR = 787.3, 1000.0, 1.724, 1.248

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
+
 Sizes = Mapping[str, Array]
 
 LATERAL = {"ay", "yaw_acc", "vy_dot"}

@@ -10,11 +10,8 @@ from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
-from estimator.model.tyre import Expr
-
-Array = npt.NDArray[np.float64]
+from hil_gateway.process.arrays import Array, Expr
 
 
 def stage_information(h: Expr, theta: Expr, std: Sequence[float], scale: Sequence[float]) -> Expr:

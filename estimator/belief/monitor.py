@@ -16,12 +16,13 @@ from math import inf, sqrt
 import casadi as ca
 import numpy as np
 
-from estimator.belief.tyre_belief import DEFAULT_STD, PLAUSIBLE, Array, Sample
+from estimator.belief.tyre_belief import DEFAULT_STD, PLAUSIBLE, Sample
 from estimator.model.compiled import compile_function
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
 from estimator.model.measurement import CHANNELS, measurement
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack
+from hil_gateway.process.arrays import Array
 
 DECIMATION = 4
 """residuals are looked at on every fourth sample"""

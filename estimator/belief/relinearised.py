@@ -21,9 +21,10 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from estimator.belief.tyre_belief import Array, BeliefSettings, Sample, TyreBelief
+from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.measurement import measurement_function
 from estimator.model.single_track import SingleTrack
+from hil_gateway.process.arrays import Array
 
 EVERY = 100
 """samples between two linearisations"""

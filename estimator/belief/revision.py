@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.belief.tyre_belief import Array, TyreBelief
+from estimator.belief.tyre_belief import TyreBelief
 from estimator.model.effects import catalogue
 from estimator.model.parameters import DEFAULT_TYRE, Layout, layout_of
 from estimator.model.profile import profile_basis
@@ -22,7 +22,8 @@ from estimator.model.single_track import SingleTrack
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision
 from hil_gateway.bus.revision_file import read_revision
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.process.config import EstimatorConfig
+from hil_gateway.config import EstimatorConfig
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 
 

@@ -33,11 +33,11 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from estimator.drive_log.health import examine
     from estimator.drive_log.table import read_logs
+    from estimator.offline.diagnosis import diagnose as run
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
     from estimator.offline.record.record import make_record
-    from estimator.offline.result.diagnosis_result import as_json as to_json
-    from estimator.offline.result.diagnosis_result import as_revision, write
-    from estimator.offline.search.diagnosis import diagnose as run
+    from estimator.offline.report.diagnosis_result import as_json as to_json
+    from estimator.offline.report.diagnosis_result import as_revision, write
     from hil_gateway.process.errors import InputError
 
     if layout not in ("per_axle", "shared"):

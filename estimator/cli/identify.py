@@ -63,10 +63,10 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
 ) -> None:
     """Identify the tyre parameters and say what the data can and cannot tell."""
     from estimator.drive_log.table import read_logs
-    from estimator.offline.identification import Options
+    from estimator.offline.identification import Options, score_log
     from estimator.offline.identification import identify as run
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
-    from estimator.offline.result.identification_score import as_summary, score_log
+    from estimator.offline.result.identification_score import as_summary
 
     options = Options(layout.value, method.value, formulation.value, window, frozenset(keep or ()))
     car = read_vehicle(vehicle)

@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
-
-Array = NDArray[np.float64]
 
 FROZEN_S = 2.0
 """A sensor that repeats one value exactly for so long while the car moves has stopped."""

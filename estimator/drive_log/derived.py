@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.model.single_track import FULL_BRAKE_PA
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
-
-Array = NDArray[np.float64]
 
 DERIVATIVE_SPAN_S = 0.3
 """Span of the local parabola that differentiates velocities: passes what a car does, up to about 3 Hz."""

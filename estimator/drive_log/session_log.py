@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from hil_gateway.process.arrays import Array
 from hil_gateway.session.drive_table import read_drive_table
-
-Array = NDArray[np.float64]
 
 
 def read_session(path: Path) -> tuple[dict[str, Array], list[str]]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 PAD = 1000
 """Samples reflected at either end, so that the ends are smoothed from both sides."""

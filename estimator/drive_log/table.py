@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from estimator.drive_log.csv_log import read_csv
 from estimator.drive_log.derived import add_missing_channels
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
-
-Array = NDArray[np.float64]
 
 REQUIRED = ("t", "vx", "vy", "yaw_rate", "steer")
 """What nothing else can stand in for."""

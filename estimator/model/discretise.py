@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import casadi as ca
 
 from estimator.model.single_track import SingleTrack, Terms
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 
 STATES = ("x", "y", "yaw", "vx", "vy", "yaw_rate")
 """Vehicle part of the paper's state vector; progress s is appended by the planner."""

@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
-from estimator.model.tyre import Expr
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Expr
 
 MeasurementKind = Literal["imu", "imu_yaw", "tyre_force"]
 

@@ -6,14 +6,11 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.model.effects.base import Prepare
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
 from hil_gateway.car.vehicle import Vehicle
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array, Expr
 
 
 def input_delay(name: str) -> tuple[Callable[[Terms, Expr], None], Prepare]:

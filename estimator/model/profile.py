@@ -10,11 +10,8 @@ from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.model.tyre import Expr
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array, Expr
 
 
 def profile_basis(position: Array, length: float, coefficients: int) -> Array:

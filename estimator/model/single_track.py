@@ -15,8 +15,9 @@ import casadi as ca
 
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Layout, Parameter, tyre_parameters
-from estimator.model.tyre import Expr, lateral_force, longitudinal_force, slip_front, slip_rear
+from estimator.model.tyre import lateral_force, longitudinal_force, slip_front, slip_rear
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Expr
 
 
 class Stage(Enum):

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 
 from hil_gateway.car.vehicle import Vehicle
-
-Expr = Any
-"""CasADi SX/MX or a float: CasADi overloads both alike and has no common static type."""
+from hil_gateway.process.arrays import Expr
 
 KINEMATIC_BLEND_RATE = 0.67
 """Wheelbases per second below which slip angles fade to zero instead of diverging: 2 m/s for the AV-24, and in

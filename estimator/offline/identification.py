@@ -8,27 +8,25 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.drive_log.health import HealthReport, examine
-from estimator.drive_log.health.steering import LAG_STEER, lag_of, zero_of
+from estimator.drive_log.health.steering import LAG_STEER, lag_of, without_lag, zero_of
 from estimator.drive_log.table import DriveLog
+from estimator.model.columns import ModelColumns
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.equation_error import Fit, fit
 from estimator.offline.fit.identifiability import Identifiability, analyse
-from estimator.offline.fit.nuisance import steer_timing, steer_zero, vy_sensor, yaw_rate_timing
 from estimator.offline.fit.output_error import OutputErrorSettings, fit_output_error
 from estimator.offline.fit.recursive import CurvePoint, Recursion, averaged, batch, sample
-from estimator.offline.predict.evaluate import ModelColumns
+from estimator.offline.predict.nuisance import steer_timing, steer_zero, vy_sensor, yaw_rate_timing
 from estimator.offline.predict.rollout import Rollout
 from estimator.offline.record.prepare import Samples, prepare, spinning
 from estimator.offline.record.split import Split, split
 from estimator.offline.result.identification_score import Scores, as_summary, score_samples, simulations
 from hil_gateway.car.vehicle import Vehicle
 
-Array = NDArray[np.float64]
 Method = Literal["batch", "sample", "nls"]
 Formulation = Literal["auto", "algebraic", "output_error"]
 Progress = Callable[[str, float], None]
@@ -148,6 +146,15 @@ def identify(
         notes=_notes(task.log),
         seconds=time.perf_counter() - began,
     )
+
+
+def score_log(result: Identification, log: DriveLog) -> Scores:
+    """Scores of the whole of another `log`, repaired by its own log health and by the steering lag of `result`."""
+    options = result.options
+    repaired = without_lag(examine(log, result.vehicle, options.keep).log, result.health.findings)
+    columns, theta, samples = result.columns, result.fit.theta, prepare(repaired)
+    rollouts = simulations(columns, theta, repaired, samples, options.window_s)
+    return score_samples(columns, theta, samples, rollouts if result.formulation == "output_error" else None)
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from estimator.model.compiled import CompiledFunction, compile_function
-from estimator.model.tyre import Expr
 from estimator.state.kalman import scalar_update, symmetric
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Expr
 
 STATES = ("x", "y", "yaw", "vx", "vy", "bias_ax", "bias_ay", "bias_yaw_rate", "wheel_scale", "slope_share")
 X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, SLOPE_SHARE = range(10)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 
 
 def scalar_update(P: Expr, H: Expr, variance: Expr) -> tuple[Expr, Expr]:

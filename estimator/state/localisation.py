@@ -12,9 +12,10 @@ from math import cos, hypot, sin
 import numpy as np
 
 from estimator.state.filter_steps import BIAS_AY, BIAS_YAW_RATE, STATES, VX, VY, YAW
-from estimator.state.state_filter import Array, Imu, StateFilter, course
+from estimator.state.state_filter import Imu, StateFilter, course
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 

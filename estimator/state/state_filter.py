@@ -19,14 +19,12 @@ from dataclasses import dataclass
 from math import atan2, isfinite, sqrt
 
 import numpy as np
-import numpy.typing as npt
 
 from estimator.model.compiled import CompiledFunction
 from estimator.state import filter_steps
 from estimator.state.filter_steps import BIAS_YAW_RATE, STATES, FilterNoise, step_function
 from hil_gateway.car.vehicle import Vehicle
-
-Array = npt.NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,9 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Annotated, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
+
+from hil_gateway.process.model import Model
 
 # Bounds far outside what a car can do: a number that has lost its meaning is refused where it arrives, and what
 # is computed from the rest stays finite.
@@ -36,12 +38,6 @@ def _square(matrix: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], .
 
 
 Covariance = Annotated[tuple[tuple[Parameter, ...], ...], AfterValidator(_square)]
-
-
-class Model(BaseModel):
-    """Frozen, strict about names, finite numbers only."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class Message(Model):

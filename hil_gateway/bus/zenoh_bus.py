@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from hil_gateway.bus.messages import Message
 from hil_gateway.bus.topics import Topic
-from hil_gateway.process.config import ZenohConfig
+from hil_gateway.config import ZenohConfig
 from hil_gateway.process.errors import InputError
 
 M = TypeVar("M", bound=Message)

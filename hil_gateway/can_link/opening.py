@@ -7,7 +7,7 @@ import socket
 from typing import Literal
 
 from hil_gateway.can_link.base import CanLink
-from hil_gateway.process.config import CanConfig
+from hil_gateway.config import CanConfig
 from hil_gateway.process.errors import InputError
 
 Kind = Literal["socketcan", "udp_multicast", "virtual"]

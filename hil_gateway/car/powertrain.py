@@ -10,7 +10,7 @@ from bisect import bisect_right
 
 from pydantic import Field
 
-from hil_gateway.bus.messages import Model
+from hil_gateway.process.model import Model
 
 RPM = 2 * math.pi / 60
 """rad/s per rpm."""

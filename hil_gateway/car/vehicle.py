@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from hil_gateway.bus.messages import Model
+from hil_gateway.process.model import Model
 
 GRAVITY = 9.80665
 """Standard gravity, m/s2."""

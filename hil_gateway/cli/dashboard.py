@@ -27,10 +27,10 @@ def run(
     import uvicorn
 
     from hil_gateway.bus.zenoh_bus import open_bus
+    from hil_gateway.config import load_config
     from hil_gateway.dashboard.feed import Feed, track_outline
     from hil_gateway.dashboard.server import create_app
     from hil_gateway.process.clock import SystemClock
-    from hil_gateway.process.config import load_config
     from hil_gateway.track.track import load_track
 
     config = load_config(config_file, {} if port is None else {"dashboard.port": port})

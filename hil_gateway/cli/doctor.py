@@ -18,8 +18,8 @@ from typing import Annotated, Any
 
 import typer
 
+from hil_gateway.config import Config, load_config, origins
 from hil_gateway.process.cache import cache_directory
-from hil_gateway.process.config import Config, load_config, origins
 from hil_gateway.process.errors import EXIT_FAILURE
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)

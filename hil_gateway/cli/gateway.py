@@ -12,7 +12,7 @@ import typer
 
 from hil_gateway.bus.interface import Subscription
 from hil_gateway.bus.messages import FailsafeAction, GatewayStatus, OperatorAction
-from hil_gateway.process.config import Config, load_config
+from hil_gateway.config import Config, load_config
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 
 app = typer.Typer(no_args_is_help=True, help="CAN to vehicle state, commands to CAN; bring-up check.")

@@ -39,8 +39,8 @@ def run(
     seed: Annotated[int | None, typer.Option(help="seed of all sensor noise")] = None,
 ) -> None:
     """Drive the simulated car on the CAN bus of the configuration until stopped."""
+    from hil_gateway.config import load_config
     from hil_gateway.plant.node import run_plant
-    from hil_gateway.process.config import load_config
 
     overrides: dict[str, Any] = {f"plant.effects.{name}": size for name, size in parse_effects(effect or []).items()}
     given = {"track": track, "plant.base": base, "plant.seed": seed}

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from hil_gateway.process.config import load_config
+from hil_gateway.config import load_config
 
 
 def process_app(section: str, node: str, about: str, run_help: str) -> typer.Typer:

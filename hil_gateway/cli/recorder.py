@@ -23,8 +23,8 @@ def run(config_file: Annotated[Path | None, typer.Option("--config", help="TOML 
     """Record until interrupted (Ctrl-C or SIGTERM ends with a complete file)."""
     from hil_gateway.bus.zenoh_bus import open_bus
     from hil_gateway.can_link import open_link
+    from hil_gateway.config import load_config
     from hil_gateway.process.clock import NS_PER_S, SystemClock, wall_offset_ns
-    from hil_gateway.process.config import load_config
     from hil_gateway.process.lifecycle import stop_requested
     from hil_gateway.session.format import session_metadata
     from hil_gateway.session.recorder import Recorder, session_path

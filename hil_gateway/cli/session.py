@@ -127,7 +127,7 @@ def replay(
 
     Exit 1 when the interface did not take every frame.
     """
-    from hil_gateway.process.config import load_config
+    from hil_gateway.config import load_config
     from hil_gateway.session.player import play
     from hil_gateway.session.replay import DEFAULT_TOPICS
 

@@ -22,6 +22,8 @@ from hil_gateway.bus.messages import (
 from hil_gateway.can_link import CanLink
 from hil_gateway.car.actuation import Actuation, Actuators
 from hil_gateway.car.powertrain import GearChoice
+from hil_gateway.car.states import CtState, SysState
+from hil_gateway.config import Config
 from hil_gateway.gateway.act import actuator_test
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.gateway.act.stopping import Stopping
@@ -29,13 +31,12 @@ from hil_gateway.gateway.act.transmitter import Transmitter
 from hil_gateway.gateway.decide.command_gate import CommandGate
 from hil_gateway.gateway.decide.conditions import KILLS, Conditions
 from hil_gateway.gateway.decide.failsafe import Failsafe, Inputs, missing_for_arming
-from hil_gateway.gateway.decide.race_control import CtState, Demand, RaceControl, SysState
+from hil_gateway.gateway.decide.ladder_inputs import flags_heard, flags_in_force, heard
+from hil_gateway.gateway.decide.race_control import Demand, RaceControl
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning
-from hil_gateway.gateway.perceive.heard import flags_heard, flags_in_force, heard
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, rear_speed, road_speed
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import Config
 from hil_gateway.process.rolling import Rolling
 from hil_gateway.track.track import Track
 

@@ -13,9 +13,9 @@ import socket
 
 from hil_gateway.bus.zenoh_bus import HUB, open_bus
 from hil_gateway.can_link import open_link
+from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.process.clock import NS_PER_S, SystemClock
-from hil_gateway.process.config import Config
 from hil_gateway.process.lifecycle import stop_requested
 from hil_gateway.process.scheduling import punctual
 from hil_gateway.track.track import load_track

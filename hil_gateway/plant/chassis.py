@@ -10,7 +10,8 @@ from typing import Any
 
 import casadi as ca
 
-Expr = Any
+from hil_gateway.process.arrays import Expr
+
 FRONT, REAR = (0, 1), (2, 3)
 SIDE = (1.0, -1.0, 1.0, -1.0)
 """+1 on the left"""

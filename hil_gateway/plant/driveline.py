@@ -11,8 +11,8 @@ from typing import Any
 import casadi as ca
 
 from hil_gateway.plant.parameters import ENGINE_SPEEDS
+from hil_gateway.process.arrays import Expr
 
-Expr = Any
 BRAKE_FADE = 0.1
 """rad/s of a wheel below which a brake's torque fades to zero"""
 BRAKE_STIFFNESS = 1200.0

@@ -14,7 +14,8 @@ from hil_gateway.car.actuation import Actuation
 from hil_gateway.car.powertrain import GearChoice, Powertrain
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.plant.car import Car, Commands
-from hil_gateway.track.track import Array, Track
+from hil_gateway.process.arrays import Array
+from hil_gateway.track.track import Track
 
 LOOK_AHEAD_S = 0.45
 LOOK_AHEAD_M = 5.0

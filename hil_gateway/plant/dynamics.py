@@ -15,8 +15,7 @@ import casadi as ca
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.plant import chassis, driveline, tyre
 from hil_gateway.plant.parameters import AV24, CarParameters
-
-Expr = Any
+from hil_gateway.process.arrays import Expr
 
 STATES = (
     "x", "y", "yaw", "vx", "vy", "yaw_rate",

@@ -11,15 +11,16 @@ import numpy as np
 from hil_gateway.car.actuation import Actuation, Actuators
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.config import OriginConfig
 from hil_gateway.plant.car import STEP_S, Car
 from hil_gateway.plant.driver import Driver
 from hil_gateway.plant.effects import configure
 from hil_gateway.plant.parameters import PlantParameters
 from hil_gateway.plant.referee import Referee
 from hil_gateway.plant.sensors import Noise, Sensors
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import OriginConfig
-from hil_gateway.track.track import Array, Track, load_track
+from hil_gateway.track.track import Track, load_track
 
 STEPS_PER_SAMPLE = 10
 START_SPEED = 20.0

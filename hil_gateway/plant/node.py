@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.can_link import open_link
+from hil_gateway.config import Config
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import SystemClock
-from hil_gateway.process.config import Config
 from hil_gateway.process.lifecycle import stop_requested
 
 PERIOD_NS = 2_000_000

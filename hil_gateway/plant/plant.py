@@ -9,6 +9,7 @@ from can_dbc.codec import load_codec
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.topics import TRUTH
 from hil_gateway.can_link import CanLink
+from hil_gateway.config import Config, PlantConfig
 from hil_gateway.plant.car import STEP_S, Car
 from hil_gateway.plant.effects import configure
 from hil_gateway.plant.ladder import AT_REST, MARELLI_KILL, SysState, VehicleController
@@ -18,7 +19,6 @@ from hil_gateway.plant.referee import Referee
 from hil_gateway.plant.sensors import Sensors
 from hil_gateway.plant.transmit import RaceControl, Transmitter
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import Config, PlantConfig
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.track import Track, load_track
 

@@ -6,11 +6,12 @@ H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed. 2012: ch. 4.3 (magic formula),
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 
-Expr = Any
+from hil_gateway.process.arrays import Expr
+
 Pair = tuple[Expr, Expr]
 
 LOW_SPEED = 1.0

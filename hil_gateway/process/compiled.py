@@ -23,11 +23,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.cache import cache_directory
-
-Array = npt.NDArray[np.float64]
 
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
 """No -ffast-math: NaN must survive, it is how a broken step is recognised."""

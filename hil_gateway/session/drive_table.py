@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.bus.topics import ESTIMATE, PLAN, VEHICLE_STATE
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.format import named, unpack_message
 from hil_gateway.session.reader import Item, SessionReader
-
-Array = NDArray[np.float64]
 
 FROM_ESTIMATE: Mapping[str, Callable[[Estimate], float]] = {
     "vx": lambda e: e.vx,

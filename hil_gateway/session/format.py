@@ -22,8 +22,8 @@ from can_dbc.database import DBC_PATH
 from hil_gateway.bus.messages import Message
 from hil_gateway.bus.topics import Topic
 from hil_gateway.can_link import EXTENDED_ID, Frame
+from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import Config
 from hil_gateway.process.errors import InputError
 
 M = TypeVar("M", bound=Message)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from hil_gateway.bus.zenoh_bus import HUB, open_bus
 from hil_gateway.can_link import LinkStats, open_link
+from hil_gateway.config import Config
 from hil_gateway.process.clock import SystemClock
-from hil_gateway.process.config import Config
 from hil_gateway.session.format import named
 from hil_gateway.session.reader import Item, SessionReader
 from hil_gateway.session.replay import Send, ids_from_car, in_order, replay, to_bus, to_can

@@ -9,8 +9,8 @@ from hil_gateway.bus.interface import Bus, Subscription
 from hil_gateway.bus.messages import ModelRevision, RecorderStatus
 from hil_gateway.bus.topics import RECORDER_STATUS, TOPICS, Topic
 from hil_gateway.can_link import CanLink
+from hil_gateway.config import RecorderConfig
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import RecorderConfig
 from hil_gateway.session.format import CAN_TOPIC, METADATA_REVISION, pack_frame
 from hil_gateway.session.writer import SessionWriter
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.smoothing import Survey
-from hil_gateway.track.track import Array
 
 REQUIRED = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
 OPTIONAL = ("z_m", "bank_rad")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from hil_gateway.process.config import OriginConfig
+from hil_gateway.config import OriginConfig
 
 SEMI_MAJOR_AXIS = 6_378_137.0
 """WGS 84 equatorial radius, m."""

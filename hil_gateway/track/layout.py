@@ -36,10 +36,10 @@ from typing import Any
 import numpy as np
 from pydantic import Field, ValidationError
 
-from hil_gateway.bus.messages import Model
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.model import Model
 from hil_gateway.track.smoothing import Survey
-from hil_gateway.track.track import Array
 
 STEP_M = 1.0
 STRETCH_MAX = 0.35

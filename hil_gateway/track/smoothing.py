@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil_gateway.process.arrays import Array, Complex
 from hil_gateway.process.errors import InputError
-from hil_gateway.track.track import Array, Track
+from hil_gateway.track.track import Track
 
 SPACING_M = 1.0
 """arc length between the points of a `Track`, at most"""
@@ -29,7 +29,6 @@ JAGGED_RAD = 0.15
 """median turn between successive chords beyond which points lie closer together than they scatter"""
 POINTS_DENSE = 200
 
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

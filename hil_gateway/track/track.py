@@ -14,11 +14,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
-
-Array = NDArray[np.float64]
 
 TRACKS_FOLDER = Path(__file__).resolve().parents[2] / "deploy" / "tracks"
 DEFAULT_TRACK = "road_course"

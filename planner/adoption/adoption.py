@@ -12,12 +12,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from estimator.belief.revision import RevisedModel, model_of
 from estimator.model.effects import catalogue
 from hil_gateway.bus.messages import Belief, ModelRevision
-from hil_gateway.process.config import Config
+from hil_gateway.config import Config
+from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
 from planner.adoption.usable_grip import Axles, usable_grip, usable_share
 from planner.line.envelope import envelope_of
@@ -29,8 +29,6 @@ from planner.problem.load_limits import SLEW, LoadLimits, limits_within_run, res
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
 from planner.solver.functions import Functions, build_functions, build_in_child
-
-Array = npt.NDArray[np.float64]
 
 PLAUSIBLE = 2.5
 """factor between tyre parameters beyond which a revision or a belief is taken for a fault"""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.plan.controller import Array, TyreKnowledge
+from hil_gateway.process.arrays import Array
+from planner.plan.controller import TyreKnowledge
 from planner.problem.infomax import sigma_points
 
 PROFILE_SHARE = 0.92

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from hil_gateway.process.config import load_config
+from hil_gateway.config import load_config
 from hil_gateway.process.errors import EXIT_FAILURE
 
 app = typer.Typer(no_args_is_help=True, help="Planner benchmark in closed loop on the model.")

@@ -11,12 +11,10 @@ from dataclasses import asdict, dataclass
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
 from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-
-Array = npt.NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 AIR_DENSITY = 1.2
 DECLARED_DRAG_AREA = 0.86

@@ -20,9 +20,10 @@ from scipy.interpolate import CubicSpline
 from estimator.model.parameters import layout_of
 from estimator.model.single_track import SingleTrack
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.cache import cache_directory
 from hil_gateway.track.track import Track
-from planner.line.envelope import Array, Envelope, envelope_of
+from planner.line.envelope import Envelope, envelope_of
 from planner.line.speed_profile import lap_time_of, speed_profile
 
 NODE_SPACING = 5.0

@@ -11,7 +11,8 @@ from math import sqrt
 import numpy as np
 
 from hil_gateway.car.vehicle import GRAVITY
-from planner.line.envelope import Array, Envelope
+from hil_gateway.process.arrays import Array
+from planner.line.envelope import Envelope
 
 Row = list[float]
 

@@ -13,9 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
+from hil_gateway.process.arrays import Array
 from planner.line.raceline import RaceLine
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from hil_gateway.car.vehicle import Vehicle
-
-Array = npt.NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 RECOVERY_S = 1.5
 KINEMATIC_SPEED = 7.0

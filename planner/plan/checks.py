@@ -10,11 +10,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
 from estimator.belief.revision import RevisedModel
 from estimator.model.single_track import SIGNALS, Terms
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array
 from planner.adoption.adoption import Adopted
 from planner.line.raceline import RaceLine
 from planner.plan import acceptance
@@ -22,8 +22,6 @@ from planner.plan.acceptance import AxleForces, Bounds, ForceModel
 from planner.plan.controller import Controller
 from planner.problem.settings import Settings
 from planner.solver.sqp import Solution
-
-Array = npt.NDArray[np.float64]
 
 WINDOW = 6
 """points of the race line either side of the predicted progress among which the nearest is sought"""

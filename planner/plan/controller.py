@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
 from planner.problem import infomax
 from planner.problem.motion import DRIVE, NU, PROGRESS, VX, S
 from planner.problem.mpcc import Problem
 from planner.solver.functions import Functions
 from planner.solver.sqp import Solution, Sqp, Stopwatch
-
-Array = npt.NDArray[np.float64]
 
 COLD_START_ITERATIONS = 15
 MIN_CORRIDOR = 0.2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hil_gateway.process.config import Config
+from hil_gateway.config import Config
 
 EXPLORING: dict[str, Any] = {
     "information_weight": 60.0,

@@ -10,13 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
 from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, STEER, VX, S
 from planner.problem.settings import Limits
-
-Array = npt.NDArray[np.float64]
 
 PREVIEW_S = 0.5
 MIN_PREVIEW = 6.0

@@ -13,13 +13,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from hil_gateway.config import PlannerConfig
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import PlannerConfig
 from hil_gateway.track.track import Track
-
-Array = npt.NDArray[np.float64]
 
 SUB_STEP_S = 0.01
 HISTORY = 100

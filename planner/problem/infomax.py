@@ -15,22 +15,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
 from estimator.belief.information import stage_information
 from estimator.belief.tyre_belief import DEFAULT_STD, BeliefSettings
 from estimator.model.measurement import CHANNELS
 from estimator.model.single_track import SingleTrack
-from estimator.model.tyre import Expr
-
-if TYPE_CHECKING:
-    from planner.problem.mpcc import Problem
-
-Array = npt.NDArray[np.float64]
+from hil_gateway.process.arrays import Array, Expr
+from planner.problem.stage_model import StageModel
 
 LEARNING_SPEED = (12.0, 20.0)
 """m/s between which the weight rises from 0 to q_I: slower, slip angles are noise and the belief's gates are shut"""
@@ -85,7 +80,7 @@ def sigma_points(mean: Array, covariance: Array, indices: tuple[int, ...], level
     return np.maximum(points, 0.1 * mean[:, None])
 
 
-def information_matrix(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> Expr:
+def information_matrix(problem: StageModel, z: Expr, p: Mapping[str, Expr]) -> Expr:
     """F_k of Eq. (7) in unscaled parameters at a state of the horizon and the belief's mean, shape (n, n)."""
     theta = ca.SX.sym("theta", len(problem.model.tyre_table))
     terms = problem.evaluate(z, theta, p)
@@ -95,17 +90,17 @@ def information_matrix(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> Expr
     return ca.substitute(F, theta, p["information_theta"])
 
 
-def trace_gain(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> Expr:
+def trace_gain(problem: StageModel, z: Expr, p: Mapping[str, Expr]) -> Expr:
     """Delta I_k = Tr(F_k) in prior-scaled parameters."""
     return ca.dot(ca.diag(information_matrix(problem, z, p)), p["trace_weight"])
 
 
-def weighted_gain(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> Expr:
+def weighted_gain(problem: StageModel, z: Expr, p: Mapping[str, Expr]) -> Expr:
     """Tr(W F_k)."""
     return ca.dot(ca.vec(information_matrix(problem, z, p)), p["information_weight"])
 
 
-def cost_terms(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> CostTerms:
+def cost_terms(problem: StageModel, z: Expr, p: Mapping[str, Expr]) -> CostTerms:
     """Gradient and convex Hessian of -q_I Tr(W F_k) in z, Delta I_k, and the exact Hessian in `FORCE_STATES`."""
     weight, value = p["q_information"] * p["learning"], weighted_gain(problem, z, p)
     exact = _exact_hessian(value, z)
@@ -127,7 +122,7 @@ def _exact_hessian(value: Expr, z: Expr) -> Expr:
     return full[index, index]
 
 
-def _slip_directions(problem: Problem, z: Expr, p: Mapping[str, Expr]) -> list[tuple[Expr, Expr]]:
+def _slip_directions(problem: StageModel, z: Expr, p: Mapping[str, Expr]) -> list[tuple[Expr, Expr]]:
     """For d, alpha_f, alpha_r: gradient in `FORCE_STATES` and a direction that moves it alone, at unit rate.
 
     d and delta move d and alpha_f alone; (v_y, omega) along (L_f, -1) leaves alpha_f and moves alpha_r.

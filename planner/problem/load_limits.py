@@ -21,12 +21,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from hil_gateway.process.config import PlannerConfig
+from hil_gateway.config import PlannerConfig
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
-
-Array = npt.NDArray[np.float64]
 
 SAFETY = 0.03
 CONFIDENCE = 1.0

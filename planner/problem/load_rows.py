@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 from planner.problem.motion import NZ, VX, dynamic_share
-
-if TYPE_CHECKING:
-    from planner.problem.mpcc import Problem
+from planner.problem.stage_model import StageModel
 
 LOAD_SMOOTHING = 0.02
 """rounds the tip of the friction cone at zero force, share of the bound"""
@@ -27,7 +25,7 @@ class LoadRow:
     curvature: Expr
 
 
-def load_row(problem: Problem, axle: str, z: Expr, theta: Expr, p: Mapping[str, Expr]) -> LoadRow:
+def load_row(problem: StageModel, axle: str, z: Expr, theta: Expr, p: Mapping[str, Expr]) -> LoadRow:
     """Eq. (10) over its bound: friction ellipse, or the signed sum of the paper (`literal`).
 
     The ellipse is a convex function of the two forces. Its linearisation is flat across the force that is
@@ -48,7 +46,7 @@ def load_row(problem: Problem, axle: str, z: Expr, theta: Expr, p: Mapping[str, 
     return LoadRow(value, normal.T @ slopes, slopes.T @ curvature @ slopes)
 
 
-def worst_choice(problem: Problem, axle: str, z: Expr, p: Mapping[str, Expr]) -> Expr:
+def worst_choice(problem: StageModel, axle: str, z: Expr, p: Mapping[str, Expr]) -> Expr:
     """The choice of theta in Eq. (10) that loads the axle most, (n_theta, 1)."""
     theta = ca.SX.sym("theta", len(problem.model.tyre_table))
     row = load_row(problem, axle, z, theta, p).value
@@ -63,7 +61,7 @@ def worst_choice(problem: Problem, axle: str, z: Expr, p: Mapping[str, Expr]) ->
     return chosen
 
 
-def worst_load(problem: Problem, axle: str, z: Expr, p: Mapping[str, Expr]) -> LoadRow:
+def worst_load(problem: StageModel, axle: str, z: Expr, p: Mapping[str, Expr]) -> LoadRow:
     """The row at the choice of theta where it is largest.
 
     The gradient of a maximum is that of the member attaining it, so the choice is made on values only.

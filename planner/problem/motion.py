@@ -13,8 +13,8 @@ import casadi as ca
 
 from estimator.model.discretise import state_derivative
 from estimator.model.single_track import AUXILIARY, SingleTrack
-from estimator.model.tyre import Expr
 from hil_gateway.car.vehicle import GRAVITY
+from hil_gateway.process.arrays import Expr
 
 STATES = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "s", "drive", "steer", "progress")
 CONTROLS = ("drive_change", "steer_change", "progress_change")

@@ -12,12 +12,13 @@ from typing import Any
 import casadi as ca
 
 from estimator.model.discretise import rk4
-from estimator.model.single_track import SingleTrack, Terms
-from estimator.model.tyre import Expr
+from estimator.model.single_track import SingleTrack
+from hil_gateway.process.arrays import Expr
 from planner.problem import infomax, load_rows
 from planner.problem.load_rows import LoadRow
-from planner.problem.motion import BOUNDED, DRIVE, NU, NZ, PROGRESS, STEER, VX, Dynamics, S, auxiliary, split
+from planner.problem.motion import BOUNDED, NU, NZ, PROGRESS, VX, S
 from planner.problem.settings import Settings
+from planner.problem.stage_model import StageModel
 from planner.problem.stage_parameters import common_names, stage_names
 
 OUTPUTS = (
@@ -39,22 +40,14 @@ def path_errors(z: Expr, stage: Mapping[str, Expr]) -> tuple[Expr, Expr]:
     return contouring, lag
 
 
-class Problem:
+class Problem(StageModel):
     """Eq. (4), (5), (9), (10) for one model (list of active effects) and one set of settings."""
 
     def __init__(self, model: SingleTrack, settings: Settings) -> None:
-        self.model, self.settings = model, settings
-        self.dynamics = Dynamics(model, settings.dt)
+        super().__init__(model, settings)
         self.stage, self.common = stage_names(model), common_names(model)
         self.informative = settings.information.weight > 0
         self.rows = ("track", "load_front", "load_rear", "speed", *(("information",) if self.informative else ()))
-
-    def evaluate(self, z: Expr, theta: Expr, p: Mapping[str, Expr]) -> Terms:
-        """The vehicle model at a state of the horizon."""
-        parts = ca.vertsplit(z)
-        aux = auxiliary(self.model, parts, [0.0, 0.0, 0.0], p, self.settings.dt)
-        signals = (z[VX], z[4], z[5], z[STEER], z[DRIVE])
-        return self.model.evaluate(Terms(self.model.vehicle, *signals, aux=aux), split(theta), split(p["phi"]))
 
     def residuals(self, z: Expr, stage: Mapping[str, Expr]) -> Expr:
         """Least-squares terms of the stage cost; the Gauss-Newton Hessian is J'J."""

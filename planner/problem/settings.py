@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from estimator.model.measurement import MeasurementKind
-from hil_gateway.process.config import Config
+from hil_gateway.config import Config
 
 LoadLimit = Literal["ellipse", "literal"]
 Convexification = Literal["abs", "projection"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from estimator.model.single_track import SingleTrack
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 from planner.problem import infomax
 
 

@@ -17,10 +17,10 @@ from hil_gateway.bus.messages import GatewayStatus, Message, OperatorAction, Ope
 from hil_gateway.bus.topics import Topic
 from hil_gateway.can_link import Frame, LinkStats, VirtualWire
 from hil_gateway.can_link.wire import WireLink
+from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import NS_PER_S, VirtualClock
-from hil_gateway.process.config import Config
 from hil_gateway.track.track import Track, load_track
 
 M = TypeVar("M", bound=Message)

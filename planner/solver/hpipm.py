@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from planner.solver.qp import Array, QpSize, QpStatus, StageQp, objective, violation
+from hil_gateway.process.arrays import Array
+from planner.solver.qp import QpSize, QpStatus, StageQp, objective, violation
 
 SPEED_ABS, BALANCE = 0, 2
 """enum hpipm_mode: absolute formulation, fastest; relative formulation with refinement, for what that cannot solve"""

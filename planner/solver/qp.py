@@ -20,9 +20,8 @@ from enum import Enum
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 
 class QpWarning(UserWarning):

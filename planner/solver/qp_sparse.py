@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from planner.solver.qp import Array, QpStatus, StageQp
+from hil_gateway.process.arrays import Array
+from planner.solver.qp import QpStatus, StageQp
 
 UNBOUNDED = 1e30
 

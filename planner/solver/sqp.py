@@ -10,15 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from hil_gateway.process.arrays import Array
 from planner.problem import infomax
 from planner.problem.motion import BOUNDED, NU, NZ
 from planner.problem.mpcc import OUTPUTS, Problem
 from planner.solver.functions import Functions
 from planner.solver.qp import QpSize, QpStatus, StageQp, make_qp_solver
 
-Array = npt.NDArray[np.float64]
 Stopwatch = Callable[[], int]
 """nanoseconds, for measuring durations"""
 

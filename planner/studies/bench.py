@@ -11,7 +11,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
 from estimator.belief.information import fisher_information, trace_criterion
 from estimator.belief.revision import declared_revision, model_of
@@ -19,6 +18,7 @@ from estimator.belief.tyre_belief import DEFAULT_STD
 from estimator.model.measurement import CHANNELS, measurement_function
 from estimator.model.single_track import AUXILIARY
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
 from planner.line.envelope import envelope_of
 from planner.line.raceline import RaceLine, raceline_for
@@ -32,10 +32,8 @@ from planner.problem.motion import NZ, PROGRESS, VX, S
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
 from planner.solver.functions import build_functions
-from planner.solver.reference_nlp import ReferenceNlp
 from planner.solver.sqp import Solution
-
-Array = npt.NDArray[np.float64]
+from planner.studies.reference_nlp import ReferenceNlp
 
 BELIEF_STD = 0.05
 """relative standard deviation of the tyre parameters in the benchmark's belief"""

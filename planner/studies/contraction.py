@@ -12,16 +12,14 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from hil_gateway.process.config import Config
+from hil_gateway.config import Config
+from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import load_track
 from planner.plan.controller import Controller
 from planner.problem.motion import S
 from planner.problem.settings import Information, Settings
 from planner.studies.bench import bench_controller, clock, start_state
-
-Array = npt.NDArray[np.float64]
 
 SCALE = np.array([1.0, 1.0, 0.05, 1.0, 0.5, 0.1])
 """m, m, rad, m/s, m/s, rad/s: what counts as one unit of distance between states of the car"""

@@ -19,8 +19,8 @@ from estimator.model.parameters import DEFAULT_TYRE
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Command, Plan, PlanStatus
 from hil_gateway.bus.topics import COMMAND, PLAN
+from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import Config
 from hil_gateway.track.track import Track
 from planner.node import Planner
 from planner.simulation.loop import Loop

@@ -19,7 +19,7 @@ import pytest
 from support.promise_figures import long_run, record_figure
 
 from hil_gateway.can_link import resolve_kind
-from hil_gateway.process.config import load_config
+from hil_gateway.config import load_config
 from hil_gateway.process.supervisor import PROCESSES
 from hil_gateway.session.info import session_info
 

@@ -8,7 +8,7 @@ import pytest
 
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import Estimate, VehicleState
-from hil_gateway.process.config import load_config
+from hil_gateway.config import load_config
 from planner.simulation.loop import Loop, LoopResult
 from planner.simulation.loop_log import LOGGED, drive_log
 

@@ -25,7 +25,7 @@ from pathlib import Path
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.can_link import VirtualWire
 from hil_gateway.process.clock import SystemClock
-from hil_gateway.process.config import RecorderConfig
+from hil_gateway.config import RecorderConfig
 from hil_gateway.session.recorder import Recorder
 from hil_gateway.session.writer import SessionWriter
 

@@ -19,7 +19,7 @@ from hil_gateway.bus.access import ROLES, secure_session
 from hil_gateway.bus.interface import Subscription
 from hil_gateway.bus.messages import Command, OperatorAction, OperatorCommand
 from hil_gateway.bus.zenoh_bus import ZenohBus, open_bus, read_json5
-from hil_gateway.process.config import ZenohConfig
+from hil_gateway.config import ZenohConfig
 from hil_gateway.process.errors import InputError
 
 SHIPPED = Path(__file__).resolve().parents[2] / "deploy" / "zenoh"

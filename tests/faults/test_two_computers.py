@@ -29,7 +29,7 @@ WATCHER = """
 import json, sys, time
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LatestReader
-from hil_gateway.process.config import load_config
+from hil_gateway.config import load_config
 from hil_gateway.bus.zenoh_bus import open_bus
 from pathlib import Path
 bus = open_bus(load_config(Path(sys.argv[1])).zenoh, "dashboard")

@@ -8,7 +8,7 @@ import pytest
 from support.promise_figures import record_figure
 
 from estimator.replay import OUTPUTS, compare, recorded_config, replay_estimator
-from hil_gateway.process.config import Config
+from hil_gateway.config import Config
 from hil_gateway.session.format import session_metadata
 from hil_gateway.session.recorder import Recorder
 from hil_gateway.session.writer import SessionWriter

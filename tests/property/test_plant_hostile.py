@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from can_dbc.codec import load_codec
 from hil_gateway.can_link import VirtualWire
+from hil_gateway.config import load_config
 from hil_gateway.plant.car import Car, Commands
 from hil_gateway.plant.dynamics import STATES
 from hil_gateway.plant.parameters import AV24, PAPER, PlantParameters
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import VirtualClock
-from hil_gateway.process.config import load_config
 from hil_gateway.track.track import load_track
 
 IDS = sorted(load_codec().by_id)

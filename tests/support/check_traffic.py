@@ -10,11 +10,11 @@ import numpy as np
 from can_dbc.codec import load_codec
 from hil_gateway.can_link import Frame, LinkStats
 from hil_gateway.car.vehicle import GRAVITY
+from hil_gateway.config import Config
 from hil_gateway.gateway.check.finding import Finding, Verdict
 from hil_gateway.gateway.check.report import Report
 from hil_gateway.gateway.check.run import Capture, examine
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import Config
 
 CODEC = load_codec()
 SECONDS = 2.0

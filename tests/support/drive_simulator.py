@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 MASS, INERTIA, LF, LR, G = 787.3, 1000.0, 1.724, 1.248, 9.80665
 LOAD_F, LOAD_R = MASS * G * LR / (LF + LR), MASS * G * LF / (LF + LR)

@@ -24,7 +24,7 @@ from hil_gateway.bus.messages import (
     VehicleState,
 )
 from hil_gateway.bus.zenoh_bus import open_bus
-from hil_gateway.process.config import Config, load_config
+from hil_gateway.config import Config, load_config
 
 
 def free_port() -> int:

@@ -6,8 +6,7 @@ import numpy as np
 
 from estimator.model.measurement import MeasurementKind, measurement_function
 from estimator.model.single_track import SingleTrack
-
-Array = np.ndarray
+from hil_gateway.process.arrays import Array
 
 
 class MeasurementEvaluation:

@@ -13,8 +13,8 @@ from estimator.belief.revision import revision_id
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import ActiveEffect, Applied, Command, Estimate, FailsafeAction, ModelRevision, Plan
+from hil_gateway.config import Config, load_config
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import Config, load_config
 from hil_gateway.track.track import Track
 from planner.node import Planner
 from planner.plan.prediction import Actuators, Sent

@@ -24,9 +24,9 @@ from hil_gateway.bus.messages import (
     PlanStatus,
 )
 from hil_gateway.can_link import Frame, VirtualWire
+from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.process.clock import NS_PER_S, VirtualClock
-from hil_gateway.process.config import Config
 
 PERIOD_NS = NS_PER_S // 100
 ACTUATOR_IDS = frozenset({0x578, 0x579, 0x57A, 0x57B})

@@ -11,8 +11,8 @@ from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import Command
 from hil_gateway.bus.topics import COMMAND
 from hil_gateway.can_link import VirtualWire
+from hil_gateway.config import RecorderConfig
 from hil_gateway.process.clock import VirtualClock
-from hil_gateway.process.config import RecorderConfig
 from hil_gateway.session.format import CAN_TOPIC
 from hil_gateway.session.reader import SessionReader
 from hil_gateway.session.recorder import Recorder

@@ -18,7 +18,7 @@ from can_dbc.codec import Fault, load_codec
 from can_dbc.database import DBC_PATH
 from hil_gateway.can_link import EXTENDED_ID, BusState, Frame, open_link
 from hil_gateway.can_link.socketcan import SocketCanLink
-from hil_gateway.process.config import CanConfig
+from hil_gateway.config import CanConfig
 
 pytestmark = pytest.mark.vcan
 CODEC = load_codec()

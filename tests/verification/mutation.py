@@ -230,7 +230,7 @@ def _reason(survivor: str) -> str | None:
 
 def _import_everything_else() -> None:
     """What the tests need and the mutants do not touch, once."""
-    ours = ("hil_gateway.process.config", "can_dbc.database")
+    ours = ("hil_gateway.config", "can_dbc.database")
     for name in ("pytest", "hypothesis", "cantools", *ours, "numpy", "scipy"):
         importlib.import_module(name)
 

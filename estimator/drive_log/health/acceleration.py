@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import re
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimator.drive_log.derived import derivative
 from estimator.drive_log.health.finding import Action, Finding
 from estimator.drive_log.health.lag import Lag, lag_between
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 LONGEST_S = 2.5
 LATE_S = 0.15

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 PARTS = 10
 """Parts of the log the lag is estimated on separately, for its standard deviation."""

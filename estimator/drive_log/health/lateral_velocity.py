@@ -8,15 +8,13 @@ with the rear axle's force, which Eq. (1) gives from ay and the yaw acceleration
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.drive_log.health.finding import Action, Finding, confidence_of
 from estimator.drive_log.health.regression import PARTS, jackknifed
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.prepare import moving_speed, prepare
 from hil_gateway.car.vehicle import Vehicle
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 GENTLE_SHARE = 0.35
 """Only samples below this share of the log's hardest cornering are used."""

@@ -15,8 +15,7 @@ from estimator.drive_log.health.lag import Lag, lag_between
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 LONGEST_S = 1.0
 LEAST_S = 0.08

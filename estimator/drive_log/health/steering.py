@@ -16,7 +16,7 @@ from estimator.drive_log.health.offsets import shifted
 from estimator.drive_log.health.regression import PARTS, jackknifed
 from estimator.drive_log.table import DriveLog
 from estimator.offline.fit.equation_error import Fit
-from estimator.offline.fit.nuisance import STEER_TIMING, STEER_ZERO
+from estimator.offline.predict.nuisance import STEER_TIMING, STEER_ZERO
 from estimator.offline.record.prepare import prepare
 from hil_gateway.car.vehicle import Vehicle
 

@@ -16,8 +16,7 @@ from estimator.drive_log.health.finding import Action, Finding
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 DEGREES = float(np.degrees(1.0))
 KMH = 3.6

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
-import numpy as np
-from numpy.typing import NDArray
 
 from estimator.model.parameters import Parameter
+from hil_gateway.process.arrays import Array
 
-Array = NDArray[np.float64]
 Hook = Callable[..., None]
 """hook(terms, *parameters) changes the working set of the model in place."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from estimator.model.effects.base import Effect, friction_left
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 
 
 def _force(terms: Terms, k: Expr) -> None:

@@ -12,11 +12,11 @@ from collections.abc import Mapping
 import casadi as ca
 import numpy as np
 
-from estimator.model.effects.base import Array, Effect
+from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array, Expr
 
 CLOSED_BELOW, WIDTH = 0.0005, 0.0005
 """Slip-ratio command below which the throttle counts as closed, and the width of the switch."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from estimator.model.effects.base import Effect, smooth_negative_part
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 
 SMOOTHING_FORCE = 20.0
 """The switch from driving to braking is smooth within about this force, N."""

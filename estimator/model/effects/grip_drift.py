@@ -7,7 +7,7 @@ import casadi as ca
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 
 SMALLEST_DECAY = 1e-7
 """Keeps (1 - exp(-x t)) / x defined at x = 0, where the drift is linear, 1/s."""

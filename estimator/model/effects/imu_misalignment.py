@@ -7,7 +7,7 @@ import casadi as ca
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 
 
 def _sensor(terms: Terms, angle: Expr) -> None:

@@ -7,8 +7,8 @@ import casadi as ca
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
 from hil_gateway.car.vehicle import GRAVITY
+from hil_gateway.process.arrays import Expr
 
 
 def _motion(terms: Terms, grade: Expr) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from estimator.model.effects.base import Effect, smooth_sign
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 
 STANDSTILL_SPEED = 0.5
 """The force fades below about this speed, m/s, instead of chattering about zero."""

@@ -11,7 +11,7 @@ import casadi as ca
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 
 SMALLEST_SLIP = 1e-5
 """rad; keeps the direction of no slip at all differentiable."""

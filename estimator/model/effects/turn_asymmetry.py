@@ -5,7 +5,7 @@ from __future__ import annotations
 from estimator.model.effects.base import Effect, smooth_sign
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 
 SMOOTHING_SLIP = 0.002
 """The change from left to right is smooth within about this slip angle, rad."""

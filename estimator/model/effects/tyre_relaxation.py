@@ -10,12 +10,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimator.model.effects.base import Array, Effect
+from estimator.model.effects.base import Effect
 from estimator.model.memory import relaxed
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array, Expr
 
 SLOWEST = 1.0
 """Below this speed, m/s, the lag does not grow further."""

@@ -11,7 +11,7 @@ import casadi as ca
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 
 DRAG = 0.5 * 1.2 * 0.86
 """rho Cd A / 2 of the AV-21/AV-24 (docs/av24.md), N s2/m2."""

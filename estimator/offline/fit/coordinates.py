@@ -12,11 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.model.parameters import Parameter
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 NEAR_BOUND = 0.01
 """share of a parameter's range"""

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.model.columns import CHANNELS, ModelColumns
 from estimator.model.parameters import Parameter
 from estimator.offline.fit.gauss_newton import minimise
 from estimator.offline.fit.problem import AlgebraicProblem, FitSettings, Problem
-from estimator.offline.predict.evaluate import CHANNELS, ModelColumns
 from estimator.offline.record.prepare import Samples
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 COARSE, FINE = 1e-3, 1e-8
 """Relative decreases of the cost at which a round of iterations ends: before the spreads settle, and after."""

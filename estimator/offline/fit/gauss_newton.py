@@ -8,12 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.offline.fit.coordinates import LocalCoordinates
 from estimator.offline.fit.problem import Problem
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 MOST_DAMPING = 1e9
 """Damping at which a step is as good as none: the iterations end."""

@@ -9,15 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.belief.information import a_criterion, d_criterion, e_criterion, trace_criterion
 from estimator.model.parameters import Layout
 from estimator.offline.fit.equation_error import Fit
 from estimator.offline.record.prepare import Samples, slip_angles
 from hil_gateway.car.vehicle import Vehicle
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 KNOWN_TO = 0.15
 """A parameter counts as identified when the data alone gives its relative standard deviation below this."""

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from hil_gateway.process.arrays import Array, Ints
 
 RIDGE = 1e-10
 """Relative to the diagonal: keeps a direction that the data does not determine from failing the solve."""

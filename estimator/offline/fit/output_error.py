@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.drive_log.table import DriveLog
+from estimator.model.columns import ModelColumns
 from estimator.offline.fit.coordinates import LocalCoordinates
 from estimator.offline.fit.equation_error import Fit, solve
 from estimator.offline.fit.problem import (
@@ -26,12 +27,10 @@ from estimator.offline.fit.problem import (
     huber_weight,
     typical_slips,
 )
-from estimator.offline.predict.evaluate import ModelColumns
 from estimator.offline.predict.simulate import OUTPUTS, STATES, Simulator, Trajectory
 from estimator.offline.record.prepare import Samples
 from estimator.offline.record.windows import STATE_ROWS, cut
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 WINDOW_S = 4.0
 

@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.offline.fit.normal import Normal, accumulate
 from estimator.offline.fit.steps import Coordinates
 from estimator.offline.predict.linearised import Linearised, linearised
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import Noise, likeliest
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 MAX_ITERATIONS = 14
 CONVERGED = 0.3, 1e-4

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.model.columns import CHANNELS, ModelColumns
 from estimator.model.parameters import Parameter
 from estimator.offline.fit.coordinates import StepCoordinates
-from estimator.offline.predict.evaluate import CHANNELS, ModelColumns
 from estimator.offline.record.prepare import Samples, slip_angles
 from hil_gateway.car.vehicle import Vehicle
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 LATERAL_AND_LONGITUDINAL = ("ax", "ay", "yaw_acc")
 """Channels that determine the tyre parameters; the motion channels add what gravity does."""

@@ -6,16 +6,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
+from estimator.model.columns import ModelColumns
 from estimator.model.single_track import AUXILIARY, SIGNALS
 from estimator.offline.fit.equation_error import Fit, rmse
 from estimator.offline.fit.problem import AlgebraicProblem, FitSettings
-from estimator.offline.predict.evaluate import ModelColumns
 from estimator.offline.record.prepare import Samples
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 BATCH = 100
 """Samples a batch, as in section III of the paper."""

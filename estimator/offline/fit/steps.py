@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.offline.fit.normal import Normal
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 LARGEST_LOG_STEP = 0.4
 RIDGE = 1e-11

@@ -13,13 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.offline.predict.propagate import Propagator
 from estimator.offline.record.noise import Noise
 from estimator.offline.record.record import Record
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 YAW_RATE_ROW, VY_ROW = 2, 4
 STATE_ROWS = [3, VY_ROW, YAW_RATE_ROW]

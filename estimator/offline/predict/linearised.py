@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.offline.predict.innovations import STATE_ROWS, VY_ROW, YAW_RATE_ROW, Innovations
 from estimator.offline.predict.propagate import MOTION, Propagator
 from estimator.offline.record.noise import Noise
 from estimator.offline.record.record import Record
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 
 @dataclass(frozen=True)

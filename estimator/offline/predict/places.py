@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from estimator.model.effects.base import Effect, smooth_negative_part
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,13 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.model.columns import Columns
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import AUXILIARY, CHANNELS, SIGNALS, SingleTrack, Terms
-from estimator.model.tyre import Expr
-from estimator.offline.predict.evaluate import Columns
 from estimator.offline.record.record import Record
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array, Expr
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 ORDER, DOUBLINGS = 8, 3
 """Terms of the exponential series of an eighth of a block: |A| dt may be 8 at slow speed with stiff tyres."""

@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.drive_log.table import DriveLog
+from estimator.model.columns import ModelColumns
 from estimator.model.single_track import SIGNALS
-from estimator.offline.fit.nuisance import VY_SENSOR
-from estimator.offline.predict.evaluate import ModelColumns
+from estimator.offline.predict.nuisance import VY_SENSOR
 from estimator.offline.predict.simulate import OUTPUTS, Simulator
 from estimator.offline.record.prepare import Samples
 from estimator.offline.record.windows import STATE_ROWS, cut
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 RUN_IN_S = 0.5
 """Start of each window that is simulated but not scored: the state it starts from is known as well as its sensors."""

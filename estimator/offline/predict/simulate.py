@@ -13,14 +13,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.model.columns import CHANNELS, Columns, ModelColumns
 from estimator.model.single_track import SIGNALS
-from estimator.offline.fit.nuisance import VY_SENSOR, YAW_RATE_TIMING, reported_vy
-from estimator.offline.predict.evaluate import CHANNELS, Columns, ModelColumns
+from estimator.offline.predict.nuisance import VY_SENSOR, YAW_RATE_TIMING, reported_vy
 from estimator.offline.record.windows import STATE_ROWS, Windows
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 GAMMA = 1.0 - 0.5**0.5
 """Coefficient of ROS2 that makes it L-stable with the smaller error."""

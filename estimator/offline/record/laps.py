@@ -5,13 +5,10 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.split import BLOCK_S
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from hil_gateway.process.arrays import Array, Ints
 
 SHORTEST_LAP_S = 15.0
 RETURN_RADIUS_M = 25.0

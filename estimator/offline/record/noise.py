@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 MOTION_ROWS = (2, 3, 4)
 """Measured rows that are integrals: yaw rate, vx, vy."""

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from estimator.drive_log.derived import brake_share
 from estimator.drive_log.smoothing import Smoothed, smooth_velocity, wiener
 from estimator.drive_log.table import DriveLog
+from estimator.model.columns import CHANNELS
 from estimator.model.single_track import AUXILIARY, SIGNALS
-from estimator.offline.predict.evaluate import CHANNELS
 from hil_gateway.car.vehicle import Vehicle
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 MOVING_SHARE = 0.25
 """Samples slower than this share of the log's fast speed (95th percentile) carry no tyre information."""

@@ -19,16 +19,14 @@ from numpy.typing import NDArray
 from estimator.drive_log.derived import brake_share
 from estimator.drive_log.smoothing import wiener
 from estimator.drive_log.table import DriveLog
+from estimator.model.basis import Basis, make_basis
 from estimator.model.single_track import AUXILIARY
-from estimator.offline.predict.basis import Basis, make_basis
 from estimator.offline.record.laps import lap_numbers, track_position
 from estimator.offline.record.prepare import smoothed_velocity
 from estimator.offline.record.reported_inputs import without_noise
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array, Ints
 from hil_gateway.process.errors import InputError
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 BLOCK_S = 0.04
 """Block means thin the data to 25 Hz, above anything a car's body does."""

@@ -7,11 +7,9 @@ command may chatter, and the chatter then shows in the acceleration with the sam
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.drive_log.smoothing import second_difference_noise, wiener
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 NOISY = 0.03
 """Noise of an input relative to its spread from which on it is looked at."""

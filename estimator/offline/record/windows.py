@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from estimator.drive_log.table import DriveLog
 from estimator.model.single_track import SIGNALS
 from estimator.offline.record.prepare import Samples
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 MIN_WINDOW_SHARE = 0.25
 """A shorter rest of a stretch is joined to nothing and left out."""

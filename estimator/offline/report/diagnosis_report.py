@@ -7,17 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.drive_log.table import DriveLog
 from estimator.model.effects import catalogue
 from estimator.model.single_track import CHANNELS
+from estimator.offline.diagnosis import Diagnosis, alternatives
 from estimator.offline.report.page import COLOURS, Report, Tone, new_figure, plot_style
 from estimator.offline.report.words import CHANNEL_NAMES, NAMES, UNITS, parameter_words, plain, verdict_sentence
 from estimator.offline.result.diagnosis_score import channel_residuals
-from estimator.offline.search.diagnosis import Diagnosis, alternatives
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 BINS = 40
 MAP_POINTS = 6000

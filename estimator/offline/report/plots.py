@@ -12,8 +12,7 @@ from estimator.offline.identification import Identification
 from estimator.offline.record.prepare import slip_angles
 from estimator.offline.report.page import COLOURS, new_figure
 from estimator.offline.result.identification_score import ALGEBRAIC_CHANNELS
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 LABELS = {"ax": "ax, m/s²", "ay": "ay, m/s²", "yaw_acc": "yaw acceleration, rad/s²"}
 STRETCH_S = 60.0

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.offline.predict.basis import Basis
-
-Array = NDArray[np.float64]
+from estimator.model.basis import Basis
+from hil_gateway.process.arrays import Array
 
 UNITS = {
     "vx": "m/s", "ay": "m/s2", "yaw_rate": "rad/s", "vy": "m/s", "steer": "rad", "steer_rate": "rad/s",

@@ -10,15 +10,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.drive_log.smoothing import second_difference_noise
 from estimator.model.single_track import CHANNELS, SingleTrack
 from estimator.offline.predict.predict import STATES, Predictor
 from estimator.offline.record.record import Record
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
+from hil_gateway.process.arrays import Array, Ints
 
 KERNEL_S = 0.25
 """Full width of the differentiating kernel (Hann)."""
@@ -40,26 +37,26 @@ def kernel(step: float) -> tuple[Array, Array]:
     return smooth, slope / (-(slope * at).sum()) / step
 
 
-def stretches(rows: Rows, step: float) -> list[Rows]:
+def stretches(rows: Ints, step: float) -> list[Ints]:
     """Uninterrupted runs of row numbers long enough for the kernel."""
     cuts = np.flatnonzero(np.diff(rows) != 1) + 1
     least = 3 * round(KERNEL_S / step) + 2
     return [run for run in np.split(rows, cuts) if len(run) > least]
 
 
-def rmse(record: Record, rows: Rows, model: SingleTrack, parameters: Array) -> dict[str, float]:
+def rmse(record: Record, rows: Ints, model: SingleTrack, parameters: Array) -> dict[str, float]:
     """RMS residual of every channel over the given rows."""
     residuals = channel_residuals(record, rows, model, parameters)
     return {name: float(np.sqrt(np.mean(r**2))) for name, (_, r) in residuals.items()}
 
 
 def channel_residuals(
-    record: Record, rows: Rows, model: SingleTrack, parameters: Array
-) -> dict[str, tuple[Rows, Array]]:
+    record: Record, rows: Ints, model: SingleTrack, parameters: Array
+) -> dict[str, tuple[Ints, Array]]:
     """Channel -> rows and measured less predicted, at the log's rate."""
     smooth, slope = kernel(record.step)
     half = len(smooth) // 2
-    parts: dict[str, list[tuple[Rows, Array]]] = {name: [] for name in CHANNELS}
+    parts: dict[str, list[tuple[Ints, Array]]] = {name: [] for name in CHANNELS}
     for run in stretches(rows, record.step):
         whole = replace(record, rows=run[None, :, None], lap=np.zeros(1, np.int64))
         predicted = Predictor(model, whole).predict(parameters)[:, 0]
@@ -75,7 +72,7 @@ def channel_residuals(
     }
 
 
-def noise_floor(record: Record, rows: Rows, model: SingleTrack, parameters: Array) -> dict[str, float]:
+def noise_floor(record: Record, rows: Ints, model: SingleTrack, parameters: Array) -> dict[str, float]:
     """What noise alone leaves in every channel: the sensor's own, and that of the states the model is evaluated at.
 
     The sensor's noise is measured on second differences: of the force residuals, of the motion signals.
@@ -101,7 +98,7 @@ def _noise_through_states(record: Record, model: SingleTrack, parameters: Array)
     return np.asarray(np.sqrt(squares))
 
 
-def rollout(record: Record, rows: Rows, model: SingleTrack, parameters: Array) -> dict[str, float]:
+def rollout(record: Record, rows: Ints, model: SingleTrack, parameters: Array) -> dict[str, float]:
     """RMS error of vx, vy, yaw rate after `HORIZON_S` of simulation (Heun) from the smoothed state."""
     length = round(HORIZON_S / record.step)
     starts = [np.arange(run[0], run[-1] - length, length) for run in stretches(rows, record.step)]

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.normal import TINY
@@ -20,8 +19,7 @@ from estimator.offline.fit.prediction_error import Fit, evaluate, fit, normal_at
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import Noise
 from estimator.offline.record.record import Record
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 
 def tempered(model: SingleTrack, parameters: Array, record: Record, deviation: Array) -> Fit:

@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import numpy as np
-from numpy.typing import NDArray
-
-from estimator.drive_log.health import examine
-from estimator.drive_log.health.steering import without_lag
 from estimator.drive_log.table import DriveLog
+from estimator.model.columns import ModelColumns
 from estimator.offline.fit.equation_error import rmse
-from estimator.offline.predict.evaluate import ModelColumns
 from estimator.offline.predict.rollout import Rollout, roll_out
 from estimator.offline.predict.simulate import OUTPUTS
-from estimator.offline.record.prepare import Samples, prepare
+from estimator.offline.record.prepare import Samples
+from hil_gateway.process.arrays import Array
 
-if TYPE_CHECKING:
-    from estimator.offline.identification import Identification
-
-Array = NDArray[np.float64]
 Scores = dict[str, tuple[float, float]]
 """channel -> root mean square of measured minus predicted, with the initial and the final parameters"""
 
@@ -49,12 +39,3 @@ def score_samples(
 def as_summary(scores: Scores) -> dict[str, dict[str, float]]:
     """Scores as they appear in JSON."""
     return {channel: {"initial": initial, "final": final} for channel, (initial, final) in scores.items()}
-
-
-def score_log(result: Identification, log: DriveLog) -> Scores:
-    """Scores of the whole of another `log`, repaired by its own log health and by the steering lag of `result`."""
-    options = result.options
-    repaired = without_lag(examine(log, result.vehicle, options.keep).log, result.health.findings)
-    columns, theta, samples = result.columns, result.fit.theta, prepare(repaired)
-    rollouts = simulations(columns, theta, repaired, samples, options.window_s)
-    return score_samples(columns, theta, samples, rollouts if result.formulation == "output_error" else None)

@@ -15,20 +15,18 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.belief.revision import RevisedModel, load_revision, model_of
 from estimator.model.single_track import AUXILIARY, SIGNALS, Terms
 from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.bus.topics import MODEL_REVISION
+from hil_gateway.config import Config
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import Config
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.drive_table import read_drive_table
 from hil_gateway.session.reader import SessionReader
 from hil_gateway.track.track import Track, load_track
-
-Array = NDArray[np.float64]
 
 HORIZON_S = 1.0
 SPACING_S = 0.25

@@ -12,21 +12,19 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.model.basis import FEW_VALUES, Basis
 from estimator.model.effects.base import Effect
 from estimator.offline.fit.normal import Normal, accumulate
 from estimator.offline.fit.prediction_error import Fit
-from estimator.offline.fit.workers import Job, fit_each
-from estimator.offline.predict.basis import FEW_VALUES, Basis
 from estimator.offline.predict.linearised import linearised
 from estimator.offline.predict.places import PLACES, term_effect
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.trial import Setting, warm_start
-
-Array = NDArray[np.float64]
+from estimator.offline.search.workers import Job, fit_each
+from hil_gateway.process.arrays import Array
 
 SIGNALS = (
     "vx", "ay", "yaw_rate", "vy", "steer", "steer_rate", "drive", "drive_rate", "track_position", "t", "yaw",

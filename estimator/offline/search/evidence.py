@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.offline.fit.normal import TINY
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 SIGNIFICANCE, SIGNIFICANCE_TO_STAY = 2.0, 1.0
 """The mean gain per stretch must exceed so many of its standard errors: to be accepted, and to stay so."""

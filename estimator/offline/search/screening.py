@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
@@ -15,8 +14,7 @@ from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record, available
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.trial import Setting, Trial, fit_names, warm_start
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 SCREENING_STRIDE = 3
 """Screening uses every third window."""

@@ -12,17 +12,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.offline.fit.prediction_error import Fit
-from estimator.offline.fit.workers import Job, fit_each
-from estimator.offline.record.timing import SAMPLED
+from estimator.offline.record.input_timing import SAMPLED
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.screening import screen
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from estimator.offline.search.whiteness import structured
-
-Array = NDArray[np.float64]
+from estimator.offline.search.workers import Job, fit_each
 
 SMALLEST_SHARE = 0.02
 """Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not worth a name."""

@@ -7,21 +7,19 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.model.basis import Basis
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.prediction_error import MAX_ITERATIONS, Fit, fit
-from estimator.offline.predict.basis import Basis
 from estimator.offline.predict.predict import Predictor
+from estimator.offline.record.input_timing import sampling_effects
 from estimator.offline.record.noise import MOTION_ROWS, Noise
 from estimator.offline.record.record import Record
-from estimator.offline.record.timing import sampling_effects
 from estimator.offline.search.evidence import Evidence
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 REWEIGHINGS, REWEIGH_ABOVE = 1, 0.1
 """A fit is repeated so many times with its own residual deviations, if these changed by more than a tenth; the next

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.offline.fit.normal import TINY
 from estimator.offline.fit.prediction_error import Fit, evaluate
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import Noise
 from estimator.offline.record.record import Record
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 SLOW_BLOCKS = 5
 """Residuals are averaged over so many blocks (0.2 s)."""

@@ -11,16 +11,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil_gateway.bus.messages import Plan, PlanStatus, VehicleState
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.config import StopConfig
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.road_speed import rear_speed
-from hil_gateway.process.config import StopConfig
+from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
-
-Array = NDArray[np.float64]
 
 LOOK_AHEAD_S = 0.5
 LOOK_AHEAD_MIN = 6.0

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 
 from can_dbc.codec import Codec
 from hil_gateway.can_link import CanLink
+from hil_gateway.car.states import CtState
 from hil_gateway.gateway.act.limits import RawCommand
-from hil_gateway.gateway.decide.race_control import CtState
-from hil_gateway.gateway.perceive.heard import Flags
+from hil_gateway.gateway.decide.ladder_inputs import Flags
 
 TRANSMITTED = (
     "brake_pressure_cmd",

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.can_link import Frame, LinkStats
+from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import Config
 
 PERIOD_NS = NS_PER_S // 100
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from hil_gateway.bus.messages import Model
+from hil_gateway.process.model import Model
 
 
 class Verdict(StrEnum):

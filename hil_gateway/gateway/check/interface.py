@@ -7,8 +7,8 @@ import shutil
 import subprocess
 from typing import Any
 
-from hil_gateway.bus.messages import Model
 from hil_gateway.gateway.check.finding import Finding, Verdict
+from hil_gateway.process.model import Model
 
 AREA = "interface"
 

@@ -8,14 +8,12 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from can_dbc.codec import Codec, Fault, Values
 from can_dbc.database import Message
 from hil_gateway.can_link import Frame
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
-
-FloatArray = npt.NDArray[np.float64]
 
 FOLLOWED = ("imu_1", "imu_2", "imu_3", "wheel_speed_report", "steering_report_extd", "base_to_car_summary")
 """messages whose signals are kept over time for the plausibility checks"""
@@ -63,7 +61,7 @@ class Observation:
     stuff_bits_max: int
     """what bit stuffing can add at most: one bit in four of the 34 + 8 n it applies to"""
     backward_stamps: int
-    series: dict[str, tuple[FloatArray, FloatArray]]
+    series: dict[str, tuple[Array, Array]]
     """signal -> (time s, value SI) of the messages `FOLLOWED`"""
 
     @property

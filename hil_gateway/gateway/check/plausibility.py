@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from hil_gateway.car.states import SysState
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.config import Config
 from hil_gateway.gateway.check.finding import Finding, Verdict
-from hil_gateway.gateway.check.observation import FloatArray, Observation
-from hil_gateway.gateway.decide.race_control import SysState
+from hil_gateway.gateway.check.observation import Observation
 from hil_gateway.gateway.perceive.vehicle_state import SENSOR_DISAGREEMENT
-from hil_gateway.process.config import Config
+from hil_gateway.process.arrays import Array
 from hil_gateway.track.geodesy import LocalMap
 
 AREA = "plausibility"
@@ -48,7 +49,7 @@ def judge_signals(seen: Observation, config: Config) -> list[Finding]:
     return [*findings, *_wheels_agree(by_wheel), *_signs(seen, time, by_wheel, config.vehicle)]
 
 
-def wheel_speeds(seen: Observation) -> tuple[FloatArray, dict[str, FloatArray]] | None:
+def wheel_speeds(seen: Observation) -> tuple[Array, dict[str, Array]] | None:
     """(time, speed by wheel), m/s; None when there is too little."""
     time, _ = seen.series["wheel_speed_FL"]
     if time.size < MIN_SAMPLES:
@@ -183,7 +184,7 @@ def _position(seen: Observation, config: Config) -> list[Finding]:
     return [_finding("position", distance <= POSITION_MAX_M, detail, "set [origin] to the track's", Verdict.WARN)]
 
 
-def _wheels_agree(by_wheel: dict[str, FloatArray]) -> list[Finding]:
+def _wheels_agree(by_wheel: dict[str, Array]) -> list[Finding]:
     """No wheel sensor stands still or reads another unit."""
     means = {wheel: float(speed.mean()) for wheel, speed in by_wheel.items()}
     typical = float(np.median(list(means.values())))
@@ -192,7 +193,7 @@ def _wheels_agree(by_wheel: dict[str, FloatArray]) -> list[Finding]:
     return [_finding("wheel speeds", not off, detail, f"sensor of {', '.join(off)}")]
 
 
-def _signs(seen: Observation, time: FloatArray, by_wheel: dict[str, FloatArray], vehicle: Vehicle) -> list[Finding]:
+def _signs(seen: Observation, time: Array, by_wheel: dict[str, Array], vehicle: Vehicle) -> list[Finding]:
     """Signs of yaw rate, steering and longitudinal acceleration against the wheels."""
     speed = np.mean(list(by_wheel.values()), axis=0)
     yaw = _resampled(seen, "imu_yaw_rate", time)
@@ -223,14 +224,14 @@ def _signs(seen: Observation, time: FloatArray, by_wheel: dict[str, FloatArray],
     return findings
 
 
-def _sign(name: str, a: FloatArray, b: FloatArray, remedy: str) -> Finding:
+def _sign(name: str, a: Array, b: Array, remedy: str) -> Finding:
     """Two signals that must go up and down together."""
     scale = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
     together = float(np.sum(a * b)) / scale if scale > 0 else 0.0
     return _finding(name, together > 0, f"correlation {together:+.2f}", remedy)
 
 
-def _resampled(seen: Observation, signal: str, time: FloatArray) -> FloatArray | None:
+def _resampled(seen: Observation, signal: str, time: Array) -> Array | None:
     """A signal at other times, by linear interpolation."""
     at, values = seen.series[signal]
     return np.interp(time, at, values) if at.size >= MIN_SAMPLES else None

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from hil_gateway.bus.messages import Model
 from hil_gateway.gateway.check.arming import EXPLANATION
 from hil_gateway.gateway.check.finding import Finding, Verdict
 from hil_gateway.gateway.check.interface import Interface
 from hil_gateway.gateway.check.traffic import MessageRow
+from hil_gateway.process.model import Model
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

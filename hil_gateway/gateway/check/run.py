@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from can_dbc.codec import load_codec
 from hil_gateway.can_link import CanLink, Frame, LinkStats, open_link
+from hil_gateway.config import Config
 from hil_gateway.gateway.check.arming import missing_for_arming
 from hil_gateway.gateway.check.finding import Verdict
 from hil_gateway.gateway.check.interface import Interface, judge_interface, read_interface
@@ -15,7 +16,6 @@ from hil_gateway.gateway.check.plausibility import judge_signals
 from hil_gateway.gateway.check.report import Report, count, print_report
 from hil_gateway.gateway.check.traffic import judge_bus, judge_stamps, message_rows
 from hil_gateway.process.clock import NS_PER_S, Clock, SystemClock
-from hil_gateway.process.config import Config
 from hil_gateway.process.errors import EXIT_FAILURE, EXIT_OK, InputError
 
 FRAMES_MAX = 2_000_000

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from can_dbc.database import Message
-from hil_gateway.bus.messages import Model
 from hil_gateway.gateway.check.finding import Finding, Verdict
 from hil_gateway.gateway.check.observation import Observation, Record
 from hil_gateway.gateway.perceive.vehicle_state import ACTUATOR_COMMANDS, REQUIRED, SOURCES
+from hil_gateway.process.model import Model
 
 RATE_TOLERANCE = 0.2
 """A message this far from its period is named, share."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, OperatorAction, VehicleState
+from hil_gateway.car.states import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, SysState
 from hil_gateway.gateway.decide.failsafe import HOLDS
-from hil_gateway.gateway.decide.race_control import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, SysState
 from hil_gateway.gateway.perceive.road_speed import road_speed
 from hil_gateway.gateway.perceive.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
 from hil_gateway.process.clock import NS_PER_S

@@ -7,67 +7,18 @@ Pure: ages and values are arguments, time is an argument.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import IntEnum
 
+from hil_gateway.car.states import (
+    DRIVING,
+    KILL_VEHICLE_FLAGS,
+    STOP_VEHICLE_FLAGS,
+    CtState,
+    SysState,
+    TrackFlag,
+    VehicleFlag,
+)
 from hil_gateway.process.clock import NS_PER_S
 
-
-class CtState(IntEnum):
-    """What the computer reports."""
-
-    POWER_ON = 1
-    INIT = 2
-    ACTUATOR_TEST = 3
-    CRANK_READY = 4
-    CRANKING = 5
-    RACE_READY = 6
-    INIT_DRIVING = 7
-    CAUTION = 8
-    NOMINAL_RACE = 9
-    COORDINATED_STOP = 10
-    CONTROLLED_SHUTDOWN = 11
-    EMERGENCY = 12
-
-
-class SysState(IntEnum):
-    """What the car reports; the numbers the gateway compares with."""
-
-    POWER_ON = 1
-    CONNECTED = 2
-    TEST_DONE = 4
-    CRANK_READY = 5
-    IDLE = 8
-    DRIVING = 9
-    SHUT_ENGINE = 10
-    EMERGENCY = 16
-    CRITICAL_LIMIT = 18
-
-
-class TrackFlag(IntEnum):
-    """Flag shown to everybody."""
-
-    NONE = 0
-    GREEN = 1
-    RED = 3
-    CHECKERED = 4
-    FULL_COURSE_YELLOW = 9
-
-
-class VehicleFlag(IntEnum):
-    """Flag shown to this car."""
-
-    NONE = 0
-    BLACK = 4
-    YELLOW = 7
-    PURPLE = 32
-    E_KILL = 33
-    STOP = 34
-
-
-STOP_TRACK_FLAGS = frozenset({TrackFlag.RED, TrackFlag.CHECKERED})
-STOP_VEHICLE_FLAGS = frozenset({VehicleFlag.BLACK, VehicleFlag.STOP})
-KILL_VEHICLE_FLAGS = frozenset({VehicleFlag.PURPLE, VehicleFlag.E_KILL})
-DRIVING = frozenset({CtState.CAUTION, CtState.NOMINAL_RACE})
 HEARTBEAT_TIMEOUT_S = 0.5
 
 
@@ -117,25 +68,6 @@ class RaceControl:
     def heartbeat_frozen_s(self, now_ns: int) -> float:
         """Seconds since race control's heartbeat last changed; infinite before the first."""
         return float("inf") if self.beat_ns is None else (now_ns - self.beat_ns) / NS_PER_S
-
-
-def stronger_vehicle_flag(base: int, marelli: int) -> int:
-    """The more restrictive of the two flags heard (`base_to_car_summary` has 4 bits, `marelli_report_1` 8)."""
-    return max(base, marelli, key=_severity)
-
-
-def stronger_track_flag(base: int, marelli: int) -> int:
-    """The more restrictive of the two track flags heard."""
-    rank = (TrackFlag.NONE, TrackFlag.GREEN, TrackFlag.FULL_COURSE_YELLOW, TrackFlag.CHECKERED, TrackFlag.RED)
-    return max(base, marelli, key=lambda flag: rank.index(flag) if flag in rank else 0)
-
-
-def _severity(flag: int) -> int:
-    if flag in KILL_VEHICLE_FLAGS:
-        return 3
-    if flag in STOP_VEHICLE_FLAGS:
-        return 2
-    return int(flag == VehicleFlag.YELLOW)
 
 
 def _next(ct: CtState, heard: Heard, demand: Demand, heartbeat: bool) -> CtState:  # noqa: PLR0911 (one rung a line)

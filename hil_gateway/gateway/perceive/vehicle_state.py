@@ -16,12 +16,12 @@ from can_dbc.database import Message as FrameLayout
 from hil_gateway.bus.messages import SourceHealth, VehicleState
 from hil_gateway.can_link import Frame
 from hil_gateway.car.actuation import Actuation, Actuators
-from hil_gateway.gateway.decide.race_control import CtState
+from hil_gateway.car.states import CtState
+from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.fixes import MOVING, Fixes
 from hil_gateway.gateway.perceive.frame_counts import FrameCounts, LeakyBucket
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import Config
 from hil_gateway.track.geodesy import LocalMap
 
 SOURCES: Mapping[str, tuple[str, ...]] = MappingProxyType(

@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from estimator.belief.tyre_belief import Array
 from estimator.model.measurement import CHANNELS, measurement_function
 from estimator.model.parameters import tyre_parameters
 from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array
 from planner.studies.campaign.trial import METHODS
 
 RATE_HZ = 100.0

@@ -15,11 +15,11 @@ from typing import Any
 from estimator.belief.revision import declared_revision
 from estimator.drive_log.table import DriveLog
 from estimator.model.parameters import DEFAULT_TYRE
+from estimator.offline.diagnosis import diagnose
 from estimator.offline.record.record import make_record
-from estimator.offline.result.diagnosis_result import as_json, as_revision
+from estimator.offline.report.diagnosis_result import as_json, as_revision
 from estimator.offline.result.model_score import score_revisions
-from estimator.offline.search.diagnosis import diagnose
-from hil_gateway.process.config import Config, load_config
+from hil_gateway.config import Config, load_config
 from planner.simulation.loop import Loop, LoopResult
 from planner.simulation.loop_log import LOGGED, drive_log
 

@@ -52,9 +52,9 @@ def run_case(case: Case, laps: int) -> dict[str, Any]:
     """Drive and diagnose; plain data."""
     from estimator.drive_log.simulated import simulate
     from estimator.model.parameters import DEFAULT_TYRE
+    from estimator.offline.diagnosis import diagnose
     from estimator.offline.record.record import make_record
-    from estimator.offline.result.diagnosis_result import as_json
-    from estimator.offline.search.diagnosis import diagnose
+    from estimator.offline.report.diagnosis_result import as_json
     from hil_gateway.car.vehicle import Vehicle
 
     log = simulate({case.effect: case.size} if case.truth else {}, laps=laps, seed=case.seed)

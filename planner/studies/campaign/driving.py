@@ -11,8 +11,8 @@ from estimator.node import Estimator
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Command
+from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import Config
 from hil_gateway.track.track import Track
 
 EXCITATION_ACCELERATION = 1.5

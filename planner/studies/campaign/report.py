@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator.belief.tyre_belief import Array
 from estimator.offline.report.page import COLOURS, Report, new_figure, plot_style
+from hil_gateway.process.arrays import Array
 from planner.studies.campaign.analysis import HEADLINE, TARGETS, Drive, lap_time_lost_percent, samples_to_targets
 
 COLOUR = {

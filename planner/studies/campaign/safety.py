@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from estimator.belief.tyre_belief import Array, Sample
+from estimator.belief.tyre_belief import Sample
 from estimator.model.parameters import DEFAULT_TYRE
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array
 from planner.simulation.loop import LoopResult
 from planner.studies.safety import LOAD_TOLERANCE, Watch
 

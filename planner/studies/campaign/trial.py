@@ -31,8 +31,8 @@ from estimator.model.parameters import DEFAULT_TYRE
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Belief
+from hil_gateway.config import Config, PlannerConfig, load_config
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import Config, PlannerConfig, load_config
 from hil_gateway.track.track import Track
 from planner.node import Planner
 from planner.plan.exploring import EXPLORING, KEEPING_UP, exploring

@@ -19,7 +19,7 @@ from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import ActiveEffect, Estimate, Message, ModelRevision, SourceHealth, VehicleState
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-from hil_gateway.process.config import Config, EstimatorConfig
+from hil_gateway.config import Config, EstimatorConfig
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.track import Track, load_track
 

@@ -13,8 +13,8 @@ from planner.plan.controller import Controller
 from planner.problem.motion import NU, NZ, PROGRESS, VX, S
 from planner.problem.mpcc import OUTPUTS
 from planner.problem.settings import Settings
-from planner.solver.reference_nlp import ReferenceNlp
 from planner.studies.bench import bench_controller, clock, start_state
+from planner.studies.reference_nlp import ReferenceNlp
 
 
 @pytest.fixture(scope="module")

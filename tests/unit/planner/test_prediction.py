@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from hil_gateway.config import PlannerConfig
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import PlannerConfig
 from hil_gateway.track.track import load_track
 from planner.plan.prediction import Actuators, Moment, Sent, credible, predict
 

@@ -19,8 +19,8 @@ from typing import Any
 
 from hil_gateway.bus.messages import FailsafeAction, Message
 from hil_gateway.bus.topics import APPLIED, VEHICLE_STATE, Topic
+from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.config import Config
 from planner.simulation.loop import Faults, Loop
 from verification.fault_simulation.faults import Kind, SeededFaults, draw
 from verification.fault_simulation.invariants import STOP_WITHIN_S, Watch

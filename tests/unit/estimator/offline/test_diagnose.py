@@ -16,17 +16,17 @@ from typer.testing import CliRunner
 from estimator.belief.revision import model_of
 from estimator.drive_log.smoothing import second_difference_noise
 from estimator.drive_log.table import DriveLog
+from estimator.model.basis import Basis, make_basis
 from estimator.model.effects import catalogue
 from estimator.model.single_track import SingleTrack
+from estimator.offline.diagnosis import WHITE_IN_LATE_LAPS, Diagnosis, diagnose
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import evaluate, fit
-from estimator.offline.predict.basis import Basis, make_basis
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import Noise
+from estimator.offline.report.diagnosis_result import as_json, as_revision
 from estimator.offline.report.words import describe, follows_turn_direction, plain
-from estimator.offline.result.diagnosis_result import as_json, as_revision
 from estimator.offline.result.diagnosis_score import kernel
-from estimator.offline.search.diagnosis import WHITE_IN_LATE_LAPS, Diagnosis, diagnose
 from estimator.offline.search.search import within_a_sample
 from estimator.offline.search.trial import Setting, fit_names
 from estimator.offline.search.whiteness import structured_elsewhere

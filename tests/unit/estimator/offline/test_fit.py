@@ -10,16 +10,16 @@ import pytest
 from support.drive_simulator import TYRE, Drive, accelerations, random_tyres, simulate
 
 from estimator.drive_log.table import DriveLog, segment_numbers
+from estimator.model.columns import CHANNELS, Columns, ModelColumns
 from estimator.model.effects import catalogue
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.coordinates import StepCoordinates
 from estimator.offline.fit.equation_error import fit, residuals
 from estimator.offline.fit.gauss_newton import bounded_step
 from estimator.offline.fit.identifiability import analyse
-from estimator.offline.fit.nuisance import steer_timing, vy_sensor
 from estimator.offline.fit.output_error import OutputErrorProblem, OutputErrorSettings, fit_output_error
 from estimator.offline.fit.recursive import averaged, batch, sample
-from estimator.offline.predict.evaluate import CHANNELS, Columns, ModelColumns
+from estimator.offline.predict.nuisance import steer_timing, vy_sensor
 from estimator.offline.record.declared import default_tyre_prior
 from estimator.offline.record.prepare import prepare
 from hil_gateway.car.vehicle import Vehicle

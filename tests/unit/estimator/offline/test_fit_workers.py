@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from support.practice_drives import PRIOR, practice, record_of
 
-from estimator.offline.fit.workers import Job, fit_each, workers
 from estimator.offline.search.trial import Setting, fit_names
+from estimator.offline.search.workers import Job, fit_each, workers
 
 
 def test_fits_side_by_side_agree_with_fits_in_turn() -> None:

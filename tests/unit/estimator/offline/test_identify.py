@@ -13,9 +13,8 @@ from typer.testing import CliRunner
 
 from estimator.cli.identify import app
 from estimator.drive_log.table import DriveLog, read_logs
-from estimator.offline.identification import Identification, Options, identify
+from estimator.offline.identification import Identification, Options, identify, score_log
 from estimator.offline.record.declared import read_tyre_prior, read_vehicle
-from estimator.offline.result.identification_score import score_log
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 

@@ -10,7 +10,7 @@ import pytest
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import OperatorAction, OperatorCommand
 from hil_gateway.bus.zenoh_bus import ZenohBus, open_bus, session_config
-from hil_gateway.process.config import ZenohConfig
+from hil_gateway.config import ZenohConfig
 from hil_gateway.process.errors import InputError
 
 

@@ -12,8 +12,8 @@ from hil_gateway.can_link import EXTENDED_ID, BusState, CanLink, Frame, VirtualW
 from hil_gateway.can_link.socketcan import state_after_error
 from hil_gateway.can_link.udp import UdpLink
 from hil_gateway.can_link.wire import QUEUE_FRAMES
+from hil_gateway.config import CanConfig
 from hil_gateway.process.clock import VirtualClock
-from hil_gateway.process.config import CanConfig
 from hil_gateway.process.errors import InputError
 
 

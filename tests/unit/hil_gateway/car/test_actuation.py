@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hil_gateway.car.actuation import Actuation, Actuators
 from hil_gateway.car.powertrain import RPM, GearChoice, Powertrain
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.process.config import OriginConfig
+from hil_gateway.config import OriginConfig
 from hil_gateway.track.geodesy import LocalMap
 
 TRAIN, VEHICLE = Powertrain(), Vehicle()

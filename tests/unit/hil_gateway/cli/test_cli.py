@@ -15,7 +15,7 @@ import pytest
 
 from hil_gateway.cli.doctor import findings, missing_packages
 from hil_gateway.cli.main import COMMANDS
-from hil_gateway.process.config import Config, ZenohConfig, load_config
+from hil_gateway.config import Config, ZenohConfig, load_config
 
 ROOT = Path(__file__).resolve().parents[4]
 

@@ -14,13 +14,13 @@ from rich.console import Console
 from hil_gateway.bus import messages as m
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import GATEWAY_STATUS, OPERATOR, PLAN, TRUTH
+from hil_gateway.config import Config, load_config
 from hil_gateway.demo.canvas import Canvas
 from hil_gateway.demo.monitor import Monitor
 from hil_gateway.demo.operator import Operator
 from hil_gateway.demo.options import DemoOptions, parse_effects, prepare, to_toml
 from hil_gateway.demo.referee import Referee
 from hil_gateway.demo.view import LiveView, Scene, line
-from hil_gateway.process.config import Config, load_config
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.track import load_track
 

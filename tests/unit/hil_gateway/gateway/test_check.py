@@ -10,6 +10,7 @@ import pytest
 from support.check_traffic import CODEC, Values, finding, report, traffic, trouble
 
 from hil_gateway.can_link import Frame, LinkStats, VirtualWire
+from hil_gateway.config import Config
 from hil_gateway.gateway.check.arming import EXPLANATION
 from hil_gateway.gateway.check.finding import Verdict
 from hil_gateway.gateway.check.interface import judge_interface, parse_interface
@@ -17,7 +18,6 @@ from hil_gateway.gateway.check.report import print_report
 from hil_gateway.gateway.check.run import capture, run_check
 from hil_gateway.gateway.decide.failsafe import TABLE
 from hil_gateway.process.clock import NS_PER_S, VirtualClock
-from hil_gateway.process.config import Config
 from hil_gateway.process.errors import InputError
 
 

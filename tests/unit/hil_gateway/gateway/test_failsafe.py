@@ -11,6 +11,7 @@ from support.scripted_car import Rig
 
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction, OperatorCommand
+from hil_gateway.config import Config
 from hil_gateway.gateway.decide.failsafe import (
     MEASURES,
     TABLE,
@@ -20,7 +21,6 @@ from hil_gateway.gateway.decide.failsafe import (
     missing_for_arming,
     table_markdown,
 )
-from hil_gateway.process.config import Config
 
 # The oracle: what must happen, written down a second time without looking at the code's table. It uses the actions'
 # numbers and sets instead of rows: 0 silent, 1 drive, 2 controlled stop, 3 emergency stop.

@@ -9,8 +9,8 @@ import pytest
 
 from can_dbc.codec import load_codec
 from hil_gateway.car.actuation import Actuators
+from hil_gateway.config import LimitConfig
 from hil_gateway.gateway.act.limits import Limits, RawCommand, SignalLimit, _signal_limit
-from hil_gateway.process.config import LimitConfig
 
 LIMITS = Limits(load_codec(), LimitConfig())
 REST = Actuators(0.0, 0.0, 0.0, 0.0, 1)

@@ -10,8 +10,8 @@ from verification.wire_judge import Judge
 
 from can_dbc.codec import load_codec
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
+from hil_gateway.config import Config
 from hil_gateway.gateway.act import actuator_test
-from hil_gateway.process.config import Config
 
 
 def rig_in(mode: str) -> Rig:

@@ -6,14 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from hil_gateway.gateway.decide.race_control import (
-    CtState,
-    Demand,
-    Heard,
-    RaceControl,
-    stronger_track_flag,
-    stronger_vehicle_flag,
-)
+from hil_gateway.car.states import CtState, stronger_track_flag, stronger_vehicle_flag
+from hil_gateway.gateway.decide.race_control import Demand, Heard, RaceControl
 
 HEARD = Heard(
     car_alive=True, sys_state=9, mode_switch=True, heartbeat=1, heartbeat_age_s=0.01, track_flag=1, vehicle_flag=0

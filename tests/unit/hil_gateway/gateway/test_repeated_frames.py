@@ -5,8 +5,8 @@ from __future__ import annotations
 from can_dbc.codec import Codec, load_codec
 from hil_gateway.can_link import Frame
 from hil_gateway.car.actuation import Actuation
+from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
-from hil_gateway.process.config import Config
 
 MS = 1_000_000
 GOOD = bytes.fromhex("c08ac105fac212c8")  # pt_report_1: 6123 rpm in gear 4

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hil_gateway.process.config import Config, load_config
+from hil_gateway.config import Config, load_config
 from hil_gateway.process.errors import InputError
 
 

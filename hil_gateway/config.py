@@ -14,10 +14,10 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
-from hil_gateway.bus.messages import Model
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.model import Model
 
 ENVIRONMENT_PREFIX = "HIL_"
 DEFAULT_ORIGIN = "default"

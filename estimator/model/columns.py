@@ -12,11 +12,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 CHUNK = 2048
 """Samples worked on at once: the working set of a few hundred values stays in the second-level cache."""

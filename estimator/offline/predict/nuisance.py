@@ -12,7 +12,7 @@ from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
-from estimator.model.tyre import Expr
+from hil_gateway.process.arrays import Expr
 
 STEER_TIMING = "steer_timing"
 STEER_ZERO = "steer_offset"

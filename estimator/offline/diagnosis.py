@@ -6,13 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.model.basis import make_basis
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.prediction_error import Fit
-from estimator.offline.fit.workers import workers
-from estimator.offline.predict.basis import make_basis
 from estimator.offline.record.record import Record
 from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout
 from estimator.offline.search.empirical import Term
@@ -21,9 +19,9 @@ from estimator.offline.search.search import Search, search
 from estimator.offline.search.terms import Outcome, Rival, with_terms
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from estimator.offline.search.whiteness import structured, structured_elsewhere
+from estimator.offline.search.workers import workers
+from hil_gateway.process.arrays import Array, Ints
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Progress = Callable[[str], None]
 
 TEST_SHARE = 0.375

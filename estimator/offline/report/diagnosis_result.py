@@ -7,23 +7,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.belief.revision import revision_id
 from estimator.model.single_track import CHANNELS
+from estimator.offline.diagnosis import Diagnosis, alternatives
 from estimator.offline.fit.prediction_error import evaluate
 from estimator.offline.predict.places import PLACES
 from estimator.offline.predict.predict import Block
-from estimator.offline.record.timing import SAMPLED
+from estimator.offline.record.input_timing import SAMPLED
 from estimator.offline.report.words import CHANNEL_NAMES, NAMES, describe, follows_turn_direction
 from estimator.offline.result.diagnosis_score import HORIZON_S, rmse
 from estimator.offline.result.handover import tempered
-from estimator.offline.search.diagnosis import Diagnosis, alternatives
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision, Provenance
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 SYSTEMATIC = 0.02
 """Relative error left by the declared vehicle data, the thinning of the log and when its inputs were sampled; part of

@@ -9,11 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.model.profile import profile_basis, profile_roughness
-
-Array = NDArray[np.float64]
+from hil_gateway.process.arrays import Array
 
 KNOT_M = 70.0
 """Distance of the knots of a profile over the lap, m."""

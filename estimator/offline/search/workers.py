@@ -9,17 +9,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 
-import numpy as np
-from numpy.typing import NDArray
-
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import Noise
 from estimator.offline.search.trial import Setting, fit_names
-
-Array = NDArray[np.float64]
-
+from hil_gateway.process.arrays import Array
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 """names of <malloc.h>"""

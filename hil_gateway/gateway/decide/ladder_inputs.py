@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.gateway.decide.race_control import Heard, stronger_track_flag, stronger_vehicle_flag
+from hil_gateway.car.states import stronger_track_flag, stronger_vehicle_flag
+from hil_gateway.gateway.decide.race_control import Heard
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 
 MARELLI_DEADLINE_S = 0.5

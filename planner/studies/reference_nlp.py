@@ -11,13 +11,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
+from hil_gateway.process.arrays import Array
 from planner.plan.controller import Controller
 from planner.problem.motion import BOUNDED, DRIVE, NU, NZ
 from planner.solver.sqp import Stopwatch
-
-Array = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-4
 WARM_MU = 1e-3
