@@ -46,19 +46,28 @@ def _outcome(case: ElementTree.Element) -> str:
     return "skipped" if "skipped" in children else "passed"
 
 
-def _not_run() -> int:
-    """How many vcan tests there are, when none could be run."""
-    command = [sys.executable, "-m", "pytest", "-m", "vcan", "--collect-only", "-q"]
+def _needing_vcan() -> list[str]:
+    """Names of the tests that want a vcan interface, as pytest lists them."""
+    # no -q here: pyproject.toml has one, and a second would list files instead of tests
+    command = [sys.executable, "-m", "pytest", "-m", "vcan", "--collect-only"]
     listing = subprocess.run(command, capture_output=True, text=True, check=False)
-    return sum("::" in line for line in listing.stdout.splitlines())
+    return [line for line in listing.stdout.splitlines() if "::" in line]
+
+
+def _not_run(folder: Path) -> list[tuple[str, str]]:
+    """Outcomes of the tests that want a vcan interface where there was none; prints their names and the reason."""
+    tests = _needing_vcan()
+    print("\n".join(f"not run: {name}" for name in tests))
+    print(f"{len(tests)} tests not run, they need vcan: {(folder / 'vcan.log').read_text().strip()}")
+    return [("vcan (not run)", "skipped")] * len(tests)
 
 
 def main(folder: Path) -> int:
-    """Print the summary; 1 when a step failed or no test ran."""
+    """Print the summary; 1 when a step failed or no test ran. `failed` names vcan-tests where they were required."""
     kind = (folder / "vcan-kind").read_text().strip() if (folder / "vcan-kind").exists() else ""
     results = outcomes(folder / "normal.xml") + [(f"{k} ({kind})", o) for k, o in outcomes(folder / "vcan.xml")]
     if not (folder / "vcan.xml").exists():
-        results += [("vcan (not run)", "skipped")] * _not_run()
+        results += _not_run(folder)
     print((folder / "steps").read_text(), end="")
     for kind in sorted({kind for kind, _ in results}):
         counts = Counter(outcome for k, outcome in results if k == kind)

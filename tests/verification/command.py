@@ -23,31 +23,42 @@ app = typer.Typer(help="The reliability promises at their stated figures.")
 
 ROOT = Path(__file__).resolve().parents[2]
 LONG_RUNS = ROOT / "docs" / "promises-long.json"
-"""what long runs said, by promise; the usual run puts it beside its own figures in docs/promises.md"""
+"""what long runs said, by promise; the usual run puts it beside its own figures"""
 
 
 @app.command()
 def verify(  # noqa: PLR0917 (options are passed by name)
-    long: Annotated[bool, typer.Option("--long", help="the full figures; takes hours")] = False,
+    long: Annotated[bool, typer.Option("--long", help="the full figures; takes hours; kept in docs/")] = False,
     as_json_text: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
     only: Annotated[str, typer.Option("--only", help="promises to run, comma-separated: S1,L1")] = "",
     seed: Annotated[int | None, typer.Option(help="run one seed of the fault simulation")] = None,
     seeds: Annotated[int | None, typer.Option(help="run so many seeds of the fault simulation")] = None,
     mutation: Annotated[bool, typer.Option("--mutation", help="mutate limits, failsafe and codec")] = False,
     gathered: Annotated[Path | None, typer.Option("--from", help="only report what a test run wrote here")] = None,
+    page: Annotated[Path | None, typer.Option(help="write the page of promises here: docs/promises.md")] = None,
 ) -> None:
-    """Run the tests of the promises; writes docs/promises.md and says what was reached."""
+    """Run the tests of the promises and say what was reached."""
     if unknown := {part for part in only.split(",") if part} - {promise.id for promise in PROMISES}:
         raise InputError(f"--only {only}: no promise {', '.join(sorted(unknown))}; docs/promises.md lists them")
+    if page is not None:
+        _check_page(page, whole=not (long or only or mutation) and seed is None and seeds is None)
     if seed is not None or seeds is not None:
         report = _simulate(seed, seeds or 0)
     elif mutation:
         report = mutation_run.run(ROOT)
     else:
-        report = _promises(long, only, gathered)
+        report = _promises(long, only, gathered, page)
     typer.echo(json.dumps(report) if as_json_text else _plain(report))
     if not report["ok"]:
         raise typer.Exit(EXIT_FAILURE)
+
+
+def _check_page(page: Path, whole: bool) -> None:
+    """Refuse, before any test has run, a page that could not be written or would leave promises out."""
+    if not whole:
+        raise InputError(f"--page {page}: the page is of one usual run of every promise; leave the other options out")
+    if page.is_dir() or not os.access(page if page.exists() else page.parent, os.W_OK):
+        raise InputError(f"--page {page}: cannot be written there; name a file in a folder of yours")
 
 
 def _simulate(seed: int | None, count: int) -> dict[str, Any]:
@@ -60,8 +71,8 @@ def _simulate(seed: int | None, count: int) -> dict[str, Any]:
     return {**{key: getattr(result, key) for key in result.__dataclass_fields__}, "ok": not result.broken}
 
 
-def _promises(long: bool, only: str, gathered: Path | None) -> dict[str, Any]:
-    """Run the marked tests (or take what a run has written) and report."""
+def _promises(long: bool, only: str, gathered: Path | None, page: Path | None) -> dict[str, Any]:
+    """Run the marked tests (or take what a run has written) and report; `page` is a file to write it to as well."""
     started = time.time()
     with tempfile.TemporaryDirectory() as folder:
         path = gathered or Path(folder) / "figures.jsonl"
@@ -75,9 +86,9 @@ def _promises(long: bool, only: str, gathered: Path | None) -> dict[str, Any]:
         # a test may prove two promises: of one that was not asked for, the other tests are missing
         asked = {name: of for name, of in evidence.items() if not only or name in only.split(",")}
         keep_long(LONG_RUNS, asked, conditions)
-    elif not only:
+    elif page is not None:
         kept = json.loads(LONG_RUNS.read_text()) if LONG_RUNS.exists() else {}
-        (ROOT / "docs" / "promises.md").write_text(markdown(evidence, conditions, kept))
+        page.write_text(markdown(evidence, conditions, kept))
     rows = [row for row in as_json(evidence) if not only or row["id"] in only.split(",")]
     broken = [row["id"] for row in rows if row["verdict"] == "BROKEN"]
     return {"ok": status in (0, 5) and not broken, "promises": rows, "broken": broken, "conditions": conditions}

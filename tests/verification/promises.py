@@ -186,7 +186,7 @@ def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dic
     lines = [
         "# Promises",
         "",
-        "Written by `hil verify`. Each promise has at least one test marked",
+        "Written by `hil verify --page FILE`. Each promise has at least one test marked",
         '`@pytest.mark.promise("ID")`; a promise without one fails the test suite. The usual run, part of every',
         "`deploy/test.sh`, is smaller than what is required where that takes long; `hil verify --long` runs it whole.",
         "",

@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -118,3 +119,22 @@ def test_wrong_use_of_the_certificate_script_is_exit_2(arguments: list[str]) -> 
     result = subprocess.run([script, *arguments], capture_output=True, text=True, check=False)
     assert result.returncode == 2
     assert result.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("required", "code"), [(False, 0), (True, 1)])
+def test_summary_names_the_tests_that_want_vcan_and_why_they_did_not_run(
+    tmp_path: Path, required: bool, code: int
+) -> None:
+    (tmp_path / "steps").write_text("tests ok 1 s\n")
+    (tmp_path / "vcan.log").write_text("with-vcan: no vcan0: no room\n")
+    (tmp_path / "normal.xml").write_text('<testsuite><testcase classname="a" name="b"/></testsuite>')
+    if required:
+        (tmp_path / "failed").write_text("vcan-tests\n")
+    command = [sys.executable, DEPLOY / "summary.py", tmp_path]
+    result = subprocess.run(command, capture_output=True, text=True, cwd=DEPLOY.parent, timeout=120, check=False)
+    assert result.returncode == code
+    named = re.findall(r"^not run: (tests/vcan/\S+::test_\w+)", result.stdout, re.MULTILINE)
+    assert f"{len(named)} tests not run, they need vcan: with-vcan: no vcan0: no room" in result.stdout
+    assert len(named) > 10
+    assert f"1 passed, 0 failed, {len(named)} skipped" in result.stdout

@@ -42,6 +42,34 @@ def test_an_unknown_promise_is_one_clear_line():
         verify(only="S1,Z1,S9")
 
 
+@pytest.mark.parametrize(
+    ("page", "others"),
+    [
+        ("missing/page.md", {}),
+        (".", {}),
+        ("page.md", {"only": "S1"}),
+        ("page.md", {"long": True}),
+        ("page.md", {"seeds": 1}),
+    ],
+)
+def test_a_page_that_could_not_be_whole_is_refused_before_any_test_runs(tmp_path, page, others):
+    with pytest.raises(InputError, match="--page"):
+        verify(page=tmp_path / page, **others)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_page_is_written_where_it_is_asked_for_and_nowhere_else(tmp_path, capsys):
+    figures = tmp_path / "figures.jsonl"
+    figures.write_text(json.dumps({"promise": "S1", "test": "a.py::test_x", "outcome": "passed"}))
+    committed = TESTS.parent / "docs" / "promises.md"
+    before = committed.read_bytes()
+    verify(gathered=figures)
+    verify(gathered=figures, page=tmp_path / "page.md")
+    assert committed.read_bytes() == before
+    assert "| S1 |" in (tmp_path / "page.md").read_text()
+    assert "S1  kept" in capsys.readouterr().out
+
+
 def test_the_report_takes_the_worst_outcome_and_every_figure_once(tmp_path):
     lines = [
         {"promise": "S1", "test": "a.py::test_x[1]", "outcome": "passed"},
