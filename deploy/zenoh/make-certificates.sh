@@ -41,7 +41,7 @@ for role in "${roles[@]}"; do
         -days "$days" -out "$folder/$role.pem" 2>/dev/null \
         -extfile <(printf 'subjectAltName=%s\nextendedKeyUsage=serverAuth,clientAuth\nbasicConstraints=CA:FALSE\n' "$names")
     rm "$folder/$role.csr"
-    sed -e "s#@FOLDER@#$folder#g" -e "s#@ROLE@#$role#g" "$here/secure.json5" >"$folder/$role.json5"
+    sed -e "s#@FOLDER@#$folder#g" -e "s#@ROLE@#$role#g" "$here/../../hil_gateway/data/secure.json5" >"$folder/$role.json5"
 done
 chmod 644 "$folder"/*.pem "$folder"/*.json5
 echo "certificates for ${roles[*]} in $folder, for ${hosts[*]}"

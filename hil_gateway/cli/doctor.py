@@ -21,6 +21,8 @@ import typer
 from hil_gateway.config import Config, load_config, origins
 from hil_gateway.process.cache import cache_directory
 from hil_gateway.process.errors import EXIT_FAILURE
+from hil_gateway.process.shipped import missing_files, template
+from hil_gateway.track.track import shipped_tracks
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -50,7 +52,7 @@ class Program:
 
 
 PROGRAMS = (
-    Program(("cc", "gcc"), "gcc libc6-dev", "compiled planner stages (about 3 times faster)"),
+    Program(("cc", "gcc"), "gcc libc6-dev", "compiled planner stages (about 3 times faster), vcan on AMX"),
     Program(("ip",), "iproute2", "CAN interfaces, two-computer tests"),
     Program(("candump",), "can-utils", "vcan tests with programs that are not ours"),
     Program(("chromium", "chromium-browser", "google-chrome"), "chromium", "dashboard test in a browser"),
@@ -82,6 +84,14 @@ def _packages() -> Finding:
     missing = [name for name in names if not _installed(name)]
     detail = f"missing: {', '.join(missing)}" if missing else f"{len(names)} installed"
     return Finding("packages", not missing, detail, "everything", "rm -r .venv && deploy/setup.sh", True)
+
+
+def _package_data() -> Finding:
+    """Whether what comes with the packages is there: tracks, database, configuration, templates."""
+    missing = missing_files()
+    tracks = ", ".join(shipped_tracks())
+    detail = f"missing: {', '.join(missing)}" if missing else f"tracks {tracks}"
+    return Finding("package data", not missing, detail, "everything", "install the package again", True)
 
 
 def _distribution(requirement: str) -> str:
@@ -189,7 +199,7 @@ def _real_time() -> Finding:
 
 def findings(config: Config) -> Iterator[Finding]:
     """Look at everything, cheap things first."""
-    yield from (_python(), _packages(), _cpus(), _disk(config.recorder.folder), _cache())
+    yield from (_python(), _packages(), _package_data(), _cpus(), _disk(config.recorder.folder), _cache())
     yield from (_socketcan(), _interface(config.can.channel), _multicast(config.can.multicast_group))
     yield from map(_zenoh, config.zenoh.connect[:1])
     yield from map(_program, PROGRAMS)
@@ -228,8 +238,12 @@ def doctor(
     show_config: Annotated[bool, typer.Option("--config", help="list every setting, its value and its origin")] = False,
     config_file: Annotated[Path | None, typer.Option("--file", help="TOML file to read settings from")] = None,
     packages: Annotated[bool, typer.Option("--packages", help="only the Debian packages that are missing")] = False,
+    template_name: Annotated[str, typer.Option("--template", help="print av24.toml or secure.json5, to edit")] = "",
 ) -> None:
     """Say what this machine lacks for what, with the remedy. Exit 1 when `hil demo` cannot run here."""
+    if template_name:
+        print(template(template_name), end="")
+        return
     if packages:
         print(" ".join(missing_packages()))
         return

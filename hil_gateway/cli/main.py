@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -32,36 +32,49 @@ COMMANDS: dict[str, tuple[str, str]] = {
 
 
 class LazyGroup(TyperGroup):
-    """Lists sub-commands from the table and imports one only to run it."""
+    """Knows its sub-commands from the table, and imports one only to run it or to complete its options."""
 
-    def list_commands(self, ctx: Any) -> list[str]:
-        return list(COMMANDS)
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands = {name: TyperCommand(name, help=text, short_help=text) for name, (_, text) in COMMANDS.items()}
 
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name not in COMMANDS:
-            return None
-        target, text = COMMANDS[cmd_name]
-        if ctx.resilient_parsing or "--help" in sys.argv[1:2] or len(sys.argv) == 1:
-            return TyperCommand(cmd_name, help=text, short_help=text)
-        module, attribute = target.split(":")
-        sub: typer.Typer = getattr(importlib.import_module(module), attribute)
-        sub.rich_markup_mode = None  # the same plain help everywhere
-        sub._add_completion = False
-        return typer.main.get_command(sub)
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, _load(name) if name else command, rest
+
+
+def _load(name: str) -> Any:
+    """The command itself in the place of its entry in the list."""
+    module, attribute = COMMANDS[name][0].split(":")
+    sub: typer.Typer = getattr(importlib.import_module(module), attribute)
+    sub.rich_markup_mode = None  # the same plain help everywhere
+    sub._add_completion = False
+    return typer.main.get_command(sub)
 
 
 app = typer.Typer(
     cls=LazyGroup,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain help: importing rich would double its time
     help="Hardware-in-the-loop CAN gateway and active tyre-learning loop for the Dallara AV-24.",
 )
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"hil {version('hil-gateway')}")
+        raise typer.Exit
+
+
 @app.callback()
-def _root() -> None:
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", help="print the version", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
     """Hardware-in-the-loop CAN gateway and active tyre-learning loop for the Dallara AV-24."""
 
 
@@ -94,5 +107,8 @@ def _explain_usage(error: Any) -> str:
     """One line, or the help of a group that was called without a command."""
     text = str(error.format_message()).strip()
     command = error.ctx.command_path if error.ctx else "hil"
-    return text if "\n" in text else f"hil: {text.rstrip('.')}; `{command} --help` lists what there is"
+    if "\n" in text:
+        return text
+    text = text if text.endswith("?") else text.rstrip(".") + ";"
+    return f"hil: {text} `{command} --help` lists what there is"
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import AsyncIterator, Callable
-from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
@@ -13,7 +12,9 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-FOLDER = Path(__file__).parent
+from hil_gateway.process.shipped import shipped
+
+FOLDER = shipped("hil_gateway", "dashboard")
 PAGES = {"/": "index.html", "/app.js": "app.js", "/style.css": "style.css"}
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; img-src data:; "

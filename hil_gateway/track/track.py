@@ -17,8 +17,8 @@ import numpy as np
 
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.shipped import did_you_mean, shipped
 
-TRACKS_FOLDER = Path(__file__).resolve().parents[2] / "deploy" / "tracks"
 DEFAULT_TRACK = "road_course"
 FAR = 1000.0
 """m beyond the line: no longer near"""
@@ -133,7 +133,7 @@ class Track:
 
 def shipped_tracks() -> dict[str, Path]:
     """Name -> file of the tracks that come with the project."""
-    return {path.stem: path for path in sorted(TRACKS_FOLDER.glob("*.toml"))}
+    return {path.stem: path for path in sorted(shipped("hil_gateway", "data/tracks").glob("*.toml"))}
 
 
 def load_track(path: str | Path | None = None) -> Track:
@@ -156,9 +156,10 @@ def load_track(path: str | Path | None = None) -> Track:
 
 
 def _resolve(name: str) -> Path:
-    shipped = shipped_tracks()
-    if name in shipped:
-        return shipped[name]
+    tracks = shipped_tracks()
+    if name in tracks:
+        return tracks[name]
     if not Path(name).is_file():
-        raise InputError(f"{name}: no such track file; shipped tracks: {', '.join(shipped)}")
+        hint = did_you_mean(name, list(tracks))
+        raise InputError(f"{name}: no such track file; {hint}shipped tracks: {', '.join(tracks)}")
     return Path(name)

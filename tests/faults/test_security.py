@@ -21,6 +21,7 @@ from hil_gateway.bus.messages import Command, OperatorAction, OperatorCommand
 from hil_gateway.bus.zenoh_bus import ZenohBus, open_bus, read_json5
 from hil_gateway.config import ZenohConfig
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.shipped import shipped
 
 SHIPPED = Path(__file__).resolve().parents[2] / "deploy" / "zenoh"
 pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is missing")
@@ -158,10 +159,10 @@ def test_calling_oneself_planner_does_not_help(join, certificates):
 
 
 def test_the_shipped_file_is_the_one_derived_from_the_topics():
-    shipped = read_json5(SHIPPED / "secure.json5")
+    tree = read_json5(shipped("hil_gateway", "data/secure.json5"))
     expected = json.dumps(secure_session("gateway", "@FOLDER@"))
     expected = expected.replace("/gateway.key", "/@ROLE@.key").replace("/gateway.pem", "/@ROLE@.pem")
-    assert shipped == json.loads(expected), "secure.json5 differs from what hil_gateway.bus.access derives"
+    assert tree == json.loads(expected), "secure.json5 differs from hil_gateway.bus.access.secure_session"
 
 
 def test_each_role_publishes_its_topics_only():

@@ -9,6 +9,7 @@ import re
 import socket
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,28 @@ def test_help_appears_within_300_ms_of_processor_time() -> None:
     assert min(processor_s() for _ in range(3)) < 0.3
 
 
+def test_version_is_that_of_the_package() -> None:
+    assert hil("--version").stdout == f"hil {version('hil-gateway')}\n"
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [("hil doc", "doctor"), ("hil demo --lap", "--laps"), ("hil session exp", "export")],
+)
+def test_shell_completes_commands_and_their_options(typed: str, offered: str) -> None:
+    shell = {"_HIL_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
+    assert offered in hil_script(**shell).splitlines()
+
+
+def hil_script(**environment: str) -> str:
+    """Output of the installed `hil`, without arguments."""
+    command = [sys.executable, "-c", "from hil_gateway.cli.main import main; main()"]
+    shown = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, check=True, env={**os.environ, **environment}
+    )
+    return shown.stdout
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_of_the_table_can_be_asked_for_help(name: str) -> None:
     module, attribute = COMMANDS[name][0].split(":")
@@ -60,6 +83,10 @@ def test_every_command_of_the_table_can_be_asked_for_help(name: str) -> None:
     ("arguments", "words"),
     [
         (("nonsense",), "nonsense"),
+        (("demoo",), "Did you mean 'demo'?"),
+        (("session", "exprt"), "Did you mean 'export'?"),
+        (("demo", "--track", "road_curse"), "did you mean road_course?"),
+        (("doctor", "--template", "av42.toml"), "av42.toml"),
         (("demo", "--laps", "many"), "'--laps': Input should be a valid integer"),
         (("demo", "--laps", "0"), "--laps 0"),
         (("demo", "--track", "nowhere.csv"), "nowhere.csv"),
@@ -89,7 +116,7 @@ def test_unknown_key_in_the_environment_is_named() -> None:
 def test_doctor_json_is_one_object_and_every_lack_has_a_remedy() -> None:
     report = json.loads(hil("doctor", "--json").stdout)
     assert report["ok"]
-    assert {"python", "packages", "socketcan", "disk"} <= {check["name"] for check in report["checks"]}
+    assert {"python", "packages", "package data", "socketcan", "disk"} <= {check["name"] for check in report["checks"]}
     assert all(check["remedy"] and check["needed_for"] for check in report["checks"] if not check["ok"])
 
 
