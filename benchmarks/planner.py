@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.track.track import Track, load_track
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
 from planner.problem.settings import Information, Settings
 from planner.studies.bench import INFORMATION_WEIGHT, Run, bench_controller, drive, percentiles
 

@@ -42,7 +42,7 @@ install_program() {
     install -d "$root$program"
     : >"$manifest"
     (cd "$source" && tar --create --exclude=__pycache__ \
-        can_dbc hil_gateway estimator planner deploy docs pyproject.toml setup.py requirements.lock README.md LICENSE) |
+        can_dbc hil_gateway estimator planner deploy docs pyproject.toml requirements.lock README.md LICENSE) |
         tar --extract --directory="$root$program" --no-same-owner
     [ -n "$root" ] || "$program/deploy/setup.sh"
 }

@@ -17,7 +17,7 @@ run() {
     "$@" >"$log" 2>&1 || fail "$what: $(grep -v '^[[:space:]]*$' "$log" | tail -n 1)"
 }
 
-wanted=$(cat "$root/requirements.lock" "$root/pyproject.toml" "$root/setup.py" <(echo "$root") | sha256sum)
+wanted=$(cat "$root/requirements.lock" "$root/pyproject.toml" <(echo "$root") | sha256sum)
 if [ -x "$venv/bin/hil" ] && [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ]; then exit 0; fi
 
 # An interpreter that every locked package has a wheel for; nothing when there is none

@@ -27,7 +27,8 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S, SystemClock
-from hil_gateway.track.track import Track, load_track
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
 
 BELIEF_PERIOD_NS = NS_PER_S // 10
 REVISION_PERIOD_NS = NS_PER_S

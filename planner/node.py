@@ -14,7 +14,8 @@ from hil_gateway.bus.messages import Applied, Command, Estimate, Plan, PlanStatu
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S, SystemClock
-from hil_gateway.track.track import Track, load_track
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
 from planner.adoption.adoption import Adoption
 from planner.plan.checks import PlanCheck
 from planner.plan.fallback import Stopping, Trajectory, shifted, stop_plan

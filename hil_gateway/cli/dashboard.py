@@ -31,7 +31,7 @@ def run(
     from hil_gateway.dashboard.feed import Feed, track_outline
     from hil_gateway.dashboard.server import create_app
     from hil_gateway.process.clock import SystemClock
-    from hil_gateway.track.track import load_track
+    from hil_gateway.track.loading import load_track
 
     config = load_config(config_file, {} if port is None else {"dashboard.port": port})
     page = config.dashboard

@@ -22,7 +22,7 @@ from hil_gateway.config import Config, load_config, origins
 from hil_gateway.process.cache import cache_directory
 from hil_gateway.process.errors import EXIT_FAILURE
 from hil_gateway.process.shipped import missing_files, template
-from hil_gateway.track.track import shipped_tracks
+from hil_gateway.track.loading import shipped_tracks
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 

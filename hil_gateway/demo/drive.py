@@ -13,7 +13,7 @@ from hil_gateway.demo.summary import summarise
 from hil_gateway.demo.view import LiveView, PlainView, View
 from hil_gateway.process.lifecycle import stop_requested
 from hil_gateway.process.supervisor import DASHBOARD, PROCESSES, Supervisor
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 
 
 def drive(options: DemoOptions) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from hil_gateway.bus.revision_file import read_revision
 from hil_gateway.can_link import open_link, resolve_kind
 from hil_gateway.config import DEFAULT_ORIGIN, Config, load_config, origins
 from hil_gateway.process.errors import InputError
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 
 DEFAULT_LAPS = 1
 CONFIG_NAME = "config.toml"

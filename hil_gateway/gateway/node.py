@@ -18,7 +18,7 @@ from hil_gateway.gateway.core import Gateway
 from hil_gateway.process.clock import NS_PER_S, SystemClock
 from hil_gateway.process.lifecycle import stop_requested
 from hil_gateway.process.scheduling import punctual
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 
 PERIOD_NS = NS_PER_S // 100
 log = logging.getLogger(__name__)

@@ -20,7 +20,8 @@ from hil_gateway.plant.referee import Referee
 from hil_gateway.plant.sensors import Noise, Sensors
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.track.track import Track, load_track
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
 
 STEPS_PER_SAMPLE = 10
 START_SPEED = 20.0

@@ -20,7 +20,8 @@ from hil_gateway.plant.sensors import Sensors
 from hil_gateway.plant.transmit import RaceControl, Transmitter
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.track.track import Track, load_track
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
 
 STEP_NS = round(STEP_S * NS_PER_S)
 TRUTH_PERIOD_NS = NS_PER_S // 20

@@ -22,7 +22,7 @@ NEEDED: dict[str, tuple[str, ...]] = {
         "dashboard/app.js",
         "dashboard/style.css",
     ),
-    "estimator": ("templates/report.html",),
+    "estimator": ("offline/report/templates/report.html",),
 }
 """package -> files without which a command would fail; `hil doctor` looks for them"""
 TEMPLATES = ("av24.toml", "secure.json5")

@@ -10,16 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hil_gateway.process.arrays import Array
-from hil_gateway.process.errors import InputError
-from hil_gateway.process.shipped import did_you_mean, shipped
 
-DEFAULT_TRACK = "road_course"
 FAR = 1000.0
 """m beyond the line: no longer near"""
 
@@ -129,37 +125,3 @@ class Track:
             if abs(step) < 1e-3:
                 break
         return s % self.length, lateral
-
-
-def shipped_tracks() -> dict[str, Path]:
-    """Name -> file of the tracks that come with the project."""
-    return {path.stem: path for path in sorted(shipped("hil_gateway", "data/tracks").glob("*.toml"))}
-
-
-def load_track(path: str | Path | None = None) -> Track:
-    """Read a track: a CSV in the TUM convention, an own description (TOML), or the name of a shipped track.
-
-    None or "" gives the shipped road course.
-
-    Raises:
-        InputError: no such file, or a file that does not describe a closed track; names file, row and column.
-    """
-    from hil_gateway.track.csv_file import read_csv
-    from hil_gateway.track.layout import read_layout
-    from hil_gateway.track.smoothing import smooth
-
-    file = _resolve(str(path or DEFAULT_TRACK))
-    readers = {".csv": read_csv, ".toml": read_layout}
-    if file.suffix.lower() not in readers:
-        raise InputError(f"{file}: a track is a .csv (x_m,y_m,w_tr_right_m,w_tr_left_m) or a .toml description")
-    return smooth(readers[file.suffix.lower()](file))
-
-
-def _resolve(name: str) -> Path:
-    tracks = shipped_tracks()
-    if name in tracks:
-        return tracks[name]
-    if not Path(name).is_file():
-        hint = did_you_mean(name, list(tracks))
-        raise InputError(f"{name}: no such track file; {hint}shipped tracks: {', '.join(tracks)}")
-    return Path(name)

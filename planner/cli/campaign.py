@@ -52,7 +52,7 @@ def learn(  # noqa: PLR0917  (one argument a flag)
 
     Resumable: interrupted, the same command goes on where it stopped.
     """
-    from hil_gateway.track.track import load_track
+    from hil_gateway.track.loading import load_track
     from planner.studies.campaign.run import Machines, drive_all
     from planner.studies.campaign.trial import KNOWN, CampaignSettings, Trial
 

@@ -34,7 +34,7 @@ def bench(  # noqa: PLR0917 - options of a command line
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
     """Drive laps on the planner's own model and report timings and safety figures."""
-    from hil_gateway.track.track import load_track
+    from hil_gateway.track.loading import load_track
     from planner.problem.settings import settings_of
     from planner.studies import bench as b
 

@@ -21,7 +21,8 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import NS_PER_S, VirtualClock
-from hil_gateway.track.track import Track, load_track
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
 
 M = TypeVar("M", bound=Message)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
 from planner.problem.motion import S
 from planner.problem.settings import Information, Settings

@@ -59,8 +59,9 @@ def build(folder: Path) -> Path:
     source = folder / "source"
     for name in PACKAGES:
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
+    (source / "docs").mkdir()
+    for name in ("pyproject.toml", "docs/package.md", "LICENSE"):
+        shutil.copy(ROOT / name, source / name)
     command = [sys.executable, "-c", BUILD, str(folder)]
     result = subprocess.run(command, cwd=source, capture_output=True, text=True, timeout=120, check=False)
     assert result.returncode == 0, result.stderr

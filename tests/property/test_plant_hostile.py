@@ -15,7 +15,7 @@ from hil_gateway.plant.dynamics import STATES
 from hil_gateway.plant.parameters import AV24, PAPER, PlantParameters
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import VirtualClock
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 
 IDS = sorted(load_codec().by_id)
 FRAMES = st.lists(st.tuples(st.one_of(st.sampled_from(IDS), st.integers(0, 2047)), st.binary(max_size=8)), max_size=60)

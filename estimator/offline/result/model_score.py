@@ -26,7 +26,8 @@ from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.drive_table import read_drive_table
 from hil_gateway.session.reader import SessionReader
-from hil_gateway.track.track import Track, load_track
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
 
 HORIZON_S = 1.0
 SPACING_S = 0.25

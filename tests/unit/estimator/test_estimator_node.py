@@ -21,7 +21,8 @@ from hil_gateway.bus.messages import ActiveEffect, Estimate, Message, ModelRevis
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.config import Config, EstimatorConfig
 from hil_gateway.process.errors import InputError
-from hil_gateway.track.track import Track, load_track
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
 
 DT_NS = 10_000_000
 START_NS = 1_000_000_000

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 from planner.plan import acceptance
 from planner.plan.acceptance import Bounds, Plan, declared_forces, violations
 from planner.plan.checks import beside, bounds_of, defects, plan_of

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 from planner.cli.plan import app
 from planner.problem.settings import Settings
 from planner.studies.bench import bench_controller

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
 from planner.problem import infomax
 from planner.problem.infomax import (

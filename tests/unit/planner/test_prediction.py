@@ -9,7 +9,7 @@ import pytest
 
 from hil_gateway.config import PlannerConfig
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 from planner.plan.prediction import Actuators, Moment, Sent, credible, predict
 
 MS = NS_PER_S // 1000

@@ -10,7 +10,8 @@ import pytest
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.model.single_track import SingleTrack
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-from hil_gateway.track.track import Track, load_track
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
 from planner.line.envelope import Envelope, envelope_of, required_lateral
 from planner.line.raceline import RaceLine, centre_line, compute_raceline, raceline_for
 from planner.line.speed_profile import lap_time_of, speed_profile

@@ -39,7 +39,7 @@ def test_limits_failsafe_and_codec_are_covered_to_the_last_branch(tmp_path):
 @pytest.mark.promise("S6")
 def test_no_mutant_survives_without_a_reason():
     script = (
-        "import json, sys; from pathlib import Path; from hil_gateway import mutation;"
+        "import json, sys; from pathlib import Path; from verification import mutation;"
         f"print(json.dumps(mutation.run(Path({str(ROOT)!r}), {_modules()!r}, {volume(9, 1)})))"
     )
     done = subprocess.run(
@@ -57,7 +57,8 @@ def test_no_mutant_survives_without_a_reason():
 def _environment() -> dict[str, str]:
     """Without what a run of the promises sets: all tests at their usual volume; what fails on a mutant breaks none."""
     ours = ("PYTEST_XDIST_WORKER", FIGURES_VARIABLE, LONG_VARIABLE, ONLY_VARIABLE)
-    return {name: value for name, value in os.environ.items() if name not in ours}
+    kept = {name: value for name, value in os.environ.items() if name not in ours}
+    return {**kept, "PYTHONPATH": str(ROOT / "tests")}
 
 
 def _modules() -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import ALERT, BELIEF, ESTIMATE, GATEWAY_STATUS, PLAN, TRUTH, Topic
 from hil_gateway.dashboard.feed import Feed, track_outline
 from hil_gateway.dashboard.server import create_app
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 
 
 class ListeningBus(LocalBus):

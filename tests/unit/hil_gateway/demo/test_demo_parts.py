@@ -22,7 +22,7 @@ from hil_gateway.demo.options import DemoOptions, parse_effects, prepare, to_tom
 from hil_gateway.demo.referee import Referee
 from hil_gateway.demo.view import LiveView, Scene, line
 from hil_gateway.process.errors import InputError
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 
 MS = 1_000_000
 

@@ -13,7 +13,7 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import StopConfig
 from hil_gateway.gateway.act.stopping import Path, Stopping, plan_path
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 
 VEHICLE = Vehicle()
 HERE = Pose(0.0, 0.0, 0.0, 40.0)

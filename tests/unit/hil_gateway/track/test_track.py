@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil_gateway.process.errors import InputError
-from hil_gateway.track.track import Track, load_track, shipped_tracks
+from hil_gateway.track.loading import load_track, shipped_tracks
+from hil_gateway.track.track import Track
 
 HEADER = "x_m,y_m,w_tr_right_m,w_tr_left_m"
 
