@@ -13,8 +13,12 @@ from typing import Annotated, Any
 
 import typer
 
+from hil_gateway.process.writable import check_folder
+
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
+RESULTS = ("report.html", "diagnosis.json", "model.json")
+"""what `--out` holds afterwards"""
 TYPICAL_STEPS = 45.0
 """Fits of a typical diagnosis: the bar approaches its end over about twice as many."""
 
@@ -40,6 +44,8 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.offline.report.diagnosis_result import as_revision, write
     from hil_gateway.process.errors import InputError
 
+    if out is not None:
+        check_folder(out, RESULTS, [path for path in (*sessions, vehicle, tyre) if path is not None])
     if layout not in ("per_axle", "shared"):
         raise InputError(f"--layout {layout}: must be per_axle or shared")
     car = read_vehicle(vehicle)

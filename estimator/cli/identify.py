@@ -11,11 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hil_gateway.process.writable import check_folder
+
 if TYPE_CHECKING:
     from estimator.offline.identification import Identification
     from estimator.offline.result.identification_score import Scores
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+RESULTS = ("report.html", "identification.json", "tyre.json")
+"""what `--out` holds afterwards"""
 
 
 class LayoutName(StrEnum):
@@ -68,6 +74,8 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
     from estimator.offline.result.identification_score import as_summary
 
+    if out is not None:
+        check_folder(out, RESULTS, [path for path in (*sessions, *(score or ()), vehicle, tyre) if path is not None])
     options = Options(layout.value, method.value, formulation.value, window, frozenset(keep or ()))
     car = read_vehicle(vehicle)
     prior = read_tyre_prior(tyre, layout.value, car)
@@ -89,9 +97,10 @@ def _write(result: Identification, summary: dict[str, Any], out: Path) -> Path:
     from estimator.offline.report.identification_report import write_report
 
     out.mkdir(parents=True, exist_ok=True)
-    page = write_report(result, out / "report.html")
-    (out / "identification.json").write_text(json.dumps(summary, indent=1))
-    (out / "tyre.json").write_text(json.dumps(result.final, indent=1))
+    page, whole, tyre = (out / name for name in RESULTS)
+    write_report(result, page)
+    whole.write_text(json.dumps(summary, indent=1))
+    tyre.write_text(json.dumps(result.final, indent=1))
     return page
 
 

@@ -53,4 +53,5 @@ def _listen(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host, port))
     except OSError as error:
-        raise InputError(f"dashboard: {host}:{port} cannot be used: {error.strerror}; choose another --port") from None
+        reason = f"{host}:{port} cannot be used: {error.strerror}"
+        raise InputError(f"dashboard: {reason}; set dashboard.port to another one") from None

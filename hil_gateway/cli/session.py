@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
+from hil_gateway.process.writable import check_file
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, no_args_is_help=True)
 
@@ -67,6 +68,7 @@ def recover(file: OneSession, out: Out = None, as_json: AsJson = False) -> None:
     from hil_gateway.session.recover import recover as recover_session
 
     target = out or beside(file, f"_recovered{file.suffix}")
+    check_file(target, (file,))
     done = recover_session(file, target)
     values = {"messages": done.messages, "left_out": done.left_out, "damage": done.damage, "path": str(target)}
     _report(values, f"{done.messages} messages recovered to {target}", as_json)
@@ -86,12 +88,31 @@ def export(
     from hil_gateway.session.export import EXPORTS
     from hil_gateway.session.output import beside
 
-    by_suffix = {suffix: name for name, suffix in SUFFIXES.items()}
-    chosen = format or by_suffix.get(out.suffix if out else "", Format.CSV)
+    chosen = format or _format_of(out)
     target = out or beside(file, SUFFIXES[chosen])
+    check_file(target, (file,))
+    if target.is_file() and target.suffix != SUFFIXES[chosen]:
+        reason = f"there already and no {SUFFIXES[chosen]} file, never written over"
+        raise InputError(f"{target}: {reason}; choose another --out")
     done = EXPORTS[chosen](file, target)
     values = {"rows": done.rows, "left_out": done.left_out, "damage": done.damage, "path": str(target)}
     _report(values, f"{done.rows} rows written to {target}", as_json)
+
+
+def _format_of(out: Path | None) -> Format:
+    """What the ending of `out` says; CSV without a name, and for a device or a pipe.
+
+    Raises:
+        InputError: an ending of no known format.
+    """
+    if out is None or (out.exists() and not out.is_file()):
+        return Format.CSV
+    for name, suffix in SUFFIXES.items():
+        if out.suffix == suffix:
+            return name
+    known = ", ".join(f"{suffix} ({name.value})" for name, suffix in SUFFIXES.items())
+    ending = f"the ending {out.suffix} names no format" if out.suffix else "no ending that names the format"
+    raise InputError(f"{out}: {ending}; known: {known}; choose one of them, or give --format")
 
 
 @app.command(name="import")
@@ -108,6 +129,7 @@ def import_(
     target = out or beside(file, ".mcap")
     if out is None and target.exists():
         raise InputError(f"{target}: there already, perhaps the recording the log was made of; name a file with --out")
+    check_file(target, (file,))
     done = import_log(file, target, channel)
     values = {"frames": done.frames, "left_out": done.left_out, "path": str(target)}
     _report(values, f"{done.frames} frames written to {target}", as_json)

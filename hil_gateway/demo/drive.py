@@ -26,8 +26,9 @@ def drive(options: DemoOptions) -> dict[str, Any]:
     say(f"CAN bus: {setup.bus}; session: {setup.session}")
     if options.dashboard:
         say(f"dashboard: http://{setup.config.dashboard.host}:{setup.config.dashboard.port}/")
-    result = _run(options, setup)
-    return summarise(options, setup, result, _model_error(setup, result))
+    with setup.lock:
+        result = _run(options, setup)
+        return summarise(options, setup, result, _model_error(setup, result))
 
 
 def say(text: str) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 from hil_gateway.bus.topics import MODEL_REVISION
 from hil_gateway.demo.drive import drive, say
+from hil_gateway.demo.folder import hold
 from hil_gateway.demo.model_error import ask, measure
 from hil_gateway.demo.options import DemoOptions
 from hil_gateway.session.format import unpack_message
@@ -33,6 +34,12 @@ def drive_learn_drive(options: DemoOptions) -> dict[str, Any]:
     first = drive(options)
     if not first["ok"] or first["ending"] != "done":
         return {**first, "learning": _not_learnt("the first drive did not end as asked")}
+    with hold(Path(first["session"]).parent):
+        return _learn_and_drive(options, first)
+
+
+def _learn_and_drive(options: DemoOptions, first: dict[str, Any]) -> dict[str, Any]:
+    """Diagnose the first drive and, with a better model, drive again."""
     folder = Path(first["session"]).parent
     say("diagnosing the session")
     answer = ask(["diagnose", first["session"], "--out", str(folder / "diagnosis")], DIAGNOSE_S)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hil_gateway.demo.options import CONFIG_NAME
+from hil_gateway.demo.folder import CONFIG_NAME
 
 TIMEOUT_S = 120.0
 FIGURE = "position"

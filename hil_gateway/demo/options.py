@@ -12,12 +12,12 @@ from typing import Any
 
 from hil_gateway.bus.revision_file import read_revision
 from hil_gateway.can_link import open_link, resolve_kind
-from hil_gateway.config import DEFAULT_ORIGIN, Config, load_config, origins
+from hil_gateway.demo.folder import CONFIG_NAME, FolderLock, check_drive_folder, claim
+from hil_gateway.config import DEFAULT_ORIGIN, Config, DashboardConfig, load_config, origins
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 
 DEFAULT_LAPS = 1
-CONFIG_NAME = "config.toml"
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,7 @@ class DemoSetup:
     bus: str
     """which CAN bus, in words"""
     track_name: str
+    lock: FolderLock
 
     @property
     def config_file(self) -> Path:
@@ -70,20 +71,24 @@ def prepare(options: DemoOptions) -> DemoSetup:
     _check_extent(options)
     folder = (options.out or Path("sessions") / f"demo-{dt.datetime.now():%Y%m%d-%H%M%S}").absolute()
     config = load_config(options.config_file, _overrides(options, folder))
+    check_drive_folder(folder, _inputs(options), config.recorder.min_free_bytes)
     track = load_track(config.track)
     _check_effects(config)
     if options.model:
         read_revision(options.model)
-    _make(folder)
     config = _with_free_ports(config, options)
     open_link(config.can).close()
     kind = resolve_kind(config.can)
     bus = f"socketcan {config.can.channel}" if kind == "socketcan" else kind
-    for earlier in (folder / "session.mcap", *folder.glob("session_[0-9][0-9][0-9].mcap")):
-        earlier.unlink(missing_ok=True)  # of a drive into the same folder
-    setup = DemoSetup(config, folder, bus, track.name)
-    setup.config_file.write_text(to_toml(config.model_dump(mode="json")))
+    setup = DemoSetup(config, folder, bus, track.name, claim(folder))
+    setup.config_file.write_text(to_toml(config.model_dump(mode="json")), encoding="utf-8")
     return setup
+
+
+def _inputs(options: DemoOptions) -> list[Path]:
+    """Files that were given, which the drive must not write over."""
+    named = (options.config_file, options.track, options.model)
+    return [Path(name) for name in named if name]
 
 
 def _check_extent(options: DemoOptions) -> None:
@@ -134,14 +139,6 @@ def _check_effects(config: Config) -> None:
     configure(config.plant.base, config.plant.effects)
 
 
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / CONFIG_NAME).touch()
-    except OSError as error:
-        raise InputError(f"{folder}: cannot write there: {error.strerror}; choose another --out") from None
-
-
 def _with_free_ports(config: Config, options: DemoOptions) -> Config:
     """Ports nobody uses, unless the user named them: several demos can run on one computer."""
     if options.zenoh_port is not None:
@@ -152,17 +149,43 @@ def _with_free_ports(config: Config, options: DemoOptions) -> Config:
     if resolve_kind(config.can) == "udp_multicast" and config.can == Config().can:
         can = config.can.model_copy(update={"multicast_port": _free_port(socket.SOCK_DGRAM)})
         config = config.model_copy(update={"can": can})
+    return _with_free_page(config) if options.dashboard else config
+
+
+def _with_free_page(config: Config) -> Config:
+    """The page on its port, or on a free one where it is taken and nobody asked for this one.
+
+    Raises:
+        InputError: the address or port that was asked for cannot be used.
+    """
+    page = config.dashboard
+    reason = _why_not(page.host, page.port)
+    if reason and page == DashboardConfig():
+        page = page.model_copy(update={"port": _free_port(socket.SOCK_STREAM)})
+        return config.model_copy(update={"dashboard": page})
+    if reason:
+        raise InputError(
+            f"dashboard: {page.host}:{page.port} cannot be used: {reason}; set dashboard.host and dashboard.port"
+            " in the --config file to others, or leave them out and a free port is taken"
+        )
     return config
 
 
 def _check_port(port: int) -> None:
-    with socket.socket() as probe:
+    if reason := _why_not("127.0.0.1", port):
+        raise InputError(f"--zenoh-port {port}: cannot be used: {reason}; leave it out and a free one is taken")
+
+
+def _why_not(host: str, port: int) -> str:
+    """Why nothing can listen there; empty when it can."""
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as whoever listens there will: not the last one
         try:
-            probe.bind(("127.0.0.1", port))
+            probe.bind((host, port))
+            probe.listen()
         except (OSError, OverflowError) as error:
-            raise InputError(
-                f"--zenoh-port {port}: cannot be used: {error}; leave it out and a free one is taken"
-            ) from None
+            return getattr(error, "strerror", None) or str(error)
+    return ""
 
 
 def _free_port(kind: socket.SocketKind) -> int:
@@ -178,7 +201,7 @@ def to_toml(tree: Mapping[str, Any]) -> str:
 
 def _toml_lines(tree: Mapping[str, Any], prefix: str) -> list[str]:
     plain = {key: value for key, value in tree.items() if not isinstance(value, dict) and value is not None}
-    lines = [f"{key} = {json.dumps(value)}" for key, value in plain.items()]
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in plain.items()]
     for key, value in tree.items():
         if isinstance(value, dict):
             lines += ["", f"[{prefix}{key}]", *_toml_lines(value, f"{prefix}{key}.")]

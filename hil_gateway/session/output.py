@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.writable import check_file
 
 
 @contextmanager
@@ -19,9 +20,8 @@ def output_file(target: Path, source: Path) -> Iterator[Path]:
     Raises:
         InputError: `target` is `source` under any name, a folder, not writable, or its disk is full.
     """
+    check_file(target, (source,))
     try:
-        if target.exists() and source.exists() and target.samefile(source):
-            raise InputError(f"{target}: never written over, it is what is read; choose another --out")
         if Path("/dev") in target.parents or (target.exists() and not target.is_file()):
             target.open("ab").close()  # a folder ends here
             yield target

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing_extensions import Buffer
 
 from hil_gateway.bus.topics import TOPICS
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.writable import free_bytes, short_of_space
 from hil_gateway.session.format import CAN_SCHEMA, CAN_SCHEMA_NAME, CAN_TOPIC, METADATA_SESSION, json_schema
 
 log = logging.getLogger(__name__)
@@ -175,6 +175,7 @@ class SessionWriter:
         self.errors = 0
         self.last_error = ""
         self.free_bytes: int | None = None
+        self._short_of_space = False
         self.flush(0)
 
     @property
@@ -219,8 +220,10 @@ class SessionWriter:
         if self._file is not None and self._file.sink.size >= self._rotate_bytes:
             self._finish(now_ns)
         enough = self._enough_space()
+        if not enough and not self._short_of_space:  # also where no file has been begun: said once, not every flush
+            self._fail(short_of_space(self.free_bytes or 0, self._min_free_bytes))
+        self._short_of_space = not enough
         if self._file is not None and not enough:
-            self._fail(f"free space {self.free_bytes} B is below recorder.min_free_bytes = {self._min_free_bytes} B")
             self._finish(now_ns)
         elif self._file is None and enough and now_ns >= self._retry_ns:
             self._attempt(self._open, now_ns)
@@ -277,8 +280,7 @@ class SessionWriter:
         if self._min_free_bytes == 0:
             return True
         try:
-            existing = next(p for p in self._first.resolve().parents if p.exists())
-            self.free_bytes = shutil.disk_usage(existing).free
+            self.free_bytes = free_bytes(self._first.parent)
         except OSError:
             self.free_bytes = None
             return True  # the write itself will tell

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
+from hil_gateway.process.writable import check_folder
 from planner.cli.campaign_closed import closed
-from planner.cli.campaign_diagnose import diagnose
+from planner.cli.campaign_diagnose import RESULTS, diagnose
 
 if TYPE_CHECKING:
     from planner.studies.campaign.trial import Learnt, Trial
@@ -56,6 +57,7 @@ def learn(  # noqa: PLR0917  (one argument a flag)
     from planner.studies.campaign.run import Machines, drive_all
     from planner.studies.campaign.trial import KNOWN, CampaignSettings, Trial
 
+    check_folder(out, RESULTS)
     default = CampaignSettings()
     settings = replace(
         default, laps=laps, seconds=seconds, track=track,

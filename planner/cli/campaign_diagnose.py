@@ -11,6 +11,10 @@ from typing import Annotated
 import typer
 
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.writable import check_folder
+
+RESULTS = ("report.html", "summary.json")
+"""what the folder of a campaign holds afterwards, besides the cases or trials"""
 
 
 def diagnose(  # noqa: PLR0917  (one argument a flag)
@@ -32,6 +36,7 @@ def diagnose(  # noqa: PLR0917  (one argument a flag)
 
     from planner.studies.campaign.diagnose import Case, run_cases, summarise, write_report
 
+    check_folder(out, RESULTS)
     cases = [Case(e, s) for s in range(first_seed, first_seed + seeds) for e in _names(effects)]
     console = Console(file=sys.stderr)
     results = list(track(run_cases(cases, laps, out, processes), "diagnosing", total=len(cases), console=console))

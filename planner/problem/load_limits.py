@@ -25,6 +25,7 @@ import numpy as np
 from hil_gateway.config import PlannerConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.writable import check_file
 
 SAFETY = 0.03
 CONFIDENCE = 1.0
@@ -136,7 +137,13 @@ def load_limits(path: str | Path) -> LoadLimits | None:
 
 
 def starting_limits(planner: PlannerConfig, tyre: Mapping[str, float]) -> LoadLimits:
-    """Load limits of this run: stored by the last one, else a share of the peak forces of the starting model."""
+    """Load limits of this run: stored by the last one, else a share of the peak forces of the starting model.
+
+    Raises:
+        InputError: the file is not one of ours, or could not be written when the run ends.
+    """
+    if planner.load_limits:
+        check_file(Path(planner.load_limits), option="planner.load_limits")
     stored = load_limits(planner.load_limits) if planner.load_limits else None
     if stored is not None:
         return stored

@@ -220,7 +220,7 @@ def test_an_output_that_cannot_be_is_one_clear_line(tmp_path: Path, target: str)
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_text("")
     (tmp_path / "loop").symlink_to("loop")
-    with pytest.raises(InputError, match=r"cannot write: .*; choose another --out"):
+    with pytest.raises(InputError, match=r"(cannot write|is a folder).*; choose another --out"):
         export_candump(tmp_path / "s.mcap", tmp_path / target)
 
 

@@ -151,6 +151,7 @@ def test_recording_pauses_below_the_free_space_it_must_leave(tmp_path: Path) -> 
         writer.add(CAN_TOPIC, b"", 0, 0, 0)
     assert writer.lost == 3
     assert not writer.recording
+    assert (writer.errors, "MB free on this disk" in writer.last_error) == (1, True), "said, and said once"
 
 
 def test_rotation_begins_a_new_complete_file_and_loses_nothing(tmp_path: Path) -> None:
