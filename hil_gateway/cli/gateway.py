@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +13,7 @@ import typer
 
 from hil_gateway.bus.interface import Subscription
 from hil_gateway.bus.messages import FailsafeAction, GatewayStatus, OperatorAction
-from hil_gateway.config import Config, load_config
+from hil_gateway.config import ZenohConfig, load_config
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 
 app = typer.Typer(no_args_is_help=True, help="CAN to vehicle state, commands to CAN; bring-up check.")
@@ -55,39 +56,40 @@ def check(
 @app.command()
 def arm(config: ConfigOption = None) -> None:
     """Ask the gateway to send actuator commands. Says what is missing when it refuses."""
-    _request(load_config(config), OperatorAction.ARM)
+    _request(config, OperatorAction.ARM)
 
 
 @app.command()
 def disarm(config: ConfigOption = None) -> None:
     """Stop sending actuator commands. At once when standing, after a controlled stop when moving."""
-    _request(load_config(config), OperatorAction.DISARM)
+    _request(config, OperatorAction.DISARM)
 
 
 @app.command()
 def stop(config: ConfigOption = None) -> None:
     """Controlled stop; latches."""
-    _request(load_config(config), OperatorAction.STOP)
+    _request(config, OperatorAction.STOP)
 
 
 @app.command()
 def emergency(config: ConfigOption = None) -> None:
     """Emergency stop; latches."""
-    _request(load_config(config), OperatorAction.EMERGENCY)
+    _request(config, OperatorAction.EMERGENCY)
 
 
-def _request(config: Config, action: OperatorAction) -> None:
+def _request(config: Path | None, action: OperatorAction) -> None:
     """Send one request and wait for what the gateway says it does."""
     from hil_gateway.bus import topics
     from hil_gateway.bus.messages import OperatorCommand
     from hil_gateway.bus.zenoh_bus import open_bus
 
-    bus = open_bus(config.zenoh, "operator")
+    reached = _address(load_config(config).zenoh, config)
+    typer.echo(f"to the {reached.name}", err=True)
+    bus = open_bus(reached.zenoh, "operator")
     try:
         statuses = bus.subscribe(topics.GATEWAY_STATUS)
         if _wait(statuses) is None:
-            endpoint = ", ".join(config.zenoh.connect)
-            raise InputError(f"no gateway answers at {endpoint} (zenoh.connect); start it with `hil gateway run`")
+            raise InputError(f"no gateway answers at {', '.join(reached.zenoh.connect)}; {reached.remedy}")
         now = time.monotonic_ns()
         message = OperatorCommand(stamp_ns=now, seq=now // 1000, source=f"cli-{os.getpid()}", action=action)
         answer = _wait(statuses, EXPECTED[action], lambda: bus.publish(topics.OPERATOR, message))
@@ -97,6 +99,38 @@ def _request(config: Config, action: OperatorAction) -> None:
         typer.echo(f"refused: {action.value}: {_why(answer)}", err=True)
         raise typer.Exit(EXIT_FAILURE)
     typer.echo(f"{answer.action.value}{': ' + answer.cause if answer.cause else ''}")
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a request goes, in words, and what to do when nobody answers there."""
+
+    zenoh: ZenohConfig
+    name: str
+    remedy: str
+
+
+def _address(asked: ZenohConfig, config: Path | None) -> Address:
+    """The configured gateway where one is named, else the one of this user that was started last, else the default.
+
+    Raises:
+        InputError: it asks for certificates, and nobody has said where those of the operator are.
+    """
+    from hil_gateway.process.running import running_gateways
+
+    found = running_gateways()
+    endpoints = ", ".join(asked.connect)
+    if config is not None or asked != ZenohConfig():
+        return Address(asked, f"configured gateway ({endpoints})", "is zenoh.connect that of the gateway?")
+    if not found:
+        remedy = "no gateway of this user runs here: start `hil gateway run`, or name one with --config FILE"
+        return Address(asked, f"default gateway ({endpoints})", remedy)
+    last, *others = found
+    if last.secured:
+        raise InputError(f"the {last} asks for certificates; give --config FILE with the operator's (zenoh.extra)")
+    for other in others:
+        typer.echo(f"not to the {other}: started earlier; --config FILE names one", err=True)
+    return Address(last.zenoh, str(last), "it runs but is silent: end its process")
 
 
 def _why(answer: GatewayStatus | None) -> str:

@@ -17,6 +17,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.process.clock import NS_PER_S, SystemClock
 from hil_gateway.process.lifecycle import stop_requested
+from hil_gateway.process.running import announced
 from hil_gateway.process.scheduling import punctual
 from hil_gateway.track.loading import load_track
 
@@ -47,11 +48,12 @@ def run(config: Config) -> None:
     due_ns = clock.now_ns()
     notify.send("READY=1")
     try:
-        while not stopped():
-            gateway.step(clock.now_ns())
-            notify.send("WATCHDOG=1")
-            due_ns = next_period(due_ns, clock.now_ns())
-            clock.sleep_until(due_ns)
+        with announced(config):
+            while not stopped():
+                gateway.step(clock.now_ns())
+                notify.send("WATCHDOG=1")
+                due_ns = next_period(due_ns, clock.now_ns())
+                clock.sleep_until(due_ns)
         gateway.shut_down(clock.now_ns())
     finally:
         notify.send("STOPPING=1")
