@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import sys
@@ -13,6 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
+from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
@@ -66,7 +66,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
             write(summary, revision, out)
             write_report(result, summary, log, out / "report.html")
     if as_json:
-        print(json.dumps(summary))
+        print_json(summary)
     else:
         _print(summary)
 
@@ -100,7 +100,7 @@ def _print(summary: dict[str, Any]) -> None:
     console.print(verdict_sentence(summary), soft_wrap=True)
     table = Table("channel", "declared", "re-fitted", "with effects", "noise floor", box=None)
     for channel, values in summary["channels"].items():
-        table.add_row(channel, *(f"{values[k]:.4g}" for k in ("declared", "refit", "with_effects", "noise_floor")))
+        table.add_row(channel, *(figure(values[k]) for k in ("declared", "refit", "with_effects", "noise_floor")))
     console.print(table)
     for entry in summary["unexplained"]:
         console.print(f"- {entry['description']}", soft_wrap=True)

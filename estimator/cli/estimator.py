@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -12,6 +11,7 @@ import typer
 from hil_gateway.cli.process_app import process_app
 from hil_gateway.config import load_config
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
+from hil_gateway.process.figures import figure, print_json
 
 app = process_app(
     "estimator", "estimator.node", "State, tyre belief and model revisions.",
@@ -35,10 +35,10 @@ def score(
     tree = load_config(config)
     result = score_models(session, before, after, tree) if before and after else score_session(session, tree)
     if as_json:
-        print(json.dumps(result))
+        print_json(result)
         return
     for channel, error in result["before"].items():
-        print(f"{channel:10} {error:.4g} -> {result['after'][channel]:.4g}")
+        print(f"{channel:10} {figure(error)} -> {figure(result['after'][channel])}")
 
 
 @app.command()
@@ -51,7 +51,7 @@ def replay(
 
     result = compare(session, replay_estimator(session, recorded_config(session)))
     if as_json:
-        print(json.dumps({key: asdict(row) for key, row in result.items()}))
+        print_json({key: asdict(row) for key, row in result.items()})
     else:
         print("\n".join(f"{key:22} {row.identical} of {row.recorded} identical" for key, row in result.items()))
     if any(row.identical < row.recorded for row in result.values()):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hil_gateway.process.figures import figure, plain, print_json
 from hil_gateway.process.writable import check_folder
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
             progress("report", 0.95)
             summary["report"] = str(_write(result, summary, out))
     if as_json:
-        print(json.dumps(summary))
+        print_json(summary)
     else:
         _print(result, scores)
 
@@ -99,8 +100,8 @@ def _write(result: Identification, summary: dict[str, Any], out: Path) -> Path:
     out.mkdir(parents=True, exist_ok=True)
     page, whole, tyre = (out / name for name in RESULTS)
     write_report(result, page)
-    whole.write_text(json.dumps(summary, indent=1))
-    tyre.write_text(json.dumps(result.final, indent=1))
+    whole.write_text(json.dumps(plain(summary), indent=1))
+    tyre.write_text(json.dumps(plain(result.final), indent=1))
     return page
 
 
@@ -126,17 +127,20 @@ def _print(result: Identification, scores: Mapping[str, Scores]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from estimator.offline.report.identification_report import UNITS
+
     console = Console(file=sys.stdout)
     table = Table("parameter", "initial", "final", "change", "std", "identified", box=None)
     for name, initial in result.initial.items():
         final, std = result.final[name], result.fit.std[name]
+        change = f"{100 * (final / initial - 1):+.1f} %"
         known = "yes" if result.identifiability.identifiable[name] else "no"
-        table.add_row(
-            name, f"{initial:.5g}", f"{final:.5g}", f"{100 * (final / initial - 1):+.1f} %", f"{std:.2g}", known
-        )
+        table.add_row(name, figure(initial, digits=5), figure(final, digits=5), change, figure(std, digits=2), known)
     console.print(table)
     for what, rmse in {"held-out": result.rmse, **scores}.items():
         for channel, (initial, final) in rmse.items():
-            console.print(f"{what} RMSE {channel:9s} {initial:.4g} -> {final:.4g}", soft_wrap=True)
+            console.print(
+                f"{what} RMSE {channel:9s} {figure(initial)} -> {figure(final, UNITS[channel])}", soft_wrap=True
+            )
     for line in (*(f.description for f in result.health.findings), *result.identifiability.statements):
         console.print(f"- {line}", soft_wrap=True)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from hil_gateway.process.errors import EXIT_FAILURE
+from hil_gateway.process.figures import print_json
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -51,6 +51,9 @@ def demo(
     )
     summary = drive_learn_drive(options) if learning else drive(options)
     lines = [*describe(summary), *describe_learning(summary)]
-    print(json.dumps(summary) if as_json else "\n".join(lines))
+    if as_json:
+        print_json(summary)
+    else:
+        print("\n".join(lines))
     if not summary["ok"]:
         raise typer.Exit(EXIT_FAILURE)

@@ -21,6 +21,7 @@ import typer
 from hil_gateway.config import Config, load_config, origins
 from hil_gateway.process.cache import cache_directory
 from hil_gateway.process.errors import EXIT_FAILURE
+from hil_gateway.process.figures import print_json
 from hil_gateway.process.shipped import missing_files, template
 from hil_gateway.track.loading import shipped_tracks
 
@@ -225,7 +226,7 @@ def _print_findings(rows: list[Finding], echo: Callable[[str], None]) -> None:
 def _print_config(path: Path | None, as_json: bool) -> None:
     table = origins(path)
     if as_json:
-        print(json.dumps({key: {"value": value, "origin": origin} for key, (value, origin) in table.items()}))
+        print_json({key: {"value": value, "origin": origin} for key, (value, origin) in table.items()})
         return
     width = max(map(len, table))
     for key, (value, origin) in table.items():
@@ -254,7 +255,7 @@ def doctor(
     can_run = all(row.ok for row in rows if row.required)
     if as_json:
         report: dict[str, Any] = {"ok": can_run, "checks": [asdict(row) for row in rows]}
-        print(json.dumps(report))
+        print_json(report)
     else:
         _print_findings(rows, print)
     if not can_run:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -13,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
+from hil_gateway.process.figures import print_json
 from hil_gateway.process.writable import check_file
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, no_args_is_help=True)
@@ -54,7 +54,7 @@ def info(files: SessionFiles, as_json: AsJson = False) -> None:
 
     infos = [session_info(path) for path in files]
     if as_json:
-        print(json.dumps(infos[0] if len(infos) == 1 else {"sessions": infos}))
+        print_json(infos[0] if len(infos) == 1 else {"sessions": infos})
     else:
         print("\n".join(line for one in infos for line in describe(one)))
     if any(one["corrupt"] for one in infos):
@@ -170,4 +170,7 @@ def _report(values: Mapping[str, Any], text: str, as_json: bool) -> None:
         print(f"hil: not readable: {place}", file=sys.stderr)
     for reason, number in values.get("left_out", {}).items():
         print(f"hil: left out: {reason}, {number} times", file=sys.stderr)
-    print(json.dumps(values) if as_json else text)
+    if as_json:
+        print_json(values)
+    else:
+        print(text)

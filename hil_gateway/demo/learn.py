@@ -5,7 +5,6 @@ A model is adopted only when it predicts held-out data better, and dropped again
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,6 +16,7 @@ from hil_gateway.demo.drive import drive, say
 from hil_gateway.demo.folder import hold
 from hil_gateway.demo.model_error import ask, measure
 from hil_gateway.demo.options import DemoOptions
+from hil_gateway.process.figures import figure
 from hil_gateway.session.format import unpack_message
 from hil_gateway.session.reader import SessionReader
 
@@ -116,11 +116,8 @@ def describe_learning(summary: Mapping[str, Any]) -> list[str]:
         lines.append(f"diagnosis        {found['verdict']}: {effects} ({found['report']})")
     if "lap_time_s" in learning:
         lap, error = learning["lap_time_s"], learning["prediction_error"]
-        lines.append(
-            f"lap time         {json.dumps(lap['before'])} s, with the diagnosed model {json.dumps(lap['after'])} s"
-        )
-        lines.append(
-            f"prediction       {json.dumps(error['before'])} m, with the diagnosed model {json.dumps(error['after'])} m"
-        )
+        for what, pair, unit in (("lap time", lap, "s"), ("prediction", error, "m")):
+            before, after = (figure(pair[when], unit) for when in ("before", "after"))
+            lines.append(f"{what:16} {before}, with the diagnosed model {after}")
     verdict = "adopted" if learning["adopted"] else f"not adopted: {learning['reason']}"
     return [*lines, f"model            {verdict}"]

@@ -12,8 +12,8 @@ from typing import Any
 
 from hil_gateway.bus.revision_file import read_revision
 from hil_gateway.can_link import open_link, resolve_kind
-from hil_gateway.demo.folder import CONFIG_NAME, FolderLock, check_drive_folder, claim
 from hil_gateway.config import DEFAULT_ORIGIN, Config, DashboardConfig, load_config, origins
+from hil_gateway.demo.folder import CONFIG_NAME, FolderLock, check_drive_folder, claim
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 

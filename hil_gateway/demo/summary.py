@@ -9,6 +9,7 @@ import numpy as np
 
 from hil_gateway.demo.options import DemoOptions, DemoSetup
 from hil_gateway.demo.run import Ending, RunResult
+from hil_gateway.process.figures import figure
 
 
 def summarise(options: DemoOptions, setup: DemoSetup, result: RunResult, error: dict[str, Any]) -> dict[str, Any]:
@@ -69,21 +70,21 @@ def _percentiles(values: list[float]) -> dict[str, float | None]:
 
 def describe(summary: dict[str, Any]) -> list[str]:
     """The summary for a person."""
-    laps = ", ".join(f"{t:.2f} s" for t in summary["lap_times_s"]) or "none"
-    latency, plan = summary["loop_latency_ms"], summary["plan_ms"]
-    cpu = ", ".join(f"{name} {100 * share:.0f} %" for name, share in summary["cpu"].items())
+    distance, speed = figure(summary["distance_m"], "m"), figure(summary["peak_speed_mps"], "m/s", 3)
+    laps = figure(summary["lap_times_s"], "s", 5)
+    cpu = ", ".join(f"{name} {figure(round(100 * share), '%')}" for name, share in summary["cpu"].items())
     return [
         f"laps             {summary['laps']} ({laps})",
-        f"distance         {summary['distance_m']:.0f} m, peak speed {summary['peak_speed_mps']:.1f} m/s",
+        f"distance         {distance}, peak speed {speed}",
         f"off track        {summary['off_track']}",
         f"CAN              {summary['bus']}, {summary['frames_received']} frames in, {summary['frames_lost']} lost,"
         f" {summary['commands_sent']} commands sent, {summary['commands_limited']} limited",
-        f"loop latency     p50 {_ms(latency['p50'])}, p99 {_ms(latency['p99'])}",
-        f"planning         p50 {_ms(plan['p50'])}, p99 {_ms(plan['p99'])}, {summary['plans']} plans,"
+        f"loop latency     {_quantiles(summary['loop_latency_ms'])}",
+        f"planning         {_quantiles(summary['plan_ms'])}, {summary['plans']} plans,"
         f" {summary['plan_failures']} not fresh",
         f"processor        {cpu}",
         *_error_lines(summary["model_error"]),
-        *(f"failsafe         {f['action']} at {f['t_s']:.1f} s: {f['cause']}" for f in summary["failsafes"]),
+        *(f"failsafe         {f['action']} at {figure(f['t_s'], 's', 3)}: {f['cause']}" for f in summary["failsafes"]),
         f"ended            {summary['ending']}",
         f"session          {summary['session']}",
     ]
@@ -92,9 +93,12 @@ def describe(summary: dict[str, Any]) -> list[str]:
 def _error_lines(error: dict[str, Any]) -> list[str]:
     if error["before"] is None:
         return [f"model error      not measured: {error['reason']}"]
-    channels = (f"{name} {row['before']:.3g} -> {row['after']:.3g}" for name, row in error["channels"].items())
+    channels = (
+        f"{name} {figure(row['before'], digits=3)} -> {figure(row['after'], digits=3)}"
+        for name, row in error["channels"].items()
+    )
     return [f"model error      after 1 s of prediction, before -> after learning: {', '.join(channels)}"]
 
 
-def _ms(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f} ms"
+def _quantiles(times_ms: dict[str, float | None]) -> str:
+    return ", ".join(f"{name} {figure(value, 'ms', 3)}" for name, value in times_ms.items())

@@ -17,6 +17,7 @@ from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.demo.canvas import Canvas
 from hil_gateway.demo.monitor import Monitor
 from hil_gateway.demo.referee import Referee
+from hil_gateway.process.figures import figure
 from hil_gateway.track.track import Track
 
 if TYPE_CHECKING:
@@ -181,12 +182,8 @@ def _belief_table(scene: Scene) -> Table:
         spread = np.sqrt(np.clip(np.diag(np.asarray(belief.covariance)), 0.0, None))
         for name, mean, std, start in zip(belief.names, belief.mean, spread, prior.mean, strict=True):
             change = f"{100 * (mean / start - 1):+6.1f} %" if start else ""
-            table.add_row(name, _figure(mean), _figure(std), change)
+            table.add_row(name, figure(mean), figure(std, digits=3), change)
     return table
-
-
-def _figure(value: float) -> str:
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def _loop_table(scene: Scene) -> Table:

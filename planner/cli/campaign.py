@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
+from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
 from planner.cli.campaign_closed import closed
 from planner.cli.campaign_diagnose import RESULTS, diagnose
@@ -70,7 +71,7 @@ def learn(  # noqa: PLR0917  (one argument a flag)
     proofs = drive_all(_afterwards(results, afterwards), settings, out, machines)
     summary = _conclude(results, proofs, load_track(track).length, out)
     if as_json:
-        print(json.dumps(summary))
+        print_json(summary)
     else:
         _print(summary)
     if any(sum(m["violations"].values()) for m in summary["methods"].values()):
@@ -135,7 +136,13 @@ def _print(summary: dict[str, Any]) -> None:
     if (after := summary["afterwards"]) is not None:
         console.print(
             f"afterwards: {interval(after['faster_percent'])} % faster with the learnt model, "
-            f"least margin {after['prior']['worst_margin_m']:.2f} -> {after['learnt']['worst_margin_m']:.2f} m, "
-            f"cars that left the track: {after['left_the_track']}"
+            f"least margin {figure(after['prior']['worst_margin_m'], digits=3)} -> "
+            f"{figure(after['learnt']['worst_margin_m'], 'm', 3)}, "
+            f"cars that left the track: {_left(after['left_the_track'])}"
         )
     console.print(f"report: {summary['report']}")
+
+
+def _left(cars: dict[str, list[int]]) -> str:
+    """Numbers of the cars, by the model they drove with."""
+    return ", ".join(f"{figure(seeds)} with the {model} model" for model, seeds in cars.items())

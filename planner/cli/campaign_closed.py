@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from typing import Annotated
 
 import typer
 
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
+from hil_gateway.process.figures import print_json
 
 DEFAULT = "aero_drag=1.2,steer_offset=0.005,combined_slip=1"
 
@@ -40,6 +40,9 @@ def closed(
     ]
     kept = sum(case.kept for case in cases)
     summary = {"cases": [case.as_json() for case in cases], "kept": kept}
-    print(json.dumps(summary) if as_json else "\n".join(describe(case) for case in cases))
+    if as_json:
+        print_json(summary)
+    else:
+        print("\n".join(describe(case) for case in cases))
     if kept < len(cases):
         raise typer.Exit(EXIT_FAILURE)

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.figures import lines, print_json
 from hil_gateway.process.writable import check_folder
 
 RESULTS = ("report.html", "summary.json")
@@ -34,7 +35,7 @@ def diagnose(  # noqa: PLR0917  (one argument a flag)
     from rich.console import Console
     from rich.progress import track
 
-    from planner.studies.campaign.diagnose import Case, run_cases, summarise, write_report
+    from planner.studies.campaign.diagnose import Case, percent, run_cases, summarise, write_report
 
     check_folder(out, RESULTS)
     cases = [Case(e, s) for s in range(first_seed, first_seed + seeds) for e in _names(effects)]
@@ -44,11 +45,10 @@ def diagnose(  # noqa: PLR0917  (one argument a flag)
     summary["report"] = str(write_report(results, summary, out / "report.html"))
     (out / "summary.json").write_text(json.dumps(summary, indent=1))
     if as_json:
-        print(json.dumps(summary))
+        print_json(summary)
         return
-    for key in ("named_first", "nothing_but_the_truth", "false_alarms"):
-        print(f"{key.replace('_', ' ')}: {summary[key]}")
-    print(f"report: {summary['report']}")
+    shares = {key: percent(summary[key]) for key in ("named_first", "nothing_but_the_truth", "false_alarms")}
+    print("\n".join(lines({**shares, "report": summary["report"]})))
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,6 +10,7 @@ import typer
 
 from hil_gateway.config import load_config
 from hil_gateway.process.errors import EXIT_FAILURE
+from hil_gateway.process.figures import lines, print_json
 
 app = typer.Typer(no_args_is_help=True, help="Planner benchmark in closed loop on the model.")
 
@@ -89,8 +88,6 @@ def contraction(
 
 def _print(result: dict[str, Any], as_json: bool) -> None:
     if as_json:
-        json.dump(result, sys.stdout)
-        print()
-        return
-    for name, value in result.items():
-        print(f"{name:28} {value}")
+        print_json(result)
+    else:
+        print("\n".join(lines(result)))

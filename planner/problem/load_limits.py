@@ -25,6 +25,7 @@ import numpy as np
 from hil_gateway.config import PlannerConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.figures import figure
 from hil_gateway.process.writable import check_file
 
 SAFETY = 0.03
@@ -132,7 +133,7 @@ def load_limits(path: str | Path) -> LoadLimits | None:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: not a file of load limits ({error}); delete it to start from the prior") from None
     if not (0 < limits.front < 5 and 0 < limits.rear < 5):
-        raise InputError(f"{path}: load limits {limits.pair} are not within 0..5 axle loads; delete the file")
+        raise InputError(f"{path}: load limits {figure(limits.pair)} are not within 0..5 axle loads; delete the file")
     return limits
 
 

@@ -16,6 +16,7 @@ from typing import Annotated, Any
 import typer
 
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
+from hil_gateway.process.figures import lines, print_json
 from verification import mutation as mutation_run
 from verification.promises import PROMISES, as_json, keep_long, markdown, read_evidence
 
@@ -48,7 +49,10 @@ def verify(  # noqa: PLR0917 (options are passed by name)
         report = mutation_run.run(ROOT)
     else:
         report = _promises(long, only, gathered, page)
-    typer.echo(json.dumps(report) if as_json_text else _plain(report))
+    if as_json_text:
+        print_json(report)
+    else:
+        typer.echo(_plain(report))
     if not report["ok"]:
         raise typer.Exit(EXIT_FAILURE)
 
@@ -106,6 +110,6 @@ def _run_tests(path: Path, long: bool, only: list[str]) -> int:
 def _plain(report: dict[str, Any]) -> str:
     """For people."""
     if "promises" not in report:
-        return json.dumps(report, indent=1)
-    lines = [f"{row['id']}  {row['verdict']:16s} {'; '.join(row['reached']) or '-'}" for row in report["promises"]]
-    return "\n".join([*lines, report["conditions"]])
+        return "\n".join(lines(report))
+    rows = [f"{row['id']}  {row['verdict']:16s} {'; '.join(row['reached']) or '-'}" for row in report["promises"]]
+    return "\n".join([*rows, report["conditions"]])

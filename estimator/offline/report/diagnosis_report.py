@@ -13,9 +13,10 @@ from estimator.model.effects import catalogue
 from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis, alternatives
 from estimator.offline.report.page import COLOURS, Report, Tone, new_figure, plot_style
-from estimator.offline.report.words import CHANNEL_NAMES, NAMES, UNITS, parameter_words, plain, verdict_sentence
+from estimator.offline.report.words import CHANNEL_NAMES, NAMES, UNITS, parameter_words, verdict_sentence
 from estimator.offline.result.diagnosis_score import channel_residuals
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.figures import figure
 
 BINS = 40
 MAP_POINTS = 6000
@@ -178,7 +179,10 @@ def _equation(report: Report, summary: dict[str, Any]) -> None:
         lines.append(f"{effect.name}: {effect.equation}, with {numbers}. Source: {effect.source}.")
     lines.extend(f"empirical: {u['description']} ({u['term']})" for u in summary["unexplained"])
     report.items(lines or ["nothing"])
-    rows = [[n, plain(float(v["value"]), 5), plain(float(v["std"]), 2), v["unit"]] for n, v in summary["tyre"].items()]
+    rows = [
+        [name, figure(float(v["value"]), digits=5), figure(float(v["std"]), digits=2), v["unit"]]
+        for name, v in summary["tyre"].items()
+    ]
     report.table(["tyre parameter", "value", "std", "unit"], rows)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimator.model.basis import Basis
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.figures import figure
 
 UNITS = {
     "vx": "m/s", "ay": "m/s2", "yaw_rate": "rad/s", "vy": "m/s", "steer": "rad", "steer_rate": "rad/s",
@@ -92,24 +93,18 @@ def _span_words(signal: str, spans: list[tuple[float, float]], low: float, high:
         if a <= low + tolerance and b >= high - tolerance:
             parts.append("throughout")
         elif b >= high - tolerance:
-            parts.append(f"{'after' if signal == 't' else 'above'} {plain(a, 3)} {unit}".strip())
+            parts.append(f"{'after' if signal == 't' else 'above'} {figure(a, digits=3)} {unit}".strip())
         elif a <= low + tolerance:
-            parts.append(f"{'before' if signal == 't' else 'below'} {plain(b, 3)} {unit}".strip())
+            parts.append(f"{'before' if signal == 't' else 'below'} {figure(b, digits=3)} {unit}".strip())
         else:
-            parts.append(f"between {plain(a, 3)} and {plain(b, 3)} {unit}".strip())
+            parts.append(f"between {figure(a, digits=3)} and {figure(b, digits=3)} {unit}".strip())
     return f"{name} {' and '.join(parts)}" if parts else name
-
-
-def plain(value: float, digits: int) -> str:
-    """`value` to so many significant digits, without an exponent where people would not write one."""
-    rounded = float(f"{value:.{digits}g}")
-    return f"{rounded:.{digits}g}" if abs(rounded) < 1e-3 or abs(rounded) >= 1e6 else f"{rounded:.10g}"
 
 
 def parameter_words(name: str, parameter: dict[str, float | str]) -> str:
     """'force 420 +- 2 N'."""
     unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
-    return f"{name} {plain(float(parameter['value']), 4)} ± {plain(float(parameter['std']), 2)}{unit}"
+    return f"{name} {figure(float(parameter['value']))} ± {figure(float(parameter['std']), digits=2)}{unit}"
 
 
 def verdict_sentence(summary: dict[str, Any]) -> str:

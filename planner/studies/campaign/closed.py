@@ -20,6 +20,7 @@ from estimator.offline.record.record import make_record
 from estimator.offline.report.diagnosis_result import as_json, as_revision
 from estimator.offline.result.model_score import score_revisions
 from hil_gateway.config import Config, load_config
+from hil_gateway.process.figures import figure
 from planner.simulation.loop import Loop, LoopResult
 from planner.simulation.loop_log import LOGGED, drive_log
 
@@ -99,9 +100,10 @@ def _drive(config: Config, laps: int) -> tuple[Drive, DriveLog]:
 def describe(case: Closed) -> str:
     """One case in one line."""
     effect = ", ".join(f"{name}={size:g}" for name, size in case.effects.items())
-    laps = [min(drive.lap_times_s, default=float("nan")) for drive in (case.before, case.after)]
+    laps = [min(drive.lap_times_s, default=None) for drive in (case.before, case.after)]
     return (
         f"{effect}: {case.verdict} ({', '.join(case.found) or 'nothing named'}); error after 1 s "
-        f"{case.error['before']:.3f} -> {case.error['after']:.3f} m, best lap {laps[0]:.2f} -> {laps[1]:.2f} s, "
+        f"{figure(case.error['before'], digits=3)} -> {figure(case.error['after'], 'm', 3)}, "
+        f"best lap {figure(laps[0])} -> {figure(laps[1], 's')}, "
         f"off track {case.before.off_track} -> {case.after.off_track}: {'kept' if case.kept else 'NOT kept'}"
     )

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from hil_gateway.plant.effects import SWITCHES, implied
+from hil_gateway.process.figures import figure
 
 NONE = "none"
 SIZE_SPREAD = 0.3
@@ -113,9 +114,9 @@ def write_report(results: Sequence[dict[str, Any]], summary: dict[str, Any], pat
 
     report = Report("Diagnosis campaign", f"{summary['cases']} drives of the simulated car")
     report.tiles([
-        ("named first", _percent(summary["named_first"]), "effect switched on"),
-        ("nothing but the truth", _percent(summary["nothing_but_the_truth"]), "effect switched on"),
-        ("false alarms", _percent(summary["false_alarms"]), "nothing switched on"),
+        ("named first", percent(summary["named_first"]), "effect switched on"),
+        ("nothing but the truth", percent(summary["nothing_but_the_truth"]), "effect switched on"),
+        ("false alarms", percent(summary["false_alarms"]), "nothing switched on"),
     ])  # fmt: skip
     columns = sorted({column for row in summary["confusion"].values() for column in row})
     rows = [[effect, *(str(row.get(c, "")) for c in columns)] for effect, row in summary["confusion"].items()]
@@ -127,5 +128,6 @@ def write_report(results: Sequence[dict[str, Any]], summary: dict[str, Any], pat
     return report.write(path)
 
 
-def _percent(share: float | None) -> str:
-    return "not driven" if share is None else f"{100 * share:.0f} %"
+def percent(share: float | None) -> str:
+    """A share for people."""
+    return "not driven" if share is None else figure(100 * share, "%", 3)

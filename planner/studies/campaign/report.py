@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.offline.report.page import COLOURS, Report, new_figure, plot_style
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.figures import compared
 from planner.studies.campaign.analysis import HEADLINE, TARGETS, Drive, lap_time_lost_percent, samples_to_targets
 
 COLOUR = {
@@ -76,7 +77,8 @@ def _verdict(report: Report, summary: dict[str, Any]) -> None:
     violations = sum(infomax["violations"].values())
     good = gain["median"] >= 2.0 and violations == 0 and lost["median"] <= 3.0
     report.verdict(
-        f"Driving to learn knows the tyres with {gain['median']:.1f} times fewer samples than plain driving, "
+        f"Driving to learn knows the tyres with {compared(gain['median'], 'fewer', 'more')} samples "
+        f"{'as' if compared(gain['median'], '', '') == 'as many' else 'than'} plain driving, "
         f"at {lost['median']:+.1f} % lap time and {violations} violations.",
         "good" if good else "warn",
     )

@@ -25,12 +25,13 @@ from estimator.offline.fit.prediction_error import evaluate, fit
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import Noise
 from estimator.offline.report.diagnosis_result import as_json, as_revision
-from estimator.offline.report.words import describe, follows_turn_direction, plain
+from estimator.offline.report.words import describe, follows_turn_direction
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.search.search import within_a_sample
 from estimator.offline.search.trial import Setting, fit_names
 from estimator.offline.search.whiteness import structured_elsewhere
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.figures import figure
 
 EFFECTS: dict[str, dict[str, float]] = {
     "none": {}, "single": {"rolling_resistance": 420.0}, "pair": {"aero_drag": 0.6, "steer_offset": -0.005},
@@ -234,7 +235,8 @@ def test_words_say_when_a_term_begins() -> None:
 
 
 def test_numbers_are_written_as_people_write_them() -> None:
-    assert [plain(v, 2) for v in (10360.0, 0.0475, 120.4, 2.3e-5, 0.0)] == ["10000", "0.048", "120", "2.3e-05", "0"]
+    values = (10360.0, 0.0475, 120.4, 2.3e-5, 0.0)
+    assert [figure(v, digits=2) for v in values] == ["10000", "0.048", "120", "2.3e-05", "0"]
 
 
 def test_a_term_that_is_the_same_in_all_right_turns_depends_on_the_turn_direction() -> None:
