@@ -253,6 +253,7 @@ class GatewayStatus(Message):
     commands_limited: int
     loop_latency_p50_ms: float | None
     loop_latency_p99_ms: float | None
+    detail: str = Field(default="", description="who was late, for how long, load and remedy, if lateness stopped it")
 
 
 class Alert(Message):

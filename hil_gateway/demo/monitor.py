@@ -49,6 +49,8 @@ class Failsafe:
     t_s: float
     action: str
     cause: str
+    detail: str = ""
+    """who was late, where lateness was the cause"""
 
 
 @dataclass
@@ -104,7 +106,8 @@ class Monitor:
             return
         self._action = status.action
         if status.action in STOPS:
-            self.failsafes.append(Failsafe((now_ns - self._started_ns) / 1e9, status.action.value, status.cause))
+            t_s = (now_ns - self._started_ns) / 1e9
+            self.failsafes.append(Failsafe(t_s, status.action.value, status.cause, status.detail))
 
     def _message(self, topic: Topic[Any]) -> Any:
         return self._readers[topic.key].latest.message

@@ -8,6 +8,8 @@ from hil_gateway.bus.topics import OPERATOR
 from hil_gateway.process.clock import NS_PER_S
 
 REPEAT_NS = NS_PER_S // 2
+STEADY_NS = NS_PER_S
+"""nothing has been missing for so long: compilation and the first plans are over, and do not count against the drive"""
 
 
 class Operator:
@@ -17,15 +19,20 @@ class Operator:
         self._bus = bus
         self._seq = 0
         self._next_ns = 0
+        self._ready_ns: int | None = None
         self.driving = False
         """the car has been under way"""
 
     def update(self, status: GatewayStatus | None, now_ns: int) -> None:
-        """Arm when nothing is missing any more, again every `REPEAT_NS` until it is done."""
+        """Arm when nothing has been missing for `STEADY_NS`, again every `REPEAT_NS` until it is done."""
         if status is None:
             return
         self.driving = self.driving or status.action is FailsafeAction.DRIVE
-        if not self.driving and not status.missing_for_arming and now_ns >= self._next_ns:
+        if status.missing_for_arming:
+            self._ready_ns = None
+            return
+        self._ready_ns = now_ns if self._ready_ns is None else self._ready_ns
+        if not self.driving and now_ns >= max(self._next_ns, self._ready_ns + STEADY_NS):
             self._next_ns = now_ns + REPEAT_NS
             self.ask(OperatorAction.ARM, now_ns)
 

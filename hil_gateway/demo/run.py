@@ -14,7 +14,9 @@ from hil_gateway.demo.operator import Operator
 from hil_gateway.demo.options import DemoOptions, DemoSetup
 from hil_gateway.demo.referee import Referee
 from hil_gateway.demo.view import Scene, View
+from hil_gateway.demo.waiting import Account, Waiting
 from hil_gateway.process.clock import NS_PER_S, Clock, SystemClock
+from hil_gateway.process.held_up import TIMING_CAUSES
 from hil_gateway.process.supervisor import Exit, Supervisor
 
 PERIOD_NS = NS_PER_S // 20
@@ -51,6 +53,8 @@ class RunResult:
     events: list[str] = field(default_factory=list)
     cpu_share: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
+    account: Account | None = None
+    """processor time around a stop for lateness"""
 
 
 class Run:
@@ -74,6 +78,7 @@ class Run:
         self._rest_started = False
         self._asked_to_stop = False
         self._cpu = CpuMeter(supervisor)
+        self._waiting = Waiting()
 
     def drive(self) -> RunResult:
         """Run until the extent is reached, the car has been stopped, or the user has had enough."""
@@ -84,6 +89,8 @@ class Run:
         finally:
             self.result.seconds = self._driving_s(self._clock.now_ns())
             self.result.cpu_share = self._cpu.share()
+            self._waiting.close()
+            self.result.account = self._waiting.account
         return self.result
 
     def close(self) -> None:
@@ -105,6 +112,8 @@ class Run:
         self._start_rest(now_ns)
         self._watch_processes(now_ns)
         self._watch_gateway(now_ns)
+        if self._waiting.update(now_ns, self._supervisor.pids):
+            self._tell(f"around the stop: {self._waiting.account}")
         self._view.show(self._scene(now_ns))
         return self._ending(now_ns)
 
@@ -131,7 +140,10 @@ class Run:
             self._begin_stop(now_ns)
         new, self._told = self.result.monitor.failsafes[self._told :], len(self.result.monitor.failsafes)
         for failsafe in new:
-            self._tell(f"gateway: {failsafe.action.replace('_', ' ')}, because {failsafe.cause}")
+            why = f"{failsafe.cause} ({failsafe.detail})" if failsafe.detail else failsafe.cause
+            self._tell(f"gateway: {failsafe.action.replace('_', ' ')}, because {why}")
+            if failsafe.cause in TIMING_CAUSES:
+                self._waiting.stop_began(now_ns)
 
     def _begin_stop(self, now_ns: int) -> None:
         if self._stop_ns is None:

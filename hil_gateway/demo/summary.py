@@ -35,6 +35,7 @@ def summarise(options: DemoOptions, setup: DemoSetup, result: RunResult, error: 
         "plan_failures": plans.failures,
         "plan_failure_reasons": plans.reasons,
         "failsafes": [asdict(failsafe) for failsafe in result.monitor.failsafes],
+        "held_up": result.account.as_json() if result.account else None,
         "model_error": error,
         "bus": setup.bus,
         "session": str(setup.session),
@@ -84,7 +85,9 @@ def describe(summary: dict[str, Any]) -> list[str]:
         f" {summary['plan_failures']} not fresh",
         f"processor        {cpu}",
         *_error_lines(summary["model_error"]),
-        *(f"failsafe         {f['action']} at {figure(f['t_s'], 's', 3)}: {f['cause']}" for f in summary["failsafes"]),
+        *(_failsafe_line(failsafe) for failsafe in summary["failsafes"]),
+        *([f"held up          {summary['held_up']['text']}"] if summary["held_up"] else []),
+        *_recording_lines(summary["recorder"]),
         f"ended            {summary['ending']}",
         f"session          {summary['session']}",
     ]
@@ -98,6 +101,19 @@ def _error_lines(error: dict[str, Any]) -> list[str]:
         for name, row in error["channels"].items()
     )
     return [f"model error      after 1 s of prediction, before -> after learning: {', '.join(channels)}"]
+
+
+def _failsafe_line(failsafe: dict[str, Any]) -> str:
+    detail = f": {failsafe['detail']}" if failsafe["detail"] else ""
+    return f"failsafe         {failsafe['action']} at {figure(failsafe['t_s'], 's', 3)}: {failsafe['cause']}{detail}"
+
+
+def _recording_lines(recorder: dict[str, Any]) -> list[str]:
+    """What of the recording is missing, and why; nothing where it is whole."""
+    if not recorder or recorder["errors"] == recorder["lost"] == 0:
+        return []
+    reason = f": {recorder['last_error']}" if recorder["last_error"] else ""
+    return [f"recording        not whole, {recorder['lost']} frames and messages lost{reason}"]
 
 
 def _quantiles(times_ms: dict[str, float | None]) -> str:

@@ -7,6 +7,7 @@ report. It holds all its state, reads no clock and raises nothing but bugs.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
 from can_dbc.codec import Codec, load_codec
 from hil_gateway.bus import topics
@@ -37,6 +38,7 @@ from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, rear_speed, road_speed
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.held_up import who_was_late
 from hil_gateway.process.rolling import Rolling
 from hil_gateway.track.track import Track
 
@@ -50,9 +52,14 @@ REQUESTS_REMEMBERED = 64
 
 
 class Gateway:
-    """Core of the gateway process; `track` lets a stop go on beyond the end of the last plan."""
+    """Core of the gateway process.
 
-    def __init__(self, config: Config, bus: Bus, link: CanLink, track: Track | None = None) -> None:
+    `track` lets a stop go on beyond the end of the last plan; `load` says, when asked, how busy the computer is.
+    """
+
+    def __init__(
+        self, config: Config, bus: Bus, link: CanLink, track: Track | None = None, load: Callable[[], str] = str
+    ) -> None:
         self._config = config
         self._bus = bus
         self._link = link
@@ -75,6 +82,7 @@ class Gateway:
         self._transmits = config.gateway.mode in ("armed", "actuator_test")
         self._restarting = False
         self._killed_by = ""
+        self._load, self._detail = load, ""
         self._armed_ns = 0
         self._previous = self._limits.resting(0.0)
         self._conditions = Conditions(self.builder, self._testing)
@@ -147,6 +155,8 @@ class Gateway:
         action = self.failsafe.action
         if before is FailsafeAction.SILENT:
             self._armed_ns = now_ns
+        if action is not before:
+            self._detail = self._explain(now_ns, inputs)
         if action in STOPPING and before not in STOPPING:
             self._stopping.start(self._actuation.to_steer(self._limits.to_actuators(self._previous).steering_motor))
         ct_state = self.race_control.ct_state
@@ -167,6 +177,12 @@ class Gateway:
             highest=CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
         )
         self.race_control = self.race_control.step(now_ns, heard(self.builder, now_ns, state), demand)
+
+    def _explain(self, now_ns: int, inputs: Inputs) -> str:
+        """Who was late and how busy the computer is, where that is why the car is being stopped."""
+        ages = {**inputs.measures, "estimate_age": self._estimate.latest.age_s(now_ns)}
+        late = who_was_late(self.failsafe.cause, ages)
+        return "; ".join(filter(None, (late, self._load()))) if late else ""
 
     def _act(self, now_ns: int, state: VehicleState) -> Applied:
         """Send this period's frames; what really left goes into `Applied`."""
@@ -250,6 +266,7 @@ class Gateway:
             commands_limited=self._limited,
             loop_latency_p50_ms=self._latency_ms.quantile(0.5),
             loop_latency_p99_ms=self._latency_ms.quantile(0.99),
+            detail=self._detail,
         )
 
 

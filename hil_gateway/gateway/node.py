@@ -16,6 +16,7 @@ from hil_gateway.can_link import open_link
 from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.process.clock import NS_PER_S, SystemClock
+from hil_gateway.process.held_up import describe_load
 from hil_gateway.process.lifecycle import stop_requested
 from hil_gateway.process.running import announced
 from hil_gateway.process.scheduling import punctual
@@ -39,7 +40,7 @@ def run(config: Config) -> None:
     except BaseException:
         link.close()
         raise
-    gateway = Gateway(config, bus, link, track)
+    gateway = Gateway(config, bus, link, track, describe_load)
     notify = Notifier()
     if not punctual():
         log.warning("real-time priority is not permitted: frames may leave some ms late while this computer is busy")

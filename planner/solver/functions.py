@@ -7,6 +7,7 @@ of it holding Python's lock; so it happens in a child process, and the planner l
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -101,7 +102,11 @@ def _restore(text: str) -> Problem:
 
 
 def _main() -> None:
-    """Child process: problem on standard input, paths of the libraries on standard output."""
+    """Child process: problem on standard input, paths of the libraries on standard output.
+
+    It gives way to whoever drives meanwhile, and so does the compiler it starts.
+    """
+    os.nice(19)
     problem = _restore(sys.stdin.read())
     paths = {name: compile_library(densified(f)) for name, f in _symbolic(problem).items()}
     print(json.dumps({name: None if path is None else str(path) for name, path in paths.items()}))

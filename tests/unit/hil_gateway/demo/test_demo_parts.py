@@ -158,11 +158,17 @@ def test_operator_arms_only_when_nothing_is_missing_and_never_again_after_a_stop
     operator.update(status(missing=("plan",)), 0)
     assert sent.poll(0) == []
     operator.update(status(), 1 * MS)
-    operator.update(status(), 2 * MS)
+    operator.update(status(), 900 * MS)
+    operator.update(status(missing=("command_stale",)), 950 * MS)
+    operator.update(status(), 1000 * MS)
+    operator.update(status(), 1900 * MS)
+    assert sent.poll(0) == [], "the first plans are still on their way: no steady second yet"
+    operator.update(status(), 2000 * MS)
+    operator.update(status(), 2001 * MS)
     assert [c.action for c in sent.poll(0)] == [m.OperatorAction.ARM]
-    operator.update(status(), 600 * MS)
+    operator.update(status(), 2600 * MS)
     assert len(sent.poll(0)) == 1
-    operator.update(status("drive"), 700 * MS)
+    operator.update(status("drive"), 2700 * MS)
     operator.update(status("silent"), 9000 * MS)
     assert sent.poll(0) == []
 

@@ -1,0 +1,104 @@
+"""Who was held up, for how long, and whether the computer was too busy: what a stop for lateness has to say.
+
+The gateway sees when each link of the loop last spoke; the kernel knows how long each process waited for a processor
+(proc(5), schedstat: ns on a processor, ns ready and waiting).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from hil_gateway.process.figures import figure
+
+TIMING_CAUSES = frozenset(
+    {"gateway_late", "command_stale", "command_dead", "can_silent", "state_invalid", "estimate_invalid"}
+)
+"""rows of the failsafe table that a busy computer can make fire"""
+
+
+@dataclass(frozen=True)
+class Link:
+    """One part of the loop, what is missing when it is late, and how long that is usual, s."""
+
+    process: str
+    measure: str
+    missing: str
+    usual_s: float
+
+
+CHAIN = (
+    Link("gateway", "gateway_gap", "its period did not run", 0.03),  # three periods of 10 ms
+    Link("car or plant", "can_silence", "no CAN frame", 0.05),  # five of its 100 Hz frames
+    Link("estimator", "estimate_age", "no estimate", 0.05),  # five periods
+    Link("planner", "command_age", "no command", 0.075),  # one and a half plans of 50 ms
+)
+"""in the order of the data: who is late makes those behind it late"""
+
+
+def who_was_late(cause: str, measures: Mapping[str, float]) -> str:
+    """The links that had not spoken for longer than usual when a stop for `cause` began; empty: it was not lateness.
+
+    `measures` in seconds, by the names in `CHAIN`; one that has never spoken (infinite) is not late but absent.
+    """
+    if cause not in TIMING_CAUSES:
+        return ""
+    late = [(link, measures.get(link.measure, 0.0)) for link in CHAIN]
+    return ", ".join(
+        f"{link.process} held up: {link.missing} for {figure(1e3 * held_s, 'ms', 3)}"
+        for link, held_s in late
+        if link.usual_s < held_s < float("inf")
+    )
+
+
+@dataclass(frozen=True)
+class Load:
+    """How much this computer has to do."""
+
+    average: float
+    """tasks that ran or waited, mean over a minute"""
+    ready: int
+    """tasks that run or wait now"""
+    processors: int
+
+    def __str__(self) -> str:
+        return f"load {figure(self.average, digits=2)}, {self.ready} tasks ready on {self.processors} processors"
+
+    @property
+    def remedy(self) -> str:
+        """What would help."""
+        if max(self.average, self.ready) <= self.processors:
+            return "the computer is not busy: see the log of that process"
+        return "end other programs, or permit real-time priority (`hil doctor` says how)"
+
+
+def read_load() -> Load:
+    """From proc(5), loadavg."""
+    words = Path("/proc/loadavg").read_text().split()
+    return Load(float(words[0]), int(words[3].partition("/")[0]), len(os.sched_getaffinity(0)))
+
+
+def describe_load() -> str:
+    """Load and remedy, to go behind who was late."""
+    load = read_load()
+    return f"{load}: {load.remedy}"
+
+
+@dataclass(frozen=True)
+class ProcessorTime:
+    """Of the main thread of a process, which is its loop, since it started."""
+
+    computed_s: float
+    waited_s: float
+    """ready to run, and no processor free"""
+
+
+def processor_time(pid: int) -> ProcessorTime | None:
+    """None when the process is gone or the kernel does not say."""
+    try:
+        words = Path(f"/proc/{pid}/schedstat").read_text().split()
+        return ProcessorTime(int(words[0]) / 1e9, int(words[1]) / 1e9)
+    except (OSError, ValueError, IndexError):
+        return None
