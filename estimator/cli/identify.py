@@ -82,8 +82,9 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     prior = read_tyre_prior(tyre, layout.value, car)
     with _progress() as progress:
         progress("reading", 0.0)
-        result = run(read_logs(sessions), car, prior, options, progress)
-        scores = {str(path): score_log(result, read_logs([path])) for path in score or ()}
+        log, others = read_logs(sessions), {str(path): read_logs([path]) for path in score or ()}
+        result = run(log, car, prior, options, progress)
+        scores = {path: score_log(result, other) for path, other in others.items()}
         summary = {**result.summary(), "scored": {path: as_summary(one) for path, one in scores.items()}}
         if out is not None:
             progress("report", 0.95)

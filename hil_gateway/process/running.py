@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from hil_gateway.config import Config, ZenohConfig
 from hil_gateway.process.cache import cache_directory
-from hil_gateway.process.config import Config, ZenohConfig
 from hil_gateway.process.lifecycle import PARENT_VARIABLE
 
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")

@@ -85,13 +85,18 @@ def _check_text(path: Path, option: str, longer: int = 0, deeper: int = 0) -> No
     if any(ord(character) < 32 or ord(character) == 127 for character in text):
         raise InputError(f"{text!r}: a name with control characters; choose another {option}")
     try:
-        sizes = [len(part.encode()) for part in path.absolute().parts]
+        parts = path.absolute().parts
+        sizes = [len(part.encode()) for part in parts]
     except UnicodeEncodeError:
         raise InputError(f"{text!r}: a name that is not UTF-8 text; choose another {option}") from None
     sizes[-1] += longer
-    if max(sizes) > NAME_MAX or sum(sizes) + len(sizes) + deeper > PATH_MAX:
-        start = text if len(text) <= 40 else f"{text[:40]}..."
-        raise InputError(f"{start}: name of {len(text.encode())} bytes is too long; choose a shorter {option}")
+    if max(sizes) > NAME_MAX:
+        longest = max(parts, key=len)
+        limit = f"{len(longest.encode())} bytes is too long (limit {NAME_MAX - longer})"
+        raise InputError(f"{longest[:40]}...: a name of {limit}; choose a shorter {option}")
+    if sum(sizes) + len(sizes) + deeper > PATH_MAX:
+        room = PATH_MAX - deeper
+        raise InputError(f"{text[:40]}...: the path is too long (limit {room} bytes); choose a shorter {option}")
 
 
 def _same(path: Path, other: Path) -> bool:

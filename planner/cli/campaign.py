@@ -7,10 +7,11 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
+from hil_gateway.config import PlannerConfig
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
@@ -20,6 +21,7 @@ from planner.cli.campaign_diagnose import RESULTS, diagnose
 if TYPE_CHECKING:
     from planner.studies.campaign.trial import Learnt, Trial
 
+CRITERIA = get_args(PlannerConfig.model_fields["information_criterion"].annotation)
 app = typer.Typer(no_args_is_help=True, help="Long comparisons over seeds.")
 app.command()(diagnose)
 app.command()(closed)
@@ -59,17 +61,20 @@ def learn(  # noqa: PLR0917  (one argument a flag)
     from planner.studies.campaign.trial import KNOWN, CampaignSettings, Trial
 
     check_folder(out, RESULTS)
+    if criterion not in (None, *CRITERIA):
+        raise InputError(f"--criterion {criterion}: must be one of {', '.join(CRITERIA)}")
     default = CampaignSettings()
     settings = replace(
         default, laps=laps, seconds=seconds, track=track,
         information_weight=default.information_weight if weight is None else weight,
         information_criterion=criterion or default.information_criterion,
     )  # fmt: skip
+    length = load_track(track).length
     cars, machines = range(first_seed, first_seed + seeds), Machines(processes, scheduler)
     trials = [Trial(method, seed) for seed in cars for method in (KNOWN, *_methods(methods))]
     results = drive_all([(trial, None) for trial in trials], settings, out, machines)
     proofs = drive_all(_afterwards(results, afterwards), settings, out, machines)
-    summary = _conclude(results, proofs, load_track(track).length, out)
+    summary = _conclude(results, proofs, length, out)
     if as_json:
         print_json(summary)
     else:

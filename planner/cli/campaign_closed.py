@@ -28,11 +28,15 @@ def closed(
     from rich.progress import track
 
     from hil_gateway.demo.options import parse_effects
+    from hil_gateway.plant.effects import configure
     from planner.studies.campaign.closed import close_loop, describe
 
     if base not in ("paper", "av24"):
         raise InputError(f"--base {base}: must be paper or av24")
     sizes = parse_effects([text.strip() for text in effects.split(",") if text.strip()])
+    if not sizes:
+        raise InputError(f"--effects {effects!r}: names no effect; write NAME=SIZE, comma-separated, as {DEFAULT}")
+    configure(base, sizes)
     console = Console(file=sys.stderr)
     cases = [
         close_loop({name: size}, base, laps, seed)

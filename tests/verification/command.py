@@ -17,6 +17,7 @@ import typer
 
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 from hil_gateway.process.figures import lines, print_json
+from hil_gateway.process.writable import check_file
 from verification import mutation as mutation_run
 from verification.promises import PROMISES, as_json, keep_long, markdown, read_evidence
 
@@ -43,6 +44,10 @@ def verify(  # noqa: PLR0917 (options are passed by name)
         raise InputError(f"--only {only}: no promise {', '.join(sorted(unknown))}; docs/promises.md lists them")
     if page is not None:
         _check_page(page, whole=not (long or only or mutation) and seed is None and seeds is None)
+    if min(seed or 0, 0 if seeds is None else seeds - 1) < 0:
+        raise InputError(f"--seed {seed}, --seeds {seeds}: a seed is 0 or more, and so many seeds at least 1")
+    if gathered is not None and not gathered.is_file():
+        raise InputError(f"{gathered}: no such file; --from takes what a test run wrote to HIL_PROMISE_FIGURES")
     if seed is not None or seeds is not None:
         report = _simulate(seed, seeds or 0)
     elif mutation:
@@ -61,8 +66,7 @@ def _check_page(page: Path, whole: bool) -> None:
     """Refuse, before any test has run, a page that could not be written or would leave promises out."""
     if not whole:
         raise InputError(f"--page {page}: the page is of one usual run of every promise; leave the other options out")
-    if page.is_dir() or not os.access(page if page.exists() else page.parent, os.W_OK):
-        raise InputError(f"--page {page}: cannot be written there; name a file in a folder of yours")
+    check_file(page, "--page")
 
 
 def _simulate(seed: int | None, count: int) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,8 @@ def drive_all(jobs: Sequence[Job], settings: CampaignSettings, out: Path, machin
     Raises:
         InputError: a cluster is asked for and dask is missing.
     """
+    if machines.scheduler and find_spec("distributed") is None:
+        raise InputError("--scheduler needs dask: pip install 'hil-gateway[cluster]'")
     found = {trial: load(out, trial, settings) for trial, _ in jobs}
     missing = [job for job in jobs if found[job[0]] is None]
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -58,11 +61,9 @@ def _here(jobs: Sequence[Job], settings: CampaignSettings, machines: Machines) -
 
 
 def _on_cluster(jobs: Sequence[Job], settings: CampaignSettings, machines: Machines) -> Iterator[Outcome]:
-    try:
-        from distributed import Client
-        from distributed import as_completed as as_they_finish
-    except ImportError:
-        raise InputError("--scheduler needs dask: pip install 'hil-gateway[cluster]'") from None
+    from distributed import Client
+    from distributed import as_completed as as_they_finish
+
     with Client(machines.scheduler) as client:
         futures = {client.submit(run_trial, trial, settings, learnt, pure=False): trial for trial, learnt in jobs}
         for future in as_they_finish(futures):

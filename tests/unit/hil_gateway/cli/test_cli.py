@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import json
 import os
 import re
@@ -105,6 +106,78 @@ def test_bad_input_is_one_clear_line_and_exit_code_2(arguments: tuple[str, ...],
     assert result.stderr.startswith("hil: ")
     assert len(result.stderr.splitlines()) == 1
     assert result.stdout == ""
+
+
+WRONG: list[tuple[str, str]] = [
+    ("identify --out /etc/passwd x.csv", "/etc/passwd is no folder"),
+    ("identify x.csv --out /proc/x", "nothing can be written in /proc"),
+    ("identify x.csv --out file/below", "file is no folder"),
+    ("identify x.csv --tyre d/tyre.json --out d", "d/tyre.json: never written over, it is what is read"),
+    ("identify absent.csv --out new", "absent.csv: cannot read"),
+    ("identify x.csv --window abc", "--window"),
+    ("diagnose x.csv --out x.csv", "x.csv is no folder"),
+    ("diagnose x.csv --layout both --out new", "must be per_axle or shared"),
+    ("session export s.mcap --out x.foo", "known: .csv (csv), .parquet (parquet), .log (candump)"),
+    ("session export s.mcap --out bare", "no ending that names the format"),
+    ("session export s.mcap --format csv --out file", "there already and no .csv file"),
+    ("session export s.mcap --out s.mcap --format csv", "never written over, it is what is read"),
+    ("session recover s.mcap --out d", "is a folder, a file is needed"),
+    ("session import a.log --out /proc/y.mcap", "nothing can be written in /proc"),
+    ("session replay s.mcap --speed -1", "--speed -1"),
+    ("plan bench --track nowhere", "nowhere: no such track file"),
+    ("plan contraction --places 1", "--places"),
+    ("campaign learn --out file --seeds 2", "file is no folder"),
+    ("campaign learn --out new --track nowhere", "nowhere: no such track file"),
+    ("campaign learn --out new --criterion magic", "must be one of trace, log_det"),
+    ("campaign learn --out new --scheduler nowhere:1", "needs dask"),
+    ("campaign diagnose --out new --effects magic", "magic: unknown effect"),
+    ("campaign closed --effects magic=1", "effect 'magic' is unknown"),
+    ("campaign closed --effects ,", "names no effect"),
+    ("verify --seeds -4", "--seeds -4"),
+    ("verify --from absent.jsonl", "absent.jsonl: no such file"),
+    ("gateway emergency --config absent.toml", "absent.toml: cannot read"),
+    ("gateway run --config bad.toml", "bad.toml: not valid TOML"),
+    ("planner run --config limits.toml", "planner.load_limits"),
+    ("recorder run --config folder.toml", "choose another recorder.folder"),
+    ("demo --out file", "file is no folder"),
+    ("demo --out foreign", "not made by a demo here"),
+    ("demo --out foreign --config foreign/config.toml", "was given to the demo"),
+    ("demo --out /dev/null/x", "/dev/null is no folder"),
+    ("demo --out " + "x" * 300, "a name of 300 bytes is too long (limit 255)"),
+    ("sesion info", "sesion"),
+]
+"""wrong calls in the folder `wrong_folder` makes -> words of the one line they end in"""
+
+
+@pytest.fixture(scope="module")
+def wrong_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wrong")
+    files = {
+        "x.csv": "t,vx,vy,yaw_rate,ax,ay,steer,drive\n", "a.log": "", "file": "of somebody", "bad.toml": "[planner\n",
+        "limits.toml": '[planner]\nload_limits = "d"\n', "folder.toml": '[recorder]\nfolder = "file/below"\n',
+        "d/tyre.json": "{}", "s.mcap": "no session", "foreign/session.mcap": "of a car", "foreign/config.toml": "",
+    }  # fmt: skip
+    for name, text in files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize(("call", "words"), WRONG, ids=[call[:60] for call, _ in WRONG])
+def test_a_wrong_call_is_one_line_exit_2_and_changes_nothing(
+    call: str, words: str, wrong_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Refused before any work: nothing is made, written over or said on standard output, and no bar is drawn."""
+    if "scheduler" in call and importlib.util.find_spec("distributed"):
+        pytest.skip("dask is installed here: the scheduler would be asked")
+    monkeypatch.chdir(wrong_folder)
+    before = {path: path.read_bytes() for path in wrong_folder.rglob("*") if path.is_file()}
+    result = hil(*call.split(" "))
+    assert (result.returncode, result.stdout) == (2, "")
+    assert words in result.stderr
+    assert result.stderr.startswith("hil: ")
+    assert len(result.stderr.splitlines()) == 1, result.stderr
+    assert {path: path.read_bytes() for path in wrong_folder.rglob("*") if path.is_file()} == before
 
 
 def test_unknown_key_in_the_environment_is_named() -> None:
