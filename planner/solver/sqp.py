@@ -15,8 +15,9 @@ from hil_gateway.process.arrays import Array
 from planner.problem import infomax
 from planner.problem.motion import BOUNDED, NU, NZ
 from planner.problem.mpcc import OUTPUTS, Problem
+from planner.solver.choice import make_qp_solver
 from planner.solver.functions import Functions
-from planner.solver.qp import QpSize, QpStatus, StageQp, make_qp_solver
+from planner.solver.qp import QpSize, QpStatus, StageQp
 
 Stopwatch = Callable[[], int]
 """nanoseconds, for measuring durations"""

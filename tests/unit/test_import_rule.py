@@ -1,24 +1,53 @@
-"""can_dbc <- hil_gateway <- estimator <- planner: imports point one way only."""
+"""can_dbc <- hil_gateway <- estimator <- planner: imports point one way only, and no modules import in a circle."""
 
 from __future__ import annotations
 
 import ast
+from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 ORDER = ("can_dbc", "hil_gateway", "estimator", "planner")
+MODULES_IN_A_FOLDER = 18
+"""more than that is no longer read at a glance; the catalogue of effects, one file each, may have more"""
 
 
-def _imported_packages(path: Path) -> set[str]:
+@cache
+def _modules() -> dict[str, Path]:
+    files = [file for package in ORDER for file in (ROOT / package).rglob("*.py")]
+    return {".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): file for file in files}
+
+
+def _imported(path: Path) -> set[str]:
+    """Everything a file imports, at its top or inside functions; `from a import b` counts as a and as a.b."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            names |= {alias.name.split(".")[0] for alias in node.names}
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            names.add(node.module.split(".")[0])
-    return names & set(ORDER)
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return names
+
+
+@cache
+def _graph() -> dict[str, set[str]]:
+    """Module -> modules it imports; a package's own `__init__` stands for no module here."""
+    plain = {name for name, path in _modules().items() if path.name != "__init__.py"}
+    return {name: (_imported(_modules()[name]) & plain) - {name} for name in plain}
+
+
+def _reachable(start: str) -> set[str]:
+    seen: set[str] = set()
+    todo = list(_graph()[start])
+    while todo:
+        name = todo.pop()
+        if name not in seen:
+            seen.add(name)
+            todo += _graph()[name]
+    return seen
 
 
 @pytest.mark.parametrize("package", ORDER)
@@ -26,5 +55,17 @@ def test_package_imports_only_packages_before_it(package: str) -> None:
     allowed = set(ORDER[: ORDER.index(package) + 1])
     files = list((ROOT / package).rglob("*.py"))
     assert files
-    offenders = {str(f.relative_to(ROOT)): _imported_packages(f) - allowed for f in files}
-    assert {name: extra for name, extra in offenders.items() if extra} == {}
+    roots = {f: {name.split(".")[0] for name in _imported(f)} & set(ORDER) for f in files}
+    assert {str(f.relative_to(ROOT)): extra - allowed for f, extra in roots.items() if extra - allowed} == {}
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    assert sorted(name for name in _graph() if name in _reachable(name)) == []
+
+
+def test_no_folder_holds_more_modules_than_are_read_at_a_glance() -> None:
+    folders: defaultdict[str, int] = defaultdict(int)
+    for path in _modules().values():
+        folders[str(path.parent.relative_to(ROOT))] += path.name != "__init__.py"
+    crowded = {folder: count for folder, count in folders.items() if count > MODULES_IN_A_FOLDER}
+    assert set(crowded) <= {"estimator/model/effects"}

@@ -66,7 +66,7 @@ def _check_page(page: Path, whole: bool) -> None:
     """Refuse, before any test has run, a page that could not be written or would leave promises out."""
     if not whole:
         raise InputError(f"--page {page}: the page is of one usual run of every promise; leave the other options out")
-    check_file(page, "--page")
+    check_file(page, option="--page")
 
 
 def _simulate(seed: int | None, count: int) -> dict[str, Any]:
@@ -96,6 +96,7 @@ def _promises(long: bool, only: str, gathered: Path | None, page: Path | None) -
         keep_long(LONG_RUNS, asked, conditions)
     elif page is not None:
         kept = json.loads(LONG_RUNS.read_text()) if LONG_RUNS.exists() else {}
+        page.parent.mkdir(parents=True, exist_ok=True)
         page.write_text(markdown(evidence, conditions, kept))
     rows = [row for row in as_json(evidence) if not only or row["id"] in only.split(",")]
     broken = [row["id"] for row in rows if row["verdict"] == "BROKEN"]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner.solver import hpipm, qp
+from planner.solver import hpipm
+from planner.solver.choice import make_qp_solver
 from planner.solver.hpipm import HpipmSolver, self_test
-from planner.solver.qp import QpSize, QpStatus, QpWarning, StageQp, make_qp_solver, objective, violation
+from planner.solver.qp import QpSize, QpStatus, QpWarning, StageQp, objective, violation
 from planner.solver.qp_sparse import ConicSolver, PiqpSolver
 
 
@@ -111,4 +112,4 @@ def test_missing_library_falls_back_with_its_cost(monkeypatch: pytest.MonkeyPatc
 
 def test_unknown_backend_is_refused() -> None:
     with pytest.raises(ValueError, match="unknown QP backend"):
-        qp.make_qp_solver(random_qp(0), "magic")
+        make_qp_solver(random_qp(0), "magic")

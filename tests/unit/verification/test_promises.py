@@ -45,7 +45,6 @@ def test_an_unknown_promise_is_one_clear_line():
 @pytest.mark.parametrize(
     ("page", "others"),
     [
-        ("missing/page.md", {}),
         (".", {}),
         ("page.md", {"only": "S1"}),
         ("page.md", {"long": True}),

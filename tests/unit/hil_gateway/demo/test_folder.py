@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from hil_gateway.process.config import load_config
 
+from hil_gateway.config import load_config
 from hil_gateway.demo.folder import MARKER, check_drive_folder, claim
 from hil_gateway.demo.options import DemoOptions, prepare, to_toml
 from hil_gateway.process.errors import InputError

@@ -13,8 +13,8 @@ import time
 from pathlib import Path
 
 import pytest
-from hil_gateway.process.config import Config, ZenohConfig
 
+from hil_gateway.config import Config, ZenohConfig
 from hil_gateway.process.running import announced, running_gateways
 
 
