@@ -38,7 +38,7 @@ class Gateway:
         config = folder / f"{self.endpoint[-5:]}.toml"
         can = f'interface = "udp_multicast"\nmulticast_port = {port(socket.SOCK_DGRAM)}'
         config.write_text(f'[can]\n{can}\n[zenoh]\nconnect = ["{self.endpoint}"]\n')
-        command = [sys.executable, "-m", "hil_gateway.cli.main", "gateway", "run", "--config", str(config)]
+        command = [sys.executable, "-m", "hil_gateway", "gateway", "run", "--config", str(config)]
         self.process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
 
     def wait_until_found(self) -> None:
@@ -52,7 +52,7 @@ class Gateway:
 
 
 def ask(action: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "hil_gateway.cli.main", "gateway", action]
+    command = [sys.executable, "-m", "hil_gateway", "gateway", action]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
