@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from struct import Struct
 from typing import Any
 
 from hil_gateway.plant.dynamics import INPUTS, OUTPUTS, STATES, step_function
+from hil_gateway.plant.events import CALM, Disturbance, Event, disturbance
 from hil_gateway.plant.parameters import PlantParameters
 from hil_gateway.plant.road import Road
 from hil_gateway.process.compiled import compile_function
@@ -16,6 +18,8 @@ from hil_gateway.track.track import Track
 STEP_S = 1e-3
 ROAD_STEPS = 5
 """the road is looked up every so many steps: 0.4 m at 80 m/s"""
+MOVING = 0.5
+"""m/s; a standing car sways on its tyres below it"""
 STATE = {name: i for i, name in enumerate(STATES)}
 OUTPUT = {name: i for i, name in enumerate(OUTPUTS)}
 STEER = STATE["steer"]
@@ -62,8 +66,12 @@ class LateActuators:
 class Car:
     """State of the simulated car. `step` advances it by `STEP_S`."""
 
-    def __init__(self, parameters: PlantParameters, track: Track, start_s: float = 0.0, speed: float = 0.0) -> None:
+    def __init__(
+        self, parameters: PlantParameters, track: Track, start_s: float = 0.0, speed: float = 0.0,
+        events: Sequence[Event] = (),
+    ) -> None:  # fmt: skip
         self.parameters = parameters
+        self._events, self._disturbed, self._moved_s = events, CALM, float("inf")
         self.road = Road(track, parameters.road)
         self._function = compile_function(step_function())
         self._x, u, p, h = (a[:, 0] for a in self._function.inputs)
@@ -117,7 +125,10 @@ class Car:
             x, y, yaw, vx, _, yaw_rate = state[:6]
             self.road.locate(x, y)
             self._gravity = self.road.gravity(yaw, vx, yaw_rate)
-            self._grip = max(0.1, 1.0 + self.parameters.road.grip_drift * self.time_s)
+            self._disturbed = self._disturbance(vx)
+            drift = max(0.1, 1.0 + self.parameters.road.grip_drift * self.time_s)
+            self._grip = drift * self._disturbed.grip
+        disturbed = self._disturbed
         PACK.pack_into(
             self._u,
             0,
@@ -129,11 +140,21 @@ class Car:
             *self._gravity,
             self._grip,
             *self._late_line(state[STEER : STEER + 4]),
+            *disturbed.flats,
+            disturbed.gust,
+            disturbed.brake_loss,
         )
         self._function()
         self.steer_rate = (self._after[STEER] - state[STEER]) / STEP_S
         state[:] = self._after
         self.steps += 1
+
+    def _disturbance(self, vx: float) -> Disturbance:
+        """Events count from when the car first moves."""
+        if self._moved_s > self.time_s and vx > MOVING:
+            self._moved_s = self.time_s
+        since = self.time_s - self._moved_s
+        return disturbance(self._events, since, self.road.s, self.road.track.length) if since >= 0.0 else CALM
 
     def _ratio(self, wanted: int) -> float:
         """Engine over axle speed; 0 in neutral and while a shift is under way."""

@@ -32,16 +32,25 @@ INPUTS = (
     "ratio", "engine_running",
     "gravity_x", "gravity_y", "gravity_z", "grip",
     "late_steer", "late_throttle", "late_brake_front", "late_brake_rear",
+    "flat_fl", "flat_fr", "flat_rl", "flat_rr", "gust", "brake_loss",
 )  # fmt: skip
-"""delayed commands, engine over axle speed, 0 or 1, gravity in body axes m/s2, factor on friction, delayed actuators"""
+"""delayed commands, engine over axle speed, 0 or 1, gravity in body axes m/s2, factor on friction, delayed actuators,
+per wheel 0 (sound) to 1 (tyre flat), side force on the body N, share of the brakes' torque that is missing"""
+
+FLAT_GRIP_LOSS = 0.6
+"""share of its friction a tyre without air loses, assumed: the carcass folds under the rim and carries on its edge"""
+FLAT_ROLLING = 0.06
+"""rolling resistance of a flat tyre over its load, assumed: several times a sound tyre's 0.012"""
 
 OUTPUTS = (
     "ax", "ay", "az", "yaw_acc", "engine_speed", "axle_torque",
     "load_fl", "load_fr", "load_rl", "load_rr",
     "force_x_front", "force_x_rear", "force_y_front", "force_y_rear", "power_loss",
+    "use_front", "use_rear", "slip_front", "slip_rear",
 )  # fmt: skip
 """specific force m/s2, rad/s2, rad/s, N m, N; lateral and longitudinal axle forces in wheel axes; W lost in tyres,
-air, brakes and rolling"""
+air, brakes and rolling; per axle its force over the most its tyres can give under their loads, and its combined slip
+over that of the peak (beyond 1 the axle slides)"""
 
 
 def _bind(names: tuple[str, ...], vector: Any) -> Any:
@@ -58,8 +67,8 @@ def _effective_inputs(s: Any, u: Any, p: Any) -> tuple[Expr, Expr, Expr, Expr]:
     return (
         p.steer_scale * reported + p.steer_offset,
         late(s.throttle, u.late_throttle),
-        late(s.brake_front, u.late_brake_front),
-        late(s.brake_rear, u.late_brake_rear),
+        (1.0 - u.brake_loss) * late(s.brake_front, u.late_brake_front),
+        (1.0 - u.brake_loss) * late(s.brake_rear, u.late_brake_rear),
     )
 
 
@@ -67,10 +76,13 @@ def _tyre_forces(s: Any, u: Any, p: Any, steers: list[Expr], loads: list[Expr]) 
     """Per wheel: force along and across, slip rates, velocity along and across, slip powers."""
     nominal = chassis.static_loads(p, GRAVITY)
     xs, ys = chassis.wheel_positions(p)
-    out = SimpleNamespace(along=[], across=[], rate_x=[], rate_y=[], power=0.0)
+    flats = (u.flat_fl, u.flat_fr, u.flat_rl, u.flat_rr)
+    out = SimpleNamespace(along=[], across=[], rate_x=[], rate_y=[], contacts=[], slips=[], power=0.0)
     for i, name in enumerate(("fl", "fr", "rl", "rr")):
-        grip = u.grip * tyre.friction_factor(loads[i], nominal[i], p.load_sensitivity)
-        B, C, D, E = (p.bf, p.cf, p.df, p.ef) if i in chassis.FRONT else (p.br, p.cr, p.dr, p.er)
+        front = i in chassis.FRONT
+        grip = u.grip * (p.grip_front if front else p.grip_rear) * (1.0 - FLAT_GRIP_LOSS * flats[i])
+        grip = grip * tyre.friction_factor(loads[i], nominal[i], p.load_sensitivity)
+        B, C, D, E = (p.bf, p.cf, p.df, p.ef) if front else (p.br, p.cr, p.dr, p.er)
         contact = tyre.Tyre(
             load=loads[i],
             along=tyre.Curve(p.bx, p.cx, p.dx * grip, p.ex),
@@ -90,6 +102,8 @@ def _tyre_forces(s: Any, u: Any, p: Any, steers: list[Expr], loads: list[Expr]) 
         out.across.append(fy)
         out.rate_x.append(rate_x)
         out.rate_y.append(rate_y)
+        out.contacts.append(contact)
+        out.slips.append(slip)
         out.power += fx * (rim - velocity[0]) - fy * velocity[1]
     return out
 
@@ -109,14 +123,29 @@ def _actuator_rates(s: Any, u: Any, p: Any) -> list[Expr]:
     ]
 
 
-def _wheels(s: Any, u: Any, p: Any, *, throttle: Expr, brakes: tuple[Expr, Expr], along: list[Expr]) -> Any:
-    """Spin rates of the wheels, engine speed, axle torque and the power that brakes and differential turn into heat."""
+def _use(tyres: Any, wheels: tuple[int, ...]) -> tuple[Expr, Expr]:
+    """Of an axle: its force over the most its tyres can give, and its combined slip over the peak's, weighted by load.
+
+    Weighted, because an inner wheel with little load may slip far without the axle losing anything.
+    """
+    contacts = [tyres.contacts[i] for i in wheels]
+    most_x, most_y = (sum(c.load * getattr(c, way).D for c in contacts) for way in ("along", "across"))
+    share_x, share_y = sum(tyres.along[i] for i in wheels) / most_x, sum(tyres.across[i] for i in wheels) / most_y
+    slip = sum(c.load * tyre.slip_over_peak(tyres.slips[i], c) for i, c in zip(wheels, contacts, strict=True))
+    return ca.sqrt(share_x**2 + share_y**2), slip / sum(c.load for c in contacts)
+
+
+def _wheels(s: Any, u: Any, p: Any, *, throttle: Expr, brakes: tuple[Expr, Expr], along: list[Expr],
+            loads: list[Expr]) -> Any:  # fmt: skip
+    """Spin rates of the wheels, engine speed, axle torque and the power lost in brakes, flat tyres and differential."""
     spins = [s.spin_fl, s.spin_fr, s.spin_rl, s.spin_rr]
+    flats = (u.flat_fl, u.flat_fr, u.flat_rl, u.flat_rr)
     axle = 0.5 * (s.spin_rl + s.spin_rr)
     speed = driveline.engine_speed(p, axle, u.ratio)
     torque = driveline.axle_torque(p, throttle, speed, u.ratio, u.engine_running)
     driven = [0.0, 0.0, *driveline.differential(p, torque, s.spin_rl, s.spin_rr)]
-    braked = driveline.brake_torques(p, *brakes, spins)
+    rolling = [-FLAT_ROLLING * p.wheel_radius * flats[i] * loads[i] * ca.tanh(spins[i]) for i in range(4)]
+    braked = [b + r for b, r in zip(driveline.brake_torques(p, *brakes, spins), rolling, strict=True)]
     inertia = [p.wheel_inertia, p.wheel_inertia] + 2 * [p.wheel_inertia + 0.5 * p.engine_inertia * u.ratio**2]
     rates = [(driven[i] + braked[i] - p.wheel_radius * along[i]) / inertia[i] for i in range(4)]
     slipping = sum(driven[i] * (axle - spins[i]) for i in (2, 3))
@@ -131,7 +160,7 @@ def _body(s: Any, u: Any, p: Any, *, steers: list[Expr], tyres: Any, air: tuple[
     xs, ys = chassis.wheel_positions(p)
     wheels = [chassis.to_body(tyres.along[i], tyres.across[i], steers[i]) for i in range(4)]
     ax = (sum(w[0] for w in wheels) + drag + rolling) / p.mass
-    ay = (sum(w[1] for w in wheels) + side) / p.mass
+    ay = (sum(w[1] for w in wheels) + side + u.gust) / p.mass
     moment = sum(xs[i] * wheels[i][1] - ys[i] * wheels[i][0] for i in range(4)) - p.yaw_damping * s.yaw_rate
     yaw_acc = moment / p.yaw_inertia
     rates = [
@@ -142,7 +171,7 @@ def _body(s: Any, u: Any, p: Any, *, steers: list[Expr], tyres: Any, air: tuple[
         ay - s.vx * s.yaw_rate + u.gravity_y,
         yaw_acc,
     ]
-    lost = p.yaw_damping * s.yaw_rate**2 - (drag + rolling) * s.vx - side * s.vy
+    lost = p.yaw_damping * s.yaw_rate**2 - (drag + rolling) * s.vx - (side + u.gust) * s.vy
     return SimpleNamespace(ax=ax, ay=ay, yaw_acc=yaw_acc, rates=rates, lost=lost)
 
 
@@ -154,7 +183,7 @@ def _rates(x: Expr, u: Expr, p: Any) -> tuple[Expr, Expr]:
     drag, side, downforce = chassis.air_forces(p, s.vx, s.vy, s.yaw)
     loads = chassis.wheel_loads(p, u.gravity_z, s.load_ax, s.load_ay, downforce)
     tyres = _tyre_forces(s, u, p, steers, loads)
-    wheels = _wheels(s, u, p, throttle=throttle, brakes=(brakes[0], brakes[1]), along=tyres.along)
+    wheels = _wheels(s, u, p, throttle=throttle, brakes=(brakes[0], brakes[1]), along=tyres.along, loads=loads)
     body = _body(s, u, p, steers=steers, tyres=tyres, air=(drag, side))
     load_lags = [(body.ax - s.load_ax) / p.load_lag, (body.ay - s.load_ay) / p.load_lag]
     rates = [*body.rates, *wheels.rates, *tyres.rate_x, *tyres.rate_y, *load_lags, *_actuator_rates(s, u, p)]
@@ -163,6 +192,7 @@ def _rates(x: Expr, u: Expr, p: Any) -> tuple[Expr, Expr]:
         tyres.along[0] + tyres.along[1], tyres.along[2] + tyres.along[3],
         tyres.across[0] + tyres.across[1], tyres.across[2] + tyres.across[3],
         tyres.power + body.lost + wheels.lost,
+        *(value for pair in zip(_use(tyres, chassis.FRONT), _use(tyres, chassis.REAR), strict=True) for value in pair),
     ]  # fmt: skip
     return ca.vertcat(*rates), ca.vertcat(*outputs)
 

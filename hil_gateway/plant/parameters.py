@@ -51,7 +51,11 @@ class CarParameters:
     wind_x: float = 0.0
     """air's velocity over ground, map frame, m/s"""
     wind_y: float = 0.0
-    # tyres: magic formula, lateral, per axle
+    # tyres
+    grip_front: float = 1.0
+    """factor on the friction of the front tyres, both ways"""
+    grip_rear: float = 1.0
+    # magic formula, lateral, per axle
     bf: float = 11.0
     cf: float = 1.50
     df: float = 1.55

@@ -85,6 +85,11 @@ class Tyre(NamedTuple):
     """N per unit slip where the longitudinal force is linear"""
 
 
+def slip_over_peak(slip: Pair, tyre: Tyre) -> Expr:
+    """Combined slip over that of the peak force, 1 at the peak (similarity method)."""
+    return ca.sqrt((slip[0] / peak_slip(tyre.along)) ** 2 + (ca.atan(slip[1]) / peak_slip(tyre.across)) ** 2)
+
+
 def forces(slip: Pair, tyre: Tyre) -> Pair:
     """Longitudinal and lateral force, N, from relaxed slips (the second is the tangent of the slip angle).
 

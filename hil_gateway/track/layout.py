@@ -8,12 +8,13 @@ width = 12.0                 # both sides together
 
 [[segment]]
 straight = 400.0
+bank_deg = 0.0               # optional, as in a corner that turns the way of the lap
 
 [[segment]]
 corner = 180.0               # change of heading, deg, positive left
 radius = 150.0
 transition = 60.0            # length of the spiral into and out of it, or [in, out]
-bank_deg = 12.0              # inside down, positive; fades with the spiral
+bank_deg = 12.0              # inside down, positive; fades with the spiral to that of the straight beside it
 width = 14.0                 # this segment only; optional, right and left: [7.0, 7.0]
 
 [[elevation]]                # height at arc length, joined smoothly
@@ -154,14 +155,28 @@ def _samples(layout: Layout, lengths: list[float]) -> list[tuple[Array, Array, A
     count = round(total / STEP_M)
     middle = (np.arange(count) + 0.5) * (total / count)
     starts = np.concatenate([[0.0], np.cumsum(lengths)])
-    out = []
-    for segment, length, start, end in zip(layout.segment, lengths, starts[:-1], starts[1:], strict=True):
+    out, segments = [], layout.segment
+    for i, (segment, length, start, end) in enumerate(zip(segments, lengths, starts[:-1], starts[1:], strict=True)):
         u = middle[(middle >= start) & (middle < end)] - start
         curvature = _curvature(segment, length, u)
-        bank = -math.radians(segment.bank_deg) * curvature * segment.radius
+        beside = [_straight_bank(layout, segments[j % len(segments)]) for j in (i - 1, i, i + 1)]
+        bank = _bank(segment, (beside[0], beside[2]), u / length, curvature) if segment.corner else 0 * u + beside[1]
         right, left = _sides(layout.width if segment.width is None else segment.width)
         out.append((curvature, bank, np.full_like(u, right), np.full_like(u, left)))
     return out
+
+
+def _straight_bank(layout: Layout, segment: Segment) -> float:
+    """Bank of a straight, rad, down to the inside of the lap; 0 for a corner."""
+    turning = sum(other.corner or 0.0 for other in layout.segment)
+    return 0.0 if segment.corner is not None else -math.copysign(math.radians(segment.bank_deg), turning)
+
+
+def _bank(segment: Segment, beside: tuple[float, float], along: Array, curvature: Array) -> Array:
+    """Bank over a corner, rad: from that of the straight before it to its own with the spiral, and so out of it."""
+    own = -math.copysign(math.radians(segment.bank_deg), segment.corner or 0.0)
+    outside = np.where(along < 0.5, *beside)
+    return np.asarray(outside + (own - outside) * np.abs(curvature) * segment.radius)
 
 
 def _integrate(curvature: Array, ds: float, heading: float) -> tuple[Array, Array]:

@@ -74,6 +74,21 @@ def safety(  # noqa: PLR0917 - options of a command line
 
 
 @app.command()
+def limit(
+    track: Annotated[str, typer.Option(help="track file or shipped track; default: the road course")] = "",
+    car: Annotated[Path | None, typer.Option(help="simulated car (JSON); default: the realistic one")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Least lap time of the simulated car by its own equations; for the referee, never for what drives."""
+    from hil_gateway.plant.car_file import SimulatedCar, read_car
+    from hil_gateway.plant.lap_limit import limit_report
+    from hil_gateway.track.track import load_track
+
+    simulated = read_car(car) if car else SimulatedCar()
+    _print(limit_report(simulated.parameters(), load_track(track)), as_json)
+
+
+@app.command()
 def contraction(
     track: Annotated[str, typer.Option(help="track file or shipped track; default: the road course")] = "",
     places: Annotated[int, typer.Option(min=2, help="places around the lap")] = 24,

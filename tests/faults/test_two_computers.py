@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 VEHICLE, BASE = f"hilv{os.getpid()}", f"hilb{os.getpid()}"
 VEHICLE_IP, BASE_IP = "10.99.24.1", "10.99.24.2"
 PORT = 7447
-HIL = [sys.executable, "-m", "hil_gateway.cli.main"]
+HIL = [sys.executable, "-m", "hil_gateway"]
 
 WATCHER = """
 import json, sys, time

@@ -1,0 +1,137 @@
+"""A simulated car in a file: what differs from a base car, undeclared effects, and what happens during a run.
+
+```json
+{"base": "av24", "grip_front": 0.9, "mass": 810, "cg_x": 0.03, "brake_gain": 0.95, "effects": {"wind": 8.0},
+ "events": [{"kind": "grip", "t": 40, "for_s": 6, "factor": 0.7}, {"kind": "puncture", "t": 120, "wheel": "rl"}]}
+```
+
+Only the plant and the referee read it; the processes that drive never do.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from hil_gateway.bus.messages import Model
+from hil_gateway.plant.effects import configure
+from hil_gateway.plant.events import Event
+from hil_gateway.plant.parameters import CarParameters, PlantParameters
+from hil_gateway.process.errors import InputError
+
+Factor = Annotated[float, Field(gt=0.3, lt=3.0)]
+
+
+class SimulatedCar(Model):
+    """Differences from the base: `grip_*`, `downforce`, `drag`, `brake_*`, `engine_torque` are factors."""
+
+    base: Literal["av24", "paper"] = "av24"
+    grip_front: Factor = 1.0
+    grip_rear: Factor = 1.0
+    mass: float | None = Field(default=None, gt=200, lt=3000, description="kg")
+    yaw_inertia: float | None = Field(default=None, gt=200, lt=10_000, description="kg m2")
+    cg_x: float = Field(default=0.0, ge=-0.5, le=0.5, description="centre of gravity moved forward, m")
+    downforce: float = Field(default=1.0, ge=0, lt=3)
+    drag: float = Field(default=1.0, ge=0, lt=3)
+    brake_gain: Factor = 1.0
+    brake_bias: float = Field(default=1.0, gt=0.5, lt=1.5, description="front share of the torque, of the base's")
+    engine_torque: Factor = 1.0
+    effects: dict[str, float] = Field(default={}, description="undeclared effect -> size")
+    events: tuple[Event, ...] = ()
+
+    def parameters(self) -> PlantParameters:
+        """Parameters of the plant.
+
+        Raises:
+            InputError: unknown effect, or a size outside its range.
+        """
+        base = configure(self.base, self.effects)
+        return replace(base, car=self._apply(base.car))
+
+    def _apply(self, car: CarParameters) -> CarParameters:
+        front, rear = self._brakes(car)
+        return replace(
+            car,
+            grip_front=car.grip_front * self.grip_front,
+            grip_rear=car.grip_rear * self.grip_rear,
+            mass=self.mass or car.mass,
+            yaw_inertia=self.yaw_inertia or car.yaw_inertia,
+            lf=car.lf - self.cg_x,
+            lr=car.lr + self.cg_x,
+            downforce=car.downforce * self.downforce,
+            drag=car.drag * self.drag,
+            brake_gain_front=front,
+            brake_gain_rear=rear,
+            engine_torque=tuple(torque * self.engine_torque for torque in car.engine_torque),
+        )
+
+    def _brakes(self, car: CarParameters) -> tuple[float, float]:
+        both = car.brake_gain_front + car.brake_gain_rear
+        front = car.brake_gain_front * self.brake_bias
+        return self.brake_gain * front, self.brake_gain * (both - front)
+
+
+def read_car(path: Path | str) -> SimulatedCar:
+    """Read a car file.
+
+    Raises:
+        InputError: unreadable, an unknown key, a value out of range, an unknown effect; names file and key.
+    """
+    try:
+        car = SimulatedCar.model_validate(json.loads(Path(path).read_text()))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InputError(f"{path}: cannot read the car: {error}") from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        given = "" if first["type"] == "missing" else f" = {first['input']!r}"
+        raise InputError(f"{path}: {key}{given}: {first['msg'].lower()}; known: {_known()}") from None
+    try:
+        car.parameters()
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return car
+
+
+def _known() -> str:
+    return ", ".join(SimulatedCar.model_fields)
+
+
+GRIP_SPREAD = 0.2
+"""tyre grip of a car nobody has driven, of the declared, either way"""
+DATA_SPREAD = (0.05, 0.1)
+"""by how much, at least and at most, mass, yaw inertia, aero and brake bias are off"""
+CG_SPREAD_M = (0.05, 0.1)
+"""5 to 10 % of the distance to an axle, about 1 m; a centre of gravity cannot be weighed much better"""
+POWER_SPREAD = 0.1
+"""brakes and engine"""
+
+
+def random_car(seed: int) -> SimulatedCar:
+    """A car that differs from the declared one as cars do; one seed, one car."""
+    draw = np.random.default_rng([20, seed])
+
+    def off(spread: tuple[float, float]) -> float:
+        return float(draw.choice([-1.0, 1.0]) * draw.uniform(*spread))
+
+    def within(spread: float) -> float:
+        return round(1.0 + float(draw.uniform(-spread, spread)), 4)
+
+    usual: Any = configure().car
+    return SimulatedCar(
+        grip_front=within(GRIP_SPREAD),
+        grip_rear=within(GRIP_SPREAD),
+        mass=round(usual.mass * (1.0 + off(DATA_SPREAD)), 1),
+        yaw_inertia=round(usual.yaw_inertia * (1.0 + off(DATA_SPREAD)), 1),
+        cg_x=round(off(CG_SPREAD_M), 4),
+        downforce=round(1.0 + off(DATA_SPREAD), 4),
+        drag=round(1.0 + off(DATA_SPREAD), 4),
+        brake_bias=round(1.0 + off(DATA_SPREAD), 4),
+        brake_gain=within(POWER_SPREAD),
+        engine_torque=within(POWER_SPREAD),
+    )

@@ -1,0 +1,88 @@
+"""What happens to the simulated car during a run: a wet stretch, a gust, a puncture, brake fade."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import Field
+
+from hil_gateway.bus.messages import Model
+
+WHEELS = ("fl", "fr", "rl", "rr")
+Start = Annotated[float, Field(ge=0, description="s after the car first moved")]
+Duration = Annotated[float, Field(gt=0, description="s")]
+
+
+class GripEvent(Model):
+    """A wet stretch: in time, or from `s` over `for_m` metres of the track on every lap."""
+
+    kind: Literal["grip"]
+    t: Start = 0.0
+    for_s: Duration = float("inf")
+    s: float | None = Field(default=None, ge=0, description="m")
+    for_m: float = Field(default=0.0, ge=0, description="m")
+    factor: float = Field(gt=0.05, le=1.5)
+
+
+class GustEvent(Model):
+    """A side force on the body, positive to its left."""
+
+    kind: Literal["gust"]
+    t: Start
+    for_s: Duration
+    force_n: float = Field(ge=-10_000, le=10_000)
+
+
+class PunctureEvent(Model):
+    """A tyre loses its air, and does not get it back."""
+
+    kind: Literal["puncture"]
+    t: Start
+    wheel: Literal["fl", "fr", "rl", "rr"]
+
+
+class BrakeFadeEvent(Model):
+    """Both circuits' torque times `factor`."""
+
+    kind: Literal["brake_fade"]
+    t: Start
+    for_s: Duration = float("inf")
+    factor: float = Field(ge=0.1, le=1.0)
+
+
+Event = Annotated[GripEvent | GustEvent | PunctureEvent | BrakeFadeEvent, Field(discriminator="kind")]
+
+
+class Disturbance(NamedTuple):
+    """Factor on friction; per wheel 0 (sound) or 1 (flat); side force, N; share of the brakes' torque lost."""
+
+    grip: float = 1.0
+    flats: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    gust: float = 0.0
+    brake_loss: float = 0.0
+
+
+CALM = Disturbance()
+
+
+def disturbance(events: Sequence[Event], time_s: float, s: float, length: float) -> Disturbance:
+    """What is under way `time_s` after the car first moved, at arc length `s` of a track of `length` m."""
+    if not events:
+        return CALM
+    grip, gust, brakes, flat = 1.0, 0.0, 1.0, set()
+    for event in events:
+        if isinstance(event, PunctureEvent):
+            flat |= {event.wheel} if time_s >= event.t else set()
+        elif event.t <= time_s < event.t + event.for_s:
+            if isinstance(event, GripEvent):
+                grip *= event.factor if _there(event, s, length) else 1.0
+            elif isinstance(event, GustEvent):
+                gust += event.force_n
+            else:
+                brakes *= event.factor
+    return Disturbance(grip, tuple(float(wheel in flat) for wheel in WHEELS), gust, 1.0 - brakes)
+
+
+def _there(event: GripEvent, s: float, length: float) -> bool:
+    return event.s is None or (s - event.s) % length < event.for_m

@@ -1,0 +1,92 @@
+"""The referee's yardstick: the least time in which the simulated car itself can lap a track.
+
+From the plant's own equations only: its g-g-v diagram by quasi-steady manoeuvres, a minimum-time line within the track,
+and the fastest quasi-steady speed along it. Actuators act at once, gears shift in no time, brake pressures of both
+axles are free, and events are left out: the time is a bound that driving approaches. Nothing that drives may use it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from hil_gateway.plant.limit_envelope import TOP_SPEED, Envelope, NoEquilibriumError, measure_envelope
+from hil_gateway.plant.limit_line import NoLineError, fastest_line
+from hil_gateway.plant.limit_profile import fastest_profile, lap_time
+from hil_gateway.plant.parameters import PlantParameters
+from hil_gateway.plant.referee import HALF_WIDTH_M
+from hil_gateway.process.cache import cache_directory
+from hil_gateway.process.errors import InputError
+from hil_gateway.track.track import Track
+
+VERSION = 1
+"""of the method; part of the cache key"""
+REDUCED_GRIP = 0.9
+"""share of the friction at which the second time is given"""
+METHOD = (
+    "quasi-steady: g-g-v diagram of the plant's own equations (load transfer, aero, load sensitivity, combined slip,"
+    " engine map, gears, wind, free brake balance), minimum-time line with every wheel on the road"
+    f" (centre {HALF_WIDTH_M} m from the edges), grade, bank and vertical curvature, at most {TOP_SPEED:g} m/s"
+)
+
+
+@dataclass(frozen=True)
+class LapLimit:
+    """Least lap time, s, and the largest speed on that lap, m/s."""
+
+    limit_s: float
+    peak_speed_mps: float
+
+
+def lap_limit(parameters: PlantParameters, track: Track, grip: float = 1.0) -> LapLimit:
+    """Least lap time of a car on a track, with all its friction times `grip`; from the cache where it is known.
+
+    Raises:
+        InputError: a car that cannot be balanced, or a track without a minimum-time line.
+    """
+    path = cache_directory() / f"limit-{_key(parameters, track, grip)}.json"
+    try:
+        return LapLimit(**json.loads(path.read_text()))
+    except (OSError, ValueError, TypeError):
+        limit = _compute(parameters, track, grip)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.with_suffix(f".{id(limit)}").write_text(json.dumps(asdict(limit)))
+    path.with_suffix(f".{id(limit)}").replace(path)
+    return limit
+
+
+def _compute(parameters: PlantParameters, track: Track, grip: float) -> LapLimit:
+    try:
+        envelope: Envelope = measure_envelope(parameters, grip)
+        path = fastest_line(track, parameters, envelope, HALF_WIDTH_M)
+    except (NoEquilibriumError, NoLineError) as error:
+        raise InputError(f"track {track.name}: the car's lap limit cannot be found: {error}") from None
+    speed = fastest_profile(path, envelope, parameters.car)
+    return LapLimit(round(lap_time(speed, path.step), 3), round(float(speed.max()), 2))
+
+
+def _key(parameters: PlantParameters, track: Track, grip: float) -> str:
+    """Content of everything the time depends on."""
+    car_and_road = parameters.car, parameters.road, parameters.gears, parameters.final_drive
+    digest = hashlib.sha256(repr((VERSION, METHOD, grip, car_and_road)).encode())
+    for name in ("x", "y", "width_left", "width_right", "grade", "bank"):
+        digest.update(np.ascontiguousarray(getattr(track, name)).tobytes())
+    return digest.hexdigest()[:32]
+
+
+def limit_report(parameters: PlantParameters, track: Track) -> dict[str, float | str]:
+    """What `hil plan limit --json` prints.
+
+    Raises:
+        InputError: see `lap_limit`.
+    """
+    limit, reduced = lap_limit(parameters, track), lap_limit(parameters, track, REDUCED_GRIP)
+    return {**asdict(limit), "limit_90_s": reduced.limit_s, "track": track.name, "method": METHOD}
+
+
+def lap_ratios(lap_times_s: list[float], limit_s: float) -> list[float]:
+    """Lap times over the limit."""
+    return [round(t / limit_s, 4) for t in lap_times_s]
