@@ -295,3 +295,9 @@ class Truth(Message):
     lap: int
     lap_times_s: tuple[float, ...] = ()
     off_track_count: int = 0
+    friction_used: tuple[float, float] = (0.0, 0.0)
+    """most of what the front and the rear axle could give that was used so far"""
+    friction_over_s: float = 0.0
+    """longest time on end with an axle beyond the peak of its tyres"""
+    slides: int = 0
+    spins: int = 0

@@ -20,6 +20,7 @@ def demo(
     seconds: Annotated[float | None, typer.Option(help="end after this time under way")] = None,
     track: Annotated[str, typer.Option(help="track file, or the name of a shipped track")] = "",
     effect: Annotated[list[str] | None, typer.Option(help="NAME=SIZE: what the declared car has besides")] = None,
+    car: Annotated[Path | None, typer.Option(help="simulated car (JSON); what drives never reads it")] = None,
     out: Annotated[Path | None, typer.Option(help="folder for session.mcap and logs")] = None,
     config_file: Annotated[Path | None, typer.Option("--config", help="TOML file")] = None,
     channel: Annotated[str, typer.Option(help="SocketCAN interface (default: vcan0 where there is one)")] = "",
@@ -47,7 +48,18 @@ def demo(
     if learning and laps is None and seconds is None:
         laps = DEFAULT_LAPS
     options = DemoOptions(
-        laps, seconds, track, effects, out, config_file, channel, zenoh_port, model, dashboard, headless
+        laps,
+        seconds,
+        track,
+        effects,
+        out,
+        config_file,
+        channel,
+        zenoh_port,
+        model,
+        dashboard,
+        headless,
+        car,
     )
     summary = drive_learn_drive(options) if learning else drive(options)
     lines = [*describe(summary), *describe_learning(summary)]

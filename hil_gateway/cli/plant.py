@@ -31,21 +31,27 @@ def parse_effects(texts: list[str]) -> dict[str, float]:
 
 
 @app.command()
-def run(
+def run(  # noqa: PLR0917 - options of a command line
     config: Annotated[Path | None, typer.Option(help="TOML configuration")] = None,
     track: Annotated[str, typer.Option(help="track file or name of a shipped track")] = "",
     effect: Annotated[list[str] | None, typer.Option(help="NAME=SIZE, see `hil plant effects`")] = None,
     base: Annotated[str, typer.Option(help="av24 (realistic) or paper (Eq. 1-3)")] = "",
     seed: Annotated[int | None, typer.Option(help="seed of all sensor noise")] = None,
+    car: Annotated[Path | None, typer.Option(help="simulated car (JSON), in place of base and effects")] = None,
 ) -> None:
     """Drive the simulated car on the CAN bus of the configuration until stopped."""
     from hil_gateway.config import load_config
+    from hil_gateway.plant.car_file import read_car
     from hil_gateway.plant.node import run_plant
+    from hil_gateway.process.errors import InputError
+
+    if car and (effect or base):
+        raise InputError(f"--car {car}: has base and effects in the file; leave out --effect and --base")
 
     overrides: dict[str, Any] = {f"plant.effects.{name}": size for name, size in parse_effects(effect or []).items()}
     given = {"track": track, "plant.base": base, "plant.seed": seed}
     overrides |= {key: value for key, value in given.items() if value not in ("", None)}
-    run_plant(load_config(config, overrides))
+    run_plant(load_config(config, overrides), read_car(car) if car else None)
 
 
 @app.command()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from dataclasses import replace
 from typing import Any
 
 from hil_gateway.demo.model_error import measure, unknown
@@ -11,8 +12,11 @@ from hil_gateway.demo.options import DemoOptions, DemoSetup, prepare
 from hil_gateway.demo.run import Ending, Run, RunResult
 from hil_gateway.demo.summary import summarise
 from hil_gateway.demo.view import LiveView, PlainView, View
+from hil_gateway.plant.lap_limit import lap_limit
+from hil_gateway.plant.plant import plant_parameters
+from hil_gateway.process.errors import InputError
 from hil_gateway.process.lifecycle import stop_requested
-from hil_gateway.process.supervisor import DASHBOARD, PROCESSES, Supervisor
+from hil_gateway.process.supervisor import DASHBOARD, PROCESSES, ProcessSpec, Supervisor
 from hil_gateway.track.loading import load_track
 
 
@@ -28,7 +32,7 @@ def drive(options: DemoOptions) -> dict[str, Any]:
         say(f"dashboard: http://{setup.config.dashboard.host}:{setup.config.dashboard.port}/")
     with setup.lock:
         result = _run(options, setup)
-        return summarise(options, setup, result, _model_error(setup, result))
+        return summarise(options, setup, result, _model_error(setup, result), _limit_s(setup, result))
 
 
 def say(text: str) -> None:
@@ -45,7 +49,7 @@ def _model_error(setup: DemoSetup, result: RunResult) -> dict[str, Any]:
 
 def _run(options: DemoOptions, setup: DemoSetup) -> RunResult:
     stopping = stop_requested()
-    specs = (*PROCESSES, DASHBOARD) if options.dashboard else PROCESSES
+    specs = [_with_car(spec, options) for spec in (*PROCESSES, *((DASHBOARD,) if options.dashboard else ()))]
     view = _view(options, setup)
     with contextlib.closing(view), Supervisor(setup.config_file, setup.folder / "logs", specs) as supervisor:
         supervisor.start(stage=0)
@@ -53,6 +57,26 @@ def _run(options: DemoOptions, setup: DemoSetup) -> RunResult:
         result = run.drive()
     run.close()
     return result
+
+
+def _with_car(spec: ProcessSpec, options: DemoOptions) -> ProcessSpec:
+    """The plant, and no other process, gets the file of the simulated car."""
+    if spec.name != "plant" or options.car is None:
+        return spec
+    return replace(spec, arguments=("--car", str(options.car.absolute())))
+
+
+def _limit_s(setup: DemoSetup, result: RunResult) -> float | None:
+    """The least lap time of the car just driven, by the plant's equations; None where it was not driven to the end."""
+    if result.ending is not Ending.DONE:
+        return None
+    say("the simulated car's own limit on this track")
+    parameters = setup.car.parameters() if setup.car else plant_parameters(setup.config.plant)
+    try:
+        return lap_limit(parameters, load_track(setup.config.track)).limit_s
+    except InputError as error:
+        say(str(error))
+        return None
 
 
 def _view(options: DemoOptions, setup: DemoSetup) -> View:

@@ -14,6 +14,7 @@ from hil_gateway.bus.revision_file import read_revision
 from hil_gateway.can_link import open_link, resolve_kind
 from hil_gateway.config import DEFAULT_ORIGIN, Config, DashboardConfig, load_config, origins
 from hil_gateway.demo.folder import CONFIG_NAME, FolderLock, check_drive_folder, claim
+from hil_gateway.plant.car_file import SimulatedCar, read_car
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 
@@ -35,6 +36,7 @@ class DemoOptions:
     model: str = ""
     dashboard: bool = False
     headless: bool = False
+    car: Path | None = None
 
     @property
     def target_laps(self) -> int | None:
@@ -52,6 +54,8 @@ class DemoSetup:
     """which CAN bus, in words"""
     track_name: str
     lock: FolderLock
+    car: SimulatedCar | None = None
+    """the simulated car where a file describes it; not in the configuration, which the driving processes read"""
 
     @property
     def config_file(self) -> Path:
@@ -74,13 +78,14 @@ def prepare(options: DemoOptions) -> DemoSetup:
     check_drive_folder(folder, _inputs(options), config.recorder.min_free_bytes)
     track = load_track(config.track)
     _check_effects(config)
+    car = _read_car(options)
     if options.model:
         read_revision(options.model)
     config = _with_free_ports(config, options)
     open_link(config.can).close()
     kind = resolve_kind(config.can)
     bus = f"socketcan {config.can.channel}" if kind == "socketcan" else kind
-    setup = DemoSetup(config, folder, bus, track.name, claim(folder))
+    setup = DemoSetup(config, folder, bus, track.name, claim(folder), car)
     setup.config_file.write_text(to_toml(config.model_dump(mode="json")), encoding="utf-8")
     return setup
 
@@ -96,6 +101,12 @@ def _check_extent(options: DemoOptions) -> None:
         raise InputError(f"--laps {options.laps}: at least 1 lap, or leave it out and give --seconds")
     if options.seconds is not None and not 0 < options.seconds < float("inf"):
         raise InputError(f"--seconds {options.seconds}: must be positive")
+
+
+def _read_car(options: DemoOptions) -> SimulatedCar | None:
+    if options.car and options.effects:
+        raise InputError(f"--car {options.car}: has its effects in the file; leave out --effect")
+    return read_car(options.car) if options.car else None
 
 
 def _overrides(options: DemoOptions, folder: Path) -> dict[str, Any]:

@@ -44,6 +44,21 @@ class Referee:
         return self.truth.off_track_count if self.truth else 0
 
     @property
+    def spins(self) -> int:
+        """Times the car turned around."""
+        return self.truth.spins if self.truth else 0
+
+    @property
+    def friction_over_s(self) -> float:
+        """Longest time on end with an axle beyond the peak of its tyres, s."""
+        return self.truth.friction_over_s if self.truth else 0.0
+
+    @property
+    def friction_used(self) -> tuple[float, float]:
+        """Most of what the front and the rear axle could give that was used."""
+        return self.truth.friction_used if self.truth else (0.0, 0.0)
+
+    @property
     def speed(self) -> float:
         """m/s; 0 before the first message."""
         return self.truth.vx if self.truth else 0.0

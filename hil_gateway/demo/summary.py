@@ -9,19 +9,27 @@ import numpy as np
 
 from hil_gateway.demo.options import DemoOptions, DemoSetup
 from hil_gateway.demo.run import Ending, RunResult
+from hil_gateway.plant.lap_limit import lap_ratios
 from hil_gateway.process.figures import figure
 
 
-def summarise(options: DemoOptions, setup: DemoSetup, result: RunResult, error: dict[str, Any]) -> dict[str, Any]:
-    """Summary of a run, with the model error measured on its recording."""
+def summarise(
+    options: DemoOptions, setup: DemoSetup, result: RunResult, error: dict[str, Any], limit_s: float | None = None
+) -> dict[str, Any]:
+    """Summary of a run, with the model error measured on its recording and the car's own limit, s."""
     status, referee, plans = result.monitor.status, result.referee, result.monitor.plans
     recorder = result.monitor.recorder
     return {
         "laps": referee.laps,
         "lap_times_s": list(referee.lap_times_s),
+        "limit_s": limit_s,
+        "lap_ratio": lap_ratios(referee.lap_times_s, limit_s) if limit_s else [],
         "distance_m": round(referee.distance_m, 1),
         "peak_speed_mps": round(referee.peak_speed, 2),
         "off_track": referee.off_track,
+        "spins": referee.spins,
+        "friction_used": {axle: round(u, 3) for axle, u in zip(("front", "rear"), referee.friction_used, strict=True)},
+        "friction_over_s": referee.friction_over_s,
         "frames_received": status.frames_received if status else 0,
         "frames_lost": status.frames_lost if status else 0,
         "commands_sent": status.commands_sent if status else 0,
@@ -77,6 +85,7 @@ def describe(summary: dict[str, Any]) -> list[str]:
     return [
         f"laps             {summary['laps']} ({laps})",
         f"distance         {distance}, peak speed {speed}",
+        *_limit_lines(summary),
         f"off track        {summary['off_track']}",
         f"CAN              {summary['bus']}, {summary['frames_received']} frames in, {summary['frames_lost']} lost,"
         f" {summary['commands_sent']} commands sent, {summary['commands_limited']} limited",
@@ -91,6 +100,13 @@ def describe(summary: dict[str, Any]) -> list[str]:
         f"ended            {summary['ending']}",
         f"session          {summary['session']}",
     ]
+
+
+def _limit_lines(summary: dict[str, Any]) -> list[str]:
+    if not summary["lap_ratio"]:
+        return []
+    ratios = figure(summary["lap_ratio"], "", 4)
+    return [f"limit            {figure(summary['limit_s'], 's', 4)} by the plant's own equations; laps over it: {ratios}"]
 
 
 def _error_lines(error: dict[str, Any]) -> list[str]:

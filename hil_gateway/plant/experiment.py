@@ -83,6 +83,7 @@ def drive(
         commands = driver(round(car.time_s * NS_PER_S))
         for _ in range(STEPS_PER_SAMPLE):
             car.step(commands, engine_running=True)
+            referee.loads.step()
         referee.step(car.time_s)
         recorder.take(referee.laps)
     return Drive(recorder.columns(), tuple(referee.lap_times_s), referee.off_track_count)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -87,6 +88,6 @@ def limit_report(parameters: PlantParameters, track: Track) -> dict[str, float |
     return {**asdict(limit), "limit_90_s": reduced.limit_s, "track": track.name, "method": METHOD}
 
 
-def lap_ratios(lap_times_s: list[float], limit_s: float) -> list[float]:
+def lap_ratios(lap_times_s: Sequence[float], limit_s: float) -> list[float]:
     """Lap times over the limit."""
     return [round(t / limit_s, 4) for t in lap_times_s]

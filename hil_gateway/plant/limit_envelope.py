@@ -229,8 +229,8 @@ class _Side:
         low[6:9] = 0.0
         if lateral is not None:
             low[AY] = top[AY] = lateral
-        solver = _solver()
-        for guess in (start, START):
+        for guess, patient in ((start, False), (START, False), (start, True), (START, True)):
+            solver = _solver(patient)
             result = solver(x0=guess, p=[*direction, *held], lbx=low, ubx=top, lbg=0.0, ubg=0.0)
             if solver.stats()["success"] or float(ca.norm_inf(result["g"])) < FEASIBLE:
                 return np.asarray(result["x"], dtype=float).ravel()
@@ -244,8 +244,11 @@ def _values(car: CarParameters) -> dict[str, Any]:
 
 
 @cache
-def _solver() -> ca.Function:
-    """max direction . (ax, ay) over the unknowns, subject to quasi-steady motion."""
+def _solver(patient: bool) -> ca.Function:
+    """max direction . (ax, ay) over the unknowns, subject to quasi-steady motion.
+
+    Patient: for the few places the quick search, which stays near its guess, does not get through.
+    """
     unknowns, direction = ca.SX.sym("w", len(Scales._fields)), ca.SX.sym("d", 2)
     held, vector = ca.SX.sym("h", len(Conditions._fields)), ca.SX.sym("p", len(AV24.car.vector()))
     w = Scales._make(unknowns[i] * scale for i, scale in enumerate(Scales()))
@@ -258,9 +261,11 @@ def _solver() -> ca.Function:
         "f": -direction[0] * unknowns[AX] - direction[1] * unknowns[AY] + 1e-4 * ca.sumsqr(unknowns[6:9]),
         "g": defects,
     }
-    options: dict[str, Any] = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes", "ipopt.max_iter": 60,
-               "ipopt.tol": 1e-6, "ipopt.mu_init": 1e-3, "ipopt.bound_push": 1e-4,
-               "ipopt.bound_frac": 1e-4, "error_on_fail": False}  # fmt: skip
+    options: dict[str, Any] = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes", "ipopt.tol": 1e-6,
+               "ipopt.max_iter": 60, "error_on_fail": False}  # fmt: skip
+    near = {"ipopt.mu_init": 1e-3, "ipopt.bound_push": 1e-4, "ipopt.bound_frac": 1e-4}
+    far = {"ipopt.mu_strategy": "adaptive", "ipopt.max_iter": 400}
+    options |= far if patient else near
     return ca.nlpsol("manoeuvre", "ipopt", problem, options)
 
 

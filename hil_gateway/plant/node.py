@@ -5,6 +5,7 @@ from __future__ import annotations
 from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.can_link import open_link
 from hil_gateway.config import Config
+from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import SystemClock
 from hil_gateway.process.lifecycle import stop_requested
@@ -13,13 +14,13 @@ PERIOD_NS = 2_000_000
 """wake-ups; the physics inside steps every millisecond"""
 
 
-def run_plant(config: Config) -> None:
+def run_plant(config: Config, simulated: SimulatedCar | None = None) -> None:
     """Run until SIGINT or SIGTERM."""
     stopped = stop_requested()
     clock = SystemClock()
     link = open_link(config.can)
     bus = open_bus(config.zenoh, "plant")
-    plant = Plant(config, link, bus)
+    plant = Plant(config, link, bus, simulated=simulated)
     next_ns = clock.now_ns()
     try:
         while not stopped():

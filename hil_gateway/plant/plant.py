@@ -11,6 +11,7 @@ from hil_gateway.bus.topics import TRUTH
 from hil_gateway.can_link import CanLink
 from hil_gateway.config import Config, PlantConfig
 from hil_gateway.plant.car import STEP_S, Car
+from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.effects import configure
 from hil_gateway.plant.ladder import AT_REST, MARELLI_KILL, SysState, VehicleController
 from hil_gateway.plant.parameters import PlantParameters
@@ -56,10 +57,15 @@ def plant_parameters(config: PlantConfig) -> PlantParameters:
 class Plant:
     """`step(now_ns)` advances the car to `now_ns` and exchanges frames with the computer."""
 
-    def __init__(self, config: Config, link: CanLink, truth_bus: Bus | None = None, track: Track | None = None) -> None:
+    def __init__(
+        self, config: Config, link: CanLink, truth_bus: Bus | None = None, track: Track | None = None,
+        simulated: SimulatedCar | None = None,
+    ) -> None:  # fmt: skip
+        """`simulated` replaces the configuration's base, effects and numbers of the car."""
         codec = load_codec()
-        parameters = plant_parameters(config.plant)
-        self.car = Car(parameters, track or load_track(config.track or None), start_s=config.plant.start_s)
+        parameters = simulated.parameters() if simulated else plant_parameters(config.plant)
+        track, events = track or load_track(config.track or None), simulated.events if simulated else ()
+        self.car = Car(parameters, track, start_s=config.plant.start_s, events=events)
         self.controller = VehicleController()
         self.race_control = RaceControl()
         self.referee = Referee(self.car)
@@ -91,6 +97,7 @@ class Plant:
             if car.steps % CONTROLLER_STEPS == 0:
                 self._supervise(reached_ns)
             car.step(self._obeyed, self._engine_running)
+            self.referee.loads.step()
             if reached_ns >= transmitter.next_ns:
                 transmitter.step(reached_ns, self._receiver.heard)
         self._reached_ns = reached_ns

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from hil_gateway.bus.messages import Truth
 from hil_gateway.plant.car import Car
+from hil_gateway.plant.judge import LoadJudge
 
 HALF_WIDTH_M = 0.95
 """of the car over its wheels; off track is when a wheel leaves the road"""
@@ -14,6 +15,7 @@ class Referee:
 
     def __init__(self, car: Car) -> None:
         self._car = car
+        self.loads = LoadJudge(car)
         self._s = car.road.s
         self._progress = 0.0
         self._lap_start_s = 0.0
@@ -76,4 +78,8 @@ class Referee:
             lap=self.laps,
             lap_times_s=tuple(self.lap_times_s),
             off_track_count=self.off_track_count,
+            friction_used=self.loads.friction,
+            friction_over_s=round(self.loads.longest_over_s, 3),
+            slides=self.loads.slides,
+            spins=self.loads.spins,
         )

@@ -27,7 +27,7 @@ class ProcessSpec:
 
     Stage 0 starts first, the rest when the recorder listens, so that a recording begins before what it records.
     `stops_last`: it has the end of the others to hear. Losing an `optional` one is no reason to end. `real_time`: it
-    must not wait for other work on the computer while the car drives.
+    must not wait for other work on the computer while the car drives. `arguments`: of this process alone.
     """
 
     name: str
@@ -35,6 +35,7 @@ class ProcessSpec:
     stops_last: bool = False
     optional: bool = False
     real_time: bool = False
+    arguments: tuple[str, ...] = ()
 
 
 PROCESSES: tuple[ProcessSpec, ...] = (
@@ -106,6 +107,8 @@ class Supervisor:
     def command(self, spec: ProcessSpec) -> list[str]:
         """What is run for a process."""
         return [sys.executable, "-m", "hil_gateway", spec.name, "run", "--config", str(self._config_file)]
+        return [sys.executable, "-m", "hil_gateway.cli.main", spec.name, "run", "--config", str(self._config_file),
+                *spec.arguments]  # fmt: skip
 
     def poll(self) -> list[Exit]:
         """Processes that ended since the last call."""

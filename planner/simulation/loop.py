@@ -19,6 +19,7 @@ from hil_gateway.can_link import Frame, LinkStats, VirtualWire
 from hil_gateway.can_link.wire import WireLink
 from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
+from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import NS_PER_S, VirtualClock
 from hil_gateway.track.loading import load_track
@@ -116,6 +117,12 @@ class LoopResult:
     off_track: int = 0
     worst_margin_m: float = float("inf")
     """smallest distance of a wheel to the edge, negative outside"""
+    friction_used: tuple[float, float] = (0.0, 0.0)
+    """most of what front and rear axle could give that was used, by the plant"""
+    friction_over_s: float = 0.0
+    """longest time on end with an axle beyond the peak of its tyres"""
+    slides: int = 0
+    spins: int = 0
     seconds: float = 0.0
     armed: bool = False
     failsafes: list[tuple[float, str, str]] = field(default_factory=list)
@@ -141,11 +148,12 @@ class Loop:
     def __init__(
         self, config: Config, *, faults: Faults | None = None, keep: Sequence[Topic[Any]] = (),
         track: Track | None = None, arm: bool = True, components: dict[str, Callable[..., Core]] | None = None,
-        timed: bool = False,
+        timed: bool = False, simulated: SimulatedCar | None = None,
     ) -> None:  # fmt: skip
         """`keep`: topics whose messages go into the result. `components` replaces "estimator" or "planner" by another
         factory(config, bus, track). `timed`: the planner measures its solver with the machine's clock, and is late when
-        that is late: realistic, and no longer the same every time."""
+        that is late: realistic, and no longer the same every time. `simulated`: the car of the plant, in place of the
+        configuration's; nothing else hears of it."""
         self.clock = VirtualClock(START_NS)
         self.faults = faults or Faults()
         self.wire = VirtualWire(self.clock)
@@ -153,7 +161,7 @@ class Loop:
         self.result = LoopResult(messages={topic.key: [] for topic in keep})
         self._arm, self._asked, self._armed_ns = arm, 0, 0
         track = track or load_track(config.track)
-        self.plant = Plant(config, self._link("plant"), self.bus, track)
+        self.plant = Plant(config, self._link("plant"), self.bus, track, simulated)
         self.gateway = Gateway(config, self.bus, self._link("gateway"), track)
         made = {**_default_components(timed), **(components or {})}
         self.estimator = made["estimator"](config, self.bus, track)
@@ -202,6 +210,9 @@ class Loop:
         result.laps, result.lap_times_s = referee.laps, list(referee.lap_times_s)
         result.distance_m, result.peak_speed = referee.distance_m, referee.peak_speed
         result.off_track, result.worst_margin_m = referee.off_track_count, referee.worst_margin_m
+        loads = referee.loads
+        result.friction_used, result.friction_over_s = loads.friction, loads.longest_over_s
+        result.slides, result.spins = loads.slides, loads.spins
         result.seconds = (self.clock.now_ns() - self._armed_ns) / NS_PER_S if self._armed_ns else 0.0
         return result
 
