@@ -92,7 +92,7 @@ def prepare(options: DemoOptions) -> DemoSetup:
 
 def _inputs(options: DemoOptions) -> list[Path]:
     """Files that were given, which the drive must not write over."""
-    named = (options.config_file, options.track, options.model)
+    named = (options.config_file, options.track, options.model, options.car)
     return [Path(name) for name in named if name]
 
 

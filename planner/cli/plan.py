@@ -33,6 +33,8 @@ def bench(  # noqa: PLR0917 - options of a command line
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
     """Drive laps on the planner's own model and report timings and safety figures."""
+    from hil_gateway.plant.lap_limit import lap_limit, lap_ratios
+    from hil_gateway.plant.plant import plant_parameters
     from hil_gateway.track.loading import load_track
     from planner.problem.settings import settings_of
     from planner.studies import bench as b
@@ -42,11 +44,13 @@ def bench(  # noqa: PLR0917 - options of a command line
     if information == "on":
         q_i = b.INFORMATION_WEIGHT if weight is None else weight
         settings = replace(settings, information=replace(settings.information, weight=q_i))
-    controller, line = b.bench_controller(
+    controller, _ = b.bench_controller(
         load_track(loaded.track), loaded.vehicle, settings, backend=backend, compiled=compiler
     )
     run = b.drive(controller, laps, ipopt=ipopt)
-    result = b.summary(run, controller, line)
+    result = b.summary(run, controller)
+    limit_s = lap_limit(plant_parameters(loaded.plant), load_track(loaded.track)).limit_s
+    result |= {"limit_s": limit_s, "lap_ratio": lap_ratios(run.lap_times_s, limit_s)}
     _print(result, as_json)
     if result["laps"] < laps or any(run.violations.values()):
         raise typer.Exit(EXIT_FAILURE)

@@ -202,7 +202,7 @@ def percentiles(ns: list[int]) -> dict[str, float]:
     return {"p50": round(float(p50), 4), "p99": round(float(p99), 4), "max": round(float(top), 4)}
 
 
-def summary(run: Run, controller: Controller, line: RaceLine) -> dict[str, Any]:
+def summary(run: Run, controller: Controller) -> dict[str, Any]:
     """The figures of `hil plan bench --json`."""
     solve = percentiles(run.solve_ns)
     ipopt = float(np.median(run.ipopt_ns)) / 1e6 if run.ipopt_ns else None
@@ -211,8 +211,6 @@ def summary(run: Run, controller: Controller, line: RaceLine) -> dict[str, Any]:
         "laps": len(run.lap_times_s),
         "lap_time_s": lap,
         "lap_times_s": run.lap_times_s,
-        "quasi_steady_lap_time_s": line.lap_time,
-        "lap_time_over_quasi_steady": lap / line.lap_time if lap else None,
         "peak_speed": float(max(z[VX] for z in run.states)),
         "steps": len(run.states),
         "solve_ms": solve,

@@ -20,7 +20,10 @@ from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Command, Plan, PlanStatus
 from hil_gateway.bus.topics import COMMAND, PLAN
 from hil_gateway.config import Config
+from hil_gateway.plant.lap_limit import lap_limit, lap_ratios
+from hil_gateway.plant.plant import plant_parameters
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.node import Planner
 from planner.simulation.loop import Loop
@@ -38,7 +41,6 @@ class Watch:
     gain: list[float] = field(default_factory=list)
     progress: list[tuple[float, float]] = field(default_factory=list)
     """time, s, and place along the race line, m, of every plan"""
-    quasi_steady_s: float = 0.0
 
 
 def mismatched_tyre(config: Config, share: float, seed: int) -> dict[str, float]:
@@ -68,12 +70,17 @@ def drive(config: Config, laps: int, mismatch: float, seed: int, track: Track | 
 
         loop = Loop(wrong, keep=(PLAN, COMMAND), track=track, components={"planner": watched})
         result = loop.run(laps=laps, time_limit_s=200.0 * laps + 60.0)
+    limit_s = lap_limit(plant_parameters(config.plant), track or load_track(config.track)).limit_s
     plans = [p for p in result.messages[PLAN.key] if isinstance(p, Plan)]
     commands = [c for c in result.messages[COMMAND.key] if isinstance(c, Command)]
     return {
         "laps": result.laps,
         "lap_times_s": [round(t, 3) for t in result.lap_times_s],
-        "quasi_steady_lap_time_s": watch.quasi_steady_s,
+        "limit_s": limit_s,
+        "lap_ratio": lap_ratios(result.lap_times_s, limit_s),
+        "friction_used": dict(zip(("front", "rear"), result.friction_used, strict=True)),
+        "friction_over_s": result.friction_over_s,
+        "spins": result.spins,
         "peak_speed": result.peak_speed,
         "mismatch": mismatch,
         "information_weight": config.planner.information_weight,
@@ -109,7 +116,6 @@ class Watched(Planner):
     def __init__(self, config: Config, bus: Bus, track: Track | None, watch: Watch) -> None:
         super().__init__(config, bus, track)
         self._watch = watch
-        watch.quasi_steady_s = self.adoption.controller.reference.line.lap_time
 
     def step(self, now_ns: int) -> Plan | None:
         """See `Planner.step`."""

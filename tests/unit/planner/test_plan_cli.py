@@ -28,13 +28,13 @@ def test_bench_prints_one_json_object_and_keeps_all_limits() -> None:
     assert set(report) >= KEYS
     assert report["violations"] == {"track": 0, "load": 0, "actuator": 0, "information": 0}
     assert report["qp_failures"] == 0
-    assert report["lap_time_over_quasi_steady"] < 1.03
+    assert 1.0 < report["lap_ratio"][0] < 1.39  # 1.353 with the declared model's limits; 3 % slower is a regress
 
 
 def test_sqp_beats_warm_ipopt_on_the_same_problems() -> None:
     """Loose bound for busy machines; the figure is `hil plan bench`."""
-    controller, line = bench_controller(load_track(), Vehicle(), Settings())
-    report = summary(drive(controller, 1, ipopt=True, steps=81), controller, line)
+    controller, _ = bench_controller(load_track(), Vehicle(), Settings())
+    report = summary(drive(controller, 1, ipopt=True, steps=81), controller)
     assert report["ipopt_warm_ms"]["samples"] >= 2
     assert report["speedup_vs_ipopt"] > 10
 
