@@ -280,7 +280,10 @@ class RecorderStatus(Message):
 
 
 class Truth(Message):
-    """The plant's own state, for the referee (off-track count, lap times). No node subscribes to it."""
+    """The plant's own state, for the referee (off-track count, lap times). No node subscribes to it.
+
+    `friction_used`: most of what front and rear axle could give that was used so far; `friction_over_s`: longest time on
+    end with an axle beyond the peak of its tyres."""
 
     x: float
     y: float
@@ -296,8 +299,6 @@ class Truth(Message):
     lap_times_s: tuple[float, ...] = ()
     off_track_count: int = 0
     friction_used: tuple[float, float] = (0.0, 0.0)
-    """most of what the front and the rear axle could give that was used so far"""
     friction_over_s: float = 0.0
-    """longest time on end with an axle beyond the peak of its tyres"""
     slides: int = 0
     spins: int = 0
