@@ -280,10 +280,7 @@ class RecorderStatus(Message):
 
 
 class Truth(Message):
-    """The plant's own state, for the referee (off-track count, lap times). No node subscribes to it.
-
-    `friction_used`: most of what front and rear axle could give that was used so far; `friction_over_s`: longest time on
-    end with an axle beyond the peak of its tyres."""
+    """The plant's own state and what its referee counts (`plant/judge.py`: friction, slides). No node subscribes to it."""
 
     x: float
     y: float
