@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Literal
 
 from estimator.drive_log.table import DriveLog, segment_numbers
-from hil_gateway.plant.experiment import drive
+from hil_gateway.plant.experiment.laps import drive
 from hil_gateway.track.track import Track
 
 
@@ -20,7 +20,7 @@ def simulate(
     """Progressively faster laps of the simulated car with realistic sensor noise, 100 Hz.
 
     `base` "paper" has nothing but the effects named (Eq. 1-3 underneath); "av24" has them all at realistic sizes.
-    Sizes are those of `hil_gateway.plant.effects.SWITCHES`. One seed gives one log.
+    Sizes are those of `hil_gateway.plant.physics.effects.SWITCHES`. One seed gives one log.
 
     Raises:
         InputError: unknown effect, size out of range, broken track.

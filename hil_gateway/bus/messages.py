@@ -280,7 +280,7 @@ class RecorderStatus(Message):
 
 
 class Truth(Message):
-    """The plant's own state and what its referee counts (`plant/judge.py`: friction, slides). No node subscribes to it."""
+    """The plant's own state and what its referees count (`hil_gateway/plant/referee/`). No node subscribes to it."""
 
     x: float
     y: float

@@ -16,7 +16,7 @@ def parse_effects(texts: list[str]) -> dict[str, float]:
     Raises:
         InputError: not of the form NAME=SIZE with a number, an unknown name, or a size outside its range.
     """
-    from hil_gateway.plant.effects import configure
+    from hil_gateway.plant.physics.effects import configure
     from hil_gateway.process.errors import InputError
 
     effects = {}
@@ -57,7 +57,7 @@ def run(  # noqa: PLR0917 - options of a command line
 @app.command()
 def effects(json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False) -> None:
     """List the effects that can be switched, with unit and range of their size."""
-    from hil_gateway.plant.effects import SWITCHES
+    from hil_gateway.plant.physics.effects import SWITCHES
 
     if json:
         import json as encoder

@@ -12,8 +12,8 @@ from hil_gateway.demo.options import DemoOptions, DemoSetup, prepare
 from hil_gateway.demo.run import Ending, Run, RunResult
 from hil_gateway.demo.summary import summarise
 from hil_gateway.demo.view import LiveView, PlainView, View
-from hil_gateway.plant.lap_limit import lap_limit
 from hil_gateway.plant.plant import plant_parameters
+from hil_gateway.plant.referee.lap_limit import lap_limit
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.lifecycle import stop_requested
 from hil_gateway.process.supervisor import DASHBOARD, PROCESSES, ProcessSpec, Supervisor

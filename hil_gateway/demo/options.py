@@ -145,7 +145,7 @@ def parse_effects(texts: Sequence[str]) -> dict[str, float]:
 
 
 def _check_effects(config: Config) -> None:
-    from hil_gateway.plant.effects import configure
+    from hil_gateway.plant.physics.effects import configure
 
     configure(config.plant.base, config.plant.effects)
 

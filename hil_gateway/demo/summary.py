@@ -9,7 +9,7 @@ import numpy as np
 
 from hil_gateway.demo.options import DemoOptions, DemoSetup
 from hil_gateway.demo.run import Ending, RunResult
-from hil_gateway.plant.lap_limit import lap_ratios
+from hil_gateway.plant.referee.lap_limit import lap_ratios
 from hil_gateway.process.figures import figure
 
 
@@ -105,8 +105,8 @@ def describe(summary: dict[str, Any]) -> list[str]:
 def _limit_lines(summary: dict[str, Any]) -> list[str]:
     if not summary["lap_ratio"]:
         return []
-    ratios = figure(summary["lap_ratio"], "", 4)
-    return [f"limit            {figure(summary['limit_s'], 's', 4)} by the plant's own equations; laps over it: {ratios}"]
+    limit, ratios = figure(summary["limit_s"], "s", 4), figure(summary["lap_ratio"], "", 4)
+    return [f"limit            {limit} by the plant's own equations; laps over it: {ratios}"]
 
 
 def _error_lines(error: dict[str, Any]) -> list[str]:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from struct import Struct
 from typing import Any
 
-from hil_gateway.plant.dynamics import INPUTS, OUTPUTS, STATES, step_function
 from hil_gateway.plant.events import CALM, Disturbance, Event, disturbance
-from hil_gateway.plant.parameters import PlantParameters
-from hil_gateway.plant.road import Road
+from hil_gateway.plant.physics.dynamics import INPUTS, OUTPUTS, STATES, step_function
+from hil_gateway.plant.physics.parameters import PlantParameters
+from hil_gateway.plant.physics.road import Road
 from hil_gateway.process.compiled import compile_function
 from hil_gateway.track.track import Track
 

@@ -18,11 +18,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
-from hil_gateway.bus.messages import Model
-from hil_gateway.plant.effects import configure
 from hil_gateway.plant.events import Event
-from hil_gateway.plant.parameters import CarParameters, PlantParameters
+from hil_gateway.plant.physics.effects import configure
+from hil_gateway.plant.physics.parameters import CarParameters, PlantParameters
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.model import Model
 
 Factor = Annotated[float, Field(gt=0.3, lt=3.0)]
 

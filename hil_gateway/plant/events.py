@@ -7,7 +7,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from hil_gateway.bus.messages import Model
+from hil_gateway.process.model import Model
 
 WHEELS = ("fl", "fr", "rl", "rr")
 Start = Annotated[float, Field(ge=0, description="s after the car first moved")]

@@ -12,13 +12,13 @@ from hil_gateway.can_link import CanLink
 from hil_gateway.config import Config, PlantConfig
 from hil_gateway.plant.car import STEP_S, Car
 from hil_gateway.plant.car_file import SimulatedCar
-from hil_gateway.plant.effects import configure
-from hil_gateway.plant.ladder import AT_REST, MARELLI_KILL, SysState, VehicleController
-from hil_gateway.plant.parameters import PlantParameters
-from hil_gateway.plant.receive import CommandReceiver
-from hil_gateway.plant.referee import Referee
-from hil_gateway.plant.sensors import Sensors
-from hil_gateway.plant.transmit import RaceControl, Transmitter
+from hil_gateway.plant.controller.ladder import AT_REST, MARELLI_KILL, SysState, VehicleController
+from hil_gateway.plant.controller.receive import CommandReceiver
+from hil_gateway.plant.controller.sensors import Sensors
+from hil_gateway.plant.controller.transmit import RaceControl, Transmitter
+from hil_gateway.plant.physics.effects import configure
+from hil_gateway.plant.physics.parameters import PlantParameters
+from hil_gateway.plant.referee.referee import Referee
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track

@@ -106,9 +106,8 @@ class Supervisor:
 
     def command(self, spec: ProcessSpec) -> list[str]:
         """What is run for a process."""
-        return [sys.executable, "-m", "hil_gateway", spec.name, "run", "--config", str(self._config_file)]
-        return [sys.executable, "-m", "hil_gateway.cli.main", spec.name, "run", "--config", str(self._config_file),
-                *spec.arguments]  # fmt: skip
+        command = [sys.executable, "-m", "hil_gateway", spec.name, "run", "--config", str(self._config_file)]
+        return [*command, *spec.arguments]
 
     def poll(self) -> list[Exit]:
         """Processes that ended since the last call."""

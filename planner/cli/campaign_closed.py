@@ -28,7 +28,7 @@ def closed(
     from rich.progress import track
 
     from hil_gateway.demo.options import parse_effects
-    from hil_gateway.plant.effects import configure
+    from hil_gateway.plant.physics.effects import configure
     from planner.studies.campaign.closed import close_loop, describe
 
     if base not in ("paper", "av24"):

@@ -52,7 +52,7 @@ def diagnose(  # noqa: PLR0917  (one argument a flag)
 
 
 def _names(text: str) -> tuple[str, ...]:
-    from hil_gateway.plant.effects import SWITCHES
+    from hil_gateway.plant.physics.effects import SWITCHES
     from planner.studies.campaign.diagnose import NONE
 
     known = (NONE, *SWITCHES)

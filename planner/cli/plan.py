@@ -33,8 +33,8 @@ def bench(  # noqa: PLR0917 - options of a command line
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
     """Drive laps on the planner's own model and report timings and safety figures."""
-    from hil_gateway.plant.lap_limit import lap_limit, lap_ratios
     from hil_gateway.plant.plant import plant_parameters
+    from hil_gateway.plant.referee.lap_limit import lap_limit, lap_ratios
     from hil_gateway.track.loading import load_track
     from planner.problem.settings import settings_of
     from planner.studies import bench as b
@@ -85,8 +85,8 @@ def limit(
 ) -> None:
     """Least lap time of the simulated car by its own equations; for the referee, never for what drives."""
     from hil_gateway.plant.car_file import SimulatedCar, read_car
-    from hil_gateway.plant.lap_limit import limit_report
-    from hil_gateway.track.track import load_track
+    from hil_gateway.plant.referee.lap_limit import limit_report
+    from hil_gateway.track.loading import load_track
 
     simulated = read_car(car) if car else SimulatedCar()
     _print(limit_report(simulated.parameters(), load_track(track)), as_json)

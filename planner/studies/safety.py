@@ -20,8 +20,8 @@ from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Command, Plan, PlanStatus
 from hil_gateway.bus.topics import COMMAND, PLAN
 from hil_gateway.config import Config
-from hil_gateway.plant.lap_limit import lap_limit, lap_ratios
 from hil_gateway.plant.plant import plant_parameters
+from hil_gateway.plant.referee.lap_limit import lap_limit, lap_ratios
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track

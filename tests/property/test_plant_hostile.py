@@ -11,8 +11,8 @@ from can_dbc.codec import load_codec
 from hil_gateway.can_link import VirtualWire
 from hil_gateway.config import load_config
 from hil_gateway.plant.car import Car, Commands
-from hil_gateway.plant.dynamics import STATES
-from hil_gateway.plant.parameters import AV24, PAPER, PlantParameters
+from hil_gateway.plant.physics.dynamics import STATES
+from hil_gateway.plant.physics.parameters import AV24, PAPER, PlantParameters
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import VirtualClock
 from hil_gateway.track.loading import load_track

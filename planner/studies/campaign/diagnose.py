@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from hil_gateway.plant.effects import SWITCHES, implied
+from hil_gateway.plant.physics.effects import SWITCHES, implied
 from hil_gateway.process.figures import figure
 
 NONE = "none"

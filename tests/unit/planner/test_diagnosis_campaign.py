@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from hil_gateway.plant.effects import SWITCHES, configure
+from hil_gateway.plant.physics.effects import SWITCHES, configure
 from hil_gateway.process.errors import InputError
 from planner.cli.campaign import app
 from planner.studies.campaign.diagnose import NONE, Case, run_cases, summarise, write_report

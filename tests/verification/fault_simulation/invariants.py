@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from hil_gateway.bus.messages import Applied, FailsafeAction, Message, VehicleState
 from hil_gateway.bus.topics import COMMAND, ESTIMATE
 from hil_gateway.can_link.wire import WireLink
-from hil_gateway.plant.ladder import SysState
+from hil_gateway.plant.controller.ladder import SysState
 from hil_gateway.process.clock import NS_PER_S
 from planner.simulation.loop import TICK_NS, Loop
 from verification.wire_judge import DLC, Judge

@@ -11,15 +11,16 @@ import pytest
 from typer.testing import CliRunner
 
 from hil_gateway.plant.car import Car, Commands
-from hil_gateway.plant.experiment import drive
-from hil_gateway.plant.lap_limit import lap_limit
-from hil_gateway.plant.limit_envelope import Envelope, best_ratio, measure_envelope
-from hil_gateway.plant.limit_line import fastest_line
-from hil_gateway.plant.limit_profile import Path as Line
-from hil_gateway.plant.limit_profile import fastest_profile, lap_time, reach
-from hil_gateway.plant.parameters import AV24, DECLARED
-from hil_gateway.plant.road import Slopes
-from hil_gateway.track.track import Track, load_track
+from hil_gateway.plant.experiment.laps import drive
+from hil_gateway.plant.physics.parameters import AV24, DECLARED
+from hil_gateway.plant.physics.road import Slopes
+from hil_gateway.plant.referee.lap_limit import lap_limit
+from hil_gateway.plant.referee.limit_envelope import Envelope, best_ratio, measure_envelope
+from hil_gateway.plant.referee.limit_line import fastest_line
+from hil_gateway.plant.referee.limit_profile import Path as Line
+from hil_gateway.plant.referee.limit_profile import fastest_profile, lap_time, reach
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
 from planner.cli.plan import app
 
 LAYOUT = """

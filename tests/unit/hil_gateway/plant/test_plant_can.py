@@ -16,8 +16,8 @@ from hil_gateway.bus.topics import TRUTH
 from hil_gateway.can_link import Frame, VirtualWire
 from hil_gateway.config import load_config
 from hil_gateway.plant.car import Commands
-from hil_gateway.plant.effects import configure
-from hil_gateway.plant.ladder import SysState
+from hil_gateway.plant.controller.ladder import SysState
+from hil_gateway.plant.physics.effects import configure
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import VirtualClock
 from hil_gateway.process.errors import InputError

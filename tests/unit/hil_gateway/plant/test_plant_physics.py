@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil_gateway.car.vehicle import GRAVITY
-from hil_gateway.plant.dynamics import INPUTS, OUTPUTS, STATES, rates_function, step_function
-from hil_gateway.plant.parameters import AV24, PAPER, CarParameters, PlantParameters
+from hil_gateway.plant.physics.dynamics import INPUTS, OUTPUTS, STATES, rates_function, step_function
+from hil_gateway.plant.physics.parameters import AV24, PAPER, CarParameters, PlantParameters
 
 CAR = AV24.car
 Values = dict[str, float]

@@ -13,11 +13,12 @@ from hil_gateway.demo.drive import _with_car
 from hil_gateway.demo.options import DemoOptions, prepare
 from hil_gateway.plant.car import Car, Commands
 from hil_gateway.plant.car_file import SimulatedCar, random_car, read_car
-from hil_gateway.plant.judge import LoadJudge
-from hil_gateway.plant.parameters import AV24
+from hil_gateway.plant.physics.parameters import AV24
+from hil_gateway.plant.referee.judge import LoadJudge
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.supervisor import PROCESSES
-from hil_gateway.track.track import Track, load_track
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
 
 EXAMPLE = {
     "base": "av24", "grip_front": 0.9, "grip_rear": 1.1, "mass": 810, "yaw_inertia": 1080, "cg_x": 0.03,
@@ -86,7 +87,8 @@ def test_only_the_plant_is_told_of_the_car(tmp_path: Path) -> None:
     path = _file(tmp_path, EXAMPLE)
     options = DemoOptions(car=path, out=tmp_path / "out")
     setup = prepare(options)
-    written = setup.config_file.read_text()
+    with setup.lock:
+        written = setup.config_file.read_text()
     assert str(path) not in written
     assert "810" not in written
     assert [spec.name for spec in PROCESSES if _with_car(spec, options).arguments] == ["plant"]

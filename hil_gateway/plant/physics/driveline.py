@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from hil_gateway.plant.parameters import ENGINE_SPEEDS
+from hil_gateway.plant.physics.parameters import ENGINE_SPEEDS
 from hil_gateway.process.arrays import Expr
 
 BRAKE_FADE = 0.1

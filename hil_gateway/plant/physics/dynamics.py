@@ -13,8 +13,8 @@ from typing import Any
 import casadi as ca
 
 from hil_gateway.car.vehicle import GRAVITY
-from hil_gateway.plant import chassis, driveline, tyre
-from hil_gateway.plant.parameters import AV24, CarParameters
+from hil_gateway.plant.physics import chassis, driveline, tyre
+from hil_gateway.plant.physics.parameters import AV24, CarParameters
 from hil_gateway.process.arrays import Expr
 
 STATES = (

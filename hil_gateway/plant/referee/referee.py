@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hil_gateway.bus.messages import Truth
 from hil_gateway.plant.car import Car
-from hil_gateway.plant.judge import LoadJudge
+from hil_gateway.plant.referee.judge import LoadJudge
 
 HALF_WIDTH_M = 0.95
 """of the car over its wheels; off track is when a wheel leaves the road"""

@@ -15,11 +15,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from hil_gateway.car.vehicle import GRAVITY
-from hil_gateway.plant.limit_envelope import NORMALS, SHARES, SLOWEST, SPEEDS, TOP_SPEED, Envelope
-from hil_gateway.plant.limit_profile import Path
-from hil_gateway.plant.parameters import PlantParameters
-from hil_gateway.plant.road import Slopes, slopes_of
-from hil_gateway.track.track import Array, Track
+from hil_gateway.plant.physics.parameters import PlantParameters
+from hil_gateway.plant.physics.road import Slopes, slopes_of
+from hil_gateway.plant.referee.limit_envelope import NORMALS, SHARES, SLOWEST, SPEEDS, TOP_SPEED, Envelope
+from hil_gateway.plant.referee.limit_profile import Path
+from hil_gateway.process.arrays import Array
+from hil_gateway.track.track import Track
 
 NODE_M = 5.0
 """between nodes of the optimisation"""

@@ -13,11 +13,11 @@ from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import OriginConfig
 from hil_gateway.plant.car import STEP_S, Car
-from hil_gateway.plant.driver import Driver
-from hil_gateway.plant.effects import configure
-from hil_gateway.plant.parameters import PlantParameters
-from hil_gateway.plant.referee import Referee
-from hil_gateway.plant.sensors import Noise, Sensors
+from hil_gateway.plant.controller.sensors import Noise, Sensors
+from hil_gateway.plant.experiment.driver import Driver
+from hil_gateway.plant.physics.effects import configure
+from hil_gateway.plant.physics.parameters import PlantParameters
+from hil_gateway.plant.referee.referee import Referee
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.loading import load_track

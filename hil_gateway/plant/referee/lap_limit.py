@@ -14,11 +14,11 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from hil_gateway.plant.limit_envelope import TOP_SPEED, Envelope, NoEquilibriumError, measure_envelope
-from hil_gateway.plant.limit_line import NoLineError, fastest_line
-from hil_gateway.plant.limit_profile import fastest_profile, lap_time
-from hil_gateway.plant.parameters import PlantParameters
-from hil_gateway.plant.referee import HALF_WIDTH_M
+from hil_gateway.plant.physics.parameters import PlantParameters
+from hil_gateway.plant.referee.limit_envelope import TOP_SPEED, Envelope, NoEquilibriumError, measure_envelope
+from hil_gateway.plant.referee.limit_line import NoLineError, fastest_line
+from hil_gateway.plant.referee.limit_profile import fastest_profile, lap_time
+from hil_gateway.plant.referee.referee import HALF_WIDTH_M
 from hil_gateway.process.cache import cache_directory
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.track import Track

@@ -20,11 +20,11 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from hil_gateway.car.vehicle import GRAVITY
-from hil_gateway.plant import chassis, driveline
-from hil_gateway.plant.dynamics import INPUTS, OUTPUTS, STATES, rates_function
-from hil_gateway.plant.parameters import AV24, DECLARED, CarParameters, PlantParameters
-from hil_gateway.plant.tyre import LOW_SPEED
-from hil_gateway.track.track import Array
+from hil_gateway.plant.physics import chassis, driveline
+from hil_gateway.plant.physics.dynamics import INPUTS, OUTPUTS, STATES, rates_function
+from hil_gateway.plant.physics.parameters import AV24, DECLARED, CarParameters, PlantParameters
+from hil_gateway.plant.physics.tyre import LOW_SPEED
+from hil_gateway.process.arrays import Array
 
 TOP_SPEED = 80.0
 """m/s: the fastest the car's software ever asks for (288 km/h; the AV-24 has been driven at up to 290), so the limit

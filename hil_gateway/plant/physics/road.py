@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hil_gateway.car.vehicle import GRAVITY
-from hil_gateway.plant.parameters import RoadParameters
+from hil_gateway.plant.physics.parameters import RoadParameters
 from hil_gateway.track.track import Track
 
 

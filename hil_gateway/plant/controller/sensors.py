@@ -8,7 +8,7 @@ import numpy as np
 
 from hil_gateway.config import OriginConfig
 from hil_gateway.plant.car import Car
-from hil_gateway.plant.parameters import SensorParameters
+from hil_gateway.plant.physics.parameters import SensorParameters
 from hil_gateway.track.geodesy import LocalMap
 
 BLOCK = 4096

@@ -9,9 +9,9 @@ from can_dbc.codec import Codec
 from can_dbc.database import Message
 from hil_gateway.can_link import CanLink
 from hil_gateway.plant.car import Car
-from hil_gateway.plant.ladder import Heard, SysState, VehicleController
-from hil_gateway.plant.referee import Referee
-from hil_gateway.plant.sensors import Sensors
+from hil_gateway.plant.controller.ladder import Heard, SysState, VehicleController
+from hil_gateway.plant.controller.sensors import Sensors
+from hil_gateway.plant.referee.referee import Referee
 from hil_gateway.process.clock import NS_PER_S
 
 Values = dict[str, float]

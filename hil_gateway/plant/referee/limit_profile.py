@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil_gateway.plant.limit_envelope import SLOWEST, TOP_SPEED, Envelope
-from hil_gateway.plant.parameters import CarParameters
-from hil_gateway.plant.road import Slopes, body_gravity
-from hil_gateway.track.track import Array
+from hil_gateway.plant.physics.parameters import CarParameters
+from hil_gateway.plant.physics.road import Slopes, body_gravity
+from hil_gateway.plant.referee.limit_envelope import SLOWEST, TOP_SPEED, Envelope
+from hil_gateway.process.arrays import Array
 
 SPEED_STEP = 0.5
 """m/s between the speeds at which a place is looked at"""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hil_gateway.plant.parameters import AV24, BASES, PlantParameters
+from hil_gateway.plant.physics.parameters import AV24, BASES, PlantParameters
 from hil_gateway.process.errors import InputError
 
 Setter = Callable[[PlantParameters, float], PlantParameters]

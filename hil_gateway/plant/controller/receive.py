@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from can_dbc.codec import Codec, Fault
 from hil_gateway.can_link import Frame
 from hil_gateway.plant.car import Commands
-from hil_gateway.plant.ladder import Heard
+from hil_gateway.plant.controller.ladder import Heard
 
 COUNTERS = {
     "steering_cmd": "steering_motor_cmd_counter",

@@ -1,0 +1,1 @@
+"""Experiments on the plant alone, with a scripted driver."""
