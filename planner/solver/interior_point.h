@@ -60,15 +60,15 @@ static void start_sides(Qp *q, double mu, int warm)
             const vec over = value[c] - bound[c], positive = v_max(over, all(0.0));
             const vec price = l1 + l2 * positive;
             const vec room = 2.0 * mu / (price + v_sqrt(price * price + 4.0 * mu * l2));
-            vec s = positive + room, t = s - over, top = l1 + l2 * s, lam;
+            /* half the excess more than needed: close to one of its two boundaries, a start takes long to come away */
+            vec s = 1.5 * positive + room, t = s - over, top = l1 + l2 * s, lam;
             if (warm) {
                 lam = v_min(v_max(q->kept[g][c], 0.1 * mu / t), top - v_min(0.1 * mu / s, 0.5 * top));
                 t = v_max(t, mu / lam);
                 s = v_max(s, mu / (top - lam));
                 top = l1 + l2 * s;
             } else {
-                const vec outside = top - v_min(mu / s, 0.5 * top);
-                lam = pick(TRUE_IF(over > 0.0), outside, v_min(mu / t, 0.5 * top));
+                lam = pick(TRUE_IF(over > 0.0), 0.5 * top, v_min(mu / t, 0.5 * top));
             }
             p->s[j] = s;
             p->t[c] = t;
@@ -268,13 +268,13 @@ static double bounded_step(double rate, double share)
     return rate * 1.0 > share ? share / rate : 1.0;
 }
 
-static int iterate(Qp *q)
+static int iterate(Qp *q, int limit)
 {
     for (int k = 0; ; k++) {
         const Residual r = prepare(q);
         if (!isfinite(r.mu) || !isfinite(r.gap)) return NOT_FINITE;
         if (r.complementarity <= TOLERANCE && r.gap <= TOLERANCE && gradient_left(q) <= TOLERANCE) return SOLVED;
-        if (k == MAX_ITERATIONS) return ITERATION_LIMIT;
+        if (k == limit) return ITERATION_LIMIT;
         q->iterations++;
         condense(q);
         if (!factorise(q)) return NOT_FINITE;
@@ -314,7 +314,7 @@ static int solve_packed(Qp *q)
     for (int warm = q->warm; warm >= COLD; warm--) {
         start_motion(q);
         start_sides(q, warm ? WARM_MU : COLD_MU, warm);
-        status = iterate(q);
+        status = iterate(q, most_iterations[warm]);
         if (status == SOLVED && !finite_solution(q)) status = NOT_FINITE;
         if (status == SOLVED) break;
     }

@@ -4,7 +4,7 @@
    products may be contracted to fused ones, otherwise the arithmetic is IEEE 754: NaN goes in, NaN comes out.
    sin, cos: Cody-Waite reduction to [-pi/4, pi/4] and Taylor series; atan: reduction to [0, tan(pi/8)] and the
    Chebyshev interpolant of atan(sqrt x)/sqrt x there; errors at most 4 units in the last place of the larger of
-   result and 0.1. Arguments of sin and cos beyond 1e6 rad give NaN. */
+   result and 0.1, for tanh of 1. Arguments of sin and cos beyond 1e6 rad give NaN. */
 
 #include <math.h>
 #include <stdint.h>

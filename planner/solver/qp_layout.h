@@ -12,12 +12,14 @@
 #define COUNT ((double)(SIDES + SOFT) * GROUPS * W)
 
 enum { SOLVED = 0, ITERATION_LIMIT = 1, SMALL_STEP = 2, NOT_FINITE = 3 };
-enum { MAX_ITERATIONS = 40, COLD = 0, WARM = 1 };
+enum { COLD = 0, WARM = 1 };
+
+static const int most_iterations[] = {[COLD] = 40, [WARM] = 20}; /* a warm start that takes more is no help */
 
 #define TOLERANCE 1e-4   /* of complementarity, inequalities and gradient, as HPIPM's */
-#define BOUNDARY 0.995   /* share of the way to the boundary */
+#define BOUNDARY 0.999   /* share of the way to the boundary */
 #define SMALLEST_STEP 1e-6
-#define COLD_MU 1.0
+#define COLD_MU 10.0
 #define WARM_MU 1e-2
 #define LEAST_GAP 1e-3   /* of an inequality at a cold start */
 
