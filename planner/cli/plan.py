@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -54,6 +54,16 @@ def bench(  # noqa: PLR0917 - options of a command line
     _print(result, as_json)
     if result["laps"] < laps or any(run.violations.values()):
         raise typer.Exit(EXIT_FAILURE)
+
+
+@app.command()
+def solver(
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Say which QP solver plans are made with on this machine, and which is behind it."""
+    from planner.solver.choice import solvers_here
+
+    _print(asdict(solvers_here()), as_json)
 
 
 @app.command()

@@ -62,8 +62,24 @@ class _Iterate:
     qp_iterations: int = 0
 
 
+@dataclass(frozen=True)
+class Step:
+    """What one solve is given: the guess with its multipliers, initial state, parameters, number of SQP iterations."""
+
+    z: Array
+    du: Array
+    multiplier: Array
+    z0: Array
+    stages: Array
+    common: Array
+    iterations: int
+
+
 class Sqp:
-    """Solver of one `Problem`; holds the guess (`z`, `du`) from step to step."""
+    """Solver of one `Problem`; holds the guess (`z`, `du`) from step to step.
+
+    `observer`, where there is one, is given every step before it is solved.
+    """
 
     def __init__(self, problem: Problem, functions: Functions, backend: str = "auto") -> None:
         self.problem = problem
@@ -78,6 +94,7 @@ class Sqp:
         self._loads = [problem.rows.index(name) for name in ("load_front", "load_rear")]
         self._bounds = np.array(problem.change_bounds())[:, None]
         self._project = projected(problem)
+        self.observer: Callable[[Step], None] | None = None
 
     def _generated(self, functions: Functions, backend: str) -> FixedSqp | None:
         """The generated solver where it is wanted and there.
@@ -116,6 +133,9 @@ class Sqp:
         """
         start = _Iterate(self.z.copy(order="F"), self.du.copy(order="F"), self.multiplier.copy(order="F"))
         start.z[:, 0] = z0
+        if self.observer is not None:
+            guess = (start.z.copy(order="F"), start.du.copy(order="F"), start.multiplier.copy(order="F"))
+            self.observer(Step(*guess, z0.copy(), stages.copy(order="F"), common.copy(), iterations))
         result = start if self._fixed is None else self._iterate_generated(start, stages, common, iterations, stopwatch)
         if result.done < iterations:
             result = self._iterate(result, stages, common, iterations - result.done, stopwatch)
@@ -199,6 +219,16 @@ class Sqp:
         self.z = np.asfortranarray(np.column_stack([self.z[:, 1:], last]))
         self.du = np.asfortranarray(np.column_stack([self.du[:, 1:], np.zeros(NU)]))
         self.multiplier[:, :-1] = self.multiplier[:, 1:].copy()
+        self.shift_multipliers()
+
+    def solve_step(self, step: Step, stopwatch: Stopwatch) -> Solution:
+        """Solve a recorded step; multipliers held from solves before stay a warm start, as in a drive."""
+        self.z, self.du = step.z.copy(order="F"), step.du.copy(order="F")
+        self.multiplier = step.multiplier.copy(order="F")
+        return self.solve(step.z0, step.stages, step.common, step.iterations, stopwatch)
+
+    def shift_multipliers(self) -> None:
+        """Those the generated solver starts from, one interval on; for the next recorded step."""
         if self._fixed is not None:
             self._fixed.shift()
 

@@ -72,7 +72,10 @@ def bench_controller(
 ) -> tuple[Controller, RaceLine]:
     """Controller of the declared model on the race line of a track, with a belief of 5 %."""
     revised = model_of(declared_revision("per_axle"), vehicle, track.length)
-    envelope = envelope_of(revised.model, list(revised.theta), grip_use=PROFILE_USE)
+    problem = Problem(revised.model, settings)
+    # plans that explore leave more of the load limits alone: a profile that does not enters bends too fast for them
+    kept_back = settings.limits.exploring_reserve if problem.informative else 0.0
+    envelope = envelope_of(revised.model, list(revised.theta), grip_use=(1.0 - kept_back) * PROFILE_USE)
     line = raceline_for(track, envelope, MARGIN)
     theta, names = revised.theta, [p.name for p in revised.model.tyre_table]
     limits = LoadLimits(LOAD_USE * theta[names.index("df")], LOAD_USE * theta[names.index("dr")])
@@ -82,7 +85,6 @@ def bench_controller(
     )
     kept = reserve(settings.load_reserve, relative_spread(covariance, prior_std), theta, theta)
     knowledge = TyreKnowledge(theta, theta, covariance, prior_std, limits.pair, limits.less(kept).pair)
-    problem = Problem(revised.model, settings)
     functions = build_functions(problem, compiled)
     return Controller(problem, functions, Reference(line), knowledge, backend=backend), line
 

@@ -16,17 +16,20 @@ from hypothesis import strategies as st
 from estimator.belief.revision import declared_revision, model_of
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.compiled import compile_source, find_compiler
+from hil_gateway.process.errors import InputError
 from hil_gateway.track.track import load_track
 from planner.plan.controller import Controller
 from planner.problem.motion import DRIVE, NZ, STEER, VX
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Information, Settings
-from planner.solver import fixed, functions, sqp
+from planner.solver import choice, fixed, functions, sqp
 from planner.solver import self_test as known
+from planner.solver.choice import solvers_here
 from planner.solver.fixed import FixedHorizon, FixedQpSolver, Outcome, build_library
 from planner.solver.pattern import Pattern
 from planner.solver.qp import QpSize, QpStatus, QpWarning, StageQp, objective, violation
 from planner.solver.qp_sparse import PiqpSolver
+from planner.solver.recorded import load, record, save
 from planner.studies.bench import bench_controller, clock, drive, start_state
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
@@ -299,3 +302,23 @@ def test_generated_code_that_answers_wrongly_is_not_used(monkeypatch: pytest.Mon
     with pytest.warns(QpWarning, match="generated solver is not usable"):
         assert functions.build_functions(_problem()).library is None
     fixed.self_test.cache_clear()
+
+
+def test_recorded_steps_are_solved_again_as_they_were(tmp_path: Path) -> None:
+    controller = _controller("hpipm")
+    steps = record(controller, 12)
+    save(tmp_path / "steps.npz", steps)
+    again = load(tmp_path / "steps.npz")
+    assert len(again) == 12
+    first, second = (controller.sqp.solve_step(step, clock) for step in (steps[7], again[7]))
+    np.testing.assert_array_equal(first.z, second.z)
+    (tmp_path / "other.npz").write_bytes(b"no steps")
+    with pytest.raises(InputError, match="not a file of recorded steps"):
+        load(tmp_path / "other.npz")
+
+
+def test_solver_named_by_the_command_is_the_one_that_plans(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert solvers_here().first == "fixed"
+    monkeypatch.setattr(choice, "find_compiler", lambda: None)
+    here = solvers_here()
+    assert (here.first, here.second, here.lacks) == ("hpipm", "hpipm", "no C compiler")
