@@ -90,6 +90,7 @@ class Adoption:
         """what was refused or rolled back, and why; newest last"""
         self._line: RaceLine | None = None
         self._grip = 0.0
+        self._graded: TyreKnowledge | None = None
         self.current = self._adopt(revision, build_functions)
 
     @property
@@ -173,6 +174,7 @@ class Adoption:
         new.controller.sqp.set_guess(old.z.copy(), old.du.copy())
         self._previous, self.current, self._ready = self.current, new, None
         self._probation, self._failures, self._changed = PROBATION, 0, True
+        self._graded = None
 
     def _knowledge(
         self, before: TyreKnowledge | None, revised: RevisedModel, tyre: TyreNames, revision: ModelRevision
@@ -208,8 +210,11 @@ class Adoption:
 
     def _refresh_profile(self, current: Adopted, knowledge: TyreKnowledge) -> None:
         """New speed profile on the same path when the usable grip has changed: tens of ms, beside the planner."""
+        if self._worker is not None or (self._graded is not None and not knowledge.differs(self._graded)):
+            return
+        self._graded = knowledge
         grip = usable_grip(current.tyre.axles, knowledge, self._settings.sigma_level)
-        if abs(grip / self._grip - 1.0) < PROFILE_CHANGE or self._worker is not None:
+        if abs(grip / self._grip - 1.0) < PROFILE_CHANGE:
             return
         self._run(lambda: self._take_reference(self._reference(current.revised, current.tyre, knowledge)))
 

@@ -8,10 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from estimator.model.effects import catalogue
+from estimator.model.parameters import Layout
 from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
@@ -81,14 +85,25 @@ def _peak_forces(
 ) -> tuple[Array, Array, Array]:
     """Largest lateral force of the front and rear axle, N, and coasting deceleration, m/s2, each (len(speeds),)."""
     slips = np.linspace(0.0, 0.35, 71)
-    signals = ca.SX.sym("signals", len(SIGNALS))
-    named = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
-    terms = model.evaluate(Terms(model.vehicle, **named, aux=_Neutral()), list(theta), list(phi))
-    forces = ca.Function("forces", [signals], [ca.vertcat(terms.fy_f, terms.fy_r, terms.imu_ax)])
+    forces = _forces(model.vehicle, model.layout, tuple(effect.name for effect in model.effects))
     v, slip = (a.ravel() for a in np.meshgrid(speeds, slips, indexing="ij"))
     zero = np.zeros_like(v)
-    table = np.array(forces(np.vstack([v, -v * np.tan(slip), zero, zero, zero]))).reshape(3, len(speeds), len(slips))
+    values: Any = forces(np.vstack([v, -v * np.tan(slip), zero, zero, zero]), list(theta), list(phi))
+    table = np.array(values).reshape(3, len(speeds), len(slips))
     return table[0].max(axis=1), table[1].max(axis=1), -table[2, :, 0]
+
+
+@lru_cache(maxsize=4)
+def _forces(vehicle: Vehicle, layout: Layout, effects: tuple[str, ...]) -> ca.Function:
+    """(signals, theta, phi) -> lateral force of both axles, N, and longitudinal specific force, m/s2."""
+    model = SingleTrack(vehicle, layout, tuple(catalogue()[name] for name in effects))
+    signals = ca.SX.sym("signals", len(SIGNALS))
+    named = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
+    theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
+    parameters = [ca.vertsplit(p) if p.numel() else [] for p in (theta, phi)]
+    terms = model.evaluate(Terms(model.vehicle, **named, aux=_Neutral()), *parameters)
+    arguments: Any = [signals, theta, phi]
+    return ca.Function("forces", arguments, [ca.vertcat(terms.fy_f, terms.fy_r, terms.imu_ax)])
 
 
 class _Neutral(dict[str, float]):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,11 @@ MIN_POWER_SPEED = 10.0
 """below this the drive command is not limited by engine power, m/s"""
 
 
+NEGLIGIBLE = 0.003
+"""relative change of tyre parameters or their spread for which usable grip is not worked out again: a tenth of the
+change of grip that is worth a new speed profile"""
+
+
 @dataclass(frozen=True)
 class TyreKnowledge:
     """Tyre parameters the motion is predicted with, and the belief about them.
@@ -41,6 +47,23 @@ class TyreKnowledge:
     prior_std: Array
     load_max: tuple[float, float]
     load_asked: tuple[float, float]
+
+    @cached_property
+    def spread(self) -> float:
+        """Of the belief over the prior's (`infomax.relative_spread`)."""
+        return infomax.relative_spread(self.covariance, self.prior_std)
+
+    def differs(self, other: TyreKnowledge) -> bool:
+        """Whether a number that the usable grip depends on differs by more than `NEGLIGIBLE` of its size."""
+        if len(self.theta) != len(other.theta):
+            return True
+        pairs = ((getattr(self, name), getattr(other, name)) for name in ("theta", "mean", "load_asked"))
+        deviations = np.sqrt(np.diagonal(self.covariance)), np.sqrt(np.diagonal(other.covariance))
+        means = np.abs(self.mean)
+        changes = [np.abs(np.subtract(a, b)) / np.abs(b) for a, b in pairs]
+        return bool(
+            max(*(c.max() for c in changes), (np.abs(deviations[0] - deviations[1]) / means).max()) > NEGLIGIBLE
+        )
 
 
 PhiAt = Callable[[Array], Array]
@@ -104,13 +127,16 @@ class Controller:
         will count it for: taken in full, a moment of slip would seem to have taught all there is.
         """
         k, info = self.knowledge, self.settings.information
-        spread = infomax.relative_spread(k.covariance, k.prior_std)
+        if not self.problem.informative:
+            self.common[self.problem.common["load_max"]] = k.load_asked
+            return
+        spread = k.spread
         q = share * infomax.scheduled_weight(info.weight, speed, spread, info.goal)
         self.common[self.problem.common["q_information"]] = q
         swing = self.settings.limits.exploring_reserve if q > 0 else 0.0
         self.common[self.problem.common["load_max"]] = (1.0 - swing) * np.array(k.load_asked)
         W: Array = np.diag(k.prior_std**2)
-        if self.problem.informative and info.criterion == "log_det":
+        if info.criterion == "log_det":
             self.common[self.problem.common["q_information"]] = q * infomax.caution(spread)
             F = infomax.independent_samples(self.settings.dt) * self.sqp.horizon_information(self.common)
             # (P^-1 + F)^-1 without inverting P, which may be singular

@@ -105,7 +105,10 @@ def test_projection_is_the_nearest_convex_matrix() -> None:
 
 
 def test_projected_hessian_reaches_the_qp() -> None:
-    exact, plain = _controller(convexification="projection"), _controller()
+    exact, plain = (
+        bench_controller(load_track(), Vehicle(), Settings(information=information), backend="hpipm")[0]
+        for information in (Information(weight=WEIGHT, convexification="projection"), Information(weight=WEIGHT))
+    )
     for made in (exact, plain):
         made.cold_start(start_state(made, 620.0), clock)
         made.solve(made.sqp.z[:, 0].copy(), clock, 1)
