@@ -17,7 +17,7 @@ from estimator.belief.revision import declared_revision, model_of
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.compiled import compile_source, find_compiler
 from hil_gateway.process.errors import InputError
-from hil_gateway.track.track import load_track
+from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
 from planner.problem.motion import DRIVE, NZ, STEER, VX
 from planner.problem.mpcc import Problem
