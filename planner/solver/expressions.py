@@ -24,6 +24,7 @@ _CALLED = {
     ca.OP_LOG: "log", ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil",
     ca.OP_ASIN: "asin", ca.OP_ACOS: "acos", ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_ATAN2: "atan2",
     ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_FMOD: "fmod", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax",
+    ca.OP_SIGN: "sign",
 }  # fmt: skip
 _VECTOR_NAME = {"fabs": "v_abs", "fmin": "v_min", "fmax": "v_max"}
 

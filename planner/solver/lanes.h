@@ -140,6 +140,8 @@ static vec v_tanh(vec x)
     vec value = 1.0 - 2.0 / (v_exp(2.0 * a) + 1.0);
     return of_bits(bits(value) | (bits(x) & INT64_MIN));
 }
+static inline vec v_sign(vec x) { return pick(TRUE_IF(x > 0.0), all(1.0), pick(TRUE_IF(x < 0.0), all(-1.0), x)); }
+static inline double sign(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }
 static inline vec v_floor(vec x) { EACH(floor, x); }
 static inline vec v_ceil(vec x) { EACH(ceil, x); }
 static inline vec v_log(vec x) { EACH(log, x); }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.model_car import HORIZON, ModelCar, assert_within_limits, planner_config, revision_with
+from support.model_car import HORIZON, ModelCar, assert_within_limits, fail_solvers, planner_config, revision_with
 from support.promise_figures import record_figure, volume
 
 from hil_gateway.bus import topics
@@ -17,8 +17,7 @@ from planner.solver.qp import QpStatus
 def test_forced_failures_give_shifted_then_stop_plans_and_recovery(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = ModelCar(planner_config())
     rig.run(3.0)
-    solver = rig.planner.adoption.adoption.controller.sqp._solver
-    monkeypatch.setattr(solver, "solve", lambda: QpStatus.ITERATION_LIMIT)
+    fail_solvers(monkeypatch, rig.planner.adoption.adoption.controller.sqp, lambda: QpStatus.ITERATION_LIMIT)
     before = len(rig.plans)
     rig.run(1.5)
     failed = [p.status for p in rig.plans[before:]]
@@ -41,7 +40,7 @@ def test_a_shifted_plan_is_the_rest_of_the_last_one(monkeypatch: pytest.MonkeyPa
     rig = ModelCar(planner_config())
     rig.run(3.0)
     good = rig.plans[-1]
-    monkeypatch.setattr(rig.planner.adoption.adoption.controller.sqp._solver, "solve", lambda: QpStatus.NOT_FINITE)
+    fail_solvers(monkeypatch, rig.planner.adoption.adoption.controller.sqp, lambda: QpStatus.NOT_FINITE)
     rig.run(0.10)
     shifted = rig.plans[-1]
     assert shifted.status is PlanStatus.SHIFTED
@@ -52,7 +51,7 @@ def test_a_shifted_plan_is_the_rest_of_the_last_one(monkeypatch: pytest.MonkeyPa
 def test_stop_plan_brings_the_car_to_a_stand_on_the_track(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = ModelCar(planner_config())
     rig.run(7.0)
-    monkeypatch.setattr(rig.planner.adoption.adoption.controller.sqp._solver, "solve", lambda: QpStatus.INFEASIBLE)
+    fail_solvers(monkeypatch, rig.planner.adoption.adoption.controller.sqp, lambda: QpStatus.INFEASIBLE)
     rig.run(15.0)
     assert rig.car[3] < 0.5
     assert_within_limits(rig)
@@ -107,11 +106,11 @@ def test_random_faults_never_give_a_partial_plan_or_leave_limits(seed: int, monk
         ModelCar(planner_config(**EXPLORING if seed % 2 else {}), stopwatch=Stalls(seed)),
         np.random.default_rng(seed),
     )
-    solver = rig.planner.adoption.adoption.controller.sqp._solver
-    real, broken_until = solver.solve, 0
-    monkeypatch.setattr(
-        solver, "solve", lambda: real() if rig.now_ns >= broken_until else rng.choice(list(QpStatus)[1:])
-    )
+    broken_until = 0
+    fail_solvers(
+        monkeypatch, rig.planner.adoption.adoption.controller.sqp,
+        lambda: None if rig.now_ns >= broken_until else rng.choice(list(QpStatus)[1:]),
+    )  # fmt: skip
     rig.run(1.0)
     for _ in range(900):
         estimate = rig.estimate()

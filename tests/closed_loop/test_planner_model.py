@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from support.model_car import HORIZON, ModelCar, assert_within_limits, planner_config, revision_with
+from support.model_car import HORIZON, ModelCar, assert_within_limits, fail_solvers, planner_config, revision_with
 
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import ActiveEffect, PlanStatus
@@ -98,7 +98,7 @@ def test_a_revision_whose_plans_fail_is_rolled_back(monkeypatch: pytest.MonkeyPa
     rig.bus.publish(topics.MODEL_REVISION, new)
     rig.run(0.1)
     assert adoption.current.revision.revision == new.revision
-    monkeypatch.setattr(adoption.controller.sqp._solver, "solve", lambda: QpStatus.INFEASIBLE)
+    fail_solvers(monkeypatch, adoption.controller.sqp, lambda: QpStatus.INFEASIBLE)
     rig.run(0.05 * (PROBATION_FAILURES + 1))
     assert adoption.current.revision.revision == old
     assert "rolled back" in adoption.notes[-1]
