@@ -41,7 +41,7 @@ class ModelCar:
         self.planner = Planner(config, self.bus, track, stopwatch=stopwatch, background=background)
         self._commands = self.bus.subscribe(topics.COMMAND, depth=4)
         self._actuators = Actuators(config.planner)
-        controller = self.planner.adoption.adoption.controller
+        controller = self.planner.adoption.controller
         # the car keeps its physics when the planner's model changes
         self._physics = controller.problem.advance_function()
         self._common, self._stage = controller.common.copy(), controller.stages[:, 0].copy()
@@ -126,7 +126,7 @@ def assert_within_limits(rig: ModelCar) -> None:
 
 def revision_with(rig: ModelCar, tyre: dict[str, float] | None = None, *effects: ActiveEffect) -> ModelRevision:
     """The revision in force with changed tyre parameters and other effects."""
-    current = rig.planner.adoption.adoption.current.revision
+    current = rig.planner.adoption.current.revision
     values = {**current.tyre, **(tyre or {})}
     return current.model_copy(
         update={"tyre": values, "effects": effects, "revision": revision_id(current.layout, values, effects)}
