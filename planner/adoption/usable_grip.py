@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.model.tyre import normalised_force
 from hil_gateway.process.arrays import Array
 from planner.plan.controller import TyreKnowledge
 from planner.problem.infomax import sigma_points
@@ -39,7 +40,7 @@ def usable_share(axles: Axles, knowledge: TyreKnowledge, level: float) -> float:
 def lateral_shape(tyre: Array) -> Array:
     """Eq. (2) over the axle load at `SLIPS` for K tyres (B, C, D), shape (3, K) -> (len(SLIPS), K)."""
     b, c, d = tyre
-    return np.asarray(d * np.sin(c * np.arctan(b * SLIPS[:, None])))
+    return np.asarray(normalised_force(SLIPS[:, None], b, c, d))
 
 
 def usable_grip(axles: Axles, knowledge: TyreKnowledge, level: float) -> float:

@@ -97,7 +97,7 @@ class Controller:
         """Take over tyre parameters, belief and load limits; no recompilation."""
         self.knowledge = knowledge
         k, names, info = knowledge, self.problem.common, self.settings.information
-        front, rear = infomax.axle_indices(self.problem.model)
+        front, rear = self.problem.model.load_rows
         level = self.settings.sigma_level
         values: dict[str, npt.ArrayLike] = {
             "theta": k.theta,
