@@ -1,4 +1,5 @@
-"""`hil campaign`: `learn` (infomax), `diagnose` (effects of the simulated car), `closed` (drive, diagnose, drive)."""
+"""`hil campaign`: `learn` (infomax), `diagnose` (effects of the simulated car), `closed` (drive, diagnose, drive),
+`laps` (lap times of cars nobody has driven, over their own limit)."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
 from planner.cli.campaign_closed import closed
 from planner.cli.campaign_diagnose import RESULTS, diagnose
+from planner.cli.campaign_laps import laps as campaign_laps
 
 if TYPE_CHECKING:
     from planner.studies.campaign.trial import Learnt, Trial
@@ -25,6 +27,7 @@ CRITERIA = get_args(PlannerConfig.model_fields["information_criterion"].annotati
 app = typer.Typer(no_args_is_help=True, help="Long comparisons over seeds.")
 app.command()(diagnose)
 app.command()(closed)
+app.command("laps")(campaign_laps)
 
 
 @app.callback()
@@ -58,7 +61,7 @@ def learn(  # noqa: PLR0917  (one argument a flag)
     """
     from hil_gateway.track.loading import load_track
     from planner.studies.campaign.run import Machines, drive_all
-    from planner.studies.campaign.trial import KNOWN, CampaignSettings, Trial
+    from planner.studies.campaign.trial import KNOWN, CampaignSettings, Trial, job
 
     check_folder(out, RESULTS)
     if criterion not in (None, *CRITERIA):
@@ -72,8 +75,9 @@ def learn(  # noqa: PLR0917  (one argument a flag)
     length = load_track(track).length
     cars, machines = range(first_seed, first_seed + seeds), Machines(processes, scheduler)
     trials = [Trial(method, seed) for seed in cars for method in (KNOWN, *_methods(methods))]
-    results = drive_all([(trial, None) for trial in trials], settings, out, machines)
-    proofs = drive_all(_afterwards(results, afterwards), settings, out, machines)
+    results = drive_all([job(trial, settings) for trial in trials], out, machines)
+    after = [job(trial, settings, learnt) for trial, learnt in _afterwards(results, afterwards)]
+    proofs = drive_all(after, out, machines)
     summary = _conclude(results, proofs, length, out)
     if as_json:
         print_json(summary)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -15,10 +16,18 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hil_gateway.process.errors import InputError
-from planner.studies.campaign.trial import CampaignSettings, Learnt, Trial, load, run_trial, save
 
-Job = tuple[Trial, Learnt | None]
-Outcome = tuple[Trial, dict[str, Any]]
+
+@dataclass(frozen=True)
+class Job:
+    """One drive of a campaign: `drive()` gives its result, plain data with `settings` in it.
+
+    `name` is that of the result's file; a stored result counts while its settings are the same.
+    """
+
+    name: str
+    settings: Mapping[str, Any]
+    drive: Callable[[], dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -29,7 +38,7 @@ class Machines:
     scheduler: str = ""
 
 
-def drive_all(jobs: Sequence[Job], settings: CampaignSettings, out: Path, machines: Machines) -> list[dict[str, Any]]:
+def drive_all(jobs: Sequence[Job], out: Path, machines: Machines) -> list[dict[str, Any]]:
     """All results in the order of the jobs, from the folder or driven now.
 
     Raises:
@@ -37,34 +46,52 @@ def drive_all(jobs: Sequence[Job], settings: CampaignSettings, out: Path, machin
     """
     if machines.scheduler and find_spec("distributed") is None:
         raise InputError("--scheduler needs dask: pip install 'hil-gateway[cluster]'")
-    found = {trial: load(out, trial, settings) for trial, _ in jobs}
-    missing = [job for job in jobs if found[job[0]] is None]
+    found: dict[str, dict[str, Any] | None] = {job.name: load(out, job.name, job.settings) for job in jobs}
+    missing = [job for job in jobs if found[job.name] is None]
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(file=sys.stderr)) as progress:
         task = progress.add_task("driving", total=len(jobs), completed=len(jobs) - len(missing))
         run = _on_cluster if machines.scheduler else _here
-        for trial, result in run(missing, settings, machines):
-            save(out, result)
-            found[trial] = result
-            progress.update(task, advance=1, description=f"driven {trial.name}")
-    return [result for result in found.values() if result is not None]
+        for name, result in run(missing, machines):
+            save(out, name, result)
+            found[name] = result
+            progress.update(task, advance=1, description=f"driven {name}")
+    return [result for job in jobs if (result := found[job.name]) is not None]
 
 
-def _here(jobs: Sequence[Job], settings: CampaignSettings, machines: Machines) -> Iterator[Outcome]:
+def _here(jobs: Sequence[Job], machines: Machines) -> Iterator[tuple[str, dict[str, Any]]]:
     """Results as they finish."""
     if not jobs:
         return
     with ProcessPoolExecutor(machines.processes, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(run_trial, trial, settings, learnt): trial for trial, learnt in jobs}
+        futures = {pool.submit(job.drive): job.name for job in jobs}
         for future in as_completed(futures):
             yield futures[future], future.result()
 
 
-def _on_cluster(jobs: Sequence[Job], settings: CampaignSettings, machines: Machines) -> Iterator[Outcome]:
+def _on_cluster(jobs: Sequence[Job], machines: Machines) -> Iterator[tuple[str, dict[str, Any]]]:
     from distributed import Client
     from distributed import as_completed as as_they_finish
 
     with Client(machines.scheduler) as client:
-        futures = {client.submit(run_trial, trial, settings, learnt, pure=False): trial for trial, learnt in jobs}
+        futures = {client.submit(job.drive, pure=False): job.name for job in jobs}
         for future in as_they_finish(futures):
             yield futures[future], future.result()
+
+
+def save(folder: Path, name: str, result: Mapping[str, Any]) -> None:
+    """Write a result beside the others; appears whole or not at all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    temporary = folder / f".{name}.tmp"
+    temporary.write_text(json.dumps(result))
+    temporary.replace(folder / f"{name}.json")
+
+
+def load(folder: Path, name: str, settings: Mapping[str, Any]) -> dict[str, Any] | None:
+    """A result stored before with the same settings, or None."""
+    try:
+        result = json.loads((folder / f"{name}.json").read_text())
+    except (OSError, ValueError):
+        return None
+    same: bool = result.get("settings") == json.loads(json.dumps(settings))
+    return result if same else None

@@ -16,9 +16,8 @@ of driving meet the same cars:
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -39,6 +38,7 @@ from planner.plan.exploring import EXPLORING, KEEPING_UP, exploring
 from planner.problem.load_limits import LoadLimits, store_limits
 from planner.simulation.loop import START_NS, Loop, LoopResult
 from planner.studies.campaign.driving import ADDED_SIGNAL, ExcitedBus, FixedEstimator, RecordingEstimator
+from planner.studies.campaign.run import Job
 from planner.studies.campaign.safety import SLIP_SPEED, safety_figures
 from planner.studies.safety import Watch, Watched
 
@@ -116,12 +116,17 @@ def trial_config(trial: Trial, settings: CampaignSettings) -> Config:
 
 
 def run_trial(trial: Trial, settings: CampaignSettings, learnt: Learnt | None = None) -> dict[str, Any]:
-    """Drive one trial; the result is plain data, as `save` writes it. `learnt` is what `learnt` drives with."""
+    """Drive one trial; the result is plain data. `learnt` is what `learnt` drives with."""
     with TemporaryDirectory() as folder:
         config = trial_config(trial, settings)
         if trial.method not in METHODS:
             config = _without_learning(config, learnt or told(trial, settings), Path(folder))
         return _drive(trial, settings, config)
+
+
+def job(trial: Trial, settings: CampaignSettings, learnt: Learnt | None = None) -> Job:
+    """A trial as the runner takes it."""
+    return Job(trial.name, asdict(settings), partial(run_trial, trial, settings, learnt))
 
 
 def told(trial: Trial, settings: CampaignSettings) -> Learnt:
@@ -208,22 +213,3 @@ def _held_out(kept: list[Sample]) -> dict[str, Any]:
         "signals": [np.round(s.signals, 6).tolist() for s in samples],
         "z": [np.round(s.z, 5).tolist() for s in samples],
     }
-
-
-def save(folder: Path, result: Mapping[str, Any]) -> None:
-    """Write a trial's result beside the others; appears whole or not at all."""
-    trial = Trial(**result["trial"])
-    folder.mkdir(parents=True, exist_ok=True)
-    temporary = folder / f".{trial.name}.tmp"
-    temporary.write_text(json.dumps(result))
-    temporary.replace(folder / f"{trial.name}.json")
-
-
-def load(folder: Path, trial: Trial, settings: CampaignSettings) -> dict[str, Any] | None:
-    """A trial done before with the same settings, or None."""
-    try:
-        result = json.loads((folder / f"{trial.name}.json").read_text())
-    except (OSError, ValueError):
-        return None
-    same: bool = result.get("settings") == json.loads(json.dumps(asdict(settings)))
-    return result if same else None

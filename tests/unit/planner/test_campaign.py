@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,14 +32,13 @@ from planner.studies.campaign.analysis import (
 )
 from planner.studies.campaign.driving import EXCITATION_ACCELERATION, ExcitedBus, FixedEstimator, RecordingEstimator
 from planner.studies.campaign.report import write_report
+from planner.studies.campaign.run import load, save
 from planner.studies.campaign.safety import load_shares, slip_shares
 from planner.studies.campaign.trial import (
     KNOWN,
     CampaignSettings,
     Learnt,
     Trial,
-    load,
-    save,
     told,
     trial_config,
     true_tyre,
@@ -145,16 +144,15 @@ def test_every_method_meets_the_same_car_with_its_own_noise() -> None:
 
 
 def test_finished_trials_are_not_driven_again_unless_the_settings_changed(tmp_path: Path) -> None:
-    from dataclasses import asdict
 
     trial = Trial("plain", 0)
     result = {"trial": asdict(trial), "settings": asdict(SETTINGS)}
-    assert load(tmp_path, trial, SETTINGS) is None
-    save(tmp_path, result)
-    assert load(tmp_path, trial, SETTINGS) is not None
-    assert load(tmp_path, trial, replace(SETTINGS, laps=7)) is None
+    assert load(tmp_path, trial.name, asdict(SETTINGS)) is None
+    save(tmp_path, Trial(**result["trial"]).name, result)
+    assert load(tmp_path, trial.name, asdict(SETTINGS)) is not None
+    assert load(tmp_path, trial.name, asdict(replace(SETTINGS, laps=7))) is None
     (tmp_path / f"{trial.name}.json").write_text("{broken")
-    assert load(tmp_path, trial, SETTINGS) is None
+    assert load(tmp_path, trial.name, asdict(SETTINGS)) is None
 
 
 @pytest.mark.parametrize("method", ["prbs", "sine"])
@@ -249,7 +247,7 @@ def test_learning_is_proved_by_the_laps_after_it(
 
 def test_what_was_learnt_survives_the_file(tmp_path: Path) -> None:
     result = {**made_up("infomax", 0, 1.0), "settings": {}}
-    save(tmp_path, result)
+    save(tmp_path, Trial(**result["trial"]).name, result)
     learnt = learnt_by(json.loads((tmp_path / "infomax-000.json").read_text()))
     assert isinstance(learnt, Learnt)
     assert learnt.limits == (1.2, 1.3)
