@@ -76,10 +76,10 @@ def changes(before: Seen, after: Seen) -> Iterator[Change]:
         yield _named(EventKind.FLAG, VehicleFlag, before.vehicle_flag, after.vehicle_flag, "vehicle flag", stop=stop)
     if after.sys_state != before.sys_state:
         stop = after.sys_state in (SysState.EMERGENCY, SysState.CRITICAL_LIMIT)
-        yield _named(EventKind.CAR, SysState, before.sys_state, after.sys_state, "the car reports sys_state", stop=stop)
+        yield _named(EventKind.CAR, SysState, before.sys_state, after.sys_state, "sys_state of the car", stop=stop)
     if after.ct_state != before.ct_state:
         stop = after.ct_state == CtState.EMERGENCY
-        yield _named(EventKind.LADDER, CtState, before.ct_state, after.ct_state, "the computer reports ct_state", stop=stop)
+        yield _named(EventKind.LADDER, CtState, before.ct_state, after.ct_state, "ct_state of the computer", stop=stop)
     if after.bus_state != before.bus_state:
         worse = Severity.INFO if after.bus_state == "error_active" else Severity.WARNING
         yield Change(EventKind.BUS, before.bus_state, after.bus_state, "state of the CAN controller", worse)
