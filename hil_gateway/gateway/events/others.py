@@ -18,6 +18,8 @@ QUIET_S = 1.0
 the failsafe's business"""
 WATCHED: dict[str, Topic[Any]] = {"estimator": BELIEF, "planner": PLAN, "recorder": RECORDER_STATUS}
 ALERTS_A_PERIOD = 8
+REFINED_NS = 60 * NS_PER_S
+"""tyres are refined every few seconds while driving: an entry a minute says enough of that"""
 
 
 class OtherProcesses:
@@ -28,7 +30,8 @@ class OtherProcesses:
         self._alive = dict.fromkeys(WATCHED, False)
         self._revisions = LatestReader(bus, MODEL_REVISION)
         self._alerts = bus.subscribe(ALERT, depth=ALERTS_A_PERIOD)
-        self._published, self._adopted = "", ""
+        self._published, self._adopted = _Models(), _Models()
+        self._effects: dict[str, str] = {}
         self._lap: tuple[int, int] | None = None
 
     def step(self, now_ns: int) -> Iterator[Change]:
@@ -39,12 +42,14 @@ class OtherProcesses:
         for alert in self._alerts.poll(now_ns):
             yield _alert(alert)
         revision = self._revisions.update(now_ns).message
-        if revision is not None and revision.revision != self._published:
-            yield _published(self._published, revision)
-            self._published = revision.revision
+        if revision is not None and revision.revision != self._published.revision:
+            self._effects = {self._published.revision: self._published.effects, revision.revision: _effects(revision)}
+            before = self._published.revision
+            if self._published.note(now_ns, revision.revision, _effects(revision)):
+                yield _published(before, revision)
         plan = self._readers["planner"].latest.message
         if plan is not None:
-            yield from self._plan(plan)
+            yield from self._plan(now_ns, plan)
 
     def _presence(self, name: str, now_ns: int) -> Iterator[Change]:
         age_s, limit_s = self._readers[name].latest.age_s(now_ns), max(WATCHED[name].deadline_s, QUIET_S)
@@ -53,12 +58,14 @@ class OtherProcesses:
             self._alive[name] = alive
             yield _appeared(name) if alive else _quiet(name, age_s, limit_s)
 
-    def _plan(self, plan: Plan) -> Iterator[Change]:
+    def _plan(self, now_ns: int, plan: Plan) -> Iterator[Change]:
         """A model taken into use, a lap begun."""
-        if plan.revision != self._adopted:
-            text = f"the planner drives with model {plan.revision}"
-            yield Change(EventKind.ADOPTION, self._adopted, plan.revision, text)
-            self._adopted = plan.revision
+        before = self._adopted.revision
+        if plan.revision != before:
+            effects = self._effects.get(plan.revision, self._adopted.effects)
+            if self._adopted.note(now_ns, plan.revision, effects):
+                text = f"the planner drives with this model: {effects or 'its start model'}"
+                yield Change(EventKind.ADOPTION, before, plan.revision, text)
         started_ns = plan.state_stamp_ns
         if self._lap is None or plan.lap < self._lap[0]:
             self._lap = plan.lap, started_ns
@@ -67,6 +74,20 @@ class OtherProcesses:
             text = f"lap {plan.lap} done by the plan's count (to one plan, 0.05 s)"
             yield Change(EventKind.LAP, str(self._lap[0]), str(plan.lap), text, measured=lap_s, unit="s")
             self._lap = plan.lap, started_ns
+
+
+class _Models:
+    """Which model is in use; a change of tyres alone is noted once in `REFINED_NS`."""
+
+    def __init__(self) -> None:
+        self.revision, self.effects, self._noted_ns = "", "", -REFINED_NS
+
+    def note(self, now_ns: int, revision: str, effects: str) -> bool:
+        """Whether this change is worth an entry."""
+        worth = effects != self.effects or now_ns - self._noted_ns >= REFINED_NS
+        self.revision, self.effects = revision, effects
+        self._noted_ns = now_ns if worth else self._noted_ns
+        return worth
 
 
 def _appeared(name: str) -> Change:
@@ -88,7 +109,10 @@ def _alert(alert: Alert) -> Change:
 
 
 def _published(before: str, revision: ModelRevision) -> Change:
-    effects = ", ".join(effect.name for effect in revision.effects) or "no effects added"
     tyres = ", ".join(f"{name} {figure(value)}" for name, value in revision.tyre.items())
     note = f" ({revision.provenance.note})" if revision.provenance.note else ""
-    return Change(EventKind.REVISION, before, revision.revision, f"{effects}; {tyres}{note}")
+    return Change(EventKind.REVISION, before, revision.revision, f"{_effects(revision)}; {tyres}{note}")
+
+
+def _effects(revision: ModelRevision) -> str:
+    return ", ".join(effect.name for effect in revision.effects) or "no effects added"
