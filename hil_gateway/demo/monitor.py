@@ -27,6 +27,7 @@ from hil_gateway.bus.topics import (
     VEHICLE_STATE,
     Topic,
 )
+from hil_gateway.demo.journal import Journal
 
 WATCHED: tuple[Topic[Any], ...] = (
     VEHICLE_STATE,
@@ -82,6 +83,7 @@ class Monitor:
         self._action = FailsafeAction.SILENT
         self.plan: Plan | None = None
         self.plans = PlanCount()
+        self.journal = Journal(bus)
         self.failsafes: list[Failsafe] = []
         self.prior: Belief | None = None
 
@@ -94,6 +96,7 @@ class Monitor:
             self.plan, self._plan_received_ns = plan, now_ns
             if driving and not self.failsafes:
                 self.plans.add(plan)
+        self.journal.update(now_ns, self.plan)
         self.prior = self.prior or self.belief
         if driving:
             self._note_failsafe(now_ns)

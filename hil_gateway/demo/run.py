@@ -50,7 +50,8 @@ class RunResult:
     referee: Referee
     ending: Ending = Ending.DONE
     exits: list[Exit] = field(default_factory=list)
-    events: list[str] = field(default_factory=list)
+    zero_ns: int = 0
+    """event times count from here: when the car was first driven by commands, before that the start of the run"""
     cpu_share: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
     account: Account | None = None
@@ -69,7 +70,7 @@ class Run:
         self._bus = open_bus(setup.config.zenoh, "operator")
         self._operator = Operator(self._bus)
         self.result = RunResult(Monitor(self._bus), Referee(self._bus))
-        self._started_ns = self._clock.now_ns()
+        self._started_ns = self.result.zero_ns = self._clock.now_ns()
         self._under_way_ns: int | None = None
         self._moved_ns = self._started_ns
         self._stop_ns: int | None = None
@@ -104,7 +105,7 @@ class Run:
         referee.update(now_ns)
         self._operator.update(monitor.status, now_ns)
         if self._operator.driving and self._under_way_ns is None:
-            self._under_way_ns = now_ns
+            self._under_way_ns = self.result.zero_ns = now_ns
             self._cpu.restart()
             self._tell("under way")
         if self._cpu.update(now_ns) and self._under_way_ns is not None:
@@ -187,7 +188,7 @@ class Run:
         return 0.0 if self._under_way_ns is None else (now_ns - self._under_way_ns) / NS_PER_S
 
     def _tell(self, text: str) -> None:
-        self.result.events.append(text)
+        self.result.monitor.journal.say(text, self._clock.now_ns())
         self._view.say(text)
 
     def _scene(self, now_ns: int) -> Scene:

@@ -18,7 +18,7 @@ def summarise(
 ) -> dict[str, Any]:
     """Summary of a run, with the model error measured on its recording and the car's own limit, s."""
     status, referee, plans = result.monitor.status, result.referee, result.monitor.plans
-    recorder = result.monitor.recorder
+    recorder, zero_ns = result.monitor.recorder, result.zero_ns
     return {
         "laps": referee.laps,
         "lap_times_s": list(referee.lap_times_s),
@@ -55,7 +55,8 @@ def summarise(
         "track": setup.track_name,
         "effects": dict(setup.config.plant.effects),
         "ending": result.ending.value,
-        "events": result.events,
+        "events": result.monitor.journal.entries(zero_ns),
+        "revisions": result.monitor.journal.revisions(zero_ns),
         "ok": succeeded(options, result),
     }
 

@@ -93,6 +93,8 @@ class Gateway:
         self._answered_seq: int | None = None
         self._sent = self._limited = 0
         self.refused: dict[str, int] = {}
+        self.seen: tuple[VehicleState, Inputs] | None = None
+        """what the newest period decided on"""
 
     def step(self, now_ns: int) -> None:
         """One 10 ms period."""
@@ -101,6 +103,7 @@ class Gateway:
         self._bus.publish(topics.VEHICLE_STATE, state)
         request = self._read_messages(now_ns, state)
         inputs = self._inputs(now_ns, state, request)
+        self.seen = state, inputs
         self._decide(now_ns, inputs, state)
         applied = self._act(now_ns, state)
         self._bus.publish(topics.APPLIED, applied)

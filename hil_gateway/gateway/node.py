@@ -15,6 +15,7 @@ from hil_gateway.bus.zenoh_bus import HUB, open_bus
 from hil_gateway.can_link import open_link
 from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
+from hil_gateway.gateway.events.log import EventLog, to_journal
 from hil_gateway.process.clock import NS_PER_S, SystemClock
 from hil_gateway.process.held_up import describe_load
 from hil_gateway.process.lifecycle import stop_requested
@@ -41,7 +42,7 @@ def run(config: Config) -> None:
         link.close()
         raise
     gateway = Gateway(config, bus, link, track, describe_load)
-    notify = Notifier()
+    events, notify = EventLog(bus, to_journal), Notifier()
     if not punctual():
         log.warning("real-time priority is not permitted: frames may leave some ms late while this computer is busy")
     gc.freeze()  # what start-up allocated is never collected: shorter pauses
@@ -52,6 +53,7 @@ def run(config: Config) -> None:
         with announced(config):
             while not stopped():
                 gateway.step(clock.now_ns())
+                events.step(clock.now_ns(), gateway, link.stats().bus_state)
                 notify.send("WATCHDOG=1")
                 due_ns = next_period(due_ns, clock.now_ns())
                 clock.sleep_until(due_ns)

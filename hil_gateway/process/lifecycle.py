@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 
 PARENT_VARIABLE = "HIL_PARENT"
 """environment variable with the process identifier of the supervisor, in the processes it starts"""
+EVENT_LINE = "event: "
+"""how a line of the event log on standard error begins: it says nothing of why a process ended"""
 PR_SET_PDEATHSIG = 1
 SILENT_NS = 5_000_000_000
 log = logging.getLogger(__name__)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hil_gateway.process.lifecycle import PARENT_VARIABLE
+from hil_gateway.process.lifecycle import EVENT_LINE, PARENT_VARIABLE
 from hil_gateway.process.scheduling import real_time
 
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
@@ -142,7 +142,8 @@ class Supervisor:
         return self._folder / f"{name}.log"
 
     def _last_words(self, name: str) -> str:
-        lines = self._log(name).read_text(errors="replace").strip().splitlines()
+        text = self._log(name).read_text(errors="replace").strip()
+        lines = [line for line in text.splitlines() if not line.startswith(EVENT_LINE)]
         return lines[-1].removeprefix("hil: ") if lines else ""
 
 

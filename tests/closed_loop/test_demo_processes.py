@@ -88,16 +88,16 @@ def test_losing_any_process_ends_in_a_stop_and_the_demo_says_so(
         summary = demo.result(timeout_s=40)
     assert demo.process.returncode == 1
     assert summary["ending"] == "process died"
-    assert any(f"{victim} was killed by SIGKILL" in event for event in summary["events"])
-    assert any("m/s" in event or "plant is gone" in event for event in summary["events"])
+    assert any(f"{victim} was killed by SIGKILL" in event["text"] for event in summary["events"])
+    assert any("m/s" in event["text"] or "plant is gone" in event["text"] for event in summary["events"])
     if victim not in ("gateway", "plant"):
         assert summary["failsafes"][0]["action"] in ("controlled_stop", "emergency_stop")
     if victim != "plant":
-        assert "the car is at 0." in " ".join(summary["events"])
+        assert "the car is at 0." in " ".join(event["text"] for event in summary["events"])
     info = session_info(tmp_path / "out" / "session.mcap")
     assert info["complete"] == (victim != "recorder")
     assert info["topics"]["av24/can"]["messages"] > 1000
-    record_figure("L6", f"{victim} killed in a running demo: {summary['events'][-1]}")
+    record_figure("L6", f"{victim} killed in a running demo: {summary['events'][-1]['text']}")
 
 
 @pytest.mark.slow

@@ -1,0 +1,56 @@
+"""One entry of the event log: something of the loop changed, with its cause, and the value and limit behind it."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from pydantic import Field
+
+from hil_gateway.bus.messages import Message, Parameter
+from hil_gateway.process.figures import figure
+
+
+class EventKind(StrEnum):
+    """What changed."""
+
+    FAILSAFE = "failsafe"
+    ARMING = "arming"
+    LADDER = "ladder"
+    CAR = "car"
+    FLAG = "flag"
+    BUS = "bus"
+    ALERT = "alert"
+    REVISION = "revision"
+    ADOPTION = "adoption"
+    LAP = "lap"
+    PROCESS = "process"
+
+
+class Severity(StrEnum):
+    """How urgent it is, in rising order."""
+
+    INFO = "info"
+    WARNING = "warning"
+    STOP = "stop"
+
+
+class Event(Message):
+    """One change of the loop, as the gateway saw it."""
+
+    kind: EventKind
+    severity: Severity
+    before: str = Field(description="what held until now; empty where nothing did")
+    after: str = Field(description="what holds from now on")
+    cause: str = Field(default="", description="row of the failsafe table, effect or request behind it")
+    measured: Parameter | None = Field(default=None, description="value that led to it; null where none was measured")
+    limit: Parameter | None = Field(default=None, description="what the value is held against; null where nothing is")
+    unit: str = Field(default="", description="of both")
+    text: str = Field(description="the change in words, for people")
+
+    def line(self) -> str:
+        """The event in one line, for a log: `failsafe drive -> controlled_stop [command_stale]: ..., 0.11 s`."""
+        change = f"{self.before} -> {self.after}" if self.before else self.after
+        cause = f" [{self.cause}]" if self.cause else ""
+        value = "" if self.measured is None else f", {figure(self.measured, self.unit, 3)}"
+        limit = "" if self.limit is None else f" (limit {figure(self.limit, self.unit, 3)})"
+        return f"{self.kind} {change}{cause}: {self.text}{value}{limit}"

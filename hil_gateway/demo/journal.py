@@ -1,0 +1,72 @@
+"""The event log of a run, and what became of every model revision, gathered for the summary."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+from hil_gateway.bus.event import Event, EventKind, Severity
+from hil_gateway.bus.interface import Bus
+from hil_gateway.bus.messages import ModelRevision, Plan
+from hil_gateway.bus.topics import EVENT, MODEL_REVISION
+from hil_gateway.process.clock import NS_PER_S
+
+MOST = 10_000
+"""entries kept: a day of ordinary driving; the oldest go first"""
+QUEUE = 256
+
+
+class Journal:
+    """What the gateway logs and what the demo itself notes, in one list; `update` at any rate."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._events = bus.subscribe(EVENT, depth=QUEUE)
+        self._revisions = bus.subscribe(MODEL_REVISION, depth=QUEUE)
+        self.events: deque[Event] = deque(maxlen=MOST)
+        self._found: dict[str, tuple[int, dict[str, Any]]] = {}
+        self._laps = 0
+
+    def update(self, now_ns: int, plan: Plan | None) -> None:
+        """Take in what has arrived; `plan` is the newest one."""
+        self.events.extend(self._events.poll(now_ns))
+        self._laps = plan.lap if plan else self._laps
+        for revision in self._revisions.poll(now_ns):
+            self._note(revision)
+        if plan and (known := self._found.get(plan.revision)) is not None:
+            known[1]["adopted"] = True
+
+    def say(self, text: str, now_ns: int) -> None:
+        """An entry of the demo itself: a process ended, the car stands."""
+        kind, severity = EventKind.PROCESS, Severity.INFO
+        self.events.append(
+            Event(stamp_ns=now_ns, seq=0, kind=kind, severity=severity, before="", after="demo", text=text)
+        )
+
+    def entries(self, zero_ns: int) -> list[dict[str, Any]]:
+        """Events for the summary, by time; `t` in s after `zero_ns`."""
+        return [entry(event, zero_ns) for event in sorted(self.events, key=lambda event: event.stamp_ns)]
+
+    def revisions(self, zero_ns: int) -> list[dict[str, Any]]:
+        """Every model revision heard of: when, in which lap, which effects, whether the planner took it, and why."""
+        return [{"t": _seconds(stamp_ns, zero_ns), **row} for stamp_ns, row in self._found.values()]
+
+    def _note(self, revision: ModelRevision) -> None:
+        if revision.revision not in self._found and len(self._found) < MOST:
+            row = {
+                "lap": self._laps,
+                "revision": revision.revision,
+                "effects": [effect.name for effect in revision.effects],
+                "adopted": False,
+                "reason": revision.provenance.note,
+            }
+            self._found[revision.revision] = revision.stamp_ns, row
+
+
+def entry(event: Event, zero_ns: int) -> dict[str, Any]:
+    """One event as summaries and pages have it, `t` in s after `zero_ns`."""
+    tree = event.model_dump(mode="json", exclude={"stamp_ns", "seq"})
+    return {"t": _seconds(event.stamp_ns, zero_ns), **tree}
+
+
+def _seconds(stamp_ns: int, zero_ns: int) -> float:
+    return round((stamp_ns - zero_ns) / NS_PER_S, 3)

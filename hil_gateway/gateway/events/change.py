@@ -1,0 +1,126 @@
+"""What the event log compares from one period to the next, and the changes it makes of it. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+from hil_gateway.bus.event import EventKind, Severity
+from hil_gateway.bus.messages import FailsafeAction, OperatorAction, VehicleState
+from hil_gateway.car.states import (
+    KILL_VEHICLE_FLAGS,
+    STOP_TRACK_FLAGS,
+    STOP_VEHICLE_FLAGS,
+    CtState,
+    SysState,
+    TrackFlag,
+    VehicleFlag,
+)
+from hil_gateway.gateway.check.arming import EXPLANATION
+from hil_gateway.gateway.decide.failsafe import TABLE, Failsafe, Inputs, missing_for_arming
+from hil_gateway.process.held_up import who_was_late
+
+STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
+ROWS = {row.cause: row for row in TABLE}
+CAUSES_OF_OTHERS = {"disarmed_moving": "disarming was asked for while the car moved"}
+"""causes that are no row of the failsafe table"""
+
+
+@dataclass(frozen=True)
+class Change:
+    """An event without its stamp."""
+
+    kind: EventKind
+    before: str
+    after: str
+    text: str
+    severity: Severity = Severity.INFO
+    cause: str = ""
+    measured: float | None = None
+    limit: float | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The gateway in one period; the defaults are those of one that has just started."""
+
+    failsafe: Failsafe = field(default_factory=Failsafe)
+    ct_state: int = CtState.POWER_ON
+    sys_state: int = 0
+    track_flag: int = TrackFlag.NONE
+    vehicle_flag: int = VehicleFlag.NONE
+    bus_state: str = "error_active"
+    inputs: Inputs | None = None
+
+    @classmethod
+    def of(cls, failsafe: Failsafe, ct_state: CtState, state: VehicleState, inputs: Inputs, bus_state: str) -> Seen:
+        """What the gateway's newest period shows."""
+        flags = state.track_flag, state.vehicle_flag
+        return cls(failsafe, ct_state, state.sys_state, *flags, bus_state, inputs)
+
+
+def changes(before: Seen, after: Seen) -> Iterator[Change]:
+    """Everything that is different, what stops the car first."""
+    if after.failsafe != before.failsafe:
+        yield _failsafe(before.failsafe, after)
+    elif after.inputs is not None and after.inputs.request is OperatorAction.ARM:
+        yield from _refusal(after.failsafe, after.inputs)
+    if after.track_flag != before.track_flag:
+        stop = after.track_flag in STOP_TRACK_FLAGS
+        yield _named(EventKind.FLAG, TrackFlag, before.track_flag, after.track_flag, "track flag", stop=stop)
+    if after.vehicle_flag != before.vehicle_flag:
+        stop = after.vehicle_flag in STOP_VEHICLE_FLAGS | KILL_VEHICLE_FLAGS
+        yield _named(EventKind.FLAG, VehicleFlag, before.vehicle_flag, after.vehicle_flag, "vehicle flag", stop=stop)
+    if after.sys_state != before.sys_state:
+        stop = after.sys_state in (SysState.EMERGENCY, SysState.CRITICAL_LIMIT)
+        yield _named(EventKind.CAR, SysState, before.sys_state, after.sys_state, "sys_state of the car", stop=stop)
+    if after.ct_state != before.ct_state:
+        stop = after.ct_state == CtState.EMERGENCY
+        yield _named(EventKind.LADDER, CtState, before.ct_state, after.ct_state, "ct_state of the computer", stop=stop)
+    if after.bus_state != before.bus_state:
+        worse = Severity.INFO if after.bus_state == "error_active" else Severity.WARNING
+        yield Change(EventKind.BUS, before.bus_state, after.bus_state, "state of the CAN controller", worse)
+
+
+def _failsafe(before: Failsafe, after: Seen) -> Change:
+    """Armed, disarmed, or a stop with what was measured against the row that fired."""
+    now, inputs = after.failsafe, after.inputs
+    if now.action in STOPS:
+        row = ROWS.get(now.cause)
+        held = inputs.measures.get(row.measure, math.inf) if row and inputs else math.inf
+        measured = held if row and row.threshold_s > 0 and math.isfinite(held) else None
+        limit = None if measured is None or row is None else row.threshold_s
+        text = _why(now.cause, inputs)
+        return Change(
+            EventKind.FAILSAFE, before.action, now.action, text, Severity.STOP, now.cause, measured, limit,
+            "" if measured is None else "s",
+        )  # fmt: skip
+    armed = now.action is FailsafeAction.DRIVE
+    text = "armed by a person: commands drive the car" if armed else "disarmed: no commands are sent"
+    return Change(EventKind.ARMING, before.action, now.action, text)
+
+
+def _why(cause: str, inputs: Inputs | None) -> str:
+    late = who_was_late(cause, inputs.measures) if inputs else ""
+    words = EXPLANATION.get(cause) or CAUSES_OF_OTHERS.get(cause, cause)
+    return f"{words} ({late})" if late else words
+
+
+def _refusal(failsafe: Failsafe, inputs: Inputs) -> Iterator[Change]:
+    """A request to arm that changed nothing."""
+    missing = missing_for_arming(inputs)
+    if failsafe.action is not FailsafeAction.DRIVE and missing:
+        text = f"arming refused: {EXPLANATION.get(missing[0], missing[0])}"
+        yield Change(EventKind.ARMING, failsafe.action, failsafe.action, text, Severity.WARNING, ", ".join(missing))
+
+
+def _named(kind: EventKind, states: type[IntEnum], before: int, after: int, what: str, *, stop: bool) -> Change:
+    names = _name(states, before), _name(states, after)
+    return Change(kind, *names, text=f"{what} {after}", severity=Severity.STOP if stop else Severity.INFO)
+
+
+def _name(states: type[IntEnum], number: int) -> str:
+    return states(number).name.lower() if number in states.__members__.values() else str(number)

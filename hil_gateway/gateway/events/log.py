@@ -1,0 +1,66 @@
+"""The event log of the loop: one typed entry for every change, published, and handed to whoever writes it down."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from itertools import chain
+
+from hil_gateway.bus.event import Event, EventKind, Severity
+from hil_gateway.bus.interface import Bus
+from hil_gateway.bus.topics import EVENT
+from hil_gateway.gateway.core import Gateway
+from hil_gateway.gateway.events.change import Change, Seen, changes
+from hil_gateway.gateway.events.others import OtherProcesses
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.lifecycle import EVENT_LINE
+
+MOST_A_SECOND = 10
+"""entries of one kind: a bus that flutters must not fill the disk; what is left out is counted in the next entry"""
+JOURNAL_LEVEL = {Severity.INFO: 6, Severity.WARNING: 4, Severity.STOP: 2}
+"""syslog levels (sd-daemon(3)): informational, warning, critical"""
+
+
+class EventLog:
+    """Compares the gateway and the other processes with the period before; `step` after every period of the gateway."""
+
+    def __init__(self, bus: Bus, write: Callable[[Event], None] = lambda event: None) -> None:
+        self._bus, self._write = bus, write
+        self._others = OtherProcesses(bus)
+        self._seen = Seen()
+        self._recent: dict[EventKind, deque[int]] = {kind: deque(maxlen=MOST_A_SECOND) for kind in EventKind}
+        self._left_out = dict.fromkeys(EventKind, 0)
+        self._seq = 0
+
+    def step(self, now_ns: int, gateway: Gateway, bus_state: str = "error_active") -> None:
+        """Publish and write down what is different since the last call."""
+        found: list[Change] = []
+        if gateway.seen is not None:
+            seen = Seen.of(gateway.failsafe, gateway.race_control.ct_state, *gateway.seen, bus_state)
+            found, self._seen = list(changes(self._seen, seen)), seen
+        for change in chain(found, self._others.step(now_ns)):
+            self._publish(now_ns, change)
+
+    def _publish(self, now_ns: int, change: Change) -> None:
+        recent = self._recent[change.kind]
+        # stops are latched and so rare by themselves: none is ever left out
+        if len(recent) == MOST_A_SECOND and now_ns - recent[0] < NS_PER_S and change.kind is not EventKind.FAILSAFE:
+            self._left_out[change.kind] += 1
+            return
+        recent.append(now_ns)
+        if left_out := self._left_out[change.kind]:
+            self._left_out[change.kind] = 0
+            change = replace(change, text=f"{change.text} ({left_out} more in between not listed)")
+        event = Event(stamp_ns=now_ns, seq=self._seq, **asdict(change))
+        self._seq += 1
+        self._bus.publish(EVENT, event)
+        self._write(event)
+
+
+def to_journal(event: Event) -> None:
+    """One line on standard error, with the level systemd's journal sorts by where it listens."""
+    level = f"<{JOURNAL_LEVEL[event.severity]}>" if "JOURNAL_STREAM" in os.environ else ""
+    print(f"{level}{EVENT_LINE}{event.line()}", file=sys.stderr, flush=True)

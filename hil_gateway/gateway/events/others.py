@@ -1,0 +1,118 @@
+"""What the other processes do, as far as their messages show it: who has gone quiet, what they learnt and adopted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from hil_gateway.bus.event import EventKind, Severity
+from hil_gateway.bus.interface import Bus, LatestReader
+from hil_gateway.bus.messages import Alert, ModelRevision, Plan
+from hil_gateway.bus.topics import ALERT, BELIEF, MODEL_REVISION, PLAN, RECORDER_STATUS, Topic
+from hil_gateway.gateway.events.change import Change
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.figures import figure
+
+QUIET_S = 1.0
+"""a process whose messages are older than this, or than their own deadline, is worth an entry: a single late message is
+the failsafe's business"""
+WATCHED: dict[str, Topic[Any]] = {"estimator": BELIEF, "planner": PLAN, "recorder": RECORDER_STATUS}
+ALERTS_A_PERIOD = 8
+REFINED_NS = 60 * NS_PER_S
+"""tyres are refined every few seconds while driving: an entry a minute says enough of that"""
+
+
+class OtherProcesses:
+    """Watches what passes on the bus; `step` gives the changes since the last call."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._readers = {name: LatestReader(bus, topic) for name, topic in WATCHED.items()}
+        self._alive = dict.fromkeys(WATCHED, False)
+        self._revisions = LatestReader(bus, MODEL_REVISION)
+        self._alerts = bus.subscribe(ALERT, depth=ALERTS_A_PERIOD)
+        self._published, self._adopted = _Models(), _Models()
+        self._effects: dict[str, str] = {}
+        self._lap: tuple[int, int] | None = None
+
+    def step(self, now_ns: int) -> Iterator[Change]:
+        """Changes since the last call."""
+        for name, reader in self._readers.items():
+            reader.update(now_ns)
+            yield from self._presence(name, now_ns)
+        for alert in self._alerts.poll(now_ns):
+            yield _alert(alert)
+        revision = self._revisions.update(now_ns).message
+        if revision is not None and revision.revision != self._published.revision:
+            self._effects = {self._published.revision: self._published.effects, revision.revision: _effects(revision)}
+            before = self._published.revision
+            if self._published.note(now_ns, revision.revision, _effects(revision)):
+                yield _published(before, revision)
+        plan = self._readers["planner"].latest.message
+        if plan is not None:
+            yield from self._plan(now_ns, plan)
+
+    def _presence(self, name: str, now_ns: int) -> Iterator[Change]:
+        age_s, limit_s = self._readers[name].latest.age_s(now_ns), max(WATCHED[name].deadline_s, QUIET_S)
+        alive = age_s <= limit_s
+        if alive != self._alive[name]:
+            self._alive[name] = alive
+            yield _appeared(name) if alive else _quiet(name, age_s, limit_s)
+
+    def _plan(self, now_ns: int, plan: Plan) -> Iterator[Change]:
+        """A model taken into use, a lap begun."""
+        before = self._adopted.revision
+        if plan.revision != before:
+            effects = self._effects.get(plan.revision, self._adopted.effects)
+            if self._adopted.note(now_ns, plan.revision, effects):
+                text = f"the planner drives with this model: {effects or 'its start model'}"
+                yield Change(EventKind.ADOPTION, before, plan.revision, text)
+        started_ns = plan.state_stamp_ns
+        if self._lap is None or plan.lap < self._lap[0]:
+            self._lap = plan.lap, started_ns
+        elif plan.lap > self._lap[0]:
+            lap_s = (started_ns - self._lap[1]) / NS_PER_S
+            text = f"lap {plan.lap} done by the plan's count (to one plan, 0.05 s)"
+            yield Change(EventKind.LAP, str(self._lap[0]), str(plan.lap), text, measured=lap_s, unit="s")
+            self._lap = plan.lap, started_ns
+
+
+class _Models:
+    """Which model is in use; a change of tyres alone is noted once in `REFINED_NS`."""
+
+    def __init__(self) -> None:
+        self.revision, self.effects, self._noted_ns = "", "", -REFINED_NS
+
+    def note(self, now_ns: int, revision: str, effects: str) -> bool:
+        """Whether this change is worth an entry."""
+        worth = effects != self.effects or now_ns - self._noted_ns >= REFINED_NS
+        self.revision, self.effects = revision, effects
+        self._noted_ns = now_ns if worth else self._noted_ns
+        return worth
+
+
+def _appeared(name: str) -> Change:
+    return Change(EventKind.PROCESS, "", f"{name} speaks", f"first messages of the {name}")
+
+
+def _quiet(name: str, age_s: float, limit_s: float) -> Change:
+    text = f"no message of the {name}: ended, hung or cut off"
+    after = f"{name} silent"
+    return Change(EventKind.PROCESS, f"{name} speaks", after, text, Severity.WARNING, "", age_s, limit_s, "s")
+
+
+def _alert(alert: Alert) -> Change:
+    suspect = f"; suspected effect {alert.suspected_effect}" if alert.suspected_effect else ""
+    text = f"the model does not explain {alert.channel} in {alert.condition}{suspect}: residual over its noise"
+    return Change(
+        EventKind.ALERT, "", alert.channel, text, Severity.WARNING, alert.suspected_effect, alert.strength, unit="times"
+    )
+
+
+def _published(before: str, revision: ModelRevision) -> Change:
+    tyres = ", ".join(f"{name} {figure(value)}" for name, value in revision.tyre.items())
+    note = f" ({revision.provenance.note})" if revision.provenance.note else ""
+    return Change(EventKind.REVISION, before, revision.revision, f"{_effects(revision)}; {tyres}{note}")
+
+
+def _effects(revision: ModelRevision) -> str:
+    return ", ".join(effect.name for effect in revision.effects) or "no effects added"

@@ -1,0 +1,55 @@
+"""Lap times from positions: exact for a car of constant speed, whatever the sampling; nothing is invented."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hil_gateway.track.lap_clock import SECTORS, LapClock
+
+LENGTH = 3000.0
+
+
+def drive(clock: LapClock, speed: float, seconds: float, step_s: float = 0.1, start: float = 0.0, t0: float = 0.0):
+    for i in range(round(seconds / step_s) + 1):
+        clock.update(t0 + i * step_s, (start + speed * i * step_s) % LENGTH, speed)
+    return clock
+
+
+@given(speed=st.floats(10, 90), step_s=st.floats(0.01, 0.3))
+def test_laps_of_a_constant_speed_take_length_over_speed(speed, step_s):
+    clock = drive(LapClock(LENGTH), speed, 3.5 * LENGTH / speed, step_s)
+    assert len(clock.laps) == 3
+    for lap in clock.laps:
+        assert lap.time_s == pytest.approx(LENGTH / speed, rel=1e-6, abs=1e-6)
+        assert lap.sectors_s == pytest.approx([lap.time_s / SECTORS] * SECTORS)
+
+
+def test_a_lap_that_began_elsewhere_than_at_the_line_has_no_time():
+    assert drive(LapClock(LENGTH), 50.0, 30.0, start=2000.0).laps == []
+
+
+def test_the_delta_to_the_best_lap_grows_with_what_is_lost():
+    clock = drive(LapClock(LENGTH), 60.0, LENGTH / 60.0 + 0.05)
+    start = clock.laps[0].time_s
+    for i in range(1, 300):
+        t = start + 0.1 * i
+        clock.update(t, 50.0 * 0.1 * i, 50.0)
+    assert clock.delta_s(t, 50.0 * 29.9) == pytest.approx(29.9 - 50.0 * 29.9 / 60.0, abs=0.02)
+
+
+def test_a_jump_of_the_position_ends_the_lap_without_a_time():
+    clock = drive(LapClock(LENGTH), 50.0, 20.0)
+    assert clock.current_s(20.0) == 20.0
+    clock.update(20.1, 2500.0, 50.0)
+    drive(clock, 50.0, 12.0, start=2505.0, t0=20.2)
+    assert clock.laps == []
+
+
+def test_a_car_that_stands_on_the_line_begins_its_lap_when_it_moves():
+    clock = LapClock(LENGTH)
+    for i in range(100):
+        clock.update(0.1 * i, 2.0, 0.0)
+    drive(clock, 50.0, 61.0, start=2.0, t0=10.0)
+    assert clock.laps[0].time_s == pytest.approx((LENGTH - 2.0) / 50.0, abs=0.11)
