@@ -31,8 +31,9 @@ MIN_POWER_SPEED = 10.0
 class TyreKnowledge:
     """Tyre parameters the motion is predicted with, and the belief about them.
 
-    `theta`, `mean` (n,), `covariance` (n, n), `prior_std` (n,); over axle load, front and rear: `load_max` the limits
-    F-bar in force, `load_asked` what plans are asked to keep to, the limits less a reserve.
+    `theta`, `mean` (n,), `covariance` (n, n), `prior_std` (n,); front and rear: `load_max` the limits F-bar
+    by which loads are judged, over axle load; `load_asked` the share of its tyres' own peak that an axle may use in a
+    plan, whatever theta is (Eq. 10); `capacity` the force over axle load that the speed profile may ask for.
     """
 
     theta: Array
@@ -41,6 +42,7 @@ class TyreKnowledge:
     prior_std: Array
     load_max: tuple[float, float]
     load_asked: tuple[float, float]
+    capacity: tuple[float, float]
 
 
 PhiAt = Callable[[Array], Array]
@@ -133,6 +135,7 @@ class Controller:
         p[names["learning"]] = infomax.patience(self.settings.dt, len(s))
         p[names["drive_max"]] = self._drive_max(vx, drive)
         p[names["grade"]], p[names["bank"]] = road[6:8] * self._road_share
+        p[names["road_load"]] = road[9:12]
         if self.problem.model.effects:
             p[names["phi"]] = self.phi_at(road[8])
 
