@@ -1,9 +1,11 @@
-"""Planner: where the time of a step goes, the optimality gap of one SQP iteration, fallbacks.
+"""Planner: solvers side by side on recorded steps, the time of a whole plan, the optimality gap of one SQP iteration.
 
-python benchmarks/planner.py [--steps N] [--json]
+python benchmarks/planner.py [--steps N] [--record FILE | --recorded FILE] [--json]
 
-The peer of the timing table is the same problem solved with each fallback in the same run; the peer of the gap is the
-same drive with every step solved to convergence. Durations are CPU time of the thread.
+Every solver is given the same steps of one closed-loop drive, in turn; the slow ones every twentieth. The peer is HPIPM
+of the CasADi wheel, its stage functions compiled one stage at a time. The peer of the gap is the same drive with
+every step solved to convergence. Durations are CPU time of the thread. With --record the steps of the plain problem
+are kept in a file, with --recorded they come from one.
 """
 
 from __future__ import annotations
@@ -17,19 +19,27 @@ sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != Path(__file__)
 # ruff: noqa: E402
 import argparse
 import json
-import warnings
 from typing import Any
 
 import numpy as np
 
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.config import load_config
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
+from planner.plan.exploring import exploring
 from planner.problem.settings import Information, Settings
-from planner.studies.bench import INFORMATION_WEIGHT, Run, bench_controller, drive, percentiles
+from planner.simulation.loop import Loop
+from planner.solver.functions import build_functions
+from planner.solver.ladder import climb, rungs
+from planner.solver.recorded import load, record, save
+from planner.studies.bench import INFORMATION_WEIGHT, Run, bench_controller, clock, drive, percentiles
 
 GAP_ALLOWED = 0.02
 CONVERGED_ITERATIONS = 15
+SELDOM = 20
+"""steps between two that the slow solvers are given"""
+PLAN_SECONDS = 30.0
 
 
 def settings(weight: float) -> Settings:
@@ -37,19 +47,35 @@ def settings(weight: float) -> Settings:
     return Settings(information=Information(weight=weight, kind="imu_yaw"))
 
 
-def timing(track: Track, weight: float, backend: str, compiled: bool, steps: int) -> dict[str, Any]:
-    """Median and 99 % point of the parts of a step, ms."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        controller, _ = bench_controller(track, Vehicle(), settings(weight), backend=backend, compiled=compiled)
-        run = drive(controller, 1, steps=steps)
-    whole, linearise, qp = (percentiles(ns) for ns in (run.solve_ns, run.linearise_ns, run.qp_ns))
-    rest = whole["p50"] - linearise["p50"] - qp["p50"]
-    return {
-        "problem": "infomax" if weight else "plain", "backend": controller.sqp.backend,
-        "iterations": controller.settings.iterations, "linearise": linearise["p50"], "qp": qp["p50"],
-        "rest": round(rest, 4), "total": whole["p50"], "p99": whole["p99"], "failures": run.qp_failures,
-    }  # fmt: skip
+def ladder_rows(track: Track, weight: float, steps: int, files: argparse.Namespace) -> list[dict[str, Any]]:
+    """The ladder on one problem; recorded steps are those of the plain one."""
+    controller, _ = bench_controller(track, Vehicle(), settings(weight))
+    plain = weight == 0.0
+    recorded = load(files.recorded) if files.recorded and plain else record(controller, steps)
+    if files.record and plain:
+        save(files.record, recorded)
+    functions = build_functions(controller.problem)
+    ladder = rungs(controller.problem, functions, controller, clock, SELDOM)
+    return [{"problem": "plain" if plain else "infomax", **row} for row in climb(ladder, recorded)]
+
+
+def whole_plan(seconds: float) -> dict[str, dict[str, float]]:
+    """Duration of a plan from message to message, ms, in the whole loop: driving as shipped, and exploring."""
+    result = {}
+    for name, config in (("plan", load_config()), ("plan, exploring", exploring(load_config()))):
+        loop, taken = Loop(config), []
+        step = loop.planner.step
+
+        def timed(now_ns: int, step: Any = step, taken: list[int] = taken) -> Any:
+            start = clock()
+            plan = step(now_ns)
+            taken.append(clock() - start)
+            return plan
+
+        loop.planner.step = timed
+        loop.run(seconds=seconds)
+        result[name] = percentiles(taken[40:])  # the first ones are cold starts
+    return result
 
 
 def closed_loop_cost(run: Run, distance: float) -> float:
@@ -79,17 +105,15 @@ def main() -> int:
     """Print the tables; exit 1 when the gap is larger than allowed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=400, help="steps a drive; 2000 are a lap")
+    parser.add_argument("--record", type=Path, help="keep the recorded steps in this file (npz)")
+    parser.add_argument("--recorded", type=Path, help="solve the steps in this file instead of driving")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     track = load_track()
     rows = [
-        timing(track, 0.0, "hpipm", True, arguments.steps),
-        timing(track, 0.0, "hpipm", False, arguments.steps),
-        timing(track, INFORMATION_WEIGHT, "hpipm", True, arguments.steps),
-        timing(track, 0.0, "piqp", True, max(20, arguments.steps // 20)),
-        timing(track, 0.0, "conic", True, max(20, arguments.steps // 20)),
+        row for weight in (0.0, INFORMATION_WEIGHT) for row in ladder_rows(track, weight, arguments.steps, arguments)
     ]
-    result: dict[str, Any] = {"timing_ms": rows}
+    result: dict[str, Any] = {"timing_ms": rows, "whole_plan_ms": whole_plan(PLAN_SECONDS)}
     for name, weight in (("plain", 0.0), ("infomax", INFORMATION_WEIGHT)):
         result[f"optimality_gap_{name}"] = optimality_gap(track, weight, arguments.steps)
     print(json.dumps(result) if arguments.json else report(result))
@@ -99,9 +123,11 @@ def main() -> int:
 
 def report(result: dict[str, Any]) -> str:
     """Tables for people."""
-    columns = ("problem", "backend", "iterations", "linearise", "qp", "rest", "total", "p99", "failures")
-    lines = ["  ".join(f"{c:>10}" for c in columns)]
-    lines += ["  ".join(f"{row[c]!s:>10}" for c in columns) for row in result["timing_ms"]]
+    rows = result["timing_ms"]
+    widths = {c: max(len(c), *(len(str(row[c])) for row in rows)) for c in rows[0]}
+    lines = ["  ".join(f"{c:>{width}}" for c, width in widths.items())]
+    lines += ["  ".join(f"{row[c]!s:>{width}}" for c, width in widths.items()) for row in rows]
+    lines += [f"{name}: {figures} ms" for name, figures in result["whole_plan_ms"].items()]
     for name in ("plain", "infomax"):
         gap = result[f"optimality_gap_{name}"]
         lines.append(

@@ -112,7 +112,7 @@ class PlannerConfig(Model):
 
     horizon: int = Field(default=40, ge=5, le=200)
     dt: float = Field(default=0.05, gt=0, le=0.5, description="s")
-    backend: Literal["auto", "hpipm", "piqp", "conic"] = "auto"
+    backend: Literal["auto", "fixed", "hpipm", "piqp", "conic"] = "auto"
     model: str = Field(default="", description="model revision (JSON) to start from; empty: the declared model")
     information_weight: float = Field(default=0.0, ge=0, description="q_I of Eq. (9); 0 is the plain MPCC")
     information_goal: float = Field(

@@ -15,7 +15,16 @@ import casadi as ca
 
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Layout, Parameter, tyre_parameters
-from estimator.model.tyre import lateral_force, longitudinal_force, slip_front, slip_rear
+from estimator.model.tyre import (
+    front_and_rear,
+    lateral_force,
+    load_rows,
+    longitudinal_force,
+    peak_force,
+    slip_front,
+    slip_rear,
+    with_grip,
+)
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
 
@@ -126,6 +135,11 @@ class SingleTrack:
         """Tyre parameters in the order of theta."""
         return tyre_parameters(self.layout, self.tyre_prior)
 
+    @cached_property
+    def load_rows(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Positions in theta of what the force of the front and of the rear axle depends on."""
+        return load_rows([p.name for p in self.tyre_table], self.layout)
+
     @property
     def effect_table(self) -> tuple[Parameter, ...]:
         """Parameters of the active effects, in order; names are `effect.parameter`."""
@@ -137,7 +151,7 @@ class SingleTrack:
         An effect with a profile takes its value at the point as its parameter.
         """
         tyre = dict(zip((p.name for p in self.tyre_table), theta, strict=True))
-        front, rear = (("bf", "cf", "df"), ("br", "cr", "dr")) if self.layout == "per_axle" else (("b", "c", "d"),) * 2
+        front, rear = (axle.of(tyre) for axle in front_and_rear(self.layout))
         v = self.vehicle
         self._hook(Stage.INPUT, terms, phi)
         terms.slip_f = slip_front(terms.vx, terms.vy, terms.yaw_rate, terms.steer, v)
@@ -150,12 +164,10 @@ class SingleTrack:
         terms.load_f, terms.load_r = weight * v.static_load_front, weight * v.static_load_rear
         self._hook(Stage.LOAD, terms, phi)
         self._hook(Stage.GRIP, terms, phi)
-        B, C, D = (tyre[n] for n in front)
-        terms.peak_f = D * terms.grip_f * terms.load_f
-        terms.fy_f = terms.across_f * lateral_force(terms.slip_f, terms.load_f, B, C, D * terms.grip_f)
-        B, C, D = (tyre[n] for n in rear)
-        terms.peak_r = D * terms.grip_r * terms.load_r
-        terms.fy_r = terms.across_r * lateral_force(terms.slip_r, terms.load_r, B, C, D * terms.grip_r)
+        front, rear = with_grip(terms.grip_f, *front), with_grip(terms.grip_r, *rear)
+        terms.peak_f, terms.peak_r = peak_force(terms.load_f, *front), peak_force(terms.load_r, *rear)
+        terms.fy_f = terms.across_f * lateral_force(terms.slip_f, terms.load_f, *front)
+        terms.fy_r = terms.across_r * lateral_force(terms.slip_r, terms.load_r, *rear)
         self._hook(Stage.FORCE, terms, phi)
         self._hook(Stage.BODY, terms, phi)
         body_accelerations(terms)

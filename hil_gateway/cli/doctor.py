@@ -10,6 +10,7 @@ import platform
 import resource
 import shutil
 import socket
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -29,6 +30,10 @@ app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_mar
 
 MIN_FREE_BYTES = 2 * 10**9
 """one hour of recording at about 500 kB/s, B"""
+
+
+SOLVER_TIMEOUT_S = 60.0
+"""s; the first time a C compiler is at work"""
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,7 @@ class Program:
 
 
 PROGRAMS = (
-    Program(("cc", "gcc"), "gcc libc6-dev", "compiled planner stages (about 3 times faster), vcan on AMX"),
+    Program(("cc", "gcc"), "gcc libc6-dev", "solver generated for this machine (about 10 times faster), vcan on AMX"),
     Program(("ip",), "iproute2", "CAN interfaces, two-computer tests"),
     Program(("candump",), "can-utils", "vcan tests with programs that are not ours"),
     Program(("chromium", "chromium-browser", "google-chrome"), "chromium", "dashboard test in a browser"),
@@ -172,6 +177,20 @@ def _cache() -> Finding:
     return Finding("compiled functions", ok, detail, "planner at full speed", "set XDG_CACHE_HOME to a folder of yours")
 
 
+def _solver() -> Finding:
+    """Asked of the planner's own command: this package does not know the planner."""
+    name, purpose = "planner's solver", "plans in a tenth of the time"
+    command = [sys.executable, "-m", "hil_gateway.cli.main", "plan", "solver", "--json"]
+    try:
+        child = subprocess.run(command, capture_output=True, text=True, timeout=SOLVER_TIMEOUT_S, check=True)
+        found: dict[str, str] = json.loads(child.stdout)
+    except (OSError, ValueError, subprocess.SubprocessError) as error:
+        return Finding(name, False, f"not known: {error}"[:80], purpose, "hil plan solver")
+    ok = not found["lacks"]
+    detail = f"{found['first']}, then {found['second']}" if ok else f"{found['first']}: {found['lacks']}"
+    return Finding(name, ok, detail, purpose, "apt-get install gcc libc6-dev, or set CC to a compiler that works")
+
+
 def _zenoh(endpoint: str) -> Finding:
     """Whether the gateway may listen where the configuration says; on another computer's address it does not."""
     host, _, port = endpoint.partition("/")[2].rpartition(":")
@@ -206,6 +225,7 @@ def findings(config: Config) -> Iterator[Finding]:
     yield from map(_program, PROGRAMS)
     if uml := _user_mode_linux():
         yield uml
+    yield _solver()
     yield _real_time()
 
 

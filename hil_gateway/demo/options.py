@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import datetime as dt
-import json
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import tomli_w
 
 from hil_gateway.bus.revision_file import read_revision
 from hil_gateway.can_link import open_link, resolve_kind
@@ -86,7 +87,8 @@ def prepare(options: DemoOptions) -> DemoSetup:
     kind = resolve_kind(config.can)
     bus = f"socketcan {config.can.channel}" if kind == "socketcan" else kind
     setup = DemoSetup(config, folder, bus, track.name, claim(folder), car)
-    setup.config_file.write_text(to_toml(config.model_dump(mode="json")), encoding="utf-8")
+    written = tomli_w.dumps(config.model_dump(mode="json", exclude_none=True))
+    setup.config_file.write_text(written, encoding="utf-8")
     return setup
 
 
@@ -203,17 +205,3 @@ def _free_port(kind: socket.SocketKind) -> int:
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
-
-def to_toml(tree: Mapping[str, Any]) -> str:
-    """TOML of nested tables of strings, numbers, booleans and lists of them (what a configuration holds)."""
-    return "\n".join(_toml_lines(tree, ""))
-
-
-def _toml_lines(tree: Mapping[str, Any], prefix: str) -> list[str]:
-    plain = {key: value for key, value in tree.items() if not isinstance(value, dict) and value is not None}
-    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in plain.items()]
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            lines += ["", f"[{prefix}{key}]", *_toml_lines(value, f"{prefix}{key}.")]
-    return lines

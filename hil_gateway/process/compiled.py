@@ -60,29 +60,32 @@ def _processor() -> str:
     return next((line for line in lines if line.startswith(("flags", "Features"))), "")
 
 
-def compile_source(source: str, libraries: tuple[str, ...] = ("-lm",)) -> Path | None:
+def compile_source(
+    source: str, libraries: tuple[str, ...] = ("-lm",), flags: tuple[str, ...] | None = None
+) -> Path | None:
     """Shared library of a C source, from the cache or freshly built; None (with a warning) where that fails."""
     compiler = find_compiler()
     if compiler is None:
         warnings.warn("no C compiler found: functions run interpreted; install gcc", CompilerWarning, stacklevel=2)
         return None
-    content = "\n".join((source, _identity(compiler), *FLAGS, *libraries))
+    flags = FLAGS if flags is None else flags
+    content = "\n".join((source, _identity(compiler), *flags, *libraries))
     path = cache_directory() / f"{hashlib.sha256(content.encode()).hexdigest()[:32]}.so"
     try:
-        return path if path.exists() else _build(compiler, source, libraries, path)
+        return path if path.exists() else _build(compiler, source, flags, libraries, path)
     except (OSError, subprocess.SubprocessError) as error:
         detail = getattr(error, "stderr", None) or str(error)
         warnings.warn(f"{compiler} failed, functions run interpreted: {detail[:400]}", CompilerWarning, stacklevel=2)
         return None
 
 
-def _build(compiler: str, source: str, libraries: tuple[str, ...], path: Path) -> Path:
+def _build(compiler: str, source: str, flags: tuple[str, ...], libraries: tuple[str, ...], path: Path) -> Path:
     """Compile beside the target and rename: another process sees all of the library or none of it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=path.parent) as directory:
         code, library = Path(directory) / "code.c", Path(directory) / "code.so"
         code.write_text(source)
-        command = [compiler, *FLAGS, "-o", str(library), str(code), *libraries]
+        command = [compiler, *flags, "-o", str(library), str(code), *libraries]
         subprocess.run(command, check=True, capture_output=True, text=True, timeout=COMPILE_TIMEOUT_S)
         library.replace(path)
     return path

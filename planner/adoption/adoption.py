@@ -15,6 +15,7 @@ import numpy as np
 
 from estimator.belief.revision import RevisedModel, model_of, tyre_covariance
 from estimator.model.effects import catalogue
+from estimator.model.tyre import front_and_rear
 from hil_gateway.bus.messages import Belief, ModelRevision
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
@@ -53,8 +54,8 @@ class TyreNames:
         """Of a revised model."""
         table = revised.model.tyre_table
         names = tuple(p.name for p in table)
-        b, c, d = ([names.index(n + axle if n + axle in names else n) for axle in "fr"] for n in "bcd")
-        return cls(names, np.array([p.prior_std for p in table]), ((b[0], c[0], d[0]), (b[1], c[1], d[1])))
+        front, rear = front_and_rear(revised.model.layout)
+        return cls(names, np.array([p.prior_std for p in table]), (front.rows(names), rear.rows(names)))
 
 
 @dataclass
@@ -174,6 +175,7 @@ class Adoption:
         new.controller.sqp.set_guess(old.z.copy(), old.du.copy())
         self._previous, self.current, self._ready = self.current, new, None
         self._probation, self._failures, self._changed = PROBATION, 0, True
+        self._graded = None
 
     def _knowledge(
         self, before: TyreKnowledge | None, revised: RevisedModel, tyre: TyreNames, revision: ModelRevision

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.model.tyre import normalised_force
 from hil_gateway.process.arrays import Array
 from planner.problem.infomax import sigma_points
 
@@ -52,4 +53,4 @@ def _force_within(axle: tuple[int, int, int], mean: Array, covariance: Array, us
 def lateral_shape(tyre: Array) -> Array:
     """Eq. (2) over the axle load at `SLIPS` for K tyres (B, C, D), shape (3, K) -> (len(SLIPS), K)."""
     b, c, d = tyre
-    return np.asarray(d * np.sin(c * np.arctan(b * SLIPS[:, None])))
+    return np.asarray(normalised_force(SLIPS[:, None], b, c, d))

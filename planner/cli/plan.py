@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -26,7 +26,7 @@ def bench(  # noqa: PLR0917 - options of a command line
     laps: Annotated[int, typer.Option(min=1, help="flying laps to drive")] = 1,
     information: Annotated[Literal["on", "off"], typer.Option(help="Eq. (9) or the plain MPCC")] = "off",
     weight: Annotated[float | None, typer.Option(min=0, help="q_I with information on")] = None,
-    backend: Annotated[Literal["auto", "hpipm", "piqp", "conic"], typer.Option(help="QP solver")] = "auto",
+    backend: Annotated[Literal["auto", "fixed", "hpipm", "piqp", "conic"], typer.Option(help="QP solver")] = "auto",
     compiler: Annotated[bool, typer.Option(help="compile the stage functions")] = True,
     ipopt: Annotated[bool, typer.Option(help="solve some of the same problems with warm-started IPOPT")] = True,
     config: Annotated[Path | None, typer.Option(help="configuration (TOML)")] = None,
@@ -54,6 +54,16 @@ def bench(  # noqa: PLR0917 - options of a command line
     _print(result, as_json)
     if result["laps"] < laps or any(run.violations.values()):
         raise typer.Exit(EXIT_FAILURE)
+
+
+@app.command()
+def solver(
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Say which QP solver plans are made with on this machine, and which is behind it."""
+    from planner.solver.choice import solvers_here
+
+    _print(asdict(solvers_here()), as_json)
 
 
 @app.command()

@@ -1,8 +1,8 @@
 """What the current model says the car can do at each speed: the g-g-v diagram the race line is made with.
 
 Quasi-steady, each axle within a friction ellipse: in steady cornering they share the lateral force by their distance
-from the centre of gravity, the drive goes to the axles the model sends it to. Every force a tyre can give grows with the
-load the road puts on it: a limit is n c0 + c2 v^2 with n the acceleration the road gives the car, over gravity, 1 on
+from the centre of gravity, the drive goes to the axles the model sends it to. What a tyre can give grows with the load
+the road puts on it: a limit is n c0 + c2 v^2 with n the acceleration the road gives the car, over gravity, 1 on
 level ground (`normal_share`). c2 is downforce; the form is exact for the model's downforce, load transfer and drag.
 """
 
@@ -10,11 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from estimator.model.effects import catalogue
+from estimator.model.parameters import Layout
 from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
@@ -95,16 +98,13 @@ def envelope_of(
 
 
 def _peaks(model: SingleTrack, theta: Sequence[float], phi: Sequence[float], use: tuple[float, float]) -> Peaks:
-    signals = ca.SX.sym("signals", len(SIGNALS))
-    named = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
-    t = model.evaluate(Terms(model.vehicle, **named, aux=_Neutral()), list(theta), list(phi))
-    outputs = ca.vertcat(t.fy_f, t.fy_r, t.fx_f / t.peak_f, t.fx_r / t.peak_r, t.imu_ax)
-    forces = ca.Function("forces", [signals], [ca.densify(outputs)])
+    forces = _forces(model.vehicle, model.layout, tuple(effect.name for effect in model.effects))
 
     def table(speed: Array, slip: Array, command: Array) -> Array:
         zero = np.zeros_like(speed)
-        values = np.array(forces(np.vstack([speed, -speed * np.tan(slip), zero, zero, command])))
-        return values.reshape(5, len(SPEEDS), -1)
+        signals = np.vstack([speed, -speed * np.tan(slip), zero, zero, command])
+        values: Any = forces(signals, list(theta), list(phi))
+        return np.array(values).reshape(5, len(SPEEDS), -1)
 
     v, slip = (a.ravel() for a in np.meshgrid(SPEEDS, SLIPS, indexing="ij"))
     sideways = table(v, slip, np.zeros_like(v))
@@ -114,6 +114,20 @@ def _peaks(model: SingleTrack, theta: Sequence[float], phi: Sequence[float], use
     borne = (np.abs(along[2]) <= use[0]) & (np.abs(along[3]) <= use[1])
     felt = np.where(borne, along[4] + coast[:, None], 0.0)
     return Peaks(sideways[0].max(axis=1), sideways[1].max(axis=1), -felt.min(axis=1), felt.max(axis=1), coast)
+
+
+@lru_cache(maxsize=4)
+def _forces(vehicle: Vehicle, layout: Layout, effects: tuple[str, ...]) -> ca.Function:
+    """(signals, theta, phi) -> lateral force of both axles, N, share of the peak used along, longitudinal m/s2."""
+    model = SingleTrack(vehicle, layout, tuple(catalogue()[name] for name in effects))
+    signals = ca.SX.sym("signals", len(SIGNALS))
+    named = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
+    theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
+    parameters = [ca.vertsplit(p) if p.numel() else [] for p in (theta, phi)]
+    t = model.evaluate(Terms(model.vehicle, **named, aux=_Neutral()), *parameters)
+    arguments: Any = [signals, theta, phi]
+    outputs = ca.vertcat(t.fy_f, t.fy_r, t.fx_f / t.peak_f, t.fx_r / t.peak_r, t.imu_ax)
+    return ca.Function("forces", arguments, [ca.densify(outputs)])
 
 
 class _Neutral(dict[str, float]):

@@ -6,16 +6,19 @@ on the friction ellipse with grade, bank and vertical curve (Kapania, Subosits &
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import sqrt
+from functools import cache
+from threading import Lock
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.compiled import CompiledFunction, compile_function
 from planner.line.envelope import MIN_NORMAL, Envelope, normal_share
-
-Row = list[float]
 
 
 @dataclass(frozen=True)
@@ -36,17 +39,17 @@ def speed_profile(path: Path, envelope: Envelope) -> Array:
     ds = path.length / len(path.curvature)
     v = cornering_speed(path, envelope)
     start = int(np.argmin(v))  # the slowest point is on its limit: one pass from there closes the lap
-    a, b = normal_share(path.grade, path.bank, path.bend, path.curvature)
-    uphill, across = GRAVITY * np.sin(path.grade), GRAVITY * np.sin(path.bank)
-    columns = (v, path.curvature, uphill, across, a, b, np.broadcast_to(path.trust, v.shape))
-    rows = [np.roll(column, -start).tolist() for column in columns]
-    v2 = [u * u for u in rows[0]]
-    v2.append(v2[0])
-    for row in rows[1:]:
-        row.append(row[0])
-    _forwards(v2, rows[1:], 2.0 * ds, envelope)
-    _backwards(v2, rows[1:], 2.0 * ds, envelope)
-    return np.roll(np.sqrt(np.array(v2[:-1])), start)
+    level, dip = normal_share(path.grade, path.bank, path.bend, path.curvature)
+    along, across = GRAVITY * np.sin(path.grade), GRAVITY * np.sin(path.bank)
+    columns = (v, path.curvature, along, across, level, dip, np.broadcast_to(path.trust, v.shape))
+    rows = [np.roll(a, -start) for a in columns]
+    # point 0 once more at the end: each pass goes once round
+    limit, *road = (np.append(row, row[0]) for row in rows)
+    v2 = limit**2
+    before, after = (np.array([row[:-1] for row in road]), np.array([row[:0:-1] for row in road]))
+    v2[1:] = _run(_forwards, v2[0], np.vstack([v2[1:], before]), 2.0 * ds, envelope)
+    v2[-2::-1] = _run(_backwards, v2[-1], np.vstack([v2[-2::-1], after]), 2.0 * ds, envelope)
+    return np.asarray(np.roll(np.sqrt(v2[:-1]), start))
 
 
 def cornering_speed(path: Path, envelope: Envelope) -> Array:
@@ -64,42 +67,68 @@ def lap_time_of(v: Array, length: float) -> float:
     return float(np.sum(2.0 / (v + np.roll(v, -1))) * length / len(v))
 
 
-# Both passes are sequential and run while the car drives, so their formulas stand in the loops: calls would double the
-# time. used: share of the lateral limit; grip: specific force left on the friction ellipse; n: load over weight.
+def _forwards() -> ca.Function:
+    """Speed squared at a point from the one before, limited to what the engine reaches."""
+    step = _symbols()
+    force = ca.fmin(ca.fmin(_grip(step, "drive"), step["traction"]), step["power"] / ca.sqrt(step["u"]))
+    reached = step["u"] + step["doubled"] * (force - _drag(step) - step["uphill"])
+    return _point("forwards", ca.fmin(step["limit"], ca.fmax(reached, 1.0)), step)
 
 
-def _forwards(v2: Row, path: list[Row], step: float, envelope: Envelope) -> None:
-    """Limit v2, m2/s2, to what the engine reaches over each `step` of twice the distance, m; in place."""
-    kappa, uphill, across, level, dip, trust = path
-    (c0, c2), (l0, l2), (d0, d2) = envelope.lateral, envelope.drive, envelope.drag
-    traction, power = envelope.traction, envelope.power
-    u = v2[0]
-    for i in range(1, len(v2)):
-        n, t = max(level[i - 1] + dip[i - 1] * u, MIN_NORMAL), trust[i - 1]
-        used = (u * kappa[i - 1] + across[i - 1]) / (t * (n * c0 + c2 * u))
-        left = 1.0 - used * used
-        force = t * (n * l0 + l2 * u) * sqrt(left) if left > 0.0 else 0.0
-        force = min(force, traction)
-        if force * force * u > power * power:
-            force = power / sqrt(u)
-        u = u + step * (force - (d0 + d2 * u) - uphill[i - 1])
-        u = v2[i] = min(v2[i], max(u, 1.0))
+def _backwards() -> ca.Function:
+    """Speed squared at a point from the one after, limited to what the brakes shed."""
+    step = _symbols()
+    loss = _grip(step, "brake") + _drag(step) + step["uphill"]
+    return _point("backwards", ca.fmin(step["limit"], step["u"] + step["doubled"] * ca.fmax(loss, 0.0)), step)
 
 
-def _backwards(v2: Row, path: list[Row], step: float, envelope: Envelope) -> None:
-    """Limit v2, m2/s2, to what the brakes shed over each `step` of twice the distance, m; in place."""
-    kappa, uphill, across, level, dip, trust = path
-    (c0, c2), (l0, l2), (d0, d2) = envelope.lateral, envelope.brake, envelope.drag
-    u = v2[-1]
-    for i in range(len(v2) - 2, -1, -1):
-        n, t = max(level[i + 1] + dip[i + 1] * u, MIN_NORMAL), trust[i + 1]
-        used = (u * kappa[i + 1] + across[i + 1]) / (t * (n * c0 + c2 * u))
-        left = 1.0 - used * used
-        grip = t * (n * l0 + l2 * u) * sqrt(left) if left > 0.0 else 0.0
-        loss = grip + (d0 + d2 * u) + uphill[i + 1]
-        if loss > 0.0:
-            u = u + step * loss
-        if u > v2[i]:
-            u = v2[i]
-        else:
-            v2[i] = u
+def _grip(step: Mapping[str, Any], way: str) -> Any:
+    """Specific force that cornering leaves on the friction ellipse, m/s2."""
+    u, trust = step["u"], step["trust"]
+    normal = ca.fmax(step["level"] + step["dip"] * u, MIN_NORMAL)
+    used = (u * step["kappa"] + step["across"]) / (trust * (normal * step["lateral0"] + step["lateral2"] * u))
+    return trust * (normal * step[f"{way}0"] + step[f"{way}2"] * u) * ca.sqrt(ca.fmax(1.0 - used**2, 0.0))
+
+
+def _drag(step: Mapping[str, Any]) -> Any:
+    return step["drag0"] + step["drag2"] * step["u"]
+
+
+ENVELOPE = (
+    "lateral0", "lateral2", "brake0", "brake2", "drive0", "drive2", "drag0", "drag2", "traction", "power",
+)  # fmt: skip
+"""what a pass needs of an envelope, in the order of `_numbers`"""
+ROAD = ("limit", "kappa", "uphill", "across", "level", "dip", "trust")
+"""limit of speed squared here, and of the neighbour: curvature, gravity along and across, axle load over the weight as
+level + dip v^2, share of the envelope that may be used"""
+
+
+def _numbers(envelope: Envelope) -> Array:
+    e = envelope
+    return np.array([*e.lateral, *e.brake, *e.drive, *e.drag, e.traction, e.power])
+
+
+def _symbols() -> dict[str, Any]:
+    """Speed squared `u` at the neighbour, twice the distance, `ROAD` and `ENVELOPE`."""
+    return {name: ca.SX.sym(name) for name in ("u", "doubled", *ROAD, *ENVELOPE)}
+
+
+def _point(name: str, value: Any, step: Mapping[str, Any]) -> ca.Function:
+    road, envelope = (ca.vertcat(*(step[n] for n in names)) for names in (ROAD, ENVELOPE))
+    return ca.Function(name, [step["u"], road, step["doubled"], envelope], [value])
+
+
+@cache
+def _pass(step: Callable[[], ca.Function], points: int) -> tuple[CompiledFunction, Lock]:
+    """One sequential pass over so many points: compiled, tens of us, so that it may run while the car drives."""
+    one: Any = step()
+    return compile_function(one.mapaccum(f"{one.name()}_{points}", points)), Lock()
+
+
+def _run(step: Callable[[], ca.Function], start: float, rows: Array, doubled: float, envelope: Envelope) -> Array:
+    function, lock = _pass(step, rows.shape[1])
+    with lock:
+        for target, value in zip(function.inputs, (start, rows, doubled, _numbers(envelope)), strict=True):
+            target[:] = np.asarray(value).reshape(target.shape[0], -1)
+        function()
+        return np.array(function.outputs[0][0])

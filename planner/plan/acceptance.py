@@ -1,6 +1,7 @@
 """The last word on a plan: every constraint checked again by code that shares nothing with the solver.
 
-Plain numpy on the finished trajectory, Eq. (1) to (5) and (10) written out once more. A plan is judged by what it
+Plain numpy on the finished trajectory, Eq. (1) to (5) and (10) written out once more on purpose, the tyre curve of
+`estimator.model.tyre` among them: a check that shared it would share its mistakes. A plan is judged by what it
 asks of the car from the next stage on; where the car already is beyond a limit (a disturbance, a mismatch of the
 model), a plan is let through only if it leads back: the excess it may have fades over `RECOVERY_S`.
 """
@@ -91,7 +92,8 @@ class Plan:
     """A trajectory as it would be published, arrays (N+1,), with the track beside it.
 
     `offset` is the lateral distance from the reference line (m, positive left), `width_left`, `width_right` the
-    distances from that line to the edges, `extra_load` what the road adds to the axle loads over the weight, `information` Delta I of each stage (first one unused).
+    distances from that line to the edges, `extra_load` what the road adds to
+    the axle loads over the weight, `information` Delta I of each stage (first one unused).
     """
 
     x: Array

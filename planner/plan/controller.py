@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +45,11 @@ class TyreKnowledge:
     load_asked: tuple[float, float]
     capacity: tuple[float, float]
 
+    @cached_property
+    def spread(self) -> float:
+        """Of the belief over the prior's (`infomax.relative_spread`)."""
+        return infomax.relative_spread(self.covariance, self.prior_std)
+
 
 PhiAt = Callable[[Array], Array]
 """effect parameters (n_phi, K) at track positions (K,), m"""
@@ -76,7 +82,7 @@ class Controller:
         """Take over tyre parameters, belief and load limits; no recompilation."""
         self.knowledge = knowledge
         k, names, info = knowledge, self.problem.common, self.settings.information
-        front, rear = infomax.axle_indices(self.problem.model)
+        front, rear = self.problem.model.load_rows
         level = self.settings.sigma_level
         values: dict[str, npt.ArrayLike] = {
             "theta": k.theta,
@@ -106,13 +112,16 @@ class Controller:
         will count it for: taken in full, a moment of slip would seem to have taught all there is.
         """
         k, info = self.knowledge, self.settings.information
-        spread = infomax.relative_spread(k.covariance, k.prior_std)
+        if not self.problem.informative:
+            self.common[self.problem.common["load_max"]] = k.load_asked
+            return
+        spread = k.spread
         q = share * infomax.scheduled_weight(info.weight, speed, spread, info.goal)
         self.common[self.problem.common["q_information"]] = q
         swing = self.settings.limits.exploring_reserve if q > 0 else 0.0
         self.common[self.problem.common["load_max"]] = (1.0 - swing) * np.array(k.load_asked)
         W: Array = np.diag(k.prior_std**2)
-        if self.problem.informative and info.criterion == "log_det":
+        if info.criterion == "log_det":
             self.common[self.problem.common["q_information"]] = q * infomax.caution(spread)
             F = infomax.independent_samples(self.settings.dt) * self.sqp.horizon_information(self.common)
             # (P^-1 + F)^-1 without inverting P, which may be singular

@@ -23,7 +23,6 @@ import numpy as np
 from estimator.belief.information import stage_information
 from estimator.belief.tyre_belief import DEFAULT_STD, BeliefSettings
 from estimator.model.measurement import CHANNELS
-from estimator.model.single_track import SingleTrack
 from hil_gateway.process.arrays import Array, Expr
 from planner.problem.stage_model import StageModel
 
@@ -55,14 +54,6 @@ def no_terms() -> CostTerms:
     """q_I = 0: exactly the plain MPCC."""
     n = len(FORCE_STATES)
     return CostTerms(ca.SX(10, 1), ca.SX(10, 10), ca.SX(1, 1), ca.SX(n, n))
-
-
-def axle_indices(model: SingleTrack) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Positions in theta of the parameters that the load of the front and of the rear axle depends on."""
-    names = [p.name for p in model.tyre_table]
-    if model.layout == "shared":
-        return tuple(range(1, len(names))), tuple(range(len(names)))
-    return tuple(names.index(n) for n in ("bf", "cf", "df")), tuple(names.index(n) for n in ("cx", "br", "cr", "dr"))
 
 
 def sigma_points(mean: Array, covariance: Array, indices: tuple[int, ...], level: float) -> Array:

@@ -14,6 +14,7 @@ from typing import Any
 import casadi as ca
 
 from estimator.model.single_track import Terms
+from estimator.model.tyre import front_and_rear
 from hil_gateway.process.arrays import Expr
 from planner.problem.motion import NZ, VX, dynamic_share
 from planner.problem.stage_model import StageModel
@@ -58,11 +59,12 @@ def load_row(problem: StageModel, axle: str, z: Expr, theta: Expr, p: Mapping[st
 
 def _lateral_share(problem: StageModel, axle: str, terms: Terms, theta: Expr) -> Expr:
     """Lateral force over the peak by Eq. (2), and on beyond the peak, where the force falls and a row must not."""
-    names = [p.name for p in problem.model.tyre_table]
-    b, c = (theta[names.index(n + axle if n + axle in names else n)] for n in "bc")
+    model = problem.model
+    rows = front_and_rear(model.layout)["fr".index(axle)].rows([p.name for p in model.tyre_table])
+    b, c = (theta[row] for row in rows[:2])
     phase = c * ca.atan(b * getattr(terms, f"slip_{axle}"))
-    beyond = ca.fmax(ca.fabs(phase) - 0.5 * ca.pi, 0.0)
-    return ca.if_else(beyond > 0, ca.sign(phase) * (1.0 + BEYOND_PEAK * beyond), ca.sin(phase))
+    rising: Any = ca.fmax(ca.fmin(phase, 0.5 * ca.pi), -0.5 * ca.pi)
+    return ca.sin(rising) + BEYOND_PEAK * (phase - rising)
 
 
 def worst_choice(problem: StageModel, axle: str, z: Expr, p: Mapping[str, Expr]) -> Expr:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 from estimator.model.single_track import SingleTrack
 from hil_gateway.process.arrays import Expr
-from planner.problem import infomax
 
 
 class Names:
@@ -50,7 +49,7 @@ def common_names(model: SingleTrack) -> Names:
     `information_weight` W of Tr(W F), `trace_weight` the diagonal that makes it Tr(F) in prior-scaled parameters.
     """
     n = len(model.tyre_table)
-    front, rear = infomax.axle_indices(model)
+    front, rear = model.load_rows
     return Names(
         {
             "theta": n,

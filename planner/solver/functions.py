@@ -10,7 +10,6 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from estimator.model.single_track import SingleTrack
 from hil_gateway.car.vehicle import Vehicle
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Information, Limits, Settings, Slack, Weights
+from planner.solver.fixed import FixedHorizon, build_library
 
 BUILD_TIMEOUT_S = 120.0
 
@@ -36,18 +36,20 @@ BUILD_TIMEOUT_S = 120.0
 class Functions:
     """`horizon`: QP blocks of all stages; `step`: one interval of motion; `advance`: a short time with held inputs.
 
-    `information`: F_k of Eq. (7) of all stages, where the D-criterion needs it.
+    `information`: F_k of Eq. (7) of all stages, where the D-criterion needs it. `library`: the generated solver,
+    where there is a compiler and it passed its self-test.
     """
 
-    horizon: CompiledFunction
+    horizon: CompiledFunction | FixedHorizon
     step: CompiledFunction
     advance: CompiledFunction
     information: CompiledFunction | None = None
+    library: Path | None = None
 
 
 def _symbolic(problem: Problem) -> dict[str, Any]:
+    """All but the stage functions, which the generated solver brings."""
     functions = {
-        "horizon": problem.horizon_function(),
         "step": problem.step_function(),
         "advance": problem.advance_function(),
     }
@@ -58,7 +60,11 @@ def _symbolic(problem: Problem) -> dict[str, Any]:
 
 def build_functions(problem: Problem, compiled: bool = True) -> Functions:
     """Build in this process; interpreted where there is no compiler."""
-    return Functions(**{name: compile_function(f, compiled) for name, f in _symbolic(problem).items()})
+    library = build_library(problem) if compiled else None
+    if library is None:
+        horizon = compile_function(problem.horizon_function(), compiled)
+    others = {name: compile_function(f, compiled) for name, f in _symbolic(problem).items()}
+    return Functions(FixedHorizon(library, problem) if library else horizon, **others, library=library)
 
 
 def build_in_child(problem: Problem) -> Functions:
@@ -76,10 +82,12 @@ def build_in_child(problem: Problem) -> Functions:
         raise RuntimeError(f"cannot build the planner's functions: {error}") from None
     if child.returncode:
         raise RuntimeError(f"cannot build the planner's functions: {child.stderr.strip()[-400:]}")
-    paths: Mapping[str, str | None] = json.loads(child.stdout)
+    paths: dict[str, str | None] = json.loads(child.stdout)
     if not all(paths.values()):
-        return build_functions(problem)  # no compiler: interpreted functions cannot be handed over
-    return Functions(**{name: load_function(name, Path(str(path))) for name, path in paths.items()})
+        return build_functions(problem)  # interpreted functions cannot be handed over
+    library = Path(str(paths.pop("library")))
+    others = {name: load_function(name, Path(str(path))) for name, path in paths.items()}
+    return Functions(FixedHorizon(library, problem), **others, library=library)
 
 
 def _describe(problem: Problem) -> str:
@@ -109,6 +117,7 @@ def _main() -> None:
     os.nice(19)
     problem = _restore(sys.stdin.read())
     paths = {name: compile_library(densified(f)) for name, f in _symbolic(problem).items()}
+    paths["library"] = build_library(problem)
     print(json.dumps({name: None if path is None else str(path) for name, path in paths.items()}))
 
 

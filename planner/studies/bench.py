@@ -70,7 +70,10 @@ def bench_controller(
 ) -> tuple[Controller, RaceLine]:
     """Controller of the declared model on the race line of a track, with a belief of 5 %."""
     revised = model_of(declared_revision("per_axle"), vehicle, track.length)
-    envelope = envelope_of(revised.model, list(revised.theta), use=(PROFILE_USE, PROFILE_USE))
+    problem = Problem(revised.model, settings)
+    # plans that explore leave more of the load limits alone: a profile that does not enters bends too fast for them
+    use = (1.0 - (settings.limits.exploring_reserve if problem.informative else 0.0)) * PROFILE_USE
+    envelope = envelope_of(revised.model, list(revised.theta), use=(use, use))
     line = raceline_for(track, envelope, MARGIN)
     theta, names = revised.theta, [p.name for p in revised.model.tyre_table]
     judged = LOAD_USE * theta[names.index("df")], LOAD_USE * theta[names.index("dr")]
@@ -79,7 +82,6 @@ def bench_controller(
         np.diag((BELIEF_STD * theta) ** 2),
     )
     knowledge = TyreKnowledge(theta, theta, covariance, prior_std, judged, (LOAD_USE, LOAD_USE), judged)
-    problem = Problem(revised.model, settings)
     functions = build_functions(problem, compiled)
     return Controller(problem, functions, Reference(line), knowledge, backend=backend), line
 

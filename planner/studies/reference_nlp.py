@@ -6,19 +6,25 @@ with exact second derivatives. Choices of theta in Eq. (10) are fixed at the gue
 
 from __future__ import annotations
 
+import contextlib
+import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.compiled import compile_source
 from planner.plan.controller import Controller
 from planner.problem.motion import BOUNDED, DRIVE, NU, NZ
 from planner.solver.sqp import Stopwatch
 
 TOLERANCE = 1e-4
 WARM_MU = 1e-3
+NLP_FLAGS = ("-O1", "-shared", "-fPIC")
+"""megabytes of straight code: more optimisation takes minutes to build and gains little"""
 
 
 @dataclass(frozen=True)
@@ -33,10 +39,13 @@ class NlpResult:
 
 
 class ReferenceNlp:
-    """IPOPT on the problem of a `Controller`, warm-started in primal and dual variables."""
+    """IPOPT on the problem of a `Controller`, warm-started in primal and dual variables.
 
-    def __init__(self, controller: Controller) -> None:
-        self._controller = controller
+    `compiled`: functions and derivatives as C, which takes the compiler about a quarter of a minute, once.
+    """
+
+    def __init__(self, controller: Controller, *, compiled: bool = False) -> None:
+        self._controller, self._compiled = controller, compiled
         problem, N = controller.problem, controller.settings.horizon
         self._shape = (N, NZ, NU, len(problem.rows))
         cost, choice = problem.reference_functions()
@@ -69,12 +78,29 @@ class ReferenceNlp:
             "g": g,
         }
         options: Any = {
-            "expand": True, "print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": TOLERANCE,
+            "expand": not self._compiled, "print_time": False,
+            "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": TOLERANCE,
             "ipopt.warm_start_init_point": "yes", "ipopt.mu_init": WARM_MU, "ipopt.max_iter": 200,
             "ipopt.warm_start_bound_push": 1e-6, "ipopt.warm_start_mult_bound_push": 1e-6,
             "ipopt.warm_start_slack_bound_push": 1e-6, "ipopt.warm_start_bound_frac": 1e-6,
         }  # fmt: skip
-        return ca.nlpsol("reference", "ipopt", nlp, options)
+        solver = ca.nlpsol("reference", "ipopt", nlp, options)
+        return self._library(solver, options) if self._compiled else solver
+
+    @staticmethod
+    def _library(solver: Any, options: dict[str, Any]) -> Any:
+        """The same solver on compiled functions.
+
+        Raises:
+            RuntimeError: there is no compiler.
+        """
+        with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+            source = Path(solver.generate_dependencies("reference.c")).read_text()
+        path = compile_source(source, flags=NLP_FLAGS)
+        if path is None:
+            raise RuntimeError("no C compiler: IPOPT can only be had interpreted")
+        kept = {name: value for name, value in options.items() if name != "expand"}
+        return ca.nlpsol("reference", "ipopt", str(path), kept)
 
     def _bounds(self, z0: Array) -> dict[str, Array]:
         N, nz, _, rows = self._shape

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.model_car import HORIZON, ModelCar, assert_within_limits, planner_config, revision_with
+from support.model_car import HORIZON, ModelCar, assert_within_limits, fail_solvers, planner_config, revision_with
 from support.promise_figures import record_figure, volume
 
 from hil_gateway.bus import topics
@@ -17,8 +17,7 @@ from planner.solver.qp import QpStatus
 def test_forced_failures_give_shifted_then_stop_plans_and_recovery(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = ModelCar(planner_config())
     rig.run(3.0)
-    solver = rig.planner.adoption.adoption.controller.sqp._solver
-    monkeypatch.setattr(solver, "solve", lambda: QpStatus.ITERATION_LIMIT)
+    fail_solvers(monkeypatch, rig.planner.adoption.controller.sqp, lambda: QpStatus.ITERATION_LIMIT)
     before = len(rig.plans)
     rig.run(1.5)
     failed = [p.status for p in rig.plans[before:]]
@@ -41,7 +40,7 @@ def test_a_shifted_plan_is_the_rest_of_the_last_one(monkeypatch: pytest.MonkeyPa
     rig = ModelCar(planner_config())
     rig.run(3.0)
     good = rig.plans[-1]
-    monkeypatch.setattr(rig.planner.adoption.adoption.controller.sqp._solver, "solve", lambda: QpStatus.NOT_FINITE)
+    fail_solvers(monkeypatch, rig.planner.adoption.controller.sqp, lambda: QpStatus.NOT_FINITE)
     rig.run(0.10)
     shifted = rig.plans[-1]
     assert shifted.status is PlanStatus.SHIFTED
@@ -52,11 +51,11 @@ def test_a_shifted_plan_is_the_rest_of_the_last_one(monkeypatch: pytest.MonkeyPa
 def test_stop_plan_brings_the_car_to_a_stand_on_the_track(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = ModelCar(planner_config())
     rig.run(7.0)
-    monkeypatch.setattr(rig.planner.adoption.adoption.controller.sqp._solver, "solve", lambda: QpStatus.INFEASIBLE)
+    fail_solvers(monkeypatch, rig.planner.adoption.controller.sqp, lambda: QpStatus.INFEASIBLE)
     rig.run(15.0)
     assert rig.car[3] < 0.5
     assert_within_limits(rig)
-    reference = rig.planner.adoption.adoption.controller.reference
+    reference = rig.planner.adoption.controller.reference
     for car in rig.cars[700::50]:
         s = reference.project(car[0], car[1])
         point = reference.at(np.array([s]))
@@ -107,11 +106,11 @@ def test_random_faults_never_give_a_partial_plan_or_leave_limits(seed: int, monk
         ModelCar(planner_config(**EXPLORING if seed % 2 else {}), stopwatch=Stalls(seed)),
         np.random.default_rng(seed),
     )
-    solver = rig.planner.adoption.adoption.controller.sqp._solver
-    real, broken_until = solver.solve, 0
-    monkeypatch.setattr(
-        solver, "solve", lambda: real() if rig.now_ns >= broken_until else rng.choice(list(QpStatus)[1:])
-    )
+    broken_until = 0
+    fail_solvers(
+        monkeypatch, rig.planner.adoption.controller.sqp,
+        lambda: None if rig.now_ns >= broken_until else rng.choice(list(QpStatus)[1:]),
+    )  # fmt: skip
     rig.run(1.0)
     for _ in range(900):
         estimate = rig.estimate()
@@ -124,8 +123,8 @@ def test_random_faults_never_give_a_partial_plan_or_leave_limits(seed: int, monk
             broken_until = rig.now_ns + int(rng.integers(10, 300)) * 1_000_000
         elif fault < 0.07:
             factor = rng.uniform(0.2, 5.0, 7)
-            names = tuple(rig.planner.adoption.adoption.current.revision.tyre)
-            values = rig.planner.adoption.adoption.current.revision.tyre.values()
+            names = tuple(rig.planner.adoption.current.revision.tyre)
+            values = rig.planner.adoption.current.revision.tyre.values()
             mean = tuple(float(v) * f for v, f in zip(values, factor, strict=True))
             rig.bus.publish(topics.BELIEF, Belief(
                 stamp_ns=rig.now_ns, seq=0, layout="per_axle", names=names, mean=mean, samples=1,
@@ -137,7 +136,7 @@ def test_random_faults_never_give_a_partial_plan_or_leave_limits(seed: int, monk
         rig.tick(estimate)
     assert_within_limits(rig)
     assert {p.status for p in rig.plans} >= {PlanStatus.SOLVED, PlanStatus.SHIFTED}
-    reference = rig.planner.adoption.adoption.controller.reference
+    reference = rig.planner.adoption.controller.reference
     for car in rig.cars[::20]:
         s = reference.project(car[0], car[1])
         _, _, road = reference.stages(np.array([s]))

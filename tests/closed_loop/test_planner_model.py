@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from support.model_car import HORIZON, ModelCar, assert_within_limits, planner_config, revision_with
+from support.model_car import HORIZON, ModelCar, assert_within_limits, fail_solvers, planner_config, revision_with
 
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import ActiveEffect, PlanStatus
@@ -22,7 +22,7 @@ def test_every_plan_is_fresh_and_the_car_stays_on_the_line() -> None:
     rig.run(12.0)
     assert {p.status for p in rig.plans} == {PlanStatus.SOLVED}
     assert_within_limits(rig)
-    reference = rig.planner.adoption.adoption.controller.reference
+    reference = rig.planner.adoption.controller.reference
     for car in rig.cars[::20]:
         point = reference.at(np.array([reference.project(car[0], car[1])]))
         assert np.hypot(car[0] - point.x[0], car[1] - point.y[0]) < 4.0
@@ -81,7 +81,7 @@ def test_a_model_built_beside_the_planner_is_swapped_in_between_two_plans() -> N
 def test_tyre_parameters_are_approached_slowly() -> None:
     rig = ModelCar(planner_config())
     rig.run(1.0)
-    adoption = rig.planner.adoption.adoption
+    adoption = rig.planner.adoption
     old = adoption.controller.knowledge.theta.copy()
     rig.bus.publish(topics.MODEL_REVISION, revision_with(rig, {"df": 1.1 * old[3]}))
     rig.run(0.05)
@@ -93,12 +93,12 @@ def test_tyre_parameters_are_approached_slowly() -> None:
 def test_a_revision_whose_plans_fail_is_rolled_back(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = ModelCar(planner_config())
     rig.run(2.0)
-    adoption, old = rig.planner.adoption.adoption, rig.planner.adoption.adoption.current.revision.revision
+    adoption, old = rig.planner.adoption, rig.planner.adoption.current.revision.revision
     new = revision_with(rig, None, ActiveEffect(name="aero_drag", parameters={"k": 0.5}))
     rig.bus.publish(topics.MODEL_REVISION, new)
     rig.run(0.1)
     assert adoption.current.revision.revision == new.revision
-    monkeypatch.setattr(adoption.controller.sqp._solver, "solve", lambda: QpStatus.INFEASIBLE)
+    fail_solvers(monkeypatch, adoption.controller.sqp, lambda: QpStatus.INFEASIBLE)
     rig.run(0.05 * (PROBATION_FAILURES + 1))
     assert adoption.current.revision.revision == old
     assert "rolled back" in adoption.notes[-1]
@@ -113,12 +113,12 @@ def test_implausible_revisions_are_refused() -> None:
     rig.run(1.0)
     for tyre in ({"df": 9.0}, {"dr": 0.01}):
         bad = revision_with(rig, tyre)
-        assert implausible(bad, rig.planner.adoption.adoption.current.revision)
+        assert implausible(bad, rig.planner.adoption.current.revision)
         rig.bus.publish(topics.MODEL_REVISION, bad)
         rig.run(0.2)
         assert rig.plans[-1].revision != bad.revision
     shared = revision_with(rig).model_copy(update={"layout": "shared", "revision": "other"})
-    assert "layout" in implausible(shared, rig.planner.adoption.adoption.current.revision)
+    assert "layout" in implausible(shared, rig.planner.adoption.current.revision)
 
 
 def test_information_on_keeps_the_bound_and_the_limits() -> None:
@@ -133,8 +133,8 @@ def test_information_on_keeps_the_bound_and_the_limits() -> None:
 def test_executed_tyre_loads_stay_within_their_limits() -> None:
     rig = ModelCar(planner_config())
     rig.run(12.0)
-    k = rig.planner.adoption.adoption.controller.knowledge
-    tyre = dict(zip(rig.planner.adoption.adoption.current.tyre.names, k.theta, strict=True))
+    k = rig.planner.adoption.controller.knowledge
+    tyre = dict(zip(rig.planner.adoption.current.tyre.names, k.theta, strict=True))
     forces = declared_forces(rig.planner._config.vehicle, tyre)
     cars = np.array(rig.cars[200:]).T
     # lateral force alone: the actuator positions of every tick are not kept

@@ -6,7 +6,10 @@ disturbance is the test's own.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from estimator.belief.revision import revision_id
@@ -18,7 +21,9 @@ from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 from planner.node import Planner
 from planner.plan.prediction import Actuators, Sent
-from planner.solver.sqp import Stopwatch
+from planner.solver.fixed import Outcome
+from planner.solver.qp import QpStatus
+from planner.solver.sqp import Sqp, Stopwatch
 
 TICK_NS = NS_PER_S // 100
 PLAN_TICKS = 5
@@ -36,7 +41,7 @@ class ModelCar:
         self.planner = Planner(config, self.bus, track, stopwatch=stopwatch, background=background)
         self._commands = self.bus.subscribe(topics.COMMAND, depth=4)
         self._actuators = Actuators(config.planner)
-        controller = self.planner.adoption.adoption.controller
+        controller = self.planner.adoption.controller
         # the car keeps its physics when the planner's model changes
         self._physics = controller.problem.advance_function()
         self._common, self._stage = controller.common.copy(), controller.stages[:, 0].copy()
@@ -121,8 +126,23 @@ def assert_within_limits(rig: ModelCar) -> None:
 
 def revision_with(rig: ModelCar, tyre: dict[str, float] | None = None, *effects: ActiveEffect) -> ModelRevision:
     """The revision in force with changed tyre parameters and other effects."""
-    current = rig.planner.adoption.adoption.current.revision
+    current = rig.planner.adoption.current.revision
     values = {**current.tyre, **(tyre or {})}
     return current.model_copy(
         update={"tyre": values, "effects": effects, "revision": revision_id(current.layout, values, effects)}
     )
+
+
+def fail_solvers(monkeypatch: pytest.MonkeyPatch, sqp: Sqp, status: Callable[[], QpStatus | None]) -> None:
+    """Every solver of `sqp` ends with `status()`; where that is None, it solves."""
+    real, generated = sqp._solver.solve, sqp._fixed
+    monkeypatch.setattr(sqp._solver, "solve", lambda: status() or real())
+    if generated is None:
+        return
+    iterate = generated.iterate
+
+    def forced(iterations: int) -> Outcome:
+        found = status()
+        return Outcome(found, 0, 0, 0, 0, 0.0) if found else iterate(iterations)
+
+    monkeypatch.setattr(generated, "iterate", forced)

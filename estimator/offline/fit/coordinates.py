@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.model.parameters import Parameter
+from estimator.model.tyre import AXLES, force_derivatives, normalised_force
 from hil_gateway.process.arrays import Array
 
 NEAR_BOUND = 0.01
@@ -38,10 +39,9 @@ class StepCoordinates:
         self.scale = np.array([p.prior_std for p in table])
         self.lower, self.upper = np.array([p.lower for p in table]), np.array([p.upper for p in table])
         self.axles: list[tuple[Axle, Array]] = []
-        for suffix in ("", "f", "r"):
-            if f"b{suffix}" in names:
-                b, c, d = (names.index(letter + suffix) for letter in "bcd")
-                self.axles.append(((b, c, d), slips[suffix]))
+        for axle in (axle for layout in AXLES.values() for axle in layout):
+            if set(axle.parameters) <= set(names):
+                self.axles.append((axle.rows(names), slips[axle.suffix]))
 
     def about(self, u: Array) -> LocalCoordinates:
         """Coordinates that are 0 at u (p,), scaled parameters (theta - prior) / prior_std."""
@@ -70,15 +70,12 @@ class Forces:
     def value(self, theta: Array) -> Array:
         """Coordinates (..., 3) of (..., 3) B, C, D: Eq. (2) over the load."""
         B, C, D = (theta[..., i, None] for i in range(3))
-        return np.asarray(D * np.sin(C * np.arctan(B * self.slips)))
+        return np.asarray(normalised_force(self.slips, B, C, D))
 
     def derivative(self, theta: Array) -> Array:
         """(..., 3, 3) derivatives of the coordinates by B, C, D."""
         B, C, D = (theta[..., i, None] for i in range(3))
-        atan = np.arctan(B * self.slips)
-        by_atan = D * np.cos(C * atan)
-        by_b = by_atan * C * self.slips / (1.0 + (B * self.slips) ** 2)
-        return np.asarray(np.stack([by_b, by_atan * atan, np.sin(C * atan)], axis=-1))
+        return force_derivatives(self.slips, B, C, D)
 
     def moved(self, theta: Array, change: Array) -> Array:
         """B, C, D (..., 3) after a `change` (..., 3) of the coordinates, along the straight line there."""

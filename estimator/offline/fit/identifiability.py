@@ -12,6 +12,7 @@ import numpy as np
 
 from estimator.belief.information import a_criterion, d_criterion, e_criterion, trace_criterion
 from estimator.model.parameters import Layout
+from estimator.model.tyre import AXLES, CURVE, TyreAxle, force_derivatives, slip_at_peak
 from estimator.offline.fit.equation_error import Fit
 from estimator.offline.record.prepare import Samples, slip_angles
 from hil_gateway.car.vehicle import Vehicle
@@ -73,7 +74,7 @@ def analyse(fit: Fit, samples: Samples, vehicle: Vehicle, layout: Layout) -> Ide
     logarithmic = scaled * np.outer(relative, relative) / np.sqrt(np.outer(inflation, inflation))
     data_std = _data_std(logarithmic, names, fit.at_bound)
     identifiable = _identifiable(data_std, (*fit.at_bound, *_implausible(fit)))
-    axles = tuple(_axle(name, fit, samples, vehicle) for name in _axle_names(layout))
+    axles = tuple(_axle(axle, fit, samples, vehicle) for axle in AXLES[layout])
     known_product = {axle.name: _product_std(logarithmic, names, axle) for axle in axles}
     return Identifiability(
         trace=trace_criterion(scaled),
@@ -127,7 +128,7 @@ def _implausible(fit: Fit) -> tuple[str, ...]:
 
 def _identifiable(data_std: dict[str, float], at_bound: Sequence[str]) -> dict[str, bool]:
     """An axle with a parameter on its bound, or implausible, is not identified: the data did not set it."""
-    stuck = {name[1:] for name in at_bound if name[0] in "bcd" and "." not in name}
+    stuck = {name[1:] for name in at_bound if name[0] in CURVE and "." not in name}
     return {n: s < KNOWN_TO and not (n != "cx" and n[1:] in stuck) and n not in at_bound for n, s in data_std.items()}
 
 
@@ -156,7 +157,7 @@ def _in_words(identifiable: dict[str, bool], known_product: dict[str, float], ax
 
 def _importance(name: str) -> int:
     """D before C before B, as engineers name them."""
-    return "dcb".find(name[0])
+    return "".join(reversed(CURVE)).find(name[0])
 
 
 def _of_axle(axle: Axle, letters: list[str], product: float) -> str:
@@ -183,35 +184,35 @@ def _at_bounds(fit: Fit) -> list[str]:
     return stuck + far
 
 
-def _axle_names(layout: Layout) -> tuple[str, ...]:
-    return ("front", "rear") if layout == "per_axle" else ("both axles",)
-
-
-def _axle(name: str, fit: Fit, samples: Samples, vehicle: Vehicle) -> Axle:
-    suffix = "" if name == "both axles" else name[0]
-    B, C, D = _curve_of(suffix, fit)
-    slip = slip_angles(samples, vehicle)
-    alpha = np.concatenate(slip) if not suffix else slip[0 if suffix == "f" else 1]
+def _axle(axle: TyreAxle, fit: Fit, samples: Samples, vehicle: Vehicle) -> Axle:
+    B, C, D = _curve_of(axle, fit)
+    alpha = slip_of(axle, samples, vehicle)
     alpha = alpha[:: max(1, len(alpha) // 5000)]
     std, condition = _curve_std(alpha, B, C, D)
     slip_99 = float(np.quantile(np.abs(alpha), 0.99))
     return Axle(
-        name=name,
+        name=axle.name,
         slip_99=slip_99,
-        slip_at_peak=float(np.tan(np.pi / (2.0 * C)) / B) if C > 1.0 else float(np.pi / 2),
-        relative_std=dict(zip("bcd", std.tolist(), strict=True)),
+        slip_at_peak=slip_at_peak(B, C),
+        relative_std=dict(zip(CURVE, std.tolist(), strict=True)),
         condition_number=condition,
         needed_slip=_needed(alpha, B, C, D, slip_99) if std.max() > KNOWN_TO else None,
     )
 
 
-def _curve_of(suffix: str, fit: Fit) -> tuple[float, float, float]:
+def slip_of(axle: TyreAxle, samples: Samples, vehicle: Vehicle) -> Array:
+    """Slip angles, rad, (n,) of an axle, or (2 n,) of both."""
+    front, rear = slip_angles(samples, vehicle)
+    return {"f": front, "r": rear}.get(axle.suffix, np.concatenate([front, rear]))
+
+
+def _curve_of(axle: TyreAxle, fit: Fit) -> tuple[float, float, float]:
     """B, C, D of an axle; where one is on its bound, the prior's C and D with the stiffness that was found."""
-    B, C, D = (fit.values[letter + suffix] for letter in "bcd")
-    if not any(name in fit.at_bound for name in (f"b{suffix}", f"c{suffix}", f"d{suffix}")):
+    B, C, D = axle.of(fit.values)
+    if not any(name in fit.at_bound for name in axle.parameters):
         return B, C, D
-    prior = {p.name: p.prior for p in fit.parameters}
-    return B * C * D / (prior[f"c{suffix}"] * prior[f"d{suffix}"]), prior[f"c{suffix}"], prior[f"d{suffix}"]
+    _, prior_c, prior_d = axle.of({p.name: p.prior for p in fit.parameters})
+    return B * C * D / (prior_c * prior_d), prior_c, prior_d
 
 
 FORCE_NOISE = 0.03
@@ -223,10 +224,8 @@ INDEPENDENT_PER_LOG = 500.0
 
 def _curve_std(alpha: Array, B: float, C: float, D: float) -> tuple[Array, float]:
     """Relative standard deviations of B, C, D from force samples at `alpha`, and the information's condition number."""
-    atan, inside = np.arctan(B * alpha), B * alpha / (1.0 + (B * alpha) ** 2)
-    by_b = D * np.cos(C * atan) * C * inside
-    by_c = D * np.cos(C * atan) * C * atan
-    J = np.stack([by_b, by_c, D * np.sin(C * atan)]) / FORCE_NOISE
+    curve = np.array([B, C, D])
+    J = (force_derivatives(alpha, *curve) * curve).T / FORCE_NOISE
     information = J @ J.T * (INDEPENDENT_PER_LOG / len(alpha))
     return np.sqrt(np.diag(_inverse(information))), float(np.linalg.cond(information))
 

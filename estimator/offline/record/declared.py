@@ -9,7 +9,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from estimator.model.parameters import DEFAULT_TYRE, Layout
+from estimator.model.parameters import DEFAULT_TYRE, Layout, layout_of
+from estimator.model.tyre import AXLES, front_and_rear
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 
@@ -51,7 +52,7 @@ def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle | None =
     if path is None:
         return default_tyre_prior(layout, vehicle or Vehicle())
     data = _read_object(path)
-    given: Layout = "shared" if "b" in data else "per_axle"
+    given = layout_of(data)
     names = tuple(DEFAULT_TYRE[given])
     if unknown := sorted(set(data) - set(names)):
         raise InputError(f"{path}: unknown key {unknown[0]}: a tyre prior holds {', '.join(names)}")
@@ -68,9 +69,15 @@ def in_layout(values: Mapping[str, float], given: Layout, wanted: Layout) -> Map
     """Tyre parameters of one layout in another."""
     if given == wanted:
         return dict(values)
-    if wanted == "per_axle":
-        return {name: values["cx" if name == "cx" else name[0]] for name in DEFAULT_TYRE["per_axle"]}
-    return {n: values["cx"] if n == "cx" else 0.5 * (values[f"{n}f"] + values[f"{n}r"]) for n in DEFAULT_TYRE["shared"]}
+    curves = [axle.of(values) for axle in front_and_rear(given)]
+    if wanted == "shared":
+        curves = [tuple(0.5 * (front + rear) for front, rear in zip(*curves, strict=True))]
+    named = {
+        n: v
+        for axle, curve in zip(AXLES[wanted], curves, strict=True)
+        for n, v in zip(axle.parameters, curve, strict=True)
+    }
+    return {"cx": values["cx"], **named}
 
 
 def _read_object(path: Path) -> dict[str, Any]:

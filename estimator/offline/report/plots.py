@@ -7,35 +7,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.offline.fit.equation_error import residuals
+from estimator.model.tyre import AXLES, TyreAxle, force_derivatives, normalised_force
+from estimator.offline.fit.equation_error import Fit, residuals
+from estimator.offline.fit.identifiability import slip_of
 from estimator.offline.identification import Identification
-from estimator.offline.record.prepare import slip_angles
 from estimator.offline.report.page import COLOURS, new_figure
 from estimator.offline.result.identification_score import ALGEBRAIC_CHANNELS
 from hil_gateway.process.arrays import Array
 
 LABELS = {"ax": "ax, m/s²", "ay": "ay, m/s²", "yaw_acc": "yaw acceleration, rad/s²"}
 STRETCH_S = 60.0
-DRAWS = 200
+NORMAL_95 = 1.96
+"""standard deviations on either side that hold 95 % of a normal distribution"""
 
 
 def tyre_curves(result: Identification) -> Any:
     """Normalised lateral force of each axle before and after, with a 95 % band and the slip the data holds."""
-    axles = {"": "both axles"} if result.options.layout == "shared" else {"f": "front axle", "r": "rear axle"}
+    axles = AXLES[result.options.layout]
     figure, axes = new_figure(1, len(axles), (9.0, 3.3), squeeze=False, sharey=True)
-    front, rear = slip_angles(result.samples, result.vehicle)
-    for axis, (suffix, title) in zip(axes[0], axles.items(), strict=True):
-        slip = np.degrees({"f": front, "r": rear, "": np.concatenate([front, rear])}[suffix])
+    for axis, axle in zip(axes[0], axles, strict=True):
+        slip = np.degrees(slip_of(axle, result.samples, result.vehicle))
         reach = max(1.6 * float(np.quantile(np.abs(slip), 0.999)), 1.0)
         alpha = np.linspace(-reach, reach, 301)
         _slip_shares(axis, slip, reach)
-        low, high = _band(result, suffix, np.radians(alpha))
+        low, high = curve_band(result.fit, axle, np.radians(alpha))
         axis.fill_between(alpha, low, high, color=COLOURS["after"], alpha=0.25, lw=0, label="95 %")
-        axis.plot(
-            alpha, _curve(result.initial, suffix, np.radians(alpha)), color=COLOURS["before"], ls="--", label="before"
+        before, after = (
+            normalised_force(np.radians(alpha), *axle.of(values)) for values in (result.initial, result.final)
         )
-        axis.plot(alpha, _curve(result.final, suffix, np.radians(alpha)), color=COLOURS["after"], label="after")
-        top = 1.3 * max(result.initial[f"d{suffix}"], result.final[f"d{suffix}"])
+        axis.plot(alpha, before, color=COLOURS["before"], ls="--", label="before")
+        axis.plot(alpha, after, color=COLOURS["after"], label="after")
+        top = 1.3 * float(np.abs([before, after]).max())
+        title = f"{axle.name} axle" if axle.suffix else axle.name
         axis.set(title=title, xlabel="slip angle, deg", xlim=(-reach, reach), ylim=(-top, top))
     axes[0, 0].set_ylabel("lateral force / axle load")
     axes[0, 0].legend(loc="upper left", fontsize=8)
@@ -48,23 +51,18 @@ def _slip_shares(axis: Any, slip: Array, reach: float) -> None:
     axis.stairs(0.5 * counts / counts.max(), edges, fill=True, color=COLOURS["muted"], alpha=0.45, label="slip in data")
 
 
-def _curve(values: Any, suffix: str, alpha: Array) -> Array:
-    B, C, D = (values[letter + suffix] for letter in "bcd")
-    return np.asarray(D * np.sin(C * np.arctan(B * alpha)))
+def curve_band(fit: Fit, axle: TyreAxle, alpha: Array) -> tuple[Array, Array]:
+    """95 % interval (low, high), each (n,), of an axle's normalised force at the slip angles `alpha`, rad.
 
-
-def _band(result: Identification, suffix: str, alpha: Array) -> tuple[Array, Array]:
-    names = [result.fit.names.index(letter + suffix) for letter in "bcd"]
-    covariance = result.fit.covariance[np.ix_(names, names)]
-    generator = np.random.default_rng(0)
-    draws = generator.multivariate_normal(result.fit.theta[names], covariance, DRAWS, method="eigh")
-    table = [result.fit.parameters[i] for i in names]
-    draws = np.clip(draws, [p.lower for p in table], [p.upper for p in table])
-    curves = np.stack(
-        [_curve(dict(zip((f"{x}{suffix}" for x in "bcd"), d, strict=True)), suffix, alpha) for d in draws]
-    )
-    low, high = np.quantile(curves, [0.025, 0.975], axis=0)
-    return low, high
+    By the delta method: the covariance of B, C and D through the curve's derivatives at the estimate. So the curve
+    lies in the middle, and what is known only as a product (B C D at small slip) stays as narrow as it is known.
+    """
+    rows = list(axle.rows(fit.names))
+    curve = fit.theta[rows]
+    by_curve = force_derivatives(alpha, *curve)
+    variance = np.einsum("ni,ij,nj->n", by_curve, fit.covariance[np.ix_(rows, rows)], by_curve)
+    centre, half = normalised_force(alpha, *curve), NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
+    return centre - half, centre + half
 
 
 def time_histories(result: Identification) -> Any:

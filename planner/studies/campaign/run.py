@@ -52,9 +52,9 @@ def drive_all(jobs: Sequence[Job], out: Path, machines: Machines) -> list[dict[s
     with Progress(*columns, console=Console(file=sys.stderr)) as progress:
         task = progress.add_task("driving", total=len(jobs), completed=len(jobs) - len(missing))
         run = _on_cluster if machines.scheduler else _here
-        for name, result in run(missing, machines):
-            save(out, name, result)
-            found[name] = result
+        for name, driven in run(missing, machines):
+            save(out, name, driven)
+            found[name] = driven
             progress.update(task, advance=1, description=f"driven {name}")
     return [done for job in jobs if (done := found[job.name]) is not None]
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from estimator.belief.tyre_belief import Sample
-from estimator.model.parameters import DEFAULT_TYRE
+from estimator.model.parameters import DEFAULT_TYRE, layout_of
+from estimator.model.tyre import front_and_rear, normalised_force, slip_at_peak
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 from planner.simulation.loop import LoopResult
@@ -46,14 +47,14 @@ def safety_figures(
 def load_shares(kept: list[Sample], tyre: Mapping[str, float], limits: tuple[float, float]) -> Array:
     """Force of either axle over its load limit at every kept sample, shape (2 K,) at most, with the true tyres.
 
-    Written out in numpy so as not to judge the planner by its own model. `limits` are over static axle load. At
-    walking speed a slip angle is mostly sensor noise: those samples are left out.
+    `limits` are over static axle load. At walking speed a slip angle is mostly sensor noise: those samples are left
+    out.
     """
     if not kept:
         return np.zeros(0)
     slip_f, slip_r, drive = _slips(kept)
-    front = tyre["df"] * np.sin(tyre["cf"] * np.arctan(tyre["bf"] * slip_f))
-    rear = tyre["dr"] * np.sin(tyre["cr"] * np.arctan(tyre["br"] * slip_r))
+    axles = front_and_rear(layout_of(tyre))
+    front, rear = (normalised_force(slip, *axle.of(tyre)) for slip, axle in zip((slip_f, slip_r), axles, strict=True))
     along = DEFAULT_TYRE["per_axle"]["cx"] * drive / Vehicle().static_load_rear
     return np.concatenate([np.abs(front) / limits[0], np.hypot(rear, along) / limits[1]])
 
@@ -64,8 +65,8 @@ def slip_shares(kept: list[Sample], tyre: Mapping[str, float]) -> Array:
         return np.zeros(0)
     slip_f, slip_r, _ = _slips(kept)
     return np.concatenate([
-        np.abs(slip) * tyre[b] / np.tan(0.5 * np.pi / max(tyre[c], 1.0 + 1e-6))
-        for slip, b, c in ((slip_f, "bf", "cf"), (slip_r, "br", "cr"))
+        np.abs(slip) / slip_at_peak(*axle.of(tyre)[:2])
+        for slip, axle in zip((slip_f, slip_r), front_and_rear(layout_of(tyre)), strict=True)
     ])  # fmt: skip
 
 

@@ -105,7 +105,10 @@ def test_projection_is_the_nearest_convex_matrix() -> None:
 
 
 def test_projected_hessian_reaches_the_qp() -> None:
-    exact, plain = _controller(convexification="projection"), _controller()
+    exact, plain = (
+        bench_controller(load_track(), Vehicle(), Settings(information=information), backend="hpipm")[0]
+        for information in (Information(weight=WEIGHT, convexification="projection"), Information(weight=WEIGHT))
+    )
     for made in (exact, plain):
         made.cold_start(start_state(made, 620.0), clock)
         made.solve(made.sqp.z[:, 0].copy(), clock, 1)
@@ -189,7 +192,7 @@ def test_load_rows_hold_at_every_sigma_point(controller: Controller) -> None:
     solution = controller.solve(controller.sqp.z[:, 0].copy(), clock, 10)
     z, k = solution.z[:, 1:], controller.knowledge
     names = [p.name for p in controller.problem.model.tyre_table]
-    for axle, indices in zip("fr", infomax.axle_indices(controller.problem.model), strict=True):
+    for axle, indices in zip("fr", controller.problem.model.load_rows, strict=True):
         for theta in sigma_points(k.mean, k.covariance, indices, controller.settings.sigma_level).T:
             forces = declared_forces(Vehicle(), dict(zip(names, theta, strict=True)))(z[3], z[4], z[5], z[8], z[7])
             load = np.hypot(getattr(forces, f"fx_{axle}"), getattr(forces, f"fy_{axle}"))

@@ -11,8 +11,8 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 from planner.cli.plan import app
-from planner.problem.settings import Settings
-from planner.studies.bench import bench_controller, drive, summary
+from planner.problem.settings import Information, Settings
+from planner.studies.bench import INFORMATION_WEIGHT, bench_controller, drive, summary
 
 KEYS = {
     "laps", "lap_time_s", "solve_ms", "ipopt_warm_ms", "speedup_vs_ipopt", "violations", "qp_failures",
@@ -29,6 +29,15 @@ def test_bench_prints_one_json_object_and_keeps_all_limits() -> None:
     assert report["violations"] == {"track": 0, "load": 0, "actuator": 0, "information": 0}
     assert report["qp_failures"] == 0
     assert 1.0 < report["lap_ratio"][0] < 1.39  # 1.353 with the declared model's limits; 3 % slower is a regress
+
+
+def test_a_drive_with_information_keeps_all_limits() -> None:
+    """The first 15 s of the road course, with its tightest bend entered from the fastest straight."""
+    settings = Settings(information=Information(weight=INFORMATION_WEIGHT, kind="imu_yaw"), load_reserve=0.2)
+    controller, _ = bench_controller(load_track(), Vehicle(), settings)
+    run = drive(controller, 1, steps=300)
+    assert run.violations == {"track": 0, "load": 0, "actuator": 0, "information": 0}
+    assert run.qp_failures == 0
 
 
 def test_sqp_beats_warm_ipopt_on_the_same_problems() -> None:
