@@ -15,15 +15,15 @@ import numpy as np
 
 from estimator.belief.monitor import ResidualMonitor
 from estimator.belief.relinearised import RelinearisedBelief
-from estimator.belief.revision import RevisedModel, RevisionPolicy, declared_revision, load_revision, model_of
+from estimator.belief.revision import RevisedModel, RevisionPolicy, learns_effects, model_of, starting_revision
 from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.measurement import MeasurementKind, axle_forces
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA
 from estimator.state.localisation import Localisation
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
-from hil_gateway.bus.messages import Alert, Belief, Estimate, ModelRevision, VehicleState
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.bus.messages import Alert, Belief, Estimate, VehicleState
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S, SystemClock
@@ -37,6 +37,9 @@ QUEUE_DEPTH = 50
 HALF_WINDOW = 3
 """the yaw acceleration is the slope of the yaw rate over this many samples either side"""
 
+LOAD_SEEN = (-0.7, 2.0)
+"""what crests, dips and banks can add to the axle loads, over the weight: on 20 degrees at 75 m/s it is 0.8"""
+
 _TRACK_POSITION = [AUXILIARY.index("track_position")]
 
 
@@ -47,10 +50,11 @@ class Estimator:
         self._bus = bus
         track = track or load_track(config.track)
         self.localisation = Localisation(config.vehicle, track)
-        start = _starting_revision(config)
+        start = starting_revision(config, config.estimator.model)
         revised = model_of(start, config.vehicle, track.length)
         belief_class = RelinearisedBelief if config.estimator.relinearise else TyreBelief
-        self.belief = belief_class(revised.model, BeliefSettings(kind=config.estimator.measurement))
+        effects = revised.constants if learns_effects(start) else None
+        self.belief = belief_class(revised.model, BeliefSettings(kind=config.estimator.measurement), effects)
         if start.covariance:
             self.belief.set_covariance(np.array(start.covariance))
         self.policy = RevisionPolicy(config.estimator, start)
@@ -87,7 +91,10 @@ class Estimator:
 
     def learn(self, sample: Sample, stamp_ns: int) -> None:
         """Watch the model with the belief held so far, then let the sample teach."""
-        for finding in self._monitor.push(sample, self.belief.mean, stamp_ns):
+        mean, tyres = self.belief.mean, self.belief.tyres
+        if self.belief.with_effects:
+            sample = replace(sample, phi=mean[tyres:])
+        for finding in self._monitor.push(sample, mean[:tyres], stamp_ns):
             self._bus.publish(topics.ALERT, Alert(stamp_ns=stamp_ns, seq=self._alert_seq, **asdict(finding)))
             self._alert_seq += 1
         self.belief.update(in_kind(sample, self.belief.settings.kind, self.belief.model.vehicle))
@@ -145,28 +152,33 @@ def _auxiliary(state: VehicleState, estimate: Estimate, track_position: float) -
         "track_position": track_position, "t": state.stamp_ns / NS_PER_S, "yaw": estimate.yaw,
         "throttle": state.throttle, "brake": 0.5 * (state.brake_front + state.brake_rear) / FULL_BRAKE_PA,
         "gear": float(state.gear), "engine_speed": state.engine_speed, "ax": state.ax - estimate.bias_ax,
-        "steer_rate": state.steer_rate,
+        "steer_rate": state.steer_rate, "extra_load": _extra_load(state.az),
     }  # fmt: skip
     return np.array([known.get(name, 0.0) for name in AUXILIARY])
 
 
+def _extra_load(az: float) -> float:
+    """Share by which the road presses on the car more than its weight, from the vertical specific force (m/s2).
+
+    A sensor that says what no road does (`LOAD_SEEN`) is not believed: a level road is assumed.
+    """
+    extra = az / GRAVITY - 1.0
+    return extra if LOAD_SEEN[0] < extra < LOAD_SEEN[1] else 0.0
+
+
 def belief_message(belief: TyreBelief, stamp_ns: int, seq: int) -> Belief:
-    """The belief as it goes on the bus."""
+    """The belief about the tyres as it goes on the bus; that about effects goes into the revision."""
+    n = belief.tyres
     return Belief(
         stamp_ns=stamp_ns,
         seq=seq,
         layout=belief.model.layout,
-        names=belief.names,
-        mean=tuple(belief.mean.tolist()),
-        covariance=tuple(map(tuple, belief.covariance.tolist())),
+        names=belief.names[:n],
+        mean=tuple(belief.mean[:n].tolist()),
+        covariance=tuple(map(tuple, belief.covariance[:n, :n].tolist())),
         samples=belief.samples,
         log_det_information=belief.log_det_information,
     )
-
-
-def _starting_revision(config: Config) -> ModelRevision:
-    c = config.estimator
-    return load_revision(c.model) if c.model else declared_revision(c.layout)
 
 
 def run(config: Config, period_s: float = 0.001) -> None:

@@ -118,16 +118,13 @@ class PlannerConfig(Model):
     information_goal: float = Field(
         default=0.0, ge=0, lt=1, description="spread of the belief over the prior's at which exploring ends; 0: never"
     )
-    load_reserve: float = Field(
-        default=0.2, ge=0, lt=0.5, description="of the load limits, kept by plans until the tyres are known"
-    )
     information_bound: float = Field(default=400.0, gt=0, description="largest Delta I of one stage, Eq. (9)")
     information_criterion: Literal["trace", "log_det"] = "trace"
     convexification: Literal["abs", "projection"] = "abs"
     load_limit: Literal["ellipse", "literal"] = "ellipse"
-    sigma_level: float = Field(default=1.0, ge=0, le=3, description="Eq. (10) holds at this many sigma of the belief")
-    load_use: float = Field(default=0.9, gt=0, le=1, description="load limits of a first run over peak tyre force")
-    load_limits: str = Field(default="", description="file of load limits carried from run to run; empty: first run")
+    sigma_level: float = Field(default=2.0, ge=0, le=3, description="Eq. (10) holds at this many sigma of the belief")
+    load_use: float = Field(default=0.95, gt=0, le=1, description="share of its tyres' peak force an axle may use")
+    load_limits: str = Field(default="", description="file of loads held, carried from run to run; empty: first run")
     actuator_delay_s: float = Field(default=0.04, ge=0, le=0.5, description="command to first motion")
     steer_bandwidth_hz: float = Field(default=3.0, gt=0)
     drive_bandwidth_hz: float = Field(default=5.0, gt=0)
@@ -157,6 +154,9 @@ class DashboardConfig(Model):
 class Config(Model):
     """The whole tree."""
 
+    declared_model: Literal["race_car", "paper"] = Field(
+        default="race_car", description="what is driven with at first: with air, load transfer, both brakes, or Eq. 1-3"
+    )
     vehicle: Vehicle = Vehicle()
     powertrain: Powertrain = Powertrain()
     track: str = Field(default="", description="track file; empty: the road course that is shipped")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.belief.revision import declared_revision, load_revision
+from estimator.belief.revision import starting_revision
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.messages import Applied, Command, Estimate, Plan, PlanStatus
@@ -20,7 +20,7 @@ from planner.adoption.adoption import Adoption
 from planner.plan.checks import PlanCheck
 from planner.plan.fallback import Stopping, Trajectory, shifted, stop_plan
 from planner.plan.prediction import Actuators, Moment, Sent, credible, predict
-from planner.problem.load_limits import HeldLoad, LoadLimits, RunEvidence, next_limit, starting_limits, store_limits
+from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, store_limits
 from planner.problem.motion import DRIVE, PROGRESS, STEER, VX, S
 from planner.problem.settings import settings_of
 from planner.solver.sqp import Solution, Stopwatch
@@ -60,10 +60,10 @@ class Planner:
         self._config, self._bus, self._stopwatch = config, bus, stopwatch
         self.settings = settings_of(config)
         p = config.planner
-        start = load_revision(p.model) if p.model else declared_revision(config.estimator.layout)
-        self.limits = starting_limits(p, start.tyre)
+        start = starting_revision(config, p.model)
+        held = starting_limits(p)
         self._track = track or load_track(config.track)
-        self.adoption = Adoption(config, self._track, self.settings, self.limits, start, background=background)
+        self.adoption = Adoption(config, self._track, self.settings, held, start, background=background)
         self._estimate: LatestReader[Estimate] = LatestReader(bus, topics.ESTIMATE)
         self._belief = LatestReader(bus, topics.BELIEF)
         self._revision = LatestReader(bus, topics.MODEL_REVISION)
@@ -93,14 +93,8 @@ class Planner:
             store_limits(path, self.next_limits())
 
     def next_limits(self) -> LoadLimits:
-        """Load limits the next run may use."""
-        k, names = self.adoption.controller.knowledge, list(self.adoption.current.revision.tyre)
-        pair = []
-        for present, held, peak in zip(self.limits.pair, self._held, ("df", "dr"), strict=True):
-            i = names.index(peak if peak in names else "d")
-            run = RunEvidence(float(k.mean[i]), float(np.sqrt(k.covariance[i, i])), held.value)
-            pair.append(next_limit(present, run))
-        return LoadLimits(*pair)
+        """Loads the next run may start from."""
+        return self.adoption.held
 
     def _take_in(self, now_ns: int) -> None:
         """Everything that has arrived except the estimate."""
@@ -211,6 +205,10 @@ class Planner:
         limits = self.adoption.controller.knowledge.load_max
         for held, share, limit in zip(self._held, self._check.first_loads, limits, strict=True):
             held.push(share * limit)
+        before = self.adoption.held
+        self.adoption.held = LoadLimits(
+            max(before.front, self._held[0].value), max(before.rear, self._held[1].value)
+        )  # fmt: skip
 
     def _intervals_since(self, start_ns: int) -> int:
         assert self._solution_start_ns is not None

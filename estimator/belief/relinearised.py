@@ -45,11 +45,13 @@ SHARES = (1.0, 0.5, 0.25)
 class RelinearisedBelief(TyreBelief):
     """`TyreBelief` with a history; costs some ms once a second."""
 
-    def __init__(self, model: SingleTrack, settings: BeliefSettings | None = None) -> None:
+    def __init__(
+        self, model: SingleTrack, settings: BeliefSettings | None = None, effects: Array | None = None
+    ) -> None:
         self._history: list[tuple[Sample, Array]] = []
-        self._start_precision: Array = np.eye(len(model.tyre_table))
-        super().__init__(model, settings)
-        self._many = measurement_function(model, self.settings.kind)
+        super().__init__(model, settings, effects)
+        self._start_precision: Array = np.eye(len(self.names))
+        self._many = measurement_function(model, self.settings.kind, with_effects=self.with_effects)
         arguments = self._many.sx_in()
         self._predict = ca.Function("predict", arguments, self._many.call(arguments)[:1])
 

@@ -15,14 +15,16 @@ from pathlib import Path
 import numpy as np
 
 from estimator.belief.tyre_belief import TyreBelief
+from estimator.model.declared_car import declared_effects, declared_tyre_std
 from estimator.model.effects import catalogue
 from estimator.model.parameters import DEFAULT_TYRE, Layout, layout_of
 from estimator.model.profile import profile_basis
 from estimator.model.single_track import SingleTrack
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision
 from hil_gateway.bus.revision_file import read_revision
+from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.config import EstimatorConfig
+from hil_gateway.config import Config, EstimatorConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 
@@ -37,6 +39,35 @@ def declared_revision(layout: Layout, tyre: Mapping[str, float] | None = None) -
     """The declared model, Eq. (1)-(3), with no effects."""
     values = dict(DEFAULT_TYRE[layout] if tyre is None else tyre)
     return ModelRevision(stamp_ns=0, seq=0, revision=revision_id(layout, values), layout=layout, tyre=values)
+
+
+def race_car_revision(layout: Layout, vehicle: Vehicle, powertrain: Powertrain) -> ModelRevision:
+    """The declared race car: Eq. (1)-(3) with its declared effects, and how well all of it is known."""
+    tyre, declared = dict(DEFAULT_TYRE[layout]), declared_effects(vehicle, powertrain)
+    effects = tuple(
+        ActiveEffect(name=name, parameters={key: p.value for key, p in parameters.items()})
+        for name, parameters in declared.items()
+    )
+    known = [*declared_tyre_std(layout).values(), *(p.std for e in declared.values() for p in e.values())]
+    covariance = tuple(map(tuple, np.diag(np.square(known)).tolist()))
+    return ModelRevision(
+        stamp_ns=0, seq=0, revision=revision_id(layout, tyre, effects), layout=layout, tyre=tyre, effects=effects,
+        covariance=covariance,
+    )  # fmt: skip
+
+
+def starting_revision(config: Config, model: str) -> ModelRevision:
+    """The model a process starts with: that of the file `model`, or else the declared one.
+
+    Raises:
+        InputError: see `load_revision`.
+    """
+    if model:
+        return load_revision(model)
+    layout = config.estimator.layout
+    if config.declared_model == "paper":
+        return declared_revision(layout)
+    return race_car_revision(layout, config.vehicle, config.powertrain)
 
 
 def load_revision(path: str | Path) -> ModelRevision:
@@ -86,38 +117,62 @@ def model_of(revision: ModelRevision, vehicle: Vehicle, lap_length: float) -> Re
     return RevisedModel(model, theta, np.array(constants), profiles, lap_length)
 
 
+def tyre_covariance(revision: ModelRevision) -> Array | None:
+    """Covariance (n, n) of a revision's tyre parameters; None where it states none."""
+    n = len(revision.tyre)
+    return np.array(revision.covariance)[:n, :n] if revision.covariance else None
+
+
+def learns_effects(revision: ModelRevision) -> bool:
+    """Whether the belief is about the effects of a revision too: its covariance covers them."""
+    return len(revision.covariance) > len(revision.tyre)
+
+
 class RevisionPolicy:
     """Decides what the planner is told; holds the revision now in force."""
 
     def __init__(self, config: EstimatorConfig, start: ModelRevision) -> None:
         self._config = config
         self.current = start
-        self._start = np.array(list(start.tyre.values()))
+        self._with_effects = learns_effects(start)
+        self._start = self._values(start)
         self._seq = 0
+
+    def _values(self, revision: ModelRevision) -> Array:
+        """What may move: tyre parameters, then those of the effects where they are learnt."""
+        effects = revision.effects if self._with_effects else ()
+        return np.array([*revision.tyre.values(), *(v for e in effects for v in e.parameters.values())])
 
     def message(self, belief: TyreBelief, stamp_ns: int) -> ModelRevision:
         """The revision to publish now: the one in force, moved towards the belief where that is due."""
-        tyre = self._next_tyre(belief)
+        tyre, effects = self._split(self._next_values(belief))
         covariance = tuple(map(tuple, belief.covariance.tolist()))
         self._seq += 1
         self.current = self.current.model_copy(update={
-            "stamp_ns": stamp_ns, "seq": self._seq, "tyre": tyre, "covariance": covariance,
-            "revision": revision_id(self.current.layout, tyre, self.current.effects),
+            "stamp_ns": stamp_ns, "seq": self._seq, "tyre": tyre, "effects": effects, "covariance": covariance,
+            "revision": revision_id(self.current.layout, tyre, effects),
         })  # fmt: skip
         return self.current
 
-    def _next_tyre(self, belief: TyreBelief) -> dict[str, float]:
-        c, tyre = self._config, self.current.tyre
+    def _next_values(self, belief: TyreBelief) -> Array:
+        c, old = self._config, self._values(self.current)
         if not c.learn or belief.samples < c.revision_min_samples:
-            return tyre
-        old = np.array([tyre[n] for n in belief.names])
+            return old
         change = _towards(old, belief.mean, self._start * c.revision_bounds[0], self._start * c.revision_bounds[1])
         largest = float(np.max(np.abs(change) / old))
         if largest < c.revision_hysteresis:
-            return tyre
+            return old
         # one factor for all parameters keeps to the line between the models: combinations stay meaningful
-        new = old + change * min(1.0, c.revision_max_step / largest)
-        return dict(zip(belief.names, new.tolist(), strict=True))
+        return np.asarray(old + change * min(1.0, c.revision_max_step / largest))
+
+    def _split(self, values: Array) -> tuple[dict[str, float], tuple[ActiveEffect, ...]]:
+        """Tyre parameters and effects of `_values`."""
+        left = iter(values.tolist())
+        tyre = {name: next(left) for name in self.current.tyre}
+        if not self._with_effects:
+            return tyre, self.current.effects
+        moved = ((e, {name: next(left) for name in e.parameters}) for e in self.current.effects)
+        return tyre, tuple(e.model_copy(update={"parameters": values}) for e, values in moved)
 
 
 def _towards(old: Array, target: Array, lower: Array, upper: Array) -> Array:

@@ -75,11 +75,16 @@ class Sample:
 class TyreBelief:
     """Mean and covariance of theta given the data so far (p(theta_k | z_1..k) of the paper)."""
 
-    def __init__(self, model: SingleTrack, settings: BeliefSettings | None = None) -> None:
+    def __init__(
+        self, model: SingleTrack, settings: BeliefSettings | None = None, effects: Array | None = None
+    ) -> None:
+        """`effects`: parameters of the model's effects, SI, where the belief is about them too, after the tyres'."""
         self.model, self.settings = model, settings or BeliefSettings()
-        table = model.tyre_table
+        self.tyres = len(model.tyre_table)
+        self.with_effects = effects is not None
+        table = (*model.tyre_table, *(model.effect_table if self.with_effects else ()))
         self.names = tuple(p.name for p in table)
-        self.prior = np.array([p.prior for p in table])
+        self.prior = np.array([*(p.prior for p in model.tyre_table), *(() if effects is None else effects)])
         self.scale = np.array([p.prior_std for p in table])
         self.lower = (np.array([p.lower for p in table]) - self.prior) / self.scale
         self.upper = (np.array([p.upper for p in table]) - self.prior) / self.scale
@@ -182,7 +187,7 @@ def recursion_function(belief: TyreBelief) -> CompiledFunction:
     Deviation (n,) and covariance (n, n) are scaled, `active` (m,) says which channels teach, `variance` (m,) is that of
     their errors. Channels come one after the other, all linearised at the deviation `at`.
     """
-    h = measurement_function(belief.model, belief.settings.kind)
+    h = measurement_function(belief.model, belief.settings.kind, with_effects=belief.with_effects)
     signals, aux, _, phi = (ca.SX.sym(name, h.size1_in(name)) for name in h.name_in())
     n, m = len(belief.names), h.size1_out("h")
     z, active, error = (ca.SX.sym(name, m) for name in ("z", "active", "variance"))

@@ -51,15 +51,20 @@ def measurement(
     return ca.vertcat(*(getattr(terms, name) for name in CHANNELS[kind]))
 
 
-def measurement_function(model: SingleTrack, kind: MeasurementKind) -> ca.Function:
-    """CasADi function (signals[5], aux[len(AUXILIARY)], theta, phi) -> (h, dh/dtheta, dh/dsignals)."""
+def measurement_function(model: SingleTrack, kind: MeasurementKind, *, with_effects: bool = False) -> ca.Function:
+    """CasADi function (signals[5], aux[len(AUXILIARY)], theta, phi) -> (h, dh/dtheta, dh/dsignals).
+
+    `with_effects`: theta are tyre parameters, then those of the effects, and phi is not looked at.
+    """
     signals, aux = ca.SX.sym("signals", len(SIGNALS)), ca.SX.sym("aux", len(AUXILIARY))
     theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
     named = dict(zip(AUXILIARY, ca.vertsplit(aux), strict=True))
     h = measurement(model, kind, ca.vertsplit(signals), ca.vertsplit(theta), _split(phi), aux=named)
     names = ["signals", "aux", "theta", "phi"], ["h", "h_theta", "h_signals"]
-    results = [ca.densify(e) for e in (h, ca.jacobian(h, theta), ca.jacobian(h, signals))]
-    return ca.Function("measurement", [signals, aux, theta, phi], results, *names)
+    learnt = ca.vertcat(theta, phi) if with_effects else theta
+    unseen = ca.SX.sym("unseen", phi.numel()) if with_effects else phi
+    results = [ca.densify(e) for e in (h, ca.jacobian(h, learnt), ca.jacobian(h, signals))]
+    return ca.Function("measurement", [signals, aux, learnt, unseen], results, *names)
 
 
 def axle_forces(vehicle: Vehicle, ax: float, ay: float, yaw_acc: float, steer: float) -> npt.NDArray[np.float64]:

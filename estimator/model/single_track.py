@@ -58,10 +58,12 @@ SIGNALS = ("vx", "vy", "yaw_rate", "steer", "drive")
 
 AUXILIARY = (
     "track_position", "t", "yaw", "throttle", "brake", "gear", "engine_speed", "ax", "steer_rate", "drive_rate",
+    "extra_load",
 )  # fmt: skip
 """Further signals an effect may ask for; a caller that has none leaves them out and gets the neutral value 0.
 
-`brake` is a share of full braking, `FULL_BRAKE_PA` or pedal 1."""
+`brake` is a share of full braking, `FULL_BRAKE_PA` or pedal 1; `extra_load` is what crests, dips and banks add to the
+axle loads, over the weight."""
 
 FULL_BRAKE_PA = 6.0e6
 
@@ -158,7 +160,8 @@ class SingleTrack:
         terms.fx_r = longitudinal_force(terms.drive, tyre["cx"])
         self._hook(Stage.LONGITUDINAL, terms, phi)
         self._hook(Stage.SATURATION, terms, phi)
-        terms.load_f, terms.load_r = v.static_load_front, v.static_load_rear
+        weight = 1.0 + terms.auxiliary("extra_load")
+        terms.load_f, terms.load_r = weight * v.static_load_front, weight * v.static_load_rear
         self._hook(Stage.LOAD, terms, phi)
         self._hook(Stage.GRIP, terms, phi)
         front, rear = with_grip(terms.grip_f, *front), with_grip(terms.grip_r, *rear)

@@ -23,6 +23,11 @@ class Vehicle(Model):
     wheel_radius: float = Field(default=0.3118, gt=0, description="m")
     steering_ratio: float = Field(default=15.0, gt=0, description="steering motor angle over road-wheel angle")
 
+    air_density: float = Field(default=1.2, gt=0, description="kg/m3, sea level at 20 degrees")
+    drag_area: float = Field(default=0.86, ge=0, description="Cd A, m2")
+    lift_area_front: float = Field(default=-0.65, le=0, description="Cl A at the front axle, m2; negative presses down")
+    lift_area_rear: float = Field(default=-1.18, le=0, description="Cl A at the rear axle, m2")
+
     @property
     def wheelbase(self) -> float:
         """Distance between the axles, m."""

@@ -13,27 +13,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.belief.revision import RevisedModel, model_of
+from estimator.belief.revision import RevisedModel, model_of, tyre_covariance
 from estimator.model.effects import catalogue
 from estimator.model.tyre import front_and_rear
 from hil_gateway.bus.messages import Belief, ModelRevision
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
-from planner.adoption.usable_grip import Axles, usable_grip, usable_share
+from planner.adoption.usable_grip import PROFILE_SHARE, Axles, capacity
 from planner.line.envelope import envelope_of
 from planner.line.raceline import RaceLine, raceline_for
 from planner.line.track import Reference
 from planner.plan.controller import Controller, TyreKnowledge
-from planner.problem.infomax import relative_spread
-from planner.problem.load_limits import SLEW, LoadLimits, limits_within_run, reserve
+from planner.problem.load_limits import SLEW, LoadLimits, judged_limits
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
 from planner.solver.functions import Functions, build_functions, build_in_child
 
 PLAUSIBLE = 2.5
 """factor between tyre parameters beyond which a revision or a belief is taken for a fault"""
-PROFILE_CHANGE = 0.03
+PROFILE_CHANGE = 0.01
 """relative change of usable grip that is worth a new speed profile"""
 PROBATION = 40
 """plans after an adoption during which failures count against the new revision"""
@@ -73,10 +72,12 @@ class Adoption:
     """The model in force; `offer` revisions and beliefs, call `advance` before every plan."""
 
     def __init__(
-        self, config: Config, track: Track, settings: Settings, limits: LoadLimits, revision: ModelRevision,
+        self, config: Config, track: Track, settings: Settings, held: LoadLimits, revision: ModelRevision,
         *, background: bool = False,
     ) -> None:  # fmt: skip
-        self._config, self._track, self._settings, self._limits = config, track, settings, limits
+        self._config, self._track, self._settings = config, track, settings
+        self.held = held
+        """loads over axle load that the car has held, in this run or an earlier one"""
         self._background = background
         self._belief: Belief | None = None
         self._refused: set[str] = set()
@@ -90,8 +91,7 @@ class Adoption:
         self.notes: list[str] = []
         """what was refused or rolled back, and why; newest last"""
         self._line: RaceLine | None = None
-        self._grip = 0.0
-        self._graded: TyreKnowledge | None = None
+        self._asked = (0.0, 0.0)
         self.current = self._adopt(revision, build_functions)
 
     @property
@@ -187,35 +187,35 @@ class Adoption:
         belief = self._belief
         if belief is not None and belief.names == tyre.names:
             mean, covariance = np.array(belief.mean), np.array(belief.covariance)
-        elif revision.covariance:
-            mean, covariance = target, np.array(revision.covariance)
+        elif (stated := tyre_covariance(revision)) is not None:
+            mean, covariance = target, stated
         else:
             mean, covariance = target, np.diag(tyre.prior_std**2)
+        use, level = self._config.planner.load_use, self._settings.sigma_level
         peaks = [d for _, _, d in tyre.axles]
-        last = LoadLimits(*before.load_max) if before else None
-        asked, judged = limits_within_run(self._limits, self._config.planner.load_use, target[peaks], mean[peaks], last)
-        kept = reserve(self._settings.load_reserve, relative_spread(covariance, tyre.prior_std), target, mean)
-        return TyreKnowledge(target, mean, covariance, tyre.prior_std, judged.pair, asked.less(kept).pair)
+        judged = judged_limits(use, target[peaks], before.load_max if before else None)
+        # a belief that has learnt of less grip tells at once, before the model in force follows
+        expected = np.minimum(mean, target)
+        asked = capacity(tyre.axles, expected, covariance, use=use, level=level, held=self.held.pair)
+        return TyreKnowledge(target, mean, covariance, tyre.prior_std, judged, (use, use), asked)
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""
-        share = usable_share(tyre.axles, knowledge, self._settings.sigma_level)
+        peaks = [knowledge.theta[d] for _, _, d in tyre.axles]
+        front, rear = (PROFILE_SHARE * asked / peak for asked, peak in zip(knowledge.capacity, peaks, strict=True))
         at_start = revised.phi_at(np.zeros(1))[:, 0]
         top = self._settings.limits.speed - 2.0
-        envelope = envelope_of(revised.model, list(knowledge.theta), list(at_start), grip_use=share, max_speed=top)
+        envelope = envelope_of(revised.model, list(knowledge.theta), list(at_start), use=(front, rear), max_speed=top)
         if self._line is None:
             self._line = raceline_for(self._track, envelope, RACE_LINE_MARGIN)
         self._line = self._line.with_envelope(envelope)
-        self._grip = usable_grip(tyre.axles, knowledge, self._settings.sigma_level)
+        self._asked = knowledge.capacity
         return Reference(self._line)
 
     def _refresh_profile(self, current: Adopted, knowledge: TyreKnowledge) -> None:
         """New speed profile on the same path when the usable grip has changed: tens of ms, beside the planner."""
-        if self._worker is not None or (self._graded is not None and not knowledge.differs(self._graded)):
-            return
-        self._graded = knowledge
-        grip = usable_grip(current.tyre.axles, knowledge, self._settings.sigma_level)
-        if abs(grip / self._grip - 1.0) < PROFILE_CHANGE:
+        changes = [abs(now / then - 1.0) for now, then in zip(knowledge.capacity, self._asked, strict=True)]
+        if max(changes) < PROFILE_CHANGE or self._worker is not None:
             return
         self._run(lambda: self._take_reference(self._reference(current.revised, current.tyre, knowledge)))
 

@@ -1,7 +1,9 @@
 """What the current model says the car can do at each speed: the g-g-v diagram the race line is made with.
 
-Quasi-steady: the axles share the lateral force as in steady cornering, the rear axle alone drives and brakes
-(Eq. 1), each within a friction ellipse. Speed dependence is kept as c0 + c2 v^2, exact for drag and downforce.
+Quasi-steady, each axle within a friction ellipse: in steady cornering they share the lateral force by their distance
+from the centre of gravity, the drive goes to the axles the model sends it to. What a tyre can give grows with the load
+the road puts on it: a limit is n c0 + c2 v^2 with n the acceleration the road gives the car, over gravity, 1 on
+level ground (`normal_share`). c2 is downforce; the form is exact for the model's downforce, load transfer and drag.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -20,26 +22,32 @@ from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 
-AIR_DENSITY = 1.2
-DECLARED_DRAG_AREA = 0.86
-"""Cd A of the AV-24, m2: bounds the speed even while the model knows no drag"""
-ENGINE_POWER = 0.9 * 473 * 745.7
-"""W at the wheels: 473 hp less driveline losses"""
-MAX_TRACTION = 7500.0
-"""N, lowest useful gear"""
+ENGINE_POWER = 473 * 745.7
+"""W: 473 hp, and no more than that on any straight; what the wheels get is for the plan to find"""
+MAX_TRACTION = 8000.0
+"""N: the largest drive command at the declared C_x"""
 MAX_STEER = 0.279
+MIN_NORMAL = 0.2
+"""share of gravity that is left on a crest at least: a car that takes off needs another model"""
+SPEEDS = np.array([15.0, 30.0, 45.0, 60.0, 75.0])
+"""m/s"""
+COMMANDS = np.concatenate([np.linspace(-0.5, 0.0, 101), np.linspace(0.005, 0.3, 60)])
+"""drive commands among which the largest that the tyres bear is sought"""
+SLIPS = np.linspace(0.0, 0.35, 71)
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """Limits over speed; pairs (c0, c2) mean c0 + c2 v^2, m/s2."""
+    """Limits over speed; pairs (c0, c2) mean n c0 + c2 v^2, m/s2."""
 
     lateral: tuple[float, float]
     """specific lateral force in steady cornering"""
-    longitudinal: tuple[float, float]
-    """specific force the rear axle can put down, either way"""
+    brake: tuple[float, float]
+    """specific braking force of the tyres"""
+    drive: tuple[float, float]
+    """specific driving force the tyres can put down"""
     drag: tuple[float, float]
-    """deceleration when coasting"""
+    """deceleration when coasting, whatever n is"""
     power: float
     """engine power over mass, W/kg"""
     traction: float
@@ -48,7 +56,7 @@ class Envelope:
     max_curvature: float
 
     def at(self, pair: tuple[float, float], v: Array) -> Array:
-        """Value of one of the pairs at speed `v`."""
+        """Value of one of the pairs at speed `v` on level ground."""
         return np.asarray(pair[0] + pair[1] * v * v)
 
     def key(self) -> str:
@@ -56,23 +64,32 @@ class Envelope:
         return repr({k: np.round(value, 6) for k, value in asdict(self).items()})
 
 
+class Peaks(NamedTuple):
+    """Of a model at `SPEEDS`: most lateral force of the axles, N; braking, driving and coasting, m/s2."""
+
+    front: Array
+    rear: Array
+    brake: Array
+    drive: Array
+    coast: Array
+
+
 def envelope_of(
     model: SingleTrack,
     theta: Sequence[float],
     phi: Sequence[float] = (),
     *,
-    grip_use: float = 0.9,
+    use: tuple[float, float] = (0.9, 0.9),
     max_speed: float = 80.0,
 ) -> Envelope:
-    """Envelope of a model, using the share `grip_use` of its tyre forces."""
-    speeds = np.array([15.0, 30.0, 45.0, 60.0, 75.0])
-    front, rear, coast = _peak_forces(model, theta, phi, speeds)
-    v = model.vehicle
-    lateral = grip_use * np.minimum(front * v.wheelbase / v.lr, rear * v.wheelbase / v.lf) / v.mass
+    """Envelope of a model, using the shares `use` of the tyre forces of the front and of the rear axle."""
+    peaks, v = _peaks(model, theta, phi, use), model.vehicle
+    lateral = np.minimum(use[0] * peaks.front * v.wheelbase / v.lr, use[1] * peaks.rear * v.wheelbase / v.lf) / v.mass
     return Envelope(
-        lateral=_fit(speeds, lateral),
-        longitudinal=_fit(speeds, grip_use * rear / v.mass),
-        drag=_fit(speeds, np.maximum(coast, _declared_drag(v, speeds))),
+        lateral=_fit(lateral),
+        brake=_fit(peaks.brake),
+        drive=_fit(peaks.drive),
+        drag=_fit(np.maximum(peaks.coast, _declared_drag(v))),
         power=ENGINE_POWER / v.mass,
         traction=MAX_TRACTION / v.mass,
         max_speed=max_speed,
@@ -80,30 +97,37 @@ def envelope_of(
     )
 
 
-def _peak_forces(
-    model: SingleTrack, theta: Sequence[float], phi: Sequence[float], speeds: Array
-) -> tuple[Array, Array, Array]:
-    """Largest lateral force of the front and rear axle, N, and coasting deceleration, m/s2, each (len(speeds),)."""
-    slips = np.linspace(0.0, 0.35, 71)
+def _peaks(model: SingleTrack, theta: Sequence[float], phi: Sequence[float], use: tuple[float, float]) -> Peaks:
     forces = _forces(model.vehicle, model.layout, tuple(effect.name for effect in model.effects))
-    v, slip = (a.ravel() for a in np.meshgrid(speeds, slips, indexing="ij"))
-    zero = np.zeros_like(v)
-    values: Any = forces(np.vstack([v, -v * np.tan(slip), zero, zero, zero]), list(theta), list(phi))
-    table = np.array(values).reshape(3, len(speeds), len(slips))
-    return table[0].max(axis=1), table[1].max(axis=1), -table[2, :, 0]
+
+    def table(speed: Array, slip: Array, command: Array) -> Array:
+        zero = np.zeros_like(speed)
+        signals = np.vstack([speed, -speed * np.tan(slip), zero, zero, command])
+        values: Any = forces(signals, list(theta), list(phi))
+        return np.array(values).reshape(5, len(SPEEDS), -1)
+
+    v, slip = (a.ravel() for a in np.meshgrid(SPEEDS, SLIPS, indexing="ij"))
+    sideways = table(v, slip, np.zeros_like(v))
+    v, command = (a.ravel() for a in np.meshgrid(SPEEDS, COMMANDS, indexing="ij"))
+    along = table(v, np.zeros_like(v), command)
+    coast = -sideways[4, :, 0]
+    borne = (np.abs(along[2]) <= use[0]) & (np.abs(along[3]) <= use[1])
+    felt = np.where(borne, along[4] + coast[:, None], 0.0)
+    return Peaks(sideways[0].max(axis=1), sideways[1].max(axis=1), -felt.min(axis=1), felt.max(axis=1), coast)
 
 
 @lru_cache(maxsize=4)
 def _forces(vehicle: Vehicle, layout: Layout, effects: tuple[str, ...]) -> ca.Function:
-    """(signals, theta, phi) -> lateral force of both axles, N, and longitudinal specific force, m/s2."""
+    """(signals, theta, phi) -> lateral force of both axles, N, share of the peak used along, longitudinal m/s2."""
     model = SingleTrack(vehicle, layout, tuple(catalogue()[name] for name in effects))
     signals = ca.SX.sym("signals", len(SIGNALS))
     named = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
     theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
     parameters = [ca.vertsplit(p) if p.numel() else [] for p in (theta, phi)]
-    terms = model.evaluate(Terms(model.vehicle, **named, aux=_Neutral()), *parameters)
+    t = model.evaluate(Terms(model.vehicle, **named, aux=_Neutral()), *parameters)
     arguments: Any = [signals, theta, phi]
-    return ca.Function("forces", arguments, [ca.vertcat(terms.fy_f, terms.fy_r, terms.imu_ax)])
+    outputs = ca.vertcat(t.fy_f, t.fy_r, t.fx_f / t.peak_f, t.fx_r / t.peak_r, t.imu_ax)
+    return ca.Function("forces", arguments, [ca.densify(outputs)])
 
 
 class _Neutral(dict[str, float]):
@@ -113,14 +137,23 @@ class _Neutral(dict[str, float]):
         return 0.0
 
 
-def _declared_drag(vehicle: Vehicle, speeds: Array) -> Array:
-    return np.asarray(0.5 * AIR_DENSITY * DECLARED_DRAG_AREA * speeds**2 / vehicle.mass)
+def _declared_drag(vehicle: Vehicle) -> Array:
+    return np.asarray(0.5 * vehicle.air_density * vehicle.drag_area * SPEEDS**2 / vehicle.mass)
 
 
-def _fit(speeds: Array, values: Array) -> tuple[float, float]:
+def _fit(values: Array) -> tuple[float, float]:
     """c0, c2 of c0 + c2 v^2 by least squares, never above the values."""
-    c2, c0 = np.polyfit(speeds**2, values, 1)
-    return float(c0 + min(0.0, np.min(values - c0 - c2 * speeds**2))), float(c2)
+    c2, c0 = np.polyfit(SPEEDS**2, values, 1)
+    return float(c0 + min(0.0, np.min(values - c0 - c2 * SPEEDS**2))), float(c2)
+
+
+def normal_share(grade: Array, bank: Array, bend: Array, curvature: Array) -> tuple[Array, Array]:
+    """n = a + b v^2: acceleration the road gives the car along its normal, over gravity, on a path of `curvature`.
+
+    Weight, the vertical curve (`bend`, rad/m: heavier in a dip) and the part of the centripetal acceleration that a
+    bank takes.
+    """
+    return np.cos(grade) * np.cos(bank), (bend - curvature * np.sin(bank)) / GRAVITY
 
 
 def required_lateral(curvature: Array, bank: Array, v: Array) -> Array:

@@ -23,14 +23,16 @@ from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.cache import cache_directory
 from hil_gateway.track.track import Track
-from planner.line.envelope import Envelope, envelope_of
-from planner.line.speed_profile import lap_time_of, speed_profile
+from planner.line.envelope import MIN_NORMAL, Envelope, envelope_of, normal_share
+from planner.line.speed_profile import Path, lap_time_of, speed_profile
 
 NODE_SPACING = 5.0
 """m between nodes of the optimisation"""
+BEND_LENGTH = 6.0
+"""m over which the vertical curve is taken: two wheelbases, which a car cannot feel finer than"""
 LINE_SPACING = 2.0
 """m between points of the finished line"""
-VERSION = 1
+VERSION = 2
 """of the method; part of the cache key"""
 
 
@@ -39,6 +41,7 @@ class RaceLine:
     """Closed line at equal steps of its own arc length; arrays (n,), the last point does not repeat the first.
 
     `width_left`, `width_right` are the distances from the line to the edges of the track, m (no margin taken off);
+    `bend` is the slope of the grade, rad/m (vertical curve);
     `track_s` is the arc length of the track's centre line beside each point; `heading` is continuous along the lap.
     """
 
@@ -52,14 +55,19 @@ class RaceLine:
     width_right: Array
     grade: Array
     bank: Array
+    bend: Array
     track_s: Array
     length: float
     lap_time: float
     """s: the quasi-steady minimum for this car on this track"""
 
-    def with_envelope(self, envelope: Envelope) -> RaceLine:
-        """The same path with the speed profile of another model: milliseconds instead of seconds."""
-        v = speed_profile(self.curvature, self.grade, self.bank, self.length, envelope)
+    def with_envelope(self, envelope: Envelope, trust: Array | float = 1.0) -> RaceLine:
+        """The same path with the speed profile of another model: milliseconds instead of seconds.
+
+        `trust` (n,) is the share of the envelope that may be used at each point.
+        """
+        path = Path(self.curvature, self.grade, self.bank, self.bend, self.length, trust)
+        v = speed_profile(path, envelope)
         return replace(self, vx_profile=v, lap_time=lap_time_of(v, self.length))
 
 
@@ -81,7 +89,7 @@ def compute_raceline(
     """
     model = SingleTrack(vehicle, layout_of(tyre))
     theta = [tyre[p.name] for p in model.tyre_table]
-    return raceline_for(track, envelope_of(model, theta, grip_use=grip_use, max_speed=max_speed), margin)
+    return raceline_for(track, envelope_of(model, theta, use=(grip_use, grip_use), max_speed=max_speed), margin)
 
 
 def raceline_for(track: Track, envelope: Envelope, margin: float = 1.5) -> RaceLine:
@@ -125,8 +133,14 @@ def _optimise(track: Track, envelope: Envelope, margin: float) -> Array:
     n = _node_count(track)
     at = track.at(np.arange(n) * track.length / n)
     lower, upper = -np.maximum(at.width_right - margin, 0.0), np.maximum(at.width_left - margin, 0.0)
-    v = speed_profile(at.curvature, at.grade, at.bank, track.length, envelope)
-    return _solve(_Nodes(track.length / n, at.curvature, at.grade, at.bank, lower, upper, v), envelope)
+    path = Path(at.curvature, at.grade, at.bank, bend_of(track, np.arange(n) * track.length / n), track.length)
+    return _solve(_Nodes(track.length / n, path, lower, upper, speed_profile(path, envelope)), envelope)
+
+
+def bend_of(track: Track, s: Array) -> Array:
+    """Slope of the road's grade at arc lengths `s` (K,), rad/m: positive in a dip."""
+    half = 0.5 * BEND_LENGTH
+    return np.asarray((track.at(s + half).grade - track.at(s - half).grade) / BEND_LENGTH)
 
 
 @dataclass(frozen=True)
@@ -134,9 +148,7 @@ class _Nodes:
     """Centre line at the nodes, bounds of the offset, and a first speed profile."""
 
     ds: float
-    curvature: Array
-    grade: Array
-    bank: Array
+    road: Path
     lower: Array
     upper: Array
     speed: Array
@@ -168,7 +180,9 @@ def _solve(nodes: _Nodes, envelope: Envelope) -> Array:
     top = envelope.max_speed / _SPEED * ones
     bend = envelope.max_curvature / _CURVATURE * ones
     result = solver(
-        x0=np.concatenate([0 * ones, 0 * ones, 0.9 * nodes.speed / _SPEED, nodes.curvature / _CURVATURE, 0 * ones]),
+        x0=np.concatenate([
+            0 * ones, 0 * ones, 0.9 * nodes.speed / _SPEED, nodes.road.curvature / _CURVATURE, 0 * ones,
+        ]),
         lbx=np.concatenate([nodes.lower, -0.7 * ones, 3.0 / _SPEED * ones, -bend, -5 * ones]),
         ubx=np.concatenate([nodes.upper, 0.7 * ones, top, bend, 5 * ones]),
         lbg=np.concatenate([np.zeros(3 * n), -big * np.ones(2 * n)]),
@@ -182,21 +196,34 @@ def _solve(nodes: _Nodes, envelope: Envelope) -> Array:
 def _motion(nodes: _Nodes, envelope: Envelope, *state: Any) -> tuple[Any, list[Any]]:
     """Time per metre of centre line, s/m, and d/ds of offset, chi and speed."""
     offset, chi, v, kappa, force = state
-    along = (1.0 - offset * nodes.curvature) / ca.cos(chi)
+    along = (1.0 - offset * nodes.road.curvature) / ca.cos(chi)
     drag = envelope.drag[0] + envelope.drag[1] * v * v
-    slope = force - drag - GRAVITY * np.sin(nodes.grade)
-    return along / v, [along * ca.sin(chi), along * kappa - nodes.curvature, along * slope / v]
+    slope = force - drag - GRAVITY * np.sin(nodes.road.grade)
+    return along / v, [along * ca.sin(chi), along * kappa - nodes.road.curvature, along * slope / v]
 
 
 def _limits(nodes: _Nodes, envelope: Envelope, v: Any, kappa: Any, force: Any) -> Sequence[Any]:
     """Friction ellipse and engine, each <= 0."""
-    lateral = v * v * kappa + GRAVITY * np.sin(nodes.bank)
-    across = lateral / (envelope.lateral[0] + envelope.lateral[1] * v * v)
-    along = force / (envelope.longitudinal[0] + envelope.longitudinal[1] * v * v)
+    road = nodes.road
+    lateral = v * v * kappa + GRAVITY * np.sin(road.bank)
+    level, dip = normal_share(road.grade, road.bank, road.bend, kappa)
+    normal = _at_least(level + dip * v * v, MIN_NORMAL)
+
+    def most(pair: tuple[float, float]) -> Any:
+        return normal * pair[0] + pair[1] * v * v
+
+    across = lateral / most(envelope.lateral)
     # smooth minimum of traction limit and power limit
     power, traction = envelope.power / v, envelope.traction
     engine = power * traction / ca.sqrt(power**2 + traction**2)
-    return [across**2 + along**2 - 1.0, (force - engine) / _FORCE]
+    ellipses = [across**2 + (force / most(pair)) ** 2 - 1.0 for pair in (envelope.brake, envelope.drive)]
+    # braking and driving each have their own ellipse: that of the other does not count
+    return [ca.if_else(force < 0.0, *ellipses), (force - engine) / _FORCE]
+
+
+def _at_least(value: Any, least: float) -> Any:
+    """Smooth maximum, within 0.05 of it."""
+    return least + 0.5 * (value - least + ca.sqrt((value - least) ** 2 + 0.1**2))
 
 
 def _next(z: Any) -> Any:
@@ -215,11 +242,12 @@ def _finish(track: Track, offset: Array, envelope: Envelope) -> RaceLine:
     lateral = np.array([p[1] for p in beside])
     track_s = np.array([p[0] for p in beside])
     road = track.at(track_s)
-    v = speed_profile(curvature, road.grade, road.bank, length, envelope)
+    bend = bend_of(track, track_s)
+    v = speed_profile(Path(curvature, road.grade, road.bank, bend, length), envelope)
     return RaceLine(
         s=np.arange(len(x)) * length / len(x), x=x, y=y, heading=heading, curvature=curvature, vx_profile=v,
         width_left=road.width_left - lateral, width_right=road.width_right + lateral,
-        grade=road.grade, bank=road.bank, track_s=track_s, length=length, lap_time=lap_time_of(v, length),
+        grade=road.grade, bank=road.bank, bend=bend, track_s=track_s, length=length, lap_time=lap_time_of(v, length),
     )  # fmt: skip
 
 

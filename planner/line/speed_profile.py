@@ -1,12 +1,13 @@
 """Fastest speed along a given closed path within an envelope: forward-backward pass.
 
 Cornering speed first, then what the engine can reach going forwards and what the brakes can shed going backwards, each
-on the friction ellipse with grade and bank (Kapania, Subosits & Gerdes 2016). All in specific forces.
+on the friction ellipse with grade, bank and vertical curve (Kapania, Subosits & Gerdes 2016). All in specific forces.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from threading import Lock
 from typing import Any
@@ -17,30 +18,47 @@ import numpy as np
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import CompiledFunction, compile_function
-from planner.line.envelope import Envelope
+from planner.line.envelope import MIN_NORMAL, Envelope, normal_share
 
 
-def speed_profile(curvature: Array, grade: Array, bank: Array, length: float, envelope: Envelope) -> Array:
-    """Speed, m/s, at equally spaced points of a closed path of `length` m; arrays (n,) of 1/m and rad."""
-    ds = length / len(curvature)
-    v = cornering_speed(curvature, bank, envelope)
+@dataclass(frozen=True)
+class Path:
+    """A closed path of `length` m at equal steps, arrays (n,): curvature 1/m, grade, bank rad, bend of the road rad/m,
+    share of the envelope that may be used."""
+
+    curvature: Array
+    grade: Array
+    bank: Array
+    bend: Array
+    length: float
+    trust: Array | float = 1.0
+
+
+def speed_profile(path: Path, envelope: Envelope) -> Array:
+    """Speed, m/s, at the points of the path, shape (n,)."""
+    ds = path.length / len(path.curvature)
+    v = cornering_speed(path, envelope)
     start = int(np.argmin(v))  # the slowest point is on its limit: one pass from there closes the lap
-    rows = [np.roll(a, -start) for a in (v, curvature, GRAVITY * np.sin(grade), GRAVITY * np.sin(bank))]
+    level, dip = normal_share(path.grade, path.bank, path.bend, path.curvature)
+    along, across = GRAVITY * np.sin(path.grade), GRAVITY * np.sin(path.bank)
+    columns = (v, path.curvature, along, across, level, dip, np.broadcast_to(path.trust, v.shape))
+    rows = [np.roll(a, -start) for a in columns]
     # point 0 once more at the end: each pass goes once round
-    limit, *path = (np.append(row, row[0]) for row in rows)
+    limit, *road = (np.append(row, row[0]) for row in rows)
     v2 = limit**2
-    before, after = (np.array([row[:-1] for row in path]), np.array([row[:0:-1] for row in path]))
+    before, after = (np.array([row[:-1] for row in road]), np.array([row[:0:-1] for row in road]))
     v2[1:] = _run(_forwards, v2[0], np.vstack([v2[1:], before]), 2.0 * ds, envelope)
     v2[-2::-1] = _run(_backwards, v2[-1], np.vstack([v2[-2::-1], after]), 2.0 * ds, envelope)
     return np.asarray(np.roll(np.sqrt(v2[:-1]), start))
 
 
-def cornering_speed(curvature: Array, bank: Array, envelope: Envelope) -> Array:
+def cornering_speed(path: Path, envelope: Envelope) -> Array:
     """Largest v with |v^2 kappa + g sin(bank)| <= lateral limit(v), m/s, shape (n,)."""
-    c0, c2 = envelope.lateral
-    helping = -np.sign(curvature) * GRAVITY * np.sin(bank)
-    slope = np.abs(curvature) - c2
-    v2 = np.where(slope > 1e-9, (c0 + helping) / np.maximum(slope, 1e-9), np.inf)
+    a, b = normal_share(path.grade, path.bank, path.bend, path.curvature)
+    c0, c2 = (path.trust * c for c in envelope.lateral)
+    helping = -np.sign(path.curvature) * GRAVITY * np.sin(path.bank)
+    slope = np.abs(path.curvature) - c2 - c0 * b
+    v2 = np.where(slope > 1e-9, (c0 * a + helping) / np.maximum(slope, 1e-9), np.inf)
     return np.asarray(np.sqrt(np.clip(v2, 1.0, envelope.max_speed**2)))
 
 
@@ -51,43 +69,53 @@ def lap_time_of(v: Array, length: float) -> float:
 
 def _forwards() -> ca.Function:
     """Speed squared at a point from the one before, limited to what the engine reaches."""
-    u, limit, kappa, uphill, across, doubled, p = _symbols()
-    left = 1.0 - ((u * kappa + across) / (p["lateral0"] + p["lateral2"] * u)) ** 2
-    grip = (p["longitudinal0"] + p["longitudinal2"] * u) * ca.sqrt(ca.fmax(left, 0.0))
-    force = ca.fmin(ca.fmin(grip, p["traction"]), p["power"] / ca.sqrt(u))
-    reached = u + doubled * (force - (p["drag0"] + p["drag2"] * u) - uphill)
-    return _point("forwards", ca.fmin(limit, ca.fmax(reached, 1.0)), (u, limit, kappa, uphill, across, doubled, p))
+    step = _symbols()
+    force = ca.fmin(ca.fmin(_grip(step, "drive"), step["traction"]), step["power"] / ca.sqrt(step["u"]))
+    reached = step["u"] + step["doubled"] * (force - _drag(step) - step["uphill"])
+    return _point("forwards", ca.fmin(step["limit"], ca.fmax(reached, 1.0)), step)
 
 
 def _backwards() -> ca.Function:
     """Speed squared at a point from the one after, limited to what the brakes shed."""
-    u, limit, kappa, uphill, across, doubled, p = _symbols()
-    left = 1.0 - ((u * kappa + across) / (p["lateral0"] + p["lateral2"] * u)) ** 2
-    grip = (p["longitudinal0"] + p["longitudinal2"] * u) * ca.sqrt(ca.fmax(left, 0.0))
-    loss = grip + (p["drag0"] + p["drag2"] * u) + uphill
-    reached = u + doubled * ca.fmax(loss, 0.0)
-    return _point("backwards", ca.fmin(limit, reached), (u, limit, kappa, uphill, across, doubled, p))
+    step = _symbols()
+    loss = _grip(step, "brake") + _drag(step) + step["uphill"]
+    return _point("backwards", ca.fmin(step["limit"], step["u"] + step["doubled"] * ca.fmax(loss, 0.0)), step)
 
 
-ENVELOPE = ("lateral0", "lateral2", "longitudinal0", "longitudinal2", "drag0", "drag2", "traction", "power")
+def _grip(step: Mapping[str, Any], way: str) -> Any:
+    """Specific force that cornering leaves on the friction ellipse, m/s2."""
+    u, trust = step["u"], step["trust"]
+    normal = ca.fmax(step["level"] + step["dip"] * u, MIN_NORMAL)
+    used = (u * step["kappa"] + step["across"]) / (trust * (normal * step["lateral0"] + step["lateral2"] * u))
+    return trust * (normal * step[f"{way}0"] + step[f"{way}2"] * u) * ca.sqrt(ca.fmax(1.0 - used**2, 0.0))
+
+
+def _drag(step: Mapping[str, Any]) -> Any:
+    return step["drag0"] + step["drag2"] * step["u"]
+
+
+ENVELOPE = (
+    "lateral0", "lateral2", "brake0", "brake2", "drive0", "drive2", "drag0", "drag2", "traction", "power",
+)  # fmt: skip
 """what a pass needs of an envelope, in the order of `_numbers`"""
+ROAD = ("limit", "kappa", "uphill", "across", "level", "dip", "trust")
+"""limit of speed squared here, and of the neighbour: curvature, gravity along and across, axle load over the weight as
+level + dip v^2, share of the envelope that may be used"""
 
 
 def _numbers(envelope: Envelope) -> Array:
     e = envelope
-    return np.array([*e.lateral, *e.longitudinal, *e.drag, e.traction, e.power])
+    return np.array([*e.lateral, *e.brake, *e.drive, *e.drag, e.traction, e.power])
 
 
-def _symbols() -> tuple[Any, ...]:
-    """Speed squared at the neighbour, limit here; curvature, gravity along and across there; twice the distance."""
-    numbers = ca.SX.sym("envelope", len(ENVELOPE))
-    names = ("u", "limit", "kappa", "uphill", "across", "doubled")
-    return (*(ca.SX.sym(name) for name in names), dict(zip(ENVELOPE, ca.vertsplit(numbers), strict=True)))
+def _symbols() -> dict[str, Any]:
+    """Speed squared `u` at the neighbour, twice the distance, `ROAD` and `ENVELOPE`."""
+    return {name: ca.SX.sym(name) for name in ("u", "doubled", *ROAD, *ENVELOPE)}
 
 
-def _point(name: str, value: Any, symbols: tuple[Any, ...]) -> ca.Function:
-    u, limit, kappa, uphill, across, doubled, p = symbols
-    return ca.Function(name, [u, ca.vertcat(limit, kappa, uphill, across), doubled, ca.vertcat(*p.values())], [value])
+def _point(name: str, value: Any, step: Mapping[str, Any]) -> ca.Function:
+    road, envelope = (ca.vertcat(*(step[n] for n in names)) for names in (ROAD, ENVELOPE))
+    return ca.Function(name, [step["u"], road, step["doubled"], envelope], [value])
 
 
 @cache

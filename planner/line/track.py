@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from planner.line.raceline import RaceLine
 
@@ -43,7 +44,8 @@ class Reference:
         centre = 0.5 * (line.width_left - line.width_right)
         half_width = 0.5 * (line.width_left + line.width_right)
         rows = [centre, self._slope(centre), half_width, self._slope(half_width), speed, self._slope(speed)]
-        self._road = np.vstack([*rows, line.grade, line.bank, line.track_s])
+        load = [np.cos(line.grade) * np.cos(line.bank) - 1.0, line.bend / GRAVITY, np.sin(line.bank) / GRAVITY]
+        self._road = np.vstack([*rows, line.grade, line.bank, line.track_s, *load])
 
     def _slope(self, values: Array) -> Array:
         """Forward difference over one cell of the closed grid."""
@@ -55,11 +57,12 @@ class Reference:
         return number * self._spacing, (number % len(self.line.s)).astype(np.intp)
 
     def stages(self, s: Array) -> tuple[Array, Array, Array]:
-        """Knots (K,), cubic coefficients of x then y by rising power (8, K), and road data (9, K) at s (K,).
+        """Knots (K,), cubic coefficients of x then y by rising power (8, K), and road data (12, K) at s (K,).
 
         Road rows, at the knot: offset of the middle of the track from the line (m, positive left), its slope, half
         the track's width (m), its slope, speed limit (m/s), its slope (1/s), grade and bank (rad), arc length of
-        the track's centre line (m).
+        the track's centre line (m), and what the road adds to the axle loads, over the weight: r0 + r1 vx^2 - r2 vx
+        omega in three rows.
         """
         knot, index = self._cell(s)
         return knot, self._cubics[:, index], self._road[:, index]

@@ -43,21 +43,25 @@ class AxleForces:
     load_r: Array | float
 
 
-ForceModel = Callable[[Array, Array, Array, Array, Array], AxleForces]
-"""(vx, vy, yaw_rate, steer, drive), arrays (K,), to axle forces"""
+ForceModel = Callable[[Array, Array, Array, Array, Array, Array], AxleForces]
+"""(vx, vy, yaw_rate, steer, drive, extra_load), arrays (K,), to axle forces; the last is what the road adds to the axle
+loads, over the weight"""
 
 
 def declared_forces(vehicle: Vehicle, tyre: Mapping[str, float]) -> ForceModel:
     """Eq. (2) and (3) of the declared model, for layout `per_axle` or `shared`."""
     b, c, d = (np.array([[tyre.get(n + axle, tyre.get(n, 0.0))] for axle in "fr"]) for n in "bcd")
     load_f, load_r = vehicle.static_load_front, vehicle.static_load_rear
-    peak, arm = d * np.array([[load_f], [load_r]]), np.array([[vehicle.lf], [-vehicle.lr]])
+    static, arm = np.array([[load_f], [load_r]]), np.array([[vehicle.lf], [-vehicle.lr]])
 
-    def forces(vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array) -> AxleForces:
+    def forces(
+        vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, extra_load: Array
+    ) -> AxleForces:
+        load = static * (1.0 + extra_load)
         slip = -np.arctan((vy + arm * yaw_rate) / np.maximum(vx, 3.0))
         slip[0] += steer
-        front, rear = peak * np.sin(c * np.arctan(b * slip))
-        return AxleForces(0.0, front, load_f, tyre["cx"] * drive, rear, load_r)
+        front, rear = d * load * np.sin(c * np.arctan(b * slip))
+        return AxleForces(0.0, front, load[0], tyre["cx"] * drive, rear, load[1])
 
     return forces
 
@@ -88,7 +92,8 @@ class Plan:
     """A trajectory as it would be published, arrays (N+1,), with the track beside it.
 
     `offset` is the lateral distance from the reference line (m, positive left), `width_left`, `width_right` the
-    distances from that line to the edges, `information` Delta I of each stage (first one unused).
+    distances from that line to the edges, `extra_load` what the road adds to
+    the axle loads over the weight, `information` Delta I of each stage (first one unused).
     """
 
     x: Array
@@ -102,6 +107,7 @@ class Plan:
     offset: Array
     width_left: Array
     width_right: Array
+    extra_load: Array
     information: Array
 
 
@@ -136,7 +142,7 @@ def _steps(values: Array) -> Array:
 
 def load_shares(plan: Plan, bounds: Bounds, forces: ForceModel) -> tuple[Array, Array]:
     """Load of the front and of the rear axle over its limit, Eq. (10), (N+1,) each."""
-    f = forces(plan.vx, plan.vy, plan.yaw_rate, plan.steer, plan.drive)
+    f = forces(plan.vx, plan.vy, plan.yaw_rate, plan.steer, plan.drive, plan.extra_load)
     dynamic = np.clip((plan.vx - KINEMATIC_SPEED) / 5.0, 0.0, 1.0)
     f = replace(f, fy_f=dynamic * f.fy_f, fy_r=dynamic * f.fy_r)
     combine = (lambda x, y: np.abs(x + y)) if bounds.literal_load else np.hypot

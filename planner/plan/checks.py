@@ -10,16 +10,18 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 
 from estimator.belief.revision import RevisedModel
 from estimator.model.single_track import SIGNALS, Terms
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 from planner.adoption.adoption import Adopted
 from planner.line.raceline import RaceLine
 from planner.plan import acceptance
 from planner.plan.acceptance import AxleForces, Bounds, ForceModel
 from planner.plan.controller import Controller
+from planner.problem.motion import MOST_LIFT
 from planner.problem.settings import Settings
 from planner.solver.sqp import Solution
 
@@ -77,15 +79,24 @@ def bounds_of(settings: Settings, load_max: tuple[float, float], drive: float) -
 def plan_of(solution: Solution, line: RaceLine) -> acceptance.Plan:
     """The solution beside the race line."""
     z = solution.z
-    offset, width_left, width_right = beside(z[0], z[1], z[6], line)
+    offset, width_left, width_right, index = beside(z[0], z[1], z[6], line)
     return acceptance.Plan(
         x=z[0], y=z[1], yaw=z[2], vx=z[3], vy=z[4], yaw_rate=z[5], drive=z[7], steer=z[8], offset=offset,
-        width_left=width_left, width_right=width_right, information=np.concatenate([[0.0], solution.information]),
+        width_left=width_left, width_right=width_right, extra_load=_extra_load(line, index, z[3], z[5]),
+        information=np.concatenate([[0.0], solution.information]),
     )  # fmt: skip
 
 
-def beside(x: Array, y: Array, s: Array, line: RaceLine) -> tuple[Array, Array, Array]:
-    """Distance to the left of the line (m) of points (K,) near progress `s`, and the line's distance to both edges."""
+def _extra_load(line: RaceLine, index: npt.NDArray[np.intp], vx: Array, yaw_rate: Array) -> Array:
+    """What the road adds to the axle loads at points of the line, over the weight, (K,)."""
+    grade, bank, bend = line.grade[index], line.bank[index], line.bend[index]
+    added = np.cos(grade) * np.cos(bank) - 1.0 + vx * (vx * bend - yaw_rate * np.sin(bank)) / GRAVITY
+    return np.asarray(np.maximum(added, -MOST_LIFT))
+
+
+def beside(x: Array, y: Array, s: Array, line: RaceLine) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:
+    """Distance to the left of the line (m) of points (K,) near progress `s`, the line's distance to both edges, and
+    the nearest point of the line."""
     n = len(line.s)
     around = np.round(s / line.length * n)[:, None] + np.arange(-WINDOW, WINDOW + 1)
     index = (around % n).astype(np.intp)
@@ -96,7 +107,7 @@ def beside(x: Array, y: Array, s: Array, line: RaceLine) -> tuple[Array, Array, 
     cos, sin = np.cos(line.heading[i]), np.sin(line.heading[i])
     cells = (cos * dx + sin * dy) * n / line.length
     left, right = (w[i] + cells * 0.5 * (w[(i + 1) % n] - w[i - 1]) for w in (line.width_left, line.width_right))
-    return cos * dy - sin * dx, left, right
+    return cos * dy - sin * dx, left, right, i
 
 
 MIN_DYNAMIC_SPEED = 12.0
@@ -110,7 +121,7 @@ def defects(plan: acceptance.Plan, dt: float, forces: ForceModel, vehicle: Vehic
     Source: Hargraves & Paris, J. Guidance 10 (1987).
     """
     state = np.vstack([plan.x, plan.y, plan.yaw, plan.vx, plan.vy, plan.yaw_rate])
-    inputs = np.vstack([plan.steer, plan.drive])
+    inputs = np.vstack([plan.steer, plan.drive, plan.extra_load])
     slope = _motion(state, inputs, forces, vehicle)
     before, after, slope_before, slope_after = state[:, :-1], state[:, 1:], slope[:, :-1], slope[:, 1:]
     middle = 0.5 * (before + after) + dt / 8 * (slope_before - slope_after)
@@ -125,8 +136,8 @@ def defects(plan: acceptance.Plan, dt: float, forces: ForceModel, vehicle: Vehic
 def _motion(state: Array, inputs: Array, forces: ForceModel, vehicle: Vehicle) -> Array:
     """Eq. (1)."""
     _, _, yaw, vx, vy, rate = state
-    steer, drive = inputs
-    f = forces(vx, vy, rate, steer, drive)
+    steer, drive, extra_load = inputs
+    f = forces(vx, vy, rate, steer, drive, extra_load)
     (cos_yaw, cos_steer), (sin_yaw, sin_steer) = np.cos([yaw, steer]), np.sin([yaw, steer])
     front_x = f.fx_f * cos_steer - f.fy_f * sin_steer
     front_y = f.fy_f * cos_steer + f.fx_f * sin_steer
@@ -143,14 +154,17 @@ def _motion(state: Array, inputs: Array, forces: ForceModel, vehicle: Vehicle) -
 def interpreted_forces(revised: RevisedModel) -> ForceModel:
     """Axle forces of a model with effects, evaluated by CasADi's interpreter at the start of the lap's profiles."""
     model = revised.model
-    signals = ca.SX.sym("signals", len(SIGNALS))
-    named: dict[str, Any] = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
+    signals = ca.SX.sym("signals", len(SIGNALS) + 1)
+    *felt, extra = ca.vertsplit(signals)
+    named: dict[str, Any] = dict(zip(SIGNALS, felt, strict=True))
     phi = list(revised.phi_at(np.zeros(1))[:, 0])
-    terms = model.evaluate(Terms(model.vehicle, **named), list(revised.theta), phi)
+    terms = model.evaluate(Terms(model.vehicle, **named, aux={"extra_load": extra}), list(revised.theta), phi)
     names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r")
-    function = ca.Function("forces", [signals], [ca.vertcat(*(getattr(terms, n) for n in names))])
+    function = ca.Function("forces", [signals], [ca.densify(ca.vertcat(*(getattr(terms, n) for n in names)))])
 
-    def forces(vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array) -> AxleForces:
-        return AxleForces(*np.array(function(np.vstack([vx, vy, yaw_rate, steer, drive]))))
+    def forces(
+        vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, extra_load: Array
+    ) -> AxleForces:
+        return AxleForces(*np.array(function(np.vstack([vx, vy, yaw_rate, steer, drive, extra_load]))))
 
     return forces

@@ -28,17 +28,13 @@ MIN_POWER_SPEED = 10.0
 """below this the drive command is not limited by engine power, m/s"""
 
 
-NEGLIGIBLE = 0.003
-"""relative change of tyre parameters or their spread for which usable grip is not worked out again: a tenth of the
-change of grip that is worth a new speed profile"""
-
-
 @dataclass(frozen=True)
 class TyreKnowledge:
     """Tyre parameters the motion is predicted with, and the belief about them.
 
-    `theta`, `mean` (n,), `covariance` (n, n), `prior_std` (n,); over axle load, front and rear: `load_max` the limits
-    F-bar in force, `load_asked` what plans are asked to keep to, the limits less a reserve.
+    `theta`, `mean` (n,), `covariance` (n, n), `prior_std` (n,); front and rear: `load_max` the limits F-bar
+    by which loads are judged, over axle load; `load_asked` the share of its tyres' own peak that an axle may use in a
+    plan, whatever theta is (Eq. 10); `capacity` the force over axle load that the speed profile may ask for.
     """
 
     theta: Array
@@ -47,23 +43,12 @@ class TyreKnowledge:
     prior_std: Array
     load_max: tuple[float, float]
     load_asked: tuple[float, float]
+    capacity: tuple[float, float]
 
     @cached_property
     def spread(self) -> float:
         """Of the belief over the prior's (`infomax.relative_spread`)."""
         return infomax.relative_spread(self.covariance, self.prior_std)
-
-    def differs(self, other: TyreKnowledge) -> bool:
-        """Whether a number that the usable grip depends on differs by more than `NEGLIGIBLE` of its size."""
-        if len(self.theta) != len(other.theta):
-            return True
-        pairs = ((getattr(self, name), getattr(other, name)) for name in ("theta", "mean", "load_asked"))
-        deviations = np.sqrt(np.diagonal(self.covariance)), np.sqrt(np.diagonal(other.covariance))
-        means = np.abs(self.mean)
-        changes = [np.abs(np.subtract(a, b)) / np.abs(b) for a, b in pairs]
-        return bool(
-            max(*(c.max() for c in changes), (np.abs(deviations[0] - deviations[1]) / means).max()) > NEGLIGIBLE
-        )
 
 
 PhiAt = Callable[[Array], Array]
@@ -159,6 +144,7 @@ class Controller:
         p[names["learning"]] = infomax.patience(self.settings.dt, len(s))
         p[names["drive_max"]] = self._drive_max(vx, drive)
         p[names["grade"]], p[names["bank"]] = road[6:8] * self._road_share
+        p[names["road_load"]] = road[9:12]
         if self.problem.model.effects:
             p[names["phi"]] = self.phi_at(road[8])
 

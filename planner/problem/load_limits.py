@@ -1,22 +1,14 @@
-"""Load limits F-bar of Eq. (10) and how they widen from run to run (envelope expansion).
+"""Load limits of Eq. (10) within a run, and what one run leaves behind for the next.
 
-The rule, per axle, in units of axle load:
-
-    supported = (1 - SAFETY) * (mean - CONFIDENCE * std) of the peak factor D at the end of a run
-    held = largest load held for `HOLD_S` in the run
-    next = max(supported, min(held, present, (1 - SAFETY) * mean))  if supported is below the present limit: shrink
-    next = min(supported, held * (1 + STEP), present * (1 + STEP))  otherwise, never below the present limit
-
-So the envelope grows only as far as the belief supports it, by at most STEP a run, and not beyond STEP over what
-the car has been seen to hold; it shrinks at once, but not below that while the belief's mean agrees: a peak that was
-never driven to stays uncertain. One standard deviation, because Eq. (10) holds at the sigma points besides.
-Within a run the envelope only shrinks (`limits_within_run`).
+One principle: with the probability of `planner.sigma_level` standard deviations of the belief no axle uses more than
+the share `planner.load_use` of what its tyres can give. The load rows hold it for every plan, at the slips of the plan;
+the speed profile for every bend ahead, in force (`planner.adoption.usable_grip`). Limits widen as the belief tightens
+and with the loads a car has held, and fall as soon as the belief does.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -28,22 +20,15 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure
 from hil_gateway.process.writable import check_file
 
-SAFETY = 0.03
-CONFIDENCE = 1.0
-STEP = 0.1
 HOLD_S = 0.2
+"""a load held for so long is one the tyre bears, and not the tip of a swing"""
 SLEW = 0.01
 """largest relative change of a tyre parameter, and decrease of a limit, from one plan to the next"""
-RESERVE_FADES = (0.15, 0.31)
-"""spread of the belief over the prior's between which plans give up their reserve of load, the larger one first"""
-RESERVE_LEFT = 0.12
-DEVIATION = 0.17
-"""relative difference of a parameter in force from the belief's mean at which plans keep the whole reserve"""
 
 
 @dataclass(frozen=True)
 class LoadLimits:
-    """F-bar over axle load, front and rear."""
+    """Forces over axle load, front and rear."""
 
     front: float
     rear: float
@@ -53,55 +38,16 @@ class LoadLimits:
         """(front, rear)"""
         return self.front, self.rear
 
-    def less(self, share: float) -> LoadLimits:
-        """Smaller by `share`."""
-        return LoadLimits((1.0 - share) * self.front, (1.0 - share) * self.rear)
 
+def judged_limits(use: float, peaks_in_force: Array, before: tuple[float, float] | None) -> tuple[float, float]:
+    """F-bar over axle load (front, rear) that loads are judged by, from the peak factors D (2,) in force.
 
-@dataclass(frozen=True)
-class RunEvidence:
-    """What one run showed of one axle: belief about D at its end, largest load held over axle load."""
-
-    peak_mean: float
-    peak_std: float
-    held: float
-
-
-def next_limit(present: float, run: RunEvidence) -> float:
-    """Limit of one axle for the next run."""
-    supported = (1.0 - SAFETY) * (run.peak_mean - CONFIDENCE * run.peak_std)
-    if supported < present:
-        return max(supported, min(present, run.held, (1.0 - SAFETY) * run.peak_mean), 0.1)
-    return max(present, min(supported, (1.0 + STEP) * run.held, (1.0 + STEP) * present))
-
-
-def limits_within_run(
-    of_run: LoadLimits, use: float, peaks_in_force: Array, peaks_believed: Array, before: LoadLimits | None
-) -> tuple[LoadLimits, LoadLimits]:
-    """(what the tyres may be asked to bear now, the limits their loads are judged by), from peak factors D (2,).
-
-    Asked for is that of the run or the share `use` of the lesser D, of the one the motion is predicted with and of the
-    mean of the belief: a belief that has learnt of less grip tells at once, before the model in force follows. Judged
-    is by limits that come down by `SLEW` a plan from those `before`, as fast as the parameters in force may change:
-    forces by the tyres of the plan under way, set against limits of other tyres, say nothing of the car. Neither is
-    ever wider than that of the run.
+    They come down from those `before` by `SLEW` a plan at most, as fast as parameters in force may change: forces by
+    the tyres of the plan under way, set against limits of other tyres, say nothing of the car.
     """
-    supported = np.minimum(of_run.pair, use * np.minimum(peaks_in_force, peaks_believed))
-    judged = supported if before is None else np.maximum(supported, (1.0 - SLEW) * np.array(before.pair))
-    return LoadLimits(*supported.tolist()), LoadLimits(*judged.tolist())
-
-
-def reserve(largest: float, spread: float, theta: Array, mean: Array) -> float:
-    """Share of the load limits that plans leave alone.
-
-    All of `largest` is for tyres that may bear less than believed. It is given up as the belief tightens (`spread` over
-    that of the prior), if the parameters in force `theta` are those of its `mean`: who drives with others plans loads
-    that are not the tyres'. `RESERVE_LEFT` of it stays, for noise.
-    """
-    low, high = RESERVE_FADES
-    doubt = (spread - low) / (high - low)
-    deviation = float(np.max(np.abs(theta / mean - 1.0))) / DEVIATION
-    return largest * float(np.clip(max(doubt, deviation), RESERVE_LEFT, 1.0))
+    supported = use * peaks_in_force
+    judged = supported if before is None else np.maximum(supported, (1.0 - SLEW) * np.array(before))
+    return float(judged[0]), float(judged[1])
 
 
 class HeldLoad:
@@ -132,24 +78,21 @@ def load_limits(path: str | Path) -> LoadLimits | None:
         return None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: not a file of load limits ({error}); delete it to start from the prior") from None
-    if not (0 < limits.front < 5 and 0 < limits.rear < 5):
+    if not (0 <= limits.front < 5 and 0 <= limits.rear < 5):
         raise InputError(f"{path}: load limits {figure(limits.pair)} are not within 0..5 axle loads; delete the file")
     return limits
 
 
-def starting_limits(planner: PlannerConfig, tyre: Mapping[str, float]) -> LoadLimits:
-    """Load limits of this run: stored by the last one, else a share of the peak forces of the starting model.
+def starting_limits(planner: PlannerConfig) -> LoadLimits:
+    """Loads that an earlier run has held, none where there was none.
 
     Raises:
         InputError: the file is not one of ours, or could not be written when the run ends.
     """
-    if planner.load_limits:
-        check_file(Path(planner.load_limits), option="planner.load_limits")
-    stored = load_limits(planner.load_limits) if planner.load_limits else None
-    if stored is not None:
-        return stored
-    use = planner.load_use
-    return LoadLimits(use * tyre.get("df", tyre.get("d", 1.0)), use * tyre.get("dr", tyre.get("d", 1.0)))
+    if not planner.load_limits:
+        return LoadLimits(0.0, 0.0)
+    check_file(Path(planner.load_limits), option="planner.load_limits")
+    return load_limits(planner.load_limits) or LoadLimits(0.0, 0.0)
 
 
 def store_limits(path: str | Path, limits: LoadLimits) -> None:

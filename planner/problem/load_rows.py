@@ -1,4 +1,9 @@
-"""Eq. (10): the load of each axle over its bound, for the least favourable choice of theta."""
+"""Eq. (10): the load of each axle over its bound, for the least favourable choice of theta.
+
+The bound is a share of the peak force of the very tyre that carries the load: a choice of theta with less grip bears
+less and has less to bear. So a row is the share of its tyres' peak that an axle uses if theta is right, and the worst
+of the choices is what it uses with the stated probability.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +13,17 @@ from typing import Any
 
 import casadi as ca
 
+from estimator.model.single_track import Terms
+from estimator.model.tyre import front_and_rear
 from hil_gateway.process.arrays import Expr
 from planner.problem.motion import NZ, VX, dynamic_share
 from planner.problem.stage_model import StageModel
 
 LOAD_SMOOTHING = 0.02
 """rounds the tip of the friction cone at zero force, share of the bound"""
+
+BEYOND_PEAK = 1.0
+"""rise of a row with C atan(B alpha) beyond the peak, 1/rad: as steep as it is at no slip, so that plans lead back"""
 
 
 @dataclass(frozen=True)
@@ -33,9 +43,10 @@ def load_row(problem: StageModel, axle: str, z: Expr, theta: Expr, p: Mapping[st
     Hessian (sequential convex quadratic programming, Verschueren et al. 2016) makes the iterations contract.
     """
     terms = problem.evaluate(z, theta, p)
-    bound = p["load_max"]["fr".index(axle)] * getattr(terms, f"load_{axle}")
+    bound = p["load_max"]["fr".index(axle)] * getattr(terms, f"peak_{axle}")
     # driven kinematically, a car has no slip angles to limit
-    forces = ca.vertcat(getattr(terms, f"fx_{axle}"), dynamic_share(z[VX]) * getattr(terms, f"fy_{axle}")) / bound
+    across = dynamic_share(z[VX]) * getattr(terms, f"across_{axle}") * _lateral_share(problem, axle, terms, theta)
+    forces = ca.vertcat(getattr(terms, f"fx_{axle}") / bound, across / p["load_max"]["fr".index(axle)])
     slopes: Any = ca.jacobian(forces, z)
     if problem.settings.load_limit == "literal":
         ones = ca.DM([[1.0, 1.0]])
@@ -44,6 +55,16 @@ def load_row(problem: StageModel, axle: str, z: Expr, theta: Expr, p: Mapping[st
     normal = forces / value
     curvature = (ca.SX.eye(2) - normal @ normal.T) / value
     return LoadRow(value, normal.T @ slopes, slopes.T @ curvature @ slopes)
+
+
+def _lateral_share(problem: StageModel, axle: str, terms: Terms, theta: Expr) -> Expr:
+    """Lateral force over the peak by Eq. (2), and on beyond the peak, where the force falls and a row must not."""
+    model = problem.model
+    rows = front_and_rear(model.layout)["fr".index(axle)].rows([p.name for p in model.tyre_table])
+    b, c = (theta[row] for row in rows[:2])
+    phase = c * ca.atan(b * getattr(terms, f"slip_{axle}"))
+    rising: Any = ca.fmax(ca.fmin(phase, 0.5 * ca.pi), -0.5 * ca.pi)
+    return ca.sin(rising) + BEYOND_PEAK * (phase - rising)
 
 
 def worst_choice(problem: StageModel, axle: str, z: Expr, p: Mapping[str, Expr]) -> Expr:

@@ -28,6 +28,9 @@ BLEND_WIDTH = 1.5
 KINEMATIC_TIME = 0.15
 """Below about 6 m/s tyre dynamics are too stiff for one step of 0.05 s and the car is driven kinematically."""
 
+MOST_LIFT, LIFT_SMOOTHING = 0.8, 0.05
+"""share of the weight that a crest takes off at most, and the width of that bound"""
+
 HOLD_SPEED = 0.5
 """m/s: below about this deceleration fades to nothing"""
 
@@ -43,8 +46,18 @@ def auxiliary(
         "ax": p["theta"][0] * z[DRIVE] / model.vehicle.mass,
         "steer_rate": du[1] / dt,
         "drive_rate": du[0] / dt,
+        "extra_load": extra_load(p["road_load"], z[VX], z[5]),
     }
     return {name: known.get(name, 0.0) for name in AUXILIARY}
+
+
+def extra_load(road: Expr, vx: Expr, yaw_rate: Expr) -> Expr:
+    """What the road adds to the axle loads at this motion, over the weight; `road` are the rows of `Reference.stages`.
+
+    Kept above -`MOST_LIFT`: a car that takes off needs another model.
+    """
+    extra = road[0] + road[1] * vx * vx - road[2] * vx * yaw_rate
+    return -MOST_LIFT + 0.5 * (extra + MOST_LIFT + ca.sqrt((extra + MOST_LIFT) ** 2 + LIFT_SMOOTHING**2))
 
 
 def split(vector: Expr) -> list[Expr]:

@@ -43,9 +43,12 @@ class Limits:
 
     steer: float = 0.26
     steer_rate: float = 0.3
-    drive_max: float = 0.12
-    drive_min: float = -0.16
-    drive_rate: float = 0.8
+    drive_max: float = 0.16
+    """8 kN: what the rear tyres put down"""
+    drive_min: float = -0.36
+    """18 kN: what both axles take at speed with downforce; the load rows know what they take at each"""
+    drive_rate: float = 1.6
+    """from coasting to full braking in a quarter of a second: the brake's own lag is 0.03 s"""
     speed: float = 85.0
     progress_rate: float = 25.0
     power: float = 340e3
@@ -94,10 +97,8 @@ class Settings:
     slack: Slack = Slack()
     information: Information = Information()
     load_limit: LoadLimit = "ellipse"
-    sigma_level: float = 1.0
+    sigma_level: float = 2.0
     """Eq. (10) holds at the mean and at this many standard deviations along each principal axis of the belief"""
-    load_reserve: float = 0.0
-    """of the load limits, kept by plans until the tyres are known (`load_limits.reserve`)"""
 
     @property
     def iterations(self) -> int:
@@ -118,5 +119,4 @@ def settings_of(config: Config) -> Settings:
         information=information,
         load_limit=p.load_limit,
         sigma_level=p.sigma_level,
-        load_reserve=p.load_reserve,
     )

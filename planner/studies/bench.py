@@ -26,8 +26,6 @@ from planner.line.track import Reference
 from planner.plan import acceptance
 from planner.plan.checks import bounds_of, plan_of
 from planner.plan.controller import Controller, TyreKnowledge
-from planner.problem.infomax import relative_spread
-from planner.problem.load_limits import LoadLimits, reserve
 from planner.problem.motion import NZ, PROGRESS, VX, S
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
@@ -74,17 +72,16 @@ def bench_controller(
     revised = model_of(declared_revision("per_axle"), vehicle, track.length)
     problem = Problem(revised.model, settings)
     # plans that explore leave more of the load limits alone: a profile that does not enters bends too fast for them
-    kept_back = settings.limits.exploring_reserve if problem.informative else 0.0
-    envelope = envelope_of(revised.model, list(revised.theta), grip_use=(1.0 - kept_back) * PROFILE_USE)
+    use = (1.0 - (settings.limits.exploring_reserve if problem.informative else 0.0)) * PROFILE_USE
+    envelope = envelope_of(revised.model, list(revised.theta), use=(use, use))
     line = raceline_for(track, envelope, MARGIN)
     theta, names = revised.theta, [p.name for p in revised.model.tyre_table]
-    limits = LoadLimits(LOAD_USE * theta[names.index("df")], LOAD_USE * theta[names.index("dr")])
+    judged = LOAD_USE * theta[names.index("df")], LOAD_USE * theta[names.index("dr")]
     prior_std, covariance = (
         np.array([p.prior_std for p in revised.model.tyre_table]),
         np.diag((BELIEF_STD * theta) ** 2),
     )
-    kept = reserve(settings.load_reserve, relative_spread(covariance, prior_std), theta, theta)
-    knowledge = TyreKnowledge(theta, theta, covariance, prior_std, limits.pair, limits.less(kept).pair)
+    knowledge = TyreKnowledge(theta, theta, covariance, prior_std, judged, (LOAD_USE, LOAD_USE), judged)
     functions = build_functions(problem, compiled)
     return Controller(problem, functions, Reference(line), knowledge, backend=backend), line
 

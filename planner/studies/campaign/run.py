@@ -56,7 +56,7 @@ def drive_all(jobs: Sequence[Job], out: Path, machines: Machines) -> list[dict[s
             save(out, name, driven)
             found[name] = driven
             progress.update(task, advance=1, description=f"driven {name}")
-    return [result for job in jobs if (result := found[job.name]) is not None]
+    return [done for job in jobs if (done := found[job.name]) is not None]
 
 
 def _here(jobs: Sequence[Job], machines: Machines) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -90,7 +90,7 @@ def save(folder: Path, name: str, result: Mapping[str, Any]) -> None:
 def load(folder: Path, name: str, settings: Mapping[str, Any]) -> dict[str, Any] | None:
     """A result stored before with the same settings, or None."""
     try:
-        result = json.loads((folder / f"{name}.json").read_text())
+        result: dict[str, Any] = json.loads((folder / f"{name}.json").read_text())
     except (OSError, ValueError):
         return None
     same: bool = result.get("settings") == json.loads(json.dumps(settings))

@@ -165,12 +165,12 @@ def _drive(trial: Trial, settings: CampaignSettings, config: Config) -> dict[str
     result = loop.run(laps=settings.laps, seconds=seconds or None, time_limit_s=settings.time_limit_s)
     estimator = loop.estimator
     assert isinstance(estimator, RecordingEstimator) and isinstance(loop.planner, Planner)
-    tyre = true_tyre(trial.seed, settings)
+    tyre, judged = true_tyre(trial.seed, settings), loop.planner.adoption.controller.knowledge.load_max
     return {
         "trial": asdict(trial),
         "settings": asdict(settings),
         "truth": tyre,
-        "safety": safety_figures(result, watch, estimator.kept, tyre, loop.planner.limits.pair),
+        "safety": safety_figures(result, watch, estimator.kept, tyre, judged),
         "lap_times_s": result.lap_times_s,
         "start_s": loop.elapsed_s - result.seconds,
         "progress": _progress(watch, loop.elapsed_s - result.seconds),

@@ -1,0 +1,59 @@
+"""What is declared of the race car beyond Eq. (1)-(3): air, load transfer and the brakes of both axles, as effects.
+
+Nominal values come from the data sheet (`hil_gateway.car`), never from a car that was driven. How well they are known
+is stated beside them, and the belief goes on from there while driving.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from estimator.model.parameters import DEFAULT_TYRE, Layout
+from hil_gateway.car.powertrain import Powertrain
+from hil_gateway.car.vehicle import Vehicle
+
+AERO_STD = 0.10
+"""relative; a wind tunnel against the road, and wings set for the track"""
+HEIGHT_STD = 0.15
+"""relative; a centre of gravity's height is the least well weighed"""
+BRAKE_SHARE_STD = 0.04
+"""absolute, about 8 %: pads, discs and the bias valve"""
+BRAKE_GAIN_STD = 0.10
+"""relative; braking over driving force per unit of command: brakes warm up, engines differ"""
+TYRE_STD: Mapping[str, float] = {"cx": 0.10, "b": 0.20, "c": 0.08, "d": 0.15}
+"""relative; grip of a set of tyres on a track differs by a fifth at most from what is declared, the shape of the curve
+by less, the slip at which it peaks by more"""
+
+
+@dataclass(frozen=True)
+class DeclaredParameter:
+    """Value and standard deviation, SI, of one parameter of an effect."""
+
+    value: float
+    std: float
+
+
+def declared_effects(vehicle: Vehicle, powertrain: Powertrain) -> dict[str, dict[str, DeclaredParameter]]:
+    """Effects of the race car with nominal values: effect -> parameter -> value and how well it is known."""
+    v, pressure = vehicle, 0.5 * vehicle.air_density
+    drag, front, rear = (pressure * area for area in (v.drag_area, -v.lift_area_front, -v.lift_area_rear))
+    return {
+        "aero_drag": {"k": DeclaredParameter(drag, AERO_STD * drag)},
+        "aero_downforce": {
+            "k_front": DeclaredParameter(front, AERO_STD * front),
+            "k_rear": DeclaredParameter(rear, AERO_STD * rear),
+        },
+        "load_transfer": {"height": DeclaredParameter(v.cg_height, HEIGHT_STD * v.cg_height)},
+        "front_brake": {
+            "share": DeclaredParameter(powertrain.brake_bias_front, BRAKE_SHARE_STD),
+            "gain": DeclaredParameter(1.0, BRAKE_GAIN_STD),
+        },
+    }
+
+
+def declared_tyre_std(layout: Layout) -> dict[str, float]:
+    """Standard deviation of every declared tyre parameter of a race car, SI."""
+    return {
+        name: value * TYRE_STD["cx" if name == "cx" else name[0]] for name, value in DEFAULT_TYRE[layout].items()
+    }
