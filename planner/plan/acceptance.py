@@ -54,7 +54,7 @@ def declared_forces(vehicle: Vehicle, tyre: Mapping[str, float]) -> ForceModel:
     load_f, load_r = vehicle.static_load_front, vehicle.static_load_rear
     static, arm = np.array([[load_f], [load_r]]), np.array([[vehicle.lf], [-vehicle.lr]])
 
-    def forces(
+    def forces(  # noqa: PLR0917 (one argument a signal)
         vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, extra_load: Array
     ) -> AxleForces:
         load = static * (1.0 + extra_load)

@@ -162,7 +162,7 @@ def interpreted_forces(revised: RevisedModel) -> ForceModel:
     names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r")
     function = ca.Function("forces", [signals], [ca.densify(ca.vertcat(*(getattr(terms, n) for n in names)))])
 
-    def forces(
+    def forces(  # noqa: PLR0917 (one argument a signal)
         vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, extra_load: Array
     ) -> AxleForces:
         return AxleForces(*np.array(function(np.vstack([vx, vy, yaw_rate, steer, drive, extra_load]))))
