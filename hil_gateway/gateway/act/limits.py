@@ -1,6 +1,6 @@
 """The last gate before the wire: value and rate limits on the very integers that leave.
 
-Working on raw integers makes the promise exact: no rounding happens between the check and the bytes. Values
+Working on raw integers makes the promise exact: what is checked here is packed as it is (`Codec.pack`). Values
 are the car's (`can_dbc/av24.toml`), rates the configuration's. Pure: the previous frame is an argument.
 """
 
