@@ -18,7 +18,7 @@ from hil_gateway.gateway.act.transmitter import Transmitter
 from hil_gateway.gateway.decide.decision import Decision
 from hil_gateway.gateway.decide.ladder_inputs import Flags
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.road_speed import STANDSTILL, rear_speed, road_speed
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 
@@ -78,7 +78,7 @@ class Actor:
     def _wanted(
         self, now_ns: int, state: VehicleState, decision: Decision, command: Command | None, pose: Pose | None
     ) -> Actuators:
-        gear = self._gears.step(now_ns, rear_speed(state))
+        gear = self._gears.step(now_ns, road_speed(state), state.engine_speed, state.gear)
         driving = decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
             return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from can_dbc.codec import Codec
 from can_dbc.database import Signal
 from hil_gateway.car.actuation import Actuators
-from hil_gateway.config import LimitConfig
+from hil_gateway.gateway.settings import LimitConfig
 
 PERIOD_S = 0.01
 """Command period that turns rates into steps per frame."""
