@@ -45,6 +45,7 @@ class Fault:
 
 Decoder = Callable[[bytes], Values | Fault]
 Encoder = Callable[[Mapping[str, float]], tuple[int, bytes]]
+Packer = Callable[[Mapping[str, int]], tuple[int, bytes]]
 
 
 class Codec:
@@ -57,6 +58,7 @@ class Codec:
         self.by_id: Mapping[int, Message] = MappingProxyType({m.id: m for m in database.messages})
         self._decoders = _compile_decoders(database.messages, si=True)
         self._encoders = _compile_encoders(database.messages, si=True)
+        self._packers: dict[str, Packer] = _compile_packers(database.messages)
         self._raw: tuple[dict[int, Decoder], dict[str, Encoder]] | None = None
 
     def decode(self, frame_id: int, data: bytes) -> Values | Fault:
@@ -74,6 +76,18 @@ class Codec:
             ValueError: a signal the message does not have, or a value that is not a number.
         """
         return self._encoders[name](values)
+
+    def pack(self, name: str, raw: Mapping[str, int]) -> tuple[int, bytes]:
+        """(identifier, bytes) of a message from the integers of all its fields, each held to what its field can carry.
+
+        Nothing is scaled or rounded: what was checked is what leaves.
+
+        Raises:
+            KeyError: no such message, or a signal is missing.
+            ValueError: a signal the message does not have.
+            TypeError, AttributeError: a value that is not an integer.
+        """
+        return self._packers[name](raw)
 
     def decode_raw(self, frame_id: int, data: bytes) -> Values | Fault:
         """`decode` in the units of the DBC."""
@@ -111,6 +125,12 @@ def _compile_encoders(messages: tuple[Message, ...], si: bool) -> dict[str, Enco
     return {message.name: namespace[f"encode_{message.name}"] for message in messages}
 
 
+def _compile_packers(messages: tuple[Message, ...]) -> dict[str, Packer]:
+    source = "\n".join(packer_source(message) for message in messages)
+    namespace = _run(source, messages)
+    return {message.name: namespace[f"pack_{message.name}"] for message in messages}
+
+
 def _run(source: str, messages: tuple[Message, ...]) -> dict[str, Any]:
     """Execute generated source: only names and numbers of our own DBC, checked by its reader, go into it."""
     namespace: dict[str, Any] = {
@@ -141,7 +161,8 @@ def decoder_source(message: Message, si: bool) -> str:
             ", ".join(f"r{message.signals.index(signal)}" for signal in by_start) + f", = unpack_{message.name}(data)"
         )
         raws = [f"r{index}" for index in range(len(message.signals))]
-    fields = (f"{signal.name!r}: {_scaled(raw, signal, si)}" for raw, signal in zip(raws, message.signals, strict=True))
+    pairs = zip(raws, message.signals, strict=True)
+    fields = (f"{_key(signal, si)!r}: {_scaled(raw, signal, si)}" for raw, signal in pairs)
     lines = [
         f"def decode_{message.name}(data):",
         f"    if len(data) != {message.dlc}:",
@@ -154,16 +175,30 @@ def decoder_source(message: Message, si: bool) -> str:
 
 def encoder_source(message: Message, si: bool) -> str:
     """Source of `encode_NAME(values) -> (identifier, bytes)`."""
-    clamps = [_clamped(index, signal, si) for index, signal in enumerate(message.signals)]
-    order = message.byte_order
+    integers = [_clamped(index, signal, si) for index, signal in enumerate(message.signals)]
+    return _function(f"encode_{message.name}", message, integers, si)
+
+
+def packer_source(message: Message) -> str:
+    """Source of `pack_NAME(values) -> (identifier, bytes)`."""
+    integers = [_held(index, signal) for index, signal in enumerate(message.signals)]
+    return _function(f"pack_{message.name}", message, integers, si=False)
+
+
+def _function(name: str, message: Message, integers: list[str], si: bool) -> str:
+    """Source of a function from `values` to a frame; `integers` are the statements that make each field's."""
     lines = [
-        f"def encode_{message.name}(values):",
+        f"def {name}(values):",
         f"    if len(values) != {len(message.signals)}:",
-        f"        unknown_signals(messages[{message.name!r}], values)",
-        *(f"    {line}" for line in clamps),
-        f"    return {message.id}, ({_packed(message)}).to_bytes({message.dlc}, {order!r})",
+        f"        unknown_signals(messages[{message.name!r}], values, {si})",
+        *(f"    {line}" for line in integers),
+        f"    return {message.id}, ({_packed(message)}).to_bytes({message.dlc}, {message.byte_order!r})",
     ]
     return "\n".join(lines)
+
+
+def _key(signal: Signal, si: bool) -> str:
+    return signal.si_name if si else signal.name
 
 
 def _linear(signal: Signal, si: bool) -> tuple[float, float]:
@@ -211,10 +246,16 @@ def _clamped(index: int, signal: Signal, si: bool) -> str:
     """
     scale, offset = _linear(signal, si)
     low, high = signal.raw_range
-    value = f"values[{signal.name!r}]" + (f" - {offset!r}" if offset else "")
+    value = f"values[{_key(signal, si)!r}]" + (f" - {offset!r}" if offset else "")
     exact = f"({value}) / {scale!r}" if offset else f"{value} / {scale!r}" if scale != 1.0 else value
     name = f"r{index}"
     return f"{name} = {exact}; {name} = {low} if {name} < {low} else {high} if {name} > {high} else round({name})"
+
+
+def _held(index: int, signal: Signal) -> str:
+    """Statement that puts an integer, held to what the field of one signal can carry, into `r{index}`."""
+    low, high = signal.raw_range
+    return f"r{index} = min(max(values[{signal.name!r}], {low}), {high})"
 
 
 def _packed(message: Message) -> str:
@@ -227,8 +268,8 @@ def _packed(message: Message) -> str:
     return " | ".join(parts)
 
 
-def _unknown_signals(message: Message, values: Mapping[str, float]) -> None:
+def _unknown_signals(message: Message, values: Mapping[str, float], si: bool) -> None:
     """A wrong number of signals: name those the message lacks (missing ones raise KeyError by themselves)."""
-    unknown = sorted(set(values) - set(message.signal))
+    unknown = sorted(set(values) - {_key(signal, si) for signal in message.signals})
     if unknown:
         raise ValueError(f"{message.name} has no signal {', '.join(unknown)}")

@@ -52,6 +52,11 @@ class Signal:
         return 0, (1 << self.length) - 1
 
     @property
+    def si_name(self) -> str:
+        """Name of the value in SI: without the unit some names end in, which it no longer has."""
+        return self.name.removesuffix(f"_{self.unit}") if self.unit else self.name
+
+    @property
     def si_factor(self) -> float:
         """SI value over value in DBC units."""
         return SI[self.unit]

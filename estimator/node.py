@@ -66,7 +66,7 @@ class Estimator:
         self._states = bus.subscribe(topics.VEHICLE_STATE, depth=QUEUE_DEPTH)
 
     @property
-    def heard(self) -> bool:
+    def received(self) -> bool:
         """Whether a vehicle state has ever come."""
         return self._seq > 0
 
@@ -193,7 +193,7 @@ def run(config: Config, period_s: float = 0.001) -> None:
         while True:
             now_ns = clock.now_ns()
             estimator.step(now_ns)
-            notice.step(now_ns, estimator.heard)
+            notice.step(now_ns, estimator.received)
             clock.sleep_until(now_ns + round(period_s * NS_PER_S))
     except KeyboardInterrupt:
         pass

@@ -10,12 +10,13 @@ import os
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.gateway.settings import GatewayConfig
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
 
@@ -50,35 +51,6 @@ class OriginConfig(Model):
 
     latitude: float = Field(default=36.5844, ge=-90, le=90, description="deg")
     longitude: float = Field(default=-121.7535, ge=-180, le=180, description="deg")
-
-
-class LimitConfig(Model):
-    """Fastest moves the gateway lets out; value limits are the car's own (can_dbc/av24.toml)."""
-
-    steering_rate: float = Field(default=500.0, gt=0, le=500, description="motor angle, deg/s")
-    accelerator_rise: float = Field(default=400.0, gt=0, le=1000, description="%/s; falling is never held back")
-    brake_rise: float = Field(default=180_000.0, gt=0, le=180_000, description="kPa/s")
-    brake_fall: float = Field(default=60_000.0, gt=0, le=180_000, description="kPa/s")
-
-
-class StopConfig(Model):
-    """How hard the gateway brakes by itself."""
-
-    controlled_deceleration: float = Field(default=6.0, gt=0, le=30, description="m/s2")
-    emergency_deceleration: float = Field(default=12.0, gt=0, le=30, description="m/s2 on a straight at low speed")
-    lateral_grip: float = Field(default=1.3, gt=0, le=4, description="lateral specific force the tyres hold, g")
-    downforce: float = Field(default=1.12, ge=0, description="N per (m/s)^2, both axles: grip grows with it")
-    hold_pressure: float = Field(default=2.0e6, gt=0, description="brake pressure at standstill, Pa")
-
-
-class GatewayConfig(Model):
-    """Gateway process."""
-
-    mode: Literal["listen", "shadow", "actuator_test", "armed"] = "armed"
-    vehicle_number: int = Field(default=1, ge=0, le=255)
-    command_latency_max_s: float = Field(default=0.15, gt=0, le=1, description="older states are not answered any more")
-    limits: LimitConfig = LimitConfig()
-    stop: StopConfig = StopConfig()
 
 
 class PlantConfig(Model):
@@ -170,6 +142,23 @@ class Config(Model):
     recorder: RecorderConfig = RecorderConfig()
     dashboard: DashboardConfig = DashboardConfig()
 
+    @model_validator(mode="after")
+    def _stops(self) -> Self:
+        """The declared brakes must be able to do what stopping asks of them."""
+        train, stop = self.powertrain, self.gateway.stop
+        share = max(train.brake_bias_front, 1 - train.brake_bias_front)
+        force = train.brake_force_per_pa * train.brake_pressure_max / share
+        if force < self.vehicle.mass * stop.emergency_deceleration:
+            raise ValueError(
+                f"the brakes give {force / self.vehicle.mass:.1f} m/s2 at brake_pressure_max, "
+                f"emergency_deceleration asks for {stop.emergency_deceleration:g}"
+            )
+        return self
+
+
+CONFIG_BYTES_MAX = 1_000_000
+"""of a configuration file; ours have some hundreds"""
+
 
 def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Config:
     """Merge defaults, TOML file, environment and dotted `overrides` ("can.channel": "can0").
@@ -212,7 +201,11 @@ def _leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
+        if path.stat().st_size > CONFIG_BYTES_MAX:
+            raise InputError(f"{path}: {path.stat().st_size} bytes, a configuration has at most {CONFIG_BYTES_MAX}")
         return tomllib.loads(path.read_text(encoding="utf-8"))
+    except RecursionError:
+        raise InputError(f"{path}: nested too deeply for a configuration") from None
     except OSError as error:
         raise InputError(f"{path}: cannot read the configuration: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -252,8 +245,8 @@ def _from_text(name: str, text: str) -> Any:
         return text
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{name}={text}: not a TOML list or table: {error}") from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{name}={text[:80]}: not a TOML list or table: {error}") from None
 
 
 def _set(tree: dict[str, Any], keys: Any, value: Any) -> None:
@@ -274,6 +267,8 @@ def _explain(error: ValidationError, path: Path | None, overrides: Mapping[str, 
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"])
     where = "command line" if key in overrides else _variable(key) or str(path or "defaults")
+    if first["type"] == "value_error":  # several keys that do not go together: the message says which
+        return f"{where}: {key + ': ' if key else ''}{first['ctx']['error']}"
     if first["type"] == "extra_forbidden":
         return f"{where}: unknown key {key}; `hil doctor --config` lists the known ones"
     return f"{where}: {key} = {first['input']!r}: {KINDS.get(first['type'], first['msg'].lower())}"

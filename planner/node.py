@@ -288,7 +288,7 @@ def run(config: Config) -> None:
     try:
         while not stop():
             plan = planner.step(clock.now_ns())
-            notice.step(clock.now_ns(), heard=plan is not None)
+            notice.step(clock.now_ns(), received=plan is not None)
             due_ns = max(due_ns + period_ns, clock.now_ns())
             clock.sleep_until(due_ns)
     finally:

@@ -101,8 +101,8 @@ class Estimate(Message):
     bias_ay: Motion
     bias_yaw_rate: Motion
     std: tuple[float, ...] = Field(description="standard deviations of x, y, yaw, vx, vy, yaw_rate, biases")
-    steer: Angle = Field(description="applied road-wheel angle, rad")
-    drive: Slip = Field(description="applied slip-ratio drive command")
+    steer: Angle = Field(description="road-wheel angle as the car reports it, rad")
+    drive: Slip = Field(description="slip-ratio drive command equivalent to the reported pedals")
     innovations_rejected: int = Field(ge=0, description="measurements gated out since start")
 
 
@@ -220,7 +220,7 @@ class FailsafeAction(StrEnum):
 
 
 class Applied(Message):
-    """What the gateway really sent this period: the estimator learns from this, never from the request."""
+    """What the gateway really sent this period, after every limit (100 Hz)."""
 
     sent: bool
     action: FailsafeAction

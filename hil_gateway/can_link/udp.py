@@ -93,7 +93,7 @@ class UdpLink(SocketLink):
         target.sendto(payload, (self._group, self._port))
 
     def _count_gap(self, sender: bytes, sequence: int) -> None:
-        """Datagrams that never came from a sender heard before."""
+        """Datagrams that never came from a sender received before."""
         expected = self._next.get(sender)
         if expected is None:
             if len(self._next) >= SENDERS_REMEMBERED:

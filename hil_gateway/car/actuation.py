@@ -38,7 +38,7 @@ class Actuation:
         available = train.drive_force(gear, engine_speed, self._vehicle.wheel_radius)
         accelerator = min(force / available, 1.0) if force > 0 and available > 0 else 0.0
         front, rear = self.brake_pressures(max(-force, 0.0))
-        return Actuators(steer * self._vehicle.steering_ratio, accelerator, front, rear, next_gear)
+        return Actuators(self.to_steering_motor(steer), accelerator, front, rear, next_gear)
 
     def brake_pressures(self, force: float) -> tuple[float, float]:
         """Front and rear pressure (Pa) for a braking force (N >= 0), held to what the brakes take."""
@@ -54,6 +54,10 @@ class Actuation:
         available = train.drive_force(gear, engine_speed, self._vehicle.wheel_radius)
         braking = (actuators.brake_front + actuators.brake_rear) * train.brake_force_per_pa
         return (actuators.accelerator * available - braking) / train.force_per_drive
+
+    def to_steering_motor(self, steer: float) -> float:
+        """Motor angle of a road-wheel angle, rad."""
+        return steer * self._vehicle.steering_ratio
 
     def to_steer(self, steering_motor: float) -> float:
         """Road-wheel angle of a motor angle, rad."""

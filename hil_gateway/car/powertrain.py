@@ -7,13 +7,21 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from itertools import pairwise
+from typing import Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hil_gateway.process.model import Model
 
 RPM = 2 * math.pi / 60
 """rad/s per rpm."""
+RPM_MAX = 16_000.0
+"""largest value `engine_speed_rpm` of the DBC declares"""
+TORQUE_MAX = 2_000.0
+"""N m; the car's engine gives 566"""
+GEARS_MAX = 6
+"""largest `desired_gear` the car takes"""
 
 
 class Powertrain(Model):
@@ -29,10 +37,36 @@ class Powertrain(Model):
     downshift_rpm: float = Field(default=5700.0, gt=0, description="shift down when the lower gear turns slower")
     shift_pause_s: float = Field(default=0.3, ge=0, description="least time between two shifts")
     clutch_rpm: float = Field(default=2000.0, gt=0, description="slowest engine speed with the clutch slipping")
-    brake_force_per_pa: float = Field(default=1.8e-3, gt=0, description="braking force of one axle, N per Pa")
-    brake_bias_front: float = Field(default=0.54, ge=0, le=1, description="front share of the pressure")
-    brake_pressure_max: float = Field(default=6.0e6, gt=0, description="Pa")
-    force_per_drive: float = Field(default=50_000.0, gt=0, description="C_x that turns the command d into a force, N")
+    brake_force_per_pa: float = Field(default=1.8e-3, gt=0, lt=0.1, description="braking force of one axle, N per Pa")
+    brake_bias_front: float = Field(
+        default=0.54, ge=0.2, le=0.9, description="front share of the pressure; no axle may be without brakes"
+    )
+    brake_pressure_max: float = Field(default=6.0e6, ge=1.0e6, le=7.0e6, description="Pa")
+    force_per_drive: float = Field(
+        default=50_000.0, ge=1e3, le=1e6, description="C_x that turns the command d into a force, N"
+    )
+
+    @model_validator(mode="after")
+    def _tables(self) -> Self:
+        """A map that cannot be read, or shifts that never end, are found before anything drives."""
+        rpm = self.engine_rpm
+        if len(rpm) != len(self.engine_torque):
+            raise ValueError(f"engine_torque has {len(self.engine_torque)} values for {len(rpm)} of engine_rpm")
+        if len(rpm) < 2 or rpm[0] <= 0 or any(b <= a for a, b in pairwise(rpm)) or not rpm[-1] <= RPM_MAX:
+            raise ValueError(f"engine_rpm needs two or more rising speeds between 0 and {RPM_MAX:g}")
+        if not all(0 < torque <= TORQUE_MAX for torque in self.engine_torque):
+            raise ValueError(f"engine_torque must lie between 0 and {TORQUE_MAX:g} N m")
+        falling = all(b < a for a, b in pairwise(self.gears))
+        if not 1 <= len(self.gears) <= GEARS_MAX or not falling or not 0.1 <= self.gears[-1] <= self.gears[0] <= 20:
+            raise ValueError(f"gears needs 1 to {GEARS_MAX} falling ratios between 0.1 and 20")
+        if not self.clutch_rpm < self.downshift_rpm < self.upshift_rpm <= rpm[-1]:
+            raise ValueError("clutch_rpm < downshift_rpm < upshift_rpm <= last engine_rpm does not hold")
+        return self
+
+    @property
+    def engine_speed_max(self) -> float:
+        """End of the engine map, rad/s: no shift may turn the engine faster."""
+        return self.engine_rpm[-1] * RPM
 
     def engine_torque_at(self, engine_speed: float) -> float:
         """Full-throttle torque at `engine_speed` (rad/s), N m, linear between the points of the map."""
@@ -59,8 +93,12 @@ class GearChoice:
         self._shifted_ns: int | None = None
         self.gear = 1
 
-    def step(self, now_ns: int, speed: float) -> int:
-        """Gear for road speed `speed` (m/s): at most one step a `shift_pause_s`."""
+    def step(self, now_ns: int, speed: float, engine_speed: float, engaged: int) -> int:
+        """Gear for road speed `speed` (m/s): at most one step a `shift_pause_s`.
+
+        `engine_speed` (rad/s) in the `engaged` gear has a veto: wheel sensors that read too low do not turn the engine
+        faster than its map ends.
+        """
         train = self._powertrain
         if self._shifted_ns is not None and now_ns - self._shifted_ns < train.shift_pause_s * 1e9:
             return self.gear
@@ -69,10 +107,17 @@ class GearChoice:
             change = self.gear < len(train.gears)
         elif self.gear > 1 and self._rpm(speed, self.gear - 1) < train.downshift_rpm:
             change = -1
+        if change < 0 and self._after_shift(engine_speed, engaged, self.gear - 1) > train.engine_speed_max:
+            change = 0
         if change:
             self.gear += change
             self._shifted_ns = now_ns
         return self.gear
+
+    def _after_shift(self, engine_speed: float, engaged: int, gear: int) -> float:
+        """Engine speed (rad/s) the car's motion means in `gear`."""
+        ratio = self._powertrain.ratio(engaged)
+        return engine_speed * self._powertrain.ratio(gear) / ratio if ratio else 0.0
 
     def _rpm(self, speed: float, gear: int) -> float:
         return speed / self._radius * self._powertrain.ratio(gear) / RPM

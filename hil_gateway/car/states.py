@@ -64,12 +64,12 @@ DRIVING = frozenset({CtState.CAUTION, CtState.NOMINAL_RACE})
 
 
 def stronger_vehicle_flag(base: int, marelli: int) -> int:
-    """The more restrictive of the two flags heard (`base_to_car_summary` has 4 bits, `marelli_report_1` 8)."""
+    """The more restrictive of the two flags received (`base_to_car_summary` has 4 bits, `marelli_report_1` 8)."""
     return max(base, marelli, key=_severity)
 
 
 def stronger_track_flag(base: int, marelli: int) -> int:
-    """The more restrictive of the two track flags heard."""
+    """The more restrictive of the two track flags received."""
     rank = (TrackFlag.NONE, TrackFlag.GREEN, TrackFlag.FULL_COURSE_YELLOW, TrackFlag.CHECKERED, TrackFlag.RED)
     return max(base, marelli, key=lambda flag: rank.index(flag) if flag in rank else 0)
 

@@ -111,4 +111,3 @@ def _explain_usage(error: Any) -> str:
         return text
     text = text if text.endswith("?") else text.rstrip(".") + ";"
     return f"hil: {text} `{command} --help` lists what there is"
-

@@ -32,8 +32,8 @@ def ask(arguments: Sequence[str], timeout_s: float) -> Answer:
     """Run `hil ARGUMENTS --json`; a failure becomes a reason. On a terminal its progress shows."""
     command = [sys.executable, "-m", "hil_gateway", *arguments, "--json"]
     try:
-        heard = None if sys.stderr.isatty() else subprocess.PIPE
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=heard, text=True, timeout=timeout_s, check=False)
+        stderr = None if sys.stderr.isatty() else subprocess.PIPE
+        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=stderr, text=True, timeout=timeout_s, check=False)
     except subprocess.TimeoutExpired:
         return Answer({}, f"`hil {arguments[0]}` took longer than {timeout_s:g} s")
     if done.returncode != 0:

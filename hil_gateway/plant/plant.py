@@ -99,7 +99,7 @@ class Plant:
             car.step(self._obeyed, self._engine_running)
             self.referee.loads.step()
             if reached_ns >= transmitter.next_ns:
-                transmitter.step(reached_ns, self._receiver.heard)
+                transmitter.step(reached_ns, self._receiver.received)
         self._reached_ns = reached_ns
         if self._truth_bus is not None and reached_ns - self._truth_ns >= TRUTH_PERIOD_NS:
             self._truth_ns = reached_ns
@@ -107,11 +107,11 @@ class Plant:
 
     def _supervise(self, t_ns: int) -> None:
         """The vehicle controller's own period: ladder, supervision, what the actuators get; and the referee's look."""
-        heard, before = self._receiver.heard, self.controller.state
+        received, before = self._receiver.received, self.controller.state
         if self.race_control.vehicle_flag in MARELLI_KILL:
             self.controller.kill("race control")
-        self.controller.step(t_ns, heard, self.car.standing)
+        self.controller.step(t_ns, received, self.car.standing)
         if before is SysState.EMERGENCY and self.controller.state is not before:
             self._receiver.forget()
-        self._obeyed, self._engine_running = self.controller.obeyed(t_ns, heard), self.controller.engine_running
+        self._obeyed, self._engine_running = self.controller.obeyed(t_ns, received), self.controller.engine_running
         self.referee.step(self.car.time_s)

@@ -32,11 +32,11 @@ class SilenceNotice:
         self._text = f"no {what} yet through {', '.join(endpoints) or 'no endpoint'} (zenoh.connect)"
         self._due_ns: int | None = now_ns + SILENT_NS
 
-    def step(self, now_ns: int, heard: bool) -> None:
-        """Once a period; `heard` whether any has come."""
-        if self._due_ns is not None and (heard or now_ns >= self._due_ns):
+    def step(self, now_ns: int, received: bool) -> None:
+        """Once a period; `received` whether any has come."""
+        if self._due_ns is not None and (received or now_ns >= self._due_ns):
             self._due_ns = None
-            if not heard:
+            if not received:
                 log.warning("%s", self._text)
 
 

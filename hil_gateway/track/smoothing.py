@@ -30,7 +30,6 @@ JAGGED_RAD = 0.15
 POINTS_DENSE = 200
 
 
-
 @dataclass(frozen=True)
 class Survey:
     """Points of a track as a file gives them, shape (n,) each; `source` names the file in messages."""

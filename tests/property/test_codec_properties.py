@@ -57,6 +57,32 @@ def test_the_ends_of_every_signal_of_every_message_agree_with_cantools() -> None
 @pytest.mark.parametrize("name", CODEC.messages)
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(data=st.data())
+def test_packed_integers_are_the_integers_on_the_wire(name: str, data: st.DataObject) -> None:
+    message = CODEC.messages[name]
+    raws = data.draw(raw_values(message))
+    frame_id, frame = CODEC.pack(name, raws)
+    read = PEER.decode_message(frame_id, frame, decode_choices=False, scaling=False)
+    assert read == raws
+
+
+@pytest.mark.promise("F2")
+def test_an_integer_beyond_its_field_is_held_to_it_and_nothing_but_integers_is_packed() -> None:
+    for raw, held in ((1 << 40, 255), (-1, 0)):
+        assert CODEC.pack("gear_shift_cmd", {"desired_gear": raw}) == CODEC.pack(
+            "gear_shift_cmd", {"desired_gear": held}
+        )
+    with pytest.raises((TypeError, AttributeError)):
+        CODEC.pack("gear_shift_cmd", {"desired_gear": 1.0})  # type: ignore[dict-item]
+    with pytest.raises(KeyError):
+        CODEC.pack("gear_shift_cmd", {})
+    with pytest.raises(ValueError, match="gear_shift_cmd has no signal gear"):
+        CODEC.pack("gear_shift_cmd", {"desired_gear": 1, "gear": 1})
+
+
+@pytest.mark.promise("F2")
+@pytest.mark.parametrize("name", CODEC.messages)
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(data=st.data())
 def test_decode_and_encode_are_inverse_in_si(name: str, data: st.DataObject) -> None:
     message = CODEC.messages[name]
     frame_id, frame = CODEC.encode_raw(name, physical(message, data.draw(raw_values(message))))
@@ -72,7 +98,9 @@ def test_si_is_the_dbc_value_times_its_unit(name: str) -> None:
     for _ in range(20):
         raw, si = (f(message.id, b) for b in [rng.randbytes(message.dlc)] for f in (CODEC.decode_raw, CODEC.decode))
         assert not isinstance(raw, Fault)
-        assert si == pytest.approx({s.name: raw[s.name] * s.si_factor for s in message.signals}, rel=1e-12, abs=1e-12)
+        assert si == pytest.approx(
+            {s.si_name: raw[s.name] * s.si_factor for s in message.signals}, rel=1e-12, abs=1e-12
+        )
 
 
 @pytest.mark.promise("F2")
@@ -82,13 +110,13 @@ def test_si_is_the_dbc_value_times_its_unit(name: str) -> None:
 def test_any_number_is_encoded_within_half_a_step_or_at_the_end_of_the_field(name: str, data: st.DataObject) -> None:
     message = CODEC.messages[name]
     numbers = st.floats(allow_nan=False, width=64)
-    values = {s.name: data.draw(numbers) for s in message.signals}
+    values = {s.si_name: data.draw(numbers) for s in message.signals}
     back = CODEC.decode(*CODEC.encode(name, values))
     assert not isinstance(back, Fault)
     for signal in message.signals:
         ends = sorted((raw * signal.scale + signal.offset) * signal.si_factor for raw in signal.raw_range)
-        held = min(max(values[signal.name], ends[0]), ends[1])
-        assert back[signal.name] == pytest.approx(held, abs=0.5 * signal.si_resolution * (1 + 1e-9), rel=1e-9)
+        held = min(max(values[signal.si_name], ends[0]), ends[1])
+        assert back[signal.si_name] == pytest.approx(held, abs=0.5 * signal.si_resolution * (1 + 1e-9), rel=1e-9)
 
 
 @pytest.mark.promise("F1")

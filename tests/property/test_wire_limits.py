@@ -17,9 +17,10 @@ from hil_gateway.bus.messages import Command, FailsafeAction, OperatorAction
 from hil_gateway.can_link import VirtualWire
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.powertrain import Powertrain
-from hil_gateway.config import Config, LimitConfig
+from hil_gateway.config import Config
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.gateway.act.transmitter import TRANSMITTED, Transmitter
+from hil_gateway.gateway.settings import LimitConfig
 from hil_gateway.process.clock import VirtualClock
 
 HOSTILE = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.0, -0.0, 1e9, -1e9)

@@ -24,7 +24,7 @@ Change = Callable[[str, float, Values], Values]
 
 def at_rest(name: str, t: float, rng: np.random.Generator) -> Values:
     """What the car says standing still with the engine off, SI."""
-    values = dict.fromkeys(CODEC.messages[name].signal, 0.0)
+    values = dict.fromkeys((signal.si_name for signal in CODEC.messages[name].signals), 0.0)
     known = {
         "imu_ax": 0.02 * rng.standard_normal(), "imu_ay": 0.02 * rng.standard_normal(),
         "imu_az": GRAVITY + 0.02 * rng.standard_normal(), "imu_yaw_rate": 0.002 * rng.standard_normal(),

@@ -1,6 +1,6 @@
 """The last gate before the wire: value and rate limits on the very integers that leave.
 
-Working on raw integers makes the promise exact: no rounding happens between the check and the bytes. Values
+Working on raw integers makes the promise exact: what is checked here is packed as it is (`Codec.pack`). Values
 are the car's (`can_dbc/av24.toml`), rates the configuration's. Pure: the previous frame is an argument.
 """
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from can_dbc.codec import Codec
 from can_dbc.database import Signal
 from hil_gateway.car.actuation import Actuators
-from hil_gateway.config import LimitConfig
+from hil_gateway.gateway.settings import LimitConfig
 
 PERIOD_S = 0.01
 """Command period that turns rates into steps per frame."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from hil_gateway.bus.messages import Plan, PlanStatus, VehicleState
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-from hil_gateway.config import StopConfig
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.road_speed import rear_speed
+from hil_gateway.gateway.settings import StopConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
 

@@ -55,7 +55,7 @@ class Transmitter:
         """The four actuator frames of one period: what now stands on the wire, and whether all of it left.
 
         A frame that could not be sent leaves its values and its counter as they were `before`, so that the next one
-        continues from what the car has really heard.
+        continues from what the car has really received.
         """
         steering = {
             "steering_motor_ang_cmd": command.steering_motor,
@@ -101,12 +101,10 @@ class Transmitter:
         self._message("ct_report_2", acknowledged)
 
     def _message(self, name: str, raw: Mapping[str, int]) -> bool:
-        """Encode raw integers, add the counter, send."""
+        """Add the counter, pack, send: the integers that were checked are those in the bytes."""
         layout = self._codec.messages[name]
-        values = {signal: value * layout.signal[signal].scale for signal, value in raw.items()}
         if layout.counter is None:
-            return self.send(*self._codec.encode_raw(name, values))
-        values[layout.counter.signal] = self._counters[name]
-        sent = self.send(*self._codec.encode_raw(name, values))
+            return self.send(*self._codec.pack(name, raw))
+        sent = self.send(*self._codec.pack(name, {**raw, layout.counter.signal: self._counters[name]}))
         self._counters[name] = (self._counters[name] + sent) % layout.counter.modulus
         return sent

@@ -9,34 +9,16 @@ from hil_gateway.bus.interface import LocalBus
 from hil_gateway.can_link import Frame, LinkStats
 from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
+from hil_gateway.gateway.decide.failsafe import TABLE
 from hil_gateway.process.clock import NS_PER_S
 
 PERIOD_NS = NS_PER_S // 100
 
-EXPLANATION = {
-    "operator_emergency": "an emergency was asked for",
-    "operator_stop": "a stop was asked for",
-    "vehicle_flag_kill": "purple flag or e-kill from race control",
-    "vehicle_flag_stop": "black or stop flag from race control",
-    "track_flag_stop": "red or checkered flag from race control",
-    "car_emergency": "the car reports an emergency (sys_state 16 or 18)",
-    "car_not_driving": "the car is not in sys_state driving (9)",
-    "car_failure": "the car reports a system failure (0x53E)",
-    "foreign_emergency": "another computer reports ct_state 12",
-    "foreign_commands": "another computer commands the actuators",
-    "command_dead": "no planner sends commands: `hil planner run`",
-    "command_stale": "no fresh planner command: `hil planner run`",
-    "can_silent": "the car sends nothing",
-    "gateway_late": "the gateway missed its period",
-    "state_invalid": "a report needed for driving is missing or implausible",
-    "estimate_invalid": "no valid estimate: `hil estimator run`",
-    "engine_running": "the engine runs, and gateway.mode is actuator_test",
-    "counters_wrong": "rolling counters jump",
-    "heartbeat_frozen": "race control's heartbeat stands still",
+EXPLANATION = {row.cause: row.meaning for row in TABLE} | {
     "car_moving": "the car must stand still, and valid reports say so",
     "mode": "gateway.mode is listen",
 }
-"""Cause of the failsafe table -> what a person reads."""
+"""What `missing_for_arming` names -> what a person reads."""
 
 
 class Playback:

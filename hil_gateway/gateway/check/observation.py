@@ -102,7 +102,8 @@ def observe(frames: Iterable[Frame], codec: Codec, start_ns: int, end_ns: int) -
             followed[name].append((frame.stamp_ns, values))
     for name, samples in followed.items():
         times = np.array([(stamp - start_ns) / NS_PER_S for stamp, _ in samples])
-        for signal in codec.messages[name].signal:
+        for layout in codec.messages[name].signals:
+            signal = layout.si_name
             seen.series[signal] = times, np.array([values[signal] for _, values in samples], dtype=np.float64)
     return seen
 

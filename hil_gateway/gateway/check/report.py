@@ -77,13 +77,13 @@ def _messages_table(rows: Sequence[MessageRow]) -> RenderableType:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading in ("", "id", "message", "Hz", "due", "longest gap", "counter", ""):
         table.add_column(heading, justify="right" if heading in ("Hz", "due", "longest gap") else "left")
-    told = [row for row in rows if row.frames or row.wrong_lengths or row.verdict in (Verdict.WARN, Verdict.FAIL)]
-    for row in told:
+    shown = [row for row in rows if row.frames or row.wrong_lengths or row.verdict in (Verdict.WARN, Verdict.FAIL)]
+    for row in shown:
         gap = "-" if row.longest_gap_ms is None else f"{row.longest_gap_ms:.0f} ms"
         verdict = Text(row.verdict.value, style=COLOUR[row.verdict])
         cells = (f"0x{row.id:03X}", row.name, f"{row.hz:.1f}", f"{row.expected_hz:g}", gap, row.counter, row.detail)
         table.add_row(verdict, *map(Text, cells))
-    silent = [row for row in rows if row not in told and row.direction == "car"]
+    silent = [row for row in rows if row not in shown and row.direction == "car"]
     if silent:
         names = ", ".join(row.name for row in silent[:4]) + (", ..." if len(silent) > 4 else "")
         table.add_row("", "", Text(f"{len(silent)} further messages of the car are not there: {names}"))

@@ -43,24 +43,24 @@ def capture(link: CanLink, clock: Clock, seconds: float) -> Capture:
     start_ns = now_ns = clock.now_ns()
     end_ns = start_ns + int(seconds * NS_PER_S)
     while now_ns < end_ns and len(frames) < FRAMES_MAX:
-        heard = link.receive(WAIT_S)
+        arrived = link.receive(WAIT_S)
         now_ns = clock.now_ns()
-        frames += heard
-        delays += [now_ns - frame.stamp_ns for frame in heard[:1]]  # the oldest of a batch has waited longest
+        frames += arrived
+        delays += [now_ns - frame.stamp_ns for frame in arrived[:1]]  # the oldest of a batch has waited longest
     delays.sort()
     delay_s = delays[int(0.99 * (len(delays) - 1))] / NS_PER_S if delays else None
     return Capture(frames, start_ns, max(now_ns, start_ns + 1), delay_s, link.stats())
 
 
-def examine(config: Config, bus: str, interface: Interface | None, heard: Capture) -> Report:
+def examine(config: Config, bus: str, interface: Interface | None, captured: Capture) -> Report:
     """Everything that can be said about a capture. Pure."""
     codec = load_codec()
-    seen = observe(heard.frames, codec, heard.start_ns, heard.end_ns)
+    seen = observe(captured.frames, codec, captured.start_ns, captured.end_ns)
     messages = tuple(message_rows(seen)) if seen.frames else ()
     findings = (
         *(judge_interface(interface, config.can.bitrate) if interface else ()),
-        *judge_bus(seen, config.can.bitrate, heard.stats.lost, heard.stats.malformed),
-        *judge_stamps(seen, heard.read_delay_s),
+        *judge_bus(seen, config.can.bitrate, captured.stats.lost, captured.stats.malformed),
+        *judge_stamps(seen, captured.read_delay_s),
         *judge_signals(seen, config),
     )
     return Report(
@@ -75,7 +75,7 @@ def examine(config: Config, bus: str, interface: Interface | None, heard: Captur
         findings=findings,
         messages=messages,
         unknown={f"0x{frame_id:03X}": number for frame_id, number in seen.unknown.most_common()},
-        missing_for_arming=missing_for_arming(config, heard.frames, heard.start_ns, heard.end_ns),
+        missing_for_arming=missing_for_arming(config, captured.frames, captured.start_ns, captured.end_ns),
         failures=count(Verdict.FAIL, findings, messages),
         warnings=count(Verdict.WARN, findings, messages),
     )
@@ -98,10 +98,10 @@ def run_check(config: Config, channel: str | None = None, seconds: float = 5.0, 
     try:
         interface = read_interface(config.can.channel) if link.kind == "socketcan" else None
         print(f"listening for {seconds:g} s, nothing is sent ...", file=sys.stderr)
-        heard = capture(link, SystemClock(), seconds)
+        captured = capture(link, SystemClock(), seconds)
     finally:
         link.close()
-    report = examine(config, link.kind, interface, heard)
+    report = examine(config, link.kind, interface, captured)
     _print(report, as_json)
     return EXIT_FAILURE if report.failures else EXIT_OK
 

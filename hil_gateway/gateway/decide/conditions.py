@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, OperatorAction, VehicleState
-from hil_gateway.car.states import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, SysState
-from hil_gateway.gateway.decide.failsafe import HOLDS
-from hil_gateway.gateway.perceive.road_speed import road_speed
+from hil_gateway.car.states import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, CtState, SysState
+from hil_gateway.gateway.decide.decision import Decision, Situation
+from hil_gateway.gateway.decide.failsafe import HOLDS, Inputs
+from hil_gateway.gateway.decide.ladder_inputs import ladder_inputs
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.gateway.perceive.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
 from hil_gateway.process.clock import NS_PER_S
 
-KILLS = ("operator_emergency", "vehicle_flag_kill", "foreign_emergency", "uncommanded_motion")
-"""Measures that put the ladder into emergency even while no actuator command is sent."""
 UNCOMMANDED = 1.0
 """m/s; a car in sys_state driving that moves so fast while nobody sends commands obeys old ones"""
 DRIVING_ONLY = ("command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving")
@@ -41,11 +41,39 @@ class Held:
 class Conditions:
     """Remembers since when state and estimate are invalid and when the gateway ran last."""
 
-    def __init__(self, builder: VehicleStateBuilder, testing: bool) -> None:
+    def __init__(self, builder: VehicleStateBuilder, mode: str) -> None:
         self._builder = builder
-        self._testing = testing
+        self._mode = mode
+        self._testing = mode == "actuator_test"
         self._state_invalid, self._estimate_invalid = Held(), Held()
         self._last_ns: int | None = None
+
+    def situation(  # noqa: PLR0917 - what a decision depends on
+        self,
+        now_ns: int,
+        state: VehicleState,
+        request: OperatorAction | None,
+        decision: Decision,
+        command_age_s: float,
+        estimate: Latest[Estimate],
+    ) -> Situation:
+        """Inputs of this period's decision; `decision` is the one in force."""
+        measures = self.measures(
+            now_ns,
+            state,
+            request,
+            answers_for_motion=decision.failsafe.armed or self._mode not in ("armed", "actuator_test"),
+            command_age_s=command_age_s,
+            estimate=estimate,
+            heartbeat_frozen_s=decision.race_control.heartbeat_frozen_s(now_ns),
+        )
+        standing = state.valid and road_speed(state) < STANDSTILL
+        return Situation(
+            now_ns,
+            Inputs(measures, standing, request, may_arm=self._mode != "listen"),
+            ladder_inputs(self._builder, now_ns, state),
+            CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
+        )
 
     def measures(
         self,

@@ -24,39 +24,105 @@ class Clear(StrEnum):
     DISARM = "the car stands, a person disarms, the ladder is climbed again, the condition is gone, a person arms"
 
 
+class WhileSilent(StrEnum):
+    """What a row does while no actuator commands are sent."""
+
+    NOTHING = "arming is refused"
+    EMERGENCY = "ct_state 12"
+    BEYOND_INIT = "ct_state 12 once the ladder is beyond 2"
+
+
 @dataclass(frozen=True, slots=True)
 class Row:
     """One line of the table."""
 
     cause: str
+    meaning: str
+    """for people"""
     measure: str
     threshold_s: float
     action: FailsafeAction
     clear: Clear
+    while_silent: WhileSilent = WhileSilent.NOTHING
 
 
 _STOP, _EMERGENCY = FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP
 
 TABLE: tuple[Row, ...] = (
-    Row("operator_emergency", "operator_emergency", 0.0, _EMERGENCY, Clear.DISARM),
-    Row("vehicle_flag_kill", "vehicle_flag_kill", 0.0, _EMERGENCY, Clear.DISARM),
-    Row("car_emergency", "car_emergency", 0.0, _EMERGENCY, Clear.DISARM),
-    Row("foreign_emergency", "foreign_emergency", 0.0, _EMERGENCY, Clear.DISARM),
-    Row("gateway_late", "gateway_gap", 0.1, _EMERGENCY, Clear.DISARM),
-    Row("command_dead", "command_age", 0.5, _EMERGENCY, Clear.DISARM),
-    Row("can_silent", "can_silence", 0.1, _EMERGENCY, Clear.DISARM),
-    Row("operator_stop", "operator_stop", 0.0, _STOP, Clear.REARM),
-    Row("command_stale", "command_age", 0.1, _STOP, Clear.REARM),
-    Row("state_invalid", "state_invalid", 0.05, _STOP, Clear.REARM),
-    Row("estimate_invalid", "estimate_invalid", 0.05, _STOP, Clear.REARM),
-    Row("counters_wrong", "counters_wrong", 0.0, _STOP, Clear.REARM),
-    Row("foreign_commands", "foreign_commands", 0.0, _STOP, Clear.REARM),
-    Row("heartbeat_frozen", "heartbeat_frozen", 0.5, _STOP, Clear.REARM),
-    Row("track_flag_stop", "track_flag_stop", 0.0, _STOP, Clear.REARM),
-    Row("vehicle_flag_stop", "vehicle_flag_stop", 0.0, _STOP, Clear.REARM),
-    Row("car_not_driving", "car_not_driving", 0.0, _STOP, Clear.REARM),
-    Row("engine_running", "engine_running", 0.0, _STOP, Clear.REARM),
-    Row("car_failure", "car_failure", 0.0, _STOP, Clear.REARM),
+    Row(
+        "operator_emergency",
+        "an emergency was asked for",
+        "operator_emergency",
+        0.0,
+        _EMERGENCY,
+        Clear.DISARM,
+        WhileSilent.EMERGENCY,
+    ),
+    Row(
+        "vehicle_flag_kill",
+        "purple flag or e-kill from race control",
+        "vehicle_flag_kill",
+        0.0,
+        _EMERGENCY,
+        Clear.DISARM,
+        WhileSilent.EMERGENCY,
+    ),
+    Row(
+        "foreign_emergency",
+        "another computer reports ct_state 12",
+        "foreign_emergency",
+        0.0,
+        _EMERGENCY,
+        Clear.DISARM,
+        WhileSilent.EMERGENCY,
+    ),
+    Row(
+        "uncommanded_motion",
+        "the car drives although no commands are sent: it obeys old ones",
+        "uncommanded_motion",
+        0.0,
+        _EMERGENCY,
+        Clear.DISARM,
+        WhileSilent.EMERGENCY,
+    ),
+    Row(
+        "car_emergency",
+        "the car reports an emergency (sys_state 16 or 18)",
+        "car_emergency",
+        0.0,
+        _EMERGENCY,
+        Clear.DISARM,
+        WhileSilent.BEYOND_INIT,
+    ),
+    Row("gateway_late", "the gateway missed its period", "gateway_gap", 0.1, _EMERGENCY, Clear.DISARM),
+    Row("command_dead", "no planner sends commands: `hil planner run`", "command_age", 0.5, _EMERGENCY, Clear.DISARM),
+    Row("can_silent", "the car sends nothing", "can_silence", 0.1, _EMERGENCY, Clear.DISARM),
+    Row("operator_stop", "a stop was asked for", "operator_stop", 0.0, _STOP, Clear.REARM),
+    Row("command_stale", "no fresh planner command: `hil planner run`", "command_age", 0.1, _STOP, Clear.REARM),
+    Row(
+        "state_invalid",
+        "a report needed for driving is missing or implausible",
+        "state_invalid",
+        0.05,
+        _STOP,
+        Clear.REARM,
+    ),
+    Row("estimate_invalid", "no valid estimate: `hil estimator run`", "estimate_invalid", 0.05, _STOP, Clear.REARM),
+    Row("counters_wrong", "rolling counters jump", "counters_wrong", 0.0, _STOP, Clear.REARM),
+    Row("foreign_commands", "another computer commands the actuators", "foreign_commands", 0.0, _STOP, Clear.REARM),
+    Row("heartbeat_frozen", "race control's heartbeat stands still", "heartbeat_frozen", 0.5, _STOP, Clear.REARM),
+    Row("track_flag_stop", "red or checkered flag from race control", "track_flag_stop", 0.0, _STOP, Clear.REARM),
+    Row("vehicle_flag_stop", "black or stop flag from race control", "vehicle_flag_stop", 0.0, _STOP, Clear.REARM),
+    Row("car_not_driving", "the car is not in sys_state driving (9)", "car_not_driving", 0.0, _STOP, Clear.REARM),
+    Row(
+        "engine_running",
+        "the engine runs, and gateway.mode is actuator_test",
+        "engine_running",
+        0.0,
+        _STOP,
+        Clear.REARM,
+    ),
+    Row("car_failure", "the car reports a system failure (0x53E)", "car_failure", 0.0, _STOP, Clear.REARM),
 )
 """In order of priority: the first row that fires with the strongest action names the cause."""
 
@@ -113,6 +179,12 @@ def first_firing(inputs: Inputs) -> Row | None:
     return max(firing, key=lambda row: _SEVERITY[row.action], default=None)
 
 
+def first_firing_while_silent(inputs: Inputs) -> Row | None:
+    """The first row that fires and acts on the ladder even while no commands are sent."""
+    acting = (row for row in TABLE if row.while_silent is not WhileSilent.NOTHING)
+    return next((row for row in acting if _fires(row, inputs)), None)
+
+
 def missing_for_arming(inputs: Inputs) -> tuple[str, ...]:
     """Why a request to arm would be refused now: every firing row, movement, mode."""
     firing = tuple(row.cause for row in TABLE if _fires(row, inputs))
@@ -127,9 +199,13 @@ def _fires(row: Row, inputs: Inputs) -> bool:
 
 def table_markdown() -> str:
     """The table for the documentation."""
-    lines = ["| cause | condition, held for | action | drives again when |", "| --- | --- | --- | --- |"]
+    lines = [
+        "| cause | meaning | condition, held for | action | while silent | drives again when |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
     lines += [
-        f"| {row.cause} | {row.measure}, {row.threshold_s * 1000:.0f} ms | {row.action.value} | {row.clear.value} |"
+        f"| {row.cause} | {row.meaning} | {row.measure}, {row.threshold_s * 1000:.0f} ms | {row.action.value} | "
+        f"{row.while_silent.value} | {row.clear.value} |"
         for row in TABLE
     ]
     return "\n".join(lines)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.states import stronger_track_flag, stronger_vehicle_flag
-from hil_gateway.gateway.decide.race_control import Heard
+from hil_gateway.gateway.decide.race_control import LadderInputs
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 
 MARELLI_DEADLINE_S = 0.5
@@ -16,22 +16,22 @@ Flags = tuple[int, int, int, int, int]
 
 def flags_in_force(builder: VehicleStateBuilder, now_ns: int) -> tuple[int, int]:
     """Track and vehicle flag: the more restrictive of the two senders."""
-    vehicle, track, marelli_track, marelli_vehicle, _ = flags_heard(builder)
+    vehicle, track, marelli_track, marelli_vehicle, _ = flags_received(builder)
     if builder.age_s("marelli_report_1", now_ns) > MARELLI_DEADLINE_S:
         return track, vehicle
     return stronger_track_flag(track, marelli_track), stronger_vehicle_flag(vehicle, marelli_vehicle)
 
 
-def flags_heard(builder: VehicleStateBuilder) -> Flags:
+def flags_received(builder: VehicleStateBuilder) -> Flags:
     """Every flag as it was received, for the acknowledgements."""
     names = ("veh_flag", "track_flag", "marelli_track_flag", "marelli_vehicle_flag", "marelli_sector_flag")
     vehicle, track, marelli_track, marelli_vehicle, sector = (int(builder.signal(name)) for name in names)
     return vehicle, track, marelli_track, marelli_vehicle, sector
 
 
-def heard(builder: VehicleStateBuilder, now_ns: int, state: VehicleState) -> Heard:
+def ladder_inputs(builder: VehicleStateBuilder, now_ns: int, state: VehicleState) -> LadderInputs:
     """Inputs of the ladder."""
-    return Heard(
+    return LadderInputs(
         car_alive=state.sources["vehicle"].valid,
         sys_state=state.sys_state,
         mode_switch=builder.signal("mode_switch_state") > 0,

@@ -23,7 +23,7 @@ HEARTBEAT_TIMEOUT_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class LadderInputs:
     """What race control and the car said last."""
 
     car_alive: bool
@@ -58,20 +58,20 @@ class RaceControl:
     beat_ns: int | None = None
     """when the heartbeat last changed"""
 
-    def step(self, now_ns: int, heard: Heard, demand: Demand) -> RaceControl:
+    def step(self, now_ns: int, inputs: LadderInputs, demand: Demand) -> RaceControl:
         """At most one rung a call."""
-        beats = heard.heartbeat_age_s <= HEARTBEAT_TIMEOUT_S and heard.heartbeat != self.heartbeat
-        seen = replace(self, heartbeat=heard.heartbeat, beat_ns=now_ns) if beats else self
+        beats = inputs.heartbeat_age_s <= HEARTBEAT_TIMEOUT_S and inputs.heartbeat != self.heartbeat
+        seen = replace(self, heartbeat=inputs.heartbeat, beat_ns=now_ns) if beats else self
         alive = seen.heartbeat_frozen_s(now_ns) < HEARTBEAT_TIMEOUT_S
-        return replace(seen, ct_state=_next(self.ct_state, heard, demand, alive))
+        return replace(seen, ct_state=_next(self.ct_state, inputs, demand, alive))
 
     def heartbeat_frozen_s(self, now_ns: int) -> float:
         """Seconds since race control's heartbeat last changed; infinite before the first."""
         return float("inf") if self.beat_ns is None else (now_ns - self.beat_ns) / NS_PER_S
 
 
-def _next(ct: CtState, heard: Heard, demand: Demand, heartbeat: bool) -> CtState:  # noqa: PLR0911 (one rung a line)
-    sys_state = heard.sys_state if heard.car_alive else 0
+def _next(ct: CtState, inputs: LadderInputs, demand: Demand, heartbeat: bool) -> CtState:  # noqa: PLR0911 (one rung a line)
+    sys_state = inputs.sys_state if inputs.car_alive else 0
     if demand.emergency:
         return CtState.EMERGENCY
     if demand.restart:
@@ -80,21 +80,21 @@ def _next(ct: CtState, heard: Heard, demand: Demand, heartbeat: bool) -> CtState
         return ct
     if demand.stop and ct >= CtState.INIT_DRIVING:
         return CtState.COORDINATED_STOP
-    if ct > CtState.ACTUATOR_TEST and heard.car_alive and sys_state <= SysState.CONNECTED:
+    if ct > CtState.ACTUATOR_TEST and inputs.car_alive and sys_state <= SysState.CONNECTED:
         return CtState.INIT  # the car started over: so does the ladder
     if ct is CtState.COORDINATED_STOP:
-        return _pace(heard) if demand.armed else ct
+        return _pace(inputs) if demand.armed else ct
     if ct in DRIVING:
-        return _pace(heard)
+        return _pace(inputs)
     if ct is CtState.INIT_DRIVING:
-        return _pace(heard) if sys_state == SysState.DRIVING else ct
-    return CtState(ct + 1) if ct < demand.highest and _may_climb(ct, sys_state, heard, heartbeat) else ct
+        return _pace(inputs) if sys_state == SysState.DRIVING else ct
+    return CtState(ct + 1) if ct < demand.highest and _may_climb(ct, sys_state, inputs, heartbeat) else ct
 
 
-def _may_climb(ct: CtState, sys_state: int, heard: Heard, heartbeat: bool) -> bool:
+def _may_climb(ct: CtState, sys_state: int, inputs: LadderInputs, heartbeat: bool) -> bool:
     """Whether the car has answered this rung."""
     if ct is CtState.RACE_READY:
-        return heartbeat and sys_state in (SysState.IDLE, SysState.DRIVING) and _released(heard)
+        return heartbeat and sys_state in (SysState.IDLE, SysState.DRIVING) and _released(inputs)
     needed = {
         CtState.POWER_ON: SysState.POWER_ON,
         CtState.INIT: SysState.CONNECTED,
@@ -104,15 +104,15 @@ def _may_climb(ct: CtState, sys_state: int, heard: Heard, heartbeat: bool) -> bo
     }.get(ct)
     if needed is None or not needed <= sys_state <= SysState.DRIVING:
         return False
-    return heard.mode_switch or ct is not CtState.CRANK_READY
+    return inputs.mode_switch or ct is not CtState.CRANK_READY
 
 
-def _released(heard: Heard) -> bool:
+def _released(inputs: LadderInputs) -> bool:
     """Flags under which the car may start to drive."""
-    go = heard.track_flag in (TrackFlag.GREEN, TrackFlag.FULL_COURSE_YELLOW)
-    return go and heard.vehicle_flag not in STOP_VEHICLE_FLAGS | KILL_VEHICLE_FLAGS
+    go = inputs.track_flag in (TrackFlag.GREEN, TrackFlag.FULL_COURSE_YELLOW)
+    return go and inputs.vehicle_flag not in STOP_VEHICLE_FLAGS | KILL_VEHICLE_FLAGS
 
 
-def _pace(heard: Heard) -> CtState:
-    slow = heard.track_flag == TrackFlag.FULL_COURSE_YELLOW or heard.vehicle_flag == VehicleFlag.YELLOW
+def _pace(inputs: LadderInputs) -> CtState:
+    slow = inputs.track_flag == TrackFlag.FULL_COURSE_YELLOW or inputs.vehicle_flag == VehicleFlag.YELLOW
     return CtState.CAUTION if slow else CtState.NOMINAL_RACE

@@ -1,4 +1,4 @@
-"""Counts of what was heard on the wire, and a bucket that forgives a rare wrong counter."""
+"""Counts of what was received on the wire, and a bucket that forgives a rare wrong counter."""
 
 from __future__ import annotations
 

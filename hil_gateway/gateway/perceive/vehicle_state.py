@@ -133,7 +133,7 @@ class VehicleStateBuilder:
             brake_rear=signals["brake_pressure_fdbk_rear"],
             gear=int(signals["current_gear"]),
         )
-        engine_speed = signals["engine_speed_rpm"]
+        engine_speed = signals["engine_speed"]
         self._seq += 1
         return VehicleState(
             stamp_ns=self._stamp(now_ns),
@@ -265,7 +265,7 @@ _NEVER_HEARD = SourceHealth(age_s=None, valid=False)
 
 def _limits(layout: FrameLayout) -> tuple[tuple[str, float, float], ...]:
     """What the car can do (`av24.toml`), SI."""
-    return tuple((signal.name, *signal.si_limits) for signal in layout.signals if signal.si_limits is not None)
+    return tuple((signal.si_name, *signal.si_limits) for signal in layout.signals if signal.si_limits is not None)
 
 
 def _repeatable(layout: FrameLayout) -> bool:

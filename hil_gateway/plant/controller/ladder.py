@@ -51,7 +51,7 @@ CLIMB: dict[SysState, tuple[int, float, SysState]] = {
 
 
 @dataclass(slots=True)
-class Heard:
+class Received:
     """What the computer said last."""
 
     ct_state: int = 0
@@ -73,29 +73,29 @@ class VehicleController:
         """Whether the engine turns."""
         return self.state in (SysState.IDLE, SysState.DRIVING)
 
-    def step(self, now_ns: int, heard: Heard, standing: bool) -> None:
+    def step(self, now_ns: int, received: Received, standing: bool) -> None:
         """Move at most one rung."""
         if self._entered_ns is None:
             self._entered_ns = now_ns
-        following = self._next(now_ns, heard, standing, (now_ns - self._entered_ns) / NS_PER_S)
+        following = self._next(now_ns, received, standing, (now_ns - self._entered_ns) / NS_PER_S)
         if following is not self.state:
             self.state, self._entered_ns = following, now_ns
 
-    def _next(self, now_ns: int, heard: Heard, standing: bool, in_state_s: float) -> SysState:
+    def _next(self, now_ns: int, received: Received, standing: bool, in_state_s: float) -> SysState:
         if self.state is SysState.EMERGENCY:
-            return SysState.CONNECTED if standing and heard.ct_state in (1, 2) else self.state
-        if heard.ct_state == 12 and self.state > SysState.CONNECTED:
+            return SysState.CONNECTED if standing and received.ct_state in (1, 2) else self.state
+        if received.ct_state == 12 and self.state > SysState.CONNECTED:
             self.cause = "ct_state emergency"
             return SysState.EMERGENCY
-        if self.silent(now_ns, heard):
+        if self.silent(now_ns, received):
             self.cause = "commands silent"
             return SysState.EMERGENCY
-        if heard.ct_state == 11:
+        if received.ct_state == 11:
             return SysState.SHUT_ENGINE
         if self.state is SysState.SHUT_ENGINE:
-            return SysState.CONNECTED if standing and heard.ct_state in (1, 2) else self.state
+            return SysState.CONNECTED if standing and received.ct_state in (1, 2) else self.state
         least, pause_s, following = CLIMB.get(self.state, (99, 0.0, self.state))
-        return following if least <= heard.ct_state <= 10 and in_state_s >= pause_s else self.state
+        return following if least <= received.ct_state <= 10 and in_state_s >= pause_s else self.state
 
     def kill(self, cause: str) -> None:
         """Race control stops the car by itself."""
@@ -103,17 +103,17 @@ class VehicleController:
             self.state, self.cause, self._entered_ns = SysState.EMERGENCY, cause, None
 
     @staticmethod
-    def silent(now_ns: int, heard: Heard) -> bool:
-        """Whether commands were heard once and a counter has stood still for too long."""
-        return heard.counters_ns is not None and now_ns - min(heard.counters_ns) > COMMAND_TIMEOUT_S * NS_PER_S
+    def silent(now_ns: int, received: Received) -> bool:
+        """Whether commands were received once and a counter has stood still for too long."""
+        return received.counters_ns is not None and now_ns - min(received.counters_ns) > COMMAND_TIMEOUT_S * NS_PER_S
 
-    def obeyed(self, now_ns: int, heard: Heard) -> Commands:
+    def obeyed(self, now_ns: int, received: Received) -> Commands:
         """What the actuators get."""
-        asked = heard.commands
+        asked = received.commands
         if self.state is SysState.DRIVING:
             return asked
         if self.state is not SysState.EMERGENCY:
             return Commands(brake_front=PARKING_BRAKE_PA, brake_rear=PARKING_BRAKE_PA)
-        if heard.counters_ns is not None and not self.silent(now_ns, heard):
+        if received.counters_ns is not None and not self.silent(now_ns, received):
             return Commands(asked.steer, 0.0, asked.brake_front, asked.brake_rear, 0)
         return Commands(asked.steer, 0.0, EMERGENCY_BRAKE_PA, EMERGENCY_BRAKE_PA, 0)

@@ -1,4 +1,4 @@
-"""Command frames to what the vehicle controller has heard."""
+"""Command frames to what the vehicle controller has received."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from can_dbc.codec import Codec, Fault
 from hil_gateway.can_link import Frame
 from hil_gateway.plant.car import Commands
-from hil_gateway.plant.controller.ladder import Heard
+from hil_gateway.plant.controller.ladder import Received
 
 COUNTERS = {
     "steering_cmd": "steering_motor_cmd_counter",
@@ -26,7 +26,7 @@ class CommandReceiver:
         self._counters: dict[str, int] = {}
         self._advanced_ns: dict[str, int] = {}
         self._values: dict[str, float] = {}
-        self.heard = Heard()
+        self.received = Received()
 
     def take(self, frames: Iterable[Frame], now_ns: int) -> None:
         """Take in frames, oldest first; what cannot be decoded or comes from the car itself says nothing."""
@@ -61,12 +61,12 @@ class CommandReceiver:
 
     def _update(self) -> None:
         value = self._values.get
-        self.heard.ct_state = int(value("ct_state", 0))
-        self.heard.commands = Commands(
+        self.received.ct_state = int(value("ct_state", 0))
+        self.received.commands = Commands(
             steer=value("steering_motor_ang_cmd", 0.0) / self._ratio,
             throttle=min(max(value("acc_pedal_cmd", 0.0), 0.0), 1.0),
             brake_front=value("F_brake_pressure_cmd", 0.0),
             brake_rear=value("R_brake_pressure_cmd", 0.0),
             gear=int(value("desired_gear", 0)),
         )
-        self.heard.counters_ns = tuple(self._advanced_ns.values()) if self._advanced_ns else None
+        self.received.counters_ns = tuple(self._advanced_ns.values()) if self._advanced_ns else None

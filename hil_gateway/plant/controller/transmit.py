@@ -9,7 +9,7 @@ from can_dbc.codec import Codec
 from can_dbc.database import Message
 from hil_gateway.can_link import CanLink
 from hil_gateway.plant.car import Car
-from hil_gateway.plant.controller.ladder import Heard, SysState, VehicleController
+from hil_gateway.plant.controller.ladder import Received, SysState, VehicleController
 from hil_gateway.plant.controller.sensors import Sensors
 from hil_gateway.plant.referee.referee import Referee
 from hil_gateway.process.clock import NS_PER_S
@@ -47,7 +47,7 @@ class Transmitter:
         self._codec, self._link = codec, link
         self._car, self._sensors, self._controller, self._referee = car, sensors, controller, referee
         self._race_control = race_control
-        self._heard = Heard()
+        self._received = Received()
         self._counters: dict[str, int] = {}
         self._imu: Values = {}
         self._ratio = steering_ratio
@@ -58,7 +58,7 @@ class Transmitter:
                 period_ns = round(message.period_s * NS_PER_S)
                 self._by_period.setdefault(period_ns, []).append((message, sources.get(message.name)))
         self._resting = {
-            name: codec.encode(name, {s.name: _resting(s.name, s.unit) for s in message.signals})
+            name: codec.encode(name, {s.si_name: _resting(s.name, s.unit) for s in message.signals})
             for name, message in codec.messages.items()
             if name not in sources
         }
@@ -67,9 +67,9 @@ class Transmitter:
         """when the next message is due; nothing needs to be called before"""
         self._healthy: Values = dict.fromkeys((s.name for s in codec.messages["diagnostic_report"].signals), 0.0)
 
-    def step(self, now_ns: int, heard: Heard) -> None:
+    def step(self, now_ns: int, received: Received) -> None:
         """Send every message whose period has passed."""
-        self._heard = heard
+        self._received = received
         for period_ns, messages in self._by_period.items():
             due = self._due_ns.setdefault(period_ns, now_ns)
             if now_ns < due:
@@ -169,7 +169,7 @@ class Transmitter:
         return {signal: self._car.output(load) for signal, load in LOADS}
 
     def _brake_positions(self) -> Values:
-        asked = self._heard.commands
+        asked = self._received.commands
         front, rear = (self._car[name] / 6e6 for name in ("brake_front", "brake_rear"))
         return {
             "F_brk_pos_cmd": 7500.0 * min(asked.brake_front / 6e6, 1.0),
@@ -190,19 +190,19 @@ class Transmitter:
             "engine_state": int(self._controller.engine_running),
             "throttle_position": self._car["throttle"],
             "current_gear": self._car.gear,
-            "engine_speed_rpm": self._car.output("engine_speed") if self._controller.engine_running else 0.0,
-            "vehicle_speed_kmph": abs(self._car["vx"]),
+            "engine_speed": self._car.output("engine_speed") if self._controller.engine_running else 0.0,
+            "vehicle_speed": abs(self._car["vx"]),
             "gear_shift_status": int(self._car.shifting > 0),
         }
 
     def _fluids(self) -> Values:
         running = self._controller.engine_running
         return {
-            "fuel_pressure_kPa": 350e3 * running,
-            "engine_oil_pressure_kPa": 420e3 * running,
+            "fuel_pressure": 350e3 * running,
+            "engine_oil_pressure": 420e3 * running,
             "coolant_temperature": 85.0 if running else AMBIENT_C,
             "transmission_temperature": 70.0 if running else AMBIENT_C,
-            "transmission_pressure_kPa": 300e3 * running,
+            "transmission_pressure": 300e3 * running,
         }
 
     def _torque(self) -> Values:
@@ -212,7 +212,7 @@ class Transmitter:
             "driver_traction_aim_swicth_fbk": 0,
             "driver_traction_range_switch_fbk": 0,
             "push2pass_status": 0,
-            "push2pass_budget_s": 0,
+            "push2pass_budget": 0,
             "push2pass_active_app_limit": 0,
         }
 

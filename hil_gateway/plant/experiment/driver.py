@@ -82,7 +82,7 @@ class Driver:
         vx = car["vx"]
         steer = self._steer(vx)
         force = self._vehicle.mass * self._acceleration(vx)
-        gear = self._gears.step(now_ns, vx)
+        gear = self._gears.step(now_ns, vx, car.output("engine_speed"), car.gear)
         drive = force / self._train.force_per_drive
         a = self._actuation.to_actuators(steer, drive, car.gear or gear, car.output("engine_speed"), gear)
         return Commands(steer, a.accelerator, a.brake_front, a.brake_rear, gear)

@@ -33,7 +33,7 @@ def test_decode_gives_si() -> None:
     assert decoded(0x53C, "c08ac105fac212c8") == pytest.approx(
         {
             "engine_run_switch": 1, "engine_state": 1, "throttle_position": 0.555, "current_gear": 4,
-            "engine_speed_rpm": 6123 * math.tau / 60, "vehicle_speed_kmph": 212.3 / 3.6, "gear_shift_status": 1,
+            "engine_speed": 6123 * math.tau / 60, "vehicle_speed": 212.3 / 3.6, "gear_shift_status": 1,
         }
     )  # fmt: skip
     assert decoded(0x514, "e803d007b80b0000")["wheel_speed_RL"] == pytest.approx(300 / 3.6)

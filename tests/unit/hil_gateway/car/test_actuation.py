@@ -72,16 +72,27 @@ def test_the_engine_map_is_held_at_its_ends():
 def test_every_gear_is_used_once_up_and_once_down_without_hunting():
     gears = GearChoice(TRAIN, VEHICLE.wheel_radius)
     speeds = [0.1 * i for i in range(850)]
-    up = [gears.step(int(i * 1e8), speed) for i, speed in enumerate(speeds)]
-    down = [gears.step(int((1000 + i) * 1e8), speed) for i, speed in enumerate(reversed(speeds))]
+    up = [gears.step(int(i * 1e8), speed, 0.0, 0) for i, speed in enumerate(speeds)]
+    down = [gears.step(int((1000 + i) * 1e8), speed, 0.0, 0) for i, speed in enumerate(reversed(speeds))]
     assert up == sorted(up)
     assert down == sorted(down, reverse=True)
     assert set(up) == set(down) == {1, 2, 3, 4, 5, 6}
 
 
+def test_wheel_sensors_that_read_zero_do_not_turn_the_engine_faster_than_its_map_ends():
+    gears = GearChoice(TRAIN, VEHICLE.wheel_radius)
+    for i in range(100):
+        gear = gears.step(int(i * 1e8), 45.0, 0.0, 0)
+    engine_speed = 45.0 / VEHICLE.wheel_radius * TRAIN.ratio(gear)
+    for i in range(100, 200):
+        assert gears.step(int(i * 1e8), 0.0, engine_speed, gear) == gear
+    slow = engine_speed / 3
+    assert gears.step(int(200 * 1e8), 0.0, slow, gear) == gear - 1
+
+
 @pytest.mark.parametrize("speed", [26.0, 38.0, 50.0, 62.0, 71.0])
 def test_a_noisy_constant_speed_does_not_shift_back_and_forth(speed):
     gears = GearChoice(TRAIN, VEHICLE.wheel_radius)
-    chosen = [gears.step(int(i * 1e8), speed + 0.5 * math.sin(i)) for i in range(400)]
+    chosen = [gears.step(int(i * 1e8), speed + 0.5 * math.sin(i), 0.0, 0) for i in range(400)]
     shifts = sum(a != b for a, b in pairwise(chosen[60:]))
     assert shifts == 0

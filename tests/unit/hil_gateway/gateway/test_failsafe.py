@@ -26,6 +26,7 @@ from hil_gateway.gateway.decide.failsafe import (
 # numbers and sets instead of rows: 0 silent, 1 drive, 2 controlled stop, 3 emergency stop.
 EMERGENCY_AT = {
     "operator_emergency": 0.0, "vehicle_flag_kill": 0.0, "car_emergency": 0.0, "foreign_emergency": 0.0,
+    "uncommanded_motion": 0.0,
     "command_age": 0.5, "can_silence": 0.1, "gateway_gap": 0.1,
 }  # fmt: skip
 STOP_AT = {

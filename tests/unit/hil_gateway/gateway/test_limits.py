@@ -9,8 +9,8 @@ import pytest
 
 from can_dbc.codec import load_codec
 from hil_gateway.car.actuation import Actuators
-from hil_gateway.config import LimitConfig
 from hil_gateway.gateway.act.limits import Limits, RawCommand, SignalLimit, _signal_limit
+from hil_gateway.gateway.settings import LimitConfig
 
 LIMITS = Limits(load_codec(), LimitConfig())
 REST = Actuators(0.0, 0.0, 0.0, 0.0, 1)
@@ -132,7 +132,7 @@ def test_limits_wider_than_the_field_stop_at_the_field():
     assert (exact.low, exact.high) == (-4, 4)
 
 
-@pytest.mark.parametrize(("rate", "steps"), [(500.0, 10), (499.9, 9), (50.0, 1)])
+@pytest.mark.parametrize(("rate", "steps"), [(500.0, 10), (499.9, 9), (200.0, 4)])
 def test_rates_are_rounded_down_to_whole_steps(rate, steps):
     limit = Limits(load_codec(), LimitConfig(steering_rate=rate)).signals["steering_motor_ang_cmd"]
     assert (limit.rise, limit.fall) == (steps, steps)

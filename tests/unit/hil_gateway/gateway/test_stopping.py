@@ -10,9 +10,9 @@ from support.scripted_car import Rig
 
 from hil_gateway.bus.messages import PlanStatus
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.config import StopConfig
 from hil_gateway.gateway.act.stopping import Path, Stopping, plan_path
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.settings import StopConfig
 from hil_gateway.track.loading import load_track
 
 VEHICLE = Vehicle()

@@ -32,6 +32,13 @@ def test_flags_override_environment_overrides_file(tmp_path: Path, monkeypatch: 
         ("[planner]\ndt = -1\n", "planner.dt = -1"),
         ("[vehicle]\nmass = nan\n", "vehicle.mass"),
         ("[can\n", "not valid TOML"),
+        ("[gateway.limits]\nsteering_rate = 49\n", "gateway.limits.steering_rate = 49: input should be greater"),
+        ("[gateway.limits]\nbrake_rise = 99\n", "gateway.limits.brake_rise = 99: input should be greater"),
+        ("[powertrain]\nengine_torque = [300, 430, 520, 560, 566, 551]\n", "engine_torque has 6 values for 8"),
+        ("[powertrain]\ndownshift_rpm = 6600\n", "clutch_rpm < downshift_rpm < upshift_rpm"),
+        ("[powertrain]\nbrake_force_per_pa = 1e-4\n", "emergency_deceleration asks for 12"),
+        ("a = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
+        ("#" * 1_000_001, "a configuration has at most 1000000"),
     ],
 )
 def test_bad_file_names_file_key_and_value(tmp_path: Path, text: str, expected: str) -> None:

@@ -28,7 +28,7 @@ from hil_gateway.process.held_up import TIMING_CAUSES, Load, ProcessorTime, proc
 )
 def test_a_stop_for_lateness_names_who_was_held_up_for_how_long(part: str, cause: str, words: str) -> None:
     rig = Rig()
-    rig.gateway._load = lambda: "load 5, 7 tasks ready on 2 processors: end other programs"
+    rig.gateway._reporter._load = lambda: "load 5, 7 tasks ready on 2 processors: end other programs"
     rig.drive_off()
     assert rig.status is not None
     assert rig.status.detail == ""

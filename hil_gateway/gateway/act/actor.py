@@ -1,0 +1,113 @@
+"""From the decision to this period's frames: what is wanted, what the limits leave of it, what left."""
+
+from __future__ import annotations
+
+import math
+
+from can_dbc.codec import Codec
+from hil_gateway.bus.messages import Applied, Command, FailsafeAction, VehicleState
+from hil_gateway.can_link import CanLink
+from hil_gateway.car.actuation import Actuation, Actuators
+from hil_gateway.car.powertrain import GearChoice
+from hil_gateway.car.states import CtState
+from hil_gateway.config import Config
+from hil_gateway.gateway.act import actuator_test
+from hil_gateway.gateway.act.limits import Limits
+from hil_gateway.gateway.act.stopping import Stopping
+from hil_gateway.gateway.act.transmitter import Transmitter
+from hil_gateway.gateway.decide.decision import Decision
+from hil_gateway.gateway.decide.ladder_inputs import Flags
+from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.track.track import Track
+
+
+class Actor:
+    """Actuators of the car: holds what stands on the wire and the path to stop on."""
+
+    def __init__(self, config: Config, codec: Codec, link: CanLink, actuation: Actuation, track: Track | None) -> None:
+        self._actuation = actuation
+        self._hold_pressure = config.gateway.stop.hold_pressure
+        self._testing = config.gateway.mode == "actuator_test"
+        self._transmits = config.gateway.mode in ("armed", "actuator_test")
+        self._gears = GearChoice(config.powertrain, config.vehicle.wheel_radius)
+        self._limits = Limits(codec, config.gateway.limits)
+        self._transmitter = Transmitter(codec, link, config.gateway.vehicle_number)
+        self._on_wire = self._limits.resting(0.0)
+        self.stopping = Stopping(config.vehicle, config.gateway.stop, config.powertrain.force_per_drive, track)
+        self.sent = self.limited = 0
+
+    @property
+    def transmits(self) -> bool:
+        """Whether the mode sends frames."""
+        return self._transmits
+
+    @property
+    def on_wire(self) -> Actuators:
+        """Last commands that left, SI."""
+        return self._limits.to_actuators(self._on_wire)
+
+    def report_ladder(self, now_ns: int, ct_state: CtState, flags: Flags) -> None:
+        """State and acknowledged flags, when they are due."""
+        if self._transmits:
+            self._transmitter.race_control(now_ns, ct_state, flags)
+
+    def start_stop(self) -> None:
+        """A stop begins: the angle on the wire is where steering goes on from."""
+        self.stopping.start(self._actuation.to_steer(self.on_wire.steering_motor))
+
+    def step(
+        self, now_ns: int, state: VehicleState, decision: Decision, command: Command | None, pose: Pose | None
+    ) -> tuple[bool, tuple[str, ...]]:
+        """Send this period's commands; whether all left, and the limits that changed them."""
+        if not decision.failsafe.armed:
+            self._on_wire = self._limits.resting(self._actuation.to_steering_motor(state.steer))
+            return False, ()
+        wanted = self._wanted(now_ns, state, decision, command, pose)
+        command_raw, limited = self._limits.apply(wanted, self._on_wire)
+        sent = False
+        if self._transmits:
+            self._on_wire, sent = self._transmitter.actuators(command_raw, self._on_wire)
+        else:  # shadow: as if it had left
+            self._on_wire = command_raw
+        self.sent += sent
+        self.limited += bool(limited)
+        return sent, limited
+
+    def _wanted(
+        self, now_ns: int, state: VehicleState, decision: Decision, command: Command | None, pose: Pose | None
+    ) -> Actuators:
+        gear = self._gears.step(now_ns, road_speed(state), state.engine_speed, state.gear)
+        driving = decision.action is FailsafeAction.DRIVE
+        if driving and self._testing:
+            return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S)
+        if driving and command is not None:
+            steer, drive = command.steer, command.drive
+        else:
+            emergency = decision.action is FailsafeAction.EMERGENCY_STOP
+            steer, drive = self.stopping.command(state, pose, emergency)
+        wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear)
+        if driving or road_speed(state) >= STANDSTILL or not state.valid:
+            return wanted
+        return Actuators(wanted.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
+
+    def applied(  # noqa: PLR0917 - what a message says
+        self, now_ns: int, seq: int, state: VehicleState, decision: Decision, sent: bool, limited: tuple[str, ...]
+    ) -> Applied:  # fmt: skip
+        """What stands on the wire, as a message."""
+        actuators = self.on_wire
+        return Applied(
+            stamp_ns=now_ns,
+            seq=seq,
+            sent=sent,
+            action=decision.action,
+            limited=limited,
+            steer=self._actuation.to_steer(actuators.steering_motor),
+            drive=self._actuation.to_drive(actuators, state.engine_speed, state.gear),
+            accelerator_percent=100 * actuators.accelerator,
+            brake_front_kpa=actuators.brake_front / 1e3,
+            brake_rear_kpa=actuators.brake_rear / 1e3,
+            steering_motor_deg=math.degrees(actuators.steering_motor),
+            gear=actuators.gear,
+        )

@@ -1,0 +1,70 @@
+"""What the other processes and a person say to the gateway: commands, plan, estimate, requests."""
+
+from __future__ import annotations
+
+from hil_gateway.bus import topics
+from hil_gateway.bus.interface import Bus, LatestReader
+from hil_gateway.bus.latest import Latest
+from hil_gateway.bus.messages import Estimate, OperatorAction, OperatorCommand, Plan
+from hil_gateway.gateway.decide.command_gate import CommandGate
+
+COMMAND_QUEUE = 16
+OPERATOR_QUEUE = 1024
+"""Requests of a period that are all looked at: no flood of others pushes out the one to stop."""
+ARMS_REMEMBERED = 4096
+"""Requests to arm that are known again when they are delivered twice: a person makes some dozens a day. Beyond that
+the gateway has to be restarted to be armed; none is ever forgotten and taken again."""
+URGENCY = (OperatorAction.EMERGENCY, OperatorAction.STOP, OperatorAction.DISARM, OperatorAction.ARM)
+"""which request counts when several arrive in one period"""
+
+
+class Inbox:
+    """Reads every subscription of the gateway once a period."""
+
+    def __init__(self, bus: Bus, latency_max_s: float) -> None:
+        """`latency_max_s`: commands about older states are not taken."""
+        self._commands = bus.subscribe(topics.COMMAND, depth=COMMAND_QUEUE)
+        self._operator = bus.subscribe(topics.OPERATOR, depth=OPERATOR_QUEUE)
+        self._plan = LatestReader(bus, topics.PLAN)
+        self._estimate = LatestReader(bus, topics.ESTIMATE)
+        self._arms_seen: set[tuple[str, int, int]] = set()
+        self.gate = CommandGate(latency_max_s)
+        self.refused: dict[str, int] = {}
+
+    @property
+    def estimate(self) -> Latest[Estimate]:
+        """The newest estimate."""
+        return self._estimate.latest
+
+    def read_commands(self, now_ns: int, armed: bool) -> None:
+        """Offer every command that arrived to the gate."""
+        for command in self._commands.poll(now_ns):
+            refusal = self.gate.offer(command, now_ns, armed)
+            if refusal is not None:
+                self.refused[refusal] = self.refused.get(refusal, 0) + 1
+
+    def read_plan(self, now_ns: int) -> Plan | None:
+        """The plan that arrived this period, if one did."""
+        before = self._plan.latest.count
+        plan = self._plan.update(now_ns)
+        return plan.message if plan.count != before else None
+
+    def read_estimate(self, now_ns: int) -> Estimate | None:
+        """The newest estimate, while it is valid."""
+        estimate = self._estimate.update(now_ns)
+        return estimate.message if estimate.valid(now_ns) else None
+
+    def read_request(self, now_ns: int) -> OperatorAction | None:
+        """The most urgent request of a person that arrived this period."""
+        asked = {message.action for message in self._operator.poll(now_ns) if self._counts(message)}
+        return next((action for action in URGENCY if action in asked), None)
+
+    def _counts(self, request: OperatorCommand) -> bool:
+        """Whether a request is no second delivery of one to arm; to stop twice does no harm."""
+        if request.action is not OperatorAction.ARM:
+            return True
+        identity = (request.source, request.seq, request.stamp_ns)
+        known = identity in self._arms_seen or len(self._arms_seen) >= ARMS_REMEMBERED
+        if not known:
+            self._arms_seen.add(identity)
+        return not known

@@ -1,0 +1,78 @@
+"""What the gateway says of itself: status, latency, and why it stops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hil_gateway.bus.messages import Command, FailsafeAction, GatewayStatus
+from hil_gateway.can_link import CanLink
+from hil_gateway.gateway.act.actor import Actor
+from hil_gateway.gateway.decide.decision import Decision, Situation
+from hil_gateway.gateway.decide.failsafe import missing_for_arming
+from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.held_up import who_was_late
+from hil_gateway.process.rolling import Rolling
+
+STATUS_PERIOD_NS = NS_PER_S // 10
+LATENCY_WINDOW = 1000
+"""answers whose latency is kept: 50 s of commands at 20 Hz"""
+
+
+class Reporter:
+    """Keeps what `GatewayStatus` says beyond the present period."""
+
+    def __init__(self, mode: str, load: Callable[[], str]) -> None:
+        """`load` says, when asked, how busy the computer is."""
+        self._mode, self._load = mode, load
+        self._latency_ms = Rolling(LATENCY_WINDOW)
+        self._answered_seq: int | None = None
+        self._detail = ""
+        self._due_ns = 0
+        self._seq = 0
+
+    def note_change(self, situation: Situation, before: Decision, after: Decision, estimate_age_s: float) -> None:
+        """Who was late and how busy the computer is, where that is why the car is being stopped."""
+        if after.action is before.action:
+            return
+        ages = {**situation.conditions.measures, "estimate_age": estimate_age_s}
+        late = who_was_late(after.failsafe.cause, ages)
+        self._detail = "; ".join(filter(None, (late, self._load()))) if late else ""
+
+    def note_answer(self, now_ns: int, decision: Decision, command: Command | None) -> None:
+        """CAN report in to the first command frame that answers it."""
+        driving = decision.action is FailsafeAction.DRIVE
+        if driving and command is not None and command.seq != self._answered_seq:
+            self._answered_seq = command.seq
+            self._latency_ms.add((now_ns - command.state_stamp_ns) / 1e6)
+
+    def status(
+        self, situation: Situation, decision: Decision, builder: VehicleStateBuilder, link: CanLink, actor: Actor
+    ) -> GatewayStatus | None:
+        """The message, when it is due."""
+        if situation.now_ns < self._due_ns:
+            return None
+        self._due_ns = situation.now_ns + STATUS_PERIOD_NS
+        self._seq += 1
+        counts, stats = builder.counts, link.stats()
+        return GatewayStatus(
+            stamp_ns=situation.now_ns,
+            seq=self._seq - 1,
+            mode=self._mode,
+            armed=decision.failsafe.armed,
+            action=decision.action,
+            cause=decision.cause,
+            missing_for_arming=() if decision.failsafe.armed else missing_for_arming(situation.conditions),
+            bus=link.kind,
+            bus_state=str(stats.bus_state),
+            frames_received=counts.received,
+            frames_lost=counts.lost + stats.lost,
+            frames_unknown=counts.unknown,
+            frames_malformed=counts.malformed + stats.malformed,
+            counter_errors=counts.counter_errors,
+            commands_sent=actor.sent,
+            commands_limited=actor.limited,
+            loop_latency_p50_ms=self._latency_ms.quantile(0.5),
+            loop_latency_p99_ms=self._latency_ms.quantile(0.99),
+            detail=self._detail,
+        )

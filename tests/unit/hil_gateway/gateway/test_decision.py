@@ -1,0 +1,68 @@
+"""The decision of one period: a pure function of what is seen and what was decided before."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from hil_gateway.bus.messages import FailsafeAction, OperatorAction
+from hil_gateway.car.states import CtState
+from hil_gateway.gateway.decide.decision import Decision, Situation, decide
+from hil_gateway.gateway.decide.failsafe import MEASURES, TABLE, Failsafe, Inputs, WhileSilent
+from hil_gateway.gateway.decide.race_control import LadderInputs, RaceControl
+
+WELL = dict.fromkeys(MEASURES, 0.0)
+LADDER = LadderInputs(
+    car_alive=True, sys_state=9, mode_switch=True, heartbeat=1, heartbeat_age_s=0.01, track_flag=1, vehicle_flag=0
+)
+
+
+def situation(firing: str = "", standing: bool = True, request: OperatorAction | None = None) -> Situation:
+    measures = WELL | ({firing: math.inf} if firing else {})
+    return Situation(10**9, Inputs(measures, standing, request), LADDER)
+
+
+def silent(ct_state: CtState) -> Decision:
+    return Decision(race_control=RaceControl(ct_state, heartbeat=0, beat_ns=10**9))
+
+
+@pytest.mark.parametrize("row", TABLE, ids=lambda row: row.cause)
+def test_a_row_does_while_silent_what_its_column_says(row):
+    fired = decide(situation(row.measure), silent(CtState.NOMINAL_RACE))
+    acts = row.while_silent is not WhileSilent.NOTHING
+    assert fired.action is FailsafeAction.SILENT
+    assert (fired.race_control.ct_state is CtState.EMERGENCY) is acts
+    if acts:
+        assert fired.cause == next(r.cause for r in TABLE if r.measure == row.measure)
+
+
+def test_an_emergency_of_the_car_does_not_hold_a_ladder_that_starts_over():
+    for starting in (silent(CtState.INIT), replace(silent(CtState.NOMINAL_RACE), restarting=True)):
+        ct_state = decide(situation("car_emergency"), starting).race_control.ct_state
+        assert ct_state is not CtState.EMERGENCY
+        assert decide(situation("foreign_emergency"), starting).race_control.ct_state is CtState.EMERGENCY
+
+
+def test_the_first_cause_of_a_silent_emergency_keeps_its_name():
+    first = decide(situation("uncommanded_motion"), silent(CtState.NOMINAL_RACE))
+    then = decide(situation("car_emergency"), first)
+    assert then.cause == "uncommanded_motion"
+
+
+def test_a_decision_is_a_function_of_its_arguments():
+    before = Decision(Failsafe(FailsafeAction.DRIVE), RaceControl(CtState.NOMINAL_RACE, 0, 10**9))
+    stop = situation("command_age", standing=False)
+    assert decide(stop, before) == decide(stop, before)
+    assert decide(stop, before).stopping
+    assert before.action is FailsafeAction.DRIVE
+
+
+def test_disarming_a_standing_car_starts_the_ladder_over_until_the_car_is_there_too():
+    armed = Decision(Failsafe(FailsafeAction.DRIVE), RaceControl(CtState.NOMINAL_RACE, 0, 10**9))
+    after = decide(situation(request=OperatorAction.DISARM), armed)
+    assert after.restarting and after.race_control.ct_state is CtState.INIT
+    assert decide(situation(), after).restarting
+    back = replace(situation(), ladder=replace(LADDER, sys_state=2))
+    assert not decide(back, after).restarting
