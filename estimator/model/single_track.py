@@ -75,7 +75,8 @@ CHANNELS = ("ax", "ay", "yaw_acc", "vx_dot", "vy_dot")
 class Terms:
     """Working set of one evaluation; every attribute is a CasADi expression.
 
-    `slip_f`, `slip_r` are what a tyre's force follows, `across_f`, `across_r` the share of that force across the wheel.
+    `slip_f`, `slip_r` are what a tyre's force follows, `across_f`, `across_r` the share of that force across the wheel;
+    `bank` is the road's, rad, left side up positive.
     """
 
     vehicle: Vehicle
@@ -102,6 +103,7 @@ class Terms:
     body_x: Expr = 0.0
     body_y: Expr = 0.0
     body_yaw: Expr = 0.0
+    bank: Expr = 0.0
     gravity_x: Expr = 0.0
     gravity_y: Expr = 0.0
     ax: Expr = 0.0

@@ -12,6 +12,7 @@ from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.record import Record
+from estimator.offline.record.road import find_road
 from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
@@ -122,6 +123,8 @@ def _diagnose(whole: Setting, split: tuple[tuple[int, ...], tuple[int, ...]], pr
     train_laps, test_laps = split
     record = _time_basis_of(whole.record, train_laps)
     train = record.select(np.isin(record.lap, train_laps))
+    progress("road")
+    train = replace(train, road=find_road(train))
     train = replace(train, lap=np.arange(train.windows, dtype=np.int64) // HELD_OUT_WINDOWS)
     setting = replace(whole, record=train)
     rival = Rival(setting, progress)

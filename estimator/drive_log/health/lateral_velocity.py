@@ -3,6 +3,9 @@
 At small slip the rear axle runs nearly where it points: vy at the CoG is lr yaw_rate less vx times a slip that grows
 with the rear axle's force, which Eq. (1) gives from ay and the yaw acceleration. So vy as reported =
 (lr + x) yaw_rate + angle vx + bias - vx (k ay + l yaw_acc + m ay^3), linear in the unknowns.
+
+A bank or downforce that the equation does not know shows there too. Where ay is a sensor of its own, a displaced vy
+must also show in d/dt vy + vx yaw_rate - ay = x yaw_acc, which holds whatever road and tyres do.
 """
 
 from __future__ import annotations
@@ -25,6 +28,9 @@ LEAST_ANGLE = 0.004
 LEAST_POSITION = 0.2
 """share of the wheelbase"""
 
+CONFIRMED_SHARE = 0.5
+"""Share of a position seen by the tyres that the kinematics must confirm: both smooth, so that neither is exact."""
+
 
 def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
     """Misalignment with bias, and position, of the sensor of vy."""
@@ -38,7 +44,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
     if any(abs(size) > LEAST_ANGLE and abs(size) > 5.0 * error for size, error in parts):
         findings.append(_misaligned(angle, bias, speed, (float(std[1]), float(std[2]))))
     least = LEAST_POSITION * vehicle.wheelbase
-    if abs(x) > least and abs(x) > 5.0 * std[0]:
+    if abs(x) > least and abs(x) > 5.0 * std[0] and _confirmed(log, float(x)):
         findings.append(_displaced(x, float(std[0]), least))
     return findings
 
@@ -56,6 +62,17 @@ def sensor_of_vy(log: DriveLog, vehicle: Vehicle) -> tuple[Array, Array] | None:
     whole, spread = jackknifed(X, vy[gentle])
     whole[0] -= vehicle.lr
     return whole[:3], spread[:3]
+
+
+def _confirmed(log: DriveLog, x: float) -> bool:
+    """Whether a vy measured `x` m ahead of the CoG agrees with a measured ay; nothing contradicts it without one."""
+    if "ay" in log.derived:
+        return True
+    samples = prepare(log)
+    felt, turning = samples["ay"], samples["vx"] * samples["yaw_rate"]
+    X = np.stack([samples["yaw_acc"], felt, np.ones_like(felt)], axis=1)
+    seen, std = jackknifed(X, samples["vy_dot"] + turning - felt)
+    return bool(np.sign(x) * seen[0] > max(CONFIRMED_SHARE * abs(x), 2.0 * std[0]))
 
 
 def _misaligned(angle: float, bias: float, speed: float, std: tuple[float, float]) -> Finding:

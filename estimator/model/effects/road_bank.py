@@ -11,6 +11,10 @@ from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
 
 
+def _input(terms: Terms, bank: Expr) -> None:
+    terms.bank = bank
+
+
 def _motion(terms: Terms, bank: Expr) -> None:
     terms.gravity_y = terms.gravity_y - GRAVITY * ca.sin(bank)
 
@@ -23,7 +27,7 @@ EFFECT = Effect(
     parameters=(Parameter("bank", "rad", 0.0, 0.05, -0.6, 0.6, "left side up positive, over track position"),),
     channels=("vy_dot",),
     cause="track_position",
-    hooks={"MOTION": _motion},
+    hooks={"INPUT": _input, "MOTION": _motion},
     needs=("track_position",),
     profile="track_position",
     separated_by="shows in d/dt vy and not in ay; a force on the body shows in both",

@@ -68,12 +68,11 @@ def normal_at(predictor: Predictor, parameters: Array, noise: Noise) -> tuple[No
     record = predictor.record
     laps = int(record.lap.max()) + 1
     count = np.array([np.count_nonzero(record.lap == lap) for lap in range(laps)]) * float(record.rows.shape[1])
-    prior = np.array([p.prior for p in predictor.table])
     precision = predictor.prior_precision
     at = evaluate(predictor, parameters, noise)
     normal = Normal(
         *accumulate(at.error, at.sensitivity, record.lap), count,
-        precision, -precision @ (parameters - prior), record.block_noise**2,
+        precision, -precision @ (parameters - predictor.prior), record.block_noise**2,
     )  # fmt: skip
     return normal, at
 
@@ -107,7 +106,7 @@ def fit(predictor: Predictor, start: Array, noise: Noise | None = None, iteratio
 
 def _objective(predictor: Predictor, normal: Normal, at: Array) -> float:
     """Minus twice the log posterior, up to a constant."""
-    off = at - np.array([p.prior for p in predictor.table])
+    off = at - predictor.prior
     variance, count = normal.variance, normal.count.sum()
     data = (normal.squares.sum(1) / variance + count * np.log(variance)).sum()
     return float(data + off @ normal.prior @ off)

@@ -62,7 +62,9 @@ class Predictor:
         values = [*tyre]
         for block in self.blocks:
             size = block.parameters.stop - block.parameters.start
-            values.extend(block.effect.start() * (size if block.effect.profile else 1))
+            known = self.record.road.get(block.effect.name)
+            start = block.effect.start() * (size if block.effect.profile else 1)
+            values.extend(start if known is None else known.coefficients)
         return np.array(values)
 
     @cached_property
@@ -80,13 +82,24 @@ class Predictor:
         return lower, upper
 
     @cached_property
+    def prior(self) -> Array:
+        """(p,) mean of the prior: the parameter table's, and the road as kinematics show it."""
+        prior = np.array([p.prior for p in self.table])
+        for block in self.blocks:
+            if block.effect.name in self.record.road:
+                prior[block.parameters] = self.record.road[block.effect.name].coefficients
+        return prior
+
+    @cached_property
     def prior_precision(self) -> Array:
-        """(p, p) weak prior from the parameter table; smoothness for profiles."""
+        """(p, p) weak prior from the parameter table; smoothness for profiles; what is known of the road."""
         precision = np.diag([1.0 / p.prior_std**2 for p in self.table])
         for block in self.blocks:
             if block.effect.profile:
                 std = block.effect.parameters[0].prior_std
                 precision[block.parameters, block.parameters] = self.record.bases[block.effect.profile].precision(std)
+            if block.effect.name in self.record.road:
+                precision[block.parameters, block.parameters] = self.record.road[block.effect.name].precision
         return precision
 
     @cached_property

@@ -45,6 +45,14 @@ MEASURED = ("ax", "ay", "yaw_rate", "vx", "vy")
 
 
 @dataclass(frozen=True)
+class RoadProfile:
+    """A bank or grade (rad) as the prior of its effect: (n,) coefficients over the lap, (n, n) precision."""
+
+    coefficients: Array
+    precision: Array
+
+
+@dataclass(frozen=True)
 class Record:
     """One data set ready to be explained.
 
@@ -57,6 +65,7 @@ class Record:
         rows: (windows, blocks, q) rows of each block of each window.
         lap: (windows,) number of the lap, or of any other group that is held out together, consecutive from 0.
         lap_length: m; 0 where there is no track position.
+        road: what kinematics say of `road_bank` and `road_grade`; empty where there is none or it is not known.
     """
 
     signals: Mapping[str, Array]
@@ -72,6 +81,7 @@ class Record:
     vehicle: Vehicle
     extra: tuple[str, ...] = ()
     bases: Mapping[str, Basis] = field(default_factory=dict)
+    road: Mapping[str, RoadProfile] = field(default_factory=dict)
 
     @property
     def windows(self) -> int:

@@ -61,8 +61,11 @@ def search(
     """
     progress("declared model, re-fitted")
     base = fit_names(setting, (), warm or fit_names(setting, (), None))
-    current, rounds = base, []
-    accepted: list[str] = []
+    current, rounds = base, list[tuple[Trial, ...]]()
+    accepted = sorted(setting.record.road)
+    if accepted:
+        current, first = _with_road(setting, base, accepted, progress)
+        rounds.append(first)
     gains: dict[str, Evidence] = {}
     unsure, sure = 0, (accepted, current, gains)
     while len(accepted) < MAX_EFFECTS and (not accepted or structured(current, WHITE)):
@@ -94,6 +97,16 @@ def search(
         accepted, current, gains = _recheck(setting, accepted, current, progress)
     ordered = tuple(sorted(accepted, key=lambda n: -gains[n].gain))
     return Search(base, current, ordered, tuple(rounds), {n: gains[n] for n in ordered})
+
+
+def _with_road(
+    setting: Setting, base: Fit, names: Sequence[str], progress: Callable[[str], None]
+) -> tuple[Fit, tuple[Trial, ...]]:
+    """The road that kinematics show, before any effect of the car is tried."""
+    progress(" + ".join(names))
+    done = fit_names(setting, names, base)
+    evidence = compare(base.held_out(), done.held_out(), done.normal.count)
+    return done, tuple(Trial(name, evidence, done) for name in names)
 
 
 def _tentative(trials: Sequence[Trial], setting: Setting, total: float) -> list[Trial]:

@@ -18,6 +18,7 @@ from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.input_timing import sampling_effects
 from estimator.offline.record.noise import MOTION_ROWS, Noise
 from estimator.offline.record.record import Record
+from estimator.offline.record.road_load import road_load
 from estimator.offline.search.evidence import Evidence
 from hil_gateway.process.arrays import Array
 
@@ -60,7 +61,9 @@ class Setting:
         """The model with the named effects."""
         effects = tuple(e for e in catalogue().values() if e.name in names)
         sampling = sampling_effects(self.record.step, frozenset(names))
-        return SingleTrack(self.record.vehicle, self.layout, effects + self.extra + sampling, self.prior)
+        return SingleTrack(
+            self.record.vehicle, self.layout, effects + self.extra + sampling + road_load(names), self.prior
+        )
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,172 @@
+"""Bank and grade of the road from kinematics, before any tyre is fitted.
+
+For any tyre, d/dt vy + vx omega - ay = -g sin(bank) and d/dt vx - vy omega - ax = -g sin(grade): gravity moves the car
+and is not felt. What the sensors add (offset, roll and turn of the accelerometer, its place, errors of speed and yaw
+rate) follows the motion; what the road adds repeats over track position, at any speed. Both are fitted together, and a
+road is there where it predicts laps that it was not fitted to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.model.basis import Basis
+from estimator.offline.record.record import Record, RoadProfile
+from hil_gateway.car.vehicle import GRAVITY
+from hil_gateway.process.arrays import Array, Ints
+
+PRIOR_STD = 0.4
+"""rad; of a bank or grade anywhere: the steepest speedways, so that a bank of all turns is not taken for an offset"""
+STRAIGHT_SHARE = 0.2
+"""Below this share of the track's sharp curvature (95th percentile) the road is straight."""
+STRAIGHT_BANK = 0.005
+"""rad, of the mean over all straights (drainage): tells a constant bank from an offset of the accelerometer"""
+CLOSED = 1e-4
+"""rad; mean grade of a lap that ends at the height where it began"""
+SENSORS: Mapping[str, float] = {
+    "offset": 0.2, "gain": 0.05, "turn": 0.05, "arm": 1.0, "arm_square": 1.0, "gyro": 0.01,
+}  # fmt: skip
+"""Prior standard deviations: m/s2, 1, rad, m, m, rad/s; wider than what is built into cars (data sheets). The gain also
+stands for an error of speed: with both, vx omega - ay, which is the bank itself, would be taken for sensors."""
+SLOW_BLOCKS = 5
+"""Blocks (0.2 s) over which residuals are averaged, for an information that does not count correlated noise twice."""
+LEAST_ANGLE = 0.005
+"""rad; half the range over the lap: body pitch and roll on the springs repeat by about 0.002 on a flat course"""
+LEAST_LAPS = 3
+LEAST_GAIN = 0.02
+"""Log-likelihood per block, on laps held out: a fifth of the noise, as for any effect of the search"""
+LEAST_GAINING = 0.8
+"""Share of the laps that must be predicted better."""
+
+
+@dataclass(frozen=True)
+class _Kinematics:
+    """One component of gravity in the blocks: y (w, b) m/s2, what the sensors may add (w, b, k), prior std (k,)."""
+
+    y: Array
+    sensors: Array
+    std: Array
+
+
+def find_road(record: Record) -> dict[str, RoadProfile]:
+    """`road_bank` and `road_grade`, where accelerometer and velocities of the `record`'s laps show them."""
+    if "track_position" not in record.bases or len(np.unique(record.lap)) < LEAST_LAPS:
+        return {}
+    found = {}
+    for name, signals, make in (("road_bank", (1, 4), _lateral), ("road_grade", (0, 3), _longitudinal)):
+        if record.used[list(signals)].all():
+            profile = _profile(record, make(record), name == "road_grade")
+            if profile is not None:
+                found[name] = profile
+    return found
+
+
+def _lateral(record: Record) -> _Kinematics:
+    (vx, _, rate), (ax, ay), change = _motion(record)
+    return _kinematics(change[1] + vx * rate - ay, (ay, ax, change[2], rate**2, vx))
+
+
+def _longitudinal(record: Record) -> _Kinematics:
+    (_, vy, rate), (ax, ay), change = _motion(record)
+    return _kinematics(change[0] - vy * rate - ax, (ax, ay, change[2], rate**2, vy))
+
+
+def _motion(record: Record) -> tuple[Array, Array, Array]:
+    """States (3, w, b), ax and ay (2, w, b), derivatives of the states (3, w, b)."""
+    return record.state_means, record.measured_blocks[:2], np.diff(record.state_edges, axis=2) / record.block_step
+
+
+def _kinematics(y: Array, columns: tuple[Array, ...]) -> _Kinematics:
+    """`columns` are what `SENSORS` multiply, but for the constant offset."""
+    return _Kinematics(y, np.stack([np.ones_like(y), *columns], axis=-1), np.array(list(SENSORS.values())))
+
+
+def _profile(record: Record, kinematics: _Kinematics, closed: bool) -> RoadProfile | None:
+    """The road's component, if laps left out in turn say that there is one."""
+    basis = record.bases["track_position"]
+    position = record.thin(record.signals["track_position"])
+    B = basis.matrix(position.ravel())
+    prior = basis.precision(GRAVITY * PRIOR_STD) + _level(record, basis, position, closed)
+    with_road = _Regression.make(kinematics, B, prior, record.lap)
+    without = _Regression.make(kinematics, B[:, :0], prior[:0, :0], record.lap)
+    before, after = without.held_out(), with_road.held_out()
+    gain = 0.5 * np.log(before.sum() / after.sum())
+    if gain < LEAST_GAIN or np.mean(after < before) < LEAST_GAINING:
+        return None
+    profile = _as_angle(with_road, basis)
+    return profile if 0.5 * np.ptp(profile.coefficients) > LEAST_ANGLE else None
+
+
+def _level(record: Record, basis: Basis, position: Array, closed: bool) -> Array:
+    """Precision of the profile's mean: a lap's grade adds up to nothing, the straights lie level on average."""
+    if closed:
+        mean = basis.matrix(np.linspace(0.0, basis.period, 4 * basis.size, endpoint=False)).mean(axis=0)
+        return np.outer(mean, mean) / (GRAVITY * CLOSED) ** 2
+    vx, _, rate = record.state_means
+    curvature = np.abs(rate / np.maximum(vx, 1.0))
+    straight = curvature < STRAIGHT_SHARE * np.quantile(curvature, 0.95)
+    mean = basis.matrix(position[straight]).mean(axis=0)
+    return np.outer(mean, mean) / (GRAVITY * STRAIGHT_BANK) ** 2
+
+
+@dataclass(frozen=True)
+class _Regression:
+    """Ridge regression of a gravity component, normal equations per lap: (laps, p, p), (laps, p), (laps,)."""
+
+    hessian: Array
+    pull: Array
+    squares: Array
+    precision: Array
+    variance: float
+    road: int
+
+    @classmethod
+    def make(cls, kinematics: _Kinematics, B: Array, prior: Array, lap: Ints) -> _Regression:
+        k, n = kinematics.sensors.shape[-1], B.shape[1]
+        X = np.concatenate([B.reshape(*kinematics.y.shape, n), kinematics.sensors], axis=-1)
+        precision = np.zeros((n + k, n + k))
+        precision[:n, :n], precision[n:, n:] = prior, np.diag(1.0 / kinematics.std**2)
+        own = [lap == number for number in np.unique(lap)]
+        H = np.array([np.einsum("wbi,wbj->ij", X[o], X[o], optimize=True) for o in own])
+        g = np.array([np.einsum("wbi,wb->i", X[o], kinematics.y[o]) for o in own])
+        squares = np.array([np.sum(kinematics.y[o] ** 2) for o in own])
+        solved = np.linalg.lstsq(H.sum(0), g.sum(0), rcond=1e-10)[0]
+        return cls(H, g, squares, precision, _slow_variance(kinematics.y - X @ solved), n)
+
+    def solve(self, without: int | None = None) -> Array:
+        """Coefficients (p,) of all laps, or of all but one."""
+        own = np.arange(len(self.squares)) != (-1 if without is None else without)
+        total = self.hessian[own].sum(0) / self.variance + self.precision
+        return np.linalg.solve(total, self.pull[own].sum(0) / self.variance)
+
+    def held_out(self) -> Array:
+        """(laps,) squares of each lap predicted by the others."""
+        left = [self.solve(lap) for lap in range(len(self.squares))]
+        each = zip(left, self.hessian, self.pull, self.squares, strict=True)
+        return np.array([s - 2 * c @ g + c @ H @ c for c, H, g, s in each])
+
+    @property
+    def information(self) -> Array:
+        """(n, n) about the road's coefficients when what the sensors add is unknown: the Schur complement."""
+        total, n = self.hessian.sum(0) / self.variance + self.precision, self.road
+        return np.asarray(total[:n, :n] - total[:n, n:] @ np.linalg.solve(total[n:, n:], total[n:, :n]))
+
+
+def _slow_variance(residual: Array) -> float:
+    """Variance of white noise with the same averages over 0.2 s as the residual (w, b)."""
+    blocks = residual.shape[1] // SLOW_BLOCKS * SLOW_BLOCKS
+    averages = residual[:, :blocks].reshape(len(residual), -1, SLOW_BLOCKS).mean(axis=2)
+    return float(max(SLOW_BLOCKS * np.mean(averages**2), np.mean(residual**2)))
+
+
+def _as_angle(regression: _Regression, basis: Basis) -> RoadProfile:
+    """Coefficients of the angle from those of -g sin(angle), and their information."""
+    at = np.linspace(0.0, basis.period, 8 * basis.size, endpoint=False)
+    B = basis.matrix(at)
+    sine = np.clip(-(B @ regression.solve()[: regression.road]) / GRAVITY, -0.9, 0.9)
+    coefficients = np.asarray(np.linalg.lstsq(B, np.arcsin(sine), rcond=None)[0], np.float64)
+    slope = GRAVITY * np.cos(coefficients)
+    return RoadProfile(coefficients, regression.information * np.outer(slope, slope))
