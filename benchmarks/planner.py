@@ -31,9 +31,9 @@ from planner.plan.exploring import exploring
 from planner.problem.settings import Information, Settings
 from planner.simulation.loop import Loop
 from planner.solver.functions import build_functions
-from planner.solver.ladder import climb, rungs
-from planner.solver.recorded import load, record, save
 from planner.studies.bench import INFORMATION_WEIGHT, Run, bench_controller, clock, drive, percentiles
+from planner.studies.ladder import climb, rungs
+from planner.studies.recorded import load, record, save
 
 GAP_ALLOWED = 0.02
 CONVERGED_ITERATIONS = 15

@@ -29,8 +29,8 @@ from planner.solver.fixed import FixedHorizon, FixedQpSolver, Outcome, build_lib
 from planner.solver.pattern import Pattern
 from planner.solver.qp import QpSize, QpStatus, QpWarning, StageQp, objective, violation
 from planner.solver.qp_sparse import PiqpSolver
-from planner.solver.recorded import load, record, save
 from planner.studies.bench import bench_controller, clock, drive, start_state
+from planner.studies.recorded import load, record, save
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 
