@@ -10,43 +10,60 @@ from estimator.model.parameters import Parameter
 
 HEAD = """# Catalogue of effects
 
-Generated from `estimator/model/effects/` (`python -m estimator.model.catalogue_page > docs/effects.md`).
+Generated from `estimator/model/effects/` (`python -m estimator.model.catalogue_page > docs/effects.md`). Each effect is one file
+that identification, diagnosis and planner share. At its neutral parameters the declared model is exactly as it was.
 
-Each effect is one small file: its physics in one equation with its source, its parameters with unit, prior and bounds,
-the residual channels it acts on, and the stages of the single-track model it hooks into. The same CasADi expression
-is used by identification, diagnosis and planner. At its neutral parameters an effect leaves the declared model exactly
-as it was. To add one, add a file that defines `EFFECT`.
+| effect | what the declared model lacks | equation | told from its look-alikes by |
+| --- | --- | --- | --- |
+"""
+PARAMETERS = """
+## Parameters
+
+| effect | parameter | unit | neutral | prior std | bounds | meaning |
+| --- | --- | --- | --- | --- | --- | --- |
+"""
+NOTES = """
+Profiles are periodic cubic splines over the named signal. Effects with memory use the past of the signals on recorded data and
+their first-order form in the planner.
+
+## Sources
+
 """
 
 
 def page() -> str:
     """The whole page."""
-    return "\n".join([HEAD, *(_section(effect) for effect in catalogue().values())])
+    effects = list(catalogue().values())
+    rows = [_row(effect) for effect in effects]
+    parameters = [_parameter(effect, p) for effect in effects for p in effect.parameters]
+    sources = sorted({effect.source for effect in effects})
+    return (
+        HEAD + "\n".join(rows) + "\n" + PARAMETERS + "\n".join(parameters) + "\n" + NOTES
+        + "\n".join(f"- {source}: {_of(source, effects)}" for source in sources) + "\n"
+    )  # fmt: skip
 
 
-def _section(effect: Effect) -> str:
-    lines = [
-        f"## `{effect.name}`", "", f"What the declared model lacks: {effect.lacks}.", "",
-        f"    {effect.equation}", "", f"Source: {effect.source}. Channels: {', '.join(effect.channels)}. "
-        f"Stages: {', '.join(effect.hooks)}.", "",
-        "| parameter | unit | neutral | prior std | bounds | meaning |", "| --- | --- | --- | --- | --- | --- |",
-        *(_row(p) for p in effect.parameters), "",
-    ]  # fmt: skip
-    if effect.profile:
-        lines += [f"The parameter is a periodic cubic spline over `{effect.profile}`.", ""]
-    if effect.prepare:
-        text = "Has memory: on recorded data it uses the past of the signals, in the planner its first-order form."
-        lines += [text, ""]
-    if effect.requires_any:
-        lines += [f"Shows only together with {' or '.join(f'`{n}`' for n in effect.requires_any)}.", ""]
-    if effect.separated_by:
-        lines += [f"Told from its look-alikes by: {effect.separated_by}.", ""]
-    return "\n".join(lines)
+def _row(effect: Effect) -> str:
+    equation = effect.equation.replace("|", "\\|")
+    return f"| `{effect.name}` | {effect.lacks}{_notes(effect)} | {equation} | {effect.separated_by} |"
 
 
-def _row(p: Parameter) -> str:
+def _notes(effect: Effect) -> str:
+    """What else a reader has to know, in words."""
+    notes = [f"profile over `{effect.profile}`"] if effect.profile else []
+    notes += ["with memory"] if effect.prepare else []
+    notes += [f"only with {' or '.join(f'`{n}`' for n in effect.requires_any)}"] if effect.requires_any else []
+    return f" ({'; '.join(notes)})" if notes else ""
+
+
+def _parameter(effect: Effect, p: Parameter) -> str:
     low, high = (f"{v:g}" if math.isfinite(v) else "none" for v in (p.lower, p.upper))
-    return f"| `{p.name}` | {p.unit} | {p.prior:g} | {p.prior_std:g} | {low} to {high} | {p.description} |"
+    bounds = f"{low} to {high}"
+    return f"| `{effect.name}` | `{p.name}` | {p.unit} | {p.prior:g} | {p.prior_std:g} | {bounds} | {p.description} |"
+
+
+def _of(source: str, effects: list[Effect]) -> str:
+    return ", ".join(f"`{effect.name}`" for effect in effects if effect.source == source)
 
 
 if __name__ == "__main__":
