@@ -10,8 +10,8 @@ from estimator.model.parameters import Parameter
 
 HEAD = """# Catalogue of effects
 
-Generated from `estimator/model/effects/` (`python -m estimator.model.catalogue_page > docs/effects.md`). Each effect is one file
-that identification, diagnosis and planner share. At its neutral parameters the declared model is exactly as it was.
+Generated from `estimator/model/effects/` (`python -m estimator.model.catalogue_page > docs/effects.md`). Each effect
+is one file that identification, diagnosis and planner share. At its neutral parameters the declared model is as it was.
 
 | effect | what the declared model lacks | equation | told from its look-alikes by |
 | --- | --- | --- | --- |
@@ -23,8 +23,8 @@ PARAMETERS = """
 | --- | --- | --- | --- | --- | --- | --- |
 """
 NOTES = """
-Profiles are periodic cubic splines over the named signal. Effects with memory use the past of the signals on recorded data and
-their first-order form in the planner.
+Profiles are periodic cubic splines over the named signal. Effects with memory use the past of the signals on recorded
+data and their first-order form in the planner.
 
 ## Sources
 
