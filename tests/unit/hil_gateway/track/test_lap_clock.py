@@ -11,7 +11,7 @@ from hil_gateway.track.lap_clock import SECTORS, LapClock
 LENGTH = 3000.0
 
 
-def drive(clock: LapClock, speed: float, seconds: float, step_s: float = 0.1, start: float = 0.0, t0: float = 0.0):
+def drive(clock: LapClock, speed: float, seconds: float, step_s: float = 0.1, *, start: float = 0.0, t0: float = 0.0):
     for i in range(round(seconds / step_s) + 1):
         clock.update(t0 + i * step_s, (start + speed * i * step_s) % LENGTH, speed)
     return clock
