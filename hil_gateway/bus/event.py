@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Any
 
 from pydantic import Field
 
 from hil_gateway.bus.messages import Message, Parameter
+from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.figures import figure
 
 
@@ -46,6 +48,11 @@ class Event(Message):
     limit: Parameter | None = Field(default=None, description="what the value is held against; null where nothing is")
     unit: str = Field(default="", description="of both")
     text: str = Field(description="the change in words, for people")
+
+    def entry(self, zero_ns: int) -> dict[str, Any]:
+        """The event as summaries and pages have it: its fields, and `t` in s after `zero_ns`."""
+        tree = self.model_dump(mode="json", exclude={"stamp_ns", "seq"})
+        return {"t": round((self.stamp_ns - zero_ns) / NS_PER_S, 3), **tree}
 
     def line(self) -> str:
         """The event in one line, for a log: `failsafe drive -> controlled_stop [command_stale]: ..., 0.11 s`."""

@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from hil_gateway.bus import messages as m
 from hil_gateway.bus.event import Event
+from hil_gateway.bus.playback import Playback
 
 M = TypeVar("M", bound=m.Message)
 
@@ -41,6 +42,7 @@ PLAN = Topic("av24/plan", m.Plan, "planner", 20, 0.1)
 COMMAND = Topic("av24/command", m.Command, "planner", 20, 0.1, priority="real_time")
 OPERATOR = Topic("av24/operator", m.OperatorCommand, "operator", 0, 1.0, priority="real_time")
 RECORDER_STATUS = Topic("av24/recorder_status", m.RecorderStatus, "recorder", 1, 3.0)
+PLAYBACK = Topic("av24/playback", Playback, "gateway", 5, 1.0, recorded=False)
 EVENT = Topic("av24/event", Event, "gateway", 1, 60.0)
 TRUTH = Topic("referee/truth", m.Truth, "plant", 20, 1.0)
 
@@ -58,4 +60,5 @@ TOPICS: tuple[Topic[Any], ...] = (
     RECORDER_STATUS,
     TRUTH,
     EVENT,
+    PLAYBACK,
 )

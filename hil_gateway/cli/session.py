@@ -1,4 +1,4 @@
-"""`hil session`: info, recover, export, import, replay."""
+"""`hil session`: info, recover, export, import, replay; list, view and compare are in `session_look`."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from hil_gateway.cli import session_look
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 from hil_gateway.process.figures import print_json
 from hil_gateway.process.writable import check_file
@@ -162,6 +163,9 @@ def replay(
     if played.refused:
         print(f"hil: {played.refused} frames were not sent: interface down, or --speed too high", file=sys.stderr)
         raise typer.Exit(EXIT_FAILURE)
+
+
+app.command()(session_look.view)
 
 
 def _report(values: Mapping[str, Any], text: str, as_json: bool) -> None:

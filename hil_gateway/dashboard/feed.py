@@ -1,73 +1,172 @@
-"""What the page shows, gathered from the bus into one JSON object."""
+"""What the page shows, gathered from the bus: a quick part ten times a second, and a slow one once a second."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import Any
 
+from hil_gateway.bus.event import Event, EventKind
 from hil_gateway.bus.interface import Bus, LatestReader
-from hil_gateway.bus.messages import Alert, Belief, Plan, VehicleState
-from hil_gateway.bus.topics import ALERT, BELIEF, OPERATOR, TOPICS, TRUTH
+from hil_gateway.bus.latest import Latest
+from hil_gateway.bus.messages import Alert, Belief, Estimate, Plan, VehicleState
+from hil_gateway.bus.topics import (
+    ALERT,
+    BELIEF,
+    ESTIMATE,
+    EVENT,
+    OPERATOR,
+    TOPICS,
+    TRUTH,
+)
+from hil_gateway.car.tyre_names import named
+from hil_gateway.config import Config
+from hil_gateway.dashboard.alerts import grouped
+from hil_gateway.dashboard.channels import row_of, slip_angles
+from hil_gateway.dashboard.history import MINUTES, History
+from hil_gateway.dashboard.state import state_of
+from hil_gateway.dashboard.stops import StopStory
+from hil_gateway.dashboard.tyre_curve import curves
+from hil_gateway.process.clock import NS_PER_S, Clock
+from hil_gateway.track.lap_clock import LapClock
 from hil_gateway.track.track import Track
 
-ALERTS_SHOWN = 8
-TRACK_POINTS = 600
+ALERTS_KEPT, EVENTS_KEPT = 200, 300
+SAME_CLOCK_S = 1.0
+"""a stamp this close to the time of receipt is of the clock of this computer, and tells the age to the millisecond"""
 
 
 class Feed:
     """Newest message of every topic but the plant's truth, which belongs to the referee alone."""
 
-    def __init__(self, bus: Bus) -> None:
-        self._readers = {t.key: LatestReader(bus, t) for t in TOPICS if t not in (TRUTH, ALERT, OPERATOR)}
-        self._alert_queue = bus.subscribe(ALERT, depth=ALERTS_SHOWN)
-        self._alerts: list[Alert] = []
+    def __init__(self, bus: Bus, track: Track, config: Config, minutes: float = MINUTES) -> None:
+        self._readers = {t.key: LatestReader(bus, t) for t in TOPICS if t not in (TRUTH, ALERT, OPERATOR, EVENT)}
+        self._alert_queue, self._event_queue = bus.subscribe(ALERT, depth=64), bus.subscribe(EVENT, depth=256)
+        self._alerts: deque[tuple[float, Alert]] = deque(maxlen=ALERTS_KEPT)
+        self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS_KEPT)
+        self._stops = StopStory()
         self._prior: Belief | None = None
+        self._vehicle, self._track = config.vehicle, track
+        self._clock = LapClock(track.length)
+        self._s: float | None = None
+        self._history = History(round(60 * minutes * config.dashboard.rate_hz))
 
     def snapshot(self, now_ns: int) -> dict[str, Any]:
-        """Everything the page needs at this moment; ages in s, null before the first message."""
+        """Everything that changes quickly; adds a row to the history. Ages in s, null before the first message."""
         for reader in self._readers.values():
             reader.update(now_ns)
-        self._alerts = (self._alerts + self._alert_queue.poll(now_ns))[-ALERTS_SHOWN:]
-        messages = {key.removeprefix("av24/"): _page_form(r.latest.message) for key, r in self._readers.items()}
+        newest = {key: reader.latest for key, reader in self._readers.items()}
+        alive = {key: latest.message for key, latest in newest.items() if latest.alive(now_ns)}
+        self._take_events(now_ns, alive.get(ESTIMATE.key))
+        row = self._row(now_ns, alive)
+        self._history.add(row)
+        return {
+            "t": row["t"],
+            "state": state_of(newest, now_ns),
+            "row": row,
+            "lap": self._lap(now_ns / NS_PER_S, row),
+            "messages": {_short(key): _page_form(latest.message) for key, latest in newest.items()},
+            "ages": {_short(key): _age(latest, now_ns) for key, latest in newest.items()},
+        }
+
+    def slow(self) -> dict[str, Any]:
+        """What changes seldom: events, laps, alerts, stops, tyres."""
         belief = self._readers[BELIEF.key].latest.message
         self._prior = self._prior or belief
         return {
-            "stamp_s": now_ns / 1e9,
-            "messages": messages,
-            "ages": {key.removeprefix("av24/"): self._age(key, now_ns) for key in self._readers},
-            "alerts": [alert.model_dump(mode="json") for alert in reversed(self._alerts)],
-            "prior": list(self._prior.mean) if self._prior else None,
+            "events": list(self._events),
+            "laps": [{"time_s": round(lap.time_s, 3), "sectors_s": lap.sectors_s} for lap in self._clock.laps[-50:]],
+            "alerts": grouped(list(self._alerts)),
+            "stop": {"first": self._stops.first, "last": self._stops.last},
+            "tyres": _tyres(belief, self._prior) if belief and self._prior else None,
         }
 
-    def _age(self, key: str, now_ns: int) -> dict[str, Any]:
-        latest = self._readers[key].latest
-        age_s = latest.age_s(now_ns)
-        return {"age_s": None if math.isinf(age_s) else round(age_s, 3), "alive": latest.alive(now_ns)}
+    def history(self) -> dict[str, Any]:
+        """Columns of the last minutes."""
+        return self._history.columns()
+
+    def _take_events(self, now_ns: int, estimate: Estimate | None) -> None:
+        place = (None, None) if estimate is None else (round(estimate.x, 1), round(estimate.y, 1))
+        for event in self._event_queue.poll(now_ns):
+            self._note(event, place)
+        self._alerts.extend((now_ns / NS_PER_S, alert) for alert in self._alert_queue.poll(now_ns))
+
+    def _note(self, event: Event, place: tuple[float | None, float | None]) -> None:
+        self._stops.take(event)
+        marked = event.kind in (EventKind.FAILSAFE, EventKind.ALERT)
+        self._events.append({**event.entry(0), "x": place[0] if marked else None, "y": place[1] if marked else None})
+
+    def _row(self, now_ns: int, alive: dict[str, Any]) -> dict[str, float | None]:
+        """The newest row of the history; everything of a silent source is null."""
+        t_s, e = now_ns / NS_PER_S, alive.get(ESTIMATE.key)
+        row: dict[str, float | None] = {"t": round(t_s, 3), **row_of(alive)}
+        row["slip_front"], row["slip_rear"] = slip_angles(alive, self._vehicle)
+        row["s"] = row["delta"] = None
+        if e is not None and self._track.near(e.x, e.y):
+            along, _ = self._track.project(e.x, e.y, self._s)
+            self._clock.update(t_s, along, e.vx)
+            delta = self._clock.delta_s(t_s, along)
+            self._s, row["s"] = along, round(along, 1)
+            row["delta"] = None if delta is None else round(delta, 3)
+        else:
+            self._s = None
+        return row
+
+    def _lap(self, t_s: float, row: dict[str, float | None]) -> dict[str, Any]:
+        laps, best = self._clock.laps, self._clock.best
+        return {
+            "number": len(laps) + 1,
+            "current_s": self._clock.current_s(t_s) if row["s"] is not None else None,
+            "last_s": laps[-1].time_s if laps else None,
+            "best_s": best.time_s if best else None,
+            "delta_s": row["delta"],
+        }
+
+
+class Live:
+    """A feed on a running clock, as the page's server asks for it."""
+
+    def __init__(self, feed: Feed, clock: Clock) -> None:
+        self._feed, self._clock = feed, clock
+        self.slow, self.history = feed.slow, feed.history
+
+    def snapshot(self) -> dict[str, Any]:
+        """The quick part, of now."""
+        return self._feed.snapshot(self._clock.now_ns())
+
+
+def _short(key: str) -> str:
+    return key.removeprefix("av24/")
+
+
+def _age(latest: Latest[Any], now_ns: int) -> dict[str, Any]:
+    """Age of the newest message: by its stamp where that is of this computer's clock, else since it was picked up."""
+    if latest.message is None:
+        return {"age_s": None, "alive": False}
+    received_s, stamped_s = latest.age_s(now_ns), (now_ns - latest.message.stamp_ns) / NS_PER_S
+    same_clock = received_s <= stamped_s <= received_s + SAME_CLOCK_S
+    return {"age_s": round(stamped_s if same_clock else received_s, 4), "alive": latest.alive(now_ns)}
 
 
 def _page_form(message: Any) -> dict[str, Any] | None:
-    """A message as the page wants it: spreads instead of covariances, nothing that is not drawn."""
+    """A message as the page wants it: nothing that is not drawn."""
     if message is None:
         return None
     if isinstance(message, Belief):
-        spread = [math.sqrt(max(row[i], 0.0)) for i, row in enumerate(message.covariance)]
-        return {"names": message.names, "mean": message.mean, "std": spread, "samples": message.samples}
+        return {"samples": message.samples, "log_det_information": message.log_det_information}
     if isinstance(message, Plan):
-        return message.model_dump(mode="json", include={"x", "y", "status", "reason", "solve_ms", "lap", "revision"})
+        tree = message.model_dump(mode="json", include={"status", "reason", "solve_ms", "lap", "revision"})
+        return tree | {name: [round(v, 2) for v in getattr(message, name)] for name in ("x", "y", "vx")}
     if isinstance(message, VehicleState):
-        return message.model_dump(mode="json", exclude={"position_seq"})
-    return dict(message.model_dump(mode="json", exclude={"covariance"}))
+        return message.model_dump(mode="json", include={"valid", "sources", "sys_state", "ct_state", "gear"})
+    return dict(message.model_dump(mode="json", exclude={"covariance", "std"}))
 
 
-def track_outline(track: Track) -> dict[str, Any]:
-    """Both edges of the track, m, thinned for drawing."""
-    import numpy as np
-
-    step = max(len(track.x) // TRACK_POINTS, 1)
-    normal_x, normal_y = -np.sin(track.heading), np.cos(track.heading)
-
-    def edge(offset: Any) -> dict[str, list[float]]:
-        x, y = track.x + offset * normal_x, track.y + offset * normal_y
-        return {"x": np.round(x[::step], 2).tolist(), "y": np.round(y[::step], 2).tolist()}
-
-    return {"name": track.name, "left": edge(track.width_left), "right": edge(-track.width_right)}
+def _tyres(belief: Belief, prior: Belief) -> dict[str, Any]:
+    """Parameters with names and units, now and as first heard, and the curves they make."""
+    rows = []
+    for i, (symbol, mean, first) in enumerate(zip(belief.names, belief.mean, prior.mean, strict=True)):
+        std = math.sqrt(max(belief.covariance[i][i], 0.0))
+        name, unit = named(symbol)
+        rows.append({"symbol": symbol, "name": name, "unit": unit, "mean": mean, "std": std, "first": first})
+    return {"parameters": rows, "samples": belief.samples, "curves": curves(belief)}

@@ -1,65 +1,143 @@
-"""HTTP side of the dashboard: three static files, the track, and a stream of server-sent events."""
+"""HTTP side of the dashboard: the files of the page, what never changes, the history, and a stream of events."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import socket
 from collections.abc import AsyncIterator, Callable
-from typing import Any
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any, Protocol
 
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, Response, StreamingResponse
 from starlette.routing import Route
 
+from hil_gateway.process.errors import InputError
 from hil_gateway.process.shipped import shipped
 
-FOLDER = shipped("hil_gateway", "dashboard")
-PAGES = {"/": "index.html", "/app.js": "app.js", "/style.css": "style.css"}
+FOLDER = shipped("hil_gateway", "dashboard/page")
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; img-src data:; "
     + "; ".join(f"{kind}-src 'self'" for kind in ("script", "style", "connect")),
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
+SLOW_S = 1.0
+Lifespan = Callable[[Starlette], AbstractAsyncContextManager[None]]
 
-Snapshot = Callable[[], dict[str, Any]]
+
+class Source(Protocol):
+    """What is shown: a live bus."""
+
+    def snapshot(self) -> dict[str, Any]:
+        """The quick part, of this moment."""
+        ...
+
+    def slow(self) -> dict[str, Any]:
+        """The slow part."""
+        ...
+
+    def history(self) -> dict[str, Any]:
+        """Columns of the last minutes."""
+        ...
 
 
-def create_app(snapshot: Snapshot, outline: dict[str, Any], period_s: float) -> Starlette:
-    """The web application; `snapshot` is called once a period, however many pages are open."""
-    shared = _Shared(snapshot, period_s)
-
-    def page(name: str) -> Callable[[Request], Response]:
-        return lambda request: FileResponse(FOLDER / name, headers=HEADERS)
+def create_app(source: Source, setup: dict[str, Any], period_s: float) -> Starlette:
+    """The live page; `source` is asked once a period, however many pages are open."""
+    shared = _Shared(source, period_s)
 
     async def events(request: Request) -> Response:
         return StreamingResponse(_stream(shared, request, period_s), media_type="text/event-stream", headers=HEADERS)
 
-    def track(request: Request) -> Response:
-        return JSONResponse(outline, headers=HEADERS)
+    def history(request: Request) -> Response:
+        return json_response(source.history())
 
-    routes = [Route(path, page(name)) for path, name in PAGES.items()]
-    return Starlette(routes=[*routes, Route("/track.json", track), Route("/events", events)])
+    @asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        task = asyncio.create_task(shared.keep())
+        yield
+        task.cancel()
+
+    return page_app(setup, [Route("/events", events), Route("/history.json", history)], lifespan)
+
+
+def page_app(setup: dict[str, Any], routes: list[Route], lifespan: Lifespan | None = None) -> Starlette:
+    """The page's own files and its set-up, with the routes of what fills it."""
+    files = {f"/{path.relative_to(FOLDER).as_posix()}": path for path in sorted(FOLDER.rglob("*")) if path.is_file()}
+    pages = [Route(name, _page(path)) for name, path in {"/": FOLDER / "index.html", **files}.items()]
+    fixed = Route("/setup.json", lambda request: json_response(setup))
+    return Starlette(routes=[*pages, fixed, *routes], lifespan=lifespan)
+
+
+def json_response(tree: Any) -> Response:
+    """JSON with the headers every answer has."""
+    return Response(text_of(tree), media_type="application/json", headers=HEADERS)
+
+
+def text_of(tree: Any) -> str:
+    """Compact JSON; a number that is none is a bug."""
+    return json.dumps(tree, allow_nan=False, separators=(",", ":"))
+
+
+def _page(path: Path) -> Callable[[Request], Response]:
+    return lambda request: FileResponse(path, headers=HEADERS)
 
 
 class _Shared:
     """One snapshot for all pages."""
 
-    def __init__(self, snapshot: Snapshot, period_s: float) -> None:
-        self._snapshot, self._period_s = snapshot, period_s
-        self._text, self._taken_s = "", float("-inf")
+    def __init__(self, source: Source, period_s: float) -> None:
+        self._source, self._period_s = source, period_s
+        self._quick = self._slow = ""
+        self._taken_s = self._slow_s = float("-inf")
 
-    def text(self) -> str:
-        """The snapshot as one event, at most a period old."""
+    def texts(self) -> tuple[str, str]:
+        """Both parts as events, at most a period and a second old."""
         now_s = asyncio.get_running_loop().time()
         if now_s - self._taken_s >= 0.5 * self._period_s:
             self._taken_s = now_s
-            self._text = f"data: {json.dumps(self._snapshot(), allow_nan=False)}\n\n"
-        return self._text
+            self._quick = f"data: {text_of(self._source.snapshot())}\n\n"
+        if now_s - self._slow_s >= SLOW_S:
+            self._slow_s = now_s
+            self._slow = f"event: slow\ndata: {text_of(self._source.slow())}\n\n"
+        return self._quick, self._slow
+
+    async def keep(self) -> None:
+        """Go on while no page is open: the history has no holes."""
+        while True:
+            self.texts()
+            await asyncio.sleep(self._period_s)
 
 
 async def _stream(shared: _Shared, request: Request, period_s: float) -> AsyncIterator[str]:
+    told = ""
     while not await request.is_disconnected():
-        yield shared.text()
+        quick, slow = shared.texts()
+        yield quick if slow == told else quick + slow
+        told = slow
         await asyncio.sleep(period_s)
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """The socket the page is served on.
+
+    Raises:
+        InputError: the port is in use or not permitted.
+    """
+    try:
+        return socket.create_server((host, port))
+    except OSError as error:
+        reason = f"{host}:{port} cannot be used: {error.strerror}"
+        raise InputError(f"dashboard: {reason}; set dashboard.port to another one") from None
+
+
+def serve(app: Starlette, listener: socket.socket) -> None:
+    """Serve until interrupted."""
+    import uvicorn
+
+    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", lifespan="on", timeout_graceful_shutdown=1))
+    with suppress(KeyboardInterrupt):  # uvicorn has ended in order, and raises the signal again afterwards
+        server.run(sockets=[listener])

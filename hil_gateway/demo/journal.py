@@ -44,7 +44,7 @@ class Journal:
 
     def entries(self, zero_ns: int) -> list[dict[str, Any]]:
         """Events for the summary, by time; `t` in s after `zero_ns`."""
-        return [entry(event, zero_ns) for event in sorted(self.events, key=lambda event: event.stamp_ns)]
+        return [event.entry(zero_ns) for event in sorted(self.events, key=lambda event: event.stamp_ns)]
 
     def revisions(self, zero_ns: int) -> list[dict[str, Any]]:
         """Every model revision heard of: when, in which lap, which effects, whether the planner took it, and why."""
@@ -60,12 +60,6 @@ class Journal:
                 "reason": revision.provenance.note,
             }
             self._found[revision.revision] = revision.stamp_ns, row
-
-
-def entry(event: Event, zero_ns: int) -> dict[str, Any]:
-    """One event as summaries and pages have it, `t` in s after `zero_ns`."""
-    tree = event.model_dump(mode="json", exclude={"stamp_ns", "seq"})
-    return {"t": _seconds(event.stamp_ns, zero_ns), **tree}
 
 
 def _seconds(stamp_ns: int, zero_ns: int) -> float:

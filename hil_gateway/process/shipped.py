@@ -18,9 +18,10 @@ NEEDED: dict[str, tuple[str, ...]] = {
         "data/secure.json5",
         "data/tracks/oval.toml",
         "data/tracks/road_course.toml",
-        "dashboard/index.html",
-        "dashboard/app.js",
-        "dashboard/style.css",
+        "dashboard/page/index.html",
+        "dashboard/page/app.js",
+        "dashboard/page/style.css",
+        "dashboard/page/uplot/uPlot.iife.min.js",
     ),
     "estimator": ("offline/report/templates/report.html",),
 }

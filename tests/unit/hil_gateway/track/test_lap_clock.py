@@ -11,7 +11,7 @@ from hil_gateway.track.lap_clock import SECTORS, LapClock
 LENGTH = 3000.0
 
 
-def drive(clock: LapClock, speed: float, seconds: float, *, step_s: float = 0.1, start: float = 0.0, t0: float = 0.0):
+def drive(clock: LapClock, speed: float, seconds: float, step_s: float = 0.1, *, start: float = 0.0, t0: float = 0.0):
     for i in range(round(seconds / step_s) + 1):
         clock.update(t0 + i * step_s, (start + speed * i * step_s) % LENGTH, speed)
     return clock
@@ -19,7 +19,7 @@ def drive(clock: LapClock, speed: float, seconds: float, *, step_s: float = 0.1,
 
 @given(speed=st.floats(10, 90), step_s=st.floats(0.01, 0.3))
 def test_laps_of_a_constant_speed_take_length_over_speed(speed, step_s):
-    clock = drive(LapClock(LENGTH), speed, 3.5 * LENGTH / speed, step_s=step_s)
+    clock = drive(LapClock(LENGTH), speed, 3.5 * LENGTH / speed, step_s)
     assert len(clock.laps) == 3
     for lap in clock.laps:
         assert lap.time_s == pytest.approx(LENGTH / speed, rel=1e-6, abs=1e-6)

@@ -1,0 +1,71 @@
+"""What the page's charts draw: one row a period, in the units people read; null where the source has fallen silent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from hil_gateway.bus.topics import APPLIED, COMMAND, ESTIMATE, GATEWAY_STATUS, PLAN, VEHICLE_STATE, Topic
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
+
+SLOWEST = 5.0
+"""m/s; slower than this a slip angle is noise over noise"""
+PA_PER_BAR, KPA_PER_BAR = 1e5, 100.0
+RPM = 60.0 / (2.0 * math.pi)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One column of the history."""
+
+    name: str
+    topic: Topic[Any]
+    value: Callable[[Any], float | None]
+    digits: int = 2
+
+
+CHANNELS: tuple[Channel, ...] = (
+    Channel("x", ESTIMATE, lambda e: e.x),
+    Channel("y", ESTIMATE, lambda e: e.y),
+    Channel("yaw", ESTIMATE, lambda e: e.yaw, 3),
+    Channel("speed", ESTIMATE, lambda e: e.vx),
+    Channel("yaw_rate", ESTIMATE, lambda e: math.degrees(e.yaw_rate)),
+    Channel("ax", VEHICLE_STATE, lambda v: v.ax / GRAVITY, 3),
+    Channel("ay", VEHICLE_STATE, lambda v: v.ay / GRAVITY, 3),
+    Channel("steer", VEHICLE_STATE, lambda v: math.degrees(v.steer)),
+    Channel("steer_asked", COMMAND, lambda c: math.degrees(c.steer)),
+    Channel("steer_sent", APPLIED, lambda a: math.degrees(a.steer) if a.sent else None),
+    Channel("accelerator", VEHICLE_STATE, lambda v: 100.0 * v.accelerator, 1),
+    Channel("accelerator_sent", APPLIED, lambda a: a.accelerator_percent if a.sent else None, 1),
+    Channel("brake", VEHICLE_STATE, lambda v: v.brake_front / PA_PER_BAR, 1),
+    Channel("brake_sent", APPLIED, lambda a: a.brake_front_kpa / KPA_PER_BAR if a.sent else None, 1),
+    Channel("gear", VEHICLE_STATE, lambda v: float(v.gear), 0),
+    Channel("engine", VEHICLE_STATE, lambda v: v.engine_speed * RPM, 0),
+    Channel("plan_ms", PLAN, lambda p: p.solve_ms),
+    Channel("latency_ms", GATEWAY_STATUS, lambda g: g.loop_latency_p99_ms, 1),
+)
+"""speeds in m/s, angles in degrees, specific force in g, pedals in % and bar, engine in 1/min, positions in m"""
+DERIVED = ("s", "slip_front", "slip_rear", "delta")
+"""columns of more than one message: position along the track (m), slip angles (deg), delta to the best lap (s)"""
+
+
+def row_of(messages: Mapping[str, Any]) -> dict[str, float | None]:
+    """One row from the newest messages that are alive, by topic key."""
+    row: dict[str, float | None] = {}
+    for channel in CHANNELS:
+        message = messages.get(channel.topic.key)
+        value = None if message is None else channel.value(message)
+        row[channel.name] = None if value is None else round(value, channel.digits)
+    return row
+
+
+def slip_angles(messages: Mapping[str, Any], vehicle: Vehicle) -> tuple[float | None, float | None]:
+    """Front and rear slip angle, deg, positive where the lateral force is to the left."""
+    e, v = messages.get(ESTIMATE.key), messages.get(VEHICLE_STATE.key)
+    if e is None or v is None or e.vx < SLOWEST:
+        return None, None
+    front = v.steer - math.atan2(e.vy + vehicle.lf * e.yaw_rate, e.vx)
+    rear = -math.atan2(e.vy - vehicle.lr * e.yaw_rate, e.vx)
+    return round(math.degrees(front), 3), round(math.degrees(rear), 3)

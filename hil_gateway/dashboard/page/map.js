@@ -1,0 +1,91 @@
+// The track with plan, car and the line driven, coloured by speed. The map's y axis points north, the screen's down.
+import { byId, shape } from "./format.js";
+
+const COLOURS = ["#3b6fd4", "#2b9cc4", "#2fb38a", "#8fbf3f", "#e0a030", "#e5534b"];
+const FOLLOW_M = 220;
+let whole = [0, 0, 1, 1];
+let following = false;
+let place = null;
+
+export function drawTrack(track) {
+  const ring = (edge) => edge.x.map((x, i) => `${i ? "L" : "M"}${x} ${-edge.y[i]}`).join("") + "Z";
+  const outline = ring(track.left) + ring(track.right);
+  byId("road").setAttribute("d", outline);
+  byId("edges").setAttribute("d", outline);
+  byId("track").textContent = track.name.replaceAll("_", " ");
+  byId("mapscale").textContent = `${(track.length_m / 1000).toFixed(2)} km`;
+  const xs = track.left.x.concat(track.right.x);
+  const ys = track.left.y.concat(track.right.y).map((y) => -y);
+  const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
+  const margin = 0.03 * Math.max(x1 - x0, y1 - y0);
+  whole = [x0 - margin, y0 - margin, x1 - x0 + 2 * margin, y1 - y0 + 2 * margin];
+  look();
+}
+
+function look() {
+  const box = following && place ? [place[0] - FOLLOW_M / 2, -place[1] - FOLLOW_M / 2, FOLLOW_M, FOLLOW_M] : whole;
+  byId("map").setAttribute("viewBox", box.join(" "));
+  byId("car").setAttribute("r", 0.012 * Math.max(box[2], box[3]));
+  for (const mark of byId("marks").children) mark.setAttribute("r", 0.01 * Math.max(box[2], box[3]));
+}
+
+export function follow(wanted) {
+  following = wanted;
+  look();
+}
+
+// Where a source has fallen silent nothing of it is drawn as if it were now: no plan of a dead planner.
+export function drawCar({ estimate, plan }, ages) {
+  byId("map").classList.toggle("stale", !ages.estimate.alive);
+  if (estimate) {
+    place = [estimate.x, estimate.y];
+    byId("car").setAttribute("cx", estimate.x);
+    byId("car").setAttribute("cy", -estimate.y);
+    if (following) look();
+  }
+  const shown = plan && ages.plan.alive;
+  byId("plan").setAttribute("points", shown ? plan.x.map((x, i) => `${x},${-plan.y[i]}`).join(" ") : "");
+}
+
+export function drawDriven(columns, from, to) {
+  const { x, y, speed } = columns;
+  const top = Math.max(20, ...speed.slice(from, to).map((v) => v ?? 0));
+  const paths = COLOURS.map(() => "");
+  for (let i = Math.max(from, 1); i < to; i += 1) {
+    if (x[i] === null || x[i - 1] === null) continue;
+    const band = Math.min(COLOURS.length - 1, Math.max(0, Math.floor((COLOURS.length * speed[i]) / top)));
+    paths[band] += `M${x[i - 1]} ${-y[i - 1]}L${x[i]} ${-y[i]}`;
+  }
+  byId("driven").replaceChildren(...paths.map((d, i) => shape("path", { d, class: "driven", stroke: COLOURS[i] })));
+  drawKey(top);
+}
+
+function drawKey(top) {
+  const steps = COLOURS.map((fill, i) => [fill, `${i ? "" : "driven, km/h "}${Math.round((3.6 * top * i) / COLOURS.length)}`]);
+  byId("mapkey").replaceChildren(...steps.map(([fill, text]) => {
+    const key = document.createElement("span");
+    const sample = document.createElement("i");
+    sample.style.background = fill;
+    key.append(sample, text);
+    return key;
+  }), legend("plan", "plan"), legend("stop", "stop"), legend("alert", "alert"));
+}
+
+function legend(kind, text) {
+  const key = document.createElement("span");
+  const sample = document.createElement("i");
+  sample.style.background = `var(--${{ plan: "accent", stop: "bad", alert: "warn" }[kind]})`;
+  key.append(sample, text);
+  return key;
+}
+
+export function drawMarks(events) {
+  const placed = events.filter((event) => event.x !== null && event.x !== undefined);
+  byId("marks").replaceChildren(...placed.map((event) => {
+    const mark = shape("circle", { cx: event.x, cy: -event.y, class: `mark ${event.kind}` });
+    mark.append(shape("title", {}));
+    mark.firstChild.textContent = `${event.kind}: ${event.cause || event.after}: ${event.text}`;
+    return mark;
+  }));
+  look();
+}

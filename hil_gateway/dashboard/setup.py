@@ -1,0 +1,49 @@
+"""What never changes while a page is open: the track, the limits that are drawn, and which recording it shows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from can_dbc.codec import load_codec
+from hil_gateway.config import Config
+from hil_gateway.track.track import Track
+
+TRACK_POINTS = 600
+STEERING = ("steering_cmd", "steering_motor_ang_cmd")
+
+
+def setup_of(track: Track, config: Config, recording: dict[str, Any] | None = None) -> dict[str, Any]:
+    """For the page, once; `recording` says what is shown where it is not the live bus."""
+    return {
+        "track": track_outline(track),
+        "rate_hz": config.dashboard.rate_hz,
+        "limits": {
+            "steer_deg": _steering_limit_deg(config),
+            "plan_ms": 1e3 * config.planner.deadline_s,
+            "latency_ms": 1e3 * config.gateway.command_latency_max_s,
+        },
+        "recording": recording,
+    }
+
+
+def _steering_limit_deg(config: Config) -> float:
+    """The car's own limit at the road wheel, deg."""
+    message, name = STEERING
+    limits = load_codec().messages[message].signal[name].limits
+    assert limits is not None
+    return round(limits[1] / config.vehicle.steering_ratio, 2)
+
+
+def track_outline(track: Track) -> dict[str, Any]:
+    """Both edges of the track, m, thinned for drawing."""
+    step = max(len(track.x) // TRACK_POINTS, 1)
+    normal_x, normal_y = -np.sin(track.heading), np.cos(track.heading)
+
+    def edge(offset: Any) -> dict[str, list[float]]:
+        x, y = track.x + offset * normal_x, track.y + offset * normal_y
+        return {"x": np.round(x[::step], 2).tolist(), "y": np.round(y[::step], 2).tolist()}
+
+    left, right = edge(track.width_left), edge(-track.width_right)
+    return {"name": track.name, "left": left, "right": right, "length_m": round(track.length, 1)}

@@ -1,0 +1,37 @@
+"""Lateral tyre curves of the belief for drawing: Eq. (2) over slip angle, with the band of its standard deviation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hil_gateway.bus.messages import Belief
+
+LARGEST_DEG = 12.0
+POINTS = 49
+STEP = 1e-4
+"""relative step of the differences behind the band"""
+AXLES = {"front": ("bf", "cf", "df"), "rear": ("br", "cr", "dr")}
+
+
+def curves(belief: Belief) -> dict[str, Any]:
+    """Slip angles (deg) and, for each axle, lateral force over axle load: mean and standard deviation (first order)."""
+    slip_deg = np.linspace(0.0, LARGEST_DEG, POINTS)
+    drawn: dict[str, Any] = {"slip_deg": slip_deg.round(3).tolist()}
+    for axle, names in AXLES.items():
+        symbols = names if names[0] in belief.names else tuple(name[0] for name in names)
+        index = [belief.names.index(symbol) for symbol in symbols]
+        theta = np.array([belief.mean[i] for i in index])
+        covariance = np.array(belief.covariance)[np.ix_(index, index)]
+        force = _force(theta, np.radians(slip_deg))
+        jacobian = np.array([(_force(theta * (1 + STEP * e), np.radians(slip_deg)) - force) / STEP for e in np.eye(3)])
+        scaled = covariance / np.outer(theta, theta)
+        std = np.sqrt(np.maximum(np.einsum("ip,ij,jp->p", jacobian, scaled, jacobian), 0.0))
+        drawn[axle] = {"mean": force.round(4).tolist(), "std": std.round(4).tolist()}
+    return drawn
+
+
+def _force(theta: Any, slip: Any) -> Any:
+    stiffness, shape, friction = theta
+    return friction * np.sin(shape * np.arctan(stiffness * slip))
