@@ -95,7 +95,7 @@ class PlannerConfig(Model):
     convexification: Literal["abs", "projection"] = "abs"
     load_limit: Literal["ellipse", "literal"] = "ellipse"
     sigma_level: float = Field(default=2.0, ge=0, le=3, description="Eq. (10) holds at this many sigma of the belief")
-    load_use: float = Field(default=0.95, gt=0, le=1, description="share of its tyres' peak force an axle may use")
+    load_use: float = Field(default=0.98, gt=0, le=1, description="share of its tyres' peak force an axle may use")
     load_limits: str = Field(default="", description="file of loads held, carried from run to run; empty: first run")
     actuator_delay_s: float = Field(default=0.04, ge=0, le=0.5, description="command to first motion")
     steer_bandwidth_hz: float = Field(default=3.0, gt=0)

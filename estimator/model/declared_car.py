@@ -17,6 +17,9 @@ AERO_STD = 0.10
 """relative; a wind tunnel against the road, and wings set for the track"""
 HEIGHT_STD = 0.15
 """relative; a centre of gravity's height is the least well weighed"""
+LOAD_SENSITIVITY = (0.10, 0.06)
+"""value and absolute standard deviation: racing tyres lose 5 to 20 % of their friction when the load doubles (Milliken &
+Milliken, Race Car Vehicle Dynamics, ch. 2)"""
 BRAKE_SHARE_STD = 0.04
 """absolute, about 8 %: pads, discs and the bias valve"""
 BRAKE_GAIN_STD = 0.10
@@ -45,6 +48,7 @@ def declared_effects(vehicle: Vehicle, powertrain: Powertrain) -> dict[str, dict
             "k_rear": DeclaredParameter(rear, AERO_STD * rear),
         },
         "load_transfer": {"height": DeclaredParameter(v.cg_height, HEIGHT_STD * v.cg_height)},
+        "load_sensitivity": {"k": DeclaredParameter(*LOAD_SENSITIVITY)},
         "front_brake": {
             "share": DeclaredParameter(powertrain.brake_bias_front, BRAKE_SHARE_STD),
             "gain": DeclaredParameter(1.0, BRAKE_GAIN_STD),

@@ -37,7 +37,7 @@ PROFILE_CHANGE = 0.01
 PROBATION = 40
 """plans after an adoption during which failures count against the new revision"""
 PROBATION_FAILURES = 3
-RACE_LINE_MARGIN = 1.9
+RACE_LINE_MARGIN = 1.6
 """least distance of the race line from the edges, m"""
 
 

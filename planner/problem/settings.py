@@ -54,7 +54,7 @@ class Limits:
     power: float = 340e3
     """engine power at the wheels, W: bounds the drive command at speed"""
     car_half_width: float = 1.0
-    track_margin: float = 0.3
+    track_margin: float = 0.4
     """kept clear of the edge beyond the car's own width, m"""
     exploring_margin: float = 0.3
     """kept clear beyond that where information is paid for, m: a slalom with wrong tyres ends up to 0.3 m wide"""
