@@ -1,6 +1,7 @@
 """Where the car is while nobody estimates it.
 
-An estimate is carried on from the moment it speaks of by road speed and yaw rate; position fixes, which reach the
+An estimate is carried on from the moment it speaks of by speed and yaw rate (substitutes of them where a sensor is
+gone); position fixes, which reach the
 gateway without the estimator, pull the point back, so that the side slip this neglects cannot add up.
 """
 
@@ -10,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from hil_gateway.bus.messages import Estimate, VehicleState
-from hil_gateway.gateway.perceive.road_speed import road_speed
+from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.process.clock import NS_PER_S
 
 FIX_GAIN = 0.3
@@ -43,22 +44,29 @@ class DeadReckoning:
         self._fix_seq = 0
         self._blind_m = 0.0
 
-    def step(self, now_ns: int, state: VehicleState, estimate: Estimate | None) -> Pose | None:
-        """Pose at `now_ns` from the newest valid estimate, if there is one, and what the car reports."""
+    def step(
+        self, now_ns: int, state: VehicleState, motion: Motion, estimate: Estimate | None, believe_fixes: bool = True
+    ) -> Pose | None:
+        """Pose at `now_ns` from the newest valid estimate, if there is one, and how the car moves.
+
+        `believe_fixes` is false from the first fix on that does not fit the way the car has gone.
+        """
         if estimate is not None and (self.pose is None or estimate.state_stamp_ns != self._answered_ns):
             self.pose = Pose(estimate.x, estimate.y, estimate.yaw, estimate.vx)
             self._answered_ns = self._pose_ns = estimate.state_stamp_ns
             self._blind_m, self._fix_seq = 0.0, state.position_seq
         if self.pose is not None:
-            self.pose = self._corrected(self._carried_on(self.pose, now_ns, state), state)
+            self.pose = self._carried_on(self.pose, now_ns, motion)
+            if believe_fixes:
+                self.pose = self._corrected(self.pose, state)
         return self.pose
 
-    def _carried_on(self, pose: Pose, now_ns: int, state: VehicleState) -> Pose:
+    def _carried_on(self, pose: Pose, now_ns: int, motion: Motion) -> Pose:
         dt = min(max((now_ns - self._pose_ns) / NS_PER_S, 0.0), LONGEST_S)
         self._pose_ns = now_ns
-        speed = road_speed(state)
+        speed = motion.speed
         self._blind_m += speed * dt
-        yaw = pose.yaw + state.yaw_rate * dt
+        yaw = pose.yaw + motion.yaw_rate * dt
         middle = 0.5 * (pose.yaw + yaw)
         return Pose(pose.x + speed * math.cos(middle) * dt, pose.y + speed * math.sin(middle) * dt, yaw, speed)
 
