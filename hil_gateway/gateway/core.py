@@ -65,8 +65,9 @@ class Gateway:
             self._actor.stopping.take_plan(plan, stopping=before.stopping)
         motion = self._monitors.motion.step(now_ns, state)
         self._monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
-        estimate, believed = self.inbox.read_estimate(now_ns), not self._monitors.position.suspect
-        pose = self._dead_reckoning.step(now_ns, state, motion, estimate if believed else None, believed)
+        estimate, fixes_fit = self.inbox.read_estimate(now_ns), not self._monitors.position.suspect
+        believed = estimate if fixes_fit and not self._monitors.imu_suspect else None
+        pose = self._dead_reckoning.step(now_ns, state, motion, believed, fixes_fit)
         request = self.inbox.read_request(now_ns)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
         monitored = self._monitors.measures(now_ns, state, pose, commanded)

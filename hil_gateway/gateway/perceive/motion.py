@@ -27,6 +27,8 @@ class Motion:
     speed: float = 0.0
     yaw_rate: float = 0.0
     ay: float = 0.0
+    by_gyro: bool = True
+    """whether the yaw rate is the gyro's; a substitute drifts, and fixes correct the heading"""
 
 
 class MotionReader:
@@ -42,18 +44,20 @@ class MotionReader:
         """(right - left) / (track v) on a straight, 1/m"""
         self._last_ns: int | None = None
         self.motion = Motion()
+        self.believe_imu = True
+        """false when other sensors contradict it"""
 
     def step(self, now_ns: int, state: VehicleState) -> Motion:
         """Motion at `now_ns`; once a period."""
         dt = 0.0 if self._last_ns is None else min(max((now_ns - self._last_ns) / NS_PER_S, 0.0), LONGEST_S)
         self._last_ns = now_ns
-        imu, wheels = state.sources["imu"].valid, state.sources["wheel_speeds"].valid
+        imu, wheels = state.sources["imu"].valid and self.believe_imu, state.sources["wheel_speeds"].valid
         speed = self._speed(state, imu, wheels, dt)
         yaw_rate = state.yaw_rate if imu else self._without_gyro(state, speed, wheels)
         if imu and wheels and speed > LEARNING_FROM:
             error = (self._rear_difference(state) - state.yaw_rate) / speed - self._mismatch
             self._mismatch += min(dt / MISMATCH_S, 1.0) * error
-        self.motion = Motion(speed, yaw_rate, state.ay if imu else speed * yaw_rate)
+        self.motion = Motion(speed, yaw_rate, state.ay if imu else speed * yaw_rate, imu)
         return self.motion
 
     def rear_yaw_rate(self, state: VehicleState, speed: float) -> float:

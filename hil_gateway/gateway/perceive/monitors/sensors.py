@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.motion import Motion, wheel_speeds
 from hil_gateway.process.clock import NS_PER_S
+
+PERIOD_S = 0.01
+"""of the gateway"""
 
 JUDGED_FROM = 8.0
 """m/s: slower, differences of wheel speeds are within what parking manoeuvres and clutch make"""
@@ -86,6 +90,31 @@ LATERAL = 5.0
 """m/s2: gravity on the steepest bank (20 deg: 3.4), side slip building up (1), bias and noise (0.5)"""
 LATERAL_SHARE = 0.35
 """of v r: the body's side slip in a slide"""
+
+
+SPEED_WINDOW = 50
+"""periods (0.5 s) over which wheels and IMU must agree on the change of speed"""
+SPEED_CHANGE = 3.0
+"""m/s in that time: slip of all wheels that comes or goes (5 % of 40 m/s), gravity on a 10 % grade (0.5), bias"""
+
+
+class SpeedChangeMonitor:
+    """Change of the wheels' speed against the integral of the longitudinal specific force, over half a second."""
+
+    def __init__(self) -> None:
+        self._speeds: deque[float] = deque(maxlen=SPEED_WINDOW)
+        self._forces: deque[float] = deque(maxlen=SPEED_WINDOW)
+        self._held = Held()
+
+    def step(self, now_ns: int, state: VehicleState, speed: float) -> float:
+        """Seconds they have disagreed."""
+        self._speeds.append(speed)
+        self._forces.append(state.ax)
+        if len(self._speeds) < SPEED_WINDOW or min(self._speeds) < JUDGED_FROM:
+            return self._held.update(False, now_ns)
+        by_imu = sum(self._forces) * PERIOD_S
+        wrong = abs(self._speeds[-1] - self._speeds[0] - by_imu) > SPEED_CHANGE
+        return self._held.update(wrong, now_ns)
 
 
 class LateralMonitor:
