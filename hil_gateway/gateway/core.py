@@ -23,6 +23,7 @@ from hil_gateway.gateway.decide.failsafe import Failsafe, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import flags_in_force, flags_received
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning
 from hil_gateway.gateway.perceive.inbox import Inbox
+from hil_gateway.gateway.perceive.monitors.monitors import Monitors
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.gateway.reporter import Reporter
 from hil_gateway.track.track import Track
@@ -41,6 +42,7 @@ class Gateway:
         codec, actuation = load_codec(), Actuation(config.vehicle, config.powertrain)
         self.builder = VehicleStateBuilder(config, codec, actuation)
         self.inbox = Inbox(bus, config.gateway.command_latency_max_s)
+        self._monitors = Monitors(config, track)
         self._dead_reckoning = DeadReckoning()
         self._conditions = Conditions(self.builder, config.gateway.mode)
         self.decision = Decision()
@@ -64,16 +66,24 @@ class Gateway:
         self.inbox.read_commands(now_ns, before.failsafe.armed)
         if (plan := self.inbox.read_plan(now_ns)) is not None:
             self._actor.stopping.take_plan(plan, stopping=before.stopping)
-        pose = self._dead_reckoning.step(now_ns, state, self.inbox.read_estimate(now_ns))
+        motion = self._monitors.motion.step(now_ns, state)
+        self._monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
+        estimate, fixes_fit = self.inbox.read_estimate(now_ns), not self._monitors.position.suspect
+        believed = estimate if fixes_fit and not self._monitors.imu_suspect else None
+        pose = self._dead_reckoning.step(now_ns, state, motion, believed, fixes_fit)
         request = self.inbox.read_request(now_ns)
-        situation = self._conditions.situation(now_ns, state, request, before, gate.age_s(now_ns), self.inbox.estimate)
+        commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
+        monitored = self._monitors.measures(now_ns, state, pose, commanded)
+        situation = self._conditions.situation(
+            now_ns, state, request, before, gate.age_s(now_ns), self.inbox.estimate, monitored
+        )
         decision = self.decision = decide(situation, before)
         self.seen = state, situation.conditions
         self._reporter.note_change(situation, before, decision, self.inbox.estimate.age_s(now_ns))
         if decision.stopping and not before.stopping:
             self._actor.start_stop()
         self._actor.report_ladder(now_ns, decision.race_control.ct_state, flags_received(self.builder))
-        sent, limited = self._actor.step(now_ns, state, decision, gate.newest, pose)
+        sent, limited = self._actor.step(now_ns, state, motion, decision, gate.newest, pose)
         self._reporter.note_answer(now_ns, decision, gate.newest)
         self._bus.publish(topics.APPLIED, self._actor.applied(now_ns, self._seq, state, decision, sent, limited))
         status = self._reporter.status(situation, decision, self.builder, self._link, self._actor)

@@ -24,11 +24,14 @@ from hil_gateway.bus.messages import (
     PlanStatus,
 )
 from hil_gateway.can_link import Frame, VirtualWire
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.process.clock import NS_PER_S, VirtualClock
+from hil_gateway.track.geodesy import LocalMap
 
 PERIOD_NS = NS_PER_S // 100
+MAP = LocalMap(Config().origin)
 ACTUATOR_IDS = frozenset({0x578, 0x579, 0x57A, 0x57B})
 REPORTS = (
     "imu_1", "imu_2", "imu_3", "wheel_speed_report", "steering_report", "steering_report_extd", "accelerator_report",
@@ -42,6 +45,7 @@ class ScriptedCar:
 
     link: object
     speed: float = 0.0
+    x: float = 0.0
     sys_state: int = 1
     track_flag: int = 1
     vehicle_flag: int = 0
@@ -57,6 +61,7 @@ class ScriptedCar:
     tick: int = 0
     command_tick: int | None = None
     supervised: bool = True
+    pushed: float = 0.0
 
     def step(self, now_ns: int) -> None:
         """Listen, answer, move, report."""
@@ -94,14 +99,17 @@ class ScriptedCar:
         push = 0.06 * self.commands.get("acc_pedal_cmd", 0.0) if driving else 0.0
         brake = 0.0025 * self.commands.get("F_brake_pressure_cmd", 0.0)
         self.speed = max(self.speed + (push - brake) * dt, 0.0)
+        self.pushed = push - brake if self.speed > 0.0 else 0.0
+        self.x += self.speed * dt
 
     def signals(self) -> dict[str, float]:
         """Every report signal in DBC units; what is not named is 0."""
         wheel = self.speed * 3.6
         steer = self.commands.get("steering_motor_ang_cmd", 0.0)
         jitter = 0.02 * math.sin(1.7 * self.tick)
+        latitude, longitude = MAP.to_geodetic(self.x, 0.0)
         return {
-            "imu_az": 1.0 + jitter, "imu_ax": jitter, "imu_ay": -jitter, "imu_yaw_rate": 5 * jitter,
+            "imu_az": 1.0 + jitter, "imu_ax": self.pushed / GRAVITY + jitter, "imu_ay": -jitter, "imu_yaw_rate": 5 * jitter,
             "imu_roll_rate": 5 * jitter,
             "wheel_speed_FL": wheel, "wheel_speed_FR": wheel, "wheel_speed_RL": wheel, "wheel_speed_RR": wheel,
             "primary_steering_angle_fbk": steer, "secondary_steering_ang_fdbk": steer,
@@ -114,7 +122,7 @@ class ScriptedCar:
             "track_flag": self.track_flag, "veh_flag": self.vehicle_flag,
             "base_to_car_heartbeat": (self.tick // 10) % 16,
             "marelli_track_flag": self.track_flag, "marelli_vehicle_flag": self.marelli_vehicle_flag,
-            "novatel_lat": 36.5844, "novatel_long": -121.7535,
+            "novatel_lat": latitude, "novatel_long": longitude,
         } | self.overrides  # fmt: skip
 
     def _report(self) -> None:
@@ -226,13 +234,13 @@ class Rig:
         """Estimate of a car driving straight along x."""
         return Estimate(
             stamp_ns=self.now_ns, seq=self.tick, state_stamp_ns=state_stamp_ns, valid=self.estimate_valid,
-            x=0.0, y=0.0, yaw=0.0, vx=self.car.speed, vy=0.0, yaw_rate=0.0, bias_ax=0.0, bias_ay=0.0,
+            x=self.car.x, y=0.0, yaw=0.0, vx=self.car.speed, vy=0.0, yaw_rate=0.0, bias_ax=0.0, bias_ay=0.0,
             bias_yaw_rate=0.0, std=(0.0,) * 9, steer=0.0, drive=0.0, innovations_rejected=0,
         )  # fmt: skip
 
     def plan(self, state_stamp_ns: int, points: int = 41) -> Plan:
         """Straight ahead."""
-        x = tuple(2.0 * i for i in range(points))
+        x = tuple(self.car.x + 2.0 * i for i in range(points))
         zero = (0.0,) * points
         return Plan(
             stamp_ns=self.now_ns, seq=self.tick, state_stamp_ns=state_stamp_ns, status=PlanStatus.SOLVED, dt=0.05,

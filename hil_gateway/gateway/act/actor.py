@@ -18,6 +18,7 @@ from hil_gateway.gateway.act.transmitter import Transmitter
 from hil_gateway.gateway.decide.decision import Decision
 from hil_gateway.gateway.decide.ladder_inputs import Flags
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
@@ -57,14 +58,20 @@ class Actor:
         """A stop begins: the angle on the wire is where steering goes on from."""
         self.stopping.start(self._actuation.to_steer(self.on_wire.steering_motor))
 
-    def step(
-        self, now_ns: int, state: VehicleState, decision: Decision, command: Command | None, pose: Pose | None
+    def step(  # noqa: PLR0917 - a period
+        self,
+        now_ns: int,
+        state: VehicleState,
+        motion: Motion,
+        decision: Decision,
+        command: Command | None,
+        pose: Pose | None,
     ) -> tuple[bool, tuple[str, ...]]:
         """Send this period's commands; whether all left, and the limits that changed them."""
         if not decision.failsafe.armed:
             self._on_wire = self._limits.resting(self._actuation.to_steering_motor(state.steer))
             return False, ()
-        wanted = self._wanted(now_ns, state, decision, command, pose)
+        wanted = self._wanted(now_ns, state, motion, decision, command, pose)
         command_raw, limited = self._limits.apply(wanted, self._on_wire)
         sent = False
         if self._transmits:
@@ -75,10 +82,16 @@ class Actor:
         self.limited += bool(limited)
         return sent, limited
 
-    def _wanted(
-        self, now_ns: int, state: VehicleState, decision: Decision, command: Command | None, pose: Pose | None
+    def _wanted(  # noqa: PLR0917 - a period
+        self,
+        now_ns: int,
+        state: VehicleState,
+        motion: Motion,
+        decision: Decision,
+        command: Command | None,
+        pose: Pose | None,
     ) -> Actuators:
-        gear = self._gears.step(now_ns, road_speed(state), state.engine_speed, state.gear)
+        gear = self._gears.step(now_ns, motion.speed, state.engine_speed, state.gear)
         driving = decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
             return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S)
@@ -86,7 +99,7 @@ class Actor:
             steer, drive = command.steer, command.drive
         else:
             emergency = decision.action is FailsafeAction.EMERGENCY_STOP
-            steer, drive = self.stopping.command(state, pose, emergency)
+            steer, drive = self.stopping.command(motion, pose, emergency)
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear)
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted

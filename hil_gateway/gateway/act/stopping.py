@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil_gateway.bus.messages import Plan, PlanStatus, VehicleState
+from hil_gateway.bus.messages import Plan, PlanStatus
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.road_speed import rear_speed
+from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.settings import StopConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
@@ -91,7 +91,7 @@ class Stopping:
         """A stop begins; without a path the present angle is held."""
         self._steer = steer
 
-    def command(self, state: VehicleState, pose: Pose | None, emergency: bool) -> tuple[float, float]:
+    def command(self, motion: Motion, pose: Pose | None, emergency: bool) -> tuple[float, float]:
         """Road-wheel angle (rad) and slip-ratio drive (negative) of this period."""
         if self._path is None and self._plan is not None:
             self._path = plan_path(self._plan, self._track)
@@ -99,7 +99,7 @@ class Stopping:
             self._steer = self._pursue(self._path, pose)
         config = self._config
         wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
-        force = self._vehicle.mass * min(wanted, self._grip_left(state))
+        force = self._vehicle.mass * min(wanted, self._grip_left(motion))
         return self._steer, -force / self._force_per_drive
 
     def _pursue(self, path: Path, pose: Pose) -> float:
@@ -111,9 +111,9 @@ class Stopping:
         distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_MIN)
         return math.atan2(2 * self._vehicle.wheelbase * math.sin(angle), distance)
 
-    def _grip_left(self, state: VehicleState) -> float:
+    def _grip_left(self, motion: Motion) -> float:
         """Deceleration the friction circle leaves beside the present lateral force, m/s2."""
         config = self._config
-        weight = GRAVITY + config.downforce * rear_speed(state) ** 2 / self._vehicle.mass
+        weight = GRAVITY + config.downforce * motion.speed**2 / self._vehicle.mass
         grip = config.lateral_grip * weight
-        return math.sqrt(max(grip**2 - state.ay**2, (0.3 * grip) ** 2))
+        return math.sqrt(max(grip**2 - motion.ay**2, (0.3 * grip) ** 2))

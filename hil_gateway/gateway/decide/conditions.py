@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, OperatorAction, VehicleState
 from hil_gateway.car.states import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, CtState, SysState
 from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import HOLDS, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import ladder_inputs
+from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.gateway.perceive.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
 from hil_gateway.process.clock import NS_PER_S
@@ -20,22 +23,6 @@ ESTIMATE_MAX_S = 0.1
 """An estimate of an older state is none. The state's stamp is the gateway's own, so that what lay in a queue while the
 gateway was held up does not pass for new."""
 FAILURE_SIGNALS = ("sd_system_failure", "est4_sd_comms_loss", "est5_motec_comms_loss")
-
-
-class Held:
-    """How long a condition has held, s."""
-
-    def __init__(self) -> None:
-        self._since_ns: int | None = None
-
-    def update(self, holds: bool, now_ns: int) -> float:
-        """0 while it does not hold."""
-        if not holds:
-            self._since_ns = None
-            return 0.0
-        if self._since_ns is None:
-            self._since_ns = now_ns
-        return (now_ns - self._since_ns) / NS_PER_S
 
 
 class Conditions:
@@ -56,8 +43,9 @@ class Conditions:
         decision: Decision,
         command_age_s: float,
         estimate: Latest[Estimate],
+        monitored: Mapping[str, float],
     ) -> Situation:
-        """Inputs of this period's decision; `decision` is the one in force."""
+        """Inputs of this period's decision; `decision` is the one in force, `monitored` what the monitors measure."""
         measures = self.measures(
             now_ns,
             state,
@@ -68,9 +56,10 @@ class Conditions:
             heartbeat_frozen_s=decision.race_control.heartbeat_frozen_s(now_ns),
         )
         standing = state.valid and road_speed(state) < STANDSTILL
+        everything = {**measures, **(dict.fromkeys(monitored, 0.0) if self._testing else monitored)}
         return Situation(
             now_ns,
-            Inputs(measures, standing, request, may_arm=self._mode != "listen"),
+            Inputs(everything, standing, request, may_arm=self._mode != "listen"),
             ladder_inputs(self._builder, now_ns, state),
             CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
         )

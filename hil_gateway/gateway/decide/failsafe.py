@@ -97,6 +97,23 @@ TABLE: tuple[Row, ...] = (
     Row("gateway_late", "the gateway missed its period", "gateway_gap", 0.1, _EMERGENCY, Clear.DISARM),
     Row("command_dead", "no planner sends commands: `hil planner run`", "command_age", 0.5, _EMERGENCY, Clear.DISARM),
     Row("can_silent", "the car sends nothing", "can_silence", 0.1, _EMERGENCY, Clear.DISARM),
+    Row("steering_stuck", "the steering does not follow its command", "steering_stuck", 0.1, _EMERGENCY, Clear.DISARM),
+    Row(
+        "pedals_stuck",
+        "brakes or accelerator do not follow their command",
+        "pedals_stuck",
+        0.1,
+        _EMERGENCY,
+        Clear.DISARM,
+    ),
+    Row(
+        "commands_unanswered",
+        "the car does not brake, or drives on, against its commands",
+        "commands_unanswered",
+        0.15,
+        _EMERGENCY,
+        Clear.DISARM,
+    ),
     Row("operator_stop", "a stop was asked for", "operator_stop", 0.0, _STOP, Clear.REARM),
     Row("command_stale", "no fresh planner command: `hil planner run`", "command_age", 0.1, _STOP, Clear.REARM),
     Row(
@@ -123,6 +140,27 @@ TABLE: tuple[Row, ...] = (
         Clear.REARM,
     ),
     Row("car_failure", "the car reports a system failure (0x53E)", "car_failure", 0.0, _STOP, Clear.REARM),
+    Row(
+        "position_wrong",
+        "position fixes do not fit the way the car has gone",
+        "position_wrong",
+        0.0,
+        _STOP,
+        Clear.REARM,
+    ),
+    Row("wheel_speed_wrong", "one wheel speed does not fit the others", "wheel_speed_wrong", 0.15, _STOP, Clear.REARM),
+    Row("yaw_rate_wrong", "the yaw rate does not fit wheels and steering", "yaw_rate_wrong", 0.15, _STOP, Clear.REARM),
+    Row(
+        "acceleration_wrong",
+        "the IMU does not fit wheel speeds and yaw rate",
+        "acceleration_wrong",
+        0.2,
+        _STOP,
+        Clear.REARM,
+    ),
+    Row("position_lost", "no position fixes", "position_lost", 1.0, _STOP, Clear.REARM),
+    Row("off_road", "the car is not on the track", "off_road", 0.05, _STOP, Clear.REARM),
+    Row("wrong_way", "the car points against the direction of the track", "wrong_way", 0.2, _STOP, Clear.REARM),
 )
 """In order of priority: the first row that fires with the strongest action names the cause."""
 

@@ -26,13 +26,15 @@ from hil_gateway.gateway.decide.failsafe import (
 # numbers and sets instead of rows: 0 silent, 1 drive, 2 controlled stop, 3 emergency stop.
 EMERGENCY_AT = {
     "operator_emergency": 0.0, "vehicle_flag_kill": 0.0, "car_emergency": 0.0, "foreign_emergency": 0.0,
-    "uncommanded_motion": 0.0,
+    "uncommanded_motion": 0.0, "steering_stuck": 0.1, "pedals_stuck": 0.1, "commands_unanswered": 0.15,
     "command_age": 0.5, "can_silence": 0.1, "gateway_gap": 0.1,
 }  # fmt: skip
 STOP_AT = {
     "operator_stop": 0.0, "command_age": 0.1, "state_invalid": 0.05, "estimate_invalid": 0.05, "counters_wrong": 0.0,
     "foreign_commands": 0.0, "heartbeat_frozen": 0.5, "track_flag_stop": 0.0, "vehicle_flag_stop": 0.0,
     "car_not_driving": 0.0, "car_failure": 0.0, "engine_running": 0.0,
+    "position_wrong": 0.0, "wheel_speed_wrong": 0.15, "yaw_rate_wrong": 0.15, "acceleration_wrong": 0.2, "position_lost": 1.0, "off_road": 0.05,
+    "wrong_way": 0.2,
 }  # fmt: skip
 NUMBER = {"silent": 0, "drive": 1, "controlled_stop": 2, "emergency_stop": 3}
 

@@ -12,6 +12,7 @@ from hil_gateway.bus.messages import PlanStatus
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.act.stopping import Path, Stopping, plan_path
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.settings import StopConfig
 from hil_gateway.track.loading import load_track
 
@@ -30,10 +31,8 @@ def stopping(track=None) -> Stopping:
     return Stopping(VEHICLE, StopConfig(), 50_000.0, track)
 
 
-def state(rig: Rig, speed: float = 40.0, ay: float = 0.0):
-    built = rig.gateway.builder.build(rig.now_ns, 9, 1, 0)
-    speeds = dict.fromkeys(("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr"), speed)
-    return built.model_copy(update={**speeds, "ay": ay})
+def motion(speed: float = 40.0, ay: float = 0.0) -> Motion:
+    return Motion(speed=speed, ay=ay)
 
 
 def test_points_ahead_lie_on_the_path_and_end_with_it():
@@ -66,7 +65,7 @@ def test_a_car_beside_its_path_steers_towards_it(rig, side):
     stop = stopping()
     stop.take_plan(rig.plan(0), stopping=False)
     stop.start(0.0)
-    steer, _ = stop.command(state(rig), Pose(0.0, side, 0.0, 40.0), emergency=False)
+    steer, _ = stop.command(motion(), Pose(0.0, side, 0.0, 40.0), emergency=False)
     assert math.copysign(1.0, steer) == -side
 
 
@@ -77,14 +76,14 @@ def test_pure_pursuit_is_exact_on_a_circle(rig):
     stop = stopping()
     stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(x), "y": tuple(y)}), stopping=False)
     stop.start(0.0)
-    steer, _ = stop.command(state(rig, 20.0), Pose(VEHICLE.lr, 0.0, 0.0, 20.0), emergency=False)
+    steer, _ = stop.command(motion(20.0), Pose(VEHICLE.lr, 0.0, 0.0, 20.0), emergency=False)
     assert steer == pytest.approx(math.atan(VEHICLE.wheelbase / radius), rel=0.01)
 
 
 def test_without_a_path_the_steering_is_held(rig):
     stop = stopping()
     stop.start(0.07)
-    assert stop.command(state(rig), HERE, emergency=True)[0] == 0.07
+    assert stop.command(motion(), HERE, emergency=True)[0] == 0.07
 
 
 def test_what_the_planner_falls_back_to_is_not_taken_as_a_path(rig):
@@ -92,7 +91,7 @@ def test_what_the_planner_falls_back_to_is_not_taken_as_a_path(rig):
     stop.take_plan(rig.plan(0).model_copy(update={"status": PlanStatus.STOP}), stopping=False)
     stop.take_plan(rig.plan(0).model_copy(update={"status": PlanStatus.SHIFTED}), stopping=False)
     stop.start(0.07)
-    assert stop.command(state(rig), HERE, emergency=True)[0] == 0.07
+    assert stop.command(motion(), HERE, emergency=True)[0] == 0.07
 
 
 def test_during_a_stop_the_path_stays(rig):
@@ -101,26 +100,26 @@ def test_during_a_stop_the_path_stays(rig):
     stop.take_plan(rig.plan(0), stopping=False)
     stop.start(0.0)
     beside = Pose(0.0, 2.0, 0.0, 40.0)
-    steer, _ = stop.command(state(rig), beside, emergency=False)
+    steer, _ = stop.command(motion(), beside, emergency=False)
     stop.take_plan(rig.plan(0).model_copy(update={"y": tuple(2.0 for _ in rig.plan(0).y)}), stopping=True)
-    assert stop.command(state(rig), beside, emergency=False)[0] == steer < -0.01
+    assert stop.command(motion(), beside, emergency=False)[0] == steer < -0.01
 
 
 def test_a_plan_that_comes_during_a_stop_is_better_than_none(rig):
     stop = stopping()
     stop.start(0.07)
     stop.take_plan(rig.plan(0), stopping=True)
-    assert stop.command(state(rig), HERE, emergency=False)[0] != 0.07
+    assert stop.command(motion(), HERE, emergency=False)[0] != 0.07
 
 
 @pytest.mark.parametrize(("emergency", "deceleration"), [(False, 6.0), (True, 12.0)])
 def test_braking_is_as_configured_on_a_straight(rig, emergency, deceleration):
-    _, drive = stopping().command(state(rig), HERE, emergency)
+    _, drive = stopping().command(motion(), HERE, emergency)
     assert drive * 50_000.0 / VEHICLE.mass == pytest.approx(-deceleration)
 
 
 def test_braking_leaves_the_grip_a_bend_needs(rig):
-    _, straight = stopping().command(state(rig, 20.0, ay=0.0), HERE, emergency=True)
-    _, bend = stopping().command(state(rig, 20.0, ay=11.0), HERE, emergency=True)
-    _, beyond = stopping().command(state(rig, 20.0, ay=40.0), HERE, emergency=True)
+    _, straight = stopping().command(motion(20.0, ay=0.0), HERE, emergency=True)
+    _, bend = stopping().command(motion(20.0, ay=11.0), HERE, emergency=True)
+    _, beyond = stopping().command(motion(20.0, ay=40.0), HERE, emergency=True)
     assert straight < bend < beyond < 0

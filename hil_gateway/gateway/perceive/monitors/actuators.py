@@ -1,0 +1,88 @@
+"""Actuators against their commands: reported positions, and the acceleration that follows from them."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.gateway.perceive.monitors.held import Held
+
+WINDOW = 40
+"""commands (0.4 s) among which the position must lie: delay (40 ms) and five time constants of the slowest actuator"""
+STEERING = 0.14
+"""rad at the motor (8 deg; 0.5 deg at the wheels): play, offset and noise of the sensor, overshoot"""
+ACCELERATOR = 0.12
+BRAKES = 0.7e6
+"""Pa: 12 % of full pressure, the scatter of pads and lines"""
+JUDGED_FROM = 10.0
+"""m/s: slower, engine braking, clutch and creep are as large as what is judged"""
+BRAKING = 5.0
+"""m/s2 of commanded braking from which the car must slow down"""
+BRAKED_SHARE = 0.3
+"""of what was commanded: cars with hot brakes, wet tyres and an unequal balance do better"""
+PUSHED = 1.2
+"""m/s2 forward with the accelerator closed: specific force has no gravity in it, so only drag and the IMU's bias (0.3)
+are left, and drag is backward"""
+
+
+@dataclass(frozen=True, slots=True)
+class Follows:
+    """How long what each actuator reports has been outside of its commands, s."""
+
+    steering: float
+    pedals: float
+
+
+class FollowingMonitor:
+    """Reported positions within the commands of the last 0.4 s."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._ratio = vehicle.steering_ratio
+        self._commands: deque[Actuators] = deque(maxlen=WINDOW)
+        self._steering, self._pedals = Held(), Held()
+
+    def step(self, now_ns: int, state: VehicleState, commanded: Actuators | None) -> Follows:
+        """`commanded` is what stands on the wire; None while nothing is sent or the car does not obey."""
+        if commanded is None:
+            self._commands.clear()
+        else:
+            self._commands.append(commanded)
+        full = len(self._commands) == WINDOW
+        motor = state.steer * self._ratio
+        steers = full and self._outside(motor, [c.steering_motor for c in self._commands], STEERING)
+        pedals = full and (
+            self._outside(state.brake_front, [c.brake_front for c in self._commands], BRAKES)
+            or self._outside(state.brake_rear, [c.brake_rear for c in self._commands], BRAKES)
+            or self._outside(state.accelerator, [c.accelerator for c in self._commands], ACCELERATOR)
+        )
+        return Follows(self._steering.update(steers, now_ns), self._pedals.update(pedals, now_ns))
+
+    @staticmethod
+    def _outside(reported: float, commands: list[float], tolerance: float) -> bool:
+        return not min(commands) - tolerance <= reported <= max(commands) + tolerance
+
+
+class AccelerationMonitor:
+    """Longitudinal specific force against the force commanded for the last 0.4 s: dead brakes, a stuck throttle, or an
+    IMU that says nothing."""
+
+    def __init__(self, vehicle: Vehicle, brake_force_per_pa: float) -> None:
+        self._per_pa = brake_force_per_pa / vehicle.mass
+        self._commands: deque[Actuators] = deque(maxlen=WINDOW)
+        self._held = Held()
+
+    def step(self, now_ns: int, state: VehicleState, speed: float, commanded: Actuators | None) -> float:
+        """Seconds the car has not done what all of these commands ask."""
+        if commanded is None or speed < JUDGED_FROM:
+            self._commands.clear()
+            return self._held.update(False, now_ns)
+        self._commands.append(commanded)
+        if len(self._commands) < WINDOW:
+            return self._held.update(False, now_ns)
+        braking = min((c.brake_front + c.brake_rear) * self._per_pa for c in self._commands)
+        unbraked = braking > BRAKING and state.ax > -BRAKED_SHARE * min(braking, 2 * BRAKING)
+        closed = all(c.accelerator == 0.0 for c in self._commands)
+        return self._held.update(unbraked or (closed and state.ax > PUSHED), now_ns)

@@ -1,0 +1,106 @@
+"""Position fixes against the way the car has gone by wheels and gyro since the last fix that agreed.
+
+A step, a receiver that repeats its last fix, a delay, noise of a lost correction service and a second sender all put
+fixes where the car cannot have gone; a ramp adds up. A drift below 12 % of the speed does not show: heading and rolling
+radius explain it, and nothing on board is independent of the one receiver.
+"""
+
+from __future__ import annotations
+
+import math
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.process.clock import NS_PER_S
+
+JUDGED_FROM = 5.0
+"""m/s: slower, the way between fixes is no longer than the tolerance"""
+TOLERANCE_M = 0.3
+"""ten standard deviations of the difference of two fixes with 0.02 m each"""
+ACROSS = 0.08
+"""of the way: side slip of 0.08 rad, the most the tyres hold, that the reckoned heading leaves out"""
+ALONG = 0.06
+"""of the way: slip of the wheels when driven or braked hard"""
+JITTER_S = 0.03
+"""a fix that came three periods of the gateway late, or early"""
+SHARE = 0.12
+"""of the way that fixes may lead aside or ahead on average: side slip (0.08) and unequal rolling radii (0.05)"""
+AVERAGED = 0.1
+"""weight of a fix in that average: half a second"""
+LOST_S = 1.0
+"""without a fix for so long; filter and reckoning are within 0.2 m then"""
+FORGIVEN = 0.25
+"""refused fixes an accepted one makes up for: single outliers are forgotten, every second one is not"""
+WRONG = 4.0
+"""refused fixes in a row, 0.2 s at 20 Hz"""
+
+
+class PositionMonitor:
+    """`suspect` from the first fix that does not fit on, `wrong` from the fourth until the car stands."""
+
+    def __init__(self) -> None:
+        self._level = 0.0
+        self._seq = 0
+        self._last_ns: int | None = None
+        self._reference: tuple[float, float, float] | None = None
+        """x, y, yaw carried on from the last fix that agreed; None before it"""
+        self._way_m = 0.0
+        self._aside = self._ahead = 0.0
+        """mean residual over the way since the fix before"""
+        self._fix_ns: int | None = None
+        self.wrong = False
+        self.lost_s = 0.0
+        """seconds without a fix while moving"""
+
+    @property
+    def suspect(self) -> bool:
+        """Whether fixes, and estimates made with them, are not to be believed now."""
+        return self.wrong or self._level > 0.0
+
+    def step(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None) -> None:
+        """Judge the fix of this period, if one came; `pose` gives the heading to begin with."""
+        dt = 0.0 if self._last_ns is None else min((now_ns - self._last_ns) / NS_PER_S, 0.1)
+        self._last_ns = now_ns
+        if pose is None or motion.speed < JUDGED_FROM:
+            self._reference, self._level, self._aside, self._ahead = None, 0.0, 0.0, 0.0
+            self.lost_s, self._fix_ns = 0.0, now_ns
+            self.wrong = self.wrong and motion.speed > 0.0
+            self._seq = state.position_seq
+            return
+        self._carry_on(motion, dt)
+        if state.position_seq != self._seq:
+            self._seq, self._fix_ns = state.position_seq, now_ns
+            self._judge(state.position_x, state.position_y, motion, pose)
+        self.lost_s = (now_ns - (self._fix_ns or now_ns)) / NS_PER_S
+
+    def _carry_on(self, motion: Motion, dt: float) -> None:
+        if self._reference is None:
+            return
+        x, y, yaw = self._reference
+        middle = yaw + 0.5 * motion.yaw_rate * dt
+        way = motion.speed * dt
+        self._reference = x + way * math.cos(middle), y + way * math.sin(middle), yaw + motion.yaw_rate * dt
+        self._way_m += way
+
+    def _judge(self, x: float, y: float, motion: Motion, pose: Pose) -> None:
+        if self._reference is None or self._agrees(x, y, motion.speed):
+            self._level = max(self._level - FORGIVEN, 0.0)
+            yaw = pose.yaw if self._reference is None or self._level <= 0.0 else self._reference[2]
+            self._reference, self._way_m = (x, y, yaw), 0.0
+        else:
+            self._level = min(self._level + 1.0, WRONG)
+        self.wrong = self.wrong or self._level >= WRONG
+
+    def _agrees(self, x: float, y: float, speed: float) -> bool:
+        assert self._reference is not None
+        x0, y0, yaw = self._reference
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        along, across = cos * (x - x0) + sin * (y - y0), cos * (y - y0) - sin * (x - x0)
+        longest = TOLERANCE_M + ALONG * self._way_m + JITTER_S * speed
+        if self._way_m > TOLERANCE_M:
+            self._aside += AVERAGED * (max(-1.0, min(across / self._way_m, 1.0)) - self._aside)
+            self._ahead += AVERAGED * (max(-1.0, min(along / self._way_m, 1.0)) - self._ahead)
+        if max(abs(self._aside), abs(self._ahead)) > SHARE:
+            return False
+        return abs(along) <= longest and abs(across) <= TOLERANCE_M + ACROSS * self._way_m

@@ -1,0 +1,130 @@
+"""Wheel speeds against each other, the gyro against wheels and steering, the IMU against the commanded force."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.motion import Motion, wheel_speeds
+from hil_gateway.process.clock import NS_PER_S
+
+PERIOD_S = 0.01
+"""of the gateway"""
+
+JUDGED_FROM = 8.0
+"""m/s: slower, differences of wheel speeds are within what parking manoeuvres and clutch make"""
+WHEEL_M_S, WHEEL_SHARE = 2.5, 0.15
+"""a wheel further from the others than this (and their own differences in the tightest bend: 1.6 m of track at 1 rad/s)
+has a sensor that lies, or is locked or spinning"""
+OTHERS_SHARE = 0.06
+"""the other three agree within this and 1 m/s: else it is the car that moves so"""
+PEDAL_RATE = 0.3
+"""with pedals or brakes in use a wheel may really spin or lock for some tenths of a second: time counts a third"""
+PEDAL = 0.02
+"""slip-ratio drive command from which they are in use"""
+GYRO_RAD_S = 0.12
+"""rad/s: gyro against wheels: 1 % of unequal slip left and right at 20 m/s, with the noise of both"""
+GYRO_SHARE = 0.25
+STEERED = (0.3, 1.3)
+"""yaw rate over v tan(delta) / L: from heavy understeer at top speed to slight oversteer"""
+
+
+class WheelMonitor:
+    """One wheel against the three others, which agree."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._half_track = 0.25 * (vehicle.track_front + vehicle.track_rear)
+        self._held_s = 0.0
+        self._last_ns: int | None = None
+
+    def step(self, now_ns: int, state: VehicleState, motion: Motion) -> float:
+        """Seconds one wheel has disagreed."""
+        dt = 0.0 if self._last_ns is None else min((now_ns - self._last_ns) / NS_PER_S, 0.1)
+        self._last_ns = now_ns
+        if not self._one_differs(state, motion):
+            self._held_s = 0.0
+            return 0.0
+        self._held_s += dt * (PEDAL_RATE if abs(state.drive) > PEDAL else 1.0)
+        return self._held_s
+
+    def _one_differs(self, state: VehicleState, motion: Motion) -> bool:
+        inner = motion.yaw_rate * self._half_track
+        speeds = [v + inner * side for v, side in zip(wheel_speeds(state), (1, -1, 1, -1), strict=True)]
+        ordered = sorted(speeds)
+        for odd, others in ((ordered[0], ordered[1:]), (ordered[-1], ordered[:-1])):
+            middle = others[1]
+            agree = others[-1] - others[0] <= 1.0 + OTHERS_SHARE * middle
+            if middle > JUDGED_FROM and agree and abs(odd - middle) > WHEEL_M_S + WHEEL_SHARE * middle:
+                return True
+        return False
+
+
+class GyroMonitor:
+    """The gyro outvoted by front wheels, rear wheels and steering, which agree among themselves."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._held = Held()
+
+    def step(self, now_ns: int, state: VehicleState, speed: float, rear: float) -> float:
+        """Seconds it has been outvoted; `rear` is the yaw rate by the rear wheels, rad/s."""
+        car = self._vehicle
+        steered = speed * math.tan(state.steer) / car.wheelbase
+        front = (state.wheel_speed_fr - state.wheel_speed_fl) / (car.track_front * math.cos(state.steer))
+        mean = 0.5 * (front + rear)
+        tolerance = GYRO_RAD_S + GYRO_SHARE * abs(mean)
+        voted = abs(front - rear) < tolerance and _within(mean, steered, 0.0)
+        outvoted = abs(state.yaw_rate - mean) > tolerance and not _within(state.yaw_rate, steered, GYRO_RAD_S)
+        return self._held.update(speed > JUDGED_FROM and voted and outvoted, now_ns)
+
+
+def _within(yaw_rate: float, steered: float, margin: float) -> bool:
+    low, high = sorted(share * steered for share in STEERED)
+    return low - margin <= yaw_rate <= high + margin
+
+
+LATERAL = 5.0
+"""m/s2: gravity on the steepest bank (20 deg: 3.4), side slip building up (1), bias and noise (0.5)"""
+LATERAL_SHARE = 0.35
+"""of v r: the body's side slip in a slide"""
+
+
+SPEED_WINDOW = 50
+"""periods (0.5 s) over which wheels and IMU must agree on the change of speed"""
+SPEED_CHANGE = 3.0
+"""m/s in that time: slip of all wheels that comes or goes (5 % of 40 m/s), gravity on a 10 % grade (0.5), bias"""
+
+
+class SpeedChangeMonitor:
+    """Change of the wheels' speed against the integral of the longitudinal specific force, over half a second."""
+
+    def __init__(self) -> None:
+        self._speeds: deque[float] = deque(maxlen=SPEED_WINDOW)
+        self._forces: deque[float] = deque(maxlen=SPEED_WINDOW)
+        self._held = Held()
+
+    def step(self, now_ns: int, state: VehicleState, speed: float) -> float:
+        """Seconds they have disagreed."""
+        self._speeds.append(speed)
+        self._forces.append(state.ax)
+        if len(self._speeds) < SPEED_WINDOW or min(self._speeds) < JUDGED_FROM:
+            return self._held.update(False, now_ns)
+        by_imu = sum(self._forces) * PERIOD_S
+        wrong = abs(self._speeds[-1] - self._speeds[0] - by_imu) > SPEED_CHANGE
+        return self._held.update(wrong, now_ns)
+
+
+class LateralMonitor:
+    """Lateral specific force against v r, with the gyro."""
+
+    def __init__(self) -> None:
+        self._held = Held()
+
+    def step(self, now_ns: int, state: VehicleState, speed: float) -> float:
+        """Seconds they have disagreed."""
+        expected = speed * state.yaw_rate
+        wrong = abs(state.ay - expected) > LATERAL + LATERAL_SHARE * abs(expected)
+        return self._held.update(speed > JUDGED_FROM and wrong, now_ns)

@@ -1,0 +1,85 @@
+"""How the car moves, from whatever sensors are left: a stop must not go by the last value of a sensor that is gone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.clock import NS_PER_S
+
+DECELERATION_MAX = 35.0
+"""m/s2: 1.6 g of tyres with the downforce and drag of 80 m/s. Wheels that slow down faster than this have locked"""
+MISMATCH_S = 5.0
+"""s: how slowly the difference of the rear wheels' radii is learnt from the gyro, so that no bend is taken for one"""
+LEARNING_FROM = 10.0
+"""m/s from which that difference shows"""
+LONGEST_S = 0.1
+"""longest period that is integrated, s"""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Speed (m/s, forward), yaw rate (rad/s, left), lateral specific force (m/s2, left); none from a source that is
+    invalid."""
+
+    speed: float = 0.0
+    yaw_rate: float = 0.0
+    ay: float = 0.0
+    by_gyro: bool = True
+    """whether the yaw rate is the gyro's; a substitute drifts, and fixes correct the heading"""
+
+
+class MotionReader:
+    """Picks, every period, the best source that is valid.
+
+    Speed: the second fastest wheel (one sensor may lie either way), held against locking by what tyres can do; without
+    wheels the IMU carries it on. Yaw rate: the gyro; without it the rear wheels' difference, then v tan(delta) / L.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._mismatch = 0.0
+        """(right - left) / (track v) on a straight, 1/m"""
+        self._last_ns: int | None = None
+        self.motion = Motion()
+        self.believe_imu = True
+        """false when other sensors contradict it"""
+
+    def step(self, now_ns: int, state: VehicleState) -> Motion:
+        """Motion at `now_ns`; once a period."""
+        dt = 0.0 if self._last_ns is None else min(max((now_ns - self._last_ns) / NS_PER_S, 0.0), LONGEST_S)
+        self._last_ns = now_ns
+        imu, wheels = state.sources["imu"].valid and self.believe_imu, state.sources["wheel_speeds"].valid
+        speed = self._speed(state, imu, wheels, dt)
+        yaw_rate = state.yaw_rate if imu else self._without_gyro(state, speed, wheels)
+        if imu and wheels and speed > LEARNING_FROM:
+            error = (self._rear_difference(state) - state.yaw_rate) / speed - self._mismatch
+            self._mismatch += min(dt / MISMATCH_S, 1.0) * error
+        self.motion = Motion(speed, yaw_rate, state.ay if imu else speed * yaw_rate, imu)
+        return self.motion
+
+    def rear_yaw_rate(self, state: VehicleState, speed: float) -> float:
+        """Yaw rate the rear wheels' difference means, rad/s."""
+        return self._rear_difference(state) - self._mismatch * speed
+
+    def _speed(self, state: VehicleState, imu: bool, wheels: bool, dt: float) -> float:
+        carried = max(self.motion.speed + (state.ax if imu else 0.0) * dt, 0.0)
+        if not wheels:
+            return carried
+        fastest = sorted(wheel_speeds(state))
+        return max(fastest[-2], self.motion.speed - DECELERATION_MAX * dt)
+
+    def _without_gyro(self, state: VehicleState, speed: float, wheels: bool) -> float:
+        if wheels:
+            return self.rear_yaw_rate(state, speed)
+        return speed * math.tan(state.steer) / self._vehicle.wheelbase if state.sources["steering"].valid else 0.0
+
+    def _rear_difference(self, state: VehicleState) -> float:
+        return (state.wheel_speed_rr - state.wheel_speed_rl) / self._vehicle.track_rear
+
+
+def wheel_speeds(state: VehicleState) -> tuple[float, float, float, float]:
+    """Front left, front right, rear left, rear right, m/s."""
+    return state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr
