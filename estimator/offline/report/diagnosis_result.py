@@ -37,13 +37,16 @@ SMALLEST_CHANNEL_SHARE = 0.1
 
 
 def standard_deviations(diagnosis: Diagnosis) -> Array:
-    """(p,) of the final parameters: the larger of the ideal and the one robust to correlation within windows."""
+    """(p,) of the final parameters: the largest of the ideal, and those robust to correlation within 2 s and 30 s."""
     fit = diagnosis.fit
     covariance = fit.covariance
     at = evaluate(fit.predictor, fit.parameters, fit.noise)
     scores = np.einsum("cpwb,cwb->pw", at.sensitivity, at.error / fit.normal.variance[:, None, None], optimize=True)
-    robust = covariance @ (scores @ scores.T) @ covariance
-    variance = np.maximum(np.diag(covariance), np.diag(robust))
+    slow = np.einsum("clp,c->pl", fit.normal.gradient, 1.0 / fit.normal.variance)
+    stretches = slow.shape[1]
+    variance = np.diag(covariance).copy()
+    for outer in (scores @ scores.T, slow @ slow.T * stretches / max(stretches - 1, 1)):
+        variance = np.maximum(variance, np.diag(covariance @ outer @ covariance))
     for block in fit.predictor.blocks:
         if block.effect.name in SAMPLED:
             variance[block.parameters] += diagnosis.record.step**2 / 12  # when within a sample the log was written

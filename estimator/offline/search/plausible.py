@@ -14,14 +14,18 @@ from estimator.offline.record.input_timing import SAMPLED
 
 LEAST_ERRORS = 3.0
 """Standard errors that one parameter at least must be off its neutral value: 99.7 % of a normal distribution."""
+CONTRADICTED = 4.0
+"""Standard errors, and the whole size of it, that two halves of the data may differ: more, and one denies the other."""
+LEAST_STRETCHES = 4
+"""of 30 s, for halves to be compared"""
 ON_BOUND = 1e-3
 """Share of a parameter's range within which it is on its bound."""
 
 
 def believed(fit: Fit, name: str) -> bool:
-    """Whether the effect `name` of a fit is more than a lag of the log's sampling, physically possible, and there."""
+    """Whether an effect is more than the log's sampling, physically possible, there, and alike in both halves."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    return not _within_a_sample(fit, block) and _possible(fit, block) and _there(fit, block)
+    return not _within_a_sample(fit, block) and _possible(fit, block) and _there(fit, block) and _agrees(fit, block)
 
 
 def _within_a_sample(fit: Fit, block: Block) -> bool:
@@ -50,6 +54,20 @@ def _there(fit: Fit, block: Block) -> bool:
     off = np.abs(fit.parameters[rows] - np.array([p.prior for p in _table(fit, block)]))
     errors = np.sqrt(np.maximum(np.diag(fit.covariance)[rows], 0.0))
     return bool(np.any(off > LEAST_ERRORS * np.maximum(errors, np.finfo(float).tiny)))
+
+
+def _agrees(fit: Fit, block: Block) -> bool:
+    """Whether two halves of the data find the same: profiles are compared by their evidence alone."""
+    laps = fit.normal.squares.shape[1]
+    if block.effect.profile or laps < LEAST_STRETCHES:
+        return True
+    halves = np.array_split(np.arange(laps), 2)
+    (first, its), (second, others) = fit.normal.estimates_of_parts(fit.normal.variance, halves)
+    rows = block.parameters
+    off = np.abs(fit.parameters[rows] - np.array([p.prior for p in _table(fit, block)]))
+    apart = np.abs(first - second)[rows]
+    error = np.sqrt(np.maximum(np.diag(its + others)[rows], 0.0))
+    return bool(np.any(apart <= np.maximum(CONTRADICTED * error, off)))
 
 
 def _table(fit: Fit, block: Block) -> tuple[Parameter, ...]:
