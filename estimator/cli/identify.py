@@ -74,6 +74,7 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.offline.identification import identify as run
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
     from estimator.offline.result.identification_score import as_summary
+    from estimator.offline.result.tyre_export import exported, usable_slip
 
     if out is not None:
         check_folder(out, RESULTS, [path for path in (*sessions, *(score or ()), vehicle, tyre) if path is not None])
@@ -86,6 +87,7 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
         result = run(log, car, prior, options, progress)
         scores = {path: score_log(result, other) for path, other in others.items()}
         summary = {**result.summary(), "scored": {path: as_summary(one) for path, one in scores.items()}}
+        summary |= {"exported": exported(result), "usable_slip": usable_slip(result)}
         if out is not None:
             progress("report", 0.95)
             summary["report"] = str(_write(result, summary, out))
@@ -102,7 +104,7 @@ def _write(result: Identification, summary: dict[str, Any], out: Path) -> Path:
     page, whole, tyre = (out / name for name in RESULTS)
     write_report(result, page)
     whole.write_text(json.dumps(plain(summary), indent=1))
-    tyre.write_text(json.dumps(plain(result.final), indent=1))
+    tyre.write_text(json.dumps(plain(summary["exported"]), indent=1))
     return page
 
 

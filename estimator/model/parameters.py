@@ -10,8 +10,20 @@ Layout = Literal["shared", "per_axle"]
 
 
 @dataclass(frozen=True)
+class Plausible:
+    """Values of a parameter that an engineer would believe, inside the bounds of a fit, and why."""
+
+    lower: float
+    upper: float
+    reason: str
+
+
+@dataclass(frozen=True)
 class Parameter:
-    """One scalar to be learnt. `prior_std` also scales it inside every solver and inside Tr(F) (Eq. 7)."""
+    """One scalar to be learnt. `prior_std` also scales it inside every solver and inside Tr(F) (Eq. 7).
+
+    A fit may go to `lower` and `upper`; what it finds outside `plausible` is no finding.
+    """
 
     name: str
     unit: str
@@ -20,6 +32,7 @@ class Parameter:
     lower: float
     upper: float
     description: str
+    plausible: Plausible | None = None
 
 
 DEFAULT_TYRE: Mapping[Layout, Mapping[str, float]] = {

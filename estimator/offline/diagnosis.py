@@ -14,6 +14,7 @@ from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.record import Record
 from estimator.offline.record.road import find_road
 from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout
+from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.search import Search, search
@@ -52,6 +53,7 @@ class Diagnosis:
         models: "declared", "refit", "catalogue", "with_effects" -> model and parameters.
         channels: channel -> those names -> RMSE on the test laps; plus "noise_floor".
         rollout: state -> those names -> RMS error after the horizon.
+        leftover: channels in which the final model leaves more than noise.
         gains: evidence of each accepted effect given everything else; terms: accepted empirical terms.
     """
 
@@ -68,11 +70,12 @@ class Diagnosis:
     channels: Mapping[str, Mapping[str, float]]
     rollout: Mapping[str, Mapping[str, float]]
     term_trials: tuple[Term, ...]
+    leftover: tuple[Leftover, ...]
 
     @property
     def verdict(self) -> str:
-        """none | effect | unexplained."""
-        if self.terms:
+        """none | effect | unexplained; the first two only where no channel is left with more than noise."""
+        if self.terms or self.leftover:
             return "unexplained"
         return "effect" if self.accepted else "none"
 
@@ -144,6 +147,7 @@ def _diagnose(whole: Setting, split: tuple[tuple[int, ...], tuple[int, ...]], pr
     return Diagnosis(
         record, train_laps, test_laps, test_rows, outcome.search, outcome.fit, outcome.accepted, outcome.gains,
         outcome.terms, models, channels, states, outcome.tried,
+        leftovers(record, test_rows, best.model, best.parameters, floor),
     )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -19,8 +19,26 @@ EFFECT = Effect(
     equation="F_z,i = F_z0,i + k_i v_x^2",
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 3",
     parameters=(
-        Parameter("k_front", "N s2/m2", 0.0, 0.5, 0.0, 4.0, "-rho Cl A / 2, front axle"),
-        Parameter("k_rear", "N s2/m2", 0.0, 0.5, 0.0, 4.0, "-rho Cl A / 2, rear axle"),
+        Parameter(
+            "k_front",
+            "N s2/m2",
+            0.0,
+            0.5,
+            0.0,
+            4.0,
+            "-rho Cl A / 2, front axle",
+            Plausible(0.0, 3.0, "rho Cl A / 2 per axle: single-seaters 0.5 to 2.5"),
+        ),
+        Parameter(
+            "k_rear",
+            "N s2/m2",
+            0.0,
+            0.5,
+            0.0,
+            4.0,
+            "-rho Cl A / 2, rear axle",
+            Plausible(0.0, 3.0, "rho Cl A / 2 per axle: single-seaters 0.5 to 2.5"),
+        ),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="vx",

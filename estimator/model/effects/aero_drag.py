@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -19,7 +19,18 @@ EFFECT = Effect(
     lacks="force against vx that grows with the square of speed",
     equation="F_x = -k v_x |v_x|",
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 3",
-    parameters=(Parameter("k", "N s2/m2", 0.0, 1.0, 0.0, 5.0, "rho Cd A / 2"),),
+    parameters=(
+        Parameter(
+            "k",
+            "N s2/m2",
+            0.0,
+            1.0,
+            0.0,
+            5.0,
+            "rho Cd A / 2",
+            Plausible(0.0, 3.0, "open-wheel cars and lorries' cabs: rho Cd A / 2 of 0.4 to 2"),
+        ),
+    ),
     channels=("ax", "vx_dot"),
     cause="vx",
     hooks={"LONGITUDINAL": _longitudinal},

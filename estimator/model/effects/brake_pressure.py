@@ -6,7 +6,7 @@ A slip-ratio command measured at the driven wheels knows nothing of what the bra
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -20,7 +20,18 @@ EFFECT = Effect(
     lacks="braking force of the front axle that the drive command does not report",
     equation="F_x,f = -F_b p, p the brake, 0..1 (1: 6 MPa or pedal down)",
     source="Gillespie, Fundamentals of Vehicle Dynamics, ch. 3 (brake gain)",
-    parameters=(Parameter("force", "N", 0.0, 3000.0, 0.0, 60000.0, "braking force at full brake"),),
+    parameters=(
+        Parameter(
+            "force",
+            "N",
+            0.0,
+            3000.0,
+            0.0,
+            60000.0,
+            "braking force at full brake",
+            Plausible(0.0, 40000.0, "3 g of a 1300 kg car"),
+        ),
+    ),
     channels=("ax", "ay", "yaw_acc", "vx_dot", "vy_dot"),
     cause="brake",
     hooks={"LONGITUDINAL": _longitudinal},

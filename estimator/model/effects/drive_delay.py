@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from estimator.model.effects.base import Effect
 from estimator.model.memory import input_delay
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 
 HOOK, PREPARE = input_delay("drive")
 
@@ -13,7 +13,18 @@ EFFECT = Effect(
     lacks="true drive command lags the reported one",
     equation="d(t) = d_reported(t - T)",
     source="definition; first-order form by Taylor expansion",
-    parameters=(Parameter("delay", "s", 0.0, 0.05, 0.0, 0.5, "true actuation after the reported one"),),
+    parameters=(
+        Parameter(
+            "delay",
+            "s",
+            0.0,
+            0.05,
+            0.0,
+            0.5,
+            "true actuation after the reported one",
+            Plausible(0.0, 0.45, "actuators, engine and buses: 0.05 to 0.3 s"),
+        ),
+    ),
     channels=("ax", "vx_dot"),
     cause="drive_rate",
     hooks={"INPUT": HOOK},

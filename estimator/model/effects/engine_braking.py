@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Expr
@@ -43,7 +43,16 @@ EFFECT = Effect(
     equation="F_x,r = C_x d - F_e [d <= 0]",
     source="Gillespie, Fundamentals of Vehicle Dynamics, ch. 2",
     parameters=(
-        Parameter("force", "N", 0.0, 300.0, 0.0, 5000.0, "drag of the closed-throttle engine at the wheels"),
+        Parameter(
+            "force",
+            "N",
+            0.0,
+            300.0,
+            0.0,
+            5000.0,
+            "drag of the closed-throttle engine at the wheels",
+            Plausible(0.0, 3000.0, "a closed engine of 2 to 3 l in low gear: up to 2 kN"),
+        ),
         Parameter("pedal", "1", 0.02, 0.01, 0.002, 0.2, "throttle at which half of it is gone, where it is recorded"),
     ),
     channels=("ax", "vx_dot"),

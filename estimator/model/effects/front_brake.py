@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect, smooth_negative_part
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -23,8 +23,26 @@ EFFECT = Effect(
     equation="F_x,f = p q C_x min(d, 0); F_x,r = C_x max(d, 0) + (1 - p) q C_x min(d, 0)",
     source="Gillespie, Fundamentals of Vehicle Dynamics, ch. 3 (brake proportioning)",
     parameters=(
-        Parameter("share", "1", 0.0, 0.3, 0.0, 1.0, "part of the braking force on the front axle"),
-        Parameter("gain", "1", 1.0, 0.5, 0.1, 10.0, "braking over driving force per unit of slip command"),
+        Parameter(
+            "share",
+            "1",
+            0.0,
+            0.3,
+            0.0,
+            1.0,
+            "part of the braking force on the front axle",
+            Plausible(0.0, 0.95, "brake balance 0.5 to 0.65"),
+        ),
+        Parameter(
+            "gain",
+            "1",
+            1.0,
+            0.5,
+            0.1,
+            10.0,
+            "braking over driving force per unit of slip command",
+            Plausible(0.15, 6.0, "brakes and engine share a scale of the command"),
+        ),
     ),
     channels=("ax", "ay", "yaw_acc", "vx_dot", "vy_dot"),
     cause="drive",

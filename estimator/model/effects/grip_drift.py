@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -26,7 +26,16 @@ EFFECT = Effect(
     equation="D(t) = D_0 (1 + r (1 - exp(-x t)) / x); x = 0: D_0 (1 + r t)",
     source="first-order thermal time constant (Kelly & Sharp, Vehicle System Dynamics 50, 2012); linear wear",
     parameters=(
-        Parameter("rate", "1/s", 0.0, 1e-3, -0.02, 0.02, "relative change of D a second, at the start"),
+        Parameter(
+            "rate",
+            "1/s",
+            0.0,
+            1e-3,
+            -0.02,
+            0.02,
+            "relative change of D a second, at the start",
+            Plausible(-0.005, 0.005, "half of the grip in 100 s is a change of tyres, not their wear"),
+        ),
         Parameter("decay", "1/s", 0.0, 0.005, 0.0, 0.05, "inverse time constant; 0: linear"),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -23,9 +23,36 @@ EFFECT = Effect(
     equation="a_imu = a + b, w_imu = w + b_w",
     source="IEEE Std 1293 (linear accelerometers), bias; IEEE Std 952 (gyroscopes)",
     parameters=(
-        Parameter("ax", "m/s2", 0.0, 0.2, -5.0, 5.0, "bias of the longitudinal accelerometer"),
-        Parameter("ay", "m/s2", 0.0, 0.2, -5.0, 5.0, "bias of the lateral accelerometer"),
-        Parameter("yaw_rate", "rad/s", 0.0, 0.01, -0.2, 0.2, "bias of the yaw-rate gyroscope"),
+        Parameter(
+            "ax",
+            "m/s2",
+            0.0,
+            0.2,
+            -5.0,
+            5.0,
+            "bias of the longitudinal accelerometer",
+            Plausible(-2.0, 2.0, "0.2 g is ten times a cheap sensor's zero"),
+        ),
+        Parameter(
+            "ay",
+            "m/s2",
+            0.0,
+            0.2,
+            -5.0,
+            5.0,
+            "bias of the lateral accelerometer",
+            Plausible(-2.0, 2.0, "0.2 g is ten times a cheap sensor's zero"),
+        ),
+        Parameter(
+            "yaw_rate",
+            "rad/s",
+            0.0,
+            0.01,
+            -0.2,
+            0.2,
+            "bias of the yaw-rate gyroscope",
+            Plausible(-0.08, 0.08, "5 deg/s is ten times a cheap sensor's zero"),
+        ),
     ),
     channels=("ax", "ay", "vy_dot"),
     cause="t",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -20,8 +20,26 @@ EFFECT = Effect(
     equation="a_imu = a + dw/dt x r + w x (w x r)",
     source="Goldstein, Classical Mechanics, ch. 4 (acceleration in a rotating frame)",
     parameters=(
-        Parameter("x", "m", 0.0, 0.3, -5.0, 5.0, "sensor ahead of the centre of gravity"),
-        Parameter("y", "m", 0.0, 0.3, -3.0, 3.0, "sensor to the left of the centre of gravity"),
+        Parameter(
+            "x",
+            "m",
+            0.0,
+            0.3,
+            -5.0,
+            5.0,
+            "sensor ahead of the centre of gravity",
+            Plausible(-3.5, 3.5, "inside the car"),
+        ),
+        Parameter(
+            "y",
+            "m",
+            0.0,
+            0.3,
+            -3.0,
+            3.0,
+            "sensor to the left of the centre of gravity",
+            Plausible(-1.5, 1.5, "inside the car"),
+        ),
     ),
     channels=("ax", "ay"),
     cause="yaw_rate",

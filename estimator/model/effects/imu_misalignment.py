@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -20,7 +20,18 @@ EFFECT = Effect(
     lacks="accelerometer turned about the vertical axis",
     equation="a_imu = R(psi)^T a",
     source="definition of a frame rotation",
-    parameters=(Parameter("angle", "rad", 0.0, 0.02, -0.5, 0.5, "sensor axes to the left of the body axes"),),
+    parameters=(
+        Parameter(
+            "angle",
+            "rad",
+            0.0,
+            0.02,
+            -0.5,
+            0.5,
+            "sensor axes to the left of the body axes",
+            Plausible(-0.3, 0.3, "a sensor more than 17 deg off is mounted on purpose"),
+        ),
+    ),
     channels=("ax", "ay"),
     cause="ay",
     hooks={"SENSOR": _sensor},

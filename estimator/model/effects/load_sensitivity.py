@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -19,10 +19,21 @@ EFFECT = Effect(
     lacks="D falls with axle load",
     equation="D_i = D_0,i (1 - k (F_z,i / F_z0,i - 1))",
     source="Pacejka, Tire and Vehicle Dynamics, eq. 4.E19 (coefficient p_Dy2)",
-    parameters=(Parameter("k", "1", 0.0, 0.3, 0.0, 1.5, "relative loss of D per relative gain of load"),),
+    parameters=(
+        Parameter(
+            "k",
+            "1",
+            0.0,
+            0.3,
+            0.0,
+            1.5,
+            "relative loss of D per relative gain of load",
+            Plausible(0.0, 0.8, "race tyres lose 5 to 40 % of D as the load doubles"),
+        ),
+    ),
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="vx",
     hooks={"GRIP": _grip},
-    requires_any=("aero_downforce", "load_transfer"),
+    requires_any=("aero_downforce", "load_transfer", "road_bank"),
     separated_by="with static loads it cannot show; needs downforce or load transfer over a wide range of loads",
 )

@@ -7,7 +7,7 @@ The acceleration is the one the longitudinal forces give, (F_x,f + F_x,r + F_x,b
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -23,7 +23,18 @@ EFFECT = Effect(
     lacks="axle loads move with longitudinal acceleration",
     equation="F_z,f = F_z0,f - h m a_x / L; F_z,r = F_z0,r + h m a_x / L",
     source="Gillespie, Fundamentals of Vehicle Dynamics, eq. 1.7",
-    parameters=(Parameter("height", "m", 0.0, 0.2, 0.0, 1.5, "effective height of the centre of gravity"),),
+    parameters=(
+        Parameter(
+            "height",
+            "m",
+            0.0,
+            0.2,
+            0.0,
+            1.5,
+            "effective height of the centre of gravity",
+            Plausible(0.0, 0.8, "race cars 0.25 to 0.4, road cars 0.5 to 0.6"),
+        ),
+    ),
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="drive",
     hooks={"LOAD": _load},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
@@ -24,7 +24,18 @@ EFFECT = Effect(
     lacks="gravity component along body y as a function of track position",
     equation="dv_y/dt += -g sin(phi(s)), phi(s) a periodic cubic spline",
     source="Rajamani, Vehicle Dynamics and Control, eq. 2.40",
-    parameters=(Parameter("bank", "rad", 0.0, 0.05, -0.6, 0.6, "left side up positive, over track position"),),
+    parameters=(
+        Parameter(
+            "bank",
+            "rad",
+            0.0,
+            0.05,
+            -0.6,
+            0.6,
+            "left side up positive, over track position",
+            Plausible(-0.58, 0.58, "the steepest speedways are banked by 33 deg"),
+        ),
+    ),
     channels=("vy_dot",),
     cause="track_position",
     hooks={"INPUT": _input, "MOTION": _motion},

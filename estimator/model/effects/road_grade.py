@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
@@ -20,7 +20,18 @@ EFFECT = Effect(
     lacks="gravity component along body x as a function of track position",
     equation="dv_x/dt += -g sin(theta(s)), theta(s) a periodic cubic spline",
     source="Rajamani, Vehicle Dynamics and Control, eq. 4.1",
-    parameters=(Parameter("grade", "rad", 0.0, 0.05, -0.6, 0.6, "uphill positive, over track position"),),
+    parameters=(
+        Parameter(
+            "grade",
+            "rad",
+            0.0,
+            0.05,
+            -0.6,
+            0.6,
+            "uphill positive, over track position",
+            Plausible(-0.3, 0.3, "the steepest race tracks: 0.18"),
+        ),
+    ),
     channels=("vx_dot",),
     cause="track_position",
     hooks={"MOTION": _motion},

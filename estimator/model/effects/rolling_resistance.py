@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect, smooth_sign
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -20,7 +20,20 @@ EFFECT = Effect(
     lacks="constant force against vx",
     equation="F_x = -F_0 sign(v_x)",
     source="Gillespie, Fundamentals of Vehicle Dynamics, ch. 4",
-    parameters=(Parameter("force", "N", 0.0, 300.0, 0.0, 3000.0, "force against the motion"),),
+    parameters=(
+        Parameter(
+            "force",
+            "N",
+            0.0,
+            300.0,
+            0.0,
+            3000.0,
+            "force against the motion",
+            Plausible(
+                0.0, 1200.0, "race tyres on asphalt: 1 to 3 % of the load; towed brakes and bearings as much again"
+            ),
+        ),
+    ),
     channels=("ax", "vx_dot"),
     cause="vx",
     hooks={"LONGITUDINAL": _longitudinal},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -22,8 +22,26 @@ EFFECT = Effect(
     equation="v_x,reported = k v_x, v_y,reported = k_y v_y",
     source="definition",
     parameters=(
-        Parameter("scale", "1", 1.0, 0.05, 0.5, 2.0, "reported over true forward speed"),
-        Parameter("lateral", "1", 1.0, 0.05, 0.5, 2.0, "reported over true lateral velocity"),
+        Parameter(
+            "scale",
+            "1",
+            1.0,
+            0.05,
+            0.5,
+            2.0,
+            "reported over true forward speed",
+            Plausible(0.85, 1.15, "rolling radius, growth at speed and slip of a wheel stay below 15 %"),
+        ),
+        Parameter(
+            "lateral",
+            "1",
+            1.0,
+            0.05,
+            0.5,
+            2.0,
+            "reported over true lateral velocity",
+            Plausible(0.7, 1.4, "optical sensors and filters are off by far less"),
+        ),
     ),
     channels=("vx_dot", "vy_dot", "ay", "yaw_acc"),
     cause="yaw_rate",

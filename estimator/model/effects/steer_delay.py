@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from estimator.model.effects.base import Effect
 from estimator.model.memory import input_delay
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 
 HOOK, PREPARE = input_delay("steer")
 
@@ -13,7 +13,18 @@ EFFECT = Effect(
     lacks="true road-wheel angle lags the reported one",
     equation="delta(t) = delta_reported(t - T)",
     source="definition; first-order form by Taylor expansion",
-    parameters=(Parameter("delay", "s", 0.0, 0.05, 0.0, 0.5, "true actuation after the reported one"),),
+    parameters=(
+        Parameter(
+            "delay",
+            "s",
+            0.0,
+            0.05,
+            0.0,
+            0.5,
+            "true actuation after the reported one",
+            Plausible(0.0, 0.4, "actuators and buses: 0.02 to 0.2 s"),
+        ),
+    ),
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="steer_rate",
     hooks={"INPUT": HOOK},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -17,7 +17,18 @@ EFFECT = Effect(
     lacks="true road-wheel angle differs from the reported one by a constant",
     equation="delta = delta_reported + delta_0",
     source="definition",
-    parameters=(Parameter("offset", "rad", 0.0, 0.01, -0.1, 0.1, "true minus reported angle"),),
+    parameters=(
+        Parameter(
+            "offset",
+            "rad",
+            0.0,
+            0.01,
+            -0.1,
+            0.1,
+            "true minus reported angle",
+            Plausible(-0.06, 0.06, "a zero more than 3.5 deg off is a broken sensor"),
+        ),
+    ),
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="steer",
     hooks={"INPUT": _input},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -17,7 +17,18 @@ EFFECT = Effect(
     lacks="true road-wheel angle differs from the reported one by a factor",
     equation="delta = k delta_reported",
     source="definition",
-    parameters=(Parameter("scale", "1", 1.0, 0.1, 0.3, 3.0, "true over reported angle"),),
+    parameters=(
+        Parameter(
+            "scale",
+            "1",
+            1.0,
+            0.1,
+            0.3,
+            3.0,
+            "true over reported angle",
+            Plausible(0.7, 1.4, "another steering ratio in the same family of cars"),
+        ),
+    ),
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="steer",
     hooks={"INPUT": _input},

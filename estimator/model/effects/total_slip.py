@@ -9,7 +9,7 @@ from __future__ import annotations
 import casadi as ca
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -34,9 +34,36 @@ EFFECT = Effect(
     equation="F_y = F_y0(sigma) alpha / sigma, sigma^2 = alpha^2 + kappa^2, kappa_f = k_f p, kappa_r = k_r (d - d_0)",
     source="Pacejka, Tire and Vehicle Dynamics, ch. 3.3 (similarity of combined slip), eq. 4.E65 (shift S_Hyk)",
     parameters=(
-        Parameter("k_front", "rad", 0.0, 0.3, 0.0, 3.0, "slip of the front axle at full brake"),
-        Parameter("k_rear", "1", 0.0, 0.5, 0.0, 3.0, "slip of the rear axle per unit of drive command"),
-        Parameter("shift", "1", 0.0, 0.02, -0.1, 0.1, "drive command of most lateral force at the rear axle"),
+        Parameter(
+            "k_front",
+            "rad",
+            0.0,
+            0.3,
+            0.0,
+            3.0,
+            "slip of the front axle at full brake",
+            Plausible(0.0, 1.5, "slip at full brake, locked is 1"),
+        ),
+        Parameter(
+            "k_rear",
+            "1",
+            0.0,
+            0.5,
+            0.0,
+            3.0,
+            "slip of the rear axle per unit of drive command",
+            Plausible(0.0, 2.5, "1 where the command is the slip"),
+        ),
+        Parameter(
+            "shift",
+            "1",
+            0.0,
+            0.02,
+            -0.1,
+            0.1,
+            "drive command of most lateral force at the rear axle",
+            Plausible(-0.08, 0.08, "tyres' best slip is a few per cent"),
+        ),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="drive",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect, friction_left
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -18,7 +18,18 @@ EFFECT = Effect(
     lacks="longitudinal force at a given slip falls with lateral force on the same axle",
     equation="F_x = F_x0 sqrt(1 - (k F_y / (D F_z))^2)",
     source="Pacejka, Tire and Vehicle Dynamics, ch. 1.2 (friction ellipse)",
-    parameters=(Parameter("k", "1", 0.0, 0.7, 0.0, 1.5, "share of the friction ellipse that counts; 1: all of it"),),
+    parameters=(
+        Parameter(
+            "k",
+            "1",
+            0.0,
+            0.7,
+            0.0,
+            1.5,
+            "share of the friction ellipse that counts; 1: all of it",
+            Plausible(0.0, 1.4, "friction circle 1; tyres are within half of it"),
+        ),
+    ),
     channels=("ax", "vx_dot"),
     cause="ay",
     hooks={"FORCE": _force},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect, smooth_sign
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -21,7 +21,18 @@ EFFECT = Effect(
     lacks="left and right turns differ (stagger, camber, cross-weight)",
     equation="D_i = D_0,i (1 + k sign(alpha_i))",
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 19 (oval set-up)",
-    parameters=(Parameter("k", "1", 0.0, 0.1, -0.8, 0.8, "half the relative difference of D, left minus right"),),
+    parameters=(
+        Parameter(
+            "k",
+            "1",
+            0.0,
+            0.1,
+            -0.8,
+            0.8,
+            "half the relative difference of D, left minus right",
+            Plausible(-0.4, 0.4, "an oval set-up is less than 20 % apart"),
+        ),
+    ),
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="ay",
     hooks={"GRIP": _grip},

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.model.effects.base import Effect
 from estimator.model.memory import relaxed
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Expr
@@ -42,7 +42,18 @@ EFFECT = Effect(
     lacks="lateral force builds up over a length",
     equation="sigma / v_x d(alpha')/dt + alpha' = alpha",
     source="Pacejka, Tire and Vehicle Dynamics, eq. 7.25",
-    parameters=(Parameter("length", "m", 0.0, 0.4, 0.0, 5.0, "relaxation length sigma"),),
+    parameters=(
+        Parameter(
+            "length",
+            "m",
+            0.0,
+            0.4,
+            0.0,
+            5.0,
+            "relaxation length sigma",
+            Plausible(0.0, 3.0, "half to two wheel circumferences"),
+        ),
+    ),
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="steer_rate",
     hooks={"SLIP": _slip},

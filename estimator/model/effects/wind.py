@@ -9,7 +9,7 @@ from __future__ import annotations
 import casadi as ca
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -32,8 +32,26 @@ EFFECT = Effect(
     equation="F_x = -k (u|u| - v_x|v_x|), u = v_x - w_x; F_y = k_s w_y v_x",
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 3 and 15",
     parameters=(
-        Parameter("x", "m/s", 0.0, 5.0, -30.0, 30.0, "velocity of the air over the ground, map x"),
-        Parameter("y", "m/s", 0.0, 5.0, -30.0, 30.0, "velocity of the air over the ground, map y"),
+        Parameter(
+            "x",
+            "m/s",
+            0.0,
+            5.0,
+            -30.0,
+            30.0,
+            "velocity of the air over the ground, map x",
+            Plausible(-25.0, 25.0, "a gale: nobody drives"),
+        ),
+        Parameter(
+            "y",
+            "m/s",
+            0.0,
+            5.0,
+            -30.0,
+            30.0,
+            "velocity of the air over the ground, map y",
+            Plausible(-25.0, 25.0, "a gale: nobody drives"),
+        ),
         Parameter("k_side", "N s2/m2", 0.0, 0.7, -3.0, 5.0, "side force per forward speed and cross wind"),
     ),
     channels=("ax", "ay", "vx_dot", "vy_dot"),

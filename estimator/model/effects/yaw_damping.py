@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -17,7 +17,18 @@ EFFECT = Effect(
     lacks="moment against yaw (locked or limited-slip axle)",
     equation="M_z = -k omega",
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 5 (yaw damping)",
-    parameters=(Parameter("k", "N m s/rad", 0.0, 2000.0, 0.0, 30000.0, "moment per yaw rate"),),
+    parameters=(
+        Parameter(
+            "k",
+            "N m s/rad",
+            0.0,
+            2000.0,
+            0.0,
+            30000.0,
+            "moment per yaw rate",
+            Plausible(0.0, 20000.0, "a locked axle gives C_x track^2 / (2 v): 10 kN m s/rad at 5 m/s, less at speed"),
+        ),
+    ),
     channels=("yaw_acc",),
     cause="yaw_rate",
     hooks={"BODY": _body},

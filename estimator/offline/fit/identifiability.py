@@ -49,7 +49,7 @@ class Identifiability:
     """Criteria of the scaled Fisher information of the tyre parameters, and conclusions.
 
     `identifiable` per parameter; `statements` in words, weakest combination first; `data_std` relative standard
-    deviation of each parameter from the data alone, without the prior.
+    deviation of each parameter from the data alone, without the prior; `stiffness_std` that of B C D of each axle.
     """
 
     trace: float
@@ -61,6 +61,7 @@ class Identifiability:
     identifiable: dict[str, bool]
     statements: tuple[str, ...]
     axles: tuple[Axle, ...]
+    stiffness_std: dict[str, float]
 
 
 def analyse(fit: Fit, samples: Samples, vehicle: Vehicle, layout: Layout) -> Identifiability:
@@ -86,6 +87,7 @@ def analyse(fit: Fit, samples: Samples, vehicle: Vehicle, layout: Layout) -> Ide
         identifiable=identifiable,
         statements=(*_of_drive(fit, identifiable), *_in_words(identifiable, known_product, axles), *_at_bounds(fit)),
         axles=axles,
+        stiffness_std=known_product,
     )
 
 

@@ -62,6 +62,16 @@ class Normal:
         """(p,) step to the minimum of the quadratic."""
         return _solve(self.precision(variance), self.pull(variance))
 
+    def estimates_of_parts(self, variance: Array, parts: list[Ints]) -> list[tuple[Array, Array]]:
+        """For each list of laps the step (p,) that its data alone would take, and the covariance (p, p) of that."""
+        found = []
+        for own in parts:
+            data = np.einsum("clij,c->ij", self.hessian[:, own], 1 / variance, optimize=True)
+            pull = np.einsum("cli,c->i", self.gradient[:, own], 1 / variance)
+            precision = data + self.prior
+            found.append((_solve(precision, pull + self.prior_pull), np.linalg.pinv(precision, hermitian=True)))
+        return found
+
     def squares_after(self, step: Array, lap: int | None = None) -> Array:
         """(5, laps) or (5,) squares after `step`, by the quadratic."""
         which = slice(None) if lap is None else slice(lap, lap + 1)

@@ -80,7 +80,7 @@ def _bars(axes: Any, groups: Mapping[str, Mapping[str, float]], floor: bool) -> 
 
 def _causes(report: Report, diagnosis: Diagnosis, summary: dict[str, Any]) -> None:
     drawn = [(e["name"], e["channels"][0], catalogue()[e["name"]].cause) for e in summary["effects"]]
-    drawn += [(u["term"], u["channel"], u["signal"]) for u in summary["unexplained"][:2]]
+    drawn += [(u.get("term", u["channel"]), u["channel"], u["signal"]) for u in summary["unexplained"][:2]]
     if not drawn:
         return
     report.section("The residual and its cause", "Mean residual on the test laps, in bins of the signal it depends on.")
@@ -177,7 +177,7 @@ def _equation(report: Report, summary: dict[str, Any]) -> None:
         effect = catalogue()[entry["name"]]
         numbers = ", ".join(parameter_words(n, p) for n, p in entry["parameters"].items())
         lines.append(f"{effect.name}: {effect.equation}, with {numbers}. Source: {effect.source}.")
-    lines.extend(f"empirical: {u['description']} ({u['term']})" for u in summary["unexplained"])
+    lines.extend(f"empirical: {u['description']} ({u['term']})" for u in summary["unexplained"] if u["empirical"])
     report.items(lines or ["nothing"])
     rows = [
         [name, figure(float(v["value"]), digits=5), figure(float(v["std"]), digits=2), v["unit"]]

@@ -9,15 +9,17 @@ from typing import Any
 import numpy as np
 
 from estimator.belief.revision import revision_id
+from estimator.model.declared_vehicle import DECLARED
 from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis, alternatives
 from estimator.offline.fit.prediction_error import evaluate
 from estimator.offline.predict.places import PLACES
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.input_timing import SAMPLED
-from estimator.offline.report.words import CHANNEL_NAMES, NAMES, describe, follows_turn_direction
+from estimator.offline.report.words import CHANNEL_NAMES, NAMES, describe, follows_turn_direction, span_words
 from estimator.offline.result.diagnosis_score import HORIZON_S, rmse
 from estimator.offline.result.handover import tempered
+from estimator.offline.result.leftover import Leftover
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision, Provenance
@@ -35,13 +37,16 @@ SMALLEST_CHANNEL_SHARE = 0.1
 
 
 def standard_deviations(diagnosis: Diagnosis) -> Array:
-    """(p,) of the final parameters: the larger of the ideal and the one robust to correlation within windows."""
+    """(p,) of the final parameters: the largest of the ideal, and those robust to correlation within 2 s and 30 s."""
     fit = diagnosis.fit
     covariance = fit.covariance
     at = evaluate(fit.predictor, fit.parameters, fit.noise)
     scores = np.einsum("cpwb,cwb->pw", at.sensitivity, at.error / fit.normal.variance[:, None, None], optimize=True)
-    robust = covariance @ (scores @ scores.T) @ covariance
-    variance = np.maximum(np.diag(covariance), np.diag(robust))
+    slow = np.einsum("clp,c->pl", fit.normal.gradient, 1.0 / fit.normal.variance)
+    stretches = slow.shape[1]
+    variance = np.diag(covariance).copy()
+    for outer in (scores @ scores.T, slow @ slow.T * stretches / max(stretches - 1, 1)):
+        variance = np.maximum(variance, np.diag(covariance @ outer @ covariance))
     for block in fit.predictor.blocks:
         if block.effect.name in SAMPLED:
             variance[block.parameters] += diagnosis.record.step**2 / 12  # when within a sample the log was written
@@ -70,7 +75,9 @@ def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
                 "alternatives": _alternatives(diagnosis, name),
             }
             for name in diagnosis.accepted
+            if name not in DECLARED
         ],
+        "vehicle": _vehicle(diagnosis, std),
         "unexplained": unexplained(diagnosis),
         "tyre": tyre(diagnosis, std),
         "revision": revision,
@@ -188,7 +195,36 @@ def unexplained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
                     "description": f"{CHANNEL_NAMES[channel]}: {what}; acts at {where}",
                     "empirical": True, "term": term.effect.name, "alternatives": _other_causes(diagnosis, term),
                 })  # fmt: skip
-    return sorted(entries, key=lambda e: -float(e["share_of_residual"]))
+    named = {e["channel"] for e in entries}
+    entries += [_left(left) for left in diagnosis.leftover if left.channel not in named]
+    return sorted(entries, key=lambda e: (not e["empirical"], -float(e["share_of_residual"])))
+
+
+def _left(left: Leftover) -> dict[str, Any]:
+    """A channel whose residual is more than noise, though no term earned its place."""
+    where = span_words(left.signal, left.spans, *left.reach)
+    laps = " in the scored laps only" if left.only_scored else ""
+    size = f"{left.ratio:.2g} times the noise is left{laps}"
+    return {
+        "channel": left.channel, "signal": left.signal, "share_of_residual": round(left.share, 4),
+        "description": f"{CHANNEL_NAMES[left.channel]}: {size}, most at {where}",
+        "empirical": False, "spans": [list(span) for span in left.spans], "alternatives": [],
+    }  # fmt: skip
+
+
+def _vehicle(diagnosis: Diagnosis, std: Array) -> list[dict[str, Any]]:
+    """Declared vehicle data that were found wrong."""
+    blocks = {b.effect.name: b for b in diagnosis.fit.predictor.blocks}
+    car, out = diagnosis.record.vehicle, []
+    for name in (n for n in diagnosis.accepted if n in DECLARED):
+        datum, rows = DECLARED[name], blocks[name].parameters
+        value, error = float(diagnosis.fit.parameters[rows][0]), float(std[rows][0])
+        found = datum.found(car, value)
+        out.append({
+            "name": datum.name, "declared": getattr(car, datum.name), "found": found,
+            "std": abs(datum.found(car, value + error) - found), "unit": datum.unit,
+        })  # fmt: skip
+    return out
 
 
 def _other_causes(diagnosis: Diagnosis, term: Term) -> list[dict[str, float | str]]:
@@ -211,7 +247,7 @@ def as_revision(diagnosis: Diagnosis, layout: str, sessions: tuple[str, ...]) ->
             profile=tuple(float(v) for v in told.parameters[b.parameters]) if b.effect.profile else (),
         )
         for b in told.predictor.blocks
-        if b.effect.name in diagnosis.accepted
+        if b.effect.name in diagnosis.accepted and b.effect.name not in DECLARED
     )
     covariance = told.covariance[:size, :size]
     after = rmse(diagnosis.record, diagnosis.test_rows, chosen.model, told.parameters)

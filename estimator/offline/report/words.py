@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ def describe(basis: Basis, values: Array, coefficients: Array) -> str:
     active = np.abs(term - rest) > 0.5 * np.max(np.abs(term - rest))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
     spans = [(at[a], at[min(b, len(at)) - 1]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return _span_words(basis.signal, spans[:3], float(low), float(high))
+    return span_words(basis.signal, spans[:3], float(low), float(high))
 
 
 def _turns(basis: Basis, coefficients: Array) -> str:
@@ -85,7 +86,8 @@ def _within(group: Array, values: Array) -> float:
     )
 
 
-def _span_words(signal: str, spans: list[tuple[float, float]], low: float, high: float) -> str:
+def span_words(signal: str, spans: Sequence[tuple[float, float]], low: float, high: float) -> str:
+    """'track position between 300 and 450 m': the spans of a signal that reaches from `low` to `high`."""
     unit, name = UNITS.get(signal, ""), NAMES.get(signal, signal)
     tolerance = 0.01 * (high - low)
     parts = []
@@ -117,9 +119,15 @@ def verdict_sentence(summary: dict[str, Any]) -> str:
     ]
     if summary["verdict"] == "none":
         return "The declared model, re-identified, explains this session down to its sensor noise: nothing is missing."
+    wrong = [
+        f"Declared {v['name']} {figure(v['declared'])}, found {figure(v['found'])} ± {figure(v['std'], digits=2)}."
+        for v in summary["vehicle"]
+    ]
     if summary["verdict"] == "effect":
         lacks = "; ".join(catalogue()[e["name"]].lacks for e in summary["effects"])
-        return f"The declared model lacks {' and '.join(found)}: {lacks}."
+        return " ".join([*([f"The declared model lacks {' and '.join(found)}: {lacks}."] if found else []), *wrong])
     first = summary["unexplained"][0]
+    if not first["empirical"]:
+        return f"Not explained: {first['description']}.{' Found: ' + ', '.join(found) + '.' if found else ''}"
     beside = f" Beside it: {', '.join(found)}." if found else ""
     return f"Something outside the catalogue acts on {first['description']}.{beside}"

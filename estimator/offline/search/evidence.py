@@ -29,13 +29,19 @@ class Evidence:
 
     @property
     def consistent(self) -> bool:
-        """Whether the gain per stretch is positive beyond its scatter."""
-        return self._significant(SIGNIFICANCE)
+        """Whether the gain per stretch is positive beyond its scatter, and in either half of the time."""
+        return self._significant(SIGNIFICANCE) and self.in_both_halves
 
     @property
     def still_consistent(self) -> bool:
         """The same for what was accepted before: easier to stay than to enter, or the search would waver."""
-        return self._significant(SIGNIFICANCE_TO_STAY)
+        return self._significant(SIGNIFICANCE_TO_STAY) and self.in_both_halves
+
+    @property
+    def in_both_halves(self) -> bool:
+        """Whether neither half of the stretches loses what the other gains."""
+        middle = len(self.laps) // 2
+        return middle == 0 or bool(self.laps[:middle].sum() > 0 and self.laps[middle:].sum() > 0)
 
     def _significant(self, errors: float) -> bool:
         spread = self.laps.std(ddof=1) / np.sqrt(len(self.laps)) if len(self.laps) > 1 else 0.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.model.effects import catalogue
+from estimator.model.declared_vehicle import all_candidates
 from estimator.model.effects.base import Effect
 from estimator.offline.fit.prediction_error import Fit, normal_at
 from estimator.offline.predict.predict import Predictor
@@ -26,7 +26,7 @@ def candidates(record: Record, accepted: Sequence[str]) -> list[Effect]:
     """Effects that can be tried: their signals are there, and what they build on is active."""
     signals = available(record)
     return [
-        e for e in catalogue().values()
+        e for e in all_candidates().values()
         if e.name not in accepted and set(e.needs) <= signals
         and (not e.requires_any or set(e.requires_any) & set(accepted))
     ]  # fmt: skip

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.offline.fit.prediction_error import Fit
-from estimator.offline.record.input_timing import SAMPLED
 from estimator.offline.search.evidence import Evidence, compare
+from estimator.offline.search.plausible import believed
 from estimator.offline.search.screening import screen
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from estimator.offline.search.whiteness import structured
@@ -40,9 +40,15 @@ FITTED, PROMISING = 4, 0.25
 
 @dataclass(frozen=True)
 class Search:
-    """Result of a search: the accepted fit, every round's trials, the gain of each accepted effect given the rest."""
+    """Result of a search.
+
+    Attributes:
+        base: the declared model; start: with the road that kinematics show; final: with all that is accepted.
+        rounds: every round's trials; gains: of each accepted effect given the rest.
+    """
 
     base: Fit
+    start: Fit
     final: Fit
     accepted: tuple[str, ...]
     rounds: tuple[tuple[Trial, ...], ...]
@@ -66,12 +72,13 @@ def search(
     if accepted:
         current, first = _with_road(setting, base, accepted, progress)
         rounds.append(first)
+    start = current
     gains: dict[str, Evidence] = {}
     unsure, sure = 0, (accepted, current, gains)
     while len(accepted) < MAX_EFFECTS and (not accepted or structured(current, WHITE)):
         trials = _round(setting, accepted, current, progress)
         rounds.append(tuple(trials))
-        total = compare(base.held_out(), current.held_out(), base.normal.count).gain
+        total = compare(start.held_out(), current.held_out(), base.normal.count).gain
         chosen = [t for t in trials if _can_be_accepted(t, setting, total)]
         if chosen:
             unsure = 0
@@ -89,14 +96,14 @@ def search(
         if set(accepted) <= before:
             base = base if accepted else current  # the way there and back may have led the declared model further
             break
-        if len(accepted) >= ASKED_FROM and enough(base, current):
+        if len(accepted) >= ASKED_FROM and enough(start, current):
             break
     if unsure:
         accepted, current, gains = sure
     if accepted and not gains:
         accepted, current, gains = _recheck(setting, accepted, current, progress)
     ordered = tuple(sorted(accepted, key=lambda n: -gains[n].gain))
-    return Search(base, current, ordered, tuple(rounds), {n: gains[n] for n in ordered})
+    return Search(base, start, current, ordered, tuple(rounds), {n: gains[n] for n in ordered})
 
 
 def _with_road(
@@ -111,7 +118,7 @@ def _with_road(
 
 def _tentative(trials: Sequence[Trial], setting: Setting, total: float) -> list[Trial]:
     """The trial that gains most, though not on all stretches: another effect may hide it."""
-    fitted = [t for t in trials if t.fit is not None and not within_a_sample(t.fit, t.name)]
+    fitted = [t for t in trials if t.fit is not None and believed(t.fit, t.name)]
     return [t for t in fitted if worth_a_name(t.evidence, setting, total)][:1]
 
 
@@ -163,19 +170,9 @@ def gains_of(
 
 
 def _can_be_accepted(trial: Trial, setting: Setting, total: float) -> bool:
-    if trial.fit is None or within_a_sample(trial.fit, trial.name):
+    if trial.fit is None or not believed(trial.fit, trial.name):
         return False
     return earns_its_place(trial.evidence, setting, total)
-
-
-def within_a_sample(fit: Fit, name: str) -> bool:
-    """Whether `name` is a lag so short that the sampling of the log explains it; a length counts at the mean speed."""
-    block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    if name not in (*SAMPLED, "tyre_relaxation"):
-        return False
-    record = fit.predictor.record
-    speed = float(record.signals["vx"][record.rows].mean()) if block.effect.parameters[0].unit == "m" else 1.0
-    return abs(float(fit.parameters[block.parameters][0])) < record.step * speed
 
 
 def earns_its_place(evidence: Evidence, setting: Setting, total: float) -> bool:
@@ -201,7 +198,7 @@ def _recheck(
     current = current or fit_names(setting, accepted, None)
     while True:
         gains = gains_of(setting, accepted, current, progress)
-        weak = [n for n in accepted if not _stays(gains[n], setting) or within_a_sample(current, n)]
+        weak = [n for n in accepted if not _stays(gains[n], setting) or not believed(current, n)]
         if not weak:
             return accepted, current, gains
         worst = min(weak, key=lambda n: gains[n].gain)

@@ -15,6 +15,7 @@ from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.record import Record
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.evidence import Evidence, compare
+from estimator.offline.search.plausible import believed
 from estimator.offline.search.search import Search, earns_its_place, gains_of, search
 from estimator.offline.search.trial import Setting, fit_names
 from estimator.offline.search.whiteness import structured
@@ -83,7 +84,7 @@ class Rival:
         if not structured(current, WHITE_FOR_TERMS):
             return 0.0
         if not self.trials:
-            self.trials = search_terms(self.setting, (), base, self.progress)
+            self.trials = search_terms(self.setting, tuple(sorted(self.setting.record.road)), base, self.progress)
         best = self.trials[0]
         if best.fit is None or not _earns_its_place(best.evidence, self.setting.record, 0.0):
             return 0.0
@@ -97,14 +98,14 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
     """
     terms: list[Term] = []
     tried: list[Term] = []
-    if rival.suffices(found.base, found.final):
+    if rival.suffices(found.start, found.final):
         terms, tried = rival.trials[:1], rival.trials[:SHOWN]
         setting, found = _on_top(terms[0], setting, found, progress)
     gains, current = dict(found.gains), found.final
     while len(terms) < MAX_TERMS and structured(current, WHITE_FOR_TERMS):
         trials = search_terms(setting, tuple(gains), current, progress)
         tried.extend(trials[:SHOWN])
-        best, total = trials[0], _total_gain(found.base, current)
+        best, total = trials[0], _total_gain(found.start, current)
         if best.fit is None or not _earns_its_place(best.evidence, setting.record, total):
             break
         if terms and best.evidence.gain < SECOND_TERM_SHARE * terms[0].evidence.gain:
@@ -123,9 +124,11 @@ def _on_top(term: Term, setting: Setting, found: Search, progress: Progress) -> 
     assert term.fit is not None
     setting = term.added_to(setting)
     if not structured(term.fit, WHITE_FOR_TERMS):
-        return setting, Search(found.base, term.fit, (), found.rounds, {})
+        road = tuple(sorted(setting.record.road))
+        gains = gains_of(setting, road, term.fit, progress)
+        return setting, Search(found.base, found.start, term.fit, road, found.rounds, gains)
     on_top = search(setting, progress, term.fit)
-    return setting, replace(on_top, base=found.base, rounds=(*found.rounds, *on_top.rounds))
+    return setting, replace(on_top, base=found.base, start=found.start, rounds=(*found.rounds, *on_top.rounds))
 
 
 def _total_gain(base: Fit, current: Fit) -> float:
@@ -144,7 +147,8 @@ def _drop_stand_ins(
     kept = list(names)
     while True:
         gains = gains_of(setting, kept, fit, progress, ", with the empirical term")
-        weak = [n for n in kept if not (gains[n].gain > 1.0 if n in own else earns_its_place(gains[n], setting, 0.0))]
+        earning = [gains[n].gain > 1.0 if n in own else earns_its_place(gains[n], setting, 0.0) for n in kept]
+        weak = [n for n, earns in zip(kept, earning, strict=True) if not earns or not believed(fit, n)]
         if not weak:
             return gains, fit
         kept.remove(min(weak, key=lambda n: gains[n].gain))

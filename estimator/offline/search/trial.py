@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.model.basis import Basis
-from estimator.model.effects import catalogue
+from estimator.model.declared_vehicle import all_candidates
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
@@ -59,7 +59,7 @@ class Setting:
 
     def model(self, names: Sequence[str]) -> SingleTrack:
         """The model with the named effects."""
-        effects = tuple(e for e in catalogue().values() if e.name in names)
+        effects = tuple(e for e in all_candidates().values() if e.name in names)
         sampling = sampling_effects(self.record.step, frozenset(names))
         return SingleTrack(
             self.record.vehicle, self.layout, effects + self.extra + sampling + road_load(names), self.prior

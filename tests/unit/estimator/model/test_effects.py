@@ -24,7 +24,7 @@ IDS = {
     "load_sensitivity", "combined_slip", "drive_saturation", "front_brake", "engine_braking", "steer_offset",
     "steer_scale", "steer_delay", "drive_delay", "tyre_relaxation", "grip_drift", "imu_misalignment",
     "imu_lever_arm", "imu_bias", "speed_scale", "wind", "yaw_damping", "turn_asymmetry",
-    "brake_pressure", "traction_loss", "total_slip",
+    "brake_pressure", "traction_loss", "traction_load", "total_slip",
 }  # fmt: skip
 MIRROR_BREAKING = {
     "steer_offset", "imu_misalignment", "imu_lever_arm", "imu_bias", "wind", "turn_asymmetry", "road_bank",
@@ -67,9 +67,9 @@ def predict(effect: Effect | None, parameters: tuple[float, ...] = (), **signals
     return dict(zip(CHANNELS, (float(value) for value in terms.channels()), strict=True))
 
 
-BESIDE = {"load_sensitivity": (("load_transfer", 0.3),)}
+BESIDE = {"load_sensitivity": (("load_transfer", 0.3),), "traction_load": (("load_transfer", 0.3),)}
 """effects (with one parameter) without which another does not show: loads must move"""
-VISIBLE = {"load_sensitivity": (0.3,)}
+VISIBLE = {"load_sensitivity": (0.3,), "traction_load": (1.0,)}
 """a size that shows, where the start of a fit is the neutral value"""
 PAST = {"tyre_relaxation": {"relaxation_f": -0.004, "relaxation_r": -0.003}}
 """what an effect with memory adds to the slip angles in the middle of turning in, when they grow"""

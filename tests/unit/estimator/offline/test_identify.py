@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,11 @@ from typer.testing import CliRunner
 
 from estimator.cli.identify import app
 from estimator.drive_log.table import DriveLog, read_logs
+from estimator.model.tyre import AXLES, normalised_force
 from estimator.offline.identification import Identification, Options, identify, score_log
 from estimator.offline.record.declared import read_tyre_prior, read_vehicle
+from estimator.offline.report.plots import curve_band
+from estimator.offline.result.tyre_export import exported
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 
@@ -34,11 +38,55 @@ def test_json_and_report_hold_what_the_format_promises(log_file: Path, tmp_path:
     assert promised <= set(summary)
     assert summary["rmse"]["ay"]["final"] < summary["rmse"]["ay"]["initial"]
     assert set(summary["final"]) == set(TYRE)
-    assert json.loads((tmp_path / "tyre.json").read_text()) == summary["final"]
+    assert json.loads((tmp_path / "tyre.json").read_text()) == summary["exported"]
     page = (tmp_path / "report.html").read_text()
     assert page.count("<figure>") >= 4
     for source in ('src="http', "url(http", "<script src", '<link rel="stylesheet"'):
         assert source not in page
+
+
+@pytest.fixture(scope="module")
+def identified() -> Identification:
+    """An identification of a minute's drive."""
+    columns = simulate([TYRE], 60.0, seed=33)[0].columns
+    log = DriveLog(dict(columns), np.zeros(len(columns["t"]), np.int64))
+    return identify(log, Vehicle(), TYRE, Options(method="batch"))
+
+
+def test_what_the_data_does_not_determine_stays_at_the_prior_in_the_export(identified: Identification) -> None:
+    known = identified.identifiability
+    doubtful = replace(known, identifiable=dict.fromkeys(known.identifiable, False))
+    values = exported(
+        replace(identified, identifiability=replace(doubtful, stiffness_std={"front": 0.05, "rear": 1.0}))
+    )
+    final, prior = identified.final, identified.initial
+    assert values["cx"] == prior["cx"]
+    assert (values["cf"], values["df"]) == (prior["cf"], prior["df"])
+    assert values["bf"] * values["cf"] * values["df"] == pytest.approx(final["bf"] * final["cf"] * final["df"])
+    assert [values[n] for n in ("br", "cr", "dr")] == [prior[n] for n in ("br", "cr", "dr")]
+
+
+def test_a_curve_no_tyre_has_is_not_exported(identified: Identification) -> None:
+    known = replace(identified.identifiability, identifiable=dict.fromkeys(identified.initial, True))
+    strange = replace(
+        identified.fit, theta=np.array([{**identified.fit.values, "cf": 2.4}[n] for n in identified.fit.names])
+    )
+    values = exported(replace(identified, identifiability=known, fit=strange))
+    assert values["cf"] == identified.initial["cf"]
+    assert values["cr"] == identified.final["cr"]
+
+
+def test_band_of_the_tyre_curve_holds_the_curve_and_covers_draws_of_the_fit(identified: Identification) -> None:
+    fit, axle = identified.fit, AXLES["per_axle"][0]
+    rows, slips = list(axle.rows(fit.names)), np.linspace(-0.06, 0.06, 25)
+    covariance = 0.01**2 * np.diag(fit.theta**2)
+    low, high = curve_band(replace(fit, covariance=covariance), axle, slips)
+    curve = normalised_force(slips, *fit.theta[rows])
+    assert np.all((low <= curve) & (curve <= high))
+    draws = np.random.default_rng(1).multivariate_normal(fit.theta[rows], covariance[np.ix_(rows, rows)], 4000)
+    inside = [(low <= f) & (f <= high) for f in (normalised_force(slips, *d) for d in draws)]
+    covered = np.mean(inside, axis=0)[slips != 0.0]
+    assert np.all((covered > 0.93) & (covered < 0.97)), covered
 
 
 def test_shared_layout_takes_a_prior_per_axle(log_file: Path, tmp_path: Path) -> None:

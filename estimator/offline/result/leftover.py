@@ -1,0 +1,118 @@
+"""What the final model leaves beyond noise: in which channel, depending on what, and where or when.
+
+Looked for on the laps learnt from and on the laps scored: what acts in the last laps only is a finding as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.model.single_track import CHANNELS, SingleTrack
+from estimator.offline.record.record import Record
+from estimator.offline.result.diagnosis_score import channel_residuals
+from estimator.offline.search.empirical import explanatory
+from hil_gateway.process.arrays import Array, Ints
+
+BEYOND_NOISE = 1.25
+"""RMS over the noise floor: 56 % more variance than noise; the true model stays within 3 % on practice drives."""
+AVERAGED_S = 0.2
+"""Residuals are averaged so long before anything is sought in them: noise that is white falls, structure stays."""
+BINS = 40
+"""of each signal, with equally many samples; over time of equal length"""
+EXPLAINS = 0.15
+"""Share of the averages' variance that a signal must explain to be named; below, track position or time say where."""
+ACTIVE = 0.5
+"""Share of the strongest bin's mean square from which on a bin counts."""
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """A channel's residual beyond noise.
+
+    Attributes:
+        channel: of `CHANNELS`; ratio: RMS over the noise floor, on the laps learnt from or scored, the larger.
+        only_scored: whether only the scored laps show it.
+        signal: what the residual depends on; spans: (from, to) of that signal where it is strongest.
+        reach: smallest and largest value of the signal.
+    """
+
+    channel: str
+    ratio: float
+    only_scored: bool
+    signal: str
+    spans: tuple[tuple[float, float], ...]
+    reach: tuple[float, float]
+
+    @property
+    def share(self) -> float:
+        """Of the squared residual that is not noise."""
+        return 1.0 - 1.0 / self.ratio**2
+
+
+def leftovers(
+    record: Record, test_rows: Ints, model: SingleTrack, parameters: Array, floor: Mapping[str, float]
+) -> tuple[Leftover, ...]:
+    """Channels measured by a sensor of their own whose residual exceeds noise, strongest first."""
+    rows = np.sort(record.rows.ravel())
+    residuals = channel_residuals(record, rows, model, parameters)
+    found = []
+    for c, channel in enumerate(CHANNELS):
+        at, residual = residuals[channel]
+        scored = np.isin(at, test_rows)
+        known, new = (float(np.sqrt(np.mean(residual[part] ** 2))) / floor[channel] for part in (~scored, scored))
+        if record.used[c] and max(known, new) > BEYOND_NOISE:
+            only_scored = known <= BEYOND_NOISE
+            part = scored if only_scored else np.ones_like(scored)
+            where = _where(record, at[part], residual[part])
+            found.append(Leftover(channel, max(known, new), only_scored, *where))
+    return tuple(sorted(found, key=lambda left: -left.ratio))
+
+
+def _where(
+    record: Record, rows: Ints, residual: Array
+) -> tuple[str, tuple[tuple[float, float], ...], tuple[float, float]]:
+    """Signal that explains most of the averaged residual, the spans where it is strongest, and the signal's reach."""
+    size = max(1, round(AVERAGED_S / record.step))
+    count = len(rows) // size * size
+    mean = residual[:count].reshape(-1, size).mean(axis=1)
+    middle = rows[:count].reshape(-1, size)[:, size // 2]
+    groups = {n: _groups(record.signals[n][middle], n) for n in explanatory(record)}
+    shares = {n: _explained(mean, g) for n, g in groups.items()}
+    signal = max(shares, key=lambda n: shares[n])
+    if shares[signal] < EXPLAINS:
+        signal = max((n for n in ("track_position", "t") if n in groups), key=lambda n: _explained(mean**2, groups[n]))
+    values = record.signals[signal][middle]
+    return signal, _spans(values, groups[signal], mean**2), (float(values.min()), float(values.max()))
+
+
+def _groups(values: Array, signal: str) -> Ints:
+    """(n,) number of the bin of each value."""
+    if signal == "t":
+        edges = np.linspace(values.min(), values.max(), BINS + 1)[1:-1]
+    else:
+        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BINS + 1)[1:-1]))
+    return np.searchsorted(edges, values).astype(np.int64)
+
+
+def _explained(values: Array, group: Ints) -> float:
+    """Share of the variance between groups, less what chance gives so many groups."""
+    count = np.bincount(group)
+    sums, squares = np.bincount(group, values), np.bincount(group, values**2)
+    within = float(np.sum(squares - sums**2 / np.maximum(count, 1)))
+    free = max(len(values) - int(np.count_nonzero(count)), 1)
+    return 1.0 - within / free / max(float(values.var(ddof=1)), 1e-300)
+
+
+def _spans(values: Array, group: Ints, square: Array) -> tuple[tuple[float, float], ...]:
+    """Runs of neighbouring bins whose mean square is near the largest, at most three, strongest first."""
+    numbers = np.unique(group)
+    size = np.array([square[group == g].mean() for g in numbers])
+    active = np.concatenate([[0], (size > ACTIVE * size.max()).astype(int), [0]])
+    edges = np.flatnonzero(np.diff(active))
+    pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    runs = sorted(pairs, key=lambda run: -float(size[run[0] : run[1]].sum()))
+    inside = [values[(group >= numbers[a]) & (group <= numbers[b - 1])] for a, b in runs[:3]]
+    return tuple((float(v.min()), float(v.max())) for v in inside)

@@ -1,0 +1,46 @@
+"""What an identification hands on as knowledge of the tyres: only what its data determined.
+
+An axle whose B, C and D cannot be told apart keeps the prior's shape and peak, with the cornering stiffness that was
+found where that is known; else it stays at the prior. So a curve is never handed on beyond what supports it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from estimator.model.tyre import AXLES, TyreAxle, slip_at_peak
+from estimator.offline.fit.identifiability import KNOWN_TO
+from estimator.offline.identification import Identification
+
+LARGEST_C = 2.0
+"""Above, the force of Eq. (2) changes sign at large slip: no tyre does (Pacejka, Tire and Vehicle Dynamics, ch. 4)."""
+LEAST_PEAK_SLIP = math.radians(2.0)
+"""Race tyres on asphalt have their peak at 3 to 8 deg; one below 2 deg is a fit to something else."""
+
+
+def exported(result: Identification) -> dict[str, float]:
+    """Tyre parameters of `result` as far as its data determined them, else the prior's."""
+    known = result.identifiability.identifiable
+    values = {"cx": result.final["cx"] if known["cx"] else result.initial["cx"]}
+    for axle in AXLES[result.options.layout]:
+        values |= dict(zip(axle.parameters, _curve(result, axle), strict=True))
+    return values
+
+
+def usable_slip(result: Identification) -> dict[str, float]:
+    """Slip angle, rad, up to which each axle's exported curve rests on data (99th percentile of the log)."""
+    return {axle.name: axle.slip_99 for axle in result.identifiability.axles}
+
+
+def _curve(result: Identification, axle: TyreAxle) -> tuple[float, ...]:
+    found, prior = axle.of(result.final), axle.of(result.initial)
+    if all(result.identifiability.identifiable[name] for name in axle.parameters) and _tyre_like(found):
+        return found
+    if result.identifiability.stiffness_std[axle.name] > KNOWN_TO:
+        return prior
+    return math.prod(found) / math.prod(prior[1:]), *prior[1:]
+
+
+def _tyre_like(curve: tuple[float, ...]) -> bool:
+    B, C, _ = curve
+    return C <= LARGEST_C and slip_at_peak(B, C) >= LEAST_PEAK_SLIP

@@ -1,0 +1,74 @@
+"""What a fit may be believed: sizes in a plausible range, off the bounds, and larger than the data's uncertainty.
+
+Anything else is no finding, whatever it gains: it stands in for something else, and that is left unexplained.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.model.parameters import Parameter
+from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.predict.predict import Block
+from estimator.offline.record.input_timing import SAMPLED
+
+LEAST_ERRORS = 3.0
+"""Standard errors that one parameter at least must be off its neutral value: 99.7 % of a normal distribution."""
+CONTRADICTED = 4.0
+"""Standard errors, and the whole size of it, that two halves of the data may differ: more, and one denies the other."""
+LEAST_STRETCHES = 4
+"""of 30 s, for halves to be compared"""
+ON_BOUND = 1e-3
+"""Share of a parameter's range within which it is on its bound."""
+
+
+def believed(fit: Fit, name: str) -> bool:
+    """Whether an effect is more than the log's sampling, physically possible, there, and alike in both halves."""
+    block = next(b for b in fit.predictor.blocks if b.effect.name == name)
+    return not _within_a_sample(fit, block) and _possible(fit, block) and _there(fit, block) and _agrees(fit, block)
+
+
+def _within_a_sample(fit: Fit, block: Block) -> bool:
+    """Whether it is a lag so short that the sampling of the log explains it; a length counts at the mean speed."""
+    if block.effect.name not in (*SAMPLED, "tyre_relaxation"):
+        return False
+    record = fit.predictor.record
+    speed = float(record.signals["vx"][record.rows].mean()) if block.effect.parameters[0].unit == "m" else 1.0
+    return abs(float(fit.parameters[block.parameters][0])) < record.step * speed
+
+
+def _possible(fit: Fit, block: Block) -> bool:
+    """Whether every parameter lies in its plausible range, and off its bounds unless a bound is the neutral value."""
+    for p, value in zip(_table(fit, block), fit.parameters[block.parameters], strict=True):
+        if p.plausible is not None and not p.plausible.lower <= value <= p.plausible.upper and value != p.prior:
+            return False
+        edge = ON_BOUND * (p.upper - p.lower)
+        if any(abs(value - bound) < edge and bound != p.prior for bound in (p.lower, p.upper)):
+            return False
+    return True
+
+
+def _there(fit: Fit, block: Block) -> bool:
+    """Whether a parameter is off its neutral value beyond its error; a profile: its largest coefficient."""
+    rows = block.parameters
+    off = np.abs(fit.parameters[rows] - np.array([p.prior for p in _table(fit, block)]))
+    errors = np.sqrt(np.maximum(np.diag(fit.covariance)[rows], 0.0))
+    return bool(np.any(off > LEAST_ERRORS * np.maximum(errors, np.finfo(float).tiny)))
+
+
+def _agrees(fit: Fit, block: Block) -> bool:
+    """Whether two halves of the data find the same: profiles are compared by their evidence alone."""
+    laps = fit.normal.squares.shape[1]
+    if block.effect.profile or laps < LEAST_STRETCHES:
+        return True
+    halves = np.array_split(np.arange(laps), 2)
+    (first, its), (second, others) = fit.normal.estimates_of_parts(fit.normal.variance, halves)
+    rows = block.parameters
+    off = np.abs(fit.parameters[rows] - np.array([p.prior for p in _table(fit, block)]))
+    apart = np.abs(first - second)[rows]
+    error = np.sqrt(np.maximum(np.diag(its + others)[rows], 0.0))
+    return bool(np.any(apart <= np.maximum(CONTRADICTED * error, off)))
+
+
+def _table(fit: Fit, block: Block) -> tuple[Parameter, ...]:
+    return fit.predictor.table[block.parameters]
