@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-from hil_gateway.process.figures import print_json
-
 LOOPBACK = "127.0.0.1"
 AsJson = Annotated[bool, typer.Option("--json", help="one JSON object on standard output")]
 TrackFile = Annotated[str, typer.Option("--track", help="track file or name (default: the one it was recorded on)")]
