@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+
+from hil_gateway.process.figures import figure, print_json
 
 LOOPBACK = "127.0.0.1"
 AsJson = Annotated[bool, typer.Option("--json", help="one JSON object on standard output")]
@@ -30,3 +32,32 @@ def view(
     recording = Recording(file, course, config)
     typer.echo(f"http://{LOOPBACK}:{listener.getsockname()[1]}/  (Ctrl-C ends)", err=True)
     serve(create_app(recording, course, config), listener)
+
+
+def list_(
+    folder: Annotated[Path, typer.Argument(help="folder of recordings")],
+    as_json: AsJson = False,
+) -> None:
+    """One line a session of a folder: start, track, laps, best lap, stops, effects. An index makes it quick."""
+    from hil_gateway.session.catalogue import catalogue
+
+    found = catalogue(folder, lambda text: typer.echo(text, err=True))
+    if found.not_stored:
+        typer.echo(f"hil: {found.not_stored}", err=True)
+    if as_json:
+        print_json({"sessions": found.entries, "read": found.read})
+        return
+    width = max((len(row["file"]) for row in found.entries), default=4)
+    print(f"{'file':{width}}  {'started':20}  {'track':14}  laps       best  stops, effects")
+    for row in found.entries:
+        print(f"{row['file']:{width}}  {row['started']:20}  {_facts(row)}")
+
+
+def _facts(row: dict[str, Any]) -> str:
+    if reason := row.get("unreadable"):
+        return f"not readable: {reason}"
+    stops = f"{len(row['stops'])} stops ({', '.join(dict.fromkeys(row['stops']))})" if row["stops"] else "no stop"
+    effects = f"; effects {', '.join(row['effects'])}" if row["effects"] else ""
+    suspected = f"; suspected {', '.join(row['suspected'])}" if row["suspected"] else ""
+    best = figure(row["best_lap_s"], "s", 5)
+    return f"{Path(row['track']).stem:14}  {row['laps']:4d}  {best:>9}  {stops}{effects}{suspected}"

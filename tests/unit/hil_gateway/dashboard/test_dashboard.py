@@ -22,6 +22,7 @@ from support.browser import CHROMIUM, Browser
 from support.session_rig import UNIX_NS
 
 from hil_gateway.bus import messages as m
+from hil_gateway.bus.alerts import grouped
 from hil_gateway.bus.event import Event, EventKind, Severity
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.playback import Playback
@@ -38,7 +39,6 @@ from hil_gateway.bus.topics import (
     Topic,
 )
 from hil_gateway.config import Config
-from hil_gateway.dashboard.alerts import grouped
 from hil_gateway.dashboard.feed import Feed
 from hil_gateway.dashboard.recording import Recording
 from hil_gateway.dashboard.recording import create_app as recording_app
