@@ -166,6 +166,7 @@ def replay(
 
 
 app.command()(session_look.view)
+app.command()(session_look.compare)
 app.command(name="list")(session_look.list_)
 
 
