@@ -166,6 +166,8 @@ def replay(
 
 
 app.command()(session_look.view)
+app.command()(session_look.compare)
+app.command(name="list")(session_look.list_)
 
 
 def _report(values: Mapping[str, Any], text: str, as_json: bool) -> None:

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from typing import Any
 
+from hil_gateway.bus.alerts import grouped
 from hil_gateway.bus.event import Event, EventKind
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.latest import Latest
@@ -21,7 +22,6 @@ from hil_gateway.bus.topics import (
 )
 from hil_gateway.car.tyre_names import named
 from hil_gateway.config import Config
-from hil_gateway.dashboard.alerts import grouped
 from hil_gateway.dashboard.channels import row_of, slip_angles
 from hil_gateway.dashboard.history import MINUTES, History
 from hil_gateway.dashboard.state import state_of

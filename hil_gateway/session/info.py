@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.errors import InputError
+from hil_gateway.process.figures import figure
 from hil_gateway.session.reader import SessionReader
+from hil_gateway.session.summary import session_summary
 
 
 def session_info(path: Path) -> dict[str, Any]:
@@ -45,7 +48,20 @@ def session_info(path: Path) -> dict[str, Any]:
         "config": config,
         "session": session,
         "model_revision": reader.metadata.get("model_revision", {}),
+        **_story(path),
     }
+
+
+STORY = ("laps", "best_lap_s", "stops", "alerts", "revisions", "effects", "events")
+
+
+def _story(path: Path) -> dict[str, Any]:
+    """What happened, where its messages are of this version."""
+    try:
+        summary = session_summary(path)
+    except InputError as error:
+        return {"story_unreadable": str(error)}
+    return {name: summary[name] for name in STORY}
 
 
 def _rate(count: int, duration_s: float) -> float | None:
@@ -73,4 +89,26 @@ def describe(info: dict[str, Any]) -> list[str]:
     for topic, row in info["topics"].items():
         rate = "" if row["rate_hz"] is None else f"{row['rate_hz']:8.1f} Hz"
         lines.append(f"  {topic:24} {row['messages']:9d} {rate}")
+    lines += _story_lines(info)
     return lines + [f"  damaged: {damage}" for damage in info["damage"]]
+
+
+def _story_lines(info: dict[str, Any]) -> list[str]:
+    """Laps, stops, alerts, revisions."""
+    if reason := info.get("story_unreadable"):
+        return [f"  laps and stops not read: {reason}"]
+    laps = [f"  lap {i}: {figure(lap['time_s'], 's', 5)}" for i, lap in enumerate(info["laps"], start=1)]
+    stops = [f"  {s['after']} at {figure(s['t'], 's', 5)}: {s['cause']}{_value(s)}" for s in info["stops"]]
+    alerts = [
+        f"  not explained: {', '.join(a['channels'])}, up to {figure(a['strength'], '', 3)} times its noise"
+        + (f"; suspected {a['suspect']}" if a["suspect"] else "")
+        for a in info["alerts"]
+    ]
+    count, effects = len(info["revisions"]), ", ".join(info["effects"]) or "none added"
+    return [*laps, *(stops or ["  no stop"]), *alerts, f"  model revisions: {count}; effects of the last: {effects}"]
+
+
+def _value(stop: dict[str, Any]) -> str:
+    if stop.get("measured") is None:
+        return ""
+    return f" ({figure(stop['measured'], stop['unit'], 3)}, limit {figure(stop['limit'], stop['unit'], 3)})"

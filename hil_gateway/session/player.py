@@ -13,7 +13,7 @@ from hil_gateway.config import Config
 from hil_gateway.process.clock import SystemClock
 from hil_gateway.session.format import named
 from hil_gateway.session.reader import Item, SessionReader
-from hil_gateway.session.replay import Send, ids_from_car, in_order, replay, to_bus, to_can
+from hil_gateway.session.replay import Send, announcing, ids_from_car, in_order, replay, to_bus, to_can
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,8 @@ def play(files: Sequence[Path], config: Config, topics: Sequence[str], frames: b
 
     with ExitStack() as ends:
         if topics:
-            sends.append(to_bus(ends.enter_context(closing(open_bus(config.zenoh, HUB))), topics))
+            bus = ends.enter_context(closing(open_bus(config.zenoh, HUB)))
+            sends += [to_bus(bus, topics), announcing(bus, files[0].name, speed, SystemClock())]
         link = ends.enter_context(closing(open_link(config.can))) if frames else None
         if link:
             sends.append(to_can(link, ids_from_car()))

@@ -11,7 +11,8 @@ import logging
 from collections.abc import Callable, Iterable, Iterator
 
 from hil_gateway.bus.interface import Bus
-from hil_gateway.bus.topics import COMMAND, OPERATOR, TOPICS
+from hil_gateway.bus.playback import Playback
+from hil_gateway.bus.topics import COMMAND, OPERATOR, PLAYBACK, TOPICS
 from hil_gateway.can_link import CanLink
 from hil_gateway.process.clock import NS_PER_S, Clock
 from hil_gateway.process.errors import InputError
@@ -83,6 +84,21 @@ def to_bus(bus: Bus, keys: Iterable[str] = DEFAULT_TOPICS) -> Send:
     def send(item: Item) -> None:
         if topic := chosen.get(item.topic):
             bus.publish(topic, unpack_message(topic, item.data))
+
+    return send
+
+
+def announcing(bus: Bus, file: str, speed: float, clock: Clock) -> Send:
+    """Says five times a second that a recording is being played: nobody shall take it for a live car."""
+    first_ns, due_ns, seq = 0, 0, 0
+
+    def send(item: Item) -> None:
+        nonlocal first_ns, due_ns, seq
+        first_ns, now_ns = first_ns or item.publish_ns, clock.now_ns()
+        if now_ns >= due_ns:
+            due_ns, seq = now_ns + NS_PER_S // 5, seq + 1
+            at_s = max(item.publish_ns - first_ns, 0) / NS_PER_S
+            bus.publish(PLAYBACK, Playback(stamp_ns=now_ns, seq=seq, file=file, position_s=at_s, speed=speed))
 
     return send
 

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from hil_gateway.bus.alerts import grouped
+from hil_gateway.bus.event import EventKind
+from hil_gateway.bus.messages import Alert, FailsafeAction
+from hil_gateway.bus.topics import ALERT, ESTIMATE, EVENT, GATEWAY_STATUS, MODEL_REVISION
 from hil_gateway.config import Config
-from hil_gateway.session.format import METADATA_SESSION
-from hil_gateway.session.reader import SessionReader
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.errors import InputError
+from hil_gateway.session.format import METADATA_SESSION, named, unpack_message
+from hil_gateway.session.reader import Item, SessionReader
+from hil_gateway.track.lap_clock import LapClock
+from hil_gateway.track.loading import DEFAULT_TRACK, load_track
+from hil_gateway.track.track import Track
 
 NO_TOPIC = frozenset[str]()
+WANTED = frozenset(topic.key for topic in (ESTIMATE, EVENT, GATEWAY_STATUS, ALERT, MODEL_REVISION))
+STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 
 
 def recorded_config(path: Path) -> Config:
@@ -24,6 +36,107 @@ def recorded_config(path: Path) -> Config:
     reader = SessionReader(path, NO_TOPIC)
     next(reader.items(), None)
     return config_of(reader.metadata.get(METADATA_SESSION, {}))
+
+
+def session_summary(path: Path) -> dict[str, Any]:
+    """Laps, stops, alerts and model revisions of one file, ready for JSON; times in s since its first message.
+
+    Raises:
+        InputError: no readable recording.
+    """
+    reader = SessionReader(path, WANTED)
+    story: Story | None = None
+    with named(path):
+        for item in reader.items():
+            story = story or Story(config_of(reader.metadata.get(METADATA_SESSION, {})), item.publish_ns)
+            story.take(item)
+    session = reader.metadata.get(METADATA_SESSION, {})
+    config = config_of(session)
+    return {
+        "track": config.track or DEFAULT_TRACK,
+        "started": session.get("started", ""),
+        "software": session.get("software", ""),
+        **(story or Story(config, 0)).tree(),
+    }
+
+
+class Story:
+    """What happened, message by message; `take` in the order of the file."""
+
+    def __init__(self, config: Config, zero_ns: int) -> None:
+        self._zero_ns = zero_ns
+        self._track = _track(config)
+        self._clock = LapClock(self._track.length) if self._track else None
+        self._place_s: float | None = None
+        self._due_ns = 0
+        self._events: list[dict[str, Any]] = []
+        self._stops: list[dict[str, Any]] = []
+        self._action = FailsafeAction.SILENT
+        self._alerts: list[tuple[float, Alert]] = []
+        self._revisions: dict[str, dict[str, Any]] = {}
+        self._take = {
+            ESTIMATE.key: self._estimate, EVENT.key: self._event, GATEWAY_STATUS.key: self._status,
+            ALERT.key: self._alert, MODEL_REVISION.key: self._revision,
+        }  # fmt: skip
+
+    def take(self, item: Item) -> None:
+        """One message of `WANTED`."""
+        self._take[item.topic](item, round((item.publish_ns - self._zero_ns) / NS_PER_S, 3))
+
+    def tree(self) -> dict[str, Any]:
+        """For JSON."""
+        laps = self._clock.laps if self._clock else []
+        known = [stop for stop in self._events if stop["kind"] == EventKind.FAILSAFE]
+        return {
+            "laps": [{"time_s": round(lap.time_s, 3), "sectors_s": _rounded(lap.sectors_s)} for lap in laps],
+            "best_lap_s": min((round(lap.time_s, 3) for lap in laps), default=None),
+            "stops": known or self._stops,
+            "alerts": grouped(self._alerts),
+            "revisions": list(self._revisions.values()),
+            "effects": next((row["effects"] for row in reversed(self._revisions.values())), []),
+            "events": self._events,
+        }
+
+    def _estimate(self, item: Item, t_s: float) -> None:
+        """A position every tenth of a second is enough for lap times."""
+        if self._clock is None or self._track is None or item.publish_ns < self._due_ns:
+            return
+        self._due_ns = item.publish_ns + NS_PER_S // 10
+        e = unpack_message(ESTIMATE, item.data)
+        if e.valid and self._track.near(e.x, e.y):
+            self._place_s, _ = self._track.project(e.x, e.y, self._place_s)
+            self._clock.update((item.publish_ns - self._zero_ns) / NS_PER_S, self._place_s, e.vx)
+
+    def _event(self, item: Item, t_s: float) -> None:
+        self._events.append({**unpack_message(EVENT, item.data).entry(0), "t": t_s})
+
+    def _status(self, item: Item, t_s: float) -> None:
+        """Stops of a recording without an event log."""
+        status = unpack_message(GATEWAY_STATUS, item.data)
+        if status.action is not self._action and status.action in STOPS:
+            self._stops.append({"t": t_s, "before": self._action, "after": status.action, "cause": status.cause})
+        self._action = status.action
+
+    def _alert(self, item: Item, t_s: float) -> None:
+        self._alerts.append((t_s, unpack_message(ALERT, item.data)))
+
+    def _revision(self, item: Item, t_s: float) -> None:
+        revision = unpack_message(MODEL_REVISION, item.data)
+        effects = [effect.name for effect in revision.effects]
+        row = {"t": t_s, "revision": revision.revision, "effects": effects, "note": revision.provenance.note}
+        self._revisions.setdefault(revision.revision, row)
+
+
+def _track(config: Config) -> Track | None:
+    """The track it was recorded on; None where this computer does not have it."""
+    try:
+        return load_track(config.track)
+    except InputError:
+        return None
+
+
+def _rounded(values: Sequence[float]) -> list[float]:
+    return [round(value, 3) for value in values]
 
 
 def config_of(metadata: dict[str, Any]) -> Config:

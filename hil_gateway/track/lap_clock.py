@@ -55,6 +55,9 @@ class LapClock:
         if self._start_s is None and last[1] < NEAR_LINE_M and speed > SLOWEST and not self.laps:
             self._begin(last[0])
             self._beyond = last[1]
+        if self._start_s is None and speed <= SLOWEST:  # a position that wavers across the line is no crossing
+            self._beyond = s if s < NEAR_LINE_M else s - self.length
+            return None
         ended = self._advance(last[0], t_s, moved)
         if self._start_s is not None and (not self._stations or self._beyond - self._stations[-1] >= STATION_M):
             self._stations.append(self._beyond)

@@ -48,7 +48,8 @@ function makePlot(chart, limits, last) {
   const options = {
     width: width(), height: Math.round(chart.height * tallness()) + (last ? 24 : 0), title: "", legend: { live: true },
     scales: { x: { time: false }, y: { range: (u, low, high) => range(low, high, bound, chart) } },
-    axes: [{ ...axis, show: last, size: 28, values: (u, ticks) => ticks.map(label) }, { ...axis, size: 46, label: "", space: 26 }],
+    padding: [8, 18, 0, 0],
+    axes: [{ ...axis, show: last, size: 28, splits: (u, i, low, high, step) => ticks(low, high, step), values: (u, at) => at.map(label) }, { ...axis, size: 46, label: "", space: 26 }],
     series: [{ label: chart.title, value: (u, t) => (known(t) ? label(t) : "") }, ...series],
     cursor: { y: false, sync: { key: "time" }, drag: { x: true, y: false, setScale: false }, points: { size: 6 } },
     hooks: { draw: [(u) => drawLimits(u, bound)], setSelect: [zoomTo] },
@@ -59,7 +60,14 @@ function makePlot(chart, limits, last) {
   return plot;
 }
 
-// Ticks: seconds into a recording; live, seconds before now.
+function ticks(low, high, step) {
+  const zero = origin || (columns.t[columns.t.length - 1] ?? 0);
+  const found = [];
+  for (let t = zero + step * Math.ceil((low - zero) / step); t <= high; t += step) found.push(t);
+  return found;
+}
+
+// Labels: seconds into a recording; live, seconds before now.
 function label(t) {
   const last = columns.t[columns.t.length - 1] ?? 0;
   return origin ? `${+(t - origin).toFixed(2)} s` : `${+(t - last).toFixed(1)} s`;

@@ -43,7 +43,7 @@ export function drawStop({ first, last }) {
   const key = JSON.stringify([first, last]);
   if (!first || byId("stop").dataset.key === key) return;
   byId("stop").dataset.key = key;
-  byId("stop").replaceChildren(...[first, ...(last.t === first.t ? [] : [last])].map((event, i) => {
+  byId("stop").replaceChildren(...[first, ...(JSON.stringify(last) === JSON.stringify(first) ? [] : [last])].map((event, i) => {
     const p = document.createElement("p");
     const strong = document.createElement("b");
     strong.textContent = `${i ? "then" : "stopped"}: ${words(event.after)}, ${words(event.cause)}`;

@@ -53,3 +53,12 @@ def test_a_car_that_stands_on_the_line_begins_its_lap_when_it_moves():
         clock.update(0.1 * i, 2.0, 0.0)
     drive(clock, 50.0, 61.0, start=2.0, t0=10.0)
     assert clock.laps[0].time_s == pytest.approx((LENGTH - 2.0) / 50.0, abs=0.11)
+
+
+def test_a_position_that_wavers_across_the_line_while_the_car_stands_begins_no_lap():
+    clock = LapClock(LENGTH)
+    for i in range(100):
+        clock.update(0.1 * i, (LENGTH - 0.1) if i % 2 else 0.1, 0.0)
+    assert clock.current_s(10.0) is None
+    drive(clock, 50.0, 61.0, start=0.1, t0=10.0)
+    assert clock.laps[0].time_s == pytest.approx(LENGTH / 50.0, abs=0.11)

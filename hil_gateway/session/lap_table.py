@@ -1,0 +1,89 @@
+"""One lap of a session over distance: what two laps are compared by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hil_gateway.car.vehicle import GRAVITY
+from hil_gateway.process.arrays import Array
+from hil_gateway.process.errors import InputError
+from hil_gateway.process.figures import figure
+from hil_gateway.session.drive_table import read_drive_table
+from hil_gateway.track.lap_clock import Lap, LapClock
+from hil_gateway.track.track import Track
+
+STATION_M = 2.0
+CHANNELS = ("speed", "steer", "accelerator", "brake", "ax", "ay")
+"""km/h, deg at the road wheel, 0..100 %, bar, g, g"""
+KMH, PA_PER_BAR = 3.6, 1e5
+
+
+@dataclass(frozen=True)
+class LapTable:
+    """Columns over `s` (m along the centre line, every `STATION_M`), all of one length; `t` in s since the line."""
+
+    session: str
+    lap: Lap
+    s: Array
+    t: Array
+    x: Array
+    y: Array
+    channels: dict[str, Array]
+
+
+def read_lap(path: Path, track: Track, number: int | None = None) -> LapTable:
+    """A lap of a session, by default its best one.
+
+    Raises:
+        InputError: unreadable recording, no complete lap, no such lap.
+    """
+    columns = read_drive_table(path).columns
+    along, clock = _along(columns, track)
+    if not clock.laps or clock.best is None:
+        raise InputError(f"{path}: holds no complete lap of {track.name}; give the right --track, or drive a whole lap")
+    if number is not None and not 1 <= number <= len(clock.laps):
+        raise InputError(f"{path}: no lap {number}; it holds the laps 1 to {len(clock.laps)}")
+    lap = clock.best if number is None else clock.laps[number - 1]
+    return _resampled(path.stem if path.stem != "session" else path.parent.name, lap, columns, along, track)
+
+
+def _along(columns: dict[str, Array], track: Track) -> tuple[Array, LapClock]:
+    """Arc length at every row, NaN where the car is not near the track, and the laps."""
+    clock, s, hint = LapClock(track.length), np.full(len(columns["t"]), np.nan), None
+    for i, (t, x, y, vx) in enumerate(zip(*(columns[n].tolist() for n in ("t", "x", "y", "vx")), strict=True)):
+        if track.near(x, y):
+            hint, _ = track.project(x, y, hint)
+            s[i] = hint
+            clock.update(t, hint, vx)
+    return s, clock
+
+
+def _resampled(name: str, lap: Lap, columns: dict[str, Array], along: Array, track: Track) -> LapTable:
+    """Rows of the lap at equal stations; where the car went backwards the first passage counts."""
+    t = columns["t"]
+    rows = (t >= lap.start_s) & (t < lap.start_s + lap.time_s) & np.isfinite(along)
+    inside = along[rows]
+    forward = inside > np.concatenate([[-np.inf], np.maximum.accumulate(inside)[:-1]])
+    # the line itself may lie between two rows: the last of the lap before reads as its first
+    forward &= ~((np.arange(len(inside)) < len(inside) // 2) & (inside > 0.9 * track.length))
+    known = inside[forward]
+    stations = np.arange(0.0, track.length, STATION_M)
+
+    def over(values: Array) -> Array:
+        return np.asarray(np.interp(stations, known, values[rows][forward]))
+
+    steer = np.degrees(columns["steer"])
+    values = {
+        "speed": KMH * columns["vx"], "steer": steer, "accelerator": 100.0 * columns["throttle"],
+        "brake": columns["brake"] / PA_PER_BAR, "ax": columns["ax"] / GRAVITY, "ay": columns["ay"] / GRAVITY,
+    }  # fmt: skip
+    channels = {channel: over(values[channel]) for channel in CHANNELS}
+    return LapTable(name, lap, stations, over(t - lap.start_s), over(columns["x"]), over(columns["y"]), channels)
+
+
+def title(table: LapTable) -> str:
+    """`session, lap 3: 54.12 s`."""
+    return f"{table.session}, lap {table.lap.number}: {figure(table.lap.time_s, 's', 5)}"
