@@ -45,7 +45,7 @@ class AxleForces:
 
 
 class ForceModel(Protocol):
-    """Motion and inputs, arrays (K,), to axle forces; `extra_load` is what the road adds to the loads over the weight."""
+    """Motion and inputs, arrays (K,), to axle forces; `extra_load` is what the road adds, over the weight."""
 
     def __call__(
         self, vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, *, extra_load: Array | float = 0.0
