@@ -131,6 +131,7 @@ class Planner:
         car, drive, steer = then.car, then.drive, then.steer
         hint = self._expected(start_ns)
         s = controller.reference.project(float(car[0]), float(car[1]), None if hint is None else float(hint[S]))
+        self.adoption.watch(e, s)
         progress = float(car[3]) if hint is None else float(hint[PROGRESS])
         limits = self.settings.limits
         z = np.concatenate([

@@ -18,8 +18,8 @@ AERO_STD = 0.10
 HEIGHT_STD = 0.15
 """relative; a centre of gravity's height is the least well weighed"""
 LOAD_SENSITIVITY = (0.10, 0.06)
-"""value and absolute standard deviation: racing tyres lose 5 to 20 % of their friction when the load doubles
-(Milliken & Milliken, Race Car Vehicle Dynamics, ch. 2)"""
+"""value and absolute standard deviation: racing tyres lose 5 to 20 % of their friction when the load doubles (Milliken
+and Milliken, Race Car Vehicle Dynamics, ch. 2)"""
 BRAKE_SHARE_STD = 0.04
 """absolute, about 8 %: pads, discs and the bias valve"""
 BRAKE_GAIN_STD = 0.10

@@ -16,10 +16,11 @@ import numpy as np
 from estimator.belief.revision import RevisedModel, model_of, tyre_covariance
 from estimator.model.effects import catalogue
 from estimator.model.tyre import front_and_rear
-from hil_gateway.bus.messages import Belief, ModelRevision
+from hil_gateway.bus.messages import Belief, Estimate, ModelRevision
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
+from planner.adoption.trust import Trust, slides
 from planner.adoption.usable_grip import PROFILE_SHARE, Axles, capacity
 from planner.line.envelope import envelope_of
 from planner.line.raceline import RaceLine, raceline_for
@@ -34,6 +35,8 @@ PLAUSIBLE = 2.5
 """factor between tyre parameters beyond which a revision or a belief is taken for a fault"""
 PROFILE_CHANGE = 0.01
 """relative change of usable grip that is worth a new speed profile"""
+NOTHING_ASKED = (0.0, 0.0)
+"""capacity of a speed profile that is to be made again"""
 PROBATION = 40
 """plans after an adoption during which failures count against the new revision"""
 PROBATION_FAILURES = 3
@@ -91,7 +94,7 @@ class Adoption:
         self.notes: list[str] = []
         """what was refused or rolled back, and why; newest last"""
         self._line: RaceLine | None = None
-        self._asked = (0.0, 0.0)
+        self._asked = NOTHING_ASKED
         self.current = self._adopt(revision, build_functions)
 
     @property
@@ -132,6 +135,12 @@ class Adoption:
         arrived = np.array_equal(knowledge.theta, current.revised.theta) and knowledge.load_max == before.load_max
         self._changed = not arrived
         self._refresh_profile(current, knowledge)
+
+    def watch(self, estimate: Estimate, s: float) -> None:
+        """Where the car slides at progress `s`, ask for less at that place from now on."""
+        current, knowledge = self.current, self.controller.knowledge
+        if self.trust.watch(slides(estimate, knowledge, self._config.vehicle, current.tyre.names), s):
+            self._asked, self._changed = NOTHING_ASKED, True
 
     def judge(self, accepted: bool) -> None:
         """Outcome of a plan with the model in force; rolls a new model back that keeps failing."""
@@ -208,13 +217,14 @@ class Adoption:
         envelope = envelope_of(revised.model, list(knowledge.theta), list(at_start), use=(front, rear), max_speed=top)
         if self._line is None:
             self._line = raceline_for(self._track, envelope, RACE_LINE_MARGIN)
-        self._line = self._line.with_envelope(envelope)
+            self.trust = Trust(len(self._line.s), self._line.length)
+        self._line = self._line.with_envelope(envelope, self.trust.share)
         self._asked = knowledge.capacity
         return Reference(self._line)
 
     def _refresh_profile(self, current: Adopted, knowledge: TyreKnowledge) -> None:
         """New speed profile on the same path when the usable grip has changed: tens of ms, beside the planner."""
-        changes = [abs(now / then - 1.0) for now, then in zip(knowledge.capacity, self._asked, strict=True)]
+        changes = [abs(now - then) / now for now, then in zip(knowledge.capacity, self._asked, strict=True)]
         if max(changes) < PROFILE_CHANGE or self._worker is not None:
             return
         self._run(lambda: self._take_reference(self._reference(current.revised, current.tyre, knowledge)))

@@ -8,8 +8,9 @@ model), a plan is let through only if it leads back: the excess it may have fade
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -43,9 +44,13 @@ class AxleForces:
     load_r: Array | float
 
 
-ForceModel = Callable[[Array, Array, Array, Array, Array, Array], AxleForces]
-"""(vx, vy, yaw_rate, steer, drive, extra_load), arrays (K,), to axle forces; the last is what the road adds to the axle
-loads, over the weight"""
+class ForceModel(Protocol):
+    """Motion and inputs, arrays (K,), to axle forces; `extra_load` is what the road adds, over the weight."""
+
+    def __call__(
+        self, vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, *, extra_load: Array | float = 0.0
+    ) -> AxleForces: ...  # fmt: skip
+
 
 
 def declared_forces(vehicle: Vehicle, tyre: Mapping[str, float]) -> ForceModel:
@@ -54,8 +59,8 @@ def declared_forces(vehicle: Vehicle, tyre: Mapping[str, float]) -> ForceModel:
     load_f, load_r = vehicle.static_load_front, vehicle.static_load_rear
     static, arm = np.array([[load_f], [load_r]]), np.array([[vehicle.lf], [-vehicle.lr]])
 
-    def forces(  # noqa: PLR0917 (one argument a signal)
-        vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, extra_load: Array
+    def forces(
+        vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, *, extra_load: Array | float = 0.0
     ) -> AxleForces:
         load = static * (1.0 + extra_load)
         slip = -np.arctan((vy + arm * yaw_rate) / np.maximum(vx, 3.0))
@@ -142,7 +147,7 @@ def _steps(values: Array) -> Array:
 
 def load_shares(plan: Plan, bounds: Bounds, forces: ForceModel) -> tuple[Array, Array]:
     """Load of the front and of the rear axle over its limit, Eq. (10), (N+1,) each."""
-    f = forces(plan.vx, plan.vy, plan.yaw_rate, plan.steer, plan.drive, plan.extra_load)
+    f = forces(plan.vx, plan.vy, plan.yaw_rate, plan.steer, plan.drive, extra_load=plan.extra_load)
     dynamic = np.clip((plan.vx - KINEMATIC_SPEED) / 5.0, 0.0, 1.0)
     f = replace(f, fy_f=dynamic * f.fy_f, fy_r=dynamic * f.fy_r)
     combine = (lambda x, y: np.abs(x + y)) if bounds.literal_load else np.hypot

@@ -137,7 +137,7 @@ def _motion(state: Array, inputs: Array, forces: ForceModel, vehicle: Vehicle) -
     """Eq. (1)."""
     _, _, yaw, vx, vy, rate = state
     steer, drive, extra_load = inputs
-    f = forces(vx, vy, rate, steer, drive, extra_load)
+    f = forces(vx, vy, rate, steer, drive, extra_load=extra_load)
     (cos_yaw, cos_steer), (sin_yaw, sin_steer) = np.cos([yaw, steer]), np.sin([yaw, steer])
     front_x = f.fx_f * cos_steer - f.fy_f * sin_steer
     front_y = f.fy_f * cos_steer + f.fx_f * sin_steer
@@ -162,9 +162,10 @@ def interpreted_forces(revised: RevisedModel) -> ForceModel:
     names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r")
     function = ca.Function("forces", [signals], [ca.densify(ca.vertcat(*(getattr(terms, n) for n in names)))])
 
-    def forces(  # noqa: PLR0917 (one argument a signal)
-        vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, extra_load: Array
+    def forces(
+        vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, *, extra_load: Array | float = 0.0
     ) -> AxleForces:
-        return AxleForces(*np.array(function(np.vstack([vx, vy, yaw_rate, steer, drive, extra_load]))))
+        extra = np.broadcast_to(extra_load, vx.shape)
+        return AxleForces(*np.array(function(np.vstack([vx, vy, yaw_rate, steer, drive, extra]))))
 
     return forces
