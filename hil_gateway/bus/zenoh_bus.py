@@ -60,11 +60,13 @@ class ZenohSubscription(Generic[M]):
 
     def _parse(self, payload: Any) -> M | None:
         if len(payload) > self._topic.max_bytes:
-            return self._count_invalid(f"{len(payload)} bytes, at most {self._topic.max_bytes}")
+            self._count_invalid(f"{len(payload)} bytes, at most {self._topic.max_bytes}")
+            return None
         try:
             message = self._topic.message.model_validate_json(payload.to_bytes())
         except ValidationError as error:
-            return self._count_invalid(error.errors()[0]["msg"])
+            self._count_invalid(error.errors()[0]["msg"])
+            return None
         self._count_gap(message)
         return message
 
