@@ -109,13 +109,29 @@ def _is_number(cell: str) -> bool:
 
 
 def _check_finite(path: Path, header: list[str], table: Array, lines: NDArray[np.int64]) -> None:
-    if np.isfinite(table.sum()):
+    if np.isfinite(table).all():
+        _check_size(path, header, table, lines)
         return
     row, column = np.argwhere(~np.isfinite(table))[0]
     count = int((~np.isfinite(table)).sum())
     raise InputError(
         f"{path}: row {lines[row]}, column {header[column]}: {table[row, column]} is not finite"
         f" ({count} such value{'s' * (count > 1)}): repair or remove the row or the column"
+    )
+
+
+LARGEST = 1e12
+"""of any column, whatever its unit: times in ns of a day have 1e14 and are refused as no seconds, nothing else of a car
+comes near. Squares and sums of what passes stay finite"""
+
+
+def _check_size(path: Path, header: list[str], table: Array, lines: NDArray[np.int64]) -> None:
+    if np.abs(table).max(initial=0.0) <= LARGEST:
+        return
+    row, column = np.argwhere(np.abs(table) > LARGEST)[0]
+    raise InputError(
+        f"{path}: row {lines[row]}, column {header[column]}: {table[row, column]:g} is beyond {LARGEST:g}:"
+        " no signal of a car; repair or remove the row or the column"
     )
 
 

@@ -1,7 +1,9 @@
 """From vehicle states to estimates: alignment, gravity from the track map, standstill, recovery.
 
 The filter starts at the first valid position fix, heading along the track there, with a wide uncertainty that
-the first metres of motion remove. If fixes keep being refused, it starts again on the course made good between them.
+the first metres of motion remove. If fixes keep being refused while the car drives, the estimate is invalid and goes on
+without them: what a receiver says after it has jumped is no place to start from at speed. Standing still, or before the
+first metres have shown the heading, the filter starts again on the course made good between them.
 """
 
 from __future__ import annotations
@@ -23,7 +25,11 @@ MAX_GAP_S = 0.2
 """longest gap between states that is bridged by one prediction"""
 LOST_AFTER_FIXES = 10
 """refused fixes in a row after which the filter starts again"""
+ALIGNED_AFTER_FIXES = 10
+"""fixes taken in while moving (0.5 s) after which the heading is known, and fixes that no longer fit are wrong"""
 STANDSTILL_SPEED = 0.15
+RESTART_SPEED = 2.0
+"""m/s; faster, a filter that has lost its fixes does not start again on them"""
 MAX_POSITION_STD = 2.0
 """m, beyond which the estimate calls itself invalid"""
 COURSE_DISTANCE = 2.0
@@ -41,6 +47,10 @@ class Localisation:
         self._stamp_ns: int | None = None
         self._position_seq: int | None = None
         self._refused = 0
+        self._aligned = 0
+        """fixes taken in while moving since the start: before some of them the heading is only the track's"""
+        self._lost = False
+        """fixes were refused in a row: nothing is valid until the filter has started again"""
         self._fixes: deque[tuple[float, float]] = deque(maxlen=LOST_AFTER_FIXES)
 
     def step(self, state: VehicleState, seq: int) -> Estimate:
@@ -93,8 +103,11 @@ class Localisation:
             f.update_wheel_speeds(front, rear, state.steer, state.drive)
             f.update_rear_slip(state.ay - float(f.mean[BIAS_AY]))
         if fix is not None:
-            self._refused = 0 if f.update_position(*fix) is not None else self._refused + 1
-        if self._refused >= LOST_AFTER_FIXES or not f.healthy:
+            accepted = f.update_position(*fix) is not None
+            self._refused = 0 if accepted else self._refused + 1
+            self._aligned += accepted and not _slow(state)
+        self._lost = self._lost or self._refused >= LOST_AFTER_FIXES
+        if not f.healthy or (self._lost and (_slow(state) or self._aligned < ALIGNED_AFTER_FIXES)):
             self._restart(state)
 
     def _start(self, state: VehicleState, x: float, y: float) -> None:
@@ -102,7 +115,7 @@ class Localisation:
         self.track_position, _ = self._track.project(x, y)
         speed = 0.5 * (state.wheel_speed_fl + state.wheel_speed_fr)
         self.filter.initialise(x, y, float(self._track.at(self.track_position).heading), speed)
-        self._started, self._refused = True, 0
+        self._started, self._refused, self._lost, self._aligned = True, 0, False, 0
 
     def _restart(self, state: VehicleState) -> None:
         """Begin again from the recent fixes: their course if the car has moved, else the track's direction."""
@@ -129,7 +142,7 @@ class Localisation:
         f = self.filter
         x, y, yaw, vx, vy, bax, bay, br, *_ = f.mean.tolist()
         std = f.std().tolist()
-        valid = self._started and state.valid and max(std[0], std[1]) < MAX_POSITION_STD
+        valid = self._started and not self._lost and state.valid and max(std[0], std[1]) < MAX_POSITION_STD
         return Estimate(
             stamp_ns=state.stamp_ns, seq=seq, state_stamp_ns=state.stamp_ns, valid=valid,
             x=x, y=y, yaw=yaw, vx=vx, vy=vy, yaw_rate=f.yaw_rate,
@@ -137,6 +150,12 @@ class Localisation:
             std=(*std[:5], f.yaw_rate_std, *std[5:8]),
             steer=state.steer, drive=state.drive, innovations_rejected=f.rejected,
         )  # fmt: skip
+
+
+def _slow(state: VehicleState) -> bool:
+    """Whether the car moves no faster than someone pushes it."""
+    front = 0.5 * (state.wheel_speed_fl + state.wheel_speed_fr)
+    return max(front, 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)) < RESTART_SPEED
 
 
 def _fresh(state: VehicleState, source: str) -> bool:

@@ -31,13 +31,21 @@ Code = Annotated[int, Field(ge=-(1 << 31), lt=1 << 31)]
 """a state, flag, gear or count: what any field of the wire can hold"""
 
 
+Name = Annotated[str, Field(max_length=64)]
+"""of a sender, a parameter, an effect, a layout: what is kept by name is bounded"""
+Text = Annotated[str, Field(max_length=4000)]
+"""for people"""
+Horizon = Field(max_length=400)
+"""stages of a plan; a horizon has at most 200"""
+
+
 def _square(matrix: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
     if any(len(row) != len(matrix) for row in matrix):
         raise ValueError("a covariance is square")
     return matrix
 
 
-Covariance = Annotated[tuple[tuple[Parameter, ...], ...], AfterValidator(_square)]
+Covariance = Annotated[tuple[tuple[Parameter, ...], ...], Field(max_length=200), AfterValidator(_square)]
 
 
 class Message(Model):
@@ -109,9 +117,9 @@ class Estimate(Message):
 class Belief(Message):
     """Gaussian belief over the tyre parameters (Eq. 8)."""
 
-    layout: str = Field(description="shared | per_axle")
-    names: tuple[str, ...]
-    mean: tuple[Parameter, ...]
+    layout: Name = Field(description="shared | per_axle")
+    names: tuple[Name, ...] = Field(max_length=200)
+    mean: tuple[Parameter, ...] = Field(max_length=200)
     covariance: Covariance
     samples: int = Field(ge=0, description="samples that passed the activity gates")
     log_det_information: float = Field(description="log det of the posterior precision in prior-scaled units")
@@ -126,8 +134,8 @@ class Belief(Message):
 class ActiveEffect(Model):
     """One effect added to the declared model, with its parameters in SI."""
 
-    name: str
-    parameters: dict[str, Parameter]
+    name: Name
+    parameters: dict[Name, Parameter] = Field(max_length=64)
     profile: tuple[Parameter, ...] = Field(default=(), description="spline coefficients over track position, if any")
 
 
@@ -144,10 +152,10 @@ class ModelRevision(Message):
     """The vehicle model the planner is to use: tyre parameters, belief, active effects, provenance."""
 
     revision: str = Field(description="content hash of layout, tyre and effects")
-    layout: str
-    tyre: dict[str, Parameter]
+    layout: Name
+    tyre: dict[Name, Parameter] = Field(max_length=64)
     covariance: Covariance = ()
-    effects: tuple[ActiveEffect, ...] = ()
+    effects: tuple[ActiveEffect, ...] = Field(default=(), max_length=64)
     provenance: Provenance = Provenance()
 
 
@@ -164,15 +172,15 @@ class Plan(Message):
 
     state_stamp_ns: Stamp
     status: PlanStatus
-    reason: str = Field(default="", description="why the plan is not a fresh solution")
+    reason: Text = Field(default="", description="why the plan is not a fresh solution")
     dt: float = Field(gt=0, le=10)
-    x: tuple[Position, ...]
-    y: tuple[Position, ...]
-    yaw: tuple[Angle, ...]
-    vx: tuple[Motion, ...]
-    s: tuple[Position, ...]
-    steer: tuple[Angle, ...]
-    drive: tuple[Slip, ...]
+    x: Annotated[tuple[Position, ...], Horizon]
+    y: Annotated[tuple[Position, ...], Horizon]
+    yaw: Annotated[tuple[Angle, ...], Horizon]
+    vx: Annotated[tuple[Motion, ...], Horizon]
+    s: Annotated[tuple[Position, ...], Horizon]
+    steer: Annotated[tuple[Angle, ...], Horizon]
+    drive: Annotated[tuple[Slip, ...], Horizon]
     lap: Code
     revision: str = Field(description="model revision the plan was made with")
     solve_ms: float
@@ -188,7 +196,7 @@ class Plan(Message):
 class Command(Message):
     """What the planner asks for (first action of the plan)."""
 
-    source: str
+    source: Name
     state_stamp_ns: Stamp = Field(description="stamp of the VehicleState the plan started from, gateway clock")
     steer: Angle = Field(description="road-wheel angle, rad")
     drive: Slip = Field(description="slip ratio, positive drives, negative brakes")
@@ -206,7 +214,7 @@ class OperatorAction(StrEnum):
 class OperatorCommand(Message):
     """A person's request; arming is edge-triggered and never remembered."""
 
-    source: str
+    source: Name
     action: OperatorAction
 
 

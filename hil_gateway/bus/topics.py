@@ -26,6 +26,8 @@ class Topic(Generic[M]):
     deadline_s: float
     recorded: bool = True
     priority: str = "data"
+    max_bytes: int = 16_384
+    """of one message; larger ones are counted and not parsed"""
 
     def __str__(self) -> str:
         return self.key
@@ -35,10 +37,10 @@ VEHICLE_STATE = Topic("av24/vehicle_state", m.VehicleState, "gateway", 100, 0.05
 APPLIED = Topic("av24/applied", m.Applied, "gateway", 100, 0.05)
 GATEWAY_STATUS = Topic("av24/gateway_status", m.GatewayStatus, "gateway", 10, 0.5)
 ESTIMATE = Topic("av24/estimate", m.Estimate, "estimator", 100, 0.05, priority="real_time")
-BELIEF = Topic("av24/belief", m.Belief, "estimator", 10, 1.0)
-MODEL_REVISION = Topic("av24/model_revision", m.ModelRevision, "estimator", 1, 3.0)
+BELIEF = Topic("av24/belief", m.Belief, "estimator", 10, 1.0, max_bytes=65_536)
+MODEL_REVISION = Topic("av24/model_revision", m.ModelRevision, "estimator", 1, 3.0, max_bytes=65_536)
 ALERT = Topic("av24/alert", m.Alert, "estimator", 1, 60.0)
-PLAN = Topic("av24/plan", m.Plan, "planner", 20, 0.1)
+PLAN = Topic("av24/plan", m.Plan, "planner", 20, 0.1, max_bytes=65_536)
 COMMAND = Topic("av24/command", m.Command, "planner", 20, 0.1, priority="real_time")
 OPERATOR = Topic("av24/operator", m.OperatorCommand, "operator", 0, 1.0, priority="real_time")
 RECORDER_STATUS = Topic("av24/recorder_status", m.RecorderStatus, "recorder", 1, 3.0)

@@ -31,6 +31,10 @@ LARGEST_MESSAGE = 1 << 18
 """bytes; ours have some thousands. Reading one of 20 MB held the gateway up for seconds"""
 
 
+SENDERS_MAX = 64
+"""senders of one topic whose gaps are counted; there is one of most"""
+
+
 class ZenohSubscription(Generic[M]):
     """Newest `depth` messages of one topic; invalid ones are counted and reported, never raised."""
 
@@ -39,31 +43,42 @@ class ZenohSubscription(Generic[M]):
 
         self._topic = topic
         self._subscriber = session.declare_subscriber(topic.key, RingChannel(depth))
+        self._depth = depth
         self._last_seq: dict[str, int] = {}
         self.dropped = 0
         self.invalid = 0
 
     def poll(self, now_ns: int) -> list[M]:
         messages: list[M] = []
-        while (sample := self._subscriber.try_recv()) is not None:
-            message = self._parse(sample.payload.to_bytes())
+        for _ in range(self._depth):  # a sender that is faster than this loop does not hold it up
+            if (sample := self._subscriber.try_recv()) is None:
+                break
+            message = self._parse(sample.payload)
             if message is not None:
                 messages.append(message)
         return messages
 
-    def _parse(self, payload: bytes) -> M | None:
+    def _parse(self, payload: Any) -> M | None:
+        if len(payload) > self._topic.max_bytes:
+            self._count_invalid(f"{len(payload)} bytes, at most {self._topic.max_bytes}")
+            return None
         try:
-            message = self._topic.message.model_validate_json(payload)
+            message = self._topic.message.model_validate_json(payload.to_bytes())
         except ValidationError as error:
-            self.invalid += 1
-            if self.invalid & (self.invalid - 1) == 0:  # 1st, 2nd, 4th, 8th...: a flood must not flood the log
-                log.warning("%s: invalid message no. %d: %s", self._topic, self.invalid, error.errors()[0]["msg"])
+            self._count_invalid(error.errors()[0]["msg"])
             return None
         self._count_gap(message)
         return message
 
+    def _count_invalid(self, why: str) -> None:
+        self.invalid += 1
+        if self.invalid & (self.invalid - 1) == 0:  # 1st, 2nd, 4th, 8th...: a flood must not flood the log
+            log.warning("%s: invalid message no. %d: %s", self._topic, self.invalid, why)
+
     def _count_gap(self, message: M) -> None:
         sender = str(getattr(message, "source", ""))
+        if sender not in self._last_seq and len(self._last_seq) >= SENDERS_MAX:
+            return
         gap = message.seq - self._last_seq.get(sender, message.seq) - 1
         self.dropped += max(gap, 0)
         self._last_seq[sender] = message.seq

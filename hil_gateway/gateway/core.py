@@ -20,7 +20,7 @@ from hil_gateway.gateway.act.actor import Actor
 from hil_gateway.gateway.decide.conditions import Conditions
 from hil_gateway.gateway.decide.decision import Decision, decide
 from hil_gateway.gateway.decide.failsafe import Failsafe, Inputs
-from hil_gateway.gateway.decide.ladder_inputs import flags_in_force, flags_received
+from hil_gateway.gateway.decide.ladder_inputs import caution_speed, flags_in_force, flags_received
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning
 from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.monitors.monitors import Monitors
@@ -48,6 +48,7 @@ class Gateway:
         self.decision = Decision()
         self._actor = Actor(config, codec, link, actuation, track)
         self._reporter = Reporter(config.gateway.mode, load)
+        self._caution_speed = config.gateway.caution_speed
         self._seq = 0
         self.seen: tuple[VehicleState, Inputs] | None = None
         """what the newest period decided on"""
@@ -83,6 +84,7 @@ class Gateway:
         if decision.stopping and not before.stopping:
             self._actor.start_stop()
         self._actor.report_ladder(now_ns, decision.race_control.ct_state, flags_received(self.builder))
+        self._actor.caution_speed = caution_speed(self.builder, self._caution_speed)
         sent, limited = self._actor.step(now_ns, state, motion, decision, gate.newest, pose)
         self._reporter.note_answer(now_ns, decision, gate.newest)
         self._bus.publish(topics.APPLIED, self._actor.applied(now_ns, self._seq, state, decision, sent, limited))

@@ -51,5 +51,8 @@ class GatewayConfig(Model):
     command_latency_max_s: float = Field(
         default=0.15, ge=0.05, le=0.5, description="older states are not answered any more"
     )
+    caution_speed: float = Field(
+        default=22.0, ge=5, le=60, description="m/s under yellow flags, when race control names no speed"
+    )
     limits: LimitConfig = LimitConfig()
     stop: StopConfig = StopConfig()

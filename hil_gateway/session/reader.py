@@ -17,11 +17,12 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata
-from mcap.stream_reader import get_chunk_data_stream
 
 from hil_gateway.bus.topics import TOPICS
 from hil_gateway.process.clock import NS_PER_S
@@ -36,6 +37,8 @@ _FOOTER = struct.Struct("<BQQQI8s")
 _FOOTER_CHECKED = 25
 # start, end, uncompressed size, CRC, length and name of the compression: what makes a chunk recognisable
 _CHUNK_START = re.compile(rb"\x06.{8}.{28}\x04\x00\x00\x00zstd|\x06.{8}.{28}\x03\x00\x00\x00lz4", re.DOTALL)
+CHUNK_BYTES_MAX = 1 << 26
+"""of a chunk's content: ours have 1 MB, other writers' some; more is a mistake, or meant to fill the memory"""
 _SCAN_BYTES = 1 << 20
 _SCAN_OVERLAP = 64
 _KNOWN_OPCODES = {int(code) for code in Opcode}
@@ -142,8 +145,10 @@ class SessionReader:
         number, self.chunks = self.chunks, self.chunks + 1
         try:
             chunk = Chunk.read(ReadDataStream(BytesIO(body)))
-            stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-            data = stream.read(length)
+            if chunk.uncompressed_size > CHUNK_BYTES_MAX:
+                self._note(offset, f"chunk {number}{_span(body)} claims {chunk.uncompressed_size} bytes: not read")
+                return
+            data = _unpacked(chunk)
         except Exception as error:  # whatever a decompressor raises, the chunk is damaged
             self._note(offset, f"chunk {number}{_span(body)} is corrupt: {type(error).__name__}: {error}")
             return
@@ -197,6 +202,28 @@ class SessionReader:
 
     def _note(self, offset: int, what: str, cut: bool = False) -> None:
         self.damage.append(Damage(offset, what, cut))
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """Content of a chunk; what unpacks to another size than it claims is corrupt before all of it is in memory.
+
+    Raises:
+        ValueError: another size, an unknown compression; and whatever a decompressor raises.
+    """
+    limit = chunk.uncompressed_size + 1
+    if chunk.compression == "zstd":
+        data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(limit)
+    elif chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameFile(BytesIO(chunk.data)).read(limit)
+    elif not chunk.compression:
+        data = chunk.data[:limit]
+    else:
+        raise ValueError(f"compression {chunk.compression[:20]!r} is not known")
+    if len(data) != chunk.uncompressed_size:
+        raise ValueError(f"unpacks to another size than the {chunk.uncompressed_size} bytes it claims")
+    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise ValueError("its checksum is wrong")
+    return bytes(data)
 
 
 def _default_topics() -> dict[int, str]:

@@ -26,6 +26,8 @@ LIMITS: dict[str, tuple[float, float]] = {
 }
 """column -> range of values that can be meant (a bank of 9 is in degrees)"""
 POINTS_MIN = 12
+BYTES_MAX = 50_000_000
+"""of a file: 60 km in steps of 0.1 m with six columns"""
 GAP_RATIO = 20.0
 """a step this many times the median one is a jump, not a track"""
 GAP_MIN_M = 30.0
@@ -38,6 +40,8 @@ def read_csv(path: Path) -> Survey:
         InputError: with file, row (line number), column, value and remedy.
     """
     try:
+        if path.stat().st_size > BYTES_MAX:
+            raise InputError(f"{path}: {path.stat().st_size} bytes, a track file has at most {BYTES_MAX}")
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot read the track: {error}") from None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.shipped import did_you_mean, shipped
+from hil_gateway.track.course import check_course
 from hil_gateway.track.csv_file import read_csv
 from hil_gateway.track.layout import read_layout
 from hil_gateway.track.smoothing import Survey, smooth
@@ -28,13 +29,14 @@ def load_track(path: str | Path | None = None) -> Track:
     None or "" gives the shipped road course.
 
     Raises:
-        InputError: no such file, or a file that does not describe a closed track; names file, row and column.
+        InputError: no such file, or a file that does not describe a closed track that can be driven; names file,
+            row and column.
     """
     file = _resolve(str(path or DEFAULT_TRACK))
     reader = READERS.get(file.suffix.lower())
     if reader is None:
         raise InputError(f"{file}: a track is a .csv (x_m,y_m,w_tr_right_m,w_tr_left_m) or a .toml description")
-    return smooth(reader(file))
+    return check_course(str(file), smooth(reader(file)))
 
 
 def _resolve(name: str) -> Path:

@@ -254,6 +254,9 @@ def implausible(revision: ModelRevision, start: ModelRevision) -> str:
         return f"layout {revision.layout} is not the planner's {start.layout}"
     if unknown := [e.name for e in revision.effects if e.name not in catalogue()]:
         return f"effect {unknown[0]} is unknown"
+    if revision.tyre.keys() != start.tyre.keys():
+        odd = sorted(revision.tyre.keys() ^ start.tyre.keys())[0]
+        return f"tyre parameter {odd} is missing or unknown; layout {start.layout} has {', '.join(start.tyre)}"
     for name, value in revision.tyre.items():
         if not _near((value,), (start.tyre[name],)):
             return f"tyre parameter {name} = {value:.4g} is far from the {start.tyre[name]:.4g} the run started with"

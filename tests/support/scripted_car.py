@@ -109,7 +109,8 @@ class ScriptedCar:
         jitter = 0.02 * math.sin(1.7 * self.tick)
         latitude, longitude = MAP.to_geodetic(self.x, 0.0)
         return {
-            "imu_az": 1.0 + jitter, "imu_ax": self.pushed / GRAVITY + jitter, "imu_ay": -jitter, "imu_yaw_rate": 5 * jitter,
+            "imu_az": 1.0 + jitter, "imu_ax": self.pushed / GRAVITY + jitter, "imu_ay": -jitter,
+            "imu_yaw_rate": 5 * jitter,
             "imu_roll_rate": 5 * jitter,
             "wheel_speed_FL": wheel, "wheel_speed_FR": wheel, "wheel_speed_RL": wheel, "wheel_speed_RR": wheel,
             "primary_steering_angle_fbk": steer, "secondary_steering_ang_fdbk": steer,

@@ -139,6 +139,26 @@ PROMISES: tuple[Promise, ...] = (
         "Every accepted plan meets its constraints; failure gives the shifted plan, then a stop plan",
         "all plans of a run",
     ),
+    Promise(
+        "D1",
+        "Every single sensor or actuator fault is noticed in its stated time, or does no harm",
+        "10,000 seeds, all tracks and speeds",
+    ),
+    Promise(
+        "D2",
+        "Every stop after such a fault keeps to the road where physics allows it",
+        "99 % of those seeds, each exception explained",
+    ),
+    Promise(
+        "D3",
+        "No accepted configuration disables steering or brakes",
+        "10^4 random configurations",
+    ),
+    Promise(
+        "D4",
+        "Every input has a bound in size, time and memory",
+        "flood and bomb set",
+    ),
 )
 
 

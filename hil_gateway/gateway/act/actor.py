@@ -23,6 +23,11 @@ from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 
+CAUTION_S = 2.0
+"""time constant with which the car approaches the caution speed"""
+CAUTION_DECELERATION = 3.0
+"""m/s2: nobody behind is surprised, and any tyre holds it beside cornering"""
+
 
 class Actor:
     """Actuators of the car: holds what stands on the wire and the path to stop on."""
@@ -32,6 +37,9 @@ class Actor:
         self._hold_pressure = config.gateway.stop.hold_pressure
         self._testing = config.gateway.mode == "actuator_test"
         self._transmits = config.gateway.mode in ("armed", "actuator_test")
+        self._mass_per_force = config.vehicle.mass / config.powertrain.force_per_drive
+        self.caution_speed = config.gateway.caution_speed
+        """m/s, under yellow flags"""
         self._gears = GearChoice(config.powertrain, config.vehicle.wheel_radius)
         self._limits = Limits(codec, config.gateway.limits)
         self._transmitter = Transmitter(codec, link, config.gateway.vehicle_number)
@@ -96,7 +104,7 @@ class Actor:
         if driving and self._testing:
             return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S)
         if driving and command is not None:
-            steer, drive = command.steer, command.drive
+            steer, drive = command.steer, self._paced(command.drive, motion.speed, decision)
         else:
             emergency = decision.action is FailsafeAction.EMERGENCY_STOP
             steer, drive = self.stopping.command(motion, pose, emergency)
@@ -104,6 +112,13 @@ class Actor:
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
         return Actuators(wanted.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
+
+    def _paced(self, drive: float, speed: float, decision: Decision) -> float:
+        """Slip-ratio drive command of which no more is left, under yellow flags, than leads to the caution speed."""
+        if decision.race_control.ct_state is not CtState.CAUTION:
+            return drive
+        wanted = max((self.caution_speed - speed) / CAUTION_S, -CAUTION_DECELERATION)
+        return min(drive, self._mass_per_force * wanted)
 
     def applied(  # noqa: PLR0917 - what a message says
         self, now_ns: int, seq: int, state: VehicleState, decision: Decision, sent: bool, limited: tuple[str, ...]

@@ -17,12 +17,16 @@ from hil_gateway.process.clock import NS_PER_S
 
 UNCOMMANDED = 1.0
 """m/s; a car in sys_state driving that moves so fast while nobody sends commands obeys old ones"""
-DRIVING_ONLY = ("command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving")
+DRIVING_ONLY = ("command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving", "mode_switch_off")
 """Measures that have no meaning while actuators are tested with the engine off."""
 ESTIMATE_MAX_S = 0.1
 """An estimate of an older state is none. The state's stamp is the gateway's own, so that what lay in a queue while the
 gateway was held up does not pass for new."""
-FAILURE_SIGNALS = ("sd_system_failure", "est4_sd_comms_loss", "est5_motec_comms_loss")
+FAILURE_SIGNALS = (
+    "sd_system_failure", "est1_oos_front_brk", "est2_oos_rear_brk", "est4_sd_comms_loss", "est5_motec_comms_loss",
+    "est6_sd_ebrake", "sbw_error_code",
+)  # fmt: skip
+"""failure, brakes out of service, lost communication, emergency brake (0x53E); error of the steering (0x521)"""
 
 
 class Conditions:
@@ -91,6 +95,8 @@ class Conditions:
             "car_emergency": _holds(state.sys_state in (SysState.EMERGENCY, SysState.CRITICAL_LIMIT)),
             "car_not_driving": _holds(state.sys_state != SysState.DRIVING),
             "car_failure": _holds(failed),
+            "mode_switch_off": _holds(builder.signal("mode_switch_state") == 0),
+            "safety_switch": _holds(builder.signal("safety_switch_state") != 0),
             "uncommanded_motion": _holds(not answers_for_motion and _drives_on(state)),
             "engine_running": 0.0,
             "foreign_emergency": _holds(builder.foreign_emergency(now_ns)),

@@ -140,6 +140,8 @@ TABLE: tuple[Row, ...] = (
         Clear.REARM,
     ),
     Row("car_failure", "the car reports a system failure (0x53E)", "car_failure", 0.0, _STOP, Clear.REARM),
+    Row("mode_switch_off", "the mode switch at the car is off", "mode_switch_off", 0.0, _STOP, Clear.REARM),
+    Row("safety_switch", "a safety switch at the car is set", "safety_switch", 0.0, _STOP, Clear.REARM),
     Row(
         "position_wrong",
         "position fixes do not fit the way the car has gone",

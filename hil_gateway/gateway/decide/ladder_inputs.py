@@ -29,6 +29,12 @@ def flags_received(builder: VehicleStateBuilder) -> Flags:
     return vehicle, track, marelli_track, marelli_vehicle, sector
 
 
+def caution_speed(builder: VehicleStateBuilder, declared: float) -> float:
+    """Speed under yellow flags, m/s: the one race control names, if it does, and never above `declared`."""
+    named = builder.signal("round_target_speed")
+    return min(named, declared) if named > 0.0 else declared
+
+
 def ladder_inputs(builder: VehicleStateBuilder, now_ns: int, state: VehicleState) -> LadderInputs:
     """Inputs of the ladder."""
     return LadderInputs(

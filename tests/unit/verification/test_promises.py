@@ -88,7 +88,7 @@ def test_the_report_takes_the_worst_outcome_and_every_figure_once(tmp_path):
     assert text.count("10 \\| 20") == 1
     assert "| kept (a long run) | all of it |" in text
     assert "`a.py` (1)" in text
-    assert len(as_json(evidence)) == len(PROMISES) == 24
+    assert len(as_json(evidence)) == len(PROMISES) == 28
 
 
 def test_a_long_run_of_some_promises_keeps_what_is_known_of_the_others(tmp_path):

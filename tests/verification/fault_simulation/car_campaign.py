@@ -58,7 +58,7 @@ def simulate(loop: Loop, injector: SimulatedFault, fault: CarFault, seed: int) -
     return FaultResult(fault.name, begin_s, speed, noticed_s, cause, standing, referee.worst_margin_m, before)
 
 
-def campaign(
+def campaign(  # noqa: PLR0917 - what a campaign is
     track: str, points: int, spacing_s: float, faults: Sequence[CarFault] = CAR_FAULTS, car: SimulatedCar | None = None,
     first_s: float = 14.0,
 ) -> Iterator[FaultResult]:  # fmt: skip

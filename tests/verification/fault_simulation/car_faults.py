@@ -45,7 +45,7 @@ class CarFault:
     messages: tuple[str, ...]
     """CAN messages it changes; none: an actuator"""
     noticed_by: tuple[str, ...]
-    """rows of the failsafe table, any of which is right; none: it does no harm or cannot be noticed, and `why` says so"""
+    """rows of the failsafe table, any of which is right; none: harmless or not to be noticed, see `why`"""
     within_s: float
     """from its first effect on what the car does or says"""
     why: str
@@ -109,42 +109,114 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault("position missing", POSITION, ("position_lost",), 1.1, "its age", _lost),
     CarFault("position repeats its last fix", POSITION, _FIX, 0.4, "way by wheels and gyro", _frozen),
     CarFault("position steps by 4 m", POSITION, _FIX, 0.4, "way by wheels and gyro", _north(lambda m: 4.0)),
-    CarFault("position ramps by 5 m/s", POSITION, (*_FIX, "off_road"), 2.0, "way by wheels and gyro", _north(lambda m: 5 * m.t)),
-    CarFault("position drifts by 0.5 m/s", POSITION, (), math.inf, "nothing on board is independent of one receiver "
-             "over ten seconds: heading and wheel radius explain it", _north(lambda m: 0.5 * m.t)),
+    CarFault(
+        "position ramps by 5 m/s",
+        POSITION,
+        (*_FIX, "off_road"),
+        2.0,
+        "way by wheels and gyro",
+        _north(lambda m: 5 * m.t),
+    ),
+    CarFault(
+        "position drifts by 0.5 m/s",
+        POSITION,
+        (),
+        math.inf,
+        "nothing on board is independent of one receiver over ten seconds: heading and wheel radius explain it",
+        _north(lambda m: 0.5 * m.t),
+    ),
     CarFault("position 0.1 s late", POSITION, _FIX, 0.6, "way by wheels and gyro, above 30 m/s", None, delay_s=0.1),
     CarFault("position 0.3 s late", POSITION, _FIX, 0.8, "way by wheels and gyro", None, delay_s=0.3),
     CarFault("position 0.5 s late", POSITION, _FIX, 1.0, "way by wheels and gyro", None, delay_s=0.5),
-    CarFault("position noisy by 1 m", POSITION, _FIX, 1.0, "way by wheels and gyro",
-             _north(lambda m: m.rng.gauss(0, 1.0))),
-    CarFault("second sender of positions", POSITION, (*_FIX, "sender_doubled"), 1.2, "frames a second", None, twice_m=3.0),
+    CarFault(
+        "position noisy by 1 m", POSITION, _FIX, 1.0, "way by wheels and gyro", _north(lambda m: m.rng.gauss(0, 1.0))
+    ),
+    CarFault(
+        "second sender of positions", POSITION, (*_FIX, "sender_doubled"), 1.2, "frames a second", None, twice_m=3.0
+    ),
     CarFault("IMU missing", IMU, ("state_invalid",), 0.15, "its age", _lost),
     CarFault("IMU frozen", IMU, ("state_invalid",), 0.25, "noise changes the last bit of every frame", _frozen),
     CarFault("IMU constant with dither", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _dithering),
     CarFault("IMU near zero", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _scaled(0.02, *INERTIAL)),
     CarFault("IMU sign flipped", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _scaled(-1.0, *INERTIAL)),
-    CarFault("yaw rate off by 0.3 rad/s", IMU, _MOTION, 1.5, "v r against lateral force; wheels", _plus(0.3, "imu_yaw_rate")),
+    CarFault(
+        "yaw rate off by 0.3 rad/s", IMU, _MOTION, 1.5, "v r against lateral force; wheels", _plus(0.3, "imu_yaw_rate")
+    ),
     CarFault("wheel speeds missing", WHEELS, ("state_invalid",), 0.15, "their age", _lost),
     CarFault("wheel speeds frozen", WHEELS, ("state_invalid",), 0.25, "noise changes the last bit", _frozen),
-    CarFault("one rear wheel speed zero", WHEELS, ("wheel_speed_wrong", "acceleration_wrong", "yaw_rate_wrong"), 0.7, "the other three",
-             _scaled(0.0, "wheel_speed_RL")),
-    CarFault("one front wheel speed at 70 %", WHEELS, ("wheel_speed_wrong", "acceleration_wrong", "yaw_rate_wrong"), 1.0,
-             "the other three", _scaled(0.7, "wheel_speed_FR")),
-    CarFault("wheel speeds at 80 %", WHEELS, (*_FIX, "off_road", "acceleration_wrong"), 1.5, "way between fixes",
-             _scaled(0.8, "wheel_speed_FL", "wheel_speed_FR", "wheel_speed_RL", "wheel_speed_RR")),
-    CarFault("wheel speeds left and right swapped", WHEELS, (), math.inf, "the mean of an axle stays right: harmless",
-             _swapped),
-    CarFault("steering angle reported frozen", STEERING, ("steering_stuck", "state_invalid", "counters_wrong"), 6.0, "its command",
-             _frozen),
-    CarFault("steering angle off by 15 deg", STEERING, ("steering_stuck", "state_invalid"), 0.6, "its command",
-             _plus(math.radians(15), *ANGLES)),
-    CarFault("steering stuck", (), ("steering_stuck", "off_road"), 3.0, "its command, once it differs by 8 deg",
-             actuate=lambda asked, then: replace(asked, steer=then.steer)),
-    CarFault("brakes dead", (), ("commands_unanswered", "acceleration_wrong", "pedals_stuck", "off_road"), 6.0, "deceleration, at the next braking",
-             actuate=lambda asked, then: replace(asked, brake_front=0.0, brake_rear=0.0)),
-    CarFault("throttle stuck at 60 %", (), ("commands_unanswered", "acceleration_wrong", "pedals_stuck", "off_road"), 6.0, "acceleration, once closed",
-             actuate=lambda asked, then: replace(asked, throttle=max(asked.throttle, 0.6))),
-)  # fmt: skip
+    CarFault(
+        "one rear wheel speed zero",
+        WHEELS,
+        ("wheel_speed_wrong", "acceleration_wrong", "yaw_rate_wrong"),
+        0.7,
+        "the other three",
+        _scaled(0.0, "wheel_speed_RL"),
+    ),
+    CarFault(
+        "one front wheel speed at 70 %",
+        WHEELS,
+        ("wheel_speed_wrong", "acceleration_wrong", "yaw_rate_wrong"),
+        1.0,
+        "the other three",
+        _scaled(0.7, "wheel_speed_FR"),
+    ),
+    CarFault(
+        "wheel speeds at 80 %",
+        WHEELS,
+        (*_FIX, "off_road", "acceleration_wrong"),
+        1.5,
+        "way between fixes",
+        _scaled(0.8, "wheel_speed_FL", "wheel_speed_FR", "wheel_speed_RL", "wheel_speed_RR"),
+    ),
+    CarFault(
+        "wheel speeds left and right swapped",
+        WHEELS,
+        (),
+        math.inf,
+        "the mean of an axle stays right: harmless",
+        _swapped,
+    ),
+    CarFault(
+        "steering angle reported frozen",
+        STEERING,
+        ("steering_stuck", "state_invalid", "counters_wrong"),
+        6.0,
+        "its command",
+        _frozen,
+    ),
+    CarFault(
+        "steering angle off by 15 deg",
+        STEERING,
+        ("steering_stuck", "state_invalid"),
+        0.6,
+        "its command",
+        _plus(math.radians(15), *ANGLES),
+    ),
+    CarFault(
+        "steering stuck",
+        (),
+        ("steering_stuck", "off_road"),
+        3.0,
+        "its command, once it differs by 8 deg",
+        actuate=lambda asked, then: replace(asked, steer=then.steer),
+    ),
+    CarFault(
+        "brakes dead",
+        (),
+        ("commands_unanswered", "acceleration_wrong", "pedals_stuck", "off_road"),
+        6.0,
+        "deceleration, at the next braking",
+        actuate=lambda asked, then: replace(asked, brake_front=0.0, brake_rear=0.0),
+    ),
+    CarFault(
+        "throttle stuck at 60 %",
+        (),
+        ("commands_unanswered", "acceleration_wrong", "pedals_stuck", "off_road"),
+        6.0,
+        "acceleration, once closed",
+        actuate=lambda asked, then: replace(asked, throttle=max(asked.throttle, 0.6)),
+    ),
+)
 
 
 class SimulatedFault(Faults):

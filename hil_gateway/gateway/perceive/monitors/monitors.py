@@ -68,7 +68,7 @@ class Monitors:
         return max(lateral, self._speed_change.step(now_ns, state, speed))
 
     def _distrust(self, measures: dict[str, float]) -> None:
-        """From a first contradiction on, nothing is reckoned with the IMU; once a row may have fired, until standing."""
+        """From a first contradiction on no estimate is believed; after some of it, no IMU until the car stands."""
         contradicted = [measures[name] for name in IMU_MEASURES]
         self.imu_wrong = max(contradicted) > IMU_WRONG_S or (self.imu_wrong and self.motion.motion.speed > STANDSTILL)
         self.motion.believe_imu = not self.imu_wrong

@@ -86,8 +86,8 @@ def _within(yaw_rate: float, steered: float, margin: float) -> bool:
     return low - margin <= yaw_rate <= high + margin
 
 
-LATERAL = 5.0
-"""m/s2: gravity on the steepest bank (20 deg: 3.4), side slip building up (1), bias and noise (0.5)"""
+LATERAL = 6.0
+"""m/s2: gravity on the steepest bank (24 deg: 4.0), side slip building up (1.5), bias and noise (0.5)"""
 LATERAL_SHARE = 0.35
 """of v r: the body's side slip in a slide"""
 

@@ -1,0 +1,59 @@
+"""Switches at the car, service bits and yellow flags act as people mean them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from support.scripted_car import Rig
+from verification.fault_simulation.car_faults import markdown
+
+from hil_gateway.bus.messages import FailsafeAction, OperatorAction
+
+
+@pytest.mark.parametrize(
+    ("signal", "value", "cause"),
+    [
+        ("mode_switch_state", 0, "mode_switch_off"),
+        ("safety_switch_state", 7, "safety_switch"),
+        ("est1_oos_front_brk", 1, "car_failure"),
+        ("est6_sd_ebrake", 1, "car_failure"),
+    ],
+)
+def test_a_switch_or_service_bit_stops_the_car_and_refuses_arming(signal: str, value: int, cause: str) -> None:
+    rig = Rig()
+    rig.drive_off()
+    rig.car.overrides[signal] = value
+    rig.run(0.1)
+    assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, cause)
+    rig = Rig()
+    rig.run(1.0)
+    rig.car.overrides[signal] = value
+    rig.run(0.2)
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.1)
+    assert rig.action is FailsafeAction.SILENT
+    assert cause in rig.status.missing_for_arming
+
+
+@pytest.mark.parametrize(("named_mph", "reached"), [(0.0, 22.0), (30.0, 13.4), (100.0, 22.0)])
+def test_a_full_course_yellow_slows_the_car_to_the_caution_speed(named_mph: float, reached: float) -> None:
+    rig = Rig()
+    rig.drive = 0.1
+    rig.drive_off(12.0)
+    rig.run(8.0)
+    assert rig.car.speed > 30.0
+    rig.car.track_flag = 9
+    rig.car.overrides["round_target_speed"] = named_mph
+    rig.run(15.0)
+    assert rig.action is FailsafeAction.DRIVE
+    assert rig.car.ct_state == 8
+    assert rig.car.speed == pytest.approx(reached, abs=1.5)
+    rig.car.track_flag = 1
+    rig.run(8.0)
+    assert rig.car.speed > reached + 3.0
+
+
+def test_the_documented_fault_model_is_the_simulated_one() -> None:
+    text = (Path(__file__).resolve().parents[4] / "docs" / "failsafe.md").read_text()
+    assert markdown() in text, "docs/failsafe.md: replace its fault model with car_faults.markdown()"
