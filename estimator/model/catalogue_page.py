@@ -29,7 +29,7 @@ def _section(effect: Effect) -> str:
         f"## `{effect.name}`", "", f"What the declared model lacks: {effect.lacks}.", "",
         f"    {effect.equation}", "", f"Source: {effect.source}. Channels: {', '.join(effect.channels)}. "
         f"Stages: {', '.join(effect.hooks)}.", "",
-        "| parameter | unit | neutral | prior std | bounds | meaning |", "| --- | --- | --- | --- | --- | --- |",
+        "| parameter | unit | neutral | prior std | bounds | meaning | plausible |", f"|{7 * ' --- |'}",
         *(_row(p) for p in effect.parameters), "",
     ]  # fmt: skip
     if effect.profile:
@@ -46,7 +46,13 @@ def _section(effect: Effect) -> str:
 
 def _row(p: Parameter) -> str:
     low, high = (f"{v:g}" if math.isfinite(v) else "none" for v in (p.lower, p.upper))
-    return f"| `{p.name}` | {p.unit} | {p.prior:g} | {p.prior_std:g} | {low} to {high} | {p.description} |"
+    return f"| `{p.name}` | {p.unit} | {p.prior:g} | {p.prior_std:g} | {low} to {high} | {p.description} | {_plausible(p)} |"
+
+
+def _plausible(p: Parameter) -> str:
+    if p.plausible is None:
+        return "within the bounds"
+    return f"{p.plausible.lower:g} to {p.plausible.upper:g}: {p.plausible.reason}"
 
 
 if __name__ == "__main__":
