@@ -46,7 +46,8 @@ def _section(effect: Effect) -> str:
 
 def _row(p: Parameter) -> str:
     low, high = (f"{v:g}" if math.isfinite(v) else "none" for v in (p.lower, p.upper))
-    return f"| `{p.name}` | {p.unit} | {p.prior:g} | {p.prior_std:g} | {low} to {high} | {p.description} | {_plausible(p)} |"
+    numbers = f"{p.prior:g} | {p.prior_std:g} | {low} to {high}"
+    return f"| `{p.name}` | {p.unit} | {numbers} | {p.description} | {_plausible(p)} |"
 
 
 def _plausible(p: Parameter) -> str:
