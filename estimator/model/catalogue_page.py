@@ -19,8 +19,8 @@ is one file that identification, diagnosis and planner share. At its neutral par
 PARAMETERS = """
 ## Parameters
 
-| effect | parameter | unit | neutral | prior std | bounds | meaning |
-| --- | --- | --- | --- | --- | --- | --- |
+| effect | parameter | unit | neutral | prior std | bounds | meaning | plausible |
+| --- | --- | --- | --- | --- | --- | --- | --- |
 """
 NOTES = """
 Profiles are periodic cubic splines over the named signal. Effects with memory use the past of the signals on recorded
@@ -58,8 +58,14 @@ def _notes(effect: Effect) -> str:
 
 def _parameter(effect: Effect, p: Parameter) -> str:
     low, high = (f"{v:g}" if math.isfinite(v) else "none" for v in (p.lower, p.upper))
-    bounds = f"{low} to {high}"
-    return f"| `{effect.name}` | `{p.name}` | {p.unit} | {p.prior:g} | {p.prior_std:g} | {bounds} | {p.description} |"
+    numbers = f"{p.prior:g} | {p.prior_std:g} | {low} to {high}"
+    return f"| `{effect.name}` | `{p.name}` | {p.unit} | {numbers} | {p.description} | {_plausible(p)} |"
+
+
+def _plausible(p: Parameter) -> str:
+    if p.plausible is None:
+        return "within the bounds"
+    return f"{p.plausible.lower:g} to {p.plausible.upper:g}: {p.plausible.reason}"
 
 
 def _of(source: str, effects: list[Effect]) -> str:

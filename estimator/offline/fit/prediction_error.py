@@ -38,6 +38,13 @@ class Fit:
         return np.asarray(np.linalg.pinv(self.normal.precision(self.normal.variance), hermitian=True), np.float64)
 
     @property
+    def slow_variance(self) -> Array:
+        """(p,) variance of the parameters if residuals of a stretch (30 s) say one thing: sandwich over stretches."""
+        scores = np.einsum("clp,c->pl", self.normal.gradient, 1.0 / self.normal.variance)
+        stretches, spread = scores.shape[1], self.covariance @ scores
+        return np.asarray(np.sum(spread**2, axis=1) * stretches / max(stretches - 1, 1))
+
+    @property
     def deviation(self) -> Array:
         """(5,) standard deviation of the residuals of each channel."""
         return np.sqrt(self.normal.variance)

@@ -42,11 +42,8 @@ def standard_deviations(diagnosis: Diagnosis) -> Array:
     covariance = fit.covariance
     at = evaluate(fit.predictor, fit.parameters, fit.noise)
     scores = np.einsum("cpwb,cwb->pw", at.sensitivity, at.error / fit.normal.variance[:, None, None], optimize=True)
-    slow = np.einsum("clp,c->pl", fit.normal.gradient, 1.0 / fit.normal.variance)
-    stretches = slow.shape[1]
-    variance = np.diag(covariance).copy()
-    for outer in (scores @ scores.T, slow @ slow.T * stretches / max(stretches - 1, 1)):
-        variance = np.maximum(variance, np.diag(covariance @ outer @ covariance))
+    within = np.diag(covariance @ (scores @ scores.T) @ covariance)
+    variance = np.maximum(np.maximum(np.diag(covariance), within), fit.slow_variance)
     for block in fit.predictor.blocks:
         if block.effect.name in SAMPLED:
             variance[block.parameters] += diagnosis.record.step**2 / 12  # when within a sample the log was written

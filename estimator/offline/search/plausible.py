@@ -52,7 +52,7 @@ def _there(fit: Fit, block: Block) -> bool:
     """Whether a parameter is off its neutral value beyond its error; a profile: its largest coefficient."""
     rows = block.parameters
     off = np.abs(fit.parameters[rows] - np.array([p.prior for p in _table(fit, block)]))
-    errors = np.sqrt(np.maximum(np.diag(fit.covariance)[rows], 0.0))
+    errors = np.sqrt(np.maximum(np.diag(fit.covariance), fit.slow_variance)[rows])
     return bool(np.any(off > LEAST_ERRORS * np.maximum(errors, np.finfo(float).tiny)))
 
 

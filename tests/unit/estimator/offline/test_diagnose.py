@@ -27,6 +27,7 @@ from estimator.offline.record.noise import Noise
 from estimator.offline.report.diagnosis_result import as_json, as_revision
 from estimator.offline.report.words import describe, follows_turn_direction
 from estimator.offline.result.diagnosis_score import kernel
+from estimator.offline.result.leftover import leftovers
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.trial import Setting, fit_names
 from estimator.offline.search.whiteness import structured_elsewhere
@@ -80,6 +81,50 @@ def test_pair_is_named_whole(diagnosed: Callable[[str], Diagnosis]) -> None:
     found = diagnosed("pair")
     assert set(found.accepted) == {"aero_drag", "steer_offset"}
     json.dumps(as_json(found, "r", ""), allow_nan=False)
+
+
+def test_a_wrong_yaw_inertia_is_reported_as_declared_data_and_not_as_an_effect(drives: dict[str, Any]) -> None:
+    wrong = Vehicle().model_copy(update={"yaw_inertia": 0.85 * Vehicle().yaw_inertia})
+    record = replace(record_of(drives["none"]), vehicle=wrong)
+    result = as_json(diagnose(record, "per_axle", PRIOR), "r", "")
+    assert result["effects"] == []
+    assert [v["name"] for v in result["vehicle"]] == ["yaw_inertia"]
+    found = result["vehicle"][0]
+    assert found["declared"] == wrong.yaw_inertia
+    assert abs(found["found"] - Vehicle().yaw_inertia) < min(3.0 * found["std"], 0.05 * Vehicle().yaw_inertia)
+
+
+def test_what_exceeds_the_noise_only_in_the_scored_laps_is_said_with_its_time(
+    diagnosed: Callable[[str], Diagnosis],
+) -> None:
+    found = diagnosed("none")
+    assert found.leftover == ()
+    record, best = found.record, found.models["with_effects"]
+    t = record.signals["t"]
+    begins = float(t[found.test_rows].mean())
+    measured = record.measured.copy()
+    measured[1] += 0.4 * ((t > begins) & (t < begins + 20.0))
+    changed = replace(record, measured=measured)
+    floor = {c: row["noise_floor"] for c, row in found.channels.items()}
+    left = leftovers(changed, found.test_rows, best.model, best.parameters, floor)
+    assert [entry.channel for entry in left] == ["ay"]
+    assert left[0].only_scored
+    assert left[0].signal == "t"
+    (start, end), *_ = left[0].spans
+    assert abs(start - begins) < 6.0
+    assert abs(end - begins - 20.0) < 6.0
+
+
+def test_a_size_that_ends_on_its_bound_or_within_its_error_is_not_believed(
+    diagnosed: Callable[[str], Diagnosis],
+) -> None:
+    done = diagnosed("single").fit
+    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "rolling_resistance")
+    assert believed(done, "rolling_resistance")
+    for size in (done.predictor.table[row].upper, 0.002):
+        parameters = done.parameters.copy()
+        parameters[row] = size
+        assert not believed(replace(done, parameters=parameters), "rolling_resistance")
 
 
 def test_effect_outside_the_catalogue_is_unexplained_and_located(diagnosed: Callable[[str], Diagnosis]) -> None:

@@ -1,0 +1,77 @@
+"""The road from kinematics: there whatever tyres and sensors do, and nothing where the road is flat."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.practice_drives import practice, record_of
+
+from estimator.drive_log.health import examine
+from estimator.drive_log.table import read_logs
+from estimator.offline.record.declared import read_vehicle
+from estimator.offline.record.record import Record, make_record
+from estimator.offline.record.road import find_road
+from hil_gateway.process.arrays import Array
+
+BANK, GRADE = 0.06, 0.04
+
+
+@pytest.fixture(scope="module")
+def drives() -> dict[str, Any]:
+    effects: dict[str, dict[str, float]] = {"flat": {}, "hilly": {"road_bank": BANK, "road_grade": GRADE}}
+    made = practice().simulate(list(effects.values()), [41, 42], laps=4, step=0.01)
+    return dict(zip(effects, made, strict=True))
+
+
+def profile(record: Record, name: str) -> Array:
+    basis = record.bases["track_position"]
+    return basis.matrix(np.linspace(0.0, record.lap_length, 400)) @ find_road(record)[name].coefficients
+
+
+def test_bank_and_grade_are_found_to_a_third_of_a_degree(drives: dict[str, Any]) -> None:
+    record = record_of(drives["hilly"])
+    # bank and grade are sums of two waves over the lap; their mean cannot be told from an offset of the sensor
+    for name, size, waves in (("road_bank", BANK, (0.6, 0.4)), ("road_grade", GRADE, (0.7, 0.3))):
+        found = profile(record, name)
+        assert np.std(found) == pytest.approx(size * np.hypot(*waves) / np.sqrt(2), abs=0.003)
+        assert np.ptp(found) <= 2 * size + 0.01
+
+
+def test_a_flat_road_is_no_road(drives: dict[str, Any]) -> None:
+    assert find_road(record_of(drives["flat"])) == {}
+
+
+def test_errors_of_the_sensors_are_not_taken_for_a_road(drives: dict[str, Any]) -> None:
+    drive = drives["flat"]
+    c = drive.columns
+    changed = c | {"ay": 1.02 * c["ay"] + 0.2 + 0.02 * c["ax"], "ax": c["ax"] - 0.15 - 0.02 * c["ay"]}
+    assert find_road(record_of(replace(drive, columns=changed))) == {}
+
+
+def test_a_road_is_found_beside_errors_of_the_sensors(drives: dict[str, Any]) -> None:
+    drive = drives["hilly"]
+    c = drive.columns
+    changed = c | {"ay": 1.02 * c["ay"] + 0.1, "ax": c["ax"] - 0.1}
+    true, found = (profile(record_of(replace(drive, columns=each)), "road_bank") for each in (c, changed))
+    # offset and mean bank are one: the shape is what the road adds
+    assert np.std(found - true) < 0.004
+
+
+def test_without_an_accelerometer_nothing_is_said_of_the_road(drives: dict[str, Any]) -> None:
+    record = record_of(drives["hilly"])
+    assert find_road(replace(record, used=record.used & ~np.array([True, True, False, False, False]))) == {}
+
+
+def test_a_banked_oval_is_no_displaced_sensor_and_its_bank_is_found(measured_data: Path) -> None:
+    car = read_vehicle(measured_data / "plant" / "vehicle.json")
+    health = examine(read_logs([measured_data / "plant" / "double_track_oval.csv"]), car)
+    assert not health.vy_is_displaced
+    record = make_record(health.log, car, health.doubtful)
+    bank = np.degrees(profile(record, "road_bank"))
+    turning = np.quantile(bank, 0.25)
+    assert turning == pytest.approx(-9.2, abs=0.7)
+    assert np.quantile(bank, 0.6) == pytest.approx(0.0, abs=0.7)
