@@ -118,12 +118,15 @@ def _format_of(out: Path | None) -> Format:
 
 @app.command(name="import")
 def import_(
-    file: Annotated[Path, typer.Argument(help="a candump .log, Vector .asc or .blf file")],
+    file: Annotated[Path, typer.Argument(help="a candump .log, Vector .asc or .blf file; with --estimate also .mcap")],
+    *,
     out: Out = None,
     channel: Annotated[str | None, typer.Option(help="only this bus of a log that holds several")] = None,
+    estimate: Annotated[bool, typer.Option("--estimate", help="run gateway and estimator over the frames")] = False,
+    config_file: Annotated[Path | None, typer.Option("--config", help="TOML file: car, track, origin")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make a session of a log of raw CAN frames."""
+    """Make a session of a log of raw CAN frames; with --estimate one that identify and diagnose can work on."""
     from hil_gateway.session.importer import import_log
     from hil_gateway.session.output import beside
 
@@ -131,6 +134,12 @@ def import_(
     if out is None and target.exists():
         raise InputError(f"{target}: there already, perhaps the recording the log was made of; name a file with --out")
     check_file(target, (file,))
+    if estimate:
+        from hil_gateway.cli.session_estimate import import_and_estimate
+
+        values, text = import_and_estimate(file, target, channel, config_file)
+        _report(values, text, as_json)
+        return
     done = import_log(file, target, channel)
     values = {"frames": done.frames, "left_out": done.left_out, "path": str(target)}
     _report(values, f"{done.frames} frames written to {target}", as_json)
