@@ -38,7 +38,9 @@ RATIO = 3.0
 REPEAT_NS = 60_000_000_000
 """the same alert is not repeated for a minute"""
 EXPLAINED = 0.25
-"""least share of the residual that a suspect must explain"""
+"""least share of the residual left by the others that a suspect must explain"""
+MOST_SUSPECTS = 3
+"""effects suspected at once: a score test of a linearised model says no more than that"""
 SMALLEST: Mapping[str, float] = {"ax": 0.1, "ay": 0.1, "yaw_acc": 0.08}
 """noise floors are not believed below these, m/s2 and rad/s2"""
 
@@ -66,7 +68,7 @@ class _Cell:
     last_look: int = -VISIT_GAP - 1
     mean: float = 0.0
     square: float = 0.0
-    alerted_ns: int | None = None
+    judged_ns: int | None = None
 
     def add(self, residual: float, look: int) -> None:
         self.visits += look - self.last_look > VISIT_GAP
@@ -106,6 +108,7 @@ class ResidualMonitor:
         self._score = _ScoreTest(model)
         self._cells: dict[tuple[str, str], _Cell] = {}
         self._noise = _NoiseFloor()
+        self._alerted_ns: dict[tuple[str, str], int] = {}
         self._count = self._looks = 0
 
     def push(self, sample: Sample, theta: Array, stamp_ns: int) -> list[Finding]:
@@ -132,10 +135,14 @@ class ResidualMonitor:
             cell = self._cells[channel, condition]
             if cell.looks < MIN_LOOKS or cell.visits < MIN_VISITS or abs(cell.mean) < RATIO * floor:
                 continue
-            if cell.alerted_ns is not None and stamp_ns - cell.alerted_ns < REPEAT_NS:
+            if cell.judged_ns is not None and stamp_ns - cell.judged_ns < REPEAT_NS:
                 continue
-            cell.alerted_ns = stamp_ns
+            cell.judged_ns = stamp_ns
             suspect = self._score.suspect(channel)
+            key = channel, suspect or condition  # an effect is said once, wherever it shows; else every place is news
+            if key in self._alerted_ns and stamp_ns - self._alerted_ns[key] < REPEAT_NS:
+                continue
+            self._alerted_ns[key] = stamp_ns
             findings.append(Finding(channel, condition, suspect, float(np.sqrt(cell.square) / floor)))
         return findings
 
@@ -166,6 +173,7 @@ class _ScoreTest:
         self._scale = np.array(tyre_scale + [p.prior_std for e in self._candidates for p in e.parameters])
         self._tyre = list(range(len(tyre_scale)))
         self._columns = self._columns_of(self._candidates)
+        self._channels = {effect.name: effect.channels for effect in self._candidates}
         n = len(self._scale)
         self._gram, self._moment, self._count = np.zeros((3, n, n)), np.zeros((3, n)), 0
         self._energy = np.zeros(3)
@@ -198,16 +206,29 @@ class _ScoreTest:
         self._energy += gain * (r * r - self._energy)
 
     def suspect(self, channel: str) -> str:
-        """Effect acting on `channel` that explains most beyond the tyres; empty where none explains enough."""
-        tyres = self._explained(self._tyre)
-        left = float(np.sum(self._energy)) - tyres
-        gains = {
-            e.name: (self._explained(self._tyre + self._columns[e.name]) - tyres) / max(left, 1e-9)
-            for e in self._candidates
-            if channel in e.channels
-        }
-        best = max(gains, key=lambda name: gains[name], default="")
-        return best if best and gains[best] > EXPLAINED else ""
+        """Effect acting on `channel` among those that together explain the residuals; empty where none of them does."""
+        return next((name for name in self._suspects() if channel in self._channels[name]), "")
+
+    def _suspects(self) -> list[str]:
+        """Effects by what each explains beyond the tyres and the ones before it, all channels together.
+
+        Taken one after the other, so that nothing is suspected of what another effect explains already.
+        """
+        chosen: list[str] = []
+        columns, total = list(self._tyre), float(np.sum(self._energy))
+        while len(chosen) < MOST_SUSPECTS:
+            explained = self._explained(columns)
+            gains = {
+                name: (self._explained(columns + own) - explained) / max(total - explained, 1e-9)
+                for name, own in self._columns.items()
+                if name not in chosen
+            }
+            best = max(gains, key=lambda name: gains[name], default="")
+            if not best or gains[best] <= EXPLAINED:
+                break
+            chosen.append(best)
+            columns += self._columns[best]
+        return chosen
 
     def _explained(self, columns: list[int]) -> float:
         """Residual energy explained by one regularised Gauss-Newton step in `columns`."""

@@ -1,4 +1,4 @@
-"""`hil estimator`: the estimator process, its score on a session, and its replay."""
+"""`hil estimator`: the estimator process, its score on a session, its replay, and what it makes of states."""
 
 from __future__ import annotations
 
@@ -56,3 +56,21 @@ def replay(
         print("\n".join(f"{key:22} {row.identical} of {row.recorded} identical" for key, row in result.items()))
     if any(row.identical < row.recorded for row in result.values()):
         raise typer.Exit(EXIT_FAILURE)
+
+
+@app.command()
+def estimate(
+    session: Annotated[Path, typer.Argument(help="a recorded .mcap file with vehicle states")],
+    out: Annotated[Path, typer.Option(help="session to write")],
+    config: Annotated[Path | None, typer.Option(help="configuration (TOML; default: the recorded one)")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Write a session with what the estimator makes of the recorded vehicle states."""
+    from estimator.estimate_session import estimate_session
+    from estimator.replay import recorded_config
+
+    count = estimate_session(session, out, load_config(config) if config else recorded_config(session))
+    if as_json:
+        print_json({"counts": count, "path": str(out)})
+    else:
+        print("\n".join(f"{key:22} {number}" for key, number in count.items()))

@@ -24,4 +24,14 @@ def grouped(alerts: Sequence[tuple[float, Alert]]) -> list[dict[str, Any]]:
         for name, value in (("channels", alert.channel), ("conditions", alert.condition)):
             if value not in line[name]:
                 line[name].append(value)
-    return sorted(groups.values(), key=lambda line: -line["last"])
+    return _not_superseded(sorted(groups.values(), key=lambda line: -line["last"]))
+
+
+def _not_superseded(lines: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Without the suspects of which every channel has since been put down to another effect."""
+    kept: list[dict[str, Any]] = []
+    for line in lines:
+        explained = {channel for newer in kept if newer["suspect"] for channel in newer["channels"]}
+        if not (line["suspect"] and explained.issuperset(line["channels"])):
+            kept.append(line)
+    return kept

@@ -30,9 +30,11 @@ class Format(StrEnum):
     CSV = "csv"
     PARQUET = "parquet"
     CANDUMP = "candump"
+    SIGNALS = "signals"
 
 
 SUFFIXES = {Format.CSV: ".csv", Format.PARQUET: ".parquet", Format.CANDUMP: ".log"}
+SIGNAL_SUFFIXES = (".csv", ".parquet")
 
 
 class Target(StrEnum):
@@ -80,22 +82,25 @@ def export(
     file: OneSession,
     format: Annotated[
         Format | None,
-        typer.Option("--format", help="drive log as csv or parquet, or raw frames (default: as --out says, else csv)"),
+        typer.Option("--format", help="drive log as csv or parquet, raw frames, or decoded signals"),
     ] = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a drive log (csv, parquet) or the raw frames (candump log)."""
+    """Write a drive log (csv, parquet), the raw frames (candump log) or every decoded signal (csv, parquet)."""
     from hil_gateway.session.export import EXPORTS
     from hil_gateway.session.output import beside
+    from hil_gateway.session.signals import export_signals
 
     chosen = format or _format_of(out)
-    target = out or beside(file, SUFFIXES[chosen])
+    decoded = chosen is Format.SIGNALS
+    suffixes = SIGNAL_SUFFIXES if decoded else (SUFFIXES[chosen],)
+    target = out or beside(file, "_signals.csv" if decoded else suffixes[0])
     check_file(target, (file,))
-    if target.is_file() and target.suffix != SUFFIXES[chosen]:
-        reason = f"there already and no {SUFFIXES[chosen]} file, never written over"
+    if target.is_file() and target.suffix not in suffixes:
+        reason = f"there already and no {' or '.join(suffixes)} file, never written over"
         raise InputError(f"{target}: {reason}; choose another --out")
-    done = EXPORTS[chosen](file, target)
+    done = (export_signals if decoded else EXPORTS[chosen])(file, target)
     values = {"rows": done.rows, "left_out": done.left_out, "damage": done.damage, "path": str(target)}
     _report(values, f"{done.rows} rows written to {target}", as_json)
 
@@ -118,12 +123,15 @@ def _format_of(out: Path | None) -> Format:
 
 @app.command(name="import")
 def import_(
-    file: Annotated[Path, typer.Argument(help="a candump .log, Vector .asc or .blf file")],
+    file: Annotated[Path, typer.Argument(help="a candump .log, Vector .asc or .blf file; with --estimate also .mcap")],
+    *,
     out: Out = None,
     channel: Annotated[str | None, typer.Option(help="only this bus of a log that holds several")] = None,
+    estimate: Annotated[bool, typer.Option("--estimate", help="run gateway and estimator over the frames")] = False,
+    config_file: Annotated[Path | None, typer.Option("--config", help="TOML file: car, track, origin")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make a session of a log of raw CAN frames."""
+    """Make a session of a log of raw CAN frames; with --estimate one that identify and diagnose can work on."""
     from hil_gateway.session.importer import import_log
     from hil_gateway.session.output import beside
 
@@ -131,6 +139,12 @@ def import_(
     if out is None and target.exists():
         raise InputError(f"{target}: there already, perhaps the recording the log was made of; name a file with --out")
     check_file(target, (file,))
+    if estimate:
+        from hil_gateway.cli.session_estimate import import_and_estimate
+
+        values, text = import_and_estimate(file, target, channel, config_file)
+        _report(values, text, as_json)
+        return
     done = import_log(file, target, channel)
     values = {"frames": done.frames, "left_out": done.left_out, "path": str(target)}
     _report(values, f"{done.frames} frames written to {target}", as_json)

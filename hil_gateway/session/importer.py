@@ -75,6 +75,15 @@ def _recorded(source: Path, channel: str | None, count: Imported) -> Iterator[Lo
             count.left_out["frame of another channel"] += 1
 
 
+def frames_of(source: Path) -> Iterator[Frame]:
+    """Every frame of a log, of whatever bus.
+
+    Raises:
+        InputError: unreadable or unknown log.
+    """
+    return (entry.frame for entry in _entries(source) if isinstance(entry, LoggedFrame))
+
+
 def _entries(source: Path) -> Iterator[LoggedFrame | LeftOut]:
     """Entries of a log of any kind, with times that can be recorded."""
     suffix = source.suffix.lower()

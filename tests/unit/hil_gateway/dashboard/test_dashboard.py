@@ -226,6 +226,15 @@ def test_alerts_of_one_suspected_effect_are_one_line() -> None:
     assert (drag["channels"], drag["strength"], drag["first"], drag["last"]) == (["ax", "ay"], 2.0, 1.0, 2.0)
 
 
+def test_a_suspect_that_a_later_one_has_replaced_is_not_shown_any_more() -> None:
+    suspects = ("rolling_resistance", "wind", "aero_drag")
+    alerts = [
+        (float(t), m.Alert(stamp_ns=0, seq=0, channel="ax", condition="c", suspected_effect=effect, strength=4))
+        for t, effect in enumerate(suspects)
+    ]
+    assert [line["suspect"] for line in grouped(alerts)] == ["aero_drag"]
+
+
 def test_the_tyre_curve_is_the_one_of_the_estimator_s_model_and_its_band_that_of_sampling() -> None:
     import numpy as np
 

@@ -20,8 +20,10 @@ from hil_gateway.session.lap_table import read_lap
 from hil_gateway.session.writer import SessionFile
 from hil_gateway.track.loading import load_track
 
-ZEROS = ["ax", "ay", "az", "yaw_rate", "roll_rate", "wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr", "steer", "steer_rate", "accelerator", "throttle", "brake_front", "brake_rear", "drive", "engine_speed", "position_x", "position_y"]
-ONES = ["gear", "position_seq", "sys_state", "ct_state", "track_flag", "vehicle_flag"]
+ZEROS = tuple(
+    name for name, field in m.VehicleState.model_fields.items() if field.annotation is float and name != "stamp_ns"
+)
+ONES = ("gear", "position_seq", "sys_state", "ct_state", "track_flag", "vehicle_flag")
 
 
 def write(path: Path, speeds: list[float]) -> Path:

@@ -1,0 +1,107 @@
+"""Raw frames of any logger -> vehicle states, by the gateway itself, run over the frames in listen mode."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hil_gateway.bus.interface import LocalBus
+from hil_gateway.bus.messages import Message, VehicleState
+from hil_gateway.bus.topics import EVENT, GATEWAY_STATUS, VEHICLE_STATE, Topic
+from hil_gateway.can_link import Frame
+from hil_gateway.config import Config
+from hil_gateway.gateway.check.arming import Playback
+from hil_gateway.gateway.core import Gateway
+from hil_gateway.gateway.events.log import EventLog
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.errors import InputError
+from hil_gateway.session.format import CAN_TOPIC, METADATA_SESSION, dbc_hash, named, pack_frame, unpack_frame
+from hil_gateway.session.format import software_version as software
+from hil_gateway.session.output import output_file
+from hil_gateway.session.reader import SessionReader
+from hil_gateway.session.writer import FLUSH_EVERY, SessionFile
+
+PERIOD_NS = NS_PER_S // 100
+KEPT: tuple[Topic[Any], ...] = (VEHICLE_STATE, GATEWAY_STATUS, EVENT)
+LONGEST_GAP_NS = 10 * NS_PER_S
+"""no states are made for longer than this of silence: the log was stopped in between"""
+
+
+@dataclass
+class Perceived:
+    """What the gateway made of the frames."""
+
+    states: int = 0
+    valid: int = 0
+    never_heard: set[str] = field(default_factory=set)
+    """groups of reports of which no frame ever came"""
+
+    def note(self, state: VehicleState) -> None:
+        """Count one state."""
+        if not self.states:
+            self.never_heard = set(state.sources)
+        self.states += 1
+        self.valid += state.valid
+        self.never_heard -= {name for name, source in state.sources.items() if source.age_s is not None}
+
+
+def perceive(source: Path, target: Path, config: Config) -> Perceived:
+    """Write the frames of `source` with the vehicle states the gateway makes of them, every 10 ms.
+
+    Raises:
+        InputError: no recording, no frames in it, `target` cannot be written.
+    """
+    listening = config.model_copy(update={"gateway": config.gateway.model_copy(update={"mode": "listen"})})
+    reader, result = SessionReader(source, frozenset({CAN_TOPIC})), Perceived()
+    with output_file(target, source) as path, SessionFile(path, {}) as file, named(source):
+        frames = [unpack_frame(item.data) for item in reader.items()]
+        if not frames:
+            raise InputError(f"{source}: holds no CAN frames (topic {CAN_TOPIC})")
+        frames.sort(key=lambda frame: frame.stamp_ns)
+        session = reader.metadata.get(METADATA_SESSION, {})
+        known = {"name": source.stem, "software": software(), "dbc_sha256": dbc_hash()}
+        file.add_metadata(METADATA_SESSION, {**known, **session, "config": listening.model_dump_json()})
+        for count, entry in enumerate(_entries(frames, listening, result), start=1):
+            file.add(*entry)
+            if count % FLUSH_EVERY == 0:
+                file.flush()
+    return result
+
+
+def _entries(frames: list[Frame], config: Config, result: Perceived) -> Iterator[tuple[str, bytes, int, int, int]]:
+    """Frames and messages as the recorder writes them, in order of time."""
+    bus, link = LocalBus(), Playback(frames)
+    gateway, events = Gateway(config, bus, link), EventLog(bus)
+    queues = [(topic, bus.subscribe(topic, depth=256)) for topic in KEPT]
+    written = 0
+    for now_ns in _periods(frames):
+        link.now_ns = now_ns
+        while written < len(frames) and frames[written].stamp_ns <= now_ns:
+            frame = frames[written]
+            yield CAN_TOPIC, pack_frame(frame, frame.stamp_ns), frame.stamp_ns, frame.stamp_ns, written
+            written += 1
+        gateway.step(now_ns)
+        events.step(now_ns, gateway)
+        for topic, queue in queues:
+            for message in queue.poll(now_ns):
+                if isinstance(message, VehicleState):
+                    result.note(message)
+                yield _entry(topic, message, now_ns)
+
+
+def _entry(topic: Topic[Any], message: Message, now_ns: int) -> tuple[str, bytes, int, int, int]:
+    return topic.key, message.model_dump_json().encode(), now_ns, message.stamp_ns, message.seq
+
+
+def _periods(frames: list[Frame]) -> Iterator[int]:
+    """Times of the periods from the first frame to the last, without long pauses."""
+    now_ns, index = frames[0].stamp_ns, 0
+    while now_ns <= frames[-1].stamp_ns + PERIOD_NS:
+        yield now_ns
+        now_ns += PERIOD_NS
+        while index < len(frames) and frames[index].stamp_ns <= now_ns:
+            index += 1
+        if index < len(frames) and frames[index].stamp_ns - now_ns > LONGEST_GAP_NS:
+            now_ns = frames[index].stamp_ns
