@@ -119,8 +119,9 @@ def _overrides(options: DemoOptions, folder: Path) -> dict[str, Any]:
         values |= {"can.channel": options.channel, "can.interface": "socketcan"}
     if options.effects:
         values["plant.effects"] = parse_effects(options.effects)
-        if origins(options.config_file)["plant.base"][1] == DEFAULT_ORIGIN:
-            values["plant.base"] = "paper"  # what is asked for is then all that the declared model lacks
+        made = origins(options.config_file)
+        # what is asked for is then all that the declared model lacks
+        values |= {key: "paper" for key in ("plant.base", "declared_model") if made[key][1] == DEFAULT_ORIGIN}
     if options.zenoh_port is not None:
         values["zenoh.connect"] = (f"tcp/127.0.0.1:{options.zenoh_port}",)
     if options.model:

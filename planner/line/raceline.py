@@ -24,7 +24,7 @@ from hil_gateway.process.arrays import Array
 from hil_gateway.process.cache import cache_directory
 from hil_gateway.track.track import Track
 from planner.line.envelope import MIN_NORMAL, Envelope, envelope_of, normal_share
-from planner.line.speed_profile import Path, lap_time_of, speed_profile
+from planner.line.speed_profile import RoadPath, lap_time_of, speed_profile
 
 NODE_SPACING = 5.0
 """m between nodes of the optimisation"""
@@ -66,7 +66,7 @@ class RaceLine:
 
         `trust` (n,) is the share of the envelope that may be used at each point.
         """
-        path = Path(self.curvature, self.grade, self.bank, self.bend, self.length, trust)
+        path = RoadPath(self.curvature, self.grade, self.bank, self.bend, self.length, trust)
         v = speed_profile(path, envelope)
         return replace(self, vx_profile=v, lap_time=lap_time_of(v, self.length))
 
@@ -133,7 +133,7 @@ def _optimise(track: Track, envelope: Envelope, margin: float) -> Array:
     n = _node_count(track)
     at = track.at(np.arange(n) * track.length / n)
     lower, upper = -np.maximum(at.width_right - margin, 0.0), np.maximum(at.width_left - margin, 0.0)
-    path = Path(at.curvature, at.grade, at.bank, bend_of(track, np.arange(n) * track.length / n), track.length)
+    path = RoadPath(at.curvature, at.grade, at.bank, bend_of(track, np.arange(n) * track.length / n), track.length)
     return _solve(_Nodes(track.length / n, path, lower, upper, speed_profile(path, envelope)), envelope)
 
 
@@ -148,7 +148,7 @@ class _Nodes:
     """Centre line at the nodes, bounds of the offset, and a first speed profile."""
 
     ds: float
-    road: Path
+    road: RoadPath
     lower: Array
     upper: Array
     speed: Array
@@ -243,7 +243,7 @@ def _finish(track: Track, offset: Array, envelope: Envelope) -> RaceLine:
     track_s = np.array([p[0] for p in beside])
     road = track.at(track_s)
     bend = bend_of(track, track_s)
-    v = speed_profile(Path(curvature, road.grade, road.bank, bend, length), envelope)
+    v = speed_profile(RoadPath(curvature, road.grade, road.bank, bend, length), envelope)
     return RaceLine(
         s=np.arange(len(x)) * length / len(x), x=x, y=y, heading=heading, curvature=curvature, vx_profile=v,
         width_left=road.width_left - lateral, width_right=road.width_right + lateral,

@@ -22,7 +22,7 @@ from planner.line.envelope import MIN_NORMAL, Envelope, normal_share
 
 
 @dataclass(frozen=True)
-class Path:
+class RoadPath:
     """A closed path of `length` m at equal steps, arrays (n,): curvature 1/m, grade, bank rad, bend of the road rad/m,
     share of the envelope that may be used."""
 
@@ -34,7 +34,7 @@ class Path:
     trust: Array | float = 1.0
 
 
-def speed_profile(path: Path, envelope: Envelope) -> Array:
+def speed_profile(path: RoadPath, envelope: Envelope) -> Array:
     """Speed, m/s, at the points of the path, shape (n,)."""
     ds = path.length / len(path.curvature)
     v = cornering_speed(path, envelope)
@@ -52,7 +52,7 @@ def speed_profile(path: Path, envelope: Envelope) -> Array:
     return np.asarray(np.roll(np.sqrt(v2[:-1]), start))
 
 
-def cornering_speed(path: Path, envelope: Envelope) -> Array:
+def cornering_speed(path: RoadPath, envelope: Envelope) -> Array:
     """Largest v with |v^2 kappa + g sin(bank)| <= lateral limit(v), m/s, shape (n,)."""
     a, b = normal_share(path.grade, path.bank, path.bend, path.curvature)
     c0, c2 = (path.trust * c for c in envelope.lateral)

@@ -62,7 +62,7 @@ def declared_forces(vehicle: Vehicle, tyre: Mapping[str, float]) -> ForceModel:
     def forces(
         vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, *, extra_load: Array | float = 0.0
     ) -> AxleForces:
-        load = static * (1.0 + extra_load)
+        load = static * (1.0 + extra_load * np.ones_like(vx))
         slip = -np.arctan((vy + arm * yaw_rate) / np.maximum(vx, 3.0))
         slip[0] += steer
         front, rear = d * load * np.sin(c * np.arctan(b * slip))

@@ -68,7 +68,8 @@ class Closed:
 
 def close_loop(effects: Mapping[str, float], base: str, laps: int, seed: int) -> Closed:
     """Drive, diagnose, drive again; `base` is the simulated car ("av24" or "paper") the effects are added to."""
-    overrides: dict[str, Any] = {"plant.base": base, "plant.effects": dict(effects), "plant.seed": seed}
+    car = {"plant.base": base, "plant.effects": dict(effects), "plant.seed": seed}
+    overrides: dict[str, Any] = {**car, "declared_model": "paper"}  # what that lacks is to be found
     config = load_config(None, overrides)
     first, log = _drive(config, laps)
     layout = config.estimator.layout

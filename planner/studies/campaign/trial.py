@@ -102,6 +102,7 @@ def trial_config(trial: Trial, settings: CampaignSettings) -> Config:
     overrides: dict[str, Any] = {
         "track": settings.track,
         "plant.base": "paper",
+        "declared_model": "paper",
         "plant.seed": 100 * trial.seed + (*METHODS, *AFTERWARDS, KNOWN).index(trial.method),
         **{f"plant.car.{name}": value for name, value in true_tyre(trial.seed, settings).items()},
         **{f"estimator.{name}": value for name, value in KEEPING_UP.items()},

@@ -44,11 +44,11 @@ def test_a_solution_is_accepted(case: tuple[Plan, Bounds, acceptance.ForceModel]
         ("offset", 9.0, 25, "track"),
         ("offset", -14.0, 25, "track"),
         ("vy", 6.0, 25, "load"),
-        ("yaw_rate", 1.5, 25, "load"),
+        ("yaw_rate", 2.5, 25, "load"),
         ("steer", 0.27, 25, "actuator"),
-        ("drive", -0.17, 25, "actuator"),
+        ("drive", -0.37, 25, "actuator"),
         ("steer", 0.05, 25, "rate"),
-        ("drive", 0.1, 25, "rate"),
+        ("drive", -0.3, 25, "rate"),
         ("vx", -2.0, 25, "state"),
         ("vx", 90.0, 25, "state"),
         ("information", 120.0, 25, "information"),
@@ -89,7 +89,7 @@ def test_offset_is_measured_from_the_race_line(solved: tuple[Controller, Solutio
     index = np.arange(100, 140)
     x = line.x[index] - 2.0 * np.sin(line.heading[index])
     y = line.y[index] + 2.0 * np.cos(line.heading[index])
-    offset, left, right = beside(x, y, line.s[index], line)
+    offset, left, right, _ = beside(x, y, line.s[index], line)
     np.testing.assert_allclose(offset, 2.0, atol=1e-9)
     np.testing.assert_allclose(left, line.width_left[index], atol=1e-9)
     np.testing.assert_allclose(right, line.width_right[index], atol=1e-9)

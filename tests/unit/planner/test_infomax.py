@@ -186,7 +186,7 @@ def test_sigma_points_reproduce_the_belief() -> None:
 
 
 def test_load_rows_hold_at_every_sigma_point(controller: Controller) -> None:
-    """Eq. (10) for each choice of theta, recomputed in numpy at each sigma point."""
+    """Eq. (10) for each choice of theta, over its own peak, recomputed in numpy at each sigma point."""
     from planner.plan.acceptance import declared_forces
 
     solution = controller.solve(controller.sqp.z[:, 0].copy(), clock, 10)
@@ -196,7 +196,8 @@ def test_load_rows_hold_at_every_sigma_point(controller: Controller) -> None:
         for theta in sigma_points(k.mean, k.covariance, indices, controller.settings.sigma_level).T:
             forces = declared_forces(Vehicle(), dict(zip(names, theta, strict=True)))(z[3], z[4], z[5], z[8], z[7])
             load = np.hypot(getattr(forces, f"fx_{axle}"), getattr(forces, f"fy_{axle}"))
-            limit = k.load_asked["fr".index(axle)] * getattr(forces, f"load_{axle}")
+            peak = theta[names.index(f"d{axle}")] * getattr(forces, f"load_{axle}")
+            limit = k.load_asked["fr".index(axle)] * peak
             assert np.max(load / limit) < 1.02
     assert solution.du.shape == (NU, controller.settings.horizon)
 

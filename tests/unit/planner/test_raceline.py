@@ -12,9 +12,9 @@ from estimator.model.single_track import SingleTrack
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
-from planner.line.envelope import Envelope, envelope_of, required_lateral
+from planner.line.envelope import MIN_NORMAL, Envelope, envelope_of, normal_share, required_lateral
 from planner.line.raceline import RaceLine, centre_line, compute_raceline, raceline_for
-from planner.line.speed_profile import lap_time_of, speed_profile
+from planner.line.speed_profile import RoadPath, lap_time_of, speed_profile
 
 MARGIN = 1.5
 TYRE = DEFAULT_TYRE["per_axle"]
@@ -33,9 +33,15 @@ def declared_envelope(**changes: float) -> Envelope:
     return envelope_of(model, [tyre[p.name] for p in model.tyre_table])
 
 
-def circle(radius: float, bank: float = 0.0, n: int = 200) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def circle(radius: float, bank: float = 0.0, n: int = 200, trust: float = 1.0) -> RoadPath:
     ones = np.ones(n)
-    return ones / radius, 0.0 * ones, bank * ones, 2 * np.pi * radius
+    return RoadPath(ones / radius, 0.0 * ones, bank * ones, 0.0 * ones, 2 * np.pi * radius, trust)
+
+
+def normal(path: RoadPath | RaceLine, v: np.ndarray) -> np.ndarray:
+    """Axle load over the weight, without downforce."""
+    level, dip = normal_share(path.grade, path.bank, path.bend, path.curvature)
+    return np.maximum(level + dip * v**2, MIN_NORMAL)
 
 
 def assert_sound(line: RaceLine, track: Track, envelope: Envelope) -> None:
@@ -46,7 +52,8 @@ def assert_sound(line: RaceLine, track: Track, envelope: Envelope) -> None:
     assert abs(abs(turned) - 2 * np.pi) < 0.02
     assert min(line.width_left.min(), line.width_right.min()) > MARGIN - 0.15
     lateral = required_lateral(line.curvature, line.bank, line.vx_profile)
-    assert np.all(np.abs(lateral) <= envelope.at(envelope.lateral, line.vx_profile) * 1.001 + 1e-6)
+    (c0, c2), v = envelope.lateral, line.vx_profile
+    assert np.all(np.abs(lateral) <= (normal(line, v) * c0 + c2 * v**2) * 1.001 + 1e-6)
     acceleration = np.gradient(line.vx_profile**2 / 2, line.s)[2:-2]
     assert acceleration.max() < envelope.traction + GRAVITY * np.abs(np.sin(line.grade)).max() + 0.5
 
@@ -93,8 +100,8 @@ def test_cached_line_is_the_computed_line() -> None:
 
 def test_speed_on_a_circle_is_the_closed_form() -> None:
     envelope = declared_envelope()
-    curvature, grade, bank, length = circle(60.0)
-    v = speed_profile(curvature, grade, bank, length, envelope)
+    path = circle(60.0)
+    v, length = speed_profile(path, envelope), path.length
     limit = np.sqrt(envelope.lateral[0] * 60.0)
     assert np.all((v > 0.998 * limit) & (v <= limit)), "a little grip goes into pushing against drag"
     assert lap_time_of(v, length) == pytest.approx(length / v.mean(), rel=1e-4)
@@ -102,8 +109,24 @@ def test_speed_on_a_circle_is_the_closed_form() -> None:
 
 def test_bank_towards_the_inside_of_the_turn_is_faster() -> None:
     envelope = declared_envelope()
-    speeds = [float(speed_profile(*circle(100.0, bank), envelope).mean()) for bank in (0.1, 0.0, -0.1)]
+    speeds = [float(speed_profile(circle(100.0, bank), envelope).mean()) for bank in (0.1, 0.0, -0.1)]
     assert speeds[0] < speeds[1] < speeds[2]
+
+
+def test_a_banked_turn_presses_the_car_on_the_road() -> None:
+    """Lateral force needed and force the tyres give under weight and centripetal load, written out anew."""
+    envelope, path = declared_envelope(), circle(150.0, -0.35)
+    v = float(speed_profile(path, envelope)[0])
+    needed = v**2 / 150.0 - GRAVITY * np.sin(0.35)
+    load = np.cos(0.35) + v**2 / 150.0 * np.sin(0.35) / GRAVITY
+    assert needed == pytest.approx(envelope.lateral[0] * load, rel=0.02)
+    assert load > 1.4
+
+
+def test_less_trust_in_a_place_is_less_force_there() -> None:
+    envelope = declared_envelope()
+    full, less = (float(speed_profile(circle(60.0, trust=t), envelope)[0]) for t in (1.0, 0.81))
+    assert less == pytest.approx(0.9 * full, rel=2e-3)
 
 
 def test_downforce_of_the_model_widens_the_envelope_with_speed() -> None:
