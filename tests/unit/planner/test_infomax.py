@@ -186,7 +186,7 @@ def test_sigma_points_reproduce_the_belief() -> None:
 
 
 def test_load_rows_hold_at_every_sigma_point(controller: Controller) -> None:
-    """Eq. (10) for each choice of theta, recomputed in numpy at each sigma point."""
+    """Eq. (10) for each choice of theta: its share of its own peak, recomputed in numpy at each sigma point."""
     from planner.plan.acceptance import declared_forces
 
     solution = controller.solve(controller.sqp.z[:, 0].copy(), clock, 10)
@@ -194,10 +194,12 @@ def test_load_rows_hold_at_every_sigma_point(controller: Controller) -> None:
     names = [p.name for p in controller.problem.model.tyre_table]
     for axle, indices in zip("fr", controller.problem.model.load_rows, strict=True):
         for theta in sigma_points(k.mean, k.covariance, indices, controller.settings.sigma_level).T:
-            forces = declared_forces(Vehicle(), dict(zip(names, theta, strict=True)))(z[3], z[4], z[5], z[8], z[7])
+            tyre = dict(zip(names, theta, strict=True))
+            forces = declared_forces(Vehicle(), tyre)(z[3], z[4], z[5], z[8], z[7], np.zeros_like(z[3]))
             load = np.hypot(getattr(forces, f"fx_{axle}"), getattr(forces, f"fy_{axle}"))
-            limit = k.load_asked["fr".index(axle)] * getattr(forces, f"load_{axle}")
-            assert np.max(load / limit) < 1.02
+            peak = tyre[f"d{axle}"] * getattr(forces, f"load_{axle}")
+            share = load / peak + getattr(forces, f"beyond_{axle}")
+            assert np.max(share) < 1.02 * k.load_asked["fr".index(axle)]
     assert solution.du.shape == (NU, controller.settings.horizon)
 
 

@@ -33,7 +33,7 @@ def test_bench_prints_one_json_object_and_keeps_all_limits() -> None:
 
 def test_a_drive_with_information_keeps_all_limits() -> None:
     """The first 15 s of the road course, with its tightest bend entered from the fastest straight."""
-    settings = Settings(information=Information(weight=INFORMATION_WEIGHT, kind="imu_yaw"), load_reserve=0.2)
+    settings = Settings(information=Information(weight=INFORMATION_WEIGHT, kind="imu_yaw"))
     controller, _ = bench_controller(load_track(), Vehicle(), settings)
     run = drive(controller, 1, steps=300)
     assert run.violations == {"track": 0, "load": 0, "actuator": 0, "information": 0}
