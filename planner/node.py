@@ -205,7 +205,8 @@ class Planner:
     def _note_loads(self) -> None:
         limits = self.adoption.controller.knowledge.load_max
         for held, share, limit in zip(self._held, self._check.first_loads, limits, strict=True):
-            held.push(share * limit)
+            # the share of a sliding tyre goes on beyond its peak, what it bears does not
+            held.push(min(share, 1.0 / self._config.planner.load_use) * limit)
         before = self.adoption.held
         self.adoption.held = LoadLimits(
             max(before.front, self._held[0].value), max(before.rear, self._held[1].value)

@@ -106,11 +106,13 @@ def _peaks(model: SingleTrack, theta: Sequence[float], phi: Sequence[float], use
         values: Any = forces(signals, list(theta), list(phi))
         return np.array(values).reshape(5, len(SPEEDS), -1)
 
-    v, slip = (a.ravel() for a in np.meshgrid(SPEEDS, SLIPS, indexing="ij"))
-    sideways = table(v, slip, np.zeros_like(v))
     v, command = (a.ravel() for a in np.meshgrid(SPEEDS, COMMANDS, indexing="ij"))
     along = table(v, np.zeros_like(v), command)
-    coast = -sideways[4, :, 0]
+    coast = -along[4, :, np.flatnonzero(COMMANDS == 0.0)[0]]
+    v, slip = (a.ravel() for a in np.meshgrid(SPEEDS, SLIPS, indexing="ij"))
+    # steady: driven against drag, which would put load on the front axle when coasting
+    steady = np.clip(coast, 0.0, None) * model.vehicle.mass / theta[0]
+    sideways = table(v, slip, np.repeat(steady, len(SLIPS)))
     borne = (np.abs(along[2]) <= use[0]) & (np.abs(along[3]) <= use[1])
     felt = np.where(borne, along[4] + coast[:, None], 0.0)
     return Peaks(sideways[0].max(axis=1), sideways[1].max(axis=1), -felt.min(axis=1), felt.max(axis=1), coast)

@@ -34,7 +34,10 @@ a gap of second order"""
 
 @dataclass(frozen=True)
 class AxleForces:
-    """Forces along and across both axles and the axle loads, N; arrays (K,), or numbers where all K are the same."""
+    """Forces along and across both axles and the axle loads, N; arrays (K,), or numbers where all K are the same.
+
+    `beyond_f`, `beyond_r`: how far C atan(B alpha) is beyond the peak, rad.
+    """
 
     fx_f: Array | float
     fy_f: Array | float
@@ -42,6 +45,8 @@ class AxleForces:
     fx_r: Array | float
     fy_r: Array | float
     load_r: Array | float
+    beyond_f: Array | float = 0.0
+    beyond_r: Array | float = 0.0
 
 
 class ForceModel(Protocol):
@@ -65,10 +70,16 @@ def declared_forces(vehicle: Vehicle, tyre: Mapping[str, float]) -> ForceModel:
         load = static * (1.0 + extra_load * np.ones_like(vx))
         slip = -np.arctan((vy + arm * yaw_rate) / np.maximum(vx, 3.0))
         slip[0] += steer
-        front, rear = d * load * np.sin(c * np.arctan(b * slip))
-        return AxleForces(0.0, front, load[0], tyre["cx"] * drive, rear, load[1])
+        phase = c * np.arctan(b * slip)
+        (front, rear), beyond = d * load * np.sin(phase), beyond_peak(phase)
+        return AxleForces(0.0, front, load[0], tyre["cx"] * drive, rear, load[1], *beyond)
 
     return forces
+
+
+def beyond_peak(phase: Array) -> Array:
+    """How far C atan(B alpha) of Eq. (2) is beyond the peak of the force, rad."""
+    return np.asarray(np.maximum(np.abs(phase) - 0.5 * np.pi, 0.0))
 
 
 @dataclass(frozen=True)
@@ -146,14 +157,17 @@ def _steps(values: Array) -> Array:
 
 
 def load_shares(plan: Plan, bounds: Bounds, forces: ForceModel) -> tuple[Array, Array]:
-    """Load of the front and of the rear axle over its limit, Eq. (10), (N+1,) each."""
+    """Load of the front and of the rear axle over its limit, Eq. (10), (N+1,) each.
+
+    Beyond the peak the force falls and a share goes on rising: a slide is no way to keep to a limit.
+    """
     f = forces(plan.vx, plan.vy, plan.yaw_rate, plan.steer, plan.drive, extra_load=plan.extra_load)
     dynamic = np.clip((plan.vx - KINEMATIC_SPEED) / 5.0, 0.0, 1.0)
     f = replace(f, fy_f=dynamic * f.fy_f, fy_r=dynamic * f.fy_r)
     combine = (lambda x, y: np.abs(x + y)) if bounds.literal_load else np.hypot
     front = combine(f.fx_f, f.fy_f) / (bounds.load_max[0] * f.load_f)
     rear = combine(f.fx_r, f.fy_r) / (bounds.load_max[1] * f.load_r)
-    return np.asarray(front), np.asarray(rear)
+    return np.asarray(front + dynamic * f.beyond_f), np.asarray(rear + dynamic * f.beyond_r)
 
 
 def violations(

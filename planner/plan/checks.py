@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from estimator.belief.revision import RevisedModel
 from estimator.model.single_track import SIGNALS, Terms
+from estimator.model.tyre import front_and_rear
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 from planner.adoption.adoption import Adopted
@@ -159,13 +160,16 @@ def interpreted_forces(revised: RevisedModel) -> ForceModel:
     named: dict[str, Any] = dict(zip(SIGNALS, felt, strict=True))
     phi = list(revised.phi_at(np.zeros(1))[:, 0])
     terms = model.evaluate(Terms(model.vehicle, **named, aux={"extra_load": extra}), list(revised.theta), phi)
-    names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r")
+    names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r", "slip_f", "slip_r")
     function = ca.Function("forces", [signals], [ca.densify(ca.vertcat(*(getattr(terms, n) for n in names)))])
+    tyre = [p.name for p in model.tyre_table]
+    b, c = np.array([revised.theta[list(axle.rows(tyre)[:2])] for axle in front_and_rear(model.layout)]).T[:, :, None]
 
     def forces(
         vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, *, extra_load: Array | float = 0.0
     ) -> AxleForces:
         extra = np.broadcast_to(extra_load, vx.shape)
-        return AxleForces(*np.array(function(np.vstack([vx, vy, yaw_rate, steer, drive, extra]))))
+        values = np.array(function(np.vstack([vx, vy, yaw_rate, steer, drive, extra])))
+        return AxleForces(*values[:6], *acceptance.beyond_peak(c * np.arctan(b * values[6:])))
 
     return forces

@@ -30,7 +30,7 @@ from estimator.model.parameters import DEFAULT_TYRE
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Belief
-from hil_gateway.config import Config, PlannerConfig, load_config
+from hil_gateway.config import Config, load_config
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 from planner.node import Planner
@@ -83,7 +83,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Learnt:
-    """Tyre parameters, their covariance, and load limits to drive with: what a drive ended with, or was told."""
+    """Tyre parameters, their covariance, and loads held (over axle load): what a drive ended with, or was told."""
 
     tyre: dict[str, float]
     covariance: list[list[float]]
@@ -131,13 +131,12 @@ def job(trial: Trial, settings: CampaignSettings, learnt: Learnt | None = None) 
 
 
 def told(trial: Trial, settings: CampaignSettings) -> Learnt:
-    """What `prior` and `known` drive with: declared or true tyres, and how well they are known."""
+    """What `prior` and `known` drive with: declared or true tyres, how well they are known, and no load held."""
     tyre, share = dict(DEFAULT_TYRE["per_axle"]), settings.mismatch
     if trial.method == KNOWN:
         tyre, share = tyre | true_tyre(trial.seed, settings), KNOWN_STD
-    use = PlannerConfig().load_use
     covariance = np.diag([(share * value) ** 2 for value in tyre.values()])
-    return Learnt(tyre, covariance.tolist(), (use * tyre["df"], use * tyre["dr"]))
+    return Learnt(tyre, covariance.tolist(), (0.0, 0.0))
 
 
 def _without_learning(config: Config, learnt: Learnt, folder: Path) -> Config:

@@ -7,12 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator.belief.revision import declared_revision, model_of, race_car_revision
+from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.track.loading import load_track
+from planner.line.track import Reference
 from planner.plan import acceptance
-from planner.plan.acceptance import Bounds, Plan, declared_forces, violations
-from planner.plan.checks import beside, bounds_of, defects, plan_of
+from planner.plan.acceptance import Bounds, Plan, declared_forces, load_shares, violations
+from planner.plan.checks import beside, bounds_of, defects, interpreted_forces, plan_of
 from planner.plan.controller import Controller
+from planner.problem.motion import extra_load
 from planner.problem.settings import Settings
 from planner.solver.sqp import Solution
 from planner.studies.bench import bench_controller, clock, start_state
@@ -65,6 +69,20 @@ def test_one_bad_entry_is_enough(
     assert any(found.startswith(broken) for found in violations(replace(plan, **{name: column}), bounds, forces))
 
 
+def test_a_slide_is_refused_however_little_force_it_gives(
+    case: tuple[Plan, Bounds, acceptance.ForceModel],
+) -> None:
+    """Beyond the peak Eq. (2) gives less and less force, so force alone would call a spin harmless."""
+    plan, bounds, forces = case
+    shares = []
+    for sideways in (6.0, 12.0, 18.0):
+        slid = replace(plan, vy=np.full_like(plan.vy, sideways))
+        shares.append(np.array([share[25] for share in load_shares(slid, bounds, forces)]))
+        slid = replace(plan, vy=np.where(np.arange(len(plan.vy)) == 25, sideways, plan.vy))
+        assert any(found.startswith("load") for found in violations(slid, bounds, forces))
+    assert np.all(np.diff(shares, axis=0) > 0.0)
+
+
 @pytest.mark.parametrize("name", ["x", "y", "yaw", "vx", "vy", "yaw_rate"])
 def test_a_plan_that_no_car_can_follow_is_refused(case: tuple[Plan, Bounds, acceptance.ForceModel], name: str) -> None:
     plan, bounds, forces = case
@@ -95,16 +113,50 @@ def test_offset_is_measured_from_the_race_line(solved: tuple[Controller, Solutio
     np.testing.assert_allclose(right, line.width_right[index], atol=1e-9)
 
 
-def test_forces_agree_with_the_model_of_the_solver(solved: tuple[Controller, Solution]) -> None:
-    """Written twice, once in CasADi and once in numpy: the same physics."""
-    from estimator.belief.revision import declared_revision, model_of
-    from planner.plan.checks import interpreted_forces
+FORCES = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r", "beyond_f", "beyond_r")
 
+
+def test_forces_agree_with_the_model_of_the_solver() -> None:
+    """Written twice, once in CasADi and once in numpy: the same physics, on crests and in dips too."""
     revised = model_of(declared_revision("per_axle"), Vehicle(), 1000.0)
     plain = declared_forces(Vehicle(), declared_revision("per_axle").tyre)
+    motion = some_motion(200)
+    a, b = (f(*motion) for f in (plain, interpreted_forces(revised)))
+    for name in FORCES:
+        atol = 1e-4 if "beyond" in name else 2.0
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-4, atol=atol)
+    assert np.max(a.beyond_f) > 0.05, "some slide"
+
+
+def some_motion(n: int) -> tuple[np.ndarray, ...]:
+    """vx, vy, yaw rate, steer, drive, extra load."""
     rng = np.random.default_rng(0)
-    vx, vy = rng.uniform(15, 70, 200), rng.uniform(-3, 3, 200)
-    rate, steer, drive = rng.uniform(-0.6, 0.6, 200), rng.uniform(-0.2, 0.2, 200), rng.uniform(-0.1, 0.1, 200)
-    a, b = (f(vx, vy, rate, steer, drive) for f in (plain, interpreted_forces(revised)))
-    for name in ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r"):
-        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-4, atol=2.0)
+    low, high = np.array([[15.0, -4.0, -0.6, -0.2, -0.3, -0.5], [70.0, 4.0, 0.6, 0.2, 0.1, 0.8]])
+    return tuple(rng.uniform(low[:, None], high[:, None], (6, n)))
+
+
+def test_a_crest_takes_from_both_axles_what_it_takes_from_the_weight() -> None:
+    revised = model_of(race_car_revision("per_axle", Vehicle(), Powertrain()), Vehicle(), 1000.0)
+    vx, vy, rate, steer, drive, _ = some_motion(50)
+    flat, crest = (interpreted_forces(revised)(vx, vy, rate, steer, drive, np.full(50, e)) for e in (0.0, -0.4))
+    taken = np.array([flat.load_f - crest.load_f, flat.load_r - crest.load_r])
+    static = [[Vehicle().static_load_front], [Vehicle().static_load_rear]]
+    np.testing.assert_allclose(taken, 0.4 * np.tile(static, 50), rtol=1e-6)
+
+
+def test_the_road_presses_on_a_checked_plan_as_on_the_planned_one(solved: tuple[Controller, Solution]) -> None:
+    """Written twice: on a road with grade, bank and vertical curve, at the points of the line itself."""
+    line = solved[0].reference.line
+    at = 2.0 * np.pi * line.s / line.length
+    road = {"grade": 0.08 * np.sin(at), "bank": 0.2 * np.cos(at), "bend": 0.0012 * np.sin(3.0 * at)}
+    hilly = replace(line, **road)
+    count = solved[1].z.shape[1]
+    index = np.linspace(0, len(line.s) - 1, count).astype(int)
+    z = solved[1].z.copy()
+    z[0], z[1], z[6] = hilly.x[index], hilly.y[index], hilly.s[index]
+    z[3], z[5] = np.linspace(20.0, 50.0, count), np.linspace(-0.4, 0.4, count)
+    checked = plan_of(replace(solved[1], z=z), hilly).extra_load
+    _, _, data = Reference(hilly).stages(hilly.s[index] + 1e-6)
+    planned = [float(extra_load(data[9:12, k], z[3, k], z[5, k])) for k in range(count)]
+    np.testing.assert_allclose(checked, planned, atol=4e-3)  # the plan's lower bound is smooth
+    assert np.ptp(checked) > 0.5, "a road that presses"

@@ -1,4 +1,4 @@
-"""Load limits within a run, and what a run leaves behind for the next."""
+"""Load limits: one share of the peaks in force, loads a car has held, and what survives from run to run."""
 
 from __future__ import annotations
 
@@ -9,11 +9,51 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hil_gateway.config import PlannerConfig
 from hil_gateway.process.errors import InputError
-from planner.problem.load_limits import SLEW, HeldLoad, LoadLimits, judged_limits, load_limits, store_limits
+from planner.problem.load_limits import (
+    SLEW,
+    HeldLoad,
+    LoadLimits,
+    judged_limits,
+    load_limits,
+    starting_limits,
+    store_limits,
+)
 
 positive = st.floats(0.2, 3.0)
 pairs = st.tuples(positive, positive)
+
+
+@given(st.floats(0.1, 1.0), pairs, pairs)
+def test_loads_are_judged_by_the_share_of_the_peaks_or_come_down_to_it(
+    use: float, peaks: tuple[float, float], before: tuple[float, float]
+) -> None:
+    judged = judged_limits(use, np.array(peaks), before)
+    for limit, peak, old in zip(judged, peaks, before, strict=True):
+        assert limit >= use * peak
+        assert limit == pytest.approx(use * peak) or limit == pytest.approx((1.0 - SLEW) * old)
+        assert limit <= max(use * peak, old)
+    assert judged_limits(use, np.array(peaks), None) == pytest.approx(use * np.array(peaks))
+
+
+def test_lesser_peaks_are_judged_by_within_seconds() -> None:
+    judged, plans = (1.26, 1.26), 0
+    while judged != pytest.approx((1.26, 0.9), abs=1e-12):
+        judged = judged_limits(0.9, np.array([1.4, 1.0]), judged)
+        plans += 1
+        assert judged[0] == pytest.approx(1.26), "the axle whose peak stays is not touched"
+    assert plans == np.ceil(np.log(0.9 / 1.26) / np.log(1.0 - SLEW))
+
+
+@given(st.lists(st.floats(0.0, 2.0), min_size=4, max_size=30))
+def test_a_held_load_is_the_largest_that_lasted(loads: list[float]) -> None:
+    held, seen = HeldLoad(0.05), []
+    for load in loads:
+        held.push(load)
+        seen.append(held.value)
+    assert seen == sorted(seen)
+    assert held.value == max(min(loads[i : i + 4]) for i in range(len(loads) - 3))
 
 
 def test_a_short_spike_is_not_a_demonstrated_load() -> None:
@@ -26,29 +66,21 @@ def test_a_short_spike_is_not_a_demonstrated_load() -> None:
 def test_limits_survive_from_run_to_run(tmp_path: Path) -> None:
     path = tmp_path / "limits.json"
     assert load_limits(path) is None
-    store_limits(path, LoadLimits(1.1, 1.2))
-    assert load_limits(path) == LoadLimits(1.1, 1.2)
+    planner = PlannerConfig(load_limits=str(path))
+    assert starting_limits(planner) == LoadLimits(0.0, 0.0), "a first run has held nothing"
+    for limits in (LoadLimits(1.1, 1.2), LoadLimits(0.0, 0.0)):
+        store_limits(path, limits)
+        assert starting_limits(planner) == load_limits(path) == limits
 
 
-@pytest.mark.parametrize("content", ["", "{}", '{"front": 1.0, "rear": "x"}', '{"front": 9.0, "rear": 1.0}', "[1, 2]"])
+DAMAGED = [
+    "", "{}", '{"front": -0.1, "rear": 1.0}', '{"front": 1.0, "rear": "x"}', '{"front": 9.0, "rear": 1.0}', "[1, 2]",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("content", DAMAGED)
 def test_a_damaged_file_is_named(tmp_path: Path, content: str) -> None:
     path = tmp_path / "limits.json"
     path.write_text(content)
     with pytest.raises(InputError, match=r"limits\.json"):
         load_limits(path)
-
-
-@given(st.floats(0.1, 1.0), pairs, pairs)
-def test_loads_are_judged_by_limits_that_fall_no_faster_than_parameters_may(
-    use: float, peaks: tuple[float, float], before: tuple[float, float]
-) -> None:
-    judged = judged_limits(use, np.array(peaks), before)
-    for now, peak, last in zip(judged, peaks, before, strict=True):
-        assert now == max(use * peak, (1.0 - SLEW) * last)
-
-
-def test_less_grip_is_judged_by_within_seconds() -> None:
-    judged, plans = (1.2, 1.2), 0
-    while judged != (0.9, 0.9):
-        judged, plans = judged_limits(0.9, np.array([1.0, 1.0]), judged), plans + 1
-    assert plans == np.ceil(np.log(0.9 / 1.2) / np.log(1.0 - SLEW))
