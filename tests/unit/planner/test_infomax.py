@@ -195,7 +195,7 @@ def test_load_rows_hold_at_every_sigma_point(controller: Controller) -> None:
     for axle, indices in zip("fr", controller.problem.model.load_rows, strict=True):
         for theta in sigma_points(k.mean, k.covariance, indices, controller.settings.sigma_level).T:
             tyre = dict(zip(names, theta, strict=True))
-            forces = declared_forces(Vehicle(), tyre)(z[3], z[4], z[5], z[8], z[7], np.zeros_like(z[3]))
+            forces = declared_forces(Vehicle(), tyre)(z[3], z[4], z[5], z[8], z[7])
             load = np.hypot(getattr(forces, f"fx_{axle}"), getattr(forces, f"fy_{axle}"))
             peak = theta[names.index(f"d{axle}")] * getattr(forces, f"load_{axle}")
             limit = k.load_asked["fr".index(axle)] * peak
