@@ -18,8 +18,7 @@ from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.line.envelope import MIN_NORMAL, Envelope, envelope_of, normal_share, required_lateral
 from planner.line.raceline import RaceLine, centre_line, compute_raceline, raceline_for
-from planner.line.speed_profile import Path as SpeedPath
-from planner.line.speed_profile import cornering_speed, lap_time_of, speed_profile
+from planner.line.speed_profile import RoadPath, cornering_speed, lap_time_of, speed_profile
 
 MARGIN = 1.5
 TYRE = DEFAULT_TYRE["per_axle"]
@@ -44,9 +43,9 @@ def race_car_envelope(use: float = 0.9) -> Envelope:
     return envelope_of(revised.model, list(revised.theta), list(phi), use=(use, use))
 
 
-def circle(radius: float, bank: float = 0.0, bend: float = 0.0, n: int = 200) -> SpeedPath:
+def circle(radius: float, bank: float = 0.0, bend: float = 0.0, n: int = 200) -> RoadPath:
     ones = np.ones(n)
-    return SpeedPath(ones / radius, 0.0 * ones, bank * ones, bend * ones, 2 * np.pi * radius)
+    return RoadPath(ones / radius, 0.0 * ones, bank * ones, bend * ones, 2 * np.pi * radius)
 
 
 def assert_sound(line: RaceLine, track: Track, envelope: Envelope) -> None:
