@@ -17,6 +17,7 @@ from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.demo.canvas import Canvas
 from hil_gateway.demo.monitor import Monitor
 from hil_gateway.demo.referee import Referee
+from hil_gateway.gateway.check.arming import EXPLANATION
 from hil_gateway.process.figures import figure
 from hil_gateway.track.track import Track
 
@@ -31,6 +32,8 @@ TABLE_COLUMNS = 44
 """characters one stack of tables needs"""
 MAP_COLUMNS, MAP_ROWS = (26, 58), (10, 24)
 """smallest and largest map"""
+SHORT = {"av24/vehicle_state": "state", "av24/gateway_status": "gateway", "av24/model_revision": "model"}
+"""names of topics where room is scarce"""
 COLOURS = {
     FailsafeAction.DRIVE: "green",
     FailsafeAction.SILENT: "yellow",
@@ -85,8 +88,16 @@ class LiveView:
         from rich.console import Console
         from rich.live import Live
 
-        self._console = console or Console(stderr=True)
-        columns, rows = self._console.size
+        self._console, self._track = console or Console(stderr=True), track
+        self._lay_out()
+        self._live = Live(console=self._console, auto_refresh=False, vertical_overflow="crop")
+        self._live.start()
+        self._next_ns = 0
+
+    def _lay_out(self) -> None:
+        """The map for the size the terminal has now."""
+        self._size, track = self._console.size, self._track
+        columns, rows = self._size
         self._wide = columns >= MAP_COLUMNS[0] + 2 * TABLE_COLUMNS
         free = columns - (2 if self._wide else 1) * TABLE_COLUMNS
         step = max(len(track.x) // MAP_POINTS, 1)
@@ -94,9 +105,6 @@ class LiveView:
             track.x[::step].tolist(), track.y[::step].tolist(), _within(free, MAP_COLUMNS), _within(rows - 5, MAP_ROWS)
         )
         self._map = "\n".join(self._canvas.lines())
-        self._live = Live(console=self._console, auto_refresh=False, vertical_overflow="crop")
-        self._live.start()
-        self._next_ns = 0
 
     def show(self, scene: Scene) -> None:
         if scene.now_ns >= self._next_ns:
@@ -115,6 +123,8 @@ class LiveView:
         from rich.panel import Panel
         from rich.table import Table
 
+        if self._console.size != self._size:
+            self._lay_out()
         stacks = [Group(_car_table(scene), _belief_table(scene))]
         if self._wide:
             stacks.append(Group(_loop_table(scene), _process_table(scene)))
@@ -147,8 +157,14 @@ def _headline(scene: Scene) -> RenderableType:
     text = Text(f" {status.action.value.upper()} ", style=f"bold reverse {COLOURS[status.action]}")
     text.append(f"  {status.cause}" if status.cause else "", style="reset")
     if status.missing_for_arming and status.action is FailsafeAction.SILENT:
-        text.append("  waiting for " + ", ".join(status.missing_for_arming), style="reset yellow")
+        text.append(f"  {_before_arming(status.missing_for_arming)}", style="reset yellow")
     return text
+
+
+def _before_arming(missing: tuple[str, ...]) -> str:
+    """What is still needed, in words: the first, and how many more."""
+    more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
+    return f"not armed yet: {EXPLANATION.get(missing[0], missing[0])}{more}"
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -203,10 +219,10 @@ def _ages_line(scene: Scene) -> RenderableType:
     """Message ages where there is no room for their table."""
     from rich.text import Text
 
-    text = Text(" ms old: ", style="dim", no_wrap=True, overflow="ellipsis")
+    text = Text(" ms old: ", style="dim")
     for key, (age_s, alive) in scene.monitor.ages_s(scene.now_ns).items():
         age = "never" if math.isinf(age_s) else f"{1e3 * age_s:.0f}"
-        text.append(f"{key.removeprefix('av24/')} {age}  ", style="reset" if alive else "red")
+        text.append(f"{SHORT.get(key, key.removeprefix('av24/'))} {age}  ", style="reset" if alive else "red")
     return text
 
 
@@ -226,7 +242,7 @@ def line(scene: Scene) -> str:
     if status and status.cause:
         parts.append(f"({status.cause})")
     if status and status.action is FailsafeAction.SILENT and status.missing_for_arming:
-        parts.append("waiting for " + ", ".join(status.missing_for_arming))
+        parts.append(_before_arming(status.missing_for_arming))
     if estimate:
         parts.append(f"{estimate.vx:5.1f} m/s, steering {math.degrees(estimate.steer):+5.1f} deg")
     if plan:

@@ -65,6 +65,13 @@ class Browser:
             assert time.monotonic() < deadline, f"not within {timeout_s} s: {expression}"
             time.sleep(0.05)
 
+    def resize(self, width: int, height: int) -> None:
+        """Give the page the size of a screen, CSS pixels: windows of a browser have a least width."""
+        self._call(
+            "Emulation.setDeviceMetricsOverride", session=True, width=width, height=height, deviceScaleFactor=1,
+            mobile=width < 700,
+        )  # fmt: skip
+
     def screenshot(self, path: Path) -> None:
         """The page as PNG."""
         path.write_bytes(base64.b64decode(self._call("Page.captureScreenshot", session=True)["data"]))

@@ -32,7 +32,7 @@ class OtherProcesses:
         self._alerts = bus.subscribe(ALERT, depth=ALERTS_A_PERIOD)
         self._published, self._adopted = _Models(), _Models()
         self._effects: dict[str, str] = {}
-        self._lap: tuple[int, int] | None = None
+        self._lap: tuple[int, int | None] | None = None
 
     def step(self, now_ns: int) -> Iterator[Change]:
         """Changes since the last call."""
@@ -68,12 +68,18 @@ class OtherProcesses:
                 yield Change(EventKind.ADOPTION, before, plan.revision, text)
         started_ns = plan.state_stamp_ns
         if self._lap is None or plan.lap < self._lap[0]:
-            self._lap = plan.lap, started_ns
+            self._lap = plan.lap, None
         elif plan.lap > self._lap[0]:
-            lap_s = (started_ns - self._lap[1]) / NS_PER_S
-            text = f"lap {plan.lap} done by the plan's count (to one plan, 0.05 s)"
-            yield Change(EventKind.LAP, str(self._lap[0]), str(plan.lap), text, measured=lap_s, unit="s")
+            yield _lap_done(self._lap[0], plan.lap, self._lap[1], started_ns)
             self._lap = plan.lap, started_ns
+
+
+def _lap_done(before: int, after: int, began_ns: int | None, now_ns: int) -> Change:
+    """A lap by the plan's count; its time only where its beginning was seen."""
+    if began_ns is None:
+        return Change(EventKind.LAP, str(before), str(after), f"lap {after} done")
+    lap_s, text = (now_ns - began_ns) / NS_PER_S, f"lap {after} done, to one plan of 0.05 s"
+    return Change(EventKind.LAP, str(before), str(after), text, measured=lap_s, unit="s")
 
 
 class _Models:

@@ -5,20 +5,18 @@ from __future__ import annotations
 import json
 import math
 import re
-import socket
 import threading
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-import uvicorn
 from support.browser import CHROMIUM, Browser
+from support.serving import served
 from support.session_rig import UNIX_NS
 
 from hil_gateway.bus import messages as m
@@ -285,18 +283,6 @@ def loop(loop_runs: threading.Event) -> Loop:
     return Loop(loop_runs)
 
 
-@contextmanager
-def served(app: Any) -> Iterator[str]:
-    """URL of an application, as long as the block runs."""
-    listener = socket.create_server(("127.0.0.1", 0))
-    server = uvicorn.Server(uvicorn.Config(app, log_level="error", lifespan="on", timeout_graceful_shutdown=1))
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
-    thread.start()
-    yield f"http://127.0.0.1:{listener.getsockname()[1]}/"
-    server.should_exit = True
-    thread.join(timeout=10)
-
-
 @pytest.fixture
 def served_page(loop: Loop) -> Iterator[str]:
     """URL of a live page, fed ten times a second."""
@@ -379,10 +365,12 @@ def test_a_stop_is_announced_with_first_and_last_cause_and_a_reload_loses_nothin
 
 @needs_browser
 @pytest.mark.parametrize("theme", ["dark", "light"])
+@pytest.mark.parametrize("size", [(390, 844), (1024, 768), (1600, 1000), (2560, 1440)])
 def test_every_text_stands_out_from_its_ground_by_4_5_to_1_and_nothing_scrolls_sideways(
-    served_page: str, theme: str, tmp_path: Path
+    served_page: str, theme: str, size: tuple[int, int], tmp_path: Path
 ) -> None:
-    with Browser(tmp_path / "profile", "390,844") as browser:
+    with Browser(tmp_path / "profile") as browser:
+        browser.resize(*size)
         browser.open(f"{served_page}?theme={theme}")
         browser.wait_for("document.querySelectorAll('#belief td').length > 7")
         assert browser.evaluate("document.documentElement.scrollWidth <= innerWidth")
