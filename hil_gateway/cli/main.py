@@ -27,6 +27,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "can": ("hil_gateway.cli.can:app", "the CAN bus in the terminal, decoded"),
     "dashboard": ("hil_gateway.cli.dashboard:app", "read-only live page"),
     "verify": ("hil_gateway.cli.verify:app", "the reliability promises at their stated figures"),
+    "config": ("hil_gateway.cli.config:app", "every setting: value, origin, range; what differs from the default"),
     "doctor": ("hil_gateway.cli.doctor:app", "what this machine lacks for what, with the remedy"),
 }
 """name -> (module:attribute of a Typer app, help line)"""

@@ -7,8 +7,12 @@ from pathlib import Path
 from estimator.offline.identification import Identification
 from estimator.offline.report import plots
 from estimator.offline.report.page import Report, plot_style
+from hil_gateway.car.tyre_names import named
 
 UNITS = {"ax": "m/s2", "ay": "m/s2", "yaw_acc": "rad/s2", "vy": "m/s", "yaw_rate": "rad/s"}
+
+WORSE = 1.01
+"""an error that has grown by more than this is said"""
 
 
 def write_report(result: Identification, path: Path) -> Path:
@@ -33,15 +37,34 @@ def _subtitle(result: Identification) -> str:
 def _headline(report: Report, result: Identification) -> None:
     unknown = [n for n, known in result.identifiability.identifiable.items() if not known]
     before, after = result.rmse["ay"]
-    sentence = f"Lateral error on data not fitted falls from {before:.3g} to {after:.3g} m/s2. "
+    sentence = f"Lateral error on data not fitted goes {_change(before, after)} from {before:.3g} to {after:.3g} m/s2. "
+    sentence += _worse(result)
     sentence += f"Not determined by this data: {', '.join(unknown)}." if unknown else "All parameters are determined."
-    report.verdict(sentence, "warn" if unknown else "good")
+    report.verdict(sentence, "warn" if unknown or _worse(result) else "good")
     report.tiles(
         [
-            (f"{c} held out", f"{final:.3g}", f"{UNITS[c]}, was {initial:.3g}")
+            (f"{c} held out", f"{final:.3g}", f"{UNITS[c]}, {_change(initial, final)} from {initial:.3g}")
             for c, (initial, final) in result.rmse.items()
         ]
     )
+
+
+def _change(initial: float, final: float) -> str:
+    return "up" if final > initial else "down"
+
+
+def _worse(result: Identification) -> str:
+    """The channels whose error has grown, in a sentence; empty where none has."""
+    grown = [(c, a, b) for c, (a, b) in result.rmse.items() if b > WORSE * a]
+    if not grown:
+        return ""
+    return "Worse than before: " + ", ".join(f"{c} from {a:.3g} to {b:.3g} {UNITS[c]}" for c, a, b in grown) + ". "
+
+
+def _label(symbol: str) -> str:
+    """Name, symbol and unit of a parameter."""
+    name, unit = named(symbol)
+    return f"{name} ({symbol})" + (f", {unit}" if unit else "")
 
 
 def _parameters(report: Report, result: Identification) -> None:
@@ -52,15 +75,14 @@ def _parameters(report: Report, result: Identification) -> None:
     for name, initial in result.initial.items():
         final, std = result.final[name], result.fit.std[name]
         known = "yes" if result.identifiability.identifiable[name] else "no"
-        rows.append(
-            [name, f"{initial:.5g}", f"{final:.5g}", f"{100 * (final / initial - 1):+.2f} %", f"{std:.2g}", known]
-        )
+        change = f"{100 * (final / initial - 1):+.2f} %"
+        rows.append([_label(name), f"{initial:.5g}", f"{final:.5g}", change, f"{std:.2g}", known])
     report.table(["Parameter", "Initial", "Final", "Change", "Std", "Identified"], rows)
     report.figure(plots.tyre_curves(result), _CURVES)
     extra = {n: v for n, v in result.fit.values.items() if n not in result.initial}
     report.table(
         ["Estimated along with them", "Value", "Std"],
-        [[n, f"{v:.4g}", f"{result.fit.std[n]:.2g}"] for n, v in extra.items()],
+        [[_label(n), f"{v:.4g}", f"{result.fit.std[n]:.2g}"] for n, v in extra.items()],
     )
 
 

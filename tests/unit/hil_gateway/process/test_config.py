@@ -99,3 +99,24 @@ def test_lists_and_tables_in_the_environment_are_written_as_in_toml(monkeypatch:
     monkeypatch.setenv("HIL_ZENOH__CONNECT", "[tcp/127.0.0.1:7001")
     with pytest.raises(InputError, match=r"HIL_ZENOH__CONNECT=.*not a TOML list"):
         load_config()
+
+
+def test_config_diff_names_what_was_changed_where_and_config_show_its_range(tmp_path: Path, monkeypatch) -> None:
+    import json
+
+    from typer.testing import CliRunner
+
+    from hil_gateway.cli.main import app
+
+    file = tmp_path / "car.toml"
+    file.write_text("[vehicle]\nmass = 810.0\n")
+    monkeypatch.setenv("HIL_DASHBOARD__PORT", "9000")
+    run = CliRunner()
+    rows = json.loads(run.invoke(app, ["config", "diff", "--config", str(file), "--json"]).stdout)["settings"]
+    assert {row["key"]: (row["value"], row["default"], row["origin"]) for row in rows} == {
+        "vehicle.mass": (810.0, 787.3, str(file)),
+        "dashboard.port": (9000, 8024, "HIL_DASHBOARD__PORT"),
+    }
+    shown = run.invoke(app, ["config", "show"]).output
+    assert "planner.backend = auto   # auto | fixed | hpipm | piqp | conic" in shown
+    assert "dashboard.rate_hz = 10.0   # > 0, <= 50; updates a second sent to each page" in shown
