@@ -69,7 +69,7 @@ class Gateway:
             self._actor.stopping.take_plan(plan, stopping=before.stopping)
         motion = self._monitors.motion.step(now_ns, state)
         self._monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
-        estimate, fixes_fit = self.inbox.read_estimate(now_ns), not self._monitors.position.suspect
+        estimate, fixes_fit = self.inbox.read_estimate(now_ns), self._monitors.fixes_fit
         believed = estimate if fixes_fit and not self._monitors.imu_suspect else None
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, fixes_fit)
         request = self.inbox.read_request(now_ns)

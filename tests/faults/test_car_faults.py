@@ -16,8 +16,8 @@ PHYSICS = {
     "throttle stuck at 60 %": "until the engine is cut the car gains speed",
     "position ramps by 5 m/s": "the only source of position, believed until it contradicts the wheels",
     "position drifts by 0.5 m/s": "nothing on board is independent of the one receiver",
-    "IMU near zero": "on a straight it says what a good one says",
-    "IMU constant with dither": "on a straight it says what a good one says",
+    "IMU near zero": "on a straight it looks right; the estimate has followed it when a bend tells",
+    "IMU constant with dither": "on a straight it looks right; the estimate has followed it when a bend tells",
 }
 """fault -> why the car may leave the road"""
 

@@ -20,8 +20,8 @@ GATE_M = 2.0
 GATE_PER_M = 0.1
 """a fix further away than this, growing with the way since the last one taken, is no fix"""
 
-YAW_GAIN = 0.1
-"""share of the angle to a fix by which the heading turns when there is no gyro: 0.02 m of noise on 1 m are 2 mrad"""
+YAW_GAIN = 0.3
+"""share of the angle to a fix by which the heading turns when there is no gyro: 0.02 m of noise on 1 m are 6 mrad"""
 SHORTEST_M = 0.5
 """way between fixes from which their direction says something"""
 

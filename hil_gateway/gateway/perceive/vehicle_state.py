@@ -46,8 +46,8 @@ REQUIRED = ("imu", "wheel_speeds", "steering", "pedals", "powertrain", "vehicle"
 ACTUATOR_COMMANDS = ("brake_pressure_cmd", "accelerator_cmd", "steering_cmd", "gear_shift_cmd")
 FOREIGN_S = 1.0
 """How long the voice of another computer is remembered."""
-STUCK_FRAMES = 10
-"""So many IMU or wheel frames (0.1 s) with the very same bytes while moving: the sensor hangs (noise changes the last
+STUCK_FRAMES = 20
+"""So many IMU or wheel frames (0.2 s) with the very same bytes while moving: the sensor hangs (noise changes the last
 bit of each; a sensor at 50 Hz repeats itself once)."""
 SENSOR_DISAGREEMENT = 0.15
 """Primary against secondary steering angle, rad at the motor (about 9 deg)."""

@@ -135,7 +135,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         "second sender of positions", POSITION, (*_FIX, "sender_doubled"), 1.2, "frames a second", None, twice_m=3.0
     ),
     CarFault("IMU missing", IMU, ("state_invalid",), 0.15, "its age", _lost),
-    CarFault("IMU frozen", IMU, ("state_invalid",), 0.25, "noise changes the last bit of every frame", _frozen),
+    CarFault("IMU frozen", IMU, ("state_invalid",), 0.35, "noise changes the last bit of every frame", _frozen),
     CarFault("IMU constant with dither", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _dithering),
     CarFault("IMU near zero", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _scaled(0.02, *INERTIAL)),
     CarFault("IMU sign flipped", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _scaled(-1.0, *INERTIAL)),
@@ -143,7 +143,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         "yaw rate off by 0.3 rad/s", IMU, _MOTION, 1.5, "v r against lateral force; wheels", _plus(0.3, "imu_yaw_rate")
     ),
     CarFault("wheel speeds missing", WHEELS, ("state_invalid",), 0.15, "their age", _lost),
-    CarFault("wheel speeds frozen", WHEELS, ("state_invalid",), 0.25, "noise changes the last bit", _frozen),
+    CarFault("wheel speeds frozen", WHEELS, ("state_invalid",), 0.35, "noise changes the last bit", _frozen),
     CarFault(
         "one rear wheel speed zero",
         WHEELS,

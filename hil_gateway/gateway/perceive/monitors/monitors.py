@@ -38,6 +38,11 @@ class Monitors:
         self.imu_wrong = self.imu_suspect = False
         self._road = None if track is None else RoadMonitor(track)
 
+    @property
+    def fixes_fit(self) -> bool:
+        """Whether fixes are believed; where the IMU is contradicted too, it is the IMU that they did not fit."""
+        return self.imu_wrong or not self.position.suspect
+
     def measures(
         self, now_ns: int, state: VehicleState, pose: Pose | None, commanded: Actuators | None
     ) -> dict[str, float]:

@@ -40,12 +40,14 @@ def test_a_switch_or_service_bit_stops_the_car_and_refuses_arming(signal: str, v
 def test_a_full_course_yellow_slows_the_car_to_the_caution_speed(named_mph: float, reached: float) -> None:
     rig = Rig()
     rig.drive = 0.1
+    # wheels are never the same to the last bit, as those of a real car
+    rig.hooks.append(lambda rig: rig.car.overrides.update(wheel_speed_FL=3.6 * rig.car.speed + 0.1 * (rig.tick % 7)))
     rig.drive_off(12.0)
     rig.run(8.0)
     assert rig.car.speed > 30.0
     rig.car.track_flag = 9
     rig.car.overrides["round_target_speed"] = named_mph
-    rig.run(15.0)
+    rig.run(35.0)
     assert rig.action is FailsafeAction.DRIVE
     assert rig.car.ct_state == 8
     assert rig.car.speed == pytest.approx(reached, abs=1.5)
