@@ -127,8 +127,9 @@ def assert_within_limits(rig: ModelCar) -> None:
 
 
 def revision_with(rig: ModelCar, tyre: dict[str, float] | None = None, *effects: ActiveEffect) -> ModelRevision:
-    """The revision in force with changed tyre parameters and other effects."""
+    """The revision in force with changed tyre parameters and, where some are given, other effects."""
     current = rig.planner.adoption.current.revision
+    effects = effects or current.effects
     values = {**current.tyre, **(tyre or {})}
     return current.model_copy(
         update={"tyre": values, "effects": effects, "revision": revision_id(current.layout, values, effects)}
