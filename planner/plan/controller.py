@@ -153,8 +153,7 @@ class Controller:
         limits = self.settings.limits
         power = limits.power / (self.knowledge.theta[0] * np.maximum(vx, MIN_POWER_SPEED))
         reach = drive - limits.drive_rate * self.settings.dt * np.arange(1, len(vx) + 1)
-        launch = np.interp(vx, limits.launch_speeds, (limits.launch_drive, limits.drive_max))
-        return np.asarray(np.maximum(np.minimum(power, launch), reach))
+        return np.asarray(np.maximum(np.minimum(power, limits.drive_max), reach))
 
     def solve(
         self, z0: Array, stopwatch: Stopwatch, iterations: int | None = None, *, explore: float = 1.0

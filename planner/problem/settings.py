@@ -45,11 +45,6 @@ class Limits:
     steer_rate: float = 0.3
     drive_max: float = 0.16
     """8 kN: what the rear tyres put down"""
-    launch_drive: float = 0.08
-    """4 kN: largest drive command up to `launch_speeds`[0]; the model knows no spinning wheel, and a car that pulled away
-    with all that known tyres bear spun"""
-    launch_speeds: tuple[float, float] = (10.0, 30.0)
-    """m/s between which it rises to `drive_max`"""
     drive_min: float = -0.36
     """18 kN: what both axles take at speed with downforce; the load rows know what they take at each"""
     drive_rate: float = 1.6
