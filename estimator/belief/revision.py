@@ -28,6 +28,10 @@ from hil_gateway.config import Config, EstimatorConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 
+SESSION_SPREAD = 0.05
+"""relative, one standard deviation, of every parameter from one session to the next: another set of tyres, another
+temperature of track and tyres, fuel; twice of it is the tenth by which grip differs between a cold and a warm track"""
+
 
 def revision_id(layout: str, tyre: Mapping[str, float], effects: Sequence[ActiveEffect] = ()) -> str:
     """Content hash of a model: equal models have equal ids on every computer."""
@@ -57,17 +61,29 @@ def race_car_revision(layout: Layout, vehicle: Vehicle, powertrain: Powertrain) 
 
 
 def starting_revision(config: Config, model: str) -> ModelRevision:
-    """The model a process starts with: that of the file `model`, or else the declared one.
+    """The model a process starts with: that of the file `model` as far as it still holds, or else the declared one.
 
     Raises:
         InputError: see `load_revision`.
     """
     if model:
-        return load_revision(model)
+        return carried_over(load_revision(model))
     layout = config.estimator.layout
     if config.declared_model == "paper":
         return declared_revision(layout)
     return race_car_revision(layout, config.vehicle, config.powertrain)
+
+
+def carried_over(revision: ModelRevision) -> ModelRevision:
+    """A model of an earlier session, no surer of itself than sessions differ (`SESSION_SPREAD`)."""
+    if not revision.covariance:
+        return revision
+    effects = [value for effect in revision.effects for value in effect.parameters.values()]
+    spread = np.zeros(len(revision.covariance))
+    for i, value in zip(range(len(spread)), [*revision.tyre.values(), *effects], strict=False):
+        spread[i] = SESSION_SPREAD * value
+    widened = np.array(revision.covariance) + np.diag(spread**2)
+    return revision.model_copy(update={"covariance": tuple(map(tuple, widened.tolist()))})
 
 
 def load_revision(path: str | Path) -> ModelRevision:

@@ -49,7 +49,7 @@ class Limits:
     """18 kN: what both axles take at speed with downforce; the load rows know what they take at each"""
     drive_rate: float = 1.6
     """from coasting to full braking in a quarter of a second: the brake's own lag is 0.03 s"""
-    speed: float = 85.0
+    speed: float = 82.0
     progress_rate: float = 25.0
     power: float = 340e3
     """engine power at the wheels, W: bounds the drive command at speed"""

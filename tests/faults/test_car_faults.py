@@ -16,10 +16,14 @@ PHYSICS = {
     "throttle stuck at 60 %": "until the engine is cut the car gains speed",
     "position ramps by 5 m/s": "the only source of position, believed until it contradicts the wheels",
     "position drifts by 0.5 m/s": "nothing on board is independent of the one receiver",
-    "IMU near zero": "on a straight it looks right; the estimate has followed it when a bend tells",
-    "IMU constant with dither": "on a straight it looks right; the estimate has followed it when a bend tells",
 }
 """fault -> why the car may leave the road"""
+DEFECTS = {
+    "IMU near zero": "noticed too late: the estimate has followed it when a bend tells",
+    "IMU constant with dither": "noticed too late: the estimate has followed it when a bend tells",
+}
+"""fault -> what the gateway does not master yet; counted apart and shown with the promise"""
+EXCEPTIONS = PHYSICS | DEFECTS
 
 
 def unnoticed(result: FaultResult) -> bool:
@@ -39,13 +43,14 @@ def test_single_faults_are_noticed_and_their_stops_keep_to_the_road() -> None:
             assert result.cause in fault.noticed_by, result
         if fault.noticed_by and math.isinf(result.margin_unnoticed_m):
             assert result.margin_m > 0.0, f"off the road, and nothing noticed: {result}"
-    lost = [r for r in results if unnoticed(r) and r.fault not in PHYSICS]
+    lost = [r for r in results if unnoticed(r) and r.fault not in EXCEPTIONS]
     assert not lost, lost
     stops = [r for r in results if r.noticed_s is not None]
     off = [r for r in stops if r.margin_m < 0.0]
-    assert all(r.fault in PHYSICS for r in off), [r for r in off if r.fault not in PHYSICS]
-    names = ", ".join(sorted({r.fault for r in off})) or "none"
+    assert all(r.fault in EXCEPTIONS for r in off), [r for r in off if r.fault not in EXCEPTIONS]
+    by_physics = ", ".join(sorted({r.fault for r in off if r.fault in PHYSICS})) or "none"
+    defects = ", ".join(sorted({r.fault for r in off if r.fault in DEFECTS})) or "none"
     record_figure(
         "D1", f"{len(results)} single faults, {len(stops)} stopped, {len(lost)} unexplained off the road unnoticed"
     )
-    record_figure("D2", f"{len(stops)} stops, {len(off)} off the road, each explained by physics: {names}")
+    record_figure("D2", f"{len(stops)} stops, {len(off)} off the road: physics {by_physics}; defects {defects}")

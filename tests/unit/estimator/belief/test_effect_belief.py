@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from estimator.belief.revision import (
+    SESSION_SPREAD,
     RevisionPolicy,
+    carried_over,
     declared_revision,
     learns_effects,
     model_of,
@@ -103,3 +105,12 @@ def test_the_model_to_start_with_is_what_is_configured() -> None:
     assert starting_revision(load_config(), "").effects == START.effects
     paper = load_config(None, {"declared_model": "paper"})
     assert starting_revision(paper, "") == declared_revision("per_axle")
+
+
+def test_what_an_earlier_session_learnt_is_never_surer_than_sessions_differ() -> None:
+    certain = START.model_copy(update={"covariance": tuple(map(tuple, (1e-8 * np.array(START.covariance)).tolist()))})
+    std = np.sqrt(np.diag(carried_over(certain).covariance))
+    values = np.array([*certain.tyre.values(), *(v for e in certain.effects for v in e.parameters.values())])
+    assert std == pytest.approx(SESSION_SPREAD * values, rel=1e-3)
+    assert np.all(np.diag(carried_over(START).covariance) > np.diag(START.covariance))
+    assert carried_over(declared_revision("per_axle")) == declared_revision("per_axle"), "nothing learnt, nothing added"
