@@ -50,7 +50,9 @@ def test_single_faults_are_noticed_and_their_stops_keep_to_the_road() -> None:
     assert all(r.fault in EXCEPTIONS for r in off), [r for r in off if r.fault not in EXCEPTIONS]
     by_physics = ", ".join(sorted({r.fault for r in off if r.fault in PHYSICS})) or "none"
     defects = ", ".join(sorted({r.fault for r in off if r.fault in DEFECTS})) or "none"
-    record_figure(
-        "D1", f"{len(results)} single faults, {len(stops)} stopped, {len(lost)} unexplained off the road unnoticed"
-    )
-    record_figure("D2", f"{len(stops)} stops, {len(off)} off the road: physics {by_physics}; defects {defects}")
+    harmed = [r for r in results if unnoticed(r)]
+    unseen = ", ".join(sorted({r.fault for r in harmed})) or "none"
+    figure = f"{len(results)} single faults, {len(stops)} stopped, {len(harmed)} off the road unnoticed: {unseen}"
+    record_figure("D1", figure, missed=bool(harmed))
+    figure = f"{len(stops)} stops, {len(off)} off the road: physics {by_physics}; defects {defects}"
+    record_figure("D2", figure, missed=any(r.fault in DEFECTS for r in off))

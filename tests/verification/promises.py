@@ -169,13 +169,17 @@ class Evidence:
     tests: dict[str, str] = field(default_factory=dict)
     """test -> passed | failed | skipped"""
     figures: list[str] = field(default_factory=list)
+    missed: bool = False
+    """a figure is less than what the promise requires"""
 
     @property
     def verdict(self) -> str:
-        """Kept when a test passed and none failed."""
+        """Kept when a test passed, none failed and every figure is what is required."""
         outcomes = set(self.tests.values())
         if "failed" in outcomes:
             return "BROKEN"
+        if self.missed:
+            return "missed"
         return "kept" if "passed" in outcomes else "not proved here"
 
 
@@ -189,6 +193,7 @@ def read_evidence(path: Path) -> dict[str, Evidence]:
             of.tests[entry["test"]] = entry["outcome"]  # a test run again counts by its last run
         elif entry["figure"] not in of.figures:
             of.figures.append(entry["figure"])
+            of.missed |= entry.get("missed", False)
     return evidence
 
 
