@@ -2,7 +2,7 @@
 
 Steering is pure pursuit (Coulter, CMU-RI-TR-92-01): delta = atan(2 L sin(alpha) / l) towards the point a look-ahead
 distance l along the path. Beyond the end of the plan the path goes on at the same offset from the track's centre
-line.
+line. Braking is as hard as configured, and harder where a bend ahead on that path would be entered too fast.
 """
 
 from __future__ import annotations
@@ -26,6 +26,10 @@ LOOK_AHEAD_MIN = 6.0
 EXTENSION = 400.0
 """m of track added to a plan: more than a controlled stop from top speed needs"""
 EXTENSION_STEP = 4.0
+BEND_SHARE = 0.7
+"""of the declared grip a bend ahead may need: the rest steers back to the path and brakes on in the bend"""
+BEND_POINTS = 5
+"""points of the path (some 15 m) over which its curvature is averaged: where plan and track join there is a kink"""
 SHORTEST_STEP = 1e-3
 """points closer together are one, m"""
 
@@ -43,6 +47,12 @@ class Path:
         nearest = int(np.argmin((self.x - x) ** 2 + (self.y - y) ** 2))
         target = self.s[nearest] + distance
         return float(np.interp(target, self.s, self.x)), float(np.interp(target, self.s, self.y))
+
+    def bends(self) -> Array:
+        """Curvature without sign at every point, averaged over `BEND_POINTS`, 1/m."""
+        heading = np.unwrap(np.arctan2(np.gradient(self.y, self.s), np.gradient(self.x, self.s)))
+        average = np.ones(BEND_POINTS) / BEND_POINTS
+        return np.asarray(np.abs(np.convolve(np.gradient(heading, self.s), average, mode="same")[: len(self.s)]))
 
 
 def plan_path(plan: Plan, track: Track | None) -> Path | None:
@@ -75,6 +85,7 @@ class Stopping:
         self._track = track
         self._plan: Plan | None = None
         self._path: Path | None = None
+        self._bends: Array = np.zeros(0)
         self._steer = 0.0
 
     def take_plan(self, plan: Plan, stopping: bool) -> None:
@@ -95,10 +106,13 @@ class Stopping:
         """Road-wheel angle (rad) and slip-ratio drive (negative) of this period."""
         if self._path is None and self._plan is not None:
             self._path = plan_path(self._plan, self._track)
+            self._bends = self._path.bends() if self._path is not None else np.zeros(0)
         if self._path is not None and pose is not None:
             self._steer = self._pursue(self._path, pose)
         config = self._config
         wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
+        if self._path is not None and pose is not None:
+            wanted = max(wanted, self._for_bends(self._path, pose, motion.speed))
         force = self._vehicle.mass * min(wanted, self._grip_left(motion))
         return self._steer, -force / self._force_per_drive
 
@@ -110,6 +124,18 @@ class Stopping:
         angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw
         distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_MIN)
         return math.atan2(2 * self._vehicle.wheelbase * math.sin(angle), distance)
+
+    def _for_bends(self, path: Path, pose: Pose, speed: float) -> float:
+        """Deceleration after which no bend ahead needs more than `BEND_SHARE` of the declared grip, m/s2.
+
+        v^2 of a bend with curvature k: mu (m g + c v^2) = m k v^2, with the declared grip mu and downforce c.
+        """
+        grip, lift = BEND_SHARE * self._config.lateral_grip, self._config.downforce / self._vehicle.mass
+        nearest = int(np.argmin((path.x - pose.x) ** 2 + (path.y - pose.y) ** 2))
+        distance = path.s[nearest + 1 :] - path.s[nearest]
+        allowed = grip * GRAVITY / np.maximum(self._bends[nearest + 1 :] - grip * lift, 1e-4)
+        needed = (speed**2 - allowed) / (2.0 * np.maximum(distance, speed * LOOK_AHEAD_S))
+        return float(needed.max(initial=0.0))
 
     def _grip_left(self, motion: Motion) -> float:
         """Deceleration the friction circle leaves beside the present lateral force, m/s2."""
