@@ -48,7 +48,7 @@ class LiveLoop:
 
     def __init__(self, folder: Path, real_time: bool = True) -> None:
         setup = prepare(DemoOptions(seconds=3600.0, out=folder, headless=True))
-        self.config = setup.config
+        self.lock, self.config = setup.lock, setup.config
         self.specs = {spec.name: spec for spec in (*PROCESSES, DASHBOARD)}
         kind = Supervisor if real_time else Ordinary
         self.supervisors = {name: kind(setup.config_file, folder, (spec,)) for name, spec in self.specs.items()}
@@ -77,6 +77,7 @@ class LiveLoop:
             supervisor.stop()
         self.bus.close()
         self.link.close()
+        self.lock.release()
 
     def start(self, name: str) -> None:
         """Start one process, perhaps again."""
@@ -237,6 +238,7 @@ def test_the_gateway_feeds_the_watchdog_and_a_hanging_one_does_not(tmp_path):
         ear.bind(str(address))
         ear.settimeout(20.0)
         setup = prepare(DemoOptions(seconds=60.0, out=tmp_path / "out", headless=True))
+        setup.lock.release()
         process = subprocess.Popen(
             [sys.executable, "-m", "hil_gateway", "gateway", "run", "--config", str(setup.config_file)],
             env={**os.environ, "NOTIFY_SOCKET": str(address)},
