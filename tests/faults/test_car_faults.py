@@ -1,4 +1,8 @@
-"""Promises D1 and D2: single faults of sensors and actuators are noticed, and the stops keep to the road."""
+"""Promises D1 and D2: single faults of sensors and actuators are noticed, and the stops keep to the road.
+
+The test fails on a fault that takes the car off the road unnoticed, on a wrong cause and on a car that does not stand;
+how many stops leave the road is a figure, and the verdict of D2 is that figure against what it requires.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +28,8 @@ DEFECTS = {
 }
 """fault -> what the gateway does not master yet; counted apart and shown with the promise"""
 EXCEPTIONS = PHYSICS | DEFECTS
+ROAD_SHARE = 0.01
+"""of the stops may leave the road without a physical reason (D2: 99 % keep to it)"""
 
 
 def unnoticed(result: FaultResult) -> bool:
@@ -34,7 +40,7 @@ def unnoticed(result: FaultResult) -> bool:
 @pytest.mark.slow
 @pytest.mark.promise("D1")
 @pytest.mark.promise("D2")
-def test_single_faults_are_noticed_and_their_stops_keep_to_the_road() -> None:
+def test_single_faults_are_noticed_by_the_right_cause_and_stop_the_car() -> None:
     tracks = ("road_course", "oval", "tri_oval")[: volume(1, 3)]
     results = [r for track in tracks for r in campaign(track, volume(2, 40), volume(9, 3))]
     for result in results:
@@ -43,16 +49,15 @@ def test_single_faults_are_noticed_and_their_stops_keep_to_the_road() -> None:
             assert result.cause in fault.noticed_by, result
         if fault.noticed_by and math.isinf(result.margin_unnoticed_m):
             assert result.margin_m > 0.0, f"off the road, and nothing noticed: {result}"
-    lost = [r for r in results if unnoticed(r) and r.fault not in EXCEPTIONS]
-    assert not lost, lost
-    stops = [r for r in results if r.noticed_s is not None]
-    off = [r for r in stops if r.margin_m < 0.0]
-    assert all(r.fault in EXCEPTIONS for r in off), [r for r in off if r.fault not in EXCEPTIONS]
-    by_physics = ", ".join(sorted({r.fault for r in off if r.fault in PHYSICS})) or "none"
-    defects = ", ".join(sorted({r.fault for r in off if r.fault in DEFECTS})) or "none"
     harmed = [r for r in results if unnoticed(r)]
+    assert all(r.fault in EXCEPTIONS for r in harmed), harmed
+    stops = [r for r in results if r.noticed_s is not None]
+    assert all(r.stands for r in stops if r.fault != "brakes dead"), [r for r in stops if not r.stands]
+    off = [r for r in stops if r.margin_m < 0.0]
     unseen = ", ".join(sorted({r.fault for r in harmed})) or "none"
     figure = f"{len(results)} single faults, {len(stops)} stopped, {len(harmed)} off the road unnoticed: {unseen}"
     record_figure("D1", figure, missed=bool(harmed))
-    figure = f"{len(stops)} stops, {len(off)} off the road: physics {by_physics}; defects {defects}"
-    record_figure("D2", figure, missed=any(r.fault in DEFECTS for r in off))
+    by_physics = sum(r.fault in PHYSICS for r in off)
+    worst = min((r.margin_m for r in off if r.fault not in PHYSICS), default=0.0)
+    figure = f"{len(stops)} stops, {len(off)} leave the road, {by_physics} by physics, the others by {-worst:.1f} m or less"
+    record_figure("D2", figure, missed=len(off) - by_physics > ROAD_SHARE * len(stops))
