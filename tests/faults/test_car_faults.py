@@ -59,5 +59,5 @@ def test_single_faults_are_noticed_by_the_right_cause_and_stop_the_car() -> None
     record_figure("D1", figure, missed=bool(harmed))
     by_physics = sum(r.fault in PHYSICS for r in off)
     worst = min((r.margin_m for r in off if r.fault not in PHYSICS), default=0.0)
-    figure = f"{len(stops)} stops, {len(off)} leave the road, {by_physics} by physics, the others by {-worst:.1f} m or less"
+    figure = f"{len(stops)} stops, {len(off)} leave the road, {by_physics} by physics, others by {-worst:.1f} m"
     record_figure("D2", figure, missed=len(off) - by_physics > ROAD_SHARE * len(stops))
