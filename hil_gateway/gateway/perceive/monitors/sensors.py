@@ -86,16 +86,16 @@ def _within(yaw_rate: float, steered: float, margin: float) -> bool:
     return low - margin <= yaw_rate <= high + margin
 
 
-LATERAL = 6.0
-"""m/s2: gravity on the steepest bank (24 deg: 4.0), side slip building up (1.5), bias and noise (0.5)"""
+LATERAL = 9.0
+"""m/s2: gravity on the steepest bank (24 deg: 4.0), side slip building up at the limit (4.0), bias and noise (1.0)"""
 LATERAL_SHARE = 0.35
 """of v r: the body's side slip in a slide"""
 
 
 SPEED_WINDOW = 50
 """periods (0.5 s) over which wheels and IMU must agree on the change of speed"""
-SPEED_CHANGE = 3.0
-"""m/s in that time: slip of all wheels that comes or goes (5 % of 40 m/s), gravity on a 10 % grade (0.5), bias"""
+SPEED_CHANGE = 8.0
+"""m/s in that time: slip of all wheels that comes or goes (11 % of 65 m/s), gravity on a 10 % grade (0.5), bias"""
 
 
 class SpeedChangeMonitor:
