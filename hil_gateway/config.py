@@ -143,6 +143,12 @@ class Config(Model):
     dashboard: DashboardConfig = DashboardConfig()
 
     @model_validator(mode="after")
+    def _drives_a_race_car(self) -> Self:
+        if found := self.vehicle.outside_a_race_car():
+            raise ValueError(f"vehicle.{found}")
+        return self
+
+    @model_validator(mode="after")
     def _stops(self) -> Self:
         """The declared brakes must be able to do what stopping asks of them."""
         train, stop = self.powertrain, self.gateway.stop

@@ -238,11 +238,11 @@ class Planner:
 
     def _stopping(self) -> Stopping:
         controller, vehicle = self.adoption.controller, self._config.vehicle
-        force = BRAKE_SHARE * controller.knowledge.load_max[1] * vehicle.static_load_rear
-        drive = max(self.settings.limits.drive_min, -force / float(controller.knowledge.theta[0]))
+        grip, force = min(controller.knowledge.load_max), float(controller.knowledge.theta[0])
+        braking = BRAKE_SHARE * controller.knowledge.load_max[1] * vehicle.static_load_rear / vehicle.mass
         return Stopping(
             lambda z, du: controller.sqp.propagate(z, du, controller.stages[:, 0], controller.common),
-            controller.reference, self.settings.limits, self.settings.dt, vehicle.wheelbase, drive,
+            controller.reference, self.settings.limits, self.settings.dt, vehicle, braking, grip, force,
         )  # fmt: skip
 
     def _publish(self, decision: Decision, now_ns: int, started: int) -> Plan:

@@ -1,7 +1,7 @@
 """What to do without a fresh solution: the last accepted plan shifted, then a stop plan. Never a partial one.
 
 Both have the full horizon. The stop plan needs no optimiser: it steers by pure pursuit of the reference and brakes
-within the load limits until the car stands.
+until the car stands, harder where a bend ahead would be entered too fast, within the grip that cornering leaves.
 """
 
 from __future__ import annotations
@@ -11,14 +11,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
-from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, STEER, VX, S
+from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, STATES, STEER, VX, S
 from planner.problem.settings import Limits
 
 PREVIEW_S = 0.5
 MIN_PREVIEW = 6.0
 """m"""
+BEND_SHARE = 0.8
+"""of the squared speed the profile allows at a point ahead: pursuit cuts and overshoots a bend, a plan does not"""
+BEND_PREVIEW = np.arange(5.0, 200.0, 5.0)
+"""m ahead at which the profile is looked at: more than the car needs from top speed to any bend"""
+LEAST_BRAKING = 0.3
+"""of the grip that is used for braking even in a bend at the limit, where steering alone holds the car no better"""
 STANDSTILL = 0.5
 """m/s: below this the car counts as standing"""
 
@@ -34,17 +41,20 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Stopping:
-    """How to stop: motion of one interval, limits, and the drive command to brake with (negative).
+    """How to stop: motion of one interval, limits, and how hard to brake.
 
-    `step(z, du)` gives the state one interval later.
+    `step(z, du)` gives the state one interval later. `deceleration` (m/s2) is what every stop brakes with; `grip` is
+    the usable force over axle load of the weaker axle; `force_per_drive` (N) turns a force into a drive command.
     """
 
     step: Callable[[Array, Array], Array]
     reference: Reference
     limits: Limits
     dt: float
-    wheelbase: float
-    drive: float
+    vehicle: Vehicle
+    deceleration: float
+    grip: float
+    force_per_drive: float
 
     def roll(self, z: Array, intervals: int) -> tuple[Array, Array]:
         """`intervals` states (NZ, n) after `z` and the changes (NU, n) that lead there."""
@@ -64,19 +74,32 @@ class Stopping:
         steer = self.limits.steer_rate * self.dt
         drive = self.limits.drive_rate * self.dt
         # standing on the brake, or coasting at less than walking pace, where the model would roll backwards
-        target = self.drive if z[VX] > STANDSTILL else 0.3 * self.drive
+        braking = min(max(self.deceleration, self._for_bends(z)), self._grip_left(z))
+        wanted = braking if z[VX] > STANDSTILL else 0.3 * self.deceleration
+        target = max(self.limits.drive_min, -wanted * self.vehicle.mass / self.force_per_drive)
         return np.array([
             np.clip(target - z[DRIVE], -drive, drive),
             np.clip(self._pursuit(z) - z[STEER], -steer, steer),
             0.0,
         ])  # fmt: skip
 
+    def _for_bends(self, z: Array) -> float:
+        """Deceleration that brings the car to `BEND_SHARE` of what the profile allows at every point ahead, m/s2."""
+        distance = np.maximum(BEND_PREVIEW, PREVIEW_S * z[VX])
+        allowed = BEND_SHARE * self.reference.speed_limit(z[S] + BEND_PREVIEW) ** 2
+        return float(np.max((z[VX] ** 2 - allowed) / (2.0 * distance), initial=0.0))
+
+    def _grip_left(self, z: Array) -> float:
+        """Deceleration the friction circle leaves beside the present lateral acceleration, m/s2."""
+        grip = self.grip * (GRAVITY + self.vehicle.downforce(float(z[VX])) / self.vehicle.mass)
+        return float(np.sqrt(max(grip**2 - (z[VX] * z[STATES.index("yaw_rate")]) ** 2, (LEAST_BRAKING * grip) ** 2)))
+
     def _pursuit(self, z: Array) -> float:
         """Steering angle of pure pursuit (Coulter, 1992), rad."""
         ahead = self.reference.at(np.array([z[S] + max(MIN_PREVIEW, PREVIEW_S * float(z[VX]))]))
         dx, dy = float(ahead.x[0] - z[0]), float(ahead.y[0] - z[1])
         lateral = np.cos(z[2]) * dy - np.sin(z[2]) * dx
-        angle = np.arctan(2 * self.wheelbase * lateral / max(dx**2 + dy**2, 1.0))
+        angle = np.arctan(2 * self.vehicle.wheelbase * lateral / max(dx**2 + dy**2, 1.0))
         return float(np.clip(angle, -self.limits.steer, self.limits.steer))
 
 

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from support.promise_figures import record_figure, volume
@@ -15,6 +16,10 @@ from verification.fault_simulation.faults import Kind, draw
 from hil_gateway.process.clock import NS_PER_S
 
 SEEDS = volume(500, 5000)
+
+TESTS = Path(__file__).parents[1]
+ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(TESTS)}
+"""of the processes that simulate: they fork, and single-threaded numerics make them repeatable"""
 
 FOUND = (793, 1081, 1385, 2138, 2362, 2457, 3257, 3785, 4297, 4633, 4701)
 """Seeds that broke a promise once: a corrupt position far off the map was an exception in planner or estimator; an
@@ -25,10 +30,8 @@ estimate that had waited while the gateway was held up passed for new."""
 @pytest.mark.promise("L1")
 @pytest.mark.promise("S1")
 def test_the_promises_hold_under_seeded_faults():
-    """In a process of its own: it forks, and single-threaded numerics make it repeatable."""
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "hil_gateway", "verify", "--seeds", str(SEEDS), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=ENVIRONMENT)
     assert done.stdout, done.stderr[-3000:]
     report = json.loads(done.stdout)
     assert report["broken"] == [], "\n".join(f"{b['broken']}; repeat: {b['repeat']}" for b in report["broken"])
@@ -42,13 +45,12 @@ def test_the_promises_hold_under_seeded_faults():
 
 @pytest.mark.slow
 def test_a_seed_alone_does_what_it_does_in_a_campaign():
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     script = (
         "import json, sys; from dataclasses import asdict; from verification.fault_simulation.campaign import Campaign;"
         "alone = Campaign().run_here(5); among = {r.seed: r for r in Campaign().run([0, 5, 10])};"
         "print(json.dumps([asdict(alone), asdict(among[5])]))"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, env=environment)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, env=ENVIRONMENT)
     alone, among = json.loads(done.stdout)
     assert alone == among
 
@@ -59,8 +61,7 @@ def test_what_once_broke_holds():
         "import json; from verification.fault_simulation.campaign import Campaign;"
         f"print(json.dumps({{r.seed: r.broken for r in Campaign().run({FOUND})}}))"
     )
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, env=environment)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, env=ENVIRONMENT)
     assert json.loads(done.stdout) == {str(seed): "" for seed in FOUND}
 
 

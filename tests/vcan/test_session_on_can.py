@@ -73,5 +73,6 @@ def test_canplayer_plays_an_exported_session(
 def test_the_demo_uses_vcan0_by_itself_and_says_so(channel: str, tmp_path: Path) -> None:
     """`channel` only proves that this kernel has SocketCAN; vcan0 is what deploy/with-vcan provides."""
     setup = prepare(DemoOptions(out=tmp_path))
+    setup.lock.release()
     assert setup.bus == "socketcan vcan0"
     assert setup.config.can.interface == "auto"

@@ -71,7 +71,7 @@ def test_a_process_that_really_waits_for_a_processor_is_named_by_the_kernels_acc
     processor = min(os.sched_getaffinity(0))
     spin = f"import os, sys; os.sched_setaffinity(0, [{processor}]); os.nice(int(sys.argv[1]))\nwhile True: pass"
     pair = {
-        "planner": subprocess.Popen([sys.executable, "-c", spin, "19"]),
+        "planner": subprocess.Popen([sys.executable, "-c", spin, "8"]),
         "plant": subprocess.Popen([sys.executable, "-c", spin, "0"]),
     }
     waiting, pids = Waiting(), {name: process.pid for name, process in pair.items()}
