@@ -62,7 +62,7 @@ class Planner:
         p = config.planner
         start = starting_revision(config, p.model)
         held = starting_limits(p)
-        self._track = track or load_track(config.track)
+        self._track = _declared_road(config, track or load_track(config.track))
         self.adoption = Adoption(config, self._track, self.settings, held, start, background=background)
         self._estimate: LatestReader[Estimate] = LatestReader(bus, topics.ESTIMATE)
         self._belief = LatestReader(bus, topics.BELIEF)
@@ -269,6 +269,11 @@ class Planner:
         self._bus.publish(topics.COMMAND, command)
         self._bus.publish(topics.PLAN, message)
         return message
+
+
+def _declared_road(config: Config, track: Track) -> Track:
+    """Eq. (1)-(3) know no slopes; where they are all that is declared, what the road does is an effect to be found."""
+    return track.level() if config.declared_model == "paper" else track
 
 
 def _fits(plan: Trajectory, z0: Array | None) -> bool:

@@ -8,7 +8,7 @@ positive when the left side is up, so a banked left turn has a negative one.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -58,6 +58,11 @@ class Track:
     deviation: float
     """root mean square distance from the points of the file to the smoothed line, m"""
     closed: bool = True
+
+    def level(self) -> Track:
+        """The same course without slopes and bank."""
+        flat = np.zeros_like(self.s)
+        return replace(self, z=flat, bank=flat, grade=flat)
 
     @cached_property
     def turning(self) -> float:
