@@ -35,7 +35,6 @@ def _around(active: ActiveEffect, std: Mapping[str, float]) -> Effect:
     if f"{active.name}.{effect.parameters[0].name}" not in std:
         return replace(effect, initial=tuple(active.parameters[p.name] for p in effect.parameters))
     parameters = tuple(
-        replace(p, prior=active.parameters[p.name], prior_std=std[f"{active.name}.{p.name}"])
-        for p in effect.parameters
+        replace(p, prior=active.parameters[p.name], prior_std=std[f"{active.name}.{p.name}"]) for p in effect.parameters
     )
     return replace(effect, parameters=parameters, initial=())

@@ -15,7 +15,7 @@ import numpy as np
 from estimator.belief.revision import model_of, revision_id
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.learner.active import active_effects, parameter_std
-from estimator.learner.known_road import ROAD, on_map, road_effects, with_map_road, with_road
+from estimator.learner.known_road import ROAD, on_map, road_effects, road_size, with_map_road, with_road
 from estimator.learner.rule import Errors, why_not
 from estimator.model.declared_vehicle import DECLARED
 from estimator.model.effects import catalogue
@@ -58,6 +58,15 @@ class Task:
 
 
 @dataclass(frozen=True)
+class FirstLap:
+    """A lap driven with a model that was adopted: its number in the columns of `task`, and the model before."""
+
+    task: Task
+    lap: int
+    before: ModelRevision
+
+
+@dataclass(frozen=True)
 class Found:
     """Outcome: effects that are new, the model to drive with and why it is not to be, errors on the held-out lap."""
 
@@ -82,7 +91,7 @@ def find(task: Task) -> Found:
         train = replace(train, road=find_road(train))
     train = replace(train, lap=np.arange(train.windows, dtype=np.int64) // HELD_OUT_WINDOWS)
     done = search(_setting(task, train, mapped))
-    size = record.bases["track_position"].size if mapped else 0
+    size = road_size(track) if mapped else 0
     models = {
         "in_force": task.current,
         "refit": _revision(done.start, task, train, mapped),
@@ -93,6 +102,18 @@ def find(task: Task) -> Found:
     effects = tuple(e.name for e in models["found"].effects if e.name not in known)
     reason = why_not(errors["refit"], errors["in_force"], errors["found"]) if effects else NOTHING
     return Found(effects, _with_provenance(models["found"], effects, errors, held_out), reason, errors)
+
+
+def judge(first: FirstLap) -> tuple[Errors, Errors]:
+    """Errors of the model before and of the current one on the first whole lap driven with the latter.
+
+    Raises:
+        InputError: too little driving in it.
+    """
+    task, track = first.task, load_track(first.task.config.track)
+    mapped = task.config.declared_model == "race_car"
+    size = road_size(track) if mapped else 0
+    return score(first.before, task, track, first.lap, size), score(task.current, task, track, first.lap, size)
 
 
 NOTHING = "no effect of the catalogue explains more of the laps so far"

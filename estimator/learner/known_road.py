@@ -17,12 +17,17 @@ from hil_gateway.track.track import Track
 
 ROAD: tuple[str, ...] = ("road_bank", "road_grade")
 MAP_STD = 0.005
-"""rad; a surveyed bank or grade against the road under the car's line: body roll and pitch on the springs add as much"""
+"""rad; a surveyed bank or grade against what the car feels: body roll and pitch on the springs add as much"""
 
 
 def road_effects() -> tuple[Effect, ...]:
     """What the map says of, always active where it is declared."""
     return tuple(catalogue()[name] for name in ROAD)
+
+
+def road_size(track: Track) -> int:
+    """Spline coefficients that a road over the lap of a track has."""
+    return make_basis("track_position", track.s, track.length).size
 
 
 def on_map(record: Record, track: Track, position: Array) -> Record:

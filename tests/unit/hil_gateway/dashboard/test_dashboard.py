@@ -104,7 +104,6 @@ def publish_scene(bus: LocalBus, now_ns: int, *, plan: bool = True) -> None:
     alert = m.Alert(stamp_ns=now_ns, seq=1, channel="ay", condition="right turns above 40 m/s", strength=3.2)
     bus.publish(ALERT, alert)
 
-
     bus.publish(VEHICLE_STATE, vehicle_state(now_ns))
 
 
