@@ -68,7 +68,7 @@ def search(
     progress("declared model, re-fitted")
     base = fit_names(setting, (), warm or fit_names(setting, (), None))
     current, rounds = base, list[tuple[Trial, ...]]()
-    accepted = sorted(setting.record.road)
+    accepted = sorted(set(setting.record.road) - setting.active_names)
     if accepted:
         current, first = _with_road(setting, base, accepted, progress)
         rounds.append(first)
