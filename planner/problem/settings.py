@@ -22,9 +22,9 @@ class Weights:
     lag: float = 20.0
     """q_l, 1/m2"""
     edge: float = 30.0
-    """on the way into `Limits.edge_zone`, 1/m2: the closed loop across the track answers within 0.1 s, what steering and
-    its dead time can do. A bound alone answers as hard as the actuators can: cars that turn quicker than their model
-    wove along it by 9 mrad of steering"""
+    """on the way into `Limits.edge_zone`, 1/m2: the closed loop across the track answers within 0.1 s, what steering
+    and its dead time can do. A bound alone is answered as hard as the actuators can: cars that turn quicker than their
+    model wove along it by 9 mrad of steering"""
     progress: float = 0.2
     """q_v, s/m"""
     drive_change: float = 0.05
