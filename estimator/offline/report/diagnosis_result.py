@@ -139,13 +139,13 @@ def _profile_parameters(diagnosis: Diagnosis, block: Block) -> dict[str, dict[st
 
 def _confidence(evidence: Evidence) -> float:
     """Probability, by the scatter of the gain over stretches, that stretches not seen gain too (Student t)."""
-    from scipy.stats import t as student
+    from scipy.special import stdtr
 
     laps = evidence.laps
     if len(laps) < 2:
         return 0.5
     spread = float(laps.std(ddof=1)) / np.sqrt(len(laps))
-    probability = float(student.cdf(float(laps.mean()) / max(spread, 1e-9), len(laps) - 1))
+    probability = float(stdtr(len(laps) - 1, float(laps.mean()) / max(spread, 1e-9)))
     return round(min(0.999, probability), 4)
 
 

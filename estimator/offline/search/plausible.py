@@ -18,14 +18,14 @@ CONTRADICTED = 4.0
 """Standard errors, and the whole size of it, that two halves of the data may differ: more, and one denies the other."""
 LEAST_STRETCHES = 4
 """of 30 s, for halves to be compared"""
-ON_BOUND = 1e-3
-"""Share of a parameter's range within which it is on its bound."""
+ON_BOUND = 1e-6
+"""Share of a parameter's range within which it is on its bound: steps that would leave it end just there."""
 
 
 def believed(fit: Fit, name: str) -> bool:
     """Whether an effect is more than the log's sampling, physically possible, there, and alike in both halves."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    return not _within_a_sample(fit, block) and _possible(fit, block) and _there(fit, block) and _agrees(fit, block)
+    return not _within_a_sample(fit, block) and possible(fit, block) and _there(fit, block) and _agrees(fit, block)
 
 
 def _within_a_sample(fit: Fit, block: Block) -> bool:
@@ -37,7 +37,7 @@ def _within_a_sample(fit: Fit, block: Block) -> bool:
     return abs(float(fit.parameters[block.parameters][0])) < record.step * speed
 
 
-def _possible(fit: Fit, block: Block) -> bool:
+def possible(fit: Fit, block: Block) -> bool:
     """Whether every parameter lies in its plausible range, and off its bounds unless a bound is the neutral value."""
     for p, value in zip(_table(fit, block), fit.parameters[block.parameters], strict=True):
         if p.plausible is not None and not p.plausible.lower <= value <= p.plausible.upper and value != p.prior:

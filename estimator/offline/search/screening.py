@@ -32,9 +32,14 @@ def candidates(record: Record, accepted: Sequence[str]) -> list[Effect]:
     ]  # fmt: skip
 
 
-def screen(setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]) -> list[Trial]:
-    """Predicted evidence of every candidate on part of the windows, best first, from linearisations there."""
-    effects = candidates(setting.record, accepted)
+def screen(
+    setting: Setting,
+    accepted: Sequence[str],
+    current: Fit,
+    progress: Callable[[str], None],
+    effects: Sequence[Effect],
+) -> list[Trial]:
+    """Predicted evidence of each of `effects` on part of the windows, best first, from linearisations there."""
     setting, current = _thinned(setting, current)
     before, count = current.held_out(), SCREENING_STRIDE * current.normal.count
     alone = {e.name for e in effects if e.initial or e.profile}
