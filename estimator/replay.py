@@ -18,8 +18,8 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.bus.topics import BELIEF, ESTIMATE, MODEL_REVISION, VEHICLE_STATE
 from hil_gateway.config import Config
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.format import unpack_message
-from hil_gateway.session.reader import Item, SessionReader
+from hil_gateway.session.files.format import unpack_message
+from hil_gateway.session.files.reader import Item, SessionReader
 
 OUTPUTS = (ESTIMATE, BELIEF, MODEL_REVISION)
 DEPTH = 64

@@ -57,7 +57,6 @@ class ForceModel(Protocol):
     ) -> AxleForces: ...  # fmt: skip
 
 
-
 def declared_forces(vehicle: Vehicle, tyre: Mapping[str, float]) -> ForceModel:
     """Eq. (2) and (3) of the declared model, for layout `per_axle` or `shared`."""
     b, c, d = (np.array([[tyre.get(n + axle, tyre.get(n, 0.0))] for axle in "fr"]) for n in "bcd")

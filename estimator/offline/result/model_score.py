@@ -25,7 +25,7 @@ from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.drive_table import read_drive_table
-from hil_gateway.session.reader import SessionReader
+from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 

@@ -23,7 +23,7 @@ from estimator.offline.search.whiteness import structured
 Progress = Callable[[str], None]
 
 TERM_SHARE = 0.05
-"""Least gain per block for an empirical term: it has more freedom than an effect, and must earn it."""
+"""Least gain per block for an empirical term: it has more freedom than an effect, so it has to gain more."""
 TERM_RELATIVE = 0.03
 """Least gain of an empirical term relative to what the accepted effects gained: less is their imperfect shape."""
 MAX_TERMS = 2
@@ -31,7 +31,7 @@ SECOND_TERM_SHARE = 0.2
 """A second term must gain this share of the first: less is the resolution of the first one's knots."""
 WHITE_FOR_TERMS = 1.3
 """Empirical terms are looked for only where averages of the residual vary so much more than white noise does."""
-WHITE_WITH_ONE_TERM, MORE = 1.5, 1.1
+WHITE_WITH_ONE_TERM, SINGLE_TERM_GAIN = 1.5, 1.1
 """One term alone explains the session where averages of its residual vary no more than so many times white noise, and
 it must gain so much more than the effects found: less is the shape of one of them."""
 OUTWEIGHS = 2.5
@@ -74,7 +74,7 @@ class Rival:
     def suffices(self, base: Fit, current: Fit) -> bool:
         """Whether it explains the session to its noise and more of it than the end of a search, or far more."""
         ratio = self._ratio(base, current)
-        if ratio < MORE:
+        if ratio < SINGLE_TERM_GAIN:
             return False
         fit = self.trials[0].fit
         return ratio > OUTWEIGHS or (fit is not None and not structured(fit, WHITE_WITH_ONE_TERM))
