@@ -57,7 +57,7 @@ class Search:
 
 
 @dataclass
-class _Greedy:
+class Greedy:
     """A search under way: `start` is what it began from, `names` and `fit` what it has, `rounds` what it tried."""
 
     setting: Setting
@@ -153,7 +153,7 @@ def search(
     if names:
         start, first = _with_road(setting, base, names, progress)
         rounds.append(first)
-    state = _Greedy(setting, progress, enough, start, names, start, rounds)
+    state = Greedy(setting, progress, enough, start, names, start, rounds)
     state.grow()
     while state.exchange():
         state.grow()
@@ -259,13 +259,19 @@ def worth_a_name(evidence: Evidence, setting: Setting, total: float) -> bool:
 def _recheck(
     setting: Setting, accepted: list[str], current: Fit, progress: Callable[[str], None]
 ) -> tuple[list[str], Fit, Checked]:
-    """Drop, weakest first, every accepted effect that no longer earns its place given the others."""
+    """Drop, one by one, what does not earn its place given the others, or what leaves others no plausible size."""
     while True:
         checked = check_each(setting, accepted, current, progress)
-        gains = checked.gains
-        weak = [n for n in accepted if not _stays(gains[n], setting) or not believed(current, n)]
-        if not weak:
+        idle = [n for n in accepted if not _stays(checked.gains[n], setting)]
+        doubted = [n for n in accepted if not believed(current, n)]
+        if not idle and not doubted:
             return accepted, current, checked
-        worst = min(weak, key=lambda n: gains[n].gain)
+        worst = min(idle or _to_blame(checked) or doubted, key=lambda n: checked.gains[n].gain)
         accepted = [n for n in accepted if n != worst]
         current = fit_names(setting, accepted, current)
+
+
+def _to_blame(checked: Checked) -> list[str]:
+    """Effects without which all the others are believed: the one that gains least is the one that is not there."""
+    without = checked.without
+    return [name for name, fit in without.items() if all(believed(fit, n) for n in without if n != name)]

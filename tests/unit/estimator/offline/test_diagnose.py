@@ -30,6 +30,7 @@ from estimator.offline.report.words import describe, follows_turn_direction
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.result.leftover import leftovers
 from estimator.offline.search.plausible import believed, possible
+from estimator.offline.search.search import Greedy
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.figures import figure
@@ -206,6 +207,19 @@ def test_what_scored_laps_hold_changes_nothing_that_a_fit_is_given(drives: dict[
     assert other.noise == pytest.approx(plain.noise, rel=0.02)
     assert other.lap_length == pytest.approx(plain.lap_length)
     assert other.bases["vx"].knots == pytest.approx(plain.bases["vx"].knots, abs=0.05)
+
+
+def test_what_stands_in_for_another_effect_is_exchanged_for_it(drives: dict[str, Any]) -> None:
+    record = record_of(drives["pair"])
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 15), "per_axle", PRIOR)
+    start, names = fit_names(setting, (), None), ["rolling_resistance", "steer_offset"]
+    state = Greedy(
+        setting, lambda _: None, lambda _base, _fit: False, start, names, fit_names(setting, names, start), []
+    )
+    state.recheck()
+    assert state.names == names, "it stands in well"
+    assert state.exchange()
+    assert set(state.names) == {"aero_drag", "steer_offset"}
 
 
 def test_a_delay_within_a_sample_is_no_effect(drives: dict[str, Any]) -> None:
