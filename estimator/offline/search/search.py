@@ -17,7 +17,7 @@ from estimator.model.declared_vehicle import all_candidates
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
-from estimator.offline.search.screening import candidates, screen
+from estimator.offline.search.screening import open_candidates, screen
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from estimator.offline.search.whiteness import structured
 from estimator.offline.search.workers import Job, fit_each
@@ -116,7 +116,7 @@ class Greedy:
         assert self.checked is not None
         others, without = [n for n in self.names if n != name], self.checked.without[name]
         acts = set(all_candidates()[name].channels)
-        rivals = [e for e in candidates(self.setting.record, others) if e.name != name and acts & set(e.channels)]
+        rivals = [e for e in open_candidates(self.setting, others) if e.name != name and acts & set(e.channels)]
         screened = screen(self.setting, others, without, self.progress, rivals)
         best = next(iter(screened), None)
         if best is None or best.evidence.gain < self.gains[name].gain:
@@ -149,7 +149,7 @@ def search(
     """
     progress("declared model, re-fitted")
     base = start = fit_names(setting, (), warm or fit_names(setting, (), None))
-    names, rounds = sorted(setting.record.road), list[tuple[Trial, ...]]()
+    names, rounds = sorted(set(setting.record.road) - setting.active_names), list[tuple[Trial, ...]]()
     if names:
         start, first = _with_road(setting, base, names, progress)
         rounds.append(first)
@@ -201,7 +201,7 @@ def _join(
 
 def _round(setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]) -> list[Trial]:
     """Screen the catalogue, then fit the most promising to the end; best first."""
-    screened = screen(setting, accepted, current, progress, candidates(setting.record, accepted))
+    screened = screen(setting, accepted, current, progress, open_candidates(setting, accepted))
     before, count = current.held_out(), current.normal.count
     least = SMALLEST_SHARE * count.sum() / 4
     enough = max(least, PROMISING * screened[0].evidence.gain)

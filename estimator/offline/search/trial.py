@@ -51,6 +51,12 @@ class Setting:
     least: tuple[float, ...] = (0.0,) * 5
     pool: Executor | None = None
     """processes that fits are done in"""
+    active: tuple[Effect, ...] = ()
+    """effects of the model in force, always fitted, with its values as their prior"""
+    tyre_std: Mapping[str, float] | None = None
+    """as in `SingleTrack`"""
+    untried: frozenset[str] = frozenset()
+    """candidates that the model is not to have"""
 
     def with_term(self, effect: Effect, basis: Basis, gained: Array) -> Setting:
         """The same with an empirical term always active that `gained` (5,); its basis stored under its own name."""
@@ -63,10 +69,14 @@ class Setting:
     def model(self, names: Sequence[str]) -> SingleTrack:
         """The model with the named effects."""
         effects = tuple(e for e in all_candidates().values() if e.name in names)
-        sampling = sampling_effects(self.record.step, frozenset(names))
-        return SingleTrack(
-            self.record.vehicle, self.layout, effects + self.extra + sampling + road_load(names), self.prior
-        )
+        sampling = sampling_effects(self.record.step, frozenset(names) | self.active_names)
+        always = self.extra + sampling + road_load(names)
+        return SingleTrack(self.record.vehicle, self.layout, self.active + effects + always, self.prior, self.tyre_std)
+
+    @property
+    def active_names(self) -> frozenset[str]:
+        """Names of what is always fitted."""
+        return frozenset(effect.name for effect in self.active)
 
 
 @dataclass(frozen=True)

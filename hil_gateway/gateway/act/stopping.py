@@ -1,19 +1,20 @@
-"""Stopping without the planner: steering that keeps the car on its last good path, braking within the grip left.
+"""Stopping without the planner: steering that keeps the car on the road, braking within the grip left.
 
 Steering is pure pursuit (Coulter, CMU-RI-TR-92-01): delta = atan(2 L sin(alpha) / l) towards the point a look-ahead
-distance l along the path. Beyond the end of the plan the path goes on at the same offset from the track's centre
-line. Braking is as hard as configured, and harder where a bend ahead on that path would be entered too fast.
+distance l along the path. The path is the way along the track with the least lateral force from where the car is when
+the stop begins; without a track the last good plan. Braking is as hard as configured, and harder where a bend ahead on
+that path would be entered too fast.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from hil_gateway.bus.messages import Plan, PlanStatus
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.gateway.act.stop_path import Path, plan_path, way_along
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.settings import StopConfig
@@ -23,56 +24,10 @@ from hil_gateway.track.track import Track
 LOOK_AHEAD_S = 0.5
 LOOK_AHEAD_MIN = 6.0
 """m"""
-EXTENSION = 400.0
-"""m of track added to a plan: more than a controlled stop from top speed needs"""
-EXTENSION_STEP = 4.0
+FAR_FROM_WAY = 1.5
+"""m: a car this far from its way is laid a new one: tyres, or the pose it was laid from, have not held"""
 BEND_SHARE = 0.7
 """of the declared grip a bend ahead may need: the rest steers back to the path and brakes on in the bend"""
-BEND_POINTS = 5
-"""points of the path (some 15 m) over which its curvature is averaged: where plan and track join there is a kink"""
-SHORTEST_STEP = 1e-3
-"""points closer together are one, m"""
-
-
-@dataclass(frozen=True, slots=True)
-class Path:
-    """Polyline over its own arc length, local map frame, m; arrays of one length (n >= 2)."""
-
-    x: Array
-    y: Array
-    s: Array
-
-    def ahead(self, x: float, y: float, distance: float) -> tuple[float, float]:
-        """Point `distance` along the path from the vertex nearest to (x, y); its last point beyond the end."""
-        nearest = int(np.argmin((self.x - x) ** 2 + (self.y - y) ** 2))
-        target = self.s[nearest] + distance
-        return float(np.interp(target, self.s, self.x)), float(np.interp(target, self.s, self.y))
-
-    def bends(self) -> Array:
-        """Curvature without sign at every point, averaged over `BEND_POINTS`, 1/m."""
-        heading = np.unwrap(np.arctan2(np.gradient(self.y, self.s), np.gradient(self.x, self.s)))
-        average = np.ones(BEND_POINTS) / BEND_POINTS
-        return np.asarray(np.abs(np.convolve(np.gradient(heading, self.s), average, mode="same")[: len(self.s)]))
-
-
-def plan_path(plan: Plan, track: Track | None) -> Path | None:
-    """Path of a plan, extended along the track at the offset it ends with; None when it has no two distinct points."""
-    points = np.array([plan.x, plan.y], dtype=np.float64)
-    if track is not None and points.size:
-        points = np.hstack([points, _along_track(track, *points[:, -1].tolist())])
-    steps = np.hypot(*np.diff(points)) if points.size else np.zeros(0)
-    distinct = steps > SHORTEST_STEP
-    if not distinct.any():
-        return None
-    kept = points[:, np.concatenate([[True], distinct])]
-    return Path(kept[0], kept[1], np.concatenate([[0.0], np.cumsum(steps[distinct])]))
-
-
-def _along_track(track: Track, x: float, y: float) -> Array:
-    """Points beyond (x, y), shape (2, n)."""
-    s, lateral = track.project(x, y)
-    on = track.at(np.arange(s + EXTENSION_STEP, s + EXTENSION, EXTENSION_STEP, dtype=np.float64))
-    return np.array([on.x - lateral * np.sin(on.heading), on.y + lateral * np.cos(on.heading)])
 
 
 class Stopping:
@@ -100,21 +55,28 @@ class Stopping:
 
     def start(self, steer: float) -> None:
         """A stop begins; without a path the present angle is held."""
-        self._steer = steer
+        self._steer, self._path = steer, None
 
     def command(self, motion: Motion, pose: Pose | None, emergency: bool) -> tuple[float, float]:
         """Road-wheel angle (rad) and slip-ratio drive (negative) of this period."""
-        if self._path is None and self._plan is not None:
-            self._path = plan_path(self._plan, self._track)
+        config = self._config
+        if self._path is None or (pose is not None and self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
+            self._path = self._way(pose)
             self._bends = self._path.bends() if self._path is not None else np.zeros(0)
         if self._path is not None and pose is not None:
             self._steer = self._pursue(self._path, pose)
-        config = self._config
         wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
         if self._path is not None and pose is not None:
             wanted = max(wanted, self._for_bends(self._path, pose, motion.speed))
         force = self._vehicle.mass * min(wanted, self._grip_left(motion))
         return self._steer, -force / self._force_per_drive
+
+    def _way(self, pose: Pose | None) -> Path | None:
+        """The way of this stop."""
+        way = None
+        if self._track is not None and pose is not None:
+            way = way_along(self._track, pose, self._config.controlled_deceleration)
+        return way or (plan_path(self._plan) if self._plan is not None else None)
 
     def _pursue(self, path: Path, pose: Pose) -> float:
         rear_x = pose.x - self._vehicle.lr * math.cos(pose.yaw)

@@ -10,11 +10,14 @@ from support.scripted_car import Rig
 
 from hil_gateway.bus.messages import PlanStatus
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.gateway.act.stopping import Path, Stopping, plan_path
+from hil_gateway.gateway.act.stop_path import HALF_WIDTH, Path, plan_path, way_along
+from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.settings import StopConfig
+from hil_gateway.process.arrays import Array
 from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
 
 VEHICLE = Vehicle()
 HERE = Pose(0.0, 0.0, 0.0, 40.0)
@@ -44,20 +47,57 @@ def test_points_ahead_lie_on_the_path_and_end_with_it():
 
 def test_a_plan_of_one_point_is_no_path(rig):
     standing = rig.plan(0).model_copy(update={"x": (1.0, 1.0, 1.0), "y": (2.0, 2.0, 2.0)})
-    assert plan_path(standing, None) is None
-    assert plan_path(standing.model_copy(update={"x": (), "y": ()}), None) is None
+    assert plan_path(standing) is None
+    assert plan_path(standing.model_copy(update={"x": (), "y": ()})) is None
 
 
-def test_beyond_the_plan_the_path_follows_the_track_at_the_same_offset(rig):
+def beside(track: Track, s: float, offset: float, turned: float, speed: float) -> Pose:
+    """A car `offset` (m) left of the centre line that points `turned` (rad) to the left of the track."""
+    p = track.at(s)
+    x, y = p.x - offset * math.sin(p.heading), p.y + offset * math.cos(p.heading)
+    return Pose(x, y, p.heading + turned, speed)
+
+
+def offsets(track: Track, path: Path) -> Array:
+    return np.array([track.project(float(x), float(y))[1] for x, y in zip(path.x, path.y, strict=True)])
+
+
+@pytest.mark.parametrize("name", ["road_course", "oval", "tri_oval"])
+def test_the_way_of_a_stop_keeps_to_the_road_from_every_place(name):
+    """Towards either edge with 3 degrees, as a racing line does, as fast as 10 m/s2 in all bends ahead allow."""
+    track = load_track(name)
+    ahead = np.arange(0.0, 300.0, 5.0)
+    for s in np.arange(0.0, track.length, 40.0):
+        bends = np.abs(track.at(s + ahead).curvature)
+        speed = min(60.0, math.sqrt((10.0 / np.maximum(bends, 1e-4) + 12.0 * ahead).min()))
+        for side in (-1.0, 1.0):
+            path = way_along(track, beside(track, float(s), side * 2.5, side * 0.05, speed), 6.0)
+            assert path.s[-1] > speed**2 / 12.0
+            assert np.abs(offsets(track, path)).max() < track.width_left.min() - HALF_WIDTH
+
+
+def test_the_way_of_a_stop_begins_in_the_direction_of_the_car():
+    track = load_track("road_course")
+    pose = beside(track, 150.0, 2.0, -0.03, 50.0)
+    path = way_along(track, pose, 6.0)
+    nearest = int(np.argmin((path.x - pose.x) ** 2 + (path.y - pose.y) ** 2))
+    assert math.hypot(path.x[nearest] - pose.x, path.y[nearest] - pose.y) < 0.01
+    ahead = math.atan2(path.y[nearest + 1] - path.y[nearest], path.x[nearest + 1] - path.x[nearest])
+    assert abs(math.remainder(ahead - pose.yaw, 2 * math.pi)) < 0.02
+
+
+def test_the_way_of_a_stop_needs_less_lateral_force_than_the_middle_of_the_road():
+    track = load_track("road_course")
+    pose = beside(track, 900.0, 0.0, 0.0, 45.0)
+    path = way_along(track, pose, 6.0)
+    speed2 = np.maximum(45.0**2 - 12.0 * path.s, 144.0)
+    middle = np.abs(track.at(900.0 + path.s).curvature)
+    assert (path.bends() * speed2).max() < 0.8 * (middle * speed2).max()
+
+
+def test_far_from_the_track_there_is_no_way_along_it():
     track = load_track("oval")
-    s, offset = 100.0, 2.5
-    on = [track.at(s + 2.0 * i) for i in range(20)]
-    x = tuple(p.x - offset * math.sin(p.heading) for p in on)
-    y = tuple(p.y + offset * math.cos(p.heading) for p in on)
-    path = plan_path(rig.plan(0).model_copy(update={"x": x, "y": y}), track)
-    assert path.s[-1] > 400
-    offsets = [track.project(float(px), float(py))[1] for px, py in zip(path.x, path.y, strict=True)]
-    assert offsets == pytest.approx([offset] * len(offsets), abs=0.05)
+    assert way_along(track, beside(track, 10.0, 31.0, 0.0, 20.0), 6.0) is None
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

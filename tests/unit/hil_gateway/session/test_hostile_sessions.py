@@ -16,9 +16,9 @@ from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import COMMAND
 from hil_gateway.process.clock import VirtualClock
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files import writer as writer_module
 from hil_gateway.session.exchange.export import export_candump
 from hil_gateway.session.exchange.importer import import_log
+from hil_gateway.session.files import writer as writer_module
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.recover import recover
 from hil_gateway.session.files.writer import SessionFile, SessionWriter

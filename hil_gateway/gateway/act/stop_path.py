@@ -1,0 +1,164 @@
+"""The way a stop takes: from where the car is along the track, with the least lateral force, inside the road.
+
+In track coordinates the way is its lateral offset e over arc length s; its curvature is about k + e'' with the track's
+k. Least squares over a grid: (v^2 (k + e''))^2, where the speed v falls as the stop brakes; the excess over a corridor
+that ends inside the road, squared; and e^2, a slight pull towards the middle. A plan is no way to stop on beyond its
+own end: a racing line is left with sideways speed where the plan ends, and runs along the very edge.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from hil_gateway.bus.messages import Plan
+from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.process.arrays import Array
+from hil_gateway.track.track import Track
+
+STEP = 3.0
+"""m between points of the way: a tenth of the tightest bend's radius"""
+ROUNDS = 8
+"""solutions in which points outside of the corridor are found and pushed back"""
+HALF_WIDTH = 0.95
+"""m from the middle of the car to the outside of its wheels"""
+CLEAR = 1.2
+"""m between the wheels and the edge the way keeps where it can: side slip, errors of position and steering"""
+NARROW_SHARE = 0.3
+"""of the half width at least is corridor, however narrow the road"""
+OUTSIDE = 400.0
+"""weight of 1 m outside of the corridor, (m/s2)^2: as much as 20 m/s2 of lateral acceleration"""
+MIDDLE = 0.5
+"""weight of 1 m off the middle, (m/s2)^2: 5 m count as 3.5 m/s2"""
+SLOWEST = 12.0
+"""m/s: the way is smooth where the car is slower, too"""
+BEYOND = 60.0
+"""m the way is longer than braking as configured takes: bends leave less for braking"""
+LOST = 30.0
+"""m off the centre line: further away the track says nothing"""
+STEEPEST = 0.5
+"""slope of the way against the track at its beginning, at most: more is a wrong heading"""
+BEND_POINTS = 5
+"""points over which the curvature of a plan is averaged"""
+SHORTEST_STEP = 1e-3
+"""points closer together are one, m"""
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Polyline over its own arc length, local map frame, m; arrays of one length (n >= 2)."""
+
+    x: Array
+    y: Array
+    s: Array
+
+    def ahead(self, x: float, y: float, distance: float) -> tuple[float, float]:
+        """Point `distance` along the path from the vertex nearest to (x, y); its last point beyond the end."""
+        nearest = int(np.argmin((self.x - x) ** 2 + (self.y - y) ** 2))
+        target = self.s[nearest] + distance
+        return float(np.interp(target, self.s, self.x)), float(np.interp(target, self.s, self.y))
+
+    def distance(self, x: float, y: float) -> float:
+        """From (x, y) to the polyline, m; to its ends beyond them."""
+        dx, dy = np.diff(self.x), np.diff(self.y)
+        along = ((x - self.x[:-1]) * dx + (y - self.y[:-1]) * dy) / (dx**2 + dy**2)
+        share = np.clip(along, 0.0, 1.0)
+        return float(np.hypot(self.x[:-1] + share * dx - x, self.y[:-1] + share * dy - y).min())
+
+    def bends(self) -> Array:
+        """Curvature without sign at every point, averaged over `BEND_POINTS`, 1/m."""
+        heading = np.unwrap(np.arctan2(np.gradient(self.y, self.s), np.gradient(self.x, self.s)))
+        average = np.ones(BEND_POINTS) / BEND_POINTS
+        return np.asarray(np.abs(np.convolve(np.gradient(heading, self.s), average, mode="same")[: len(self.s)]))
+
+
+def polyline(points: Array) -> Path | None:
+    """Path through `points`, shape (2, n); None when no two are distinct."""
+    steps = np.hypot(*np.diff(points)) if points.size else np.zeros(0)
+    distinct = steps > SHORTEST_STEP
+    if not distinct.any():
+        return None
+    kept = points[:, np.concatenate([[True], distinct])]
+    return Path(kept[0], kept[1], np.concatenate([[0.0], np.cumsum(steps[distinct])]))
+
+
+def plan_path(plan: Plan) -> Path | None:
+    """Path of a plan; None when it has no two distinct points."""
+    return polyline(np.array([plan.x, plan.y], dtype=np.float64))
+
+
+def way_along(track: Track, pose: Pose, deceleration: float) -> Path | None:
+    """Way of a stop with `deceleration` (m/s2) from `pose`; None when that is far from the track."""
+    s0, offset = track.project(pose.x, pose.y)
+    if not abs(offset) < LOST:
+        return None
+    count = math.ceil((pose.speed**2 / (2 * deceleration) + BEYOND) / STEP)
+    s: Array = s0 + STEP * np.arange(-1.0, count)
+    on = track.at(s)
+    slope = math.tan(max(-math.atan(STEEPEST), min(_turned(pose.yaw - on.heading[1]), math.atan(STEEPEST))))
+    speed2 = np.maximum(pose.speed**2 - 2 * deceleration * np.maximum(s - s0, 0.0), SLOWEST**2)
+    start = np.array([offset - STEP * slope, offset])
+    e = _least_lateral_force(start, on.curvature, speed2, _corridor(on.width_right), _corridor(on.width_left))
+    return polyline(np.array([on.x - e * np.sin(on.heading), on.y + e * np.cos(on.heading)]))
+
+
+def _turned(angle: float) -> float:
+    return math.remainder(angle, 2 * math.pi)
+
+
+def _corridor(width: Array) -> Array:
+    """Largest offset to one side, m."""
+    return np.asarray(np.maximum(width - HALF_WIDTH - CLEAR, NARROW_SHARE * width))
+
+
+def _least_lateral_force(start: Array, curvature: Array, speed2: Array, right: Array, left: Array) -> Array:
+    """Offsets (n,) that begin with the two of `start`."""
+    weight = speed2[1:-1] ** 2
+    bending = _bending_matrix(weight, len(curvature))
+    force = _second_difference_transposed(weight * curvature[1:-1] / STEP**2, len(curvature))
+    outside, target = np.zeros(len(curvature)), np.zeros(len(curvature))
+    e = target
+    for _ in range(ROUNDS):
+        e = _solve(bending, force, start, outside, target)
+        target = np.clip(e, -right, left)
+        beyond = np.where(e != target, OUTSIDE, 0.0)
+        if (beyond == outside).all():
+            break
+        outside = beyond
+    return e
+
+
+def _bending_matrix(weight: Array, n: int) -> Array:
+    """Upper bands (3, n) of D' W D with the second difference D, in the layout of `solveh_banded`."""
+    w = weight / STEP**4
+    bands = np.zeros((3, n))
+    bands[2, :-2] += w
+    bands[2, 1:-1] += 4 * w
+    bands[2, 2:] += w
+    bands[1, 1:-1] -= 2 * w
+    bands[1, 2:] -= 2 * w
+    bands[0, 2:] += w
+    return bands
+
+
+def _second_difference_transposed(values: Array, n: int) -> Array:
+    out = np.zeros(n)
+    out[:-2] += values
+    out[1:-1] -= 2 * values
+    out[2:] += values
+    return out
+
+
+def _solve(bending: Array, force: Array, start: Array, outside: Array, target: Array) -> Array:
+    """Offsets that minimise bending, excess and distance from the middle; the first two are given."""
+    bands = bending.copy()
+    bands[2] += MIDDLE + outside
+    right = outside * target - force
+    right[2] -= bands[0, 2] * start[0] + bands[1, 2] * start[1]
+    right[3] -= bands[0, 3] * start[1]
+    free = bands[:, 2:].copy()
+    free[1, 0] = free[0, 0] = free[0, 1] = 0.0
+    return np.concatenate([start, solveh_banded(free, right[2:])])
