@@ -17,9 +17,9 @@ import can
 from mcap.reader import make_reader
 
 from hil_gateway.can_link import Frame
-from hil_gateway.session.format import CAN_TOPIC, pack_frame
-from hil_gateway.session.reader import SessionReader
-from hil_gateway.session.writer import SessionWriter
+from hil_gateway.session.files.format import CAN_TOPIC, pack_frame
+from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.files.writer import SessionWriter
 
 FRAMES = 60_000
 PER_FLUSH = 600

@@ -49,7 +49,7 @@ def _outcome(case: ElementTree.Element) -> str:
 def _needing_vcan() -> list[str]:
     """Names of the tests that want a vcan interface, as pytest lists them."""
     # no -q here: pyproject.toml has one, and a second would list files instead of tests
-    command = [sys.executable, "-m", "pytest", "-m", "vcan", "--collect-only"]
+    command = [sys.executable, "-m", "pytest", "-m", "vcan", "--collect-only", "tests/vcan"]
     listing = subprocess.run(command, capture_output=True, text=True, check=False)
     return [line for line in listing.stdout.splitlines() if "::" in line]
 

@@ -50,7 +50,7 @@ tests() {
 }
 step tests tests normal python -m pytest -n 2 --dist worksteal -m "not vcan" "$@"
 if deploy/with-vcan --which >"$results/vcan-kind" 2>"$results/vcan.log"; then
-    step vcan-tests tests vcan deploy/with-vcan python -m pytest -m vcan "$@"
+    step vcan-tests tests vcan deploy/with-vcan python -m pytest -m vcan tests/vcan "$@"
 else
     echo "vcan tests not run: $(tail -n 1 "$results/vcan.log")" >&2
     [ "${HIL_REQUIRE_VCAN:-0}" != 1 ] || echo vcan-tests >>"$results/failed"

@@ -9,13 +9,13 @@ from typing import Any
 
 from estimator.node import Estimator
 from hil_gateway.bus.interface import LocalBus
-from hil_gateway.bus.topics import ALERT, BELIEF, ESTIMATE, MODEL_REVISION, VEHICLE_STATE, Topic
+from hil_gateway.bus.topics import ALERT, BELIEF, ESTIMATE, MODEL_PROPOSAL, MODEL_REVISION, VEHICLE_STATE, Topic
 from hil_gateway.config import Config
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.format import named, unpack_message
-from hil_gateway.session.output import output_file
-from hil_gateway.session.reader import Item, SessionReader
-from hil_gateway.session.writer import FLUSH_EVERY, SessionFile
+from hil_gateway.session.files.format import named, unpack_message
+from hil_gateway.session.files.output import output_file
+from hil_gateway.session.files.reader import Item, SessionReader
+from hil_gateway.session.files.writer import FLUSH_EVERY, SessionFile
 
 OUTPUTS: tuple[Topic[Any], ...] = (ESTIMATE, BELIEF, MODEL_REVISION, ALERT)
 DEPTH = 64
@@ -53,6 +53,8 @@ def _with_outputs(reader: SessionReader, config: Config, count: Counter[str]) ->
         if item.topic in replaced:
             continue
         yield item
+        if item.topic == MODEL_PROPOSAL.key:
+            bus.publish(MODEL_PROPOSAL, unpack_message(MODEL_PROPOSAL, item.data))
         if item.topic != VEHICLE_STATE.key:
             continue
         state = unpack_message(VEHICLE_STATE, item.data)

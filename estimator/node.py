@@ -1,4 +1,4 @@
-"""Estimator process: vehicle state in; estimate, tyre belief and model revision out.
+"""Estimator process: vehicle state and proposed models in; estimate, tyre belief and model revision out.
 
 `Estimator` is a deterministic function of the messages it is given: everything it publishes is timed by their
 stamps, so replaying a session gives the same bytes.
@@ -13,17 +13,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimator.belief.monitor import ResidualMonitor
-from estimator.belief.relinearised import RelinearisedBelief
-from estimator.belief.revision import RevisedModel, RevisionPolicy, learns_effects, model_of, starting_revision
-from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
+from estimator.belief.in_use import ModelInUse, Succession
+from estimator.belief.revision import RevisedModel, RevisionPolicy, starting_revision
+from estimator.belief.tyre_belief import Sample, TyreBelief
+from estimator.model.extra_load import extra_load
 from estimator.model.measurement import MeasurementKind, axle_forces
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA
 from estimator.state.localisation import Localisation
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Alert, Belief, Estimate, VehicleState
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S, SystemClock
@@ -32,13 +32,11 @@ from hil_gateway.track.track import Track
 
 BELIEF_PERIOD_NS = NS_PER_S // 10
 REVISION_PERIOD_NS = NS_PER_S
+PROPOSALS = 4
 QUEUE_DEPTH = 50
 """half a second of vehicle states: a pause shorter than that loses no sample"""
 HALF_WINDOW = 3
 """the yaw acceleration is the slope of the yaw rate over this many samples either side"""
-
-LOAD_SEEN = (-0.7, 2.0)
-"""what crests, dips and banks can add to the axle loads, over the weight: on 20 degrees at 75 m/s it is 0.8"""
 
 _TRACK_POSITION = [AUXILIARY.index("track_position")]
 
@@ -46,24 +44,33 @@ _TRACK_POSITION = [AUXILIARY.index("track_position")]
 class Estimator:
     """State filter, tyre belief and revision policy behind the bus."""
 
-    def __init__(self, config: Config, bus: Bus, track: Track | None = None) -> None:
+    def __init__(self, config: Config, bus: Bus, track: Track | None = None, *, background: bool = False) -> None:
+        """`background`: models of other effects are built beside the running filter."""
         self._bus = bus
         track = track or load_track(config.track)
         self.localisation = Localisation(config.vehicle, track)
-        start = starting_revision(config, config.estimator.model)
-        revised = model_of(start, config.vehicle, track.length)
-        belief_class = RelinearisedBelief if config.estimator.relinearise else TyreBelief
-        effects = revised.constants if learns_effects(start) else None
-        self.belief = belief_class(revised.model, BeliefSettings(kind=config.estimator.measurement), effects)
-        if start.covariance:
-            self.belief.set_covariance(np.array(start.covariance))
-        self.policy = RevisionPolicy(config.estimator, start)
-        self._window = SampleWindow(revised)
-        self._monitor = ResidualMonitor(revised.model)
+        self._use(ModelInUse.of(config, starting_revision(config, config.estimator.model), track.length))
+        self._succession = Succession(config, track.length, background=background)
+        self._proposals = bus.subscribe(topics.MODEL_PROPOSAL, depth=PROPOSALS)
         self._seq = self._belief_seq = self._alert_seq = 0
+        self._revision_seq = 1
         self._belief_due_ns = self._revision_due_ns = 0
         # last: what arrives while the model is being built would be old, and its answers a burst
         self._states = bus.subscribe(topics.VEHICLE_STATE, depth=QUEUE_DEPTH)
+
+    def _use(self, model: ModelInUse) -> None:
+        """Work with a model from now on."""
+        self.model, self._window = model, SampleWindow(model.revised)
+
+    @property
+    def belief(self) -> TyreBelief:
+        """What is believed of the model in use."""
+        return self.model.belief
+
+    @property
+    def policy(self) -> RevisionPolicy:
+        """What is published of it."""
+        return self.model.policy
 
     @property
     def received(self) -> bool:
@@ -72,10 +79,14 @@ class Estimator:
 
     def step(self, now_ns: int) -> None:
         """Work through the vehicle states that have arrived, in order."""
+        for proposal in self._proposals.poll(now_ns):
+            self._succession.offer(proposal, self.policy.current)
         for state in self._states.poll(now_ns):
             self._take(state)
 
     def _take(self, state: VehicleState) -> None:
+        if (following := self._succession.take(state.stamp_ns)) is not None:
+            self._use(following)
         estimate = self.localisation.step(state, self._seq)
         self._seq += 1
         self._bus.publish(topics.ESTIMATE, estimate)
@@ -87,14 +98,16 @@ class Estimator:
             self._belief_seq += 1
         if state.stamp_ns >= self._revision_due_ns:
             self._revision_due_ns = state.stamp_ns + REVISION_PERIOD_NS
-            self._bus.publish(topics.MODEL_REVISION, self.policy.message(self.belief, state.stamp_ns))
+            revision = self.policy.message(self.belief, state.stamp_ns, self._revision_seq)
+            self._bus.publish(topics.MODEL_REVISION, revision)
+            self._revision_seq += 1
 
     def learn(self, sample: Sample, stamp_ns: int) -> None:
         """Watch the model with the belief held so far, then let the sample teach."""
         mean, tyres = self.belief.mean, self.belief.tyres
         if self.belief.with_effects:
             sample = replace(sample, phi=mean[tyres:])
-        for finding in self._monitor.push(sample, mean[:tyres], stamp_ns):
+        for finding in self.model.monitor.push(sample, mean[:tyres], stamp_ns):
             self._bus.publish(topics.ALERT, Alert(stamp_ns=stamp_ns, seq=self._alert_seq, **asdict(finding)))
             self._alert_seq += 1
         self.belief.update(in_kind(sample, self.belief.settings.kind, self.belief.model.vehicle))
@@ -152,18 +165,9 @@ def _auxiliary(state: VehicleState, estimate: Estimate, track_position: float) -
         "track_position": track_position, "t": state.stamp_ns / NS_PER_S, "yaw": estimate.yaw,
         "throttle": state.throttle, "brake": 0.5 * (state.brake_front + state.brake_rear) / FULL_BRAKE_PA,
         "gear": float(state.gear), "engine_speed": state.engine_speed, "ax": state.ax - estimate.bias_ax,
-        "steer_rate": state.steer_rate, "extra_load": _extra_load(state.az),
+        "steer_rate": state.steer_rate, "extra_load": extra_load(state.az),
     }  # fmt: skip
     return np.array([known.get(name, 0.0) for name in AUXILIARY])
-
-
-def _extra_load(az: float) -> float:
-    """Share by which the road presses on the car more than its weight, from the vertical specific force (m/s2).
-
-    A sensor that says what no road does (`LOAD_SEEN`) is not believed: a level road is assumed.
-    """
-    extra = az / GRAVITY - 1.0
-    return extra if LOAD_SEEN[0] < extra < LOAD_SEEN[1] else 0.0
 
 
 def belief_message(belief: TyreBelief, stamp_ns: int, seq: int) -> Belief:
@@ -187,7 +191,7 @@ def run(config: Config, period_s: float = 0.001) -> None:
     from hil_gateway.process.lifecycle import SilenceNotice
 
     clock, bus = SystemClock(), open_bus(config.zenoh, "estimator")
-    estimator = Estimator(config, bus)
+    estimator = Estimator(config, bus, background=True)
     notice = SilenceNotice("vehicle state", config.zenoh.connect, clock.now_ns())
     try:
         while True:

@@ -1,11 +1,12 @@
 """Replays a session through the estimator: recorded and replayed outputs must be the same bytes.
 
-The estimator is a function of the vehicle states it is given, in their order, and of its configuration; both are
-in the recording.
+The estimator is a function of the vehicle states and proposed models it is given, in their order, and of its
+configuration; all are in the recording.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,11 +16,12 @@ from pydantic import ValidationError
 from estimator.node import Estimator
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.bus.topics import BELIEF, ESTIMATE, MODEL_REVISION, VEHICLE_STATE
+from hil_gateway.bus.proposal import ModelProposal
+from hil_gateway.bus.topics import BELIEF, ESTIMATE, MODEL_PROPOSAL, MODEL_REVISION, VEHICLE_STATE
 from hil_gateway.config import Config
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.format import unpack_message
-from hil_gateway.session.reader import Item, SessionReader
+from hil_gateway.session.files.format import unpack_message
+from hil_gateway.session.files.reader import Item, SessionReader
 
 OUTPUTS = (ESTIMATE, BELIEF, MODEL_REVISION)
 DEPTH = 64
@@ -54,12 +56,15 @@ def replay_estimator(path: Path, config: Config) -> dict[str, list[bytes]]:
 
     It begins with the state its first recorded estimate answers: what came before never reached it.
     """
-    items = _by_stamp(SessionReader(path, frozenset({VEHICLE_STATE.key, ESTIMATE.key})))
+    states, proposals = _inputs(SessionReader(path, frozenset({VEHICLE_STATE.key, ESTIMATE.key, MODEL_PROPOSAL.key})))
     bus = LocalBus()
     estimator = Estimator(config, bus)
     outputs = {topic: bus.subscribe(topic, depth=DEPTH) for topic in OUTPUTS}
     published: dict[str, list[bytes]] = {topic.key: [] for topic in OUTPUTS}
-    for state in items:
+    for state in states:
+        # a proposal takes effect by the stamp it names, however long it was under way
+        while proposals and proposals[0].use_from_ns <= state.stamp_ns:
+            bus.publish(MODEL_PROPOSAL, proposals.popleft())
         bus.publish(VEHICLE_STATE, state)
         estimator.step(state.stamp_ns)
         for topic, subscription in outputs.items():
@@ -67,16 +72,18 @@ def replay_estimator(path: Path, config: Config) -> dict[str, list[bytes]]:
     return published
 
 
-def _by_stamp(reader: SessionReader) -> list[VehicleState]:
-    states, first_ns = [], None
+def _inputs(reader: SessionReader) -> tuple[list[VehicleState], deque[ModelProposal]]:
+    states, proposals, first_ns = [], deque[ModelProposal](), None
     for item in reader.items():
         if item.topic == VEHICLE_STATE.key:
             states.append(unpack_message(VEHICLE_STATE, item.data))
+        elif item.topic == MODEL_PROPOSAL.key:
+            proposals.append(unpack_message(MODEL_PROPOSAL, item.data))
         elif first_ns is None:
             first_ns = unpack_message(ESTIMATE, item.data).state_stamp_ns
     if first_ns is None:
         raise InputError(f"{reader.path}: holds no {ESTIMATE}: there is nothing to compare with")
-    return [state for state in states if state.stamp_ns >= first_ns]
+    return [state for state in states if state.stamp_ns >= first_ns], proposals
 
 
 def compare(path: Path, replayed: Mapping[str, list[bytes]]) -> dict[str, Comparison]:

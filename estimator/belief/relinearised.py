@@ -104,7 +104,7 @@ class RelinearisedBelief(TyreBelief):
         """A Gauss-Newton step of the maximum a posteriori estimate over the history, halved while it leads uphill."""
         residual, H, variance = self._linearised(history, self.deviation)
         weight = history.weight * (residual**2 <= self.settings.gate_sigma**2 * variance) / variance
-        self._dependent = self._dependence(residual, H, weight)
+        self._dependent = self._dependence(self._unexplained(residual, H, weight), H, weight)
         weight /= self._dependent
         precision = self._start_precision + np.einsum("kci,kc,kcj->ij", H, weight, H)
         gradient = np.einsum("kci,kc,kc->i", H, weight, residual) - self._start_precision @ self.deviation
@@ -120,8 +120,19 @@ class RelinearisedBelief(TyreBelief):
                 self.deviation = deviation
                 return
 
+    def _unexplained(self, residual: Array, H: Array, weight: Array) -> Array:
+        """What a linear refit of all samples at `weight` leaves of the errors (K, m).
+
+        Errors that other parameters take away say nothing of how independent the rest is. Counted as dependent they
+        take the weight from the very samples that ask for other parameters, and the prior keeps the old ones.
+        """
+        precision = self._start_precision + np.einsum("kci,kc,kcj->ij", H, weight, H)
+        gradient = np.einsum("kci,kc,kc->i", H, weight, residual) - self._start_precision @ self.deviation
+        return np.asarray(residual - H @ np.linalg.solve(precision, gradient))
+
     def _dependence(self, residual: Array, H: Array, weight: Array) -> Array:
-        """How many times fewer independent samples than assumed the errors (K, m) of each channel amount to, (m,) >= 1.
+        """How many times fewer independent samples than assumed the errors (K, m) of each channel amount to, (m,) >= 1;
+        the errors are those of the best parameters (`_unexplained`).
 
         The gradients of the squared errors in theta, summed over a stretch of independent errors, have the stretch's
         information for covariance. What they have in truth is taken from the history, as in the covariance of

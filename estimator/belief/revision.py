@@ -139,6 +139,21 @@ def tyre_covariance(revision: ModelRevision) -> Array | None:
     return np.array(revision.covariance)[:n, :n] if revision.covariance else None
 
 
+def unusable(revision: ModelRevision, current: ModelRevision) -> str:
+    """Why learning cannot go on from a revision in the place of the `current` one; empty when it can."""
+    if revision.layout != current.layout or revision.tyre.keys() != current.tyre.keys():
+        return f"its tyres are not those of layout {current.layout}"
+    if unknown := [e.name for e in revision.effects if e.name not in catalogue()]:
+        return f"effect {unknown[0]} is unknown"
+    for effect in revision.effects:
+        if not effect.profile and [*effect.parameters] != [p.name for p in catalogue()[effect.name].parameters]:
+            return f"parameters of {effect.name} are not those of the catalogue"
+    everything = len(revision.tyre) + sum(len(e.parameters) for e in revision.effects)
+    if len(revision.covariance) not in (len(revision.tyre), everything):
+        return f"its covariance has {len(revision.covariance)} rows for {everything} parameters"
+    return ""
+
+
 def learns_effects(revision: ModelRevision) -> bool:
     """Whether the belief is about the effects of a revision too: its covariance covers them."""
     return len(revision.covariance) > len(revision.tyre)
@@ -152,20 +167,21 @@ class RevisionPolicy:
         self.current = start
         self._with_effects = learns_effects(start)
         self._start = self._values(start)
-        self._seq = 0
+        size, known = len(self._start), np.array(start.covariance)
+        # a change is relative to the value, or to its spread where that is larger: offsets may start at nothing
+        self._spread = np.sqrt(np.diag(known)[:size]) if len(known) >= size else np.zeros(size)
 
     def _values(self, revision: ModelRevision) -> Array:
         """What may move: tyre parameters, then those of the effects where they are learnt."""
         effects = revision.effects if self._with_effects else ()
         return np.array([*revision.tyre.values(), *(v for e in effects for v in e.parameters.values())])
 
-    def message(self, belief: TyreBelief, stamp_ns: int) -> ModelRevision:
+    def message(self, belief: TyreBelief, stamp_ns: int, seq: int) -> ModelRevision:
         """The revision to publish now: the one in force, moved towards the belief where that is due."""
         tyre, effects = self._split(self._next_values(belief))
         covariance = tuple(map(tuple, belief.covariance.tolist()))
-        self._seq += 1
         self.current = self.current.model_copy(update={
-            "stamp_ns": stamp_ns, "seq": self._seq, "tyre": tyre, "effects": effects, "covariance": covariance,
+            "stamp_ns": stamp_ns, "seq": seq, "tyre": tyre, "effects": effects, "covariance": covariance,
             "revision": revision_id(self.current.layout, tyre, effects),
         })  # fmt: skip
         return self.current
@@ -174,8 +190,10 @@ class RevisionPolicy:
         c, old = self._config, self._values(self.current)
         if not c.learn or belief.samples < c.revision_min_samples:
             return old
-        change = _towards(old, belief.mean, self._start * c.revision_bounds[0], self._start * c.revision_bounds[1])
-        largest = float(np.max(np.abs(change) / old))
+        room = np.maximum(np.abs(self._start), self._spread)
+        lower, upper = (self._start + room * (bound - 1.0) for bound in c.revision_bounds)
+        change = np.clip(belief.mean, lower, upper) - old
+        largest = float(np.max(np.abs(change) / np.maximum(np.abs(old), self._spread)))
         if largest < c.revision_hysteresis:
             return old
         # one factor for all parameters keeps to the line between the models: combinations stay meaningful
@@ -189,7 +207,3 @@ class RevisionPolicy:
             return tyre, self.current.effects
         moved = ((e, {name: next(left) for name in e.parameters}) for e in self.current.effects)
         return tyre, tuple(e.model_copy(update={"parameters": values}) for e, values in moved)
-
-
-def _towards(old: Array, target: Array, lower: Array, upper: Array) -> Array:
-    return np.asarray(np.clip(target, lower, upper) - old)

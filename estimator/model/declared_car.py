@@ -58,6 +58,4 @@ def declared_effects(vehicle: Vehicle, powertrain: Powertrain) -> dict[str, dict
 
 def declared_tyre_std(layout: Layout) -> dict[str, float]:
     """Standard deviation of every declared tyre parameter of a race car, SI."""
-    return {
-        name: value * TYRE_STD["cx" if name == "cx" else name[0]] for name, value in DEFAULT_TYRE[layout].items()
-    }
+    return {name: value * TYRE_STD["cx" if name == "cx" else name[0]] for name, value in DEFAULT_TYRE[layout].items()}

@@ -7,7 +7,7 @@ working set `Terms`; the order of the stages is the order in which the physics a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 
@@ -131,11 +131,15 @@ class SingleTrack:
     layout: Layout
     effects: tuple[Effect, ...] = ()
     tyre_prior: Mapping[str, float] | None = None
+    tyre_std: Mapping[str, float] | None = None
+    """how well the tyres are known beforehand, SI; default: as `tyre_parameters` says"""
 
     @cached_property
     def tyre_table(self) -> tuple[Parameter, ...]:
         """Tyre parameters in the order of theta."""
-        return tyre_parameters(self.layout, self.tyre_prior)
+        table = tyre_parameters(self.layout, self.tyre_prior)
+        known = self.tyre_std or {}
+        return tuple(replace(p, prior_std=known.get(p.name, p.prior_std)) for p in table)
 
     @cached_property
     def load_rows(self) -> tuple[tuple[int, ...], tuple[int, ...]]:

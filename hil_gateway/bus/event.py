@@ -24,6 +24,7 @@ class EventKind(StrEnum):
     ALERT = "alert"
     REVISION = "revision"
     ADOPTION = "adoption"
+    LEARNING = "learning"
     LAP = "lap"
     PROCESS = "process"
 

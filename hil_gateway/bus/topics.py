@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 from hil_gateway.bus import messages as m
 from hil_gateway.bus.event import Event
 from hil_gateway.bus.playback import Playback
+from hil_gateway.bus.proposal import ModelProposal
 
 M = TypeVar("M", bound=m.Message)
 
@@ -39,6 +40,7 @@ GATEWAY_STATUS = Topic("av24/gateway_status", m.GatewayStatus, "gateway", 10, 0.
 ESTIMATE = Topic("av24/estimate", m.Estimate, "estimator", 100, 0.05, priority="real_time")
 BELIEF = Topic("av24/belief", m.Belief, "estimator", 10, 1.0, max_bytes=65_536)
 MODEL_REVISION = Topic("av24/model_revision", m.ModelRevision, "estimator", 1, 3.0, max_bytes=65_536)
+MODEL_PROPOSAL = Topic("av24/model_proposal", ModelProposal, "learner", 0.1, 600.0, max_bytes=65_536)
 ALERT = Topic("av24/alert", m.Alert, "estimator", 1, 60.0)
 PLAN = Topic("av24/plan", m.Plan, "planner", 20, 0.1, max_bytes=65_536)
 COMMAND = Topic("av24/command", m.Command, "planner", 20, 0.1, priority="real_time")
@@ -55,6 +57,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     ESTIMATE,
     BELIEF,
     MODEL_REVISION,
+    MODEL_PROPOSAL,
     ALERT,
     PLAN,
     COMMAND,

@@ -74,11 +74,11 @@ def _read(file: Path, view: FrameMonitor) -> int:
 
 def _frames(file: Path) -> Iterable[Frame]:
     if file.suffix == ".mcap":
-        from hil_gateway.session.format import CAN_TOPIC, unpack_frame
-        from hil_gateway.session.reader import SessionReader
+        from hil_gateway.session.files.format import CAN_TOPIC, unpack_frame
+        from hil_gateway.session.files.reader import SessionReader
 
         return (unpack_frame(item.data) for item in SessionReader(file, frozenset({CAN_TOPIC})).items())
-    from hil_gateway.session.importer import frames_of
+    from hil_gateway.session.exchange.importer import frames_of
 
     return frames_of(file)
 

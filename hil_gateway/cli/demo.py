@@ -10,6 +10,9 @@ import typer
 from hil_gateway.process.errors import EXIT_FAILURE
 from hil_gateway.process.figures import print_json
 
+EFFECT_LAPS = 6
+"""with an effect and no number of laps: three to learn from, one while the planner takes it, two that show it"""
+
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 
@@ -28,7 +31,10 @@ def demo(
     model: Annotated[str, typer.Option(help="model revision (model.json) to start from")] = "",
     learn: Annotated[
         bool | None,
-        typer.Option("--learn/--no-learn", help="diagnose the drive and drive again (default: when --effect is given)"),
+        typer.Option(
+            "--learn/--no-learn",
+            help="diagnose the whole drive too and drive again; --no-learn: never diagnose (default: beside the drive)",
+        ),
     ] = None,
     dashboard: Annotated[bool, typer.Option("--dashboard", help="also serve the live page")] = False,
     headless: Annotated[bool, typer.Option("--headless", help="no live view")] = False,
@@ -44,9 +50,8 @@ def demo(
     from hil_gateway.demo.summary import describe
 
     effects = tuple(effect or ())
-    learning = bool(effects) if learn is None else learn
-    if learning and laps is None and seconds is None:
-        laps = DEFAULT_LAPS
+    if laps is None and seconds is None:
+        laps = DEFAULT_LAPS if learn else EFFECT_LAPS if effects else None
     options = DemoOptions(
         laps,
         seconds,
@@ -60,8 +65,9 @@ def demo(
         dashboard,
         headless,
         car,
+        learner=learn is not False,
     )
-    summary = drive_learn_drive(options) if learning else drive(options)
+    summary = drive_learn_drive(options) if learn else drive(options)
     lines = [*describe(summary), *describe_learning(summary)]
     if as_json:
         print_json(summary)

@@ -16,6 +16,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "demo": ("hil_gateway.cli.demo:app", "drive a simulated AV-24 around a track: the whole loop"),
     "gateway": ("hil_gateway.cli.gateway:app", "CAN to vehicle state, commands to CAN; bring-up check"),
     "estimator": ("estimator.cli.estimator:app", "state, tyre belief and model revisions"),
+    "learner": ("estimator.cli.learner:app", "diagnosis beside the drive: proposes models with effects"),
     "planner": ("planner.cli.planner:app", "infomax MPCC: plans and commands"),
     "plant": ("hil_gateway.cli.plant:app", "the simulated AV-24 at the other end of the CAN cable"),
     "identify": ("estimator.cli.identify:app", "tyre parameters from a session, error before and after"),

@@ -27,9 +27,9 @@ def run(config_file: Annotated[Path | None, typer.Option("--config", help="TOML 
     from hil_gateway.process.clock import NS_PER_S, SystemClock, wall_offset_ns
     from hil_gateway.process.lifecycle import stop_requested
     from hil_gateway.process.writable import check_folder
-    from hil_gateway.session.format import session_metadata
+    from hil_gateway.session.files.format import session_metadata
+    from hil_gateway.session.files.writer import SessionWriter
     from hil_gateway.session.recorder import Recorder, session_path
-    from hil_gateway.session.writer import SessionWriter
 
     config = load_config(config_file)
     check_folder(Path(config.recorder.folder), option="recorder.folder")

@@ -53,7 +53,7 @@ def _group() -> None:
 @app.command()
 def info(files: SessionFiles, as_json: AsJson = False) -> None:
     """Say what a session holds, and whether it is whole. Exit 1 when a part of it is corrupt."""
-    from hil_gateway.session.info import describe, session_info
+    from hil_gateway.session.overview.info import describe, session_info
 
     infos = [session_info(path) for path in files]
     if as_json:
@@ -67,8 +67,8 @@ def info(files: SessionFiles, as_json: AsJson = False) -> None:
 @app.command()
 def recover(file: OneSession, out: Out = None, as_json: AsJson = False) -> None:
     """Write a complete file from whatever a damaged one still holds."""
-    from hil_gateway.session.output import beside
-    from hil_gateway.session.recover import recover as recover_session
+    from hil_gateway.session.files.output import beside
+    from hil_gateway.session.files.recover import recover as recover_session
 
     target = out or beside(file, f"_recovered{file.suffix}")
     check_file(target, (file,))
@@ -88,9 +88,9 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write a drive log (csv, parquet), the raw frames (candump log) or every decoded signal (csv, parquet)."""
-    from hil_gateway.session.export import EXPORTS
-    from hil_gateway.session.output import beside
-    from hil_gateway.session.signals import export_signals
+    from hil_gateway.session.exchange.export import EXPORTS
+    from hil_gateway.session.exchange.signals import export_signals
+    from hil_gateway.session.files.output import beside
 
     chosen = format or _format_of(out)
     decoded = chosen is Format.SIGNALS
@@ -132,8 +132,8 @@ def import_(
     as_json: AsJson = False,
 ) -> None:
     """Make a session of a log of raw CAN frames; with --estimate one that identify and diagnose can work on."""
-    from hil_gateway.session.importer import import_log
-    from hil_gateway.session.output import beside
+    from hil_gateway.session.exchange.importer import import_log
+    from hil_gateway.session.files.output import beside
 
     target = out or beside(file, ".mcap")
     if out is None and target.exists():
@@ -165,8 +165,8 @@ def replay(
     Exit 1 when the interface did not take every frame.
     """
     from hil_gateway.config import load_config
-    from hil_gateway.session.player import play
-    from hil_gateway.session.replay import DEFAULT_TOPICS
+    from hil_gateway.session.playback.player import play
+    from hil_gateway.session.playback.replay import DEFAULT_TOPICS
 
     if not 0 <= speed < float("inf"):
         raise InputError(f"--speed {speed} must be 0 (as fast as possible) or a positive factor")

@@ -9,8 +9,8 @@ from typing import Any
 from hil_gateway.config import load_config
 from hil_gateway.demo.model_error import ask
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.importer import import_log
-from hil_gateway.session.perceive import perceive
+from hil_gateway.session.exchange.importer import import_log
+from hil_gateway.session.exchange.perceive import perceive
 
 TIMEOUT_S = 3600.0
 

@@ -10,7 +10,7 @@ import numpy as np
 from hil_gateway.dashboard.server import FOLDER as PAGE
 from hil_gateway.dashboard.setup import track_outline
 from hil_gateway.process.shipped import shipped
-from hil_gateway.session.lap_table import LapTable, title
+from hil_gateway.session.overview.lap_table import LapTable, title
 from hil_gateway.track.track import Track
 
 FOLDER = shipped("hil_gateway", "dashboard/compare")

@@ -16,6 +16,7 @@ from hil_gateway.bus.topics import (
     BELIEF,
     ESTIMATE,
     EVENT,
+    MODEL_PROPOSAL,
     OPERATOR,
     TOPICS,
     TRUTH,
@@ -40,7 +41,8 @@ class Feed:
     """Newest message of every topic but the plant's truth, which belongs to the referee alone."""
 
     def __init__(self, bus: Bus, track: Track, config: Config, minutes: float = MINUTES) -> None:
-        self._readers = {t.key: LatestReader(bus, t) for t in TOPICS if t not in (TRUTH, ALERT, OPERATOR, EVENT)}
+        as_events = (ALERT, OPERATOR, EVENT, MODEL_PROPOSAL)
+        self._readers = {t.key: LatestReader(bus, t) for t in TOPICS if t not in (TRUTH, *as_events)}
         self._alert_queue, self._event_queue = bus.subscribe(ALERT, depth=64), bus.subscribe(EVENT, depth=256)
         self._alerts: deque[tuple[float, Alert]] = deque(maxlen=ALERTS_KEPT)
         self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS_KEPT)

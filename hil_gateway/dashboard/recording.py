@@ -20,9 +20,9 @@ from hil_gateway.dashboard.server import HEADERS, json_response, page_app, text_
 from hil_gateway.dashboard.setup import setup_of
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.format import named, unpack_message
-from hil_gateway.session.reader import Item, SessionReader
-from hil_gateway.session.replay import in_order
+from hil_gateway.session.files.format import named, unpack_message
+from hil_gateway.session.files.reader import Item, SessionReader
+from hil_gateway.session.playback.replay import in_order
 from hil_gateway.track.track import Track
 
 SHOWN = {topic.key: topic for topic in TOPICS if topic.recorded and topic not in (TRUTH, OPERATOR)}

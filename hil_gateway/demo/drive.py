@@ -16,7 +16,7 @@ from hil_gateway.plant.plant import plant_parameters
 from hil_gateway.plant.referee.lap_limit import lap_limit
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.lifecycle import stop_requested
-from hil_gateway.process.supervisor import DASHBOARD, PROCESSES, ProcessSpec, Supervisor
+from hil_gateway.process.supervisor import DASHBOARD, LEARNER, PROCESSES, ProcessSpec, Supervisor
 from hil_gateway.track.loading import load_track
 
 
@@ -49,7 +49,8 @@ def _model_error(setup: DemoSetup, result: RunResult) -> dict[str, Any]:
 
 def _run(options: DemoOptions, setup: DemoSetup) -> RunResult:
     stopping = stop_requested()
-    specs = [_with_car(spec, options) for spec in (*PROCESSES, *((DASHBOARD,) if options.dashboard else ()))]
+    further = (*((DASHBOARD,) if options.dashboard else ()), *((LEARNER,) if options.learner else ()))
+    specs = [_with_car(spec, options) for spec in (*PROCESSES, *further)]
     view = _view(options, setup)
     with contextlib.closing(view), Supervisor(setup.config_file, setup.folder / "logs", specs) as supervisor:
         supervisor.start(stage=0)

@@ -8,12 +8,15 @@ from typing import Any
 from hil_gateway.bus.event import Event, EventKind, Severity
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import ModelRevision, Plan
-from hil_gateway.bus.topics import EVENT, MODEL_REVISION
+from hil_gateway.bus.proposal import ModelProposal, Outcome
+from hil_gateway.bus.topics import EVENT, MODEL_PROPOSAL, MODEL_REVISION
 from hil_gateway.process.clock import NS_PER_S
 
 MOST = 10_000
 """entries kept: a day of ordinary driving; the oldest go first"""
 QUEUE = 256
+TOLD = (EventKind.LEARNING, EventKind.REVISION, EventKind.ADOPTION)
+"""kinds of events that are said as they come"""
 
 
 class Journal:
@@ -22,18 +25,29 @@ class Journal:
     def __init__(self, bus: Bus) -> None:
         self._events = bus.subscribe(EVENT, depth=QUEUE)
         self._revisions = bus.subscribe(MODEL_REVISION, depth=QUEUE)
+        self._proposals = bus.subscribe(MODEL_PROPOSAL, depth=QUEUE)
         self.events: deque[Event] = deque(maxlen=MOST)
         self._found: dict[str, tuple[int, dict[str, Any]]] = {}
         self._laps = 0
+        self._news: list[str] = []
 
     def update(self, now_ns: int, plan: Plan | None) -> None:
         """Take in what has arrived; `plan` is the newest one."""
-        self.events.extend(self._events.poll(now_ns))
+        for event in self._events.poll(now_ns):
+            self.events.append(event)
+            self._news += [event.line()] if event.kind in TOLD else []
         self._laps = plan.lap if plan else self._laps
+        for proposal in self._proposals.poll(now_ns):
+            self._note_outcome(proposal)
         for revision in self._revisions.poll(now_ns):
             self._note(revision)
         if plan and (known := self._found.get(plan.revision)) is not None:
             known[1]["adopted"] = True
+
+    def news(self) -> list[str]:
+        """What was learnt or adopted since the last call, one line each."""
+        told, self._news = self._news, []
+        return told
 
     def say(self, text: str, now_ns: int) -> None:
         """An entry of the demo itself: a process ended, the car stands."""
@@ -47,8 +61,20 @@ class Journal:
         return [event.entry(zero_ns) for event in sorted(self.events, key=lambda event: event.stamp_ns)]
 
     def revisions(self, zero_ns: int) -> list[dict[str, Any]]:
-        """Every model revision heard of: when, in which lap, which effects, whether the planner took it, and why."""
+        """Every model heard of: when, in which lap, which effects, whether the planner took it, and why or why not."""
         return [{"t": _seconds(stamp_ns, zero_ns), **row} for stamp_ns, row in self._found.values()]
+
+    def _note_outcome(self, proposal: ModelProposal) -> None:
+        """What was found and not proposed, and what was withdrawn; a proposal itself becomes a revision."""
+        if proposal.outcome in (Outcome.KEPT, Outcome.WITHDRAWN) and len(self._found) < MOST:
+            row = {
+                "lap": proposal.lap,
+                "revision": "",
+                "effects": list(proposal.effects),
+                "adopted": False,
+                "reason": f"{proposal.outcome}: {proposal.reason}",
+            }
+            self._found[f"proposal {proposal.seq}"] = proposal.stamp_ns, row
 
     def _note(self, revision: ModelRevision) -> None:
         if revision.revision not in self._found and len(self._found) < MOST:

@@ -17,8 +17,8 @@ from hil_gateway.demo.folder import hold
 from hil_gateway.demo.model_error import ask, measure
 from hil_gateway.demo.options import DemoOptions
 from hil_gateway.process.figures import figure
-from hil_gateway.session.format import unpack_message
-from hil_gateway.session.reader import SessionReader
+from hil_gateway.session.files.format import unpack_message
+from hil_gateway.session.files.reader import SessionReader
 
 DEFAULT_LAPS = 3
 """fewer leave too little to learn from, choose by and test on"""

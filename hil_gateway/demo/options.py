@@ -38,6 +38,8 @@ class DemoOptions:
     dashboard: bool = False
     headless: bool = False
     car: Path | None = None
+    learner: bool = True
+    """diagnose beside the drive, and drive with what is found"""
 
     @property
     def target_laps(self) -> int | None:

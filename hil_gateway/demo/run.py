@@ -113,6 +113,8 @@ class Run:
         self._start_rest(now_ns)
         self._watch_processes(now_ns)
         self._watch_gateway(now_ns)
+        for text in monitor.journal.news():
+            self._view.say(text)
         if self._waiting.update(now_ns, self._supervisor.pids):
             self._tell(f"around the stop: {self._waiting.account}")
         self._view.show(self._scene(now_ns))

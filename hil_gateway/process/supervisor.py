@@ -27,7 +27,8 @@ class ProcessSpec:
 
     Stage 0 starts first, the rest when the recorder listens, so that a recording begins before what it records.
     `stops_last`: it has the end of the others to hear. Losing an `optional` one is no reason to end. `real_time`: it
-    must not wait for other work on the computer while the car drives. `arguments`: of this process alone.
+    must not wait for other work on the computer while the car drives; `beside`: it gives way to all of them.
+    `arguments`: of this process alone.
     """
 
     name: str
@@ -35,6 +36,7 @@ class ProcessSpec:
     stops_last: bool = False
     optional: bool = False
     real_time: bool = False
+    beside: bool = False
     arguments: tuple[str, ...] = ()
 
 
@@ -46,6 +48,7 @@ PROCESSES: tuple[ProcessSpec, ...] = (
     ProcessSpec("planner", real_time=True),
 )
 DASHBOARD = ProcessSpec("dashboard", optional=True)
+LEARNER = ProcessSpec("learner", optional=True, beside=True)
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,8 @@ class Supervisor:
                     self.command(spec), stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
                     env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
                 )  # fmt: skip
-            _prefer(self._running[spec.name].pid)
+            if not spec.beside:
+                _prefer(self._running[spec.name].pid)
 
     def prefer_real_time(self) -> None:
         """Let the processes that drive come before everything else, where the user may ask for that (root may).

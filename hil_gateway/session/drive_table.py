@@ -19,8 +19,8 @@ from hil_gateway.bus.topics import ESTIMATE, PLAN, VEHICLE_STATE
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.format import named, unpack_message
-from hil_gateway.session.reader import Item, SessionReader
+from hil_gateway.session.files.format import named, unpack_message
+from hil_gateway.session.files.reader import Item, SessionReader
 
 FROM_ESTIMATE: Mapping[str, Callable[[Estimate], float]] = {
     "vx": lambda e: e.vx,

@@ -11,8 +11,8 @@ from hil_gateway.bus.topics import RECORDER_STATUS, TOPICS, Topic
 from hil_gateway.can_link import CanLink
 from hil_gateway.config import RecorderConfig
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.session.format import CAN_TOPIC, METADATA_REVISION, pack_frame
-from hil_gateway.session.writer import SessionWriter
+from hil_gateway.session.files.format import CAN_TOPIC, METADATA_REVISION, pack_frame
+from hil_gateway.session.files.writer import SessionWriter
 
 QUEUE_S = 2.0
 """how long the recorder may be held up before messages are lost (and counted)"""

@@ -180,9 +180,15 @@ def _solve(nodes: _Nodes, envelope: Envelope) -> Array:
     top = envelope.max_speed / _SPEED * ones
     bend = envelope.max_curvature / _CURVATURE * ones
     result = solver(
-        x0=np.concatenate([
-            0 * ones, 0 * ones, 0.9 * nodes.speed / _SPEED, nodes.road.curvature / _CURVATURE, 0 * ones,
-        ]),
+        x0=np.concatenate(
+            [
+                0 * ones,
+                0 * ones,
+                0.9 * nodes.speed / _SPEED,
+                nodes.road.curvature / _CURVATURE,
+                0 * ones,
+            ]
+        ),
         lbx=np.concatenate([nodes.lower, -0.7 * ones, 3.0 / _SPEED * ones, -bend, -5 * ones]),
         ubx=np.concatenate([nodes.upper, 0.7 * ones, top, bend, 5 * ones]),
         lbg=np.concatenate([np.zeros(3 * n), -big * np.ones(2 * n)]),

@@ -29,6 +29,7 @@ M = TypeVar("M", bound=Message)
 
 TICK_NS = NS_PER_S // 100
 PLAN_PERIOD_NS = NS_PER_S // 20
+LEARNER_PERIOD_NS = NS_PER_S // 10
 START_NS = NS_PER_S
 """virtual time does not start at zero: nothing may take 0 for 'never'"""
 
@@ -151,9 +152,9 @@ class Loop:
         timed: bool = False, simulated: SimulatedCar | None = None,
     ) -> None:  # fmt: skip
         """`keep`: topics whose messages go into the result. `components` replaces "estimator" or "planner" by another
-        factory(config, bus, track). `timed`: the planner measures its solver with the machine's clock, and is late when
-        that is late: realistic, and no longer the same every time. `simulated`: the car of the plant, in place of the
-        configuration's; nothing else hears of it."""
+        factory(config, bus, track), or adds a "learner". `timed`: the planner measures its solver with the machine's
+        clock, and is late when that is late: realistic, and no longer the same every time. `simulated`: the car of the
+        plant, in place of the configuration's; nothing else hears of it."""
         self.clock = VirtualClock(START_NS)
         self.faults = faults or Faults()
         self.wire = VirtualWire(self.clock)
@@ -172,6 +173,7 @@ class Loop:
             ("gateway", self.gateway, TICK_NS),
             ("estimator", self.estimator, TICK_NS),
             ("planner", self.planner, PLAN_PERIOD_NS),
+            *((("learner", made["learner"](config, self.bus, track), LEARNER_PERIOD_NS),) if "learner" in made else ()),
         )
 
     def _link(self, name: str) -> FaultyLink:

@@ -21,7 +21,7 @@ from support.promise_figures import long_run, record_figure
 from hil_gateway.can_link import resolve_kind
 from hil_gateway.config import load_config
 from hil_gateway.process.supervisor import PROCESSES
-from hil_gateway.session.info import session_info
+from hil_gateway.session.overview.info import session_info
 
 Recorder = Callable[[str, object], None]
 UP_S = 120.0

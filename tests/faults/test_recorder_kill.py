@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from support.promise_figures import record_figure, volume
 
-from hil_gateway.session.format import CAN_TOPIC, unpack_frame
-from hil_gateway.session.reader import SessionReader
-from hil_gateway.session.recover import recover
+from hil_gateway.session.files.format import CAN_TOPIC, unpack_frame
+from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.files.recover import recover
 
 KILLS = volume(10, 100)
 PROMISED_S = 0.2
@@ -27,7 +27,7 @@ from hil_gateway.can_link import VirtualWire
 from hil_gateway.process.clock import SystemClock
 from hil_gateway.config import RecorderConfig
 from hil_gateway.session.recorder import Recorder
-from hil_gateway.session.writer import SessionWriter
+from hil_gateway.session.files.writer import SessionWriter
 
 clock, bus = SystemClock(), LocalBus()
 wire = VirtualWire(clock)

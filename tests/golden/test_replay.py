@@ -9,9 +9,9 @@ from support.promise_figures import record_figure
 
 from estimator.replay import OUTPUTS, compare, recorded_config, replay_estimator
 from hil_gateway.config import Config
-from hil_gateway.session.format import session_metadata
+from hil_gateway.session.files.format import session_metadata
+from hil_gateway.session.files.writer import SessionWriter
 from hil_gateway.session.recorder import Recorder
-from hil_gateway.session.writer import SessionWriter
 from planner.simulation.loop import Loop
 
 UNIX_NS = 1_700_000_000 * 10**9

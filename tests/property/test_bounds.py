@@ -17,7 +17,7 @@ from hil_gateway.bus import topics
 from hil_gateway.bus.messages import Command, FailsafeAction, OperatorAction, OperatorCommand
 from hil_gateway.config import load_config
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.reader import _unpacked
+from hil_gateway.session.files.reader import _unpacked
 from hil_gateway.track.loading import load_track, shipped_tracks
 
 HEADER = "x_m,y_m,w_tr_right_m,w_tr_left_m"

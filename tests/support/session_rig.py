@@ -13,10 +13,10 @@ from hil_gateway.bus.topics import COMMAND
 from hil_gateway.can_link import VirtualWire
 from hil_gateway.config import RecorderConfig
 from hil_gateway.process.clock import VirtualClock
-from hil_gateway.session.format import CAN_TOPIC
-from hil_gateway.session.reader import SessionReader
+from hil_gateway.session.files.format import CAN_TOPIC
+from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.files.writer import SessionWriter
 from hil_gateway.session.recorder import Recorder
-from hil_gateway.session.writer import SessionWriter
 
 UNIX_NS = 1_700_000_000 * 10**9
 CONFIG = RecorderConfig(min_free_bytes=0)

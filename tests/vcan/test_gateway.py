@@ -38,6 +38,10 @@ COMMAND_COUNTERS = {
 }  # fmt: skip
 
 
+STEER = math.radians(15.0) / 15.0
+"""rad: 15 deg of the motor, near the 12 deg the played car reports; farther off its steering counts as stuck"""
+
+
 @pytest.fixture(scope="module")
 def log(shared_channel: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("car") / "car.log"
@@ -110,7 +114,7 @@ def test_state_on_zenoh_is_what_cantools_encoded(gateway: Gateway, log: Path) ->
 
 @pytest.mark.promise("S5")
 def test_nothing_but_race_control_is_said_before_arming(gateway: Gateway, log: Path) -> None:
-    with played_car(log), planner(gateway, steer=0.05, drive=0.01):
+    with played_car(log), planner(gateway, steer=STEER, drive=0.01):
         gateway.wait(gateway.valid)
         rows = dumped(gateway.channel, 0.5)
     from_us = {frame_id for _, frame_id, _ in rows} - {PEER.get_message_by_name(name).frame_id for name in REPORTS}
@@ -142,7 +146,7 @@ def driven(gateway: Gateway) -> list[tuple[float, int, bytes]]:
 def test_commands_on_the_bus_are_those_of_the_planner_and_stop_with_it(gateway: Gateway, log: Path) -> None:
     """Armed by a person: counters advance by one, 10 ms apart. Planner dead: brakes, steering held."""
     with played_car(log):
-        with planner(gateway, steer=0.05, drive=0.02):
+        with planner(gateway, steer=STEER, drive=0.01):
             rows = driven(gateway)
         gateway.wait(gateway.acts(FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP))
         after = dumped(gateway.channel, 0.5)
@@ -157,7 +161,7 @@ def test_commands_on_the_bus_are_those_of_the_planner_and_stop_with_it(gateway: 
     stamps = [stamp for stamp, frame_id, _ in rows if frame_id == 0x57A]
     periods = sorted(b - a for a, b in pairwise(stamps))
     assert periods[len(periods) // 2] == pytest.approx(0.01, abs=0.002)
-    wanted = math.degrees(0.05) * 15
+    wanted = math.degrees(STEER) * 15
     assert decoded(rows, "steering_cmd")[-1]["steering_motor_ang_cmd"] == pytest.approx(wanted, abs=0.5)
     assert decoded(rows, "accelerator_cmd")[-1]["acc_pedal_cmd"] > 0
     assert decoded(rows, "brake_pressure_cmd")[-1]["F_brake_pressure_cmd"] == 0

@@ -14,12 +14,12 @@ from hil_gateway.can_link import Frame
 from hil_gateway.can_link.socketcan import SocketCanLink
 from hil_gateway.demo.options import DemoOptions, prepare
 from hil_gateway.process.clock import SystemClock
-from hil_gateway.session.export import export_candump
-from hil_gateway.session.format import CAN_TOPIC, pack_frame
-from hil_gateway.session.importer import import_log
-from hil_gateway.session.reader import SessionReader
-from hil_gateway.session.replay import ids_from_car, in_order, replay, to_can
-from hil_gateway.session.writer import SessionWriter
+from hil_gateway.session.exchange.export import export_candump
+from hil_gateway.session.exchange.importer import import_log
+from hil_gateway.session.files.format import CAN_TOPIC, pack_frame
+from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.files.writer import SessionWriter
+from hil_gateway.session.playback.replay import ids_from_car, in_order, replay, to_can
 
 pytestmark = pytest.mark.vcan
 FRAMES = 60

@@ -25,7 +25,7 @@ COARSE, FINE = 1e-3, 1e-8
 SPREAD_ROUNDS = 3
 """How often the spreads are estimated anew, from a start far from the answer."""
 
-ENOUGH = 20_000
+STARTING_SAMPLES = 20_000
 """Samples that are enough to come close to the answer."""
 
 BLOCKS_PER_PARAMETER = 10.0
@@ -94,7 +94,7 @@ def fit(
     """
     settings, start = settings or FitSettings(), columns.start if start is None else start
     problem = AlgebraicProblem(columns, samples, settings)
-    if (every := len(samples) // ENOUGH) < 2:
+    if (every := len(samples) // STARTING_SAMPLES) < 2:
         return solve(problem, start)
     few = AlgebraicProblem(columns, samples.select(np.arange(len(samples)) % every == 0), settings)
     return solve(problem, solve(few, start).theta, rounds=2, far=False)

@@ -206,11 +206,11 @@ def fit_output_error(
 
 
 def _diverges(problem: OutputErrorProblem, result: Fit) -> bool:
-    """Whether some windows run away from the data: beyond its limit a car is unstable, not to be simulated for long."""
+    """Whether some windows diverge: beyond its limit a car is unstable and cannot be simulated for long."""
     return any(result.rmse[o] > DIVERGING * result.spread[o] for o in problem.outputs)
 
 
 def _solve_each(H: Array, right: Array) -> Array:
-    """Solve the (L, 2, 2) systems for (L, 2, m), with a whisper of damping against windows that say nothing."""
+    """Solve the (L, 2, 2) systems for (L, 2, m), damped so that windows without information stay solvable."""
     damped = H + 1e-9 * np.eye(STATES) * (1.0 + np.trace(H, axis1=1, axis2=2))[:, None, None]
     return np.asarray(np.linalg.solve(damped, right))

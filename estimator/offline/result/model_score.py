@@ -25,7 +25,7 @@ from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.drive_table import read_drive_table
-from hil_gateway.session.reader import SessionReader
+from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
@@ -121,7 +121,7 @@ def held_out_windows(columns: Mapping[str, Array], split_s: float, track: Track)
     step = float(np.median(np.diff(t)))
     length, spacing = round(HORIZON_S / step), max(round(SPACING_S / step), 1)
     signals = dict(columns)
-    signals["track_position"] = _track_positions(columns, track)
+    signals["track_position"] = track_positions(columns, track)
     signals["steer_rate"], signals["drive_rate"] = (np.gradient(columns[n], t) for n in ("steer", "drive"))
     starts = np.arange(int(np.searchsorted(t, split_s)), len(t) - length, spacing)
     rows = starts + np.arange(length + 1)[:, None]
@@ -135,7 +135,7 @@ def held_out_windows(columns: Mapping[str, Array], split_s: float, track: Track)
     return Windows({name: column[rows] for name, column in signals.items()}, np.diff(t[rows], axis=0))
 
 
-def _track_positions(columns: Mapping[str, Array], track: Track) -> Array:
+def track_positions(columns: Mapping[str, Array], track: Track) -> Array:
     """Arc length of every row, m."""
     position, hint = [], None
     for x, y in zip(columns["x"], columns["y"], strict=True):

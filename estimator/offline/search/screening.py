@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,19 +22,30 @@ SCREENING_ITERATIONS = 3
 """Steps of a candidate that is stationary at its neutral value and cannot be screened there."""
 
 
-def candidates(record: Record, accepted: Sequence[str]) -> list[Effect]:
+def candidates(record: Record, active: Collection[str]) -> list[Effect]:
     """Effects that can be tried: their signals are there, and what they build on is active."""
     signals = available(record)
     return [
         e for e in all_candidates().values()
-        if e.name not in accepted and set(e.needs) <= signals
-        and (not e.requires_any or set(e.requires_any) & set(accepted))
+        if e.name not in active and set(e.needs) <= signals
+        and (not e.requires_any or set(e.requires_any) & set(active))
     ]  # fmt: skip
 
 
-def screen(setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]) -> list[Trial]:
-    """Predicted evidence of every candidate on part of the windows, best first, from linearisations there."""
-    effects = candidates(setting.record, accepted)
+def open_candidates(setting: Setting, accepted: Sequence[str]) -> list[Effect]:
+    """Effects of the catalogue that a search may still add: not accepted, not in the model in force, not ruled out."""
+    possible = candidates(setting.record, {*accepted, *setting.active_names})
+    return [effect for effect in possible if effect.name not in setting.untried]
+
+
+def screen(
+    setting: Setting,
+    accepted: Sequence[str],
+    current: Fit,
+    progress: Callable[[str], None],
+    effects: Sequence[Effect],
+) -> list[Trial]:
+    """Predicted evidence of each of `effects` on part of the windows, best first, from linearisations there."""
     setting, current = _thinned(setting, current)
     before, count = current.held_out(), SCREENING_STRIDE * current.normal.count
     alone = {e.name for e in effects if e.initial or e.profile}

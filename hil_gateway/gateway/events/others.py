@@ -8,7 +8,8 @@ from typing import Any
 from hil_gateway.bus.event import EventKind, Severity
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.messages import Alert, ModelRevision, Plan
-from hil_gateway.bus.topics import ALERT, BELIEF, MODEL_REVISION, PLAN, RECORDER_STATUS, Topic
+from hil_gateway.bus.proposal import ModelProposal, Outcome
+from hil_gateway.bus.topics import ALERT, BELIEF, MODEL_PROPOSAL, MODEL_REVISION, PLAN, RECORDER_STATUS, Topic
 from hil_gateway.gateway.events.change import Change
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.figures import figure
@@ -17,7 +18,7 @@ QUIET_S = 1.0
 """a process whose messages are older than this, or than their own deadline, is worth an entry: a single late message is
 the failsafe's business"""
 WATCHED: dict[str, Topic[Any]] = {"estimator": BELIEF, "planner": PLAN, "recorder": RECORDER_STATUS}
-ALERTS_A_PERIOD = 8
+ALERTS_A_PERIOD, PROPOSALS_A_PERIOD = 8, 4
 REFINED_NS = 60 * NS_PER_S
 """tyres are refined every few seconds while driving: an entry a minute says enough of that"""
 
@@ -30,6 +31,7 @@ class OtherProcesses:
         self._alive = dict.fromkeys(WATCHED, False)
         self._revisions = LatestReader(bus, MODEL_REVISION)
         self._alerts = bus.subscribe(ALERT, depth=ALERTS_A_PERIOD)
+        self._proposals = bus.subscribe(MODEL_PROPOSAL, depth=PROPOSALS_A_PERIOD)
         self._published, self._adopted = _Models(), _Models()
         self._effects: dict[str, str] = {}
         self._lap: tuple[int, int | None] | None = None
@@ -41,6 +43,8 @@ class OtherProcesses:
             yield from self._presence(name, now_ns)
         for alert in self._alerts.poll(now_ns):
             yield _alert(alert)
+        for proposal in self._proposals.poll(now_ns):
+            yield _proposal(proposal)
         revision = self._revisions.update(now_ns).message
         if revision is not None and revision.revision != self._published.revision:
             self._effects = {self._published.revision: self._published.effects, revision.revision: _effects(revision)}
@@ -112,6 +116,14 @@ def _alert(alert: Alert) -> Change:
     return Change(
         EventKind.ALERT, "", alert.channel, text, Severity.WARNING, alert.suspected_effect, alert.strength, unit="times"
     )
+
+
+def _proposal(proposal: ModelProposal) -> Change:
+    """What the learner makes of the laps so far."""
+    severity = Severity.WARNING if proposal.outcome is Outcome.WITHDRAWN else Severity.INFO
+    found = f"{', '.join(proposal.effects)}: " if proposal.effects else ""
+    text = f"after lap {proposal.lap}: {found}{proposal.reason}"
+    return Change(EventKind.LEARNING, "", proposal.outcome, text, severity)
 
 
 def _published(before: str, revision: ModelRevision) -> Change:

@@ -188,7 +188,7 @@ def _rates(x: Expr, u: Expr, p: Any) -> tuple[Expr, Expr]:
     load_lags = [(body.ax - s.load_ax) / p.load_lag, (body.ay - s.load_ay) / p.load_lag]
     rates = [*body.rates, *wheels.rates, *tyres.rate_x, *tyres.rate_y, *load_lags, *_actuator_rates(s, u, p)]
     outputs = [
-        body.ax, body.ay, sum(loads) / p.mass, body.yaw_acc, wheels.engine_speed, wheels.torque, *loads,
+        body.ax, body.ay, (sum(loads) - downforce) / p.mass, body.yaw_acc, wheels.engine_speed, wheels.torque, *loads,
         tyres.along[0] + tyres.along[1], tyres.along[2] + tyres.along[3],
         tyres.across[0] + tyres.across[1], tyres.across[2] + tyres.across[3],
         tyres.power + body.lost + wheels.lost,

@@ -83,7 +83,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Learnt:
-    """Tyre parameters, their covariance, and loads held (over axle load): what a drive ended with, or was told."""
+    """Tyre parameters, their covariance, and loads held (over axle load): what a drive ended with, or begins with."""
 
     tyre: dict[str, float]
     covariance: list[list[float]]
@@ -121,7 +121,7 @@ def run_trial(trial: Trial, settings: CampaignSettings, learnt: Learnt | None = 
     with TemporaryDirectory() as folder:
         config = trial_config(trial, settings)
         if trial.method not in METHODS:
-            config = _without_learning(config, learnt or told(trial, settings), Path(folder))
+            config = _without_learning(config, learnt or starting_knowledge(trial, settings), Path(folder))
         return _drive(trial, settings, config)
 
 
@@ -130,7 +130,7 @@ def job(trial: Trial, settings: CampaignSettings, learnt: Learnt | None = None) 
     return Job(trial.name, asdict(settings), partial(run_trial, trial, settings, learnt))
 
 
-def told(trial: Trial, settings: CampaignSettings) -> Learnt:
+def starting_knowledge(trial: Trial, settings: CampaignSettings) -> Learnt:
     """What `prior` and `known` drive with: declared or true tyres, how well they are known, and no load held."""
     tyre, share = dict(DEFAULT_TYRE["per_axle"]), settings.mismatch
     if trial.method == KNOWN:

@@ -121,6 +121,13 @@ def test_wrong_use_of_the_certificate_script_is_exit_2(arguments: list[str]) -> 
     assert result.stderr
 
 
+def test_every_test_that_wants_vcan_is_where_the_test_script_looks_for_it() -> None:
+    tests = DEPLOY.parent / "tests"
+    marked = {path for path in tests.rglob("test_*.py") if "mark.vcan" in path.read_text() and path != Path(__file__)}
+    assert marked
+    assert all(path.parent == tests / "vcan" for path in marked)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("required", "code"), [(False, 0), (True, 1)])
 def test_summary_names_the_tests_that_want_vcan_and_why_they_did_not_run(

@@ -200,15 +200,15 @@ def scaled(factor: float) -> dict[str, float]:
 def test_revision_waits_for_samples_and_for_a_change_worth_sending() -> None:
     policy = RevisionPolicy(EstimatorConfig(), declared_revision("per_axle"))
     declared = policy.current.revision
-    assert policy.message(Believing(scaled(1.5), samples=10), 0).revision == declared
-    assert policy.message(Believing(scaled(1.01), samples=10_000), 0).revision == declared
-    assert policy.message(Believing(scaled(1.03), samples=10_000), 0).revision != declared
+    assert policy.message(Believing(scaled(1.5), samples=10), 0, 1).revision == declared
+    assert policy.message(Believing(scaled(1.01), samples=10_000), 0, 1).revision == declared
+    assert policy.message(Believing(scaled(1.03), samples=10_000), 0, 1).revision != declared
 
 
 def test_revision_moves_by_bounded_steps_and_stays_within_bounds() -> None:
     policy = RevisionPolicy(EstimatorConfig(), declared_revision("per_axle"))
     believing = Believing(scaled(2.9), samples=10_000)
-    values = [policy.current.tyre["df"], *(policy.message(believing, k).tyre["df"] for k in range(60))]
+    values = [policy.current.tyre["df"], *(policy.message(believing, k, k).tyre["df"] for k in range(60))]
     assert max(b / a for a, b in pairwise(values)) <= 1.05 + 1e-9
     assert values[-1] <= 2.0 * values[0]
     assert values[-1] > 1.8 * values[0]
@@ -216,7 +216,7 @@ def test_revision_moves_by_bounded_steps_and_stays_within_bounds() -> None:
 
 def test_learning_switched_off_keeps_the_model() -> None:
     policy = RevisionPolicy(EstimatorConfig(learn=False), declared_revision("per_axle"))
-    assert policy.message(Believing(scaled(1.5), samples=10_000), 0).tyre == policy.current.tyre == scaled(1.0)
+    assert policy.message(Believing(scaled(1.5), samples=10_000), 0, 1).tyre == policy.current.tyre == scaled(1.0)
 
 
 def test_revision_id_is_of_content_only() -> None:

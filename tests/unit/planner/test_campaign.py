@@ -39,7 +39,7 @@ from planner.studies.campaign.trial import (
     CampaignSettings,
     Learnt,
     Trial,
-    told,
+    starting_knowledge,
     trial_config,
     true_tyre,
 )
@@ -194,7 +194,7 @@ def test_beliefs_are_judged_by_a_drive_that_is_not_among_the_ways_of_driving(
 ) -> None:
     assert {d.method for d in summary_and_drives[1]} == {"infomax", "plain"}
     car = true_tyre(3, SETTINGS)
-    known, prior = (told(Trial(method, 3), SETTINGS) for method in (KNOWN, "prior"))
+    known, prior = (starting_knowledge(Trial(method, 3), SETTINGS) for method in (KNOWN, "prior"))
     assert {name: known.tyre[name] for name in car} == car
     assert prior.tyre == DEFAULT_TYRE["per_axle"]
     assert prior.limits == (0.0, 0.0), "no load counts as borne before the drive"

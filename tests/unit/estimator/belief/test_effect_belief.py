@@ -68,7 +68,7 @@ def test_a_revision_carries_what_was_learnt_of_effects_by_small_steps() -> None:
     truth[7] *= 1.2  # drag
     driven(made, truth, 2000, seed=3)
     policy = RevisionPolicy(EstimatorConfig(revision_min_samples=100, revision_max_step=0.05), START)
-    drags = [policy.message(made, i).effects[0].parameters["k"] for i in range(8)]
+    drags = [policy.message(made, i, i).effects[0].parameters["k"] for i in range(8)]
     steps = np.diff([START.effects[0].parameters["k"], *drags]) / drags[0]
     assert np.all(steps < 0.06)
     assert drags[-1] == pytest.approx(float(made.mean[7]), rel=0.03)
@@ -80,7 +80,7 @@ def test_a_belief_without_effects_leaves_a_revisions_effects_alone() -> None:
     policy = RevisionPolicy(EstimatorConfig(revision_min_samples=1), fixed)
     made = TyreBelief(REVISED.model)
     made.samples, made.deviation = 1000, 0.2 * np.ones(7)
-    assert policy.message(made, 0).effects == START.effects
+    assert policy.message(made, 0, 1).effects == START.effects
 
 
 def test_the_planner_hears_of_the_tyres_only() -> None:

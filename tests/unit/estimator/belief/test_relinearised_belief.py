@@ -102,6 +102,20 @@ def test_errors_that_keep_their_sign_count_less(monkeypatch: pytest.MonkeyPatch)
     assert np.max(np.abs(honest.mean / truth - 1.0)) < np.max(np.abs(credulous.mean / truth - 1.0))
 
 
+def test_a_stiffer_car_is_learnt_in_its_first_bend() -> None:
+    """Errors of one sign that other parameters explain are no reason to count samples less."""
+    truth = PRIOR * np.array([1.0, 1.25, 1.05, 1.25, 1.25, 1.05, 1.25])
+    straight = laps_below_the_limit(truth, 1000, seed=3, slip=0.006)
+    bend = [s for s in laps_below_the_limit(truth, 1200, seed=3, slip=0.04) if s.z[1] > 0.0][:300]
+    belief = RelinearisedBelief(SingleTrack(VEHICLE, "per_axle"))
+    belief.set_covariance(np.diag((0.1 * PRIOR) ** 2))
+    learnt(belief, [*straight, *bend])
+    h = measurement_function(belief.model, "imu_yaw")
+    felt = np.array([s.z[1] for s in bend])
+    told = np.array([float(h(s.signals, AUX, belief.mean, np.zeros((0, 1)))[0][1]) for s in bend])
+    assert told @ felt == pytest.approx(felt @ felt, rel=0.08)
+
+
 def test_between_two_linearisations_the_jacobians_do_not_turn_with_the_mean() -> None:
     belief = learnt(RelinearisedBelief(SingleTrack(VEHICLE, "per_axle")), laps_below_the_limit(PRIOR, 3000, seed=9))
     at, before = belief.mean, np.linalg.inv(belief.scaled_covariance)

@@ -43,7 +43,7 @@ from hil_gateway.dashboard.recording import create_app as recording_app
 from hil_gateway.dashboard.server import create_app
 from hil_gateway.dashboard.setup import setup_of
 from hil_gateway.dashboard.tyre_curve import curves
-from hil_gateway.session.writer import SessionFile
+from hil_gateway.session.files.writer import SessionFile
 from hil_gateway.track.loading import load_track
 
 UNHEARD = replace(PLAN, key="av24/unheard")

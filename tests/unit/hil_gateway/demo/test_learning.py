@@ -14,7 +14,7 @@ from hil_gateway.demo import learn
 from hil_gateway.demo.learn import describe_learning, drive_learn_drive, why_not
 from hil_gateway.demo.model_error import Answer, ask
 from hil_gateway.demo.options import DemoOptions
-from hil_gateway.session.writer import SessionWriter
+from hil_gateway.session.files.writer import SessionWriter
 
 BETTER = {
     "horizon_s": 1.0,

@@ -69,6 +69,13 @@ def test_wheel_loads_carry_weight_and_downforce() -> None:
         assert total == pytest.approx(expected, rel=2e-3)
 
 
+def test_accelerometer_feels_the_road_and_not_the_downforce() -> None:
+    """Air presses down as much as it loads the tyres: the sum is the weight."""
+    for speed, gravity in ((0.0, GRAVITY), (80.0, GRAVITY), (80.0, 1.6 * GRAVITY)):
+        _, out = _rates(_state(vx=speed), _input(gravity_z=gravity))
+        assert out["az"] == pytest.approx(gravity, rel=2e-3)
+
+
 def test_load_moves_by_acceleration_times_height() -> None:
     _, still = _rates(_state(), _input())
     _, braking = _rates(_state(load_ax=-8.0), _input())

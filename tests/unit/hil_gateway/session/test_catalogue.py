@@ -14,11 +14,11 @@ from hil_gateway.bus import messages as m
 from hil_gateway.bus.event import Event, EventKind, Severity
 from hil_gateway.bus.topics import ESTIMATE, EVENT, MODEL_REVISION
 from hil_gateway.cli.main import app
-from hil_gateway.session import catalogue as module
-from hil_gateway.session.catalogue import INDEX, catalogue
-from hil_gateway.session.info import session_info
-from hil_gateway.session.summary import session_summary
-from hil_gateway.session.writer import SessionFile
+from hil_gateway.session.files.writer import SessionFile
+from hil_gateway.session.overview import catalogue as module
+from hil_gateway.session.overview.catalogue import INDEX, catalogue
+from hil_gateway.session.overview.info import session_info
+from hil_gateway.session.overview.summary import session_summary
 from hil_gateway.track.loading import load_track
 
 SPEED = 60.0

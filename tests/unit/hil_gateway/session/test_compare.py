@@ -16,8 +16,8 @@ from hil_gateway.bus.topics import ESTIMATE, VEHICLE_STATE
 from hil_gateway.cli.main import app
 from hil_gateway.dashboard.compare_page import comparison, page
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.lap_table import read_lap
-from hil_gateway.session.writer import SessionFile
+from hil_gateway.session.files.writer import SessionFile
+from hil_gateway.session.overview.lap_table import read_lap
 from hil_gateway.track.loading import load_track
 
 ZEROS = tuple(

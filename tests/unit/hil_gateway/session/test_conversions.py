@@ -15,12 +15,12 @@ from support.session_rig import recorded
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.cli.session import export, import_
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.export import export_candump
-from hil_gateway.session.format import CAN_TOPIC, pack_frame, unpack_frame
-from hil_gateway.session.importer import import_log
-from hil_gateway.session.reader import SessionReader
-from hil_gateway.session.recover import recover
-from hil_gateway.session.writer import SessionFile, SessionWriter
+from hil_gateway.session.exchange.export import export_candump
+from hil_gateway.session.exchange.importer import import_log
+from hil_gateway.session.files.format import CAN_TOPIC, pack_frame, unpack_frame
+from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.files.recover import recover
+from hil_gateway.session.files.writer import SessionFile, SessionWriter
 
 DATE = 1_700_000_000.25
 
@@ -45,7 +45,7 @@ def test_recovered_file_is_complete_and_holds_what_was_readable(tmp_path: Path) 
 
 def test_recovery_says_what_it_has_no_place_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as other_program:
-        other_program.setattr("hil_gateway.session.writer.CAN_TOPIC", "camera")
+        other_program.setattr("hil_gateway.session.files.writer.CAN_TOPIC", "camera")
         with SessionFile(tmp_path / "s.mcap", {}) as file:
             file.add("camera", b"picture", 0, 0, 0)
     done = recover(tmp_path / "s.mcap", tmp_path / "out.mcap")

@@ -16,14 +16,14 @@ from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import COMMAND
 from hil_gateway.process.clock import VirtualClock
 from hil_gateway.process.errors import InputError
-from hil_gateway.session import writer as writer_module
-from hil_gateway.session.export import export_candump
-from hil_gateway.session.importer import import_log
-from hil_gateway.session.info import session_info
-from hil_gateway.session.reader import SessionReader
-from hil_gateway.session.recover import recover
-from hil_gateway.session.replay import in_order, replay, to_bus
-from hil_gateway.session.writer import SessionFile, SessionWriter
+from hil_gateway.session.exchange.export import export_candump
+from hil_gateway.session.exchange.importer import import_log
+from hil_gateway.session.files import writer as writer_module
+from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.files.recover import recover
+from hil_gateway.session.files.writer import SessionFile, SessionWriter
+from hil_gateway.session.overview.info import session_info
+from hil_gateway.session.playback.replay import in_order, replay, to_bus
 
 
 def test_a_restarted_recorder_never_writes_over_what_it_left(tmp_path: Path) -> None:

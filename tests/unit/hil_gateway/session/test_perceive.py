@@ -13,12 +13,12 @@ from hil_gateway.bus.topics import ESTIMATE, VEHICLE_STATE
 from hil_gateway.can_link import Frame
 from hil_gateway.config import Config
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.candump import format_line
 from hil_gateway.session.drive_table import read_drive_table
-from hil_gateway.session.format import unpack_message
-from hil_gateway.session.importer import import_log
-from hil_gateway.session.perceive import perceive
-from hil_gateway.session.reader import SessionReader
+from hil_gateway.session.exchange.candump import format_line
+from hil_gateway.session.exchange.importer import import_log
+from hil_gateway.session.exchange.perceive import perceive
+from hil_gateway.session.files.format import unpack_message
+from hil_gateway.session.files.reader import SessionReader
 
 
 def frames_of_a_drive(seconds: float) -> list[Frame]:

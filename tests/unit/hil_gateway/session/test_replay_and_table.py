@@ -15,11 +15,11 @@ from hil_gateway.can_link import Frame, VirtualWire
 from hil_gateway.process.clock import VirtualClock
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.drive_table import FROM_ESTIMATE, FROM_STATE, read_drive_table
-from hil_gateway.session.export import export_csv, export_parquet
-from hil_gateway.session.format import CAN_TOPIC, pack_frame
-from hil_gateway.session.reader import Item, SessionReader
-from hil_gateway.session.replay import DEFAULT_TOPICS, ids_from_car, in_order, replay, to_bus, to_can
-from hil_gateway.session.writer import SessionWriter
+from hil_gateway.session.exchange.export import export_csv, export_parquet
+from hil_gateway.session.files.format import CAN_TOPIC, pack_frame
+from hil_gateway.session.files.reader import Item, SessionReader
+from hil_gateway.session.files.writer import SessionWriter
+from hil_gateway.session.playback.replay import DEFAULT_TOPICS, ids_from_car, in_order, replay, to_bus, to_can
 
 STEP_NS = 10_000_000
 

@@ -19,10 +19,10 @@ from hil_gateway.bus.messages import Command, ModelRevision
 from hil_gateway.bus.topics import COMMAND, MODEL_REVISION, TOPICS
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.format import CAN_TOPIC, pack_frame, unpack_frame
-from hil_gateway.session.info import session_info
-from hil_gateway.session.reader import SessionReader
-from hil_gateway.session.writer import SessionWriter
+from hil_gateway.session.files.format import CAN_TOPIC, pack_frame, unpack_frame
+from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.files.writer import SessionWriter
+from hil_gateway.session.overview.info import session_info
 
 
 def test_session_opens_with_the_mcap_reader_and_has_a_channel_for_every_topic(tmp_path: Path) -> None:

@@ -11,10 +11,10 @@ from can_dbc.codec import Codec, Fault, load_codec
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.export import Exported
-from hil_gateway.session.format import CAN_TOPIC, named, unpack_frame
-from hil_gateway.session.output import output_file
-from hil_gateway.session.reader import SessionReader
+from hil_gateway.session.exchange.export import Exported
+from hil_gateway.session.files.format import CAN_TOPIC, named, unpack_frame
+from hil_gateway.session.files.output import output_file
+from hil_gateway.session.files.reader import SessionReader
 
 STEP_NS = NS_PER_S // 100
 """the quickest messages of the car come this often"""

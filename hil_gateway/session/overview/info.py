@@ -10,8 +10,8 @@ from typing import Any
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure
-from hil_gateway.session.reader import SessionReader
-from hil_gateway.session.summary import session_summary
+from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.overview.summary import session_summary
 
 
 def session_info(path: Path) -> dict[str, Any]:

@@ -16,8 +16,8 @@ from hil_gateway.bus.topics import COMMAND, OPERATOR, PLAYBACK, TOPICS
 from hil_gateway.can_link import CanLink
 from hil_gateway.process.clock import NS_PER_S, Clock
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.format import CAN_TOPIC, unpack_frame, unpack_message
-from hil_gateway.session.reader import Item
+from hil_gateway.session.files.format import CAN_TOPIC, unpack_frame, unpack_message
+from hil_gateway.session.files.reader import Item
 
 WINDOW_NS = NS_PER_S // 2
 """messages are recorded in the order they were picked up, at most this much out of order of their stamps"""

@@ -12,10 +12,17 @@ from typing import Any
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.candump import CUT_OFF, LONGER_FRAME, REMOTE_REQUEST, LeftOut, LoggedFrame, read_candump
-from hil_gateway.session.format import CAN_TOPIC, METADATA_SESSION, dbc_hash, pack_frame, software_version
-from hil_gateway.session.output import output_file
-from hil_gateway.session.writer import FLUSH_EVERY, SessionFile
+from hil_gateway.session.exchange.candump import (
+    CUT_OFF,
+    LONGER_FRAME,
+    REMOTE_REQUEST,
+    LeftOut,
+    LoggedFrame,
+    read_candump,
+)
+from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, dbc_hash, pack_frame, software_version
+from hil_gateway.session.files.output import output_file
+from hil_gateway.session.files.writer import FLUSH_EVERY, SessionFile
 
 CANDUMP = ".log"
 SUFFIXES = (CANDUMP, ".asc", ".blf")

@@ -17,11 +17,11 @@ from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.events.log import EventLog
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.format import CAN_TOPIC, METADATA_SESSION, dbc_hash, named, pack_frame, unpack_frame
-from hil_gateway.session.format import software_version as software
-from hil_gateway.session.output import output_file
-from hil_gateway.session.reader import SessionReader
-from hil_gateway.session.writer import FLUSH_EVERY, SessionFile
+from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, dbc_hash, named, pack_frame, unpack_frame
+from hil_gateway.session.files.format import software_version as software
+from hil_gateway.session.files.output import output_file
+from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.files.writer import FLUSH_EVERY, SessionFile
 
 PERIOD_NS = NS_PER_S // 100
 KEPT: tuple[Topic[Any], ...] = (VEHICLE_STATE, GATEWAY_STATUS, EVENT)

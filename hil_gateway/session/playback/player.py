@@ -11,9 +11,9 @@ from hil_gateway.bus.zenoh_bus import HUB, open_bus
 from hil_gateway.can_link import LinkStats, open_link
 from hil_gateway.config import Config
 from hil_gateway.process.clock import SystemClock
-from hil_gateway.session.format import named
-from hil_gateway.session.reader import Item, SessionReader
-from hil_gateway.session.replay import Send, announcing, ids_from_car, in_order, replay, to_bus, to_can
+from hil_gateway.session.files.format import named
+from hil_gateway.session.files.reader import Item, SessionReader
+from hil_gateway.session.playback.replay import Send, announcing, ids_from_car, in_order, replay, to_bus, to_can
 
 
 @dataclass(frozen=True)

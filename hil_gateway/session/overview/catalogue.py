@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.summary import session_summary
+from hil_gateway.session.overview.summary import session_summary
 
 INDEX = ".hil-sessions.json"
 VERSION = 1

@@ -27,7 +27,7 @@ from mcap.records import Channel, Chunk, Metadata
 from hil_gateway.bus.topics import TOPICS
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.format import CAN_TOPIC
+from hil_gateway.session.files.format import CAN_TOPIC
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEADER = struct.Struct("<BQ")

@@ -16,8 +16,8 @@ from hil_gateway.bus.topics import ALERT, ESTIMATE, EVENT, GATEWAY_STATUS, MODEL
 from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.format import METADATA_SESSION, named, unpack_message
-from hil_gateway.session.reader import Item, SessionReader
+from hil_gateway.session.files.format import METADATA_SESSION, named, unpack_message
+from hil_gateway.session.files.reader import Item, SessionReader
 from hil_gateway.track.lap_clock import LapClock
 from hil_gateway.track.loading import DEFAULT_TRACK, load_track
 from hil_gateway.track.track import Track

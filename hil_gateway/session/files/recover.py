@@ -6,9 +6,9 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from hil_gateway.session.output import output_file
-from hil_gateway.session.reader import SessionReader
-from hil_gateway.session.writer import FLUSH_EVERY, SessionFile
+from hil_gateway.session.files.output import output_file
+from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.files.writer import FLUSH_EVERY, SessionFile
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,102 @@
+"""Laps as they are driven, as drive-log columns in memory: what offline diagnosis reads from a recording.
+
+Specific forces are without the biases that the state filter estimates, as the belief takes them, and the load that the
+road adds is a column of its own: what is found belongs to the same model that is driven with.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+
+import numpy as np
+
+from estimator.model.extra_load import extra_load
+from hil_gateway.bus.interface import Bus
+from hil_gateway.bus.messages import Estimate, Plan, VehicleState
+from hil_gateway.bus.topics import ESTIMATE, PLAN, VEHICLE_STATE
+from hil_gateway.process.arrays import Array
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.session.drive_table import FROM_ESTIMATE, FROM_STATE
+
+MOST_LAPS = 5
+"""complete laps kept, the newest: four to learn from take a quarter of an hour of one slow processor at most"""
+MOST_ROWS = 30_000
+"""of one lap, five minutes at 100 Hz: what is slower than that is no lap"""
+QUEUE_S = 5.0
+"""how long the learner may be held up before rows are lost"""
+WAITING = 100
+"""vehicle states kept until their estimate comes, one second"""
+COLUMNS = ("t", *FROM_ESTIMATE, *FROM_STATE, "extra_load")
+
+
+class Collector:
+    """The newest laps; `step` takes in what has arrived."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._states = bus.subscribe(VEHICLE_STATE, depth=round(QUEUE_S * VEHICLE_STATE.rate_hz))
+        self._estimates = bus.subscribe(ESTIMATE, depth=round(QUEUE_S * ESTIMATE.rate_hz))
+        self._plans = bus.subscribe(PLAN, depth=round(QUEUE_S * PLAN.rate_hz))
+        self._waiting: OrderedDict[int, VehicleState] = OrderedDict()
+        self._laps: dict[int, list[tuple[float, ...]]] = {}
+        self._began_ns: dict[int, int] = {}
+        self.stamp_ns = 0
+        """of the newest vehicle state"""
+        self.plan: Plan | None = None
+
+    @property
+    def complete(self) -> list[int]:
+        """Numbers of the laps that are over, oldest first."""
+        return sorted(self._laps)[:-1]
+
+    @property
+    def done(self) -> int:
+        """Laps over since the run began."""
+        return self.plan.lap if self.plan else 0
+
+    def lap_s(self, lap: int) -> float:
+        """Time of a complete lap, to one plan."""
+        return (self._began_ns[lap + 1] - self._began_ns[lap]) / NS_PER_S
+
+    def columns(self) -> dict[str, Array]:
+        """name -> (n,) columns of the complete laps, `lap` among them."""
+        laps = self.complete
+        rows = np.array([row for lap in laps for row in self._laps[lap]])
+        columns = dict(zip(COLUMNS, rows.T, strict=True))
+        columns["lap"] = np.repeat(np.array(laps, float), [len(self._laps[lap]) for lap in laps])
+        columns["t"] = columns["t"] - columns["t"][0]
+        return columns
+
+    def step(self, now_ns: int) -> None:
+        """Take in what has arrived."""
+        for state in self._states.poll(now_ns):
+            self._waiting[state.stamp_ns], self.stamp_ns = state, state.stamp_ns
+            if len(self._waiting) > WAITING + QUEUE_S * VEHICLE_STATE.rate_hz:
+                self._waiting.popitem(last=False)
+        for plan in self._plans.poll(now_ns):
+            self._note_lap(plan)
+        for estimate in self._estimates.poll(now_ns):
+            if estimate.state_stamp_ns in self._waiting:
+                state = self._waiting.pop(estimate.state_stamp_ns)
+                if estimate.valid and self._laps:
+                    self._add(state, estimate)
+
+    def _note_lap(self, plan: Plan) -> None:
+        self.plan = plan
+        if plan.lap not in self._laps and (not self._laps or plan.lap > max(self._laps)):
+            self._laps[plan.lap], self._began_ns[plan.lap] = [], plan.state_stamp_ns
+            for old in sorted(self._laps)[: -(MOST_LAPS + 1)]:
+                del self._laps[old], self._began_ns[old]
+
+    def _add(self, state: VehicleState, estimate: Estimate) -> None:
+        """One row, of the lap that had begun at its stamp."""
+        lap = max((n for n, began in self._began_ns.items() if began <= state.stamp_ns), default=min(self._laps))
+        if len(self._laps[lap]) < MOST_ROWS:
+            self._laps[lap].append(_row(state, estimate))
+
+
+def _row(state: VehicleState, estimate: Estimate) -> tuple[float, ...]:
+    """Values in the order of `COLUMNS`."""
+    values = {name: get(state) for name, get in FROM_STATE.items()}
+    values["ax"], values["ay"] = state.ax - estimate.bias_ax, state.ay - estimate.bias_ay
+    motion = (get(estimate) for get in FROM_ESTIMATE.values())
+    return (state.stamp_ns / NS_PER_S, *motion, *values.values(), extra_load(state.az))

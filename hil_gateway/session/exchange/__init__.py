@@ -1,0 +1,1 @@
+"""Recordings from and to other tools: logs in, tables and logs out."""

@@ -1,0 +1,1 @@
+"""What a recording holds: laps, stops, figures, lists of recordings."""

@@ -1,0 +1,1 @@
+"""A recording sent again, on the bus or on CAN."""
