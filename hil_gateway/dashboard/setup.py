@@ -48,10 +48,7 @@ def track_outline(track: Track) -> dict[str, Any]:
 def edges(track: Track, inset: float = 0.0) -> dict[str, dict[str, list[float]]]:
     """`left` and `right` edge, `inset` m inside the road's, m, thinned for drawing."""
     step = max(len(track.x) // TRACK_POINTS, 1)
-    normal_x, normal_y = -np.sin(track.heading), np.cos(track.heading)
-
-    def edge(offset: Any) -> dict[str, list[float]]:
-        x, y = track.x + offset * normal_x, track.y + offset * normal_y
-        return {"x": np.round(x[::step], 2).tolist(), "y": np.round(y[::step], 2).tolist()}
-
-    return {"left": edge(track.width_left - inset), "right": edge(inset - track.width_right)}
+    left, right = (
+        {"x": np.round(x[::step], 2).tolist(), "y": np.round(y[::step], 2).tolist()} for x, y in track.edges(inset)
+    )
+    return {"left": left, "right": right}
