@@ -160,7 +160,16 @@ def load_shares(plan: Plan, bounds: Bounds, forces: ForceModel) -> tuple[Array, 
 
     Beyond the peak the force falls and a share goes on rising: a slide is no way to keep to a limit.
     """
-    f = forces(plan.vx, plan.vy, plan.yaw_rate, plan.steer, plan.drive, extra_load=plan.extra_load)
+    return shares_of(plan, bounds, stage_forces(plan, forces))
+
+
+def stage_forces(plan: Plan, forces: ForceModel) -> AxleForces:
+    """Forces of both axles at every stage, arrays (N+1,)."""
+    return forces(plan.vx, plan.vy, plan.yaw_rate, plan.steer, plan.drive, extra_load=plan.extra_load)
+
+
+def shares_of(plan: Plan, bounds: Bounds, f: AxleForces) -> tuple[Array, Array]:
+    """`load_shares` of forces that are known already."""
     dynamic = np.clip((plan.vx - KINEMATIC_SPEED) / 5.0, 0.0, 1.0)
     f = replace(f, fy_f=dynamic * f.fy_f, fy_r=dynamic * f.fy_r)
     combine = (lambda x, y: np.abs(x + y)) if bounds.literal_load else np.hypot

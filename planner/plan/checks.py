@@ -17,6 +17,7 @@ from estimator.model.single_track import SIGNALS, Terms
 from estimator.model.tyre import front_and_rear
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.compiled import CompiledFunction, compile_function
 from planner.adoption.adoption import Adopted
 from planner.line.raceline import RaceLine
 from planner.plan import acceptance
@@ -49,11 +50,13 @@ class PlanCheck:
         forces = self._force_model(adopted)
         bounds = bounds_of(self._settings, controller.knowledge.load_max, float(solution.z[7, 0]))
         plan = plan_of(solution, controller.reference.line)
-        loads = acceptance.load_shares(plan, bounds, forces)
+        felt = acceptance.stage_forces(plan, forces)
+        loads = acceptance.shares_of(plan, bounds, felt)
         self.first_loads = float(loads[0][0]), float(loads[1][0])
         self.worst_load = float(max(share[1:].max() for share in loads))
         self.first_gain = float(solution.information[0])
-        return acceptance.violations(plan, bounds, forces, defects(plan, bounds.dt, forces, self._vehicle), loads)
+        gaps = defects(plan, bounds.dt, forces, self._vehicle, felt)
+        return acceptance.violations(plan, bounds, forces, gaps, loads)
 
     def _force_model(self, adopted: Adopted) -> ForceModel:
         if self._forces is None or adopted.revised is not self._model:
@@ -115,18 +118,23 @@ MIN_DYNAMIC_SPEED = 12.0
 """m/s: below it the plan is kinematic and its lateral motion is not judged by Eq. (1)"""
 
 
-def defects(plan: acceptance.Plan, dt: float, forces: ForceModel, vehicle: Vehicle) -> Array:
+def defects(
+    plan: acceptance.Plan, dt: float, forces: ForceModel, vehicle: Vehicle, felt: AxleForces | None = None
+) -> Array:
     """Gap (6, N) between each stage and the motion by Eq. (1) from the one before: Hermite-Simpson defects.
 
-    Inputs run straight from stage to stage. Gravity on grade and bank is left out: far below what counts as a gap.
+    Inputs run straight from stage to stage; `felt` are the forces at the stages where they are known. Gravity on
+    grade and bank is left out: far below what counts as a gap.
     Source: Hargraves & Paris, J. Guidance 10 (1987).
     """
     state = np.vstack([plan.x, plan.y, plan.yaw, plan.vx, plan.vy, plan.yaw_rate])
     inputs = np.vstack([plan.steer, plan.drive, plan.extra_load])
-    slope = _motion(state, inputs, forces, vehicle)
+    slope = _motion(state, inputs[0], felt or acceptance.stage_forces(plan, forces), vehicle)
     before, after, slope_before, slope_after = state[:, :-1], state[:, 1:], slope[:, :-1], slope[:, 1:]
     middle = 0.5 * (before + after) + dt / 8 * (slope_before - slope_after)
-    slope_middle = _motion(middle, 0.5 * (inputs[:, :-1] + inputs[:, 1:]), forces, vehicle)
+    steer, drive, extra = 0.5 * (inputs[:, :-1] + inputs[:, 1:])
+    between = forces(middle[3], middle[4], middle[5], steer, drive, extra_load=extra)
+    slope_middle = _motion(middle, steer, between, vehicle)
     gap = after - before - dt / 6 * (slope_before + 4 * slope_middle + slope_after)
     judged = before[3] > MIN_DYNAMIC_SPEED
     gap[:3] *= judged
@@ -134,11 +142,9 @@ def defects(plan: acceptance.Plan, dt: float, forces: ForceModel, vehicle: Vehic
     return gap
 
 
-def _motion(state: Array, inputs: Array, forces: ForceModel, vehicle: Vehicle) -> Array:
+def _motion(state: Array, steer: Array, f: AxleForces, vehicle: Vehicle) -> Array:
     """Eq. (1)."""
     _, _, yaw, vx, vy, rate = state
-    steer, drive, extra_load = inputs
-    f = forces(vx, vy, rate, steer, drive, extra_load=extra_load)
     (cos_yaw, cos_steer), (sin_yaw, sin_steer) = np.cos([yaw, steer]), np.sin([yaw, steer])
     front_x = f.fx_f * cos_steer - f.fy_f * sin_steer
     front_y = f.fy_f * cos_steer + f.fx_f * sin_steer
@@ -162,14 +168,21 @@ def interpreted_forces(revised: RevisedModel) -> ForceModel:
     terms = model.evaluate(Terms(model.vehicle, **named, aux={"extra_load": extra}), list(revised.theta), phi)
     names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r", "slip_f", "slip_r")
     function = ca.Function("forces", [signals], [ca.densify(ca.vertcat(*(getattr(terms, n) for n in names)))])
+    at_once: dict[int, CompiledFunction] = {}
+    """number of stages -> the function over all of them, in CasADi's virtual machine"""
     tyre = [p.name for p in model.tyre_table]
     b, c = np.array([revised.theta[list(axle.rows(tyre)[:2])] for axle in front_and_rear(model.layout)]).T[:, :, None]
 
     def forces(
         vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, *, extra_load: Array | float = 0.0
     ) -> AxleForces:
-        extra = np.broadcast_to(extra_load, vx.shape)
-        values = np.array(function(np.vstack([vx, vy, yaw_rate, steer, drive, extra])))
+        if len(vx) not in at_once:
+            at_once[len(vx)] = compile_function(function.map(len(vx)), compiled=False)
+        run = at_once[len(vx)]
+        for row, values in enumerate((vx, vy, yaw_rate, steer, drive, extra_load)):
+            run.inputs[0][row] = values
+        run()
+        values = run.outputs[0].copy()
         return AxleForces(*values[:6], *acceptance.beyond_peak(c * np.arctan(b * values[6:])))
 
     return forces

@@ -32,10 +32,20 @@ def candidates(record: Record, active: Collection[str]) -> list[Effect]:
     ]  # fmt: skip
 
 
-def screen(setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]) -> list[Trial]:
-    """Predicted evidence of every candidate on part of the windows, best first, from linearisations there."""
+def open_candidates(setting: Setting, accepted: Sequence[str]) -> list[Effect]:
+    """Effects of the catalogue that a search may still add: not accepted, not in the model in force, not ruled out."""
     possible = candidates(setting.record, {*accepted, *setting.active_names})
-    effects = [effect for effect in possible if effect.name not in setting.untried]
+    return [effect for effect in possible if effect.name not in setting.untried]
+
+
+def screen(
+    setting: Setting,
+    accepted: Sequence[str],
+    current: Fit,
+    progress: Callable[[str], None],
+    effects: Sequence[Effect],
+) -> list[Trial]:
+    """Predicted evidence of each of `effects` on part of the windows, best first, from linearisations there."""
     setting, current = _thinned(setting, current)
     before, count = current.held_out(), SCREENING_STRIDE * current.normal.count
     alone = {e.name for e in effects if e.initial or e.profile}

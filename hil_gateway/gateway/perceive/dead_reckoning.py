@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 from hil_gateway.bus.messages import Estimate, VehicleState
+from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.process.clock import NS_PER_S
 
@@ -65,6 +66,11 @@ class DeadReckoning:
             if believe_fixes:
                 self.pose = self._corrected(self.pose, state, motion)
         return self.pose
+
+    def restart(self, now_ns: int, course: Course) -> None:
+        """Go on from the fixes alone: what has been reckoned so far was reckoned with a sensor that lies."""
+        self.pose = Pose(course.x, course.y, course.course, course.speed)
+        self._pose_ns, self._blind_m = now_ns, 0.0
 
     def _carried_on(self, pose: Pose, now_ns: int, motion: Motion) -> Pose:
         dt = min(max((now_ns - self._pose_ns) / NS_PER_S, 0.0), LONGEST_S)

@@ -1,0 +1,29 @@
+"""A car that is not the declared one, with the real planner, estimator and plant at speed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil_gateway.config import Config
+from hil_gateway.plant.car_file import SimulatedCar
+from planner.simulation.loop import Loop
+
+NERVOUS = SimulatedCar(grip_front=1.17, grip_rear=0.94, mass=836.6, yaw_inertia=924.6, cg_x=0.065, downforce=1.09)
+"""much grip in front, little behind, quick to turn, and tyres stiffer by half than declared"""
+IN_THE_BEND = (14.5, 17.5)
+"""s, in the first fast bend of the first lap, when its tyres have been felt for ten seconds"""
+
+
+@pytest.mark.slow
+def test_a_nervous_car_does_not_weave_in_its_first_fast_bend() -> None:
+    loop = Loop(Config(track="tri_oval"), simulated=NERVOUS)
+    yaw_rate = []
+    while loop.elapsed_s < IN_THE_BEND[1]:
+        loop.step()
+        yaw_rate.append(loop.plant.car["yaw_rate"])
+    in_bend = np.array(yaw_rate[-round(100 * (IN_THE_BEND[1] - IN_THE_BEND[0])) :])
+    swing = in_bend[50:-49] - np.convolve(in_bend, np.ones(100) / 100, "valid")
+    assert loop.plant.car["vx"] > 65.0
+    assert np.max(np.abs(swing)) < 0.1, "rad/s about its mean over a second"
+    assert loop.finish().worst_margin_m > 0.3
