@@ -1,11 +1,13 @@
 """Planner: solvers side by side on recorded steps, the time of a whole plan, the optimality gap of one SQP iteration.
 
 python benchmarks/planner.py [--steps N] [--record FILE | --recorded FILE] [--json]
+python benchmarks/planner.py --disturbed N [--steps N]: how many of N recorded and disturbed QPs are solved
 
 Every solver is given the same steps of one closed-loop drive, in turn; the slow ones every twentieth. The peer is HPIPM
 of the CasADi wheel, its stage functions compiled one stage at a time. The peer of the gap is the same drive with
 every step solved to convergence. Durations are CPU time of the thread. With --record the steps of the plain problem
-are kept in a file, with --recorded they come from one.
+are kept in a file, with --recorded they come from one. acados is in no package registry and so not on the ladder; the
+recorded file holds what another solver needs to be measured on the same steps.
 """
 
 from __future__ import annotations
@@ -19,9 +21,11 @@ sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != Path(__file__)
 # ruff: noqa: E402
 import argparse
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from rich.progress import track as track_progress
 
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import load_config
@@ -31,7 +35,9 @@ from planner.plan.exploring import exploring
 from planner.problem.settings import Information, Settings
 from planner.simulation.loop import Loop
 from planner.solver.functions import build_functions
+from planner.solver.sqp import Sqp
 from planner.studies.bench import INFORMATION_WEIGHT, Run, bench_controller, clock, drive, percentiles
+from planner.studies.disturbed import LEVELS, FirstSolverOnly, solved
 from planner.studies.ladder import climb, rungs
 from planner.studies.recorded import load, record, save
 
@@ -40,6 +46,8 @@ CONVERGED_ITERATIONS = 15
 SELDOM = 20
 """steps between two that the slow solvers are given"""
 PLAN_SECONDS = 30.0
+HPIPM_SHARE = 20
+"""HPIPM is given one in so many of the disturbed QPs, the first ones: it takes ten times as long"""
 
 
 def settings(weight: float) -> Settings:
@@ -57,6 +65,22 @@ def ladder_rows(track: Track, weight: float, steps: int, files: argparse.Namespa
     functions = build_functions(controller.problem)
     ladder = rungs(controller.problem, functions, controller, clock, SELDOM)
     return [{"problem": "plain" if plain else "infomax", **row} for row in climb(ladder, recorded)]
+
+
+def disturbed_qps(track: Track, steps: int, count: int) -> list[dict[str, Any]]:
+    """QPs solved by the generated solver alone, and by HPIPM on the first of the same ones."""
+    rows = []
+    for name, weight in (("plain", 0.0), ("infomax", INFORMATION_WEIGHT)):
+        controller, _ = bench_controller(track, Vehicle(), settings(weight))
+        recorded = record(controller, steps)
+        functions, each = build_functions(controller.problem), count // (2 * len(LEVELS))
+        ours = FirstSolverOnly(controller.problem, functions)
+        hpipm = Sqp(controller.problem, replace(functions, library=None), "hpipm")
+        for level in LEVELS:
+            for solver, sqp, share in (("fixed", ours, 1), ("hpipm", hpipm, HPIPM_SHARE)):
+                bar = track_progress(range(each // share), description=f"{name}, {solver}, {level:g}", transient=True)
+                rows.append({"problem": name, "solver": solver, **solved(sqp, recorded, level, bar, clock)})
+    return rows
 
 
 def whole_plan(seconds: float) -> dict[str, dict[str, float]]:
@@ -107,9 +131,14 @@ def main() -> int:
     parser.add_argument("--steps", type=int, default=400, help="steps a drive; 2000 are a lap")
     parser.add_argument("--record", type=Path, help="keep the recorded steps in this file (npz)")
     parser.add_argument("--recorded", type=Path, help="solve the steps in this file instead of driving")
+    parser.add_argument("--disturbed", type=int, default=0, help="only count what is solved of so many QPs")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     track = load_track()
+    if arguments.disturbed:
+        table = disturbed_qps(track, arguments.steps, arguments.disturbed)
+        print(json.dumps(table) if arguments.json else "\n".join(aligned(table)))
+        return 0
     rows = [
         row for weight in (0.0, INFORMATION_WEIGHT) for row in ladder_rows(track, weight, arguments.steps, arguments)
     ]
@@ -121,12 +150,16 @@ def main() -> int:
     return 0 if max(gaps) <= GAP_ALLOWED else 1
 
 
+def aligned(rows: list[dict[str, Any]]) -> list[str]:
+    """Lines of a table."""
+    widths = {c: max(len(c), *(len(str(row[c])) for row in rows)) for c in rows[0]}
+    header = "  ".join(f"{c:>{width}}" for c, width in widths.items())
+    return [header, *("  ".join(f"{row[c]!s:>{width}}" for c, width in widths.items()) for row in rows)]
+
+
 def report(result: dict[str, Any]) -> str:
     """Tables for people."""
-    rows = result["timing_ms"]
-    widths = {c: max(len(c), *(len(str(row[c])) for row in rows)) for c in rows[0]}
-    lines = ["  ".join(f"{c:>{width}}" for c, width in widths.items())]
-    lines += ["  ".join(f"{row[c]!s:>{width}}" for c, width in widths.items()) for row in rows]
+    lines = aligned(result["timing_ms"])
     lines += [f"{name}: {figures} ms" for name, figures in result["whole_plan_ms"].items()]
     for name in ("plain", "infomax"):
         gap = result[f"optimality_gap_{name}"]

@@ -49,18 +49,24 @@ def add_missing_channels(
 
 def derivative(t: Array, values: Array, segment: NDArray[np.int64], span: float = DERIVATIVE_SPAN_S) -> Array:
     """d/dt of (n,) `values` by local parabolas (Savitzky & Golay 1964) within each uninterrupted segment."""
-    from scipy.signal import savgol_filter
-
     step = float(np.median(np.diff(t)))
     window = max(5, 2 * round(0.5 * span / step) + 1)
     result = np.zeros_like(values)
     bounds = np.concatenate([[0], np.flatnonzero(np.diff(segment)) + 1, [len(t)]])
     for a, b in itertools.pairwise(bounds):
         if b - a >= window:
-            result[a:b] = savgol_filter(values[a:b], window, 2, deriv=1, delta=step)
+            result[a:b] = _parabola_slopes(values[a:b], window // 2) / step
         elif b - a > 1:
             result[a:b] = np.gradient(values[a:b], t[a:b])
     return result
+
+
+def _parabola_slopes(values: Array, half: int) -> Array:
+    """Slope per sample of the parabola through each sample and `half` on either side; at the ends of the last one."""
+    at = np.arange(-half, half + 1)
+    inner = np.convolve(values, -at / (at @ at), "valid")
+    first, last = (np.polyder(np.polyfit(at, part, 2)) for part in (values[: len(at)], values[-len(at) :]))
+    return np.concatenate([np.polyval(first, at[:half]), inner, np.polyval(last, at[-half:])])
 
 
 def derive_drive(path: Path, columns: dict[str, Array], segment: NDArray[np.int64]) -> tuple[Array, str]:

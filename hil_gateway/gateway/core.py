@@ -21,6 +21,7 @@ from hil_gateway.gateway.decide.conditions import Conditions
 from hil_gateway.gateway.decide.decision import Decision, decide
 from hil_gateway.gateway.decide.failsafe import Failsafe, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import caution_speed, flags_in_force, flags_received
+from hil_gateway.gateway.perceive.course import CourseReader
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning
 from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.monitors.monitors import Monitors
@@ -43,7 +44,8 @@ class Gateway:
         self.builder = VehicleStateBuilder(config, codec, actuation)
         self.inbox = Inbox(bus, config.gateway.command_latency_max_s)
         self._monitors = Monitors(config, track)
-        self._dead_reckoning = DeadReckoning()
+        self._dead_reckoning = DeadReckoning(config.vehicle.lr)
+        self._course = CourseReader()
         self._conditions = Conditions(self.builder, config.gateway.mode)
         self.decision = Decision()
         self._actor = Actor(config, codec, link, actuation, track)
@@ -67,14 +69,19 @@ class Gateway:
         self.inbox.read_commands(now_ns, before.failsafe.armed)
         if (plan := self.inbox.read_plan(now_ns)) is not None:
             self._actor.stopping.take_plan(plan, stopping=before.stopping)
-        motion = self._monitors.motion.step(now_ns, state)
+        fixes_fit, imu_wrong = self._monitors.fixes_fit, self._monitors.imu_wrong
+        course = self._course.step(now_ns, self.builder.fixes)
+        motion = self._monitors.motion.step(now_ns, state, course if fixes_fit else None)
         self._monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
         estimate, fixes_fit = self.inbox.read_estimate(now_ns), self._monitors.fixes_fit
         believed = estimate if fixes_fit and not self._monitors.imu_suspect else None
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, fixes_fit)
         request = self.inbox.read_request(now_ns)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
-        monitored = self._monitors.measures(now_ns, state, pose, commanded)
+        trusted = None if self._monitors.position.wrong and not imu_wrong else course
+        monitored = self._monitors.measures(now_ns, state, pose, commanded, trusted)
+        if course is not None and self._monitors.imu_wrong and not imu_wrong:
+            self._dead_reckoning.restart(now_ns, course)
         situation = self._conditions.situation(
             now_ns, state, request, before, gate.age_s(now_ns), self.inbox.estimate, monitored
         )

@@ -21,6 +21,8 @@ from hil_gateway.process.arrays import Array
 MAX_ITERATIONS = 14
 CONVERGED = 0.3, 1e-4
 """A step that lowers the deviance by less, absolutely or relative to all it was lowered by, ends the fit."""
+RELIEF = 10.0
+"""by which damping falls after a good step; its root after each step that was too long"""
 
 
 @dataclass(frozen=True)
@@ -84,29 +86,38 @@ def normal_at(predictor: Predictor, parameters: Array, noise: Noise) -> tuple[No
     return normal, at
 
 
-def fit(predictor: Predictor, start: Array, noise: Noise | None = None, iterations: int = MAX_ITERATIONS) -> Fit:
-    """Fit all parameters from `start`; `noise` weighs the channels, default: that of the sensors."""
+def fit(
+    predictor: Predictor,
+    start: Array,
+    noise: Noise | None = None,
+    iterations: int = MAX_ITERATIONS,
+    least: float = CONVERGED[0],
+) -> Fit:
+    """Fit all parameters from `start`; `noise` weighs the channels, default: that of the sensors.
+
+    A step that lowers the deviance by less than `least` is the last.
+    """
     noise = noise or Noise.white(predictor.record.block_noise)
     lower, upper = predictor.bounds
     at = np.clip(start, lower, upper)
     coordinates = Coordinates.of([p.name for p in predictor.model.tyre_table], lower, upper)
     normal, _ = normal_at(predictor, at, noise)
     first = best = _objective(predictor, normal, at)
-    damping, relief = 1e-4, 10.0
+    damping, relief = 1e-4, RELIEF
     for _ in range(iterations):
         trial = coordinates.damped_step(normal, at, damping)
         new, _ = normal_at(predictor, trial, noise)
         value = _objective(predictor, new, trial)
         if not np.isfinite(value) or value > best:
-            if value < best + CONVERGED[0]:
+            if value < best + least:
                 break
-            damping, relief = max(damping, 1e-3) * 10, 1.0
+            damping, relief = max(damping, 1e-3) * 10, np.sqrt(relief)
             if damping > 1e4:
                 break
             continue
-        gained, best, damping, relief = best - value, value, damping / relief, 10.0
+        gained, best, damping = best - value, value, damping / relief
         at, normal = trial, new
-        if gained < CONVERGED[0] + CONVERGED[1] * (first - best):
+        if gained < least + CONVERGED[1] * (first - best):
             break
     return Fit(predictor, at, normal, noise)
 

@@ -144,6 +144,15 @@ class Predictor:
     def _points(self) -> list[int]:
         return [i for b in self.blocks if not b.effect.profile for i in range(b.parameters.start, b.parameters.stop)]
 
+    @property
+    def _unseen(self) -> list[int]:
+        """Tyre parameters that stay at their prior: lateral ones where nothing lateral is measured.
+
+        The forward motion alone would bend them until the drag of the front tyres stands in for what the model lacks.
+        """
+        lateral = self.record.used[list(LATERAL)].any()
+        return [i for i, p in enumerate(self.model.tyre_table) if not lateral and p.name != "cx"]
+
     @cached_property
     def _plain_inputs(self) -> Array:
         record = self.record
@@ -202,11 +211,14 @@ class Predictor:
             for i in range(block.parameters.start, block.parameters.stop):
                 step = MEMORY_STEP * self.table[i].prior_std
                 jacobian[:, i] = (self.predict(parameters + step * np.eye(self.size)[i]) - values) / step
+        jacobian[:, self._unseen] = 0.0
         return values, by[:, :STATES].reshape(c, STATES, *shape), jacobian
 
 
 STATES = 3
 """vx, vy, yaw_rate: the first of `SIGNALS`, and the integrals of the last three channels (other order)."""
+LATERAL = (1, 2, 4)
+"""Rows of ay, yaw rate and vy (`record.MEASURED`)."""
 OFF_NEUTRAL = 0.1
 """Share of its start that an effect keeps whose neutral value, at its lower bound, is a stationary point."""
 MEMORY_STEP = 0.02

@@ -38,18 +38,26 @@ class Propagator:
 
         `state_by` (5, 3, windows, blocks) are the derivatives of the channels by vx, vy, yaw_rate; `step` in s.
         """
-        a = np.moveaxis(state_by[list(MOTION)], (0, 1), (2, 3)) * (step / 2**DOUBLINGS)
-        identity = np.eye(3)
+        shape = state_by.shape[2:]
+        a = state_by[list(MOTION)].reshape(3, 3, -1) * (step / 2**DOUBLINGS)
+        identity = np.eye(3)[:, :, None]
         power, decay, first, second = (np.broadcast_to(identity / d, a.shape).copy() for d in (1.0, 1.0, 1.0, 2.0))
         factorial = 1.0
         for j in range(1, ORDER):
-            power = power @ a
+            power = _product(power, a)
             factorial *= j
             decay += power / factorial
             first += power / (factorial * (j + 1))
             second += power / (factorial * (j + 1) * (j + 2))
         for _ in range(DOUBLINGS):
-            second = (first @ first + 2.0 * second) / 4.0
-            first = first @ (decay + identity) / 2.0
-            decay = decay @ decay
+            second = (_product(first, first) + 2.0 * second) / 4.0
+            first = _product(first, decay + identity) / 2.0
+            decay = _product(decay, decay)
+        rows = (np.ascontiguousarray(np.moveaxis(m, 2, 0)).reshape(*shape, 3, 3) for m in (decay, first, second))
+        decay, first, second = rows
         return cls(decay, first, first, second)
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Matrix products of (3, 3, n) by (3, 3, n): with n last, several times faster than `@` on small matrices."""
+    return np.asarray(np.einsum("ijn,jkn->ikn", a, b))

@@ -42,11 +42,21 @@ def _laps_from_position(log: DriveLog) -> Ints:
     return laps
 
 
-def track_position(log: DriveLog, lap: Ints, has_laps: bool) -> tuple[Array, float]:
+def scored_laps(lap: Ints, has_laps: bool) -> tuple[int, ...]:
+    """Laps that no fit or choice sees: every third, counted from the last; every fourth block where there are no laps.
+
+    Fixed by their numbers alone. The laps between them tell of what begins late, or in the last lap only, apart.
+    """
+    numbers = np.unique(lap).tolist()
+    return tuple(sorted(numbers[::-3])) if has_laps else tuple(numbers[3::4])
+
+
+def track_position(log: DriveLog, lap: Ints, has_laps: bool, learnt: Ints) -> tuple[Array, float]:
     """(n,) m along the lap, every lap stretched to the median length, and that length; 0 without laps.
 
     Where positions are known, along the line of the lap whose length is the median: lines differ from lap to lap by
-    several metres, which would blur the edges of a stretch.
+    several metres, which would blur the edges of a stretch. Median and line are of the laps `learnt` from, less the
+    first and the last of the log, which may be broken off.
     """
     if not has_laps:
         return np.zeros(len(log)), 0.0
@@ -55,14 +65,16 @@ def track_position(log: DriveLog, lap: Ints, has_laps: bool) -> tuple[Array, flo
     travelled = np.cumsum(np.hypot(log["vx"], log["vy"]) * step)
     bounds = np.concatenate([[0], np.flatnonzero(np.diff(lap)) + 1, [len(lap)]])
     lengths = np.array([travelled[b - 1] - travelled[a] for a, b in itertools.pairwise(bounds)])
-    inner = lengths[1:-1] if len(lengths) > 3 else lengths
-    whole = float(np.median(inner))
+    whole_laps = np.isin(lap[bounds[:-1]], learnt)
+    if np.count_nonzero(whole_laps[1:-1]) > 1:
+        whole_laps[[0, -1]] = False
+    whole = float(np.median(lengths[whole_laps]))
     position = np.zeros(len(log))
     for (a, b), length in zip(itertools.pairwise(bounds), lengths, strict=True):
         stretch = whole / length if abs(length / whole - 1) < 0.1 else 1.0
         position[a:b] = (travelled[a:b] - travelled[a]) * stretch
     if "x" in log and "y" in log:
-        reference = int(np.argmin(np.abs(lengths - whole)))
+        reference = int(np.argmin(np.where(whole_laps, np.abs(lengths - whole), np.inf)))
         rows = slice(bounds[reference], bounds[reference + 1])
         position = _along(position, np.stack([log["x"], log["y"]]), rows, whole)
     return position, whole

@@ -9,7 +9,7 @@ effect.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.drive_log.derived import brake_share
-from estimator.drive_log.smoothing import wiener
+from estimator.drive_log.smoothing import Smoothed, wiener
 from estimator.drive_log.table import DriveLog
 from estimator.model.basis import Basis, make_basis
 from estimator.model.single_track import AUXILIARY
-from estimator.offline.record.laps import lap_numbers, track_position
+from estimator.offline.record.laps import lap_numbers, scored_laps, track_position
 from estimator.offline.record.prepare import smoothed_velocity
 from estimator.offline.record.reported_inputs import without_noise
 from hil_gateway.car.vehicle import Vehicle
@@ -127,19 +127,22 @@ class Record:
 def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = ()) -> Record:
     """Smooth, differentiate inputs, find laps, cut windows; signals in `distrusted` are neither fitted nor causes.
 
+    Noise, knots and the line that track positions refer to come from the laps that are learnt from alone.
+
     Raises:
         InputError: no uninterrupted stretch long enough.
     """
     signals = {name: np.array(log[name], float) for name in log.columns}
     long_enough = [s for s in log.segments() if (s.stop - s.start) * log.step > 2 * WINDOW_S]
-    pieces = [(stretch, *_smooth(log, stretch, signals)) for stretch in long_enough]
-    if not pieces:
+    if not long_enough:
         raise InputError(f"the log has no uninterrupted stretch of {2 * WINDOW_S:g} s: nothing can be diagnosed")
-    weight = np.array([stretch.stop - stretch.start for stretch, _, _ in pieces], float)
-    noise = np.sqrt(np.average(np.array([n**2 for _, n, _ in pieces]), axis=0, weights=weight))
-    state_error = np.sqrt(np.average(np.array([e**2 for _, _, e in pieces]), axis=0, weights=weight))
+    for stretch in long_enough:
+        _smooth(log, stretch, signals)
     lap, has_laps = lap_numbers(log)
-    position, length = track_position(log, lap, has_laps)
+    windows, window_lap = _cut(log, lap, signals["vx"], signals["vy"])
+    learnt = windows[~np.isin(window_lap, scored_laps(window_lap, has_laps))]
+    noise, state_error = _noise(log, learnt, long_enough)
+    position, length = track_position(log, lap, has_laps, np.unique(lap[learnt]))
     signals |= {"track_position": position} if has_laps else {}
     if "brake" in signals:
         signals["brake"] = brake_share(signals["brake"])
@@ -147,9 +150,8 @@ def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = (
         signals[f"{name}_rate"] = np.gradient(signals[name], log["t"])
     signals["ay"] = signals["vx"] * signals["yaw_rate"]
     signals["turn_direction"] = np.sign(signals["ay"]) * (np.abs(signals["ay"]) > STRAIGHT_BELOW)
-    windows, window_lap = _cut(log, lap, signals["vx"], signals["vy"])
     measured = np.stack([log[name] for name in MEASURED])
-    bases = {n: make_basis(n, signals[n][windows], length) for n in signals if np.ptp(signals[n][windows]) > 0}
+    bases = {n: make_basis(n, signals[n][learnt], length) for n in signals if np.ptp(signals[n][learnt]) > 0}
     return Record(
         signals,
         measured,
@@ -167,23 +169,43 @@ def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = (
     )
 
 
-def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> tuple[Array, Array]:
-    """Replace the states of one segment by smoothed ones, and inputs that were measured with noise.
+def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> None:
+    """Replace the states of one segment by smoothed ones, and inputs that were measured with noise."""
+    for name, smoothed in _smoothed(log, rows).items():
+        signals[name][rows] = smoothed.value
+    for name, response in (("steer", log["ay"][rows]), ("drive", log["ax"][rows])):
+        signals[name][rows] = without_noise(signals[name][rows], np.array(response, float), log.step)
 
-    Returns:
-        noise (5,) of the measured channels, error (3,) left in the smoothed vx, vy, yaw rate.
-    """
+
+def _smoothed(log: DriveLog, rows: slice) -> dict[str, Smoothed]:
+    """The smoothed states of an uninterrupted stretch, in the order of `STATES`."""
     vx, vy, rate, ax, ay = (np.array(log[n][rows], float) for n in ("vx", "vy", "yaw_rate", "ax", "ay"))
     omega = wiener(rate, log.step)
     forward = smoothed_velocity(log, "ax", vx, ax + vy * omega.value, log.step)
     sideways = smoothed_velocity(log, "ay", vy, ay - forward.value * omega.value, log.step)
-    for name, smoothed in (("vx", forward), ("vy", sideways), ("yaw_rate", omega)):
-        signals[name][rows] = smoothed.value
-    for name, response in (("steer", ay), ("drive", ax)):
-        signals[name][rows] = without_noise(signals[name][rows], response, log.step)
-    forces = [wiener(a, log.step).noise for a in (ax, ay)]
-    left = np.array([forward.value_error, sideways.value_error, omega.value_error])
-    return np.array([*forces, omega.noise, forward.noise, sideways.noise]), left
+    return {"vx": forward, "vy": sideways, "yaw_rate": omega}
+
+
+def _noise(log: DriveLog, learnt: Ints, segments: Sequence[slice]) -> tuple[Array, Array]:
+    """Noise (5,) of the measured channels and error (3,) left in the smoothed states, where it is learnt from.
+
+    `learnt` (windows, ...) are the rows of the windows that fits see. Where none of their runs is long enough,
+    whole `segments` tell.
+    """
+    rows = np.sort(learnt.ravel())
+    runs = [slice(int(run[0]), int(run[-1]) + 1) for run in np.split(rows, np.flatnonzero(np.diff(rows) != 1) + 1)]
+    runs = [r for r in runs if (r.stop - r.start) * log.step > 2 * WINDOW_S] or list(segments)
+    weight = [run.stop - run.start for run in runs]
+    found = [_noise_of(log, run) for run in runs]
+    noise, error = (np.sqrt(np.average([part[k] ** 2 for part in found], axis=0, weights=weight)) for k in (0, 1))
+    return np.asarray(noise, np.float64), np.asarray(error, np.float64)
+
+
+def _noise_of(log: DriveLog, rows: slice) -> tuple[Array, Array]:
+    states = _smoothed(log, rows)
+    noise = {name: s.noise for name, s in states.items()}
+    noise |= {name: wiener(np.array(log[name][rows], float), log.step).noise for name in ("ax", "ay")}
+    return np.array([noise[n] for n in MEASURED]), np.array([states[n].value_error for n in STATES])
 
 
 def _cut(log: DriveLog, lap: Ints, vx: Array, vy: Array) -> tuple[Ints, Ints]:

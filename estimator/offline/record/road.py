@@ -22,7 +22,7 @@ PRIOR_STD = 0.4
 """rad; of a bank or grade anywhere: the steepest speedways, so that a bank of all turns is not taken for an offset"""
 STRAIGHT_SHARE = 0.2
 """Below this share of the track's sharp curvature (95th percentile) the road is straight."""
-STRAIGHT_BANK = 0.01
+STRAIGHT_BANK = 0.1
 """rad, of the mean over all straights (drainage): tells a constant bank from an offset of the accelerometer"""
 CLOSED = 1e-4
 """rad; mean grade of a lap that ends at the height where it began"""

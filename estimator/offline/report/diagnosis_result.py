@@ -22,6 +22,8 @@ from estimator.offline.result.handover import tempered
 from estimator.offline.result.leftover import Leftover
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
+from estimator.offline.search.terms import WHITE_FOR_TERMS
+from estimator.offline.search.whiteness import structured
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision, Provenance
 from hil_gateway.process.arrays import Array
 
@@ -139,13 +141,13 @@ def _profile_parameters(diagnosis: Diagnosis, block: Block) -> dict[str, dict[st
 
 def _confidence(evidence: Evidence) -> float:
     """Probability, by the scatter of the gain over stretches, that stretches not seen gain too (Student t)."""
-    from scipy.stats import t as student
+    from scipy.special import stdtr
 
     laps = evidence.laps
     if len(laps) < 2:
         return 0.5
     spread = float(laps.std(ddof=1)) / np.sqrt(len(laps))
-    probability = float(student.cdf(float(laps.mean()) / max(spread, 1e-9), len(laps) - 1))
+    probability = float(stdtr(len(laps) - 1, float(laps.mean()) / max(spread, 1e-9)))
     return round(min(0.999, probability), 4)
 
 
@@ -210,7 +212,12 @@ def _left(left: Leftover) -> dict[str, Any]:
 
 
 def _vehicle(diagnosis: Diagnosis, std: Array) -> list[dict[str, Any]]:
-    """Declared vehicle data that were found wrong."""
+    """Declared vehicle data that were found wrong, where nothing else is left to explain.
+
+    A larger inertia, say, shrinks whatever error the predicted moment has: beside other structure it is no finding.
+    """
+    if structured(diagnosis.fit, WHITE_FOR_TERMS):
+        return []
     blocks = {b.effect.name: b for b in diagnosis.fit.predictor.blocks}
     car, out = diagnosis.record.vehicle, []
     for name in (n for n in diagnosis.accepted if n in DECLARED):

@@ -180,8 +180,7 @@ class _Screening:
         laps = int(record.lap.max()) + 1
         count = np.array([np.count_nonzero(record.lap == lap) for lap in range(laps)]) * float(record.rows.shape[1])
         pull = np.zeros(len(prior))
-        off = self.current.parameters - np.array([p.prior for p in self.predictor.table])
-        pull[:size] = -self.current.normal.prior @ off
+        pull[:size] = -self.current.normal.prior @ (self.current.parameters - self.predictor.prior)
         return Normal(*accumulate(error, sensitivity, record.lap), count, prior, pull, record.block_noise**2)
 
 

@@ -15,17 +15,17 @@ from estimator.offline.record.input_timing import SAMPLED
 LEAST_ERRORS = 3.0
 """Standard errors that one parameter at least must be off its neutral value: 99.7 % of a normal distribution."""
 CONTRADICTED = 4.0
-"""Standard errors, and the whole size of it, that two halves of the data may differ: more, and one denies the other."""
+"""Standard errors by which two halves of the data may differ whatever their signs."""
 LEAST_STRETCHES = 4
 """of 30 s, for halves to be compared"""
-ON_BOUND = 1e-3
-"""Share of a parameter's range within which it is on its bound."""
+ON_BOUND = 1e-6
+"""Share of a parameter's range within which it is on its bound: steps that would leave it end just there."""
 
 
 def believed(fit: Fit, name: str) -> bool:
     """Whether an effect is more than the log's sampling, physically possible, there, and alike in both halves."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    return not _within_a_sample(fit, block) and _possible(fit, block) and _there(fit, block) and _agrees(fit, block)
+    return not _within_a_sample(fit, block) and possible(fit, block) and _there(fit, block) and _agrees(fit, block)
 
 
 def _within_a_sample(fit: Fit, block: Block) -> bool:
@@ -37,7 +37,7 @@ def _within_a_sample(fit: Fit, block: Block) -> bool:
     return abs(float(fit.parameters[block.parameters][0])) < record.step * speed
 
 
-def _possible(fit: Fit, block: Block) -> bool:
+def possible(fit: Fit, block: Block) -> bool:
     """Whether every parameter lies in its plausible range, and off its bounds unless a bound is the neutral value."""
     for p, value in zip(_table(fit, block), fit.parameters[block.parameters], strict=True):
         if p.plausible is not None and not p.plausible.lower <= value <= p.plausible.upper and value != p.prior:
@@ -49,25 +49,29 @@ def _possible(fit: Fit, block: Block) -> bool:
 
 
 def _there(fit: Fit, block: Block) -> bool:
-    """Whether a parameter is off its neutral value beyond its error; a profile: its largest coefficient."""
-    rows = block.parameters
-    off = np.abs(fit.parameters[rows] - np.array([p.prior for p in _table(fit, block)]))
+    """Whether a parameter is off its neutral value beyond its error and any healthy part; a profile: its largest."""
+    rows, table = block.parameters, _table(fit, block)
+    off = np.abs(fit.parameters[rows] - np.array([p.prior for p in table]))
+    least = np.array([0.0 if p.plausible is None else p.plausible.least for p in table])
     errors = np.sqrt(np.maximum(np.diag(fit.covariance), fit.slow_variance)[rows])
-    return bool(np.any(off > LEAST_ERRORS * np.maximum(errors, np.finfo(float).tiny)))
+    return bool(np.any(off > np.maximum(LEAST_ERRORS * np.maximum(errors, np.finfo(float).tiny), least)))
 
 
 def _agrees(fit: Fit, block: Block) -> bool:
-    """Whether two halves of the data find the same: profiles are compared by their evidence alone."""
+    """Whether two halves of the data find the same sign: profiles are compared by their evidence alone.
+
+    How much the size scatters is for the stated error to say: what else is missing moves it from stretch to stretch.
+    """
     laps = fit.normal.squares.shape[1]
     if block.effect.profile or laps < LEAST_STRETCHES:
         return True
     halves = np.array_split(np.arange(laps), 2)
     (first, its), (second, others) = fit.normal.estimates_of_parts(fit.normal.variance, halves)
     rows = block.parameters
-    off = np.abs(fit.parameters[rows] - np.array([p.prior for p in _table(fit, block)]))
-    apart = np.abs(first - second)[rows]
+    off = fit.parameters[rows] - np.array([p.prior for p in _table(fit, block)])
+    same_sign = (off + first[rows]) * (off + second[rows]) > 0
     error = np.sqrt(np.maximum(np.diag(its + others)[rows], 0.0))
-    return bool(np.any(apart <= np.maximum(CONTRADICTED * error, off)))
+    return bool(np.any(same_sign | (np.abs(first - second)[rows] <= CONTRADICTED * error)))
 
 
 def _table(fit: Fit, block: Block) -> tuple[Parameter, ...]:

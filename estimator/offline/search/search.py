@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.model.declared_vehicle import all_candidates
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
-from estimator.offline.search.screening import screen
+from estimator.offline.search.screening import open_candidates, screen
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from estimator.offline.search.whiteness import structured
 from estimator.offline.search.workers import Job, fit_each
@@ -55,6 +56,87 @@ class Search:
     gains: Mapping[str, Evidence]
 
 
+@dataclass
+class Greedy:
+    """A search under way: `start` is what it began from, `names` and `fit` what it has, `rounds` what it tried."""
+
+    setting: Setting
+    progress: Callable[[str], None]
+    enough: Callable[[Fit, Fit], bool]
+    start: Fit
+    names: list[str]
+    fit: Fit
+    rounds: list[tuple[Trial, ...]]
+    checked: Checked | None = None
+
+    def grow(self) -> None:
+        """Add effects while they earn their place; what was added on its gain alone goes again if nothing followed."""
+        unsure, sure = 0, (self.names, self.fit, self.checked)
+        while len(self.names) < MAX_EFFECTS and (not self.names or structured(self.fit, WHITE)):
+            trials = _round(self.setting, self.names, self.fit, self.progress)
+            self.rounds.append(tuple(trials))
+            chosen = [t for t in trials if _can_be_accepted(t, self.setting, self.total)]
+            if chosen:
+                unsure = 0
+            else:
+                sure = (self.names, self.fit, self.checked) if not unsure else sure
+                unsure += 1
+            chosen = chosen or _tentative(trials, self.setting, self.total)
+            if not chosen or unsure > LOOK_AHEAD:
+                break
+            before = set(self.names)
+            self.names, self.fit = _join(self.setting, self.names, chosen, self.total, self.progress)
+            self.checked = None
+            if not unsure and len(self.names) <= RECHECKED_AT_ONCE:
+                self.recheck()
+            if set(self.names) <= before or (len(self.names) >= ASKED_FROM and self.enough(self.start, self.fit)):
+                break
+        if unsure:
+            self.names, self.fit, self.checked = sure
+        if self.names and self.checked is None:
+            self.recheck()
+
+    def recheck(self) -> None:
+        """Drop what no longer earns its place."""
+        self.names, self.fit, self.checked = _recheck(self.setting, self.names, self.fit, self.progress)
+
+    def exchange(self) -> bool:
+        """Replace one effect by a candidate that explains more in its place; whether there was one."""
+        if self.checked is None or not structured(self.fit, WHITE):
+            return False
+        for name in sorted(self.names, key=lambda n: self.gains[n].gain):
+            trial = None if name in self.setting.record.road else self._instead_of(name)
+            if trial is not None and trial.fit is not None:
+                self.names, self.fit = [*(n for n in self.names if n != name), trial.name], trial.fit
+                self.recheck()
+                return True
+        return False
+
+    def _instead_of(self, name: str) -> Trial | None:
+        assert self.checked is not None
+        others, without = [n for n in self.names if n != name], self.checked.without[name]
+        acts = set(all_candidates()[name].channels)
+        rivals = [e for e in open_candidates(self.setting, others) if e.name != name and acts & set(e.channels)]
+        screened = screen(self.setting, others, without, self.progress, rivals)
+        best = next(iter(screened), None)
+        if best is None or best.evidence.gain < self.gains[name].gain:
+            return None
+        done = fit_names(self.setting, [*others, best.name], without)
+        trial = Trial(best.name, compare(self.fit.held_out(), done.held_out(), done.normal.count), done)
+        self.rounds.append((trial,))
+        return trial if _can_be_accepted(trial, self.setting, 0.0) else None
+
+    @property
+    def gains(self) -> Mapping[str, Evidence]:
+        """Of every effect given the others, when last checked."""
+        return {} if self.checked is None else self.checked.gains
+
+    @property
+    def total(self) -> float:
+        """Gain of all effects together."""
+        return compare(self.start.held_out(), self.fit.held_out(), self.fit.normal.count).gain
+
+
 def search(
     setting: Setting,
     progress: Callable[[str], None] = lambda _: None,
@@ -66,44 +148,19 @@ def search(
     `enough` is asked, with the declared and the current fit, whether to go on when two effects leave structure.
     """
     progress("declared model, re-fitted")
-    base = fit_names(setting, (), warm or fit_names(setting, (), None))
-    current, rounds = base, list[tuple[Trial, ...]]()
-    accepted = sorted(set(setting.record.road) - setting.active_names)
-    if accepted:
-        current, first = _with_road(setting, base, accepted, progress)
+    base = start = fit_names(setting, (), warm or fit_names(setting, (), None))
+    names, rounds = sorted(set(setting.record.road) - setting.active_names), list[tuple[Trial, ...]]()
+    if names:
+        start, first = _with_road(setting, base, names, progress)
         rounds.append(first)
-    start = current
-    gains: dict[str, Evidence] = {}
-    unsure, sure = 0, (accepted, current, gains)
-    while len(accepted) < MAX_EFFECTS and (not accepted or structured(current, WHITE)):
-        trials = _round(setting, accepted, current, progress)
-        rounds.append(tuple(trials))
-        total = compare(start.held_out(), current.held_out(), base.normal.count).gain
-        chosen = [t for t in trials if _can_be_accepted(t, setting, total)]
-        if chosen:
-            unsure = 0
-        else:
-            sure = (accepted, current, gains) if not unsure else sure
-            unsure += 1
-        chosen = chosen or _tentative(trials, setting, total)
-        if not chosen or unsure > LOOK_AHEAD:
-            break
-        before = set(accepted)
-        accepted, current = _join(setting, accepted, chosen, total, progress)
-        gains = {}
-        if not unsure and len(accepted) <= RECHECKED_AT_ONCE:
-            accepted, current, gains = _recheck(setting, accepted, current, progress)
-        if set(accepted) <= before:
-            base = base if accepted else current  # the way there and back may have led the declared model further
-            break
-        if len(accepted) >= ASKED_FROM and enough(start, current):
-            break
-    if unsure:
-        accepted, current, gains = sure
-    if accepted and not gains:
-        accepted, current, gains = _recheck(setting, accepted, current, progress)
-    ordered = tuple(sorted(accepted, key=lambda n: -gains[n].gain))
-    return Search(base, start, current, ordered, tuple(rounds), {n: gains[n] for n in ordered})
+    state = Greedy(setting, progress, enough, start, names, start, rounds)
+    state.grow()
+    while state.exchange():
+        state.grow()
+    # the way there and back may have led the declared model further
+    base = base if state.names else state.fit
+    ordered = tuple(sorted(state.names, key=lambda n: -state.gains[n].gain))
+    return Search(base, start, state.fit, ordered, tuple(rounds), {n: state.gains[n] for n in ordered})
 
 
 def _with_road(
@@ -144,7 +201,7 @@ def _join(
 
 def _round(setting: Setting, accepted: Sequence[str], current: Fit, progress: Callable[[str], None]) -> list[Trial]:
     """Screen the catalogue, then fit the most promising to the end; best first."""
-    screened = screen(setting, accepted, current, progress)
+    screened = screen(setting, accepted, current, progress, open_candidates(setting, accepted))
     before, count = current.held_out(), current.normal.count
     least = SMALLEST_SHARE * count.sum() / 4
     enough = max(least, PROMISING * screened[0].evidence.gain)
@@ -159,14 +216,22 @@ def with_effects(names: tuple[str, ...]) -> Job:
     return Job(" + ".join(names), names)
 
 
-def gains_of(
+@dataclass(frozen=True)
+class Checked:
+    """Accepted effects put to the test: the fit without each, and the evidence of each given all the others."""
+
+    without: Mapping[str, Fit]
+    gains: Mapping[str, Evidence]
+
+
+def check_each(
     setting: Setting, names: Sequence[str], current: Fit, progress: Callable[[str], None], beside: str = ""
-) -> dict[str, Evidence]:
-    """Evidence of each of the effects of `current` given all the others."""
+) -> Checked:
+    """Fit the model without each of the effects of `current`."""
     jobs = [Job(f"without {name}{beside}", tuple(n for n in names if n != name)) for name in names]
     after, count = current.held_out(), current.normal.count
-    fits = fit_each(setting, current, jobs, progress)
-    return {name: compare(f.held_out(), after, count) for name, f in zip(names, fits, strict=True)}
+    without = dict(zip(names, fit_each(setting, current, jobs, progress), strict=True))
+    return Checked(without, {name: compare(f.held_out(), after, count) for name, f in without.items()})
 
 
 def _can_be_accepted(trial: Trial, setting: Setting, total: float) -> bool:
@@ -192,15 +257,21 @@ def worth_a_name(evidence: Evidence, setting: Setting, total: float) -> bool:
 
 
 def _recheck(
-    setting: Setting, accepted: list[str], current: Fit | None, progress: Callable[[str], None]
-) -> tuple[list[str], Fit, dict[str, Evidence]]:
-    """Drop, weakest first, every accepted effect that no longer earns its place given the others."""
-    current = current or fit_names(setting, accepted, None)
+    setting: Setting, accepted: list[str], current: Fit, progress: Callable[[str], None]
+) -> tuple[list[str], Fit, Checked]:
+    """Drop, one by one, what does not earn its place given the others, or what leaves others no plausible size."""
     while True:
-        gains = gains_of(setting, accepted, current, progress)
-        weak = [n for n in accepted if not _stays(gains[n], setting) or not believed(current, n)]
-        if not weak:
-            return accepted, current, gains
-        worst = min(weak, key=lambda n: gains[n].gain)
+        checked = check_each(setting, accepted, current, progress)
+        idle = [n for n in accepted if not _stays(checked.gains[n], setting)]
+        doubted = [n for n in accepted if not believed(current, n)]
+        if not idle and not doubted:
+            return accepted, current, checked
+        worst = min(idle or _to_blame(checked) or doubted, key=lambda n: checked.gains[n].gain)
         accepted = [n for n in accepted if n != worst]
         current = fit_names(setting, accepted, current)
+
+
+def _to_blame(checked: Checked) -> list[str]:
+    """Effects without which all the others are believed: the one that gains least is the one that is not there."""
+    without = checked.without
+    return [name for name, fit in without.items() if all(believed(fit, n) for n in without if n != name)]

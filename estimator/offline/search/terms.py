@@ -16,7 +16,7 @@ from estimator.offline.record.record import Record
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
-from estimator.offline.search.search import Search, earns_its_place, gains_of, search
+from estimator.offline.search.search import Search, check_each, earns_its_place, search
 from estimator.offline.search.trial import Setting, fit_names
 from estimator.offline.search.whiteness import structured
 
@@ -101,22 +101,43 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
     if rival.suffices(found.start, found.final):
         terms, tried = rival.trials[:1], rival.trials[:SHOWN]
         setting, found = _on_top(terms[0], setting, found, progress)
-    gains, current = dict(found.gains), found.final
+    gains, current = found.gains, found.final
     while len(terms) < MAX_TERMS and structured(current, WHITE_FOR_TERMS):
         trials = search_terms(setting, tuple(gains), current, progress)
         tried.extend(trials[:SHOWN])
-        best, total = trials[0], _total_gain(found.start, current)
-        if best.fit is None or not _earns_its_place(best.evidence, setting.record, total):
+        least = SECOND_TERM_SHARE * terms[0].evidence.gain if terms else 0.0
+        worthy = [t for t in trials if t.evidence.gain > least and _can_be_added(t, setting, found.start, current)]
+        joined = (_joined(t, setting, found, tuple(gains), progress) for t in worthy)
+        chosen = next((one for one in joined if one is not None), None)
+        if chosen is None:
             break
-        if terms and best.evidence.gain < SECOND_TERM_SHARE * terms[0].evidence.gain:
-            break
-        terms.append(best)
-        setting = best.added_to(setting)
-        # what gained a fair share of that before there was any term stays, though a spline can copy it: physics first
-        own = [n for n in gains if found.gains[n].gain >= OWN_SHARE * best.evidence.gain]
-        gains, current = _drop_stand_ins(setting, own, tuple(gains), best.fit, progress)
+        term, setting, gains, current = chosen
+        terms.append(term)
     ordered = tuple(sorted(gains, key=lambda n: -gains[n].gain))
     return Outcome(setting, found, ordered, gains, tuple(terms), current, tuple(tried))
+
+
+def _can_be_added(term: Term, setting: Setting, start: Fit, current: Fit) -> bool:
+    return term.fit is not None and _earns_its_place(term.evidence, setting.record, _total_gain(start, current))
+
+
+def _joined(
+    term: Term, setting: Setting, found: Search, names: tuple[str, ...], progress: Progress
+) -> tuple[Term, Setting, Mapping[str, Evidence], Fit] | None:
+    """The term beside the effects, less those that only stood in for it; None where it is a copy of an effect.
+
+    A spline can copy what physics explains. What gained a fair share of the term's gain before there was one stays,
+    and a term for which an effect that gained more would have to go is the copy.
+    """
+    assert term.fit is not None
+    setting = term.added_to(setting)
+    most = term.evidence.gain
+    own = [n for n in names if found.gains[n].gain >= OWN_SHARE * most]
+    stronger = {n for n in own if found.gains[n].gain > most}
+    if not all(believed(term.fit, n) for n in stronger):
+        return None
+    gains, fit = _drop_stand_ins(setting, own, names, term.fit, progress)
+    return (term, setting, gains, fit) if stronger <= set(gains) else None
 
 
 def _on_top(term: Term, setting: Setting, found: Search, progress: Progress) -> tuple[Setting, Search]:
@@ -125,7 +146,7 @@ def _on_top(term: Term, setting: Setting, found: Search, progress: Progress) -> 
     setting = term.added_to(setting)
     if not structured(term.fit, WHITE_FOR_TERMS):
         road = tuple(sorted(setting.record.road))
-        gains = gains_of(setting, road, term.fit, progress)
+        gains = check_each(setting, road, term.fit, progress).gains
         return setting, Search(found.base, found.start, term.fit, road, found.rounds, gains)
     on_top = search(setting, progress, term.fit)
     return setting, replace(on_top, base=found.base, start=found.start, rounds=(*found.rounds, *on_top.rounds))
@@ -142,11 +163,11 @@ def _earns_its_place(evidence: Evidence, record: Record, total: float) -> bool:
 
 def _drop_stand_ins(
     setting: Setting, own: Collection[str], names: Collection[str], fit: Fit, progress: Progress
-) -> tuple[dict[str, Evidence], Fit]:
+) -> tuple[Mapping[str, Evidence], Fit]:
     """Remove, weakest first, effects that gain little once the empirical term is there; those in `own` if nothing."""
     kept = list(names)
     while True:
-        gains = gains_of(setting, kept, fit, progress, ", with the empirical term")
+        gains = check_each(setting, kept, fit, progress, ", with the empirical term").gains
         earning = [gains[n].gain > 1.0 if n in own else earns_its_place(gains[n], setting, 0.0) for n in kept]
         weak = [n for n, earns in zip(kept, earning, strict=True) if not earns or not believed(fit, n)]
         if not weak:

@@ -13,7 +13,7 @@ from estimator.model.declared_vehicle import all_candidates
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
-from estimator.offline.fit.prediction_error import MAX_ITERATIONS, Fit, fit
+from estimator.offline.fit.prediction_error import CONVERGED, MAX_ITERATIONS, Fit, fit
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.input_timing import sampling_effects
 from estimator.offline.record.noise import MOTION_ROWS, Noise
@@ -25,6 +25,9 @@ from hil_gateway.process.arrays import Array
 REWEIGHINGS, REWEIGH_ABOVE = 1, 0.1
 """A fit is repeated so many times with its own residual deviations, if these changed by more than a tenth; the next
 fit starts from what it found, so that a search adapts them further."""
+COMPARED = 8e-4
+"""Fall of the deviance per block at which a fit that is only compared with others ends: 2 % of the least gain that
+counts (`search.SMALLEST_SHARE`)."""
 FIRST_DRIFT = 1.0
 """of the motion, before anything is fitted: the model is trusted little"""
 UNFITTED_SHARE = 0.02
@@ -85,21 +88,25 @@ class Trial:
     fit: Fit | None = None
 
 
-def fit_names(setting: Setting, names: Sequence[str], warm: Fit | None, iterations: int | None = None) -> Fit:
-    """Fit the model with the named effects, starting from what `warm` found."""
+def fit_names(
+    setting: Setting, names: Sequence[str], warm: Fit | None, iterations: int | None = None, exact: bool = False
+) -> Fit:
+    """Fit the model with the named effects, starting from what `warm` found; `exact` for what is reported."""
     model = setting.model(names)
     predictor = Predictor(model, setting.record)
     start = predictor.start([p.prior for p in model.tyre_table])
     if warm is not None:
         start = warm_start(predictor, start, warm)
     noise = _first_noise(setting.record) if warm is None else warm.noise
-    done = fit(predictor, start, noise, iterations or MAX_ITERATIONS)
-    for _ in range(0 if iterations else REWEIGHINGS):
+    blocks = setting.record.rows.shape[0] * setting.record.rows.shape[1]
+    least = CONVERGED[0] if exact else max(CONVERGED[0], COMPARED * blocks)
+    done = fit(predictor, start, noise, MAX_ITERATIONS if iterations is None else iterations, least)
+    for _ in range(REWEIGHINGS if iterations is None else 0):
         found = done.new_noise()
         if found.close_to(noise, REWEIGH_ABOVE):
             break
         noise = found
-        done = fit(done.predictor, done.parameters, noise)
+        done = fit(done.predictor, done.parameters, noise, MAX_ITERATIONS, least)
     return done
 
 

@@ -8,7 +8,6 @@ from estimator.offline.fit.normal import TINY
 from estimator.offline.fit.prediction_error import Fit, evaluate
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import Noise
-from estimator.offline.record.record import Record
 from hil_gateway.process.arrays import Array
 
 SLOW_BLOCKS = 5
@@ -27,8 +26,3 @@ def slow_ratio(predictor: Predictor, parameters: Array, deviation: Array) -> Arr
 def structured(fit: Fit, limit: float) -> bool:
     """Whether the residual of any channel varies slowly by more than `limit` times white noise."""
     return bool(np.any(slow_ratio(fit.predictor, fit.parameters, fit.deviation) > limit))
-
-
-def structured_elsewhere(fit: Fit, record: Record, limit: float) -> bool:
-    """The same for windows the fit has not seen."""
-    return bool(np.any(slow_ratio(Predictor(fit.predictor.model, record), fit.parameters, fit.deviation) > limit))

@@ -61,6 +61,13 @@ class Path:
         target = self.s[nearest] + distance
         return float(np.interp(target, self.s, self.x)), float(np.interp(target, self.s, self.y))
 
+    def distance(self, x: float, y: float) -> float:
+        """From (x, y) to the polyline, m; to its ends beyond them."""
+        dx, dy = np.diff(self.x), np.diff(self.y)
+        along = ((x - self.x[:-1]) * dx + (y - self.y[:-1]) * dy) / (dx**2 + dy**2)
+        share = np.clip(along, 0.0, 1.0)
+        return float(np.hypot(self.x[:-1] + share * dx - x, self.y[:-1] + share * dy - y).min())
+
     def bends(self) -> Array:
         """Curvature without sign at every point, averaged over `BEND_POINTS`, 1/m."""
         heading = np.unwrap(np.arctan2(np.gradient(self.y, self.s), np.gradient(self.x, self.s)))
@@ -91,7 +98,7 @@ def way_along(track: Track, pose: Pose, deceleration: float) -> Path | None:
     count = math.ceil((pose.speed**2 / (2 * deceleration) + BEYOND) / STEP)
     s: Array = s0 + STEP * np.arange(-1.0, count)
     on = track.at(s)
-    slope = math.tan(max(-math.atan(STEEPEST), min(_turned(pose.yaw - on.heading[1]), math.atan(STEEPEST))))
+    slope = math.tan(max(-math.atan(STEEPEST), min(_turned(pose.yaw + pose.slip - on.heading[1]), math.atan(STEEPEST))))
     speed2 = np.maximum(pose.speed**2 - 2 * deceleration * np.maximum(s - s0, 0.0), SLOWEST**2)
     start = np.array([offset - STEP * slope, offset])
     e = _least_lateral_force(start, on.curvature, speed2, _corridor(on.width_right), _corridor(on.width_left))

@@ -21,9 +21,12 @@ from hil_gateway.gateway.settings import StopConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
 
-LOOK_AHEAD_S = 0.5
+LOOK_AHEAD_S = 0.4
+"""the longer, the wider a car that understeers swings out at 60 m/s; at 0.3 it begins to weave"""
 LOOK_AHEAD_MIN = 6.0
 """m"""
+FAR_FROM_WAY = 1.5
+"""m: a car this far from its way is laid a new one: tyres, or the pose it was laid from, have not held"""
 BEND_SHARE = 0.7
 """of the declared grip a bend ahead may need: the rest steers back to the path and brakes on in the bend"""
 
@@ -58,7 +61,7 @@ class Stopping:
     def command(self, motion: Motion, pose: Pose | None, emergency: bool) -> tuple[float, float]:
         """Road-wheel angle (rad) and slip-ratio drive (negative) of this period."""
         config = self._config
-        if self._path is None:
+        if self._path is None or (pose is not None and self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
             self._path = self._way(pose)
             self._bends = self._path.bends() if self._path is not None else np.zeros(0)
         if self._path is not None and pose is not None:

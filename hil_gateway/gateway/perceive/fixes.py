@@ -15,12 +15,12 @@ ROW = 10
 
 @dataclass(slots=True)
 class Fixes:
-    """Position in the local map, m, and its number."""
+    """Position in the local map, m, its number and when it came."""
 
     x: float = 0.0
     y: float = 0.0
     seq: int = 0
-    _stamp_ns: int = 0
+    stamp_ns: int = 0
     _step: tuple[float, float] = (0.0, 0.0)
     _row: int = 0
 
@@ -28,9 +28,9 @@ class Fixes:
         """The next fix."""
         step = x - self.x, y - self.y
         same_way = step[0] * self._step[0] + step[1] * self._step[1] > 0
-        onward = math.hypot(*step) * NS_PER_S > MOVING * (stamp_ns - self._stamp_ns)
+        onward = math.hypot(*step) * NS_PER_S > MOVING * (stamp_ns - self.stamp_ns)
         self._row = self._row + 1 if same_way and onward else 0
-        self._step, self._stamp_ns = step, stamp_ns
+        self._step, self.stamp_ns = step, stamp_ns
         self.x, self.y = x, y
         self.seq += 1
 

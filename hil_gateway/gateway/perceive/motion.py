@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.process.clock import NS_PER_S
 
 DECELERATION_MAX = 35.0
@@ -15,6 +17,10 @@ MISMATCH_S = 5.0
 """s: how slowly the difference of the rear wheels' radii is learnt from the gyro, so that no bend is taken for one"""
 LEARNING_FROM = 10.0
 """m/s from which that difference shows"""
+COURSE_WINDOW = 38
+"""periods: the time the fixes behind a course span, and half a fix"""
+STEERED_SHARE = 0.6
+"""of what steering has added since the middle of that time, in yaw rate: understeer at speed"""
 LONGEST_S = 0.1
 """longest period that is integrated, s"""
 
@@ -35,7 +41,9 @@ class MotionReader:
     """Picks, every period, the best source that is valid.
 
     Speed: the second fastest wheel (one sensor may lie either way), held against locking by what tyres can do; without
-    wheels the IMU carries it on. Yaw rate: the gyro; without it the rear wheels' difference, then v tan(delta) / L.
+    wheels that of the fixes, then the IMU carries it on. Yaw rate: the gyro; without it the turn rate of the fixes'
+    course, then the rear wheels' difference (which braking falsifies), then v tan(delta) / L. Turn rates
+    are late by half the time they span: steering since then is added.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -43,17 +51,22 @@ class MotionReader:
         self._mismatch = 0.0
         """(right - left) / (track v) on a straight, 1/m"""
         self._last_ns: int | None = None
+        self._steered: deque[float] = deque(maxlen=COURSE_WINDOW)
+        """v tan(delta) / L of the periods a course spans, rad/s"""
         self.motion = Motion()
-        self.believe_imu = True
-        """false when other sensors contradict it"""
+        self.believe_imu = self.believe_wheels = True
+        """false when other sensors contradict them"""
 
-    def step(self, now_ns: int, state: VehicleState) -> Motion:
-        """Motion at `now_ns`; once a period."""
+    def step(self, now_ns: int, state: VehicleState, course: Course | None = None) -> Motion:
+        """Motion at `now_ns`; once a period. `course` is that of the position fixes, where they are believed."""
         dt = 0.0 if self._last_ns is None else min(max((now_ns - self._last_ns) / NS_PER_S, 0.0), LONGEST_S)
         self._last_ns = now_ns
-        imu, wheels = state.sources["imu"].valid and self.believe_imu, state.sources["wheel_speeds"].valid
-        speed = self._speed(state, imu, wheels, dt)
-        yaw_rate = state.yaw_rate if imu else self._without_gyro(state, speed, wheels)
+        imu = state.sources["imu"].valid and self.believe_imu
+        wheels = state.sources["wheel_speeds"].valid and self.believe_wheels
+        speed = self._speed(state, imu, wheels, dt, course)
+        steers = state.sources["steering"].valid
+        self._steered.append(speed * math.tan(state.steer) / self._vehicle.wheelbase if steers else 0.0)
+        yaw_rate = state.yaw_rate if imu else self._without_gyro(state, speed, wheels, course)
         if imu and wheels and speed > LEARNING_FROM:
             error = (self._rear_difference(state) - state.yaw_rate) / speed - self._mismatch
             self._mismatch += min(dt / MISMATCH_S, 1.0) * error
@@ -64,17 +77,17 @@ class MotionReader:
         """Yaw rate the rear wheels' difference means, rad/s."""
         return self._rear_difference(state) - self._mismatch * speed
 
-    def _speed(self, state: VehicleState, imu: bool, wheels: bool, dt: float) -> float:
-        carried = max(self.motion.speed + (state.ax if imu else 0.0) * dt, 0.0)
-        if not wheels:
-            return carried
-        fastest = sorted(wheel_speeds(state))
-        return max(fastest[-2], self.motion.speed - DECELERATION_MAX * dt)
-
-    def _without_gyro(self, state: VehicleState, speed: float, wheels: bool) -> float:
+    def _speed(self, state: VehicleState, imu: bool, wheels: bool, dt: float, course: Course | None) -> float:
         if wheels:
-            return self.rear_yaw_rate(state, speed)
-        return speed * math.tan(state.steer) / self._vehicle.wheelbase if state.sources["steering"].valid else 0.0
+            return max(second_fastest(state), self.motion.speed - DECELERATION_MAX * dt)
+        if course is not None:
+            return course.speed
+        return max(self.motion.speed + (state.ax if imu else 0.0) * dt, 0.0)
+
+    def _without_gyro(self, state: VehicleState, speed: float, wheels: bool, course: Course | None) -> float:
+        if course is not None:
+            return course.turn_rate + STEERED_SHARE * (self._steered[-1] - sum(self._steered) / len(self._steered))
+        return self.rear_yaw_rate(state, speed) if wheels else self._steered[-1]
 
     def _rear_difference(self, state: VehicleState) -> float:
         return (state.wheel_speed_rr - state.wheel_speed_rl) / self._vehicle.track_rear
@@ -83,3 +96,8 @@ class MotionReader:
 def wheel_speeds(state: VehicleState) -> tuple[float, float, float, float]:
     """Front left, front right, rear left, rear right, m/s."""
     return state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr
+
+
+def second_fastest(state: VehicleState) -> float:
+    """Speed of the second fastest wheel, m/s: one sensor may lie either way."""
+    return sorted(wheel_speeds(state))[-2]

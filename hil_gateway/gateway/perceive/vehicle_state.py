@@ -90,7 +90,7 @@ class VehicleStateBuilder:
         self._by_name = {entry.layout.name: entry for entry in self._received.values()}
         self._sources = {name: tuple(self._by_name[m] for m in messages) for name, messages in SOURCES.items()}
         self._signals: defaultdict[str, float] = defaultdict(float)
-        self._fixes = Fixes()
+        self.fixes = Fixes()
         self._seq = 0
         self._newest_ns: int | None = None
         self.counts = FrameCounts()
@@ -159,9 +159,9 @@ class VehicleStateBuilder:
             drive=self._actuation.to_drive(pedals, engine_speed, pedals.gear),
             gear=pedals.gear,
             engine_speed=engine_speed,
-            position_x=self._fixes.x,
-            position_y=self._fixes.y,
-            position_seq=self._fixes.seq,
+            position_x=self.fixes.x,
+            position_y=self.fixes.y,
+            position_seq=self.fixes.seq,
             sys_state=int(signals["sys_state"]),
             ct_state=ct_state,
             track_flag=track_flag,
@@ -205,7 +205,7 @@ class VehicleStateBuilder:
         x, y = self._map.to_map_radians(values["novatel_lat"], values["novatel_long"])
         entry.plausible = max(abs(x), abs(y)) < MAP_RADIUS
         if entry.plausible:
-            self._fixes.take(x, y, stamp_ns)
+            self.fixes.take(x, y, stamp_ns)
         else:
             self.counts.implausible += 1
 
@@ -246,7 +246,7 @@ class VehicleStateBuilder:
             return entry.repeats < STUCK_FRAMES or self._signals["wheel_speed_RL"] < MOVING
         if entry.layout.name == "wheel_speed_report":
             fastest = max(values.values())
-            locked_or_dead = fastest < STANDSTILL and self._fixes.moving
+            locked_or_dead = fastest < STANDSTILL and self.fixes.moving
             return not locked_or_dead and (entry.repeats < STUCK_FRAMES or fastest < MOVING)
         return True
 

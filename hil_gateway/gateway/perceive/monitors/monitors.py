@@ -6,12 +6,14 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
+from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor
+from hil_gateway.gateway.perceive.monitors.course import CourseMonitor
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.gateway.perceive.monitors.sensors import GyroMonitor, LateralMonitor, SpeedChangeMonitor, WheelMonitor
-from hil_gateway.gateway.perceive.motion import MotionReader
+from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.track.track import Track
 
@@ -32,10 +34,11 @@ class Monitors:
         self._wheels = WheelMonitor(vehicle)
         self._gyro = GyroMonitor(vehicle)
         self._lateral = LateralMonitor()
+        self.course = CourseMonitor()
         self._speed_change = SpeedChangeMonitor()
         self._following = FollowingMonitor(vehicle)
         self._acceleration = AccelerationMonitor(vehicle, config.powertrain.brake_force_per_pa)
-        self.imu_wrong = self.imu_suspect = False
+        self.imu_wrong = self.imu_suspect = self.wheels_wrong = False
         self._road = None if track is None else RoadMonitor(track)
 
     @property
@@ -44,37 +47,41 @@ class Monitors:
         return self.imu_wrong or not self.position.suspect
 
     def measures(
-        self, now_ns: int, state: VehicleState, pose: Pose | None, commanded: Actuators | None
+        self, now_ns: int, state: VehicleState, pose: Pose | None, commanded: Actuators | None, course: Course | None
     ) -> dict[str, float]:
-        """`commanded` is what stands on the wire, None while nothing is sent; after `motion` and `position`."""
+        """`commanded` is what stands on the wire, None while nothing is sent; after `motion` and `position`. `course`
+        is that of the fixes, None where they say nothing or are not believed."""
         speed = self.motion.motion.speed
         imu, wheels = state.sources["imu"].valid, state.sources["wheel_speeds"].valid
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
         follows = self._following.step(now_ns, state, obeyed)
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         rear = self.motion.rear_yaw_rate(state, speed)
+        contradicted = self.course.step(now_ns, state, second_fastest(state), course if imu and wheels else None)
+        changes = self._speed_change.step(now_ns, state, speed) if imu and wheels else 0.0
+        lateral = self._lateral.step(now_ns, state, speed) if imu and wheels else 0.0
+        turns = self._gyro.step(now_ns, state, speed, rear) if imu and wheels else 0.0
         measures = {
             "position_wrong": INFINITE if self.position.wrong else 0.0,
             "position_lost": self.position.lost_s,
             "wheel_speed_wrong": self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0,
-            "yaw_rate_wrong": self._gyro.step(now_ns, state, speed, rear) if imu and wheels else 0.0,
-            "acceleration_wrong": self._imu_accelerations(now_ns, state, speed) if imu and wheels else 0.0,
+            "yaw_rate_wrong": max(turns, contradicted.yaw_rate),
+            "acceleration_wrong": max(changes, lateral, contradicted.acceleration),
             "steering_stuck": follows.steering,
             "pedals_stuck": follows.pedals,
             "commands_unanswered": self._acceleration.step(now_ns, state, speed, obeyed if imu else None),
             "off_road": off,
             "wrong_way": against,
         }
-        self._distrust(measures)
+        self._distrust(measures, wheels=changes > 0.0 and contradicted.wheels > 0.0)
         return measures
 
-    def _imu_accelerations(self, now_ns: int, state: VehicleState, speed: float) -> float:
-        lateral = self._lateral.step(now_ns, state, speed)
-        return max(lateral, self._speed_change.step(now_ns, state, speed))
-
-    def _distrust(self, measures: dict[str, float]) -> None:
-        """From a first contradiction on no estimate is believed; after some of it, no IMU until the car stands."""
-        contradicted = [measures[name] for name in IMU_MEASURES]
-        self.imu_wrong = max(contradicted) > IMU_WRONG_S or (self.imu_wrong and self.motion.motion.speed > STANDSTILL)
-        self.motion.believe_imu = not self.imu_wrong
-        self.imu_suspect = self.imu_wrong or max(contradicted) > 0.0
+    def _distrust(self, measures: dict[str, float], wheels: bool) -> None:
+        """From a first contradiction on no estimate is believed; after some of it, until the car stands, no IMU, or no
+        wheels where it is they that neither the fixes nor the IMU agree with."""
+        moving = self.motion.motion.speed > STANDSTILL
+        held_s = max(measures[name] for name in IMU_MEASURES)
+        self.wheels_wrong = moving and (self.wheels_wrong or (wheels and not self.imu_wrong))
+        self.imu_wrong = moving and (self.imu_wrong or (held_s > IMU_WRONG_S and not self.wheels_wrong))
+        self.motion.believe_imu, self.motion.believe_wheels = not self.imu_wrong, not self.wheels_wrong
+        self.imu_suspect = self.imu_wrong or held_s > 0.0

@@ -63,7 +63,7 @@ class WheelMonitor:
 
 
 class GyroMonitor:
-    """The gyro outvoted by front wheels, rear wheels and steering, which agree among themselves."""
+    """The gyro outvoted by front wheels, rear wheels and steering, all of them to the same side of it."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -74,22 +74,17 @@ class GyroMonitor:
         car = self._vehicle
         steered = speed * math.tan(state.steer) / car.wheelbase
         front = (state.wheel_speed_fr - state.wheel_speed_fl) / (car.track_front * math.cos(state.steer))
-        mean = 0.5 * (front + rear)
-        tolerance = GYRO_RAD_S + GYRO_SHARE * abs(mean)
-        voted = abs(front - rear) < tolerance and _within(mean, steered, 0.0)
-        outvoted = abs(state.yaw_rate - mean) > tolerance and not _within(state.yaw_rate, steered, GYRO_RAD_S)
-        return self._held.update(speed > JUDGED_FROM and voted and outvoted, now_ns)
+        low, high = sorted(share * steered for share in STEERED)
+        above = min(_excess(front, state.yaw_rate), _excess(rear, state.yaw_rate), low - GYRO_RAD_S - state.yaw_rate)
+        below = min(
+            _excess(-front, -state.yaw_rate), _excess(-rear, -state.yaw_rate), state.yaw_rate - high - GYRO_RAD_S
+        )
+        return self._held.update(speed > JUDGED_FROM and max(above, below) > 0.0, now_ns)
 
 
-def _within(yaw_rate: float, steered: float, margin: float) -> bool:
-    low, high = sorted(share * steered for share in STEERED)
-    return low - margin <= yaw_rate <= high + margin
-
-
-LATERAL = 9.0
-"""m/s2: gravity on the steepest bank (24 deg: 4.0), side slip building up at the limit (4.0), bias and noise (1.0)"""
-LATERAL_SHARE = 0.35
-"""of v r: the body's side slip in a slide"""
+def _excess(by_wheels: float, gyro: float) -> float:
+    """How far a yaw rate by wheels lies above the gyro's beyond what slip explains, rad/s."""
+    return by_wheels - gyro - GYRO_RAD_S - GYRO_SHARE * abs(by_wheels)
 
 
 SPEED_WINDOW = 50
@@ -115,6 +110,12 @@ class SpeedChangeMonitor:
         by_imu = sum(self._forces) * PERIOD_S
         wrong = abs(self._speeds[-1] - self._speeds[0] - by_imu) > SPEED_CHANGE
         return self._held.update(wrong, now_ns)
+
+
+LATERAL = 9.0
+"""m/s2: gravity on the steepest bank (24 deg: 4.0), side slip building up at the limit (4.0), bias and noise (1.0)"""
+LATERAL_SHARE = 0.35
+"""of v r: the body's side slip in a slide"""
 
 
 class LateralMonitor:

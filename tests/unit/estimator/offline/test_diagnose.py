@@ -19,18 +19,19 @@ from estimator.drive_log.table import DriveLog
 from estimator.model.basis import Basis, make_basis
 from estimator.model.effects import catalogue
 from estimator.model.single_track import SingleTrack
-from estimator.offline.diagnosis import WHITE_IN_LATE_LAPS, Diagnosis, diagnose
+from estimator.offline.diagnosis import Diagnosis, diagnose
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import evaluate, fit
 from estimator.offline.predict.predict import Predictor
+from estimator.offline.record.laps import scored_laps
 from estimator.offline.record.noise import Noise
 from estimator.offline.report.diagnosis_result import as_json, as_revision
 from estimator.offline.report.words import describe, follows_turn_direction
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.result.leftover import leftovers
-from estimator.offline.search.plausible import believed
+from estimator.offline.search.plausible import believed, possible
+from estimator.offline.search.search import Greedy
 from estimator.offline.search.trial import Setting, fit_names
-from estimator.offline.search.whiteness import structured_elsewhere
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.figures import figure
 
@@ -101,7 +102,7 @@ def test_what_exceeds_the_noise_only_in_the_scored_laps_is_said_with_its_time(
     assert found.leftover == ()
     record, best = found.record, found.models["with_effects"]
     t = record.signals["t"]
-    begins = float(t[found.test_rows].mean())
+    begins = float(t[record.rows[record.lap == record.lap.max()]].min()) + 10.0
     measured = record.measured.copy()
     measured[1] += 0.4 * ((t > begins) & (t < begins + 20.0))
     changed = replace(record, measured=measured)
@@ -125,6 +126,25 @@ def test_a_size_that_ends_on_its_bound_or_within_its_error_is_not_believed(
         parameters = done.parameters.copy()
         parameters[row] = size
         assert not believed(replace(done, parameters=parameters), "rolling_resistance")
+
+
+@pytest.mark.parametrize("force", [4500.0, 8000.0])
+def test_the_largest_drive_force_of_a_race_car_is_possible(diagnosed: Callable[[str], Diagnosis], force: float) -> None:
+    record = diagnosed("single").fit.predictor.record
+    done = fit_names(Setting(record, "per_axle", PRIOR), ["drive_saturation"], None, iterations=0)
+    (block,) = (b for b in done.predictor.blocks if b.effect.name == "drive_saturation")
+    parameters = done.parameters.copy()
+    parameters[block.parameters] = force
+    assert possible(replace(done, parameters=parameters), block)
+
+
+def test_without_lateral_sensors_the_lateral_tyre_stays_at_its_prior(drives: dict[str, Any]) -> None:
+    record = record_of(drives["single"])
+    forward = replace(record, used=np.array([False, False, False, True, False]), lap=np.arange(record.windows) // 15)
+    found = fit_names(Setting(forward, "per_axle", PRIOR), (), None)
+    tyre = dict(zip((p.name for p in found.predictor.model.tyre_table), found.parameters, strict=False))
+    assert {n: v for n, v in tyre.items() if n != "cx"} == {n: v for n, v in PRIOR.items() if n != "cx"}
+    assert tyre["cx"] != PRIOR["cx"]
 
 
 def test_effect_outside_the_catalogue_is_unexplained_and_located(diagnosed: Callable[[str], Diagnosis]) -> None:
@@ -171,16 +191,35 @@ def test_report_is_one_page_without_network(
     assert "<link" not in page
 
 
-def test_what_begins_only_in_the_last_laps_is_noticed_there(
-    diagnosed: Callable[[str], Diagnosis], drives: dict[str, Any]
-) -> None:
-    found, drive = diagnosed("none"), drives["none"]
-    late = np.isin(found.record.lap, found.test_laps)
-    assert not structured_elsewhere(found.fit, found.record.select(late), WHITE_IN_LATE_LAPS)
-    begins = found.record.signals["t"][found.record.rows[late].min()]
-    columns = drive.columns | {"ay": drive.columns["ay"] + 0.3 * (drive.columns["t"] > begins)}
-    changed = record_of(replace(drive, columns=columns))
-    assert structured_elsewhere(found.fit, changed.select(late), WHITE_IN_LATE_LAPS)
+@pytest.mark.parametrize(("laps", "scored"), [(3, (2,)), (5, (1, 4)), (8, (1, 4, 7)), (20, (1, 4, 7, 10, 13, 16, 19))])
+def test_which_laps_are_scored_follows_from_their_numbers_alone(laps: int, scored: tuple[int, ...]) -> None:
+    assert scored_laps(np.repeat(np.arange(laps), 40), has_laps=True) == scored
+
+
+def test_what_scored_laps_hold_changes_nothing_that_a_fit_is_given(drives: dict[str, Any]) -> None:
+    drive = drives["none"]
+    lap = drive.columns["lap"]
+    scored = np.isin(lap, scored_laps(lap.astype(np.int64), has_laps=True))
+    rng = np.random.default_rng(5)
+    worse = {n: drive.columns[n] + scored * rng.normal(0.0, 1.0, len(lap)) for n in ("ax", "ay")}
+    worse["vx"] = drive.columns["vx"] + 3.0 * scored
+    plain, other = record_of(drive), record_of(replace(drive, columns=drive.columns | worse))
+    assert other.noise == pytest.approx(plain.noise, rel=0.02)
+    assert other.lap_length == pytest.approx(plain.lap_length)
+    assert other.bases["vx"].knots == pytest.approx(plain.bases["vx"].knots, abs=0.05)
+
+
+def test_what_stands_in_for_another_effect_is_exchanged_for_it(drives: dict[str, Any]) -> None:
+    record = record_of(drives["pair"])
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 15), "per_axle", PRIOR)
+    start, names = fit_names(setting, (), None), ["rolling_resistance", "steer_offset"]
+    state = Greedy(
+        setting, lambda _: None, lambda _base, _fit: False, start, names, fit_names(setting, names, start), []
+    )
+    state.recheck()
+    assert state.names == names, "it stands in well"
+    assert state.exchange()
+    assert set(state.names) == {"aero_drag", "steer_offset"}
 
 
 def test_a_delay_within_a_sample_is_no_effect(drives: dict[str, Any]) -> None:
