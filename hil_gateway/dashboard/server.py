@@ -44,6 +44,10 @@ class Source(Protocol):
         """Columns of the last minutes."""
         ...
 
+    def line(self, name: str) -> dict[str, Any] | None:
+        """The race line the slow part named."""
+        ...
+
 
 def create_app(source: Source, setup: dict[str, Any], period_s: float) -> Starlette:
     """The live page; `source` is asked once a period, however many pages are open."""
@@ -55,13 +59,17 @@ def create_app(source: Source, setup: dict[str, Any], period_s: float) -> Starle
     def history(request: Request) -> Response:
         return json_response(source.history())
 
+    def line(request: Request) -> Response:
+        return json_response(source.line(request.query_params.get("name", "")))
+
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         task = asyncio.create_task(shared.keep())
         yield
         task.cancel()
 
-    return page_app(setup, [Route("/events", events), Route("/history.json", history)], lifespan)
+    routes = [Route("/events", events), Route("/history.json", history), Route("/line.json", line)]
+    return page_app(setup, routes, lifespan)
 
 
 def page_app(setup: dict[str, Any], routes: list[Route], lifespan: Lifespan | None = None) -> Starlette:

@@ -3,7 +3,8 @@ import { byId, colour, known } from "./format.js";
 
 const SHOWN_S = 60;
 const CHARTS = [
-  { title: "speed, km/h", height: 130, scale: 3.6, series: [["speed", "measured", "text"]] },
+  { title: "speed, km/h", height: 130, scale: 3.6, series: [["line_speed", "race line asks", "accent"], ["speed", "driven", "text"]] },
+  { title: "grip used, %", height: 80, limit: "grip", series: [["grip", "of that believed", "text"]] },
   { title: "road-wheel angle, deg", height: 120, limit: "steer_deg", series: [["steer_asked", "asked", "warn"], ["steer_sent", "sent", "accent"], ["steer", "measured", "text"]] },
   { title: "accelerator, %", height: 95, series: [["accelerator_sent", "sent", "accent"], ["accelerator", "measured", "text"]] },
   { title: "front brake, bar", height: 95, series: [["brake_sent", "sent", "accent"], ["brake", "measured", "text"]] },
