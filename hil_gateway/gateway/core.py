@@ -44,7 +44,7 @@ class Gateway:
         self.builder = VehicleStateBuilder(config, codec, actuation)
         self.inbox = Inbox(bus, config.gateway.command_latency_max_s)
         self._monitors = Monitors(config, track)
-        self._dead_reckoning = DeadReckoning()
+        self._dead_reckoning = DeadReckoning(config.vehicle.lr)
         self._course = CourseReader()
         self._conditions = Conditions(self.builder, config.gateway.mode)
         self.decision = Decision()

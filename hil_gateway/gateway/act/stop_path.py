@@ -98,7 +98,7 @@ def way_along(track: Track, pose: Pose, deceleration: float) -> Path | None:
     count = math.ceil((pose.speed**2 / (2 * deceleration) + BEYOND) / STEP)
     s: Array = s0 + STEP * np.arange(-1.0, count)
     on = track.at(s)
-    slope = math.tan(max(-math.atan(STEEPEST), min(_turned(pose.yaw - on.heading[1]), math.atan(STEEPEST))))
+    slope = math.tan(max(-math.atan(STEEPEST), min(_turned(pose.yaw + pose.slip - on.heading[1]), math.atan(STEEPEST))))
     speed2 = np.maximum(pose.speed**2 - 2 * deceleration * np.maximum(s - s0, 0.0), SLOWEST**2)
     start = np.array([offset - STEP * slope, offset])
     e = _least_lateral_force(start, on.curvature, speed2, _corridor(on.width_right), _corridor(on.width_left))

@@ -21,7 +21,8 @@ from hil_gateway.gateway.settings import StopConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
 
-LOOK_AHEAD_S = 0.5
+LOOK_AHEAD_S = 0.4
+"""the longer, the wider a car that understeers swings out at 60 m/s; at 0.3 it begins to weave"""
 LOOK_AHEAD_MIN = 6.0
 """m"""
 FAR_FROM_WAY = 1.5

@@ -1,8 +1,8 @@
 """Where the car is while nobody estimates it.
 
 An estimate is carried on from the moment it speaks of by speed and yaw rate (substitutes of them where a sensor is
-gone); position fixes, which reach the
-gateway without the estimator, pull the point back, so that the side slip this neglects cannot add up.
+gone), and by the side slip that goes with the lateral force; position fixes, which reach the gateway without the
+estimator, pull the point back, so that errors cannot add up.
 """
 
 from __future__ import annotations
@@ -26,6 +26,12 @@ YAW_GAIN = 0.3
 SHORTEST_M = 0.5
 """way between fixes from which their direction says something"""
 
+SLIP_FROM = 8.0
+"""m/s from which side slip matters"""
+SLIP_LEARNT = 0.005
+"""weight of an estimate: two seconds"""
+SLIP_MOST = 0.008
+"""rad per m/s2: a rear axle that gives up at 10 m/s2 with 0.08 rad"""
 LONGEST_S = 0.2
 """longest time bridged at once: an estimate that names an older moment names a wrong one"""
 
@@ -38,12 +44,21 @@ class Pose:
     y: float
     yaw: float
     speed: float
+    slip: float = 0.0
+    """rad from where the car points to where it goes; 0 where the yaw is that of a course"""
 
 
 class DeadReckoning:
-    """The pose now; None before the first estimate."""
+    """The pose now; None before the first estimate.
 
-    def __init__(self) -> None:
+    Side slip is carried on as l_r r / v - k a_y (single track with a linear rear tyre); the estimates teach k.
+    """
+
+    def __init__(self, rear: float) -> None:
+        """`rear`: distance of the rear axle behind the centre of gravity, m."""
+        self._rear = rear
+        self._yields, self._forces = 0.0, 1.0
+        """sums of a_y times the rear axle's slip angle, and of a_y^2, over what the estimates said lately"""
         self.pose: Pose | None = None
         self._pose_ns = 0
         self._answered_ns = 0
@@ -58,7 +73,8 @@ class DeadReckoning:
         `believe_fixes` is false from the first fix on that does not fit the way the car has gone.
         """
         if estimate is not None and (self.pose is None or estimate.state_stamp_ns != self._answered_ns):
-            self.pose = Pose(estimate.x, estimate.y, estimate.yaw, estimate.vx)
+            self._learn(estimate, motion)
+            self.pose = Pose(estimate.x, estimate.y, estimate.yaw, estimate.vx, self._slip(motion))
             self._answered_ns = self._pose_ns = estimate.state_stamp_ns
             self._blind_m, self._fix_seq = 0.0, state.position_seq
         if self.pose is not None:
@@ -78,8 +94,22 @@ class DeadReckoning:
         speed = motion.speed
         self._blind_m += speed * dt
         yaw = pose.yaw + motion.yaw_rate * dt
-        middle = 0.5 * (pose.yaw + yaw)
-        return Pose(pose.x + speed * math.cos(middle) * dt, pose.y + speed * math.sin(middle) * dt, yaw, speed)
+        slip = self._slip(motion)
+        middle = 0.5 * (pose.yaw + yaw) + slip
+        return Pose(pose.x + speed * math.cos(middle) * dt, pose.y + speed * math.sin(middle) * dt, yaw, speed, slip)
+
+    def _learn(self, estimate: Estimate, motion: Motion) -> None:
+        """How far the rear axle slips a m/s2 of lateral force, from what an estimate says of the side slip."""
+        if estimate.vx > SLIP_FROM and motion.by_gyro:
+            rear = (self._rear * estimate.yaw_rate - estimate.vy) / estimate.vx
+            self._yields += SLIP_LEARNT * (rear * motion.ay - self._yields)
+            self._forces += SLIP_LEARNT * (motion.ay**2 - self._forces)
+
+    def _slip(self, motion: Motion) -> float:
+        if not motion.by_gyro or motion.speed < SLIP_FROM:
+            return 0.0
+        share = min(max(self._yields / max(self._forces, 1.0), 0.0), SLIP_MOST)
+        return self._rear * motion.yaw_rate / motion.speed - share * motion.ay
 
     def _corrected(self, pose: Pose, state: VehicleState, motion: Motion) -> Pose:
         """Moved towards the fix that arrived this period, if one did."""
@@ -92,4 +122,4 @@ class DeadReckoning:
         aside = math.cos(pose.yaw) * dy - math.sin(pose.yaw) * dx
         turned = 0.0 if motion.by_gyro or self._blind_m < SHORTEST_M else math.atan2(YAW_GAIN * aside, self._blind_m)
         self._blind_m = 0.0
-        return Pose(pose.x + FIX_GAIN * dx, pose.y + FIX_GAIN * dy, pose.yaw + turned, pose.speed)
+        return Pose(pose.x + FIX_GAIN * dx, pose.y + FIX_GAIN * dy, pose.yaw + turned, pose.speed, pose.slip)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 from hil_gateway.bus.messages import VehicleState
@@ -16,6 +17,10 @@ MISMATCH_S = 5.0
 """s: how slowly the difference of the rear wheels' radii is learnt from the gyro, so that no bend is taken for one"""
 LEARNING_FROM = 10.0
 """m/s from which that difference shows"""
+COURSE_WINDOW = 38
+"""periods: the time the fixes behind a course span, and half a fix"""
+STEERED_SHARE = 0.6
+"""of what steering has added since the middle of that time, in yaw rate: understeer at speed"""
 LONGEST_S = 0.1
 """longest period that is integrated, s"""
 
@@ -37,7 +42,8 @@ class MotionReader:
 
     Speed: the second fastest wheel (one sensor may lie either way), held against locking by what tyres can do; without
     wheels that of the fixes, then the IMU carries it on. Yaw rate: the gyro; without it the turn rate of the fixes'
-    course, then the rear wheels' difference (which braking falsifies), then v tan(delta) / L.
+    course, then the rear wheels' difference (which braking falsifies), then v tan(delta) / L. Turn rates
+    are late by half the time they span: steering since then is added.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -45,6 +51,8 @@ class MotionReader:
         self._mismatch = 0.0
         """(right - left) / (track v) on a straight, 1/m"""
         self._last_ns: int | None = None
+        self._steered: deque[float] = deque(maxlen=COURSE_WINDOW)
+        """v tan(delta) / L of the periods a course spans, rad/s"""
         self.motion = Motion()
         self.believe_imu = self.believe_wheels = True
         """false when other sensors contradict them"""
@@ -56,6 +64,8 @@ class MotionReader:
         imu = state.sources["imu"].valid and self.believe_imu
         wheels = state.sources["wheel_speeds"].valid and self.believe_wheels
         speed = self._speed(state, imu, wheels, dt, course)
+        steers = state.sources["steering"].valid
+        self._steered.append(speed * math.tan(state.steer) / self._vehicle.wheelbase if steers else 0.0)
         yaw_rate = state.yaw_rate if imu else self._without_gyro(state, speed, wheels, course)
         if imu and wheels and speed > LEARNING_FROM:
             error = (self._rear_difference(state) - state.yaw_rate) / speed - self._mismatch
@@ -76,10 +86,8 @@ class MotionReader:
 
     def _without_gyro(self, state: VehicleState, speed: float, wheels: bool, course: Course | None) -> float:
         if course is not None:
-            return course.turn_rate
-        if wheels:
-            return self.rear_yaw_rate(state, speed)
-        return speed * math.tan(state.steer) / self._vehicle.wheelbase if state.sources["steering"].valid else 0.0
+            return course.turn_rate + STEERED_SHARE * (self._steered[-1] - sum(self._steered) / len(self._steered))
+        return self.rear_yaw_rate(state, speed) if wheels else self._steered[-1]
 
     def _rear_difference(self, state: VehicleState) -> float:
         return (state.wheel_speed_rr - state.wheel_speed_rl) / self._vehicle.track_rear

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.motion import COURSE_WINDOW
 
-WINDOW = 38
-"""periods the IMU is averaged over: the time the fixes behind a course span, and half a fix"""
 TURN = 0.32
 """rad/s: side slip that builds up, lag of the course, noise of both"""
 LATERAL = 11.0
@@ -32,8 +31,8 @@ class CourseMonitor:
     """Means of gyro and lateral specific force, and the speed of the wheels, against turn rate and speed."""
 
     def __init__(self) -> None:
-        self._yaw_rates: deque[float] = deque(maxlen=WINDOW)
-        self._forces: deque[float] = deque(maxlen=WINDOW)
+        self._yaw_rates: deque[float] = deque(maxlen=COURSE_WINDOW)
+        self._forces: deque[float] = deque(maxlen=COURSE_WINDOW)
         self._yaw_rate, self._acceleration, self._wheels = Held(), Held(), Held()
         self.shares: dict[str, float] = {}
         """each difference over its bound in this period"""
@@ -42,14 +41,14 @@ class CourseMonitor:
         """`course` is None where the fixes say nothing, or are not believed."""
         self._yaw_rates.append(state.yaw_rate)
         self._forces.append(state.ay)
-        self.shares = {} if course is None or len(self._forces) < WINDOW else self._compared(wheel_speed, course)
+        self.shares = {} if course is None or len(self._forces) < COURSE_WINDOW else self._compared(wheel_speed, course)
         return Contradicted(*(
             held.update(self.shares.get(name, 0.0) > 1.0, now_ns)
             for name, held in (("turn", self._yaw_rate), ("lateral", self._acceleration), ("speed", self._wheels))
         ))  # fmt: skip
 
     def _compared(self, wheel_speed: float, course: Course) -> dict[str, float]:
-        yaw_rate, force = sum(self._yaw_rates) / WINDOW, sum(self._forces) / WINDOW
+        yaw_rate, force = sum(self._yaw_rates) / COURSE_WINDOW, sum(self._forces) / COURSE_WINDOW
         return {
             "turn": abs(yaw_rate - course.turn_rate) / TURN,
             "lateral": abs(force - course.speed * course.turn_rate) / LATERAL,

@@ -13,6 +13,8 @@ from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
 from hil_gateway.gateway.perceive.motion import Motion
 
 TICK_NS = 10_000_000
+REAR = 0.0
+"""m: a point that needs no side slip to turn"""
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +39,7 @@ AHEAD = Motion(speed=40.0)
 
 def circle(rig: Rig, seconds: float, fixes: dict[int, tuple[float, float]] | None = None) -> Pose:
     """Pose after driving a circle at 40 m/s and 0.2 rad/s, estimated only at the beginning; fixes by tick."""
-    reckoning, seq = DeadReckoning(), 0
+    reckoning, seq = DeadReckoning(REAR), 0
     pose = reckoning.step(rig.now_ns, state(rig), AHEAD, estimate(rig))
     for tick in range(1, round(seconds * 100) + 1):
         seq += tick in (fixes or {})
@@ -55,7 +57,7 @@ def on_circle(seconds: float, aside: float = 0.0) -> tuple[float, float]:
 
 
 def test_nothing_is_known_before_the_first_estimate(rig):
-    assert DeadReckoning().step(rig.now_ns, state(rig), AHEAD, None) is None
+    assert DeadReckoning(REAR).step(rig.now_ns, state(rig), AHEAD, None) is None
 
 
 def test_the_pose_is_carried_on_along_a_circle(rig):
@@ -66,7 +68,7 @@ def test_the_pose_is_carried_on_along_a_circle(rig):
 
 def test_an_estimate_is_carried_on_from_the_moment_it_speaks_of(rig):
     """Late by 80 ms at 40 m/s it would be 3.2 m behind, also while it is repeated."""
-    reckoning, late = DeadReckoning(), estimate(rig)
+    reckoning, late = DeadReckoning(REAR), estimate(rig)
     for tick in range(9):
         pose = reckoning.step(rig.now_ns + tick * TICK_NS, state(rig), AHEAD, late)
     assert pose is not None and pose.x == pytest.approx(3.2)
@@ -97,12 +99,12 @@ def test_after_a_long_way_without_a_fix_a_distant_one_is_taken(rig):
 
 @pytest.mark.parametrize("stamp", [1, 1 << 62])
 def test_an_estimate_with_an_absurd_stamp_moves_the_pose_by_little(rig, stamp):
-    pose = DeadReckoning().step(rig.now_ns, state(rig), AHEAD, estimate(rig, state_stamp_ns=stamp))
+    pose = DeadReckoning(REAR).step(rig.now_ns, state(rig), AHEAD, estimate(rig, state_stamp_ns=stamp))
     assert pose is not None and 0 <= pose.x <= 8.0 + 1e-9
 
 
 def test_a_new_estimate_replaces_what_was_reckoned(rig):
-    reckoning = DeadReckoning()
+    reckoning = DeadReckoning(REAR)
     reckoning.step(rig.now_ns, state(rig), AHEAD, estimate(rig))
     later = rig.now_ns + 50 * TICK_NS
     pose = reckoning.step(later, state(rig), AHEAD, estimate(rig, x=7.0, y=1.0, state_stamp_ns=later))
@@ -110,7 +112,7 @@ def test_a_new_estimate_replaces_what_was_reckoned(rig):
 
 
 def test_fixes_that_are_not_believed_do_not_move_the_pose(rig):
-    reckoning = DeadReckoning()
+    reckoning = DeadReckoning(REAR)
     reckoning.step(rig.now_ns, state(rig), AHEAD, estimate(rig))
     beside = state(rig, position_seq=1, position_x=0.4, position_y=1.0)
     pose = reckoning.step(rig.now_ns + TICK_NS, beside, AHEAD, None, believe_fixes=False)

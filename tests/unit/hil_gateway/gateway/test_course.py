@@ -1,0 +1,106 @@
+"""How the car moves by its position fixes alone, and the sensors judged by that."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from support.scripted_car import Rig
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.gateway.perceive.course import Course, CourseReader
+from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning
+from hil_gateway.gateway.perceive.fixes import Fixes
+from hil_gateway.gateway.perceive.monitors.course import CourseMonitor
+from hil_gateway.gateway.perceive.motion import Motion
+
+TICK_NS = 10_000_000
+RADIUS, SPEED = 150.0, 45.0
+TURN = SPEED / RADIUS
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    made = Rig()
+    made.run(0.2)
+    return made
+
+
+def circle(seconds: float, noise: float = 0.02, seed: int = 1, lost_from: float = math.inf) -> Course | None:
+    """Course after a circle with fixes at 20 Hz; the newest fix is 20 ms old."""
+    rng, fixes, reader, course = np.random.default_rng(seed), Fixes(), CourseReader(), None
+    for tick in range(1, round(seconds * 100) + 1):
+        t = 0.01 * tick
+        if tick % 5 == 3 and t < lost_from:
+            x, y = RADIUS * math.sin(TURN * t), RADIUS * (1 - math.cos(TURN * t))
+            fixes.take(x + noise * rng.standard_normal(), y + noise * rng.standard_normal(), tick * TICK_NS)
+        course = reader.step(tick * TICK_NS, fixes)
+    return course
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_course_on_a_circle_is_that_of_the_circle(seed):
+    course = circle(2.0, seed=seed)
+    assert course is not None
+    assert abs(math.remainder(course.course - 2.0 * TURN, 2 * math.pi)) < 0.03
+    assert course.speed == pytest.approx(SPEED, abs=1.2)
+    assert course.turn_rate == pytest.approx(TURN, abs=0.12)
+    assert math.hypot(course.x - RADIUS * math.sin(2.0 * TURN), course.y - RADIUS * (1 - math.cos(2.0 * TURN))) < 0.15
+
+
+def test_without_recent_fixes_there_is_no_course():
+    assert circle(0.3) is None
+    assert circle(2.0, lost_from=1.8) is None
+
+
+def test_scattered_fixes_are_no_course():
+    assert circle(2.0, noise=1.0) is None
+
+
+def reported(rig: Rig, yaw_rate: float, ay: float) -> VehicleState:
+    return rig.gateway.builder.build(rig.now_ns, 9, 1, 0).model_copy(update={"yaw_rate": yaw_rate, "ay": ay})
+
+
+@pytest.mark.parametrize(
+    ("yaw_rate", "ay", "wheels", "wrong"),
+    [
+        (TURN, SPEED * TURN, SPEED, set()),
+        (TURN + 0.1, SPEED * TURN + 4.0, 0.93 * SPEED, set()),
+        (TURN - 0.4, SPEED * TURN, SPEED, {"yaw_rate"}),
+        (TURN, 0.0, SPEED, {"acceleration"}),
+        (TURN, SPEED * TURN, 0.8 * SPEED, {"wheels"}),
+    ],
+)
+def test_the_sensor_that_the_course_contradicts_is_named_within_half_a_second(rig, yaw_rate, ay, wheels, wrong):
+    monitor, course, held = CourseMonitor(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0), None
+    for tick in range(50):
+        held = monitor.step(tick * TICK_NS, reported(rig, yaw_rate, ay), wheels, course)
+    assert {name for name in ("yaw_rate", "acceleration", "wheels") if getattr(held, name) > 0.1} == wrong
+
+
+def test_a_reckoning_that_restarts_goes_on_from_the_fixes(rig):
+    reckoning = DeadReckoning(1.2)
+    start = rig.estimate(0).model_copy(
+        update={"x": 0.0, "y": 0.0, "yaw": 0.5, "vx": 40.0, "state_stamp_ns": rig.now_ns}
+    )
+    standing = rig.gateway.builder.build(rig.now_ns, 9, 1, 0)
+    reckoning.step(rig.now_ns, standing, Motion(40.0), start)
+    reckoning.restart(rig.now_ns, Course(10.0, 5.0, 0.1, 40.0, 0.0, 0.0))
+    pose = reckoning.step(rig.now_ns + TICK_NS, standing, Motion(40.0, by_gyro=False), None)
+    assert pose is not None and pose.yaw == 0.1
+    assert (pose.x, pose.y) == pytest.approx((10.0 + 0.4 * math.cos(0.1), 5.0 + 0.4 * math.sin(0.1)))
+
+
+def test_side_slip_is_carried_on_as_the_estimates_taught_it(rig):
+    """At 0.004 rad of rear slip per m/s2, a car in a bend of 10 m/s2 goes 0.01 rad to the right of its nose."""
+    reckoning, slip, rear = DeadReckoning(1.2), 0.004, 1.2
+    motion = Motion(40.0, 0.25, 10.0)
+    vy = rear * motion.yaw_rate - slip * motion.ay * motion.speed
+    standing = rig.gateway.builder.build(rig.now_ns, 9, 1, 0)
+    for tick in range(1000):
+        stamp = rig.now_ns + tick * TICK_NS
+        told = {"vx": 40.0, "vy": vy, "yaw_rate": motion.yaw_rate, "state_stamp_ns": stamp}
+        pose = reckoning.step(stamp, standing, motion, rig.estimate(0).model_copy(update=told))
+    assert pose is not None
+    assert pose.slip == pytest.approx(math.atan2(vy, motion.speed), abs=2e-3)
