@@ -36,7 +36,8 @@ def catalogue(folder: Path, say: Callable[[str], None] = lambda text: None) -> C
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no folder")
-    known, entries, read = _load(folder), {}, 0
+    known, read = _load(folder), 0
+    entries: dict[str, dict[str, Any]] = {}
     for name, stamp, path in _files(folder):
         entry = known.get(name)
         if entry is None or entry["stamp"] != stamp:
