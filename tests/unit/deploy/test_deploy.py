@@ -54,10 +54,10 @@ def test_priorities_fall_along_the_loop() -> None:
     """Gateway before estimator before planner; what only listens has no real-time priority at all."""
     priority = {
         name: int(unit(f"hil-{name}.service")["Service"].get("CPUSchedulingPriority", "0"))
-        for name in ("gateway", "estimator", "planner", "recorder", "dashboard")
+        for name in ("gateway", "estimator", "planner", "recorder", "learner", "dashboard")
     }
     assert priority["gateway"] > priority["estimator"] > priority["planner"] > 0
-    assert priority["recorder"] == priority["dashboard"] == 0
+    assert priority["recorder"] == priority["learner"] == priority["dashboard"] == 0
 
 
 def test_installing_and_uninstalling_leaves_nothing_behind(tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def test_every_model_has_a_row_with_what_became_of_it_and_why() -> None:
 def test_what_is_learnt_and_adopted_is_told_once_as_it_comes() -> None:
     bus = LocalBus()
     journal = Journal(bus)
-    for kind in (EventKind.LEARNING, EventKind.FLAG, EventKind.ADOPTION):
+    for kind in (EventKind.LEARNING, EventKind.FLAG, EventKind.ADOPTION, EventKind.ADOPTION):
         event = Event(stamp_ns=1, seq=1, kind=kind, severity=Severity.INFO, before="", after="b", text=f"about {kind}")
         bus.publish(topics.EVENT, event)
     journal.update(0, None)
