@@ -43,7 +43,7 @@ class Gateway:
         codec, actuation = load_codec(), Actuation(config.vehicle, config.powertrain)
         self.builder = VehicleStateBuilder(config, codec, actuation)
         self.inbox = Inbox(bus, config.gateway.command_latency_max_s)
-        self._monitors = Monitors(config, track)
+        self.monitors = Monitors(config, track)
         self._dead_reckoning = DeadReckoning(config.vehicle.lr)
         self._course = CourseReader()
         self._conditions = Conditions(self.builder, config.gateway.mode)
@@ -69,18 +69,18 @@ class Gateway:
         self.inbox.read_commands(now_ns, before.failsafe.armed)
         if (plan := self.inbox.read_plan(now_ns)) is not None:
             self._actor.stopping.take_plan(plan, stopping=before.stopping)
-        fixes_fit, imu_wrong = self._monitors.fixes_fit, self._monitors.imu_wrong
+        fixes_fit, imu_wrong = self.monitors.fixes_fit, self.monitors.imu_wrong
         course = self._course.step(now_ns, self.builder.fixes)
-        motion = self._monitors.motion.step(now_ns, state, course if fixes_fit else None)
-        self._monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
-        estimate, fixes_fit = self.inbox.read_estimate(now_ns), self._monitors.fixes_fit
-        believed = estimate if fixes_fit and not self._monitors.imu_suspect else None
+        motion = self.monitors.motion.step(now_ns, state, course if fixes_fit else None)
+        self.monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
+        estimate, fixes_fit = self.inbox.read_estimate(now_ns), self.monitors.fixes_fit
+        believed = estimate if fixes_fit and not self.monitors.imu_suspect else None
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, fixes_fit)
         request = self.inbox.read_request(now_ns)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
-        trusted = None if self._monitors.position.wrong and not imu_wrong else course
-        monitored = self._monitors.measures(now_ns, state, pose, commanded, trusted)
-        if course is not None and self._monitors.imu_wrong and not imu_wrong:
+        trusted = None if self.monitors.position.wrong and not imu_wrong else course
+        monitored = self.monitors.measures(now_ns, state, pose, commanded, trusted)
+        if course is not None and self.monitors.imu_wrong and not imu_wrong:
             self._dead_reckoning.restart(now_ns, course)
         situation = self._conditions.situation(
             now_ns, state, request, before, gate.age_s(now_ns), self.inbox.estimate, monitored

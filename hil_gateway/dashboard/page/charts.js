@@ -49,7 +49,7 @@ function makePlot(chart, limits, last) {
   const options = {
     width: width(), height: Math.round(chart.height * tallness()) + (last ? 24 : 0), title: "", legend: { live: true },
     scales: { x: { time: false }, y: { range: (u, low, high) => range(low, high, bound, chart) } },
-    padding: [8, 18, 0, 0],
+    padding: [8, 18, last ? 0 : 8, 0],
     axes: [{ ...axis, show: last, size: 28, splits: (u, i, low, high, step) => ticks(low, high, step), values: (u, at) => at.map(label) }, { ...axis, size: 46, label: "", space: 26 }],
     series: [{ label: chart.title, value: (u, t) => (known(t) ? label(t) : "") }, ...series],
     cursor: { y: false, sync: { key: "time" }, drag: { x: true, y: false, setScale: false }, points: { size: 6 } },

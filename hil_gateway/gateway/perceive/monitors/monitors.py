@@ -34,7 +34,7 @@ class Monitors:
         self._wheels = WheelMonitor(vehicle)
         self._gyro = GyroMonitor(vehicle)
         self._lateral = LateralMonitor()
-        self.course = CourseMonitor()
+        self._course = CourseMonitor()
         self._speed_change = SpeedChangeMonitor()
         self._following = FollowingMonitor(vehicle)
         self._acceleration = AccelerationMonitor(vehicle, config.powertrain.brake_force_per_pa)
@@ -45,6 +45,12 @@ class Monitors:
     def fixes_fit(self) -> bool:
         """Whether fixes are believed; where the IMU is contradicted too, it is the IMU that they did not fit."""
         return self.imu_wrong or not self.position.suspect
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Difference over bound of the monitors that compare with one, in this period."""
+        own = {"specific force, v r": self._lateral.share, "change of speed": self._speed_change.share}
+        return own | {f"course, {name}": share for name, share in self._course.shares.items()}
 
     def measures(
         self, now_ns: int, state: VehicleState, pose: Pose | None, commanded: Actuators | None, course: Course | None
@@ -57,7 +63,7 @@ class Monitors:
         follows = self._following.step(now_ns, state, obeyed)
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         rear = self.motion.rear_yaw_rate(state, speed)
-        contradicted = self.course.step(now_ns, state, second_fastest(state), course if imu and wheels else None)
+        contradicted = self._course.step(now_ns, state, second_fastest(state), course if imu and wheels else None)
         changes = self._speed_change.step(now_ns, state, speed) if imu and wheels else 0.0
         lateral = self._lateral.step(now_ns, state, speed) if imu and wheels else 0.0
         turns = self._gyro.step(now_ns, state, speed, rear) if imu and wheels else 0.0

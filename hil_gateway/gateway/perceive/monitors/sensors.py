@@ -97,6 +97,8 @@ class SpeedChangeMonitor:
     """Change of the wheels' speed against the integral of the longitudinal specific force, over half a second."""
 
     def __init__(self) -> None:
+        self.share = 0.0
+        """of the bound that they disagree by now"""
         self._speeds: deque[float] = deque(maxlen=SPEED_WINDOW)
         self._forces: deque[float] = deque(maxlen=SPEED_WINDOW)
         self._held = Held()
@@ -106,10 +108,11 @@ class SpeedChangeMonitor:
         self._speeds.append(speed)
         self._forces.append(state.ax)
         if len(self._speeds) < SPEED_WINDOW or min(self._speeds) < JUDGED_FROM:
-            return self._held.update(False, now_ns)
-        by_imu = sum(self._forces) * PERIOD_S
-        wrong = abs(self._speeds[-1] - self._speeds[0] - by_imu) > SPEED_CHANGE
-        return self._held.update(wrong, now_ns)
+            self.share = 0.0
+        else:
+            by_imu = sum(self._forces) * PERIOD_S
+            self.share = abs(self._speeds[-1] - self._speeds[0] - by_imu) / SPEED_CHANGE
+        return self._held.update(self.share > 1.0, now_ns)
 
 
 LATERAL = 9.0
@@ -123,9 +126,12 @@ class LateralMonitor:
 
     def __init__(self) -> None:
         self._held = Held()
+        self.share = 0.0
+        """of the bound that they disagree by now"""
 
     def step(self, now_ns: int, state: VehicleState, speed: float) -> float:
         """Seconds they have disagreed."""
         expected = speed * state.yaw_rate
-        wrong = abs(state.ay - expected) > LATERAL + LATERAL_SHARE * abs(expected)
-        return self._held.update(speed > JUDGED_FROM and wrong, now_ns)
+        apart = abs(state.ay - expected) / (LATERAL + LATERAL_SHARE * abs(expected))
+        self.share = apart if speed > JUDGED_FROM else 0.0
+        return self._held.update(self.share > 1.0, now_ns)

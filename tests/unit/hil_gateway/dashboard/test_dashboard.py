@@ -348,6 +348,27 @@ def test_page_accepts_nothing_but_reading(served_page: str) -> None:
     refused.value.close()
 
 
+def test_prometheus_reads_the_state_of_the_loop_and_no_figures_of_the_dead(
+    served_page: str, loop: Loop, loop_runs: threading.Event
+) -> None:
+    def metrics() -> dict[str, float]:
+        with urllib.request.urlopen(served_page + "metrics") as response:
+            assert response.headers["content-type"].startswith("text/plain; version=0.0.4")
+            lines = [line for line in response.read().decode().splitlines() if not line.startswith("#")]
+        return {name: float(value) for name, value in (line.rsplit(" ", 1) for line in lines)}
+
+    found = metrics()
+    assert found["hil_gateway_frames_received_total"] == 123456
+    assert found["hil_gateway_loop_latency_p99_seconds"] == pytest.approx(0.038)
+    assert found["hil_plan_solve_seconds"] == pytest.approx(0.0125)
+    assert found['hil_gateway_action{action="drive"}'] == 1
+    loop_runs.clear()
+    while (later := metrics())['hil_topic_alive{topic="gateway_status"}']:
+        time.sleep(0.1)
+    assert "hil_gateway_frames_received_total" not in later
+    assert later['hil_topic_age_seconds{topic="gateway_status"}'] > 0.5
+
+
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
 TEXT = "document.getElementById('{}').textContent"
 

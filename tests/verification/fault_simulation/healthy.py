@@ -1,0 +1,98 @@
+"""Drives without a fault: random cars that the declared model does not fit, realistic noise, no stop allowed.
+
+What every monitor comes to is kept: how near its difference comes to its bound, and how long it holds against the time
+after which it stops the car. Bounds are set by these figures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from hil_gateway.config import Config
+from hil_gateway.gateway.decide.failsafe import TABLE
+from hil_gateway.plant.car_file import random_car
+from planner.simulation.loop import Loop
+
+TRACKS = ("road_course", "oval", "tri_oval")
+DRIVE_S = 120.0
+"""of one car, from when it is armed"""
+JUDGED = (
+    "position_wrong", "wheel_speed_wrong", "yaw_rate_wrong", "acceleration_wrong", "steering_stuck", "pedals_stuck",
+    "commands_unanswered", "position_lost", "off_road", "wrong_way",
+)  # fmt: skip
+"""rows that monitors of sensors and actuators can fire"""
+THRESHOLDS = {row.cause: row.threshold_s for row in TABLE if row.cause in JUDGED and row.threshold_s > 0.0}
+
+
+@dataclass
+class HealthyDrive:
+    """What one drive came to."""
+
+    track: str
+    car: int
+    seconds: float = 0.0
+    stops: list[tuple[float, str, str]] = field(default_factory=list)
+    """(time, action, cause)"""
+    off_road: bool = False
+    """a wheel left the road first, by the referee: then a stop is none without a fault"""
+    shares: dict[str, float] = field(default_factory=dict)
+    """monitor -> largest difference over its bound"""
+    held: dict[str, float] = field(default_factory=dict)
+    """cause -> longest time it held over the time after which it stops the car"""
+
+    @property
+    def false_stop(self) -> bool:
+        """Stopped on the road."""
+        return bool(self.stops) and not self.off_road
+
+
+def drive(track: str, seed: int, seconds: float = DRIVE_S) -> HealthyDrive:
+    """One random car on one track; every second car is learnt on the way."""
+    settings = {
+        "track": track,
+        "plant": {"seed": seed},
+        "planner": {"horizon": 20},
+        "estimator": {"learn": seed % 2 == 1},
+    }
+    loop, result = Loop(Config.model_validate(settings), simulated=random_car(seed)), HealthyDrive(track, seed)
+    while loop.elapsed_s < seconds + 10.0 and not result.stops:
+        loop.step()
+        if loop.result.armed and loop.gateway.seen is not None:
+            result.off_road = result.off_road or loop.plant.referee.off_track_count > 0
+            result.stops = list(loop.result.failsafes)
+            _keep_largest(result.shares, loop.gateway.monitors.shares)
+            measures = loop.gateway.seen[1].measures
+            _keep_largest(result.held, {cause: measures[cause] / limit for cause, limit in THRESHOLDS.items()})
+    result.seconds = loop.finish().seconds
+    return result
+
+
+def drives(seconds: float) -> Iterator[HealthyDrive]:
+    """One car after the other, on the tracks in turn, until they have driven so long in all."""
+    driven, seed = 0.0, 0
+    while driven < seconds:
+        yield (result := drive(TRACKS[seed % len(TRACKS)], seed, min(DRIVE_S, seconds - driven)))
+        driven, seed = driven + max(result.seconds, 1.0), seed + 1
+
+
+def summary(results: list[HealthyDrive]) -> dict[str, object]:
+    """Hours, false stops, and the largest of every figure."""
+    shares: dict[str, float] = {}
+    held: dict[str, float] = {}
+    for result in results:
+        _keep_largest(shares, result.shares)
+        _keep_largest(held, result.held)
+    return {
+        "hours": round(sum(r.seconds for r in results) / 3600.0, 3),
+        "cars": len(results),
+        "false_stops": [[r.track, r.car, *r.stops[0]] for r in results if r.false_stop],
+        "left_the_road": sum(r.off_road for r in results),
+        "largest_share_of_bound": {name: round(value, 3) for name, value in sorted(shares.items())},
+        "longest_share_of_time": {name: round(value, 3) for name, value in sorted(held.items())},
+    }
+
+
+def _keep_largest(kept: dict[str, float], values: dict[str, float]) -> None:
+    for name, value in values.items():
+        kept[name] = max(kept.get(name, 0.0), value)
