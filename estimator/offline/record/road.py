@@ -22,9 +22,9 @@ PRIOR_STD = 0.4
 """rad; of a bank or grade anywhere: the steepest speedways, so that a bank of all turns is not taken for an offset"""
 STRAIGHT_SHARE = 0.2
 """Below this share of the track's sharp curvature (95th percentile) the road is straight."""
-STRAIGHT_BANK = 0.1
-"""rad, of the mean over all straights (tri-ovals: up to 9 deg): shares a constant between bank and the accelerometer's
-offset; which of both it is, the tyres tell later"""
+STRAIGHT_BANK = 0.02
+"""rad, of the mean over all straights (drainage 0.01, tri-ovals up to 0.16): shares a constant between bank and the
+accelerometer's offset; a weak hint, since which of both it is the tyres tell later"""
 CLOSED = 1e-4
 """rad; mean grade of a lap that ends at the height where it began"""
 SENSORS: Mapping[str, float] = {
