@@ -17,6 +17,7 @@ from hil_gateway.process.clock import NS_PER_S, SystemClock
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.adoption.adoption import Adoption
+from planner.line.telling import LineTeller
 from planner.plan.checks import PlanCheck
 from planner.plan.fallback import Stopping, Trajectory, shifted, stop_plan
 from planner.plan.prediction import Actuators, Moment, Sent, credible, predict
@@ -74,6 +75,7 @@ class Planner:
         self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
         self._check = PlanCheck(self.settings, config.vehicle)
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
+        self._teller = LineTeller(bus)
 
     def step(self, now_ns: int) -> Plan | None:
         """Plan from the newest estimate and publish; None while there has never been one."""
@@ -85,7 +87,9 @@ class Planner:
         if decision is None:
             return None
         self._plan = decision.plan
-        return self._publish(decision, now_ns, started)
+        message = self._publish(decision, now_ns, started)
+        self._teller.step(now_ns, self.adoption.controller.reference.line, self.adoption.controller.clearance)
+        return message
 
     def store_limits(self) -> None:
         """Write the load limits the next run may use, if a file is configured."""

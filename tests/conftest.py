@@ -7,12 +7,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 from support.promise_figures import note_outcome, select
 
 from hil_gateway.can_link.udp import UdpLink
 from hil_gateway.can_link.virtual import VirtualLink
 from hil_gateway.can_link.wire import WireLink
+
+hypothesis.settings.register_profile("any machine", hypothesis.settings(deadline=None))  # beside what is set already
+hypothesis.settings.load_profile("any machine")
+"""how long an example takes says nothing of the code on a machine that does other work"""
 
 ROOT = Path(__file__).resolve().parents[1]
 

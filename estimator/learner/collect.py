@@ -10,6 +10,7 @@ from collections import OrderedDict
 
 import numpy as np
 
+from estimator.learner.taught import SPREAD
 from estimator.model.extra_load import extra_load
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Estimate, Plan, VehicleState
@@ -26,7 +27,9 @@ QUEUE_S = 5.0
 """how long the learner may be held up before rows are lost"""
 WAITING = 100
 """vehicle states kept until their estimate comes, one second"""
-COLUMNS = ("t", *FROM_ESTIMATE, *FROM_STATE, "extra_load")
+COLUMNS = ("t", *FROM_ESTIMATE, *FROM_STATE, "extra_load", *SPREAD)
+VX, YAW_RATE = 3, 5
+"""positions in `Estimate.std`"""
 
 
 class Collector:
@@ -99,4 +102,5 @@ def _row(state: VehicleState, estimate: Estimate) -> tuple[float, ...]:
     values = {name: get(state) for name, get in FROM_STATE.items()}
     values["ax"], values["ay"] = state.ax - estimate.bias_ax, state.ay - estimate.bias_ay
     motion = (get(estimate) for get in FROM_ESTIMATE.values())
-    return (state.stamp_ns / NS_PER_S, *motion, *values.values(), extra_load(state.az))
+    spread = estimate.std[VX : YAW_RATE + 1]
+    return (state.stamp_ns / NS_PER_S, *motion, *values.values(), extra_load(state.az), *spread)

@@ -52,10 +52,10 @@ def road_profiles(track: Track, size: int) -> dict[str, Array]:
     return {name: np.linalg.lstsq(basis, angle, rcond=None)[0] for name, angle in angles.items()}
 
 
-def with_road(revision: ModelRevision, track: Track, size: int) -> ModelRevision:
+def with_road(revision: ModelRevision, track: Track) -> ModelRevision:
     """A revision that also has the map's road, as the planner adds it: for predictions only."""
     road = (
         ActiveEffect(name=name, parameters={}, profile=tuple(values.tolist()))
-        for name, values in road_profiles(track, size).items()
+        for name, values in road_profiles(track, road_size(track)).items()
     )
     return revision.model_copy(update={"effects": (*revision.effects, *road)})

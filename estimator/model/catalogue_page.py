@@ -65,7 +65,8 @@ def _parameter(effect: Effect, p: Parameter) -> str:
 def _plausible(p: Parameter) -> str:
     if p.plausible is None:
         return "within the bounds"
-    return f"{p.plausible.lower:g} to {p.plausible.upper:g}: {p.plausible.reason}"
+    least = f", off neutral by {p.plausible.least:g}" if p.plausible.least else ""
+    return f"{p.plausible.lower:g} to {p.plausible.upper:g}{least}: {p.plausible.reason}"
 
 
 def _of(source: str, effects: list[Effect]) -> str:

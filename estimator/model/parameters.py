@@ -11,11 +11,15 @@ Layout = Literal["shared", "per_axle"]
 
 @dataclass(frozen=True)
 class Plausible:
-    """Values of a parameter that an engineer would believe, inside the bounds of a fit, and why."""
+    """Values of a parameter that an engineer would believe, inside the bounds of a fit, and why.
+
+    Closer than `least` to the neutral value it is no defect: every healthy part does that.
+    """
 
     lower: float
     upper: float
     reason: str
+    least: float = 0.0
 
 
 @dataclass(frozen=True)

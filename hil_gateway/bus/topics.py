@@ -12,6 +12,7 @@ from hil_gateway.bus import messages as m
 from hil_gateway.bus.event import Event
 from hil_gateway.bus.playback import Playback
 from hil_gateway.bus.proposal import ModelProposal
+from hil_gateway.bus.race_line import RaceLine
 
 M = TypeVar("M", bound=m.Message)
 
@@ -43,6 +44,7 @@ MODEL_REVISION = Topic("av24/model_revision", m.ModelRevision, "estimator", 1, 3
 MODEL_PROPOSAL = Topic("av24/model_proposal", ModelProposal, "learner", 0.1, 600.0, max_bytes=65_536)
 ALERT = Topic("av24/alert", m.Alert, "estimator", 1, 60.0)
 PLAN = Topic("av24/plan", m.Plan, "planner", 20, 0.1, max_bytes=65_536)
+RACE_LINE = Topic("av24/race_line", RaceLine, "planner", 0.2, 15.0, max_bytes=65_536)
 COMMAND = Topic("av24/command", m.Command, "planner", 20, 0.1, priority="real_time")
 OPERATOR = Topic("av24/operator", m.OperatorCommand, "operator", 0, 1.0, priority="real_time")
 RECORDER_STATUS = Topic("av24/recorder_status", m.RecorderStatus, "recorder", 1, 3.0)
@@ -60,6 +62,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     MODEL_PROPOSAL,
     ALERT,
     PLAN,
+    RACE_LINE,
     COMMAND,
     OPERATOR,
     RECORDER_STATUS,

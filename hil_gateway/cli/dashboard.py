@@ -19,6 +19,9 @@ def _group() -> None:
 def run(
     config_file: Annotated[Path | None, typer.Option("--config", help="TOML file")] = None,
     port: Annotated[int | None, typer.Option(help="TCP port (default: dashboard.port)")] = None,
+    lap_limit: Annotated[
+        float | None, typer.Option(min=1.0, help="least lap time of this car here, s: laps are shown over it")
+    ] = None,
 ) -> None:
     """Serve the page until interrupted."""
     from hil_gateway.bus.zenoh_bus import open_bus
@@ -36,6 +39,6 @@ def run(
     source = Live(Feed(bus, track, config), clock)
     typer.echo(f"dashboard: http://{page.host}:{page.port}/", err=True)
     try:
-        serve(create_app(source, setup_of(track, config), 1 / page.rate_hz), listener)
+        serve(create_app(source, setup_of(track, config, limit_s=lap_limit), 1 / page.rate_hz), listener)
     finally:
         bus.close()

@@ -259,7 +259,9 @@ def doctor(
     show_config: Annotated[bool, typer.Option("--config", help="list every setting, its value and its origin")] = False,
     config_file: Annotated[Path | None, typer.Option("--file", help="TOML file to read settings from")] = None,
     packages: Annotated[bool, typer.Option("--packages", help="only the Debian packages that are missing")] = False,
-    template_name: Annotated[str, typer.Option("--template", help="print av24.toml or secure.json5, to edit")] = "",
+    template_name: Annotated[
+        str, typer.Option("--template", help="print a shipped file, to edit: av24.toml, secure.json5, a layout")
+    ] = "",
 ) -> None:
     """Say what this machine lacks for what, with the remedy. Exit 1 when `hil demo` cannot run here."""
     if template_name:

@@ -31,10 +31,14 @@ class Format(StrEnum):
     PARQUET = "parquet"
     CANDUMP = "candump"
     SIGNALS = "signals"
+    FOXGLOVE = "foxglove"
+    ROS2 = "ros2"
 
 
 SUFFIXES = {Format.CSV: ".csv", Format.PARQUET: ".parquet", Format.CANDUMP: ".log"}
 SIGNAL_SUFFIXES = (".csv", ".parquet")
+ENDINGS = {**SUFFIXES, Format.SIGNALS: "_signals.csv", Format.FOXGLOVE: "_foxglove.mcap", Format.ROS2: "_ros2.mcap"}
+"""of the file's name where nobody gives one"""
 
 
 class Target(StrEnum):
@@ -82,25 +86,26 @@ def export(
     file: OneSession,
     format: Annotated[
         Format | None,
-        typer.Option("--format", help="drive log as csv or parquet, raw frames, or decoded signals"),
+        typer.Option(
+            "--format",
+            help="drive log: csv, parquet; raw frames: candump, ros2; signals; foxglove: with its topics",
+        ),
     ] = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a drive log (csv, parquet), the raw frames (candump log) or every decoded signal (csv, parquet)."""
-    from hil_gateway.session.exchange.export import EXPORTS
-    from hil_gateway.session.exchange.signals import export_signals
+    """Write a drive log, the raw frames, every decoded signal, or the session with topics Foxglove draws by itself."""
+    from hil_gateway.session.exchange.formats import EXPORTS
     from hil_gateway.session.files.output import beside
 
     chosen = format or _format_of(out)
-    decoded = chosen is Format.SIGNALS
-    suffixes = SIGNAL_SUFFIXES if decoded else (SUFFIXES[chosen],)
-    target = out or beside(file, "_signals.csv" if decoded else suffixes[0])
+    suffixes = SIGNAL_SUFFIXES if chosen is Format.SIGNALS else (Path(f"_{ENDINGS[chosen]}").suffix,)
+    target = out or beside(file, ENDINGS[chosen])
     check_file(target, (file,))
     if target.is_file() and target.suffix not in suffixes:
         reason = f"there already and no {' or '.join(suffixes)} file, never written over"
         raise InputError(f"{target}: {reason}; choose another --out")
-    done = (export_signals if decoded else EXPORTS[chosen])(file, target)
+    done = EXPORTS[chosen](file, target)
     values = {"rows": done.rows, "left_out": done.left_out, "damage": done.damage, "path": str(target)}
     _report(values, f"{done.rows} rows written to {target}", as_json)
 

@@ -19,6 +19,9 @@ def view(
     file: Annotated[Path, typer.Argument(help="a recorded .mcap file")],
     port: Annotated[int, typer.Option(help="TCP port; 0: any free one", min=0, max=65535)] = 8025,
     track: TrackFile = "",
+    lap_limit: Annotated[
+        float | None, typer.Option(min=1.0, help="least lap time of this car here, s: laps are shown over it")
+    ] = None,
 ) -> None:
     """Show a recording on the live page, with a bar to move in it. Serves on loopback until interrupted."""
     from hil_gateway.dashboard.recording import Recording, create_app
@@ -32,7 +35,7 @@ def view(
     typer.echo(f"reading {file}", err=True)
     recording = Recording(file, course, config)
     typer.echo(f"http://{LOOPBACK}:{listener.getsockname()[1]}/  (Ctrl-C ends)", err=True)
-    serve(create_app(recording, course, config), listener)
+    serve(create_app(recording, course, config, lap_limit), listener)
 
 
 def compare(

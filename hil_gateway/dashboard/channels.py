@@ -7,7 +7,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from hil_gateway.bus.topics import APPLIED, COMMAND, ESTIMATE, GATEWAY_STATUS, PLAN, VEHICLE_STATE, Topic
+import numpy as np
+
+from hil_gateway.bus.race_line import RaceLine
+from hil_gateway.bus.topics import (
+    APPLIED,
+    BELIEF,
+    COMMAND,
+    ESTIMATE,
+    GATEWAY_STATUS,
+    PLAN,
+    RACE_LINE,
+    VEHICLE_STATE,
+    Topic,
+)
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 
 SLOWEST = 5.0
@@ -47,8 +60,11 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("latency_ms", GATEWAY_STATUS, lambda g: g.loop_latency_p99_ms, 1),
 )
 """speeds in m/s, angles in degrees, specific force in g, pedals in % and bar, engine in 1/min, positions in m"""
-DERIVED = ("s", "slip_front", "slip_rear", "delta")
-"""columns of more than one message: position along the track (m), slip angles (deg), delta to the best lap (s)"""
+DERIVED = ("s", "slip_front", "slip_rear", "delta", "line_speed", "grip")
+"""columns of more than one message: position along the track (m), slip angles (deg), delta to the best lap (s), speed
+the planner asks for at this place (m/s), grip used (%)"""
+FRICTION = frozenset({"d", "df", "dr"})
+"""tyre parameters that are a friction coefficient"""
 
 
 def row_of(messages: Mapping[str, Any]) -> dict[str, float | None]:
@@ -69,3 +85,21 @@ def slip_angles(messages: Mapping[str, Any], vehicle: Vehicle) -> tuple[float | 
     front = v.steer - math.atan2(e.vy + vehicle.lf * e.yaw_rate, e.vx)
     rear = -math.atan2(e.vy - vehicle.lr * e.yaw_rate, e.vx)
     return round(math.degrees(front), 3), round(math.degrees(rear), 3)
+
+
+def grip_used(messages: Mapping[str, Any], vehicle: Vehicle) -> float | None:
+    """Measured specific force over what the weaker axle is believed to hold with the declared downforce, %."""
+    e, v, belief = (messages.get(topic.key) for topic in (ESTIMATE, VEHICLE_STATE, BELIEF))
+    if e is None or v is None or belief is None:
+        return None
+    friction = [mean for name, mean in zip(belief.names, belief.mean, strict=True) if name in FRICTION]
+    held = min(friction, default=0.0) * (GRAVITY + vehicle.downforce(e.vx) / vehicle.mass)
+    return round(100.0 * math.hypot(v.ax, v.ay) / held, 1) if held > 0 else None
+
+
+def asked_speed(messages: Mapping[str, Any], along: float, length: float) -> float | None:
+    """Speed of the race line at `along` m of a track of `length` m, m/s."""
+    line: RaceLine | None = messages.get(RACE_LINE.key)
+    if line is None or not line.x:
+        return None
+    return round(float(np.interp(along, line.track_s, line.vx, period=length)), 2)

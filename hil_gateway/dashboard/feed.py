@@ -11,6 +11,7 @@ from hil_gateway.bus.event import Event, EventKind
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Alert, Belief, Estimate, Plan, VehicleState
+from hil_gateway.bus.race_line import RaceLine
 from hil_gateway.bus.topics import (
     ALERT,
     BELIEF,
@@ -18,13 +19,15 @@ from hil_gateway.bus.topics import (
     EVENT,
     MODEL_PROPOSAL,
     OPERATOR,
+    RACE_LINE,
     TOPICS,
     TRUTH,
 )
 from hil_gateway.car.tyre_names import named
 from hil_gateway.config import Config
-from hil_gateway.dashboard.channels import row_of, slip_angles
+from hil_gateway.dashboard.channels import asked_speed, grip_used, row_of, slip_angles
 from hil_gateway.dashboard.history import MINUTES, History
+from hil_gateway.dashboard.line_shown import LineShown
 from hil_gateway.dashboard.state import state_of
 from hil_gateway.dashboard.stops import StopStory
 from hil_gateway.dashboard.tyre_curve import curves
@@ -47,6 +50,7 @@ class Feed:
         self._alerts: deque[tuple[float, Alert]] = deque(maxlen=ALERTS_KEPT)
         self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS_KEPT)
         self._stops = StopStory()
+        self._line = LineShown(track)
         self._prior: Belief | None = None
         self._vehicle, self._track = config.vehicle, track
         self._clock = LapClock(track.length)
@@ -60,6 +64,7 @@ class Feed:
         newest = {key: reader.latest for key, reader in self._readers.items()}
         alive = {key: latest.message for key, latest in newest.items() if latest.alive(now_ns)}
         self._take_events(now_ns, alive.get(ESTIMATE.key))
+        self._line.take(newest[RACE_LINE.key].message)
         row = self._row(now_ns, alive)
         self._history.add(row)
         return {
@@ -81,7 +86,12 @@ class Feed:
             "alerts": grouped(list(self._alerts)),
             "stop": {"first": self._stops.first, "last": self._stops.last},
             "tyres": _tyres(belief, self._prior) if belief and self._prior else None,
+            "line": self._line.name,
         }
+
+    def line(self, name: str) -> dict[str, Any] | None:
+        """Race line and corridor called `name` by the slow part; None where that one is not known any more."""
+        return self._line.drawn if name and name == self._line.name else None
 
     def history(self) -> dict[str, Any]:
         """Columns of the last minutes."""
@@ -103,12 +113,14 @@ class Feed:
         t_s, e = now_ns / NS_PER_S, alive.get(ESTIMATE.key)
         row: dict[str, float | None] = {"t": round(t_s, 3), **row_of(alive)}
         row["slip_front"], row["slip_rear"] = slip_angles(alive, self._vehicle)
-        row["s"] = row["delta"] = None
+        row["grip"] = grip_used(alive, self._vehicle)
+        row["s"] = row["delta"] = row["line_speed"] = None
         if e is not None and self._track.near(e.x, e.y):
             along, _ = self._track.project(e.x, e.y, self._s)
             self._clock.update(t_s, along, e.vx)
             delta = self._clock.delta_s(t_s, along)
             self._s, row["s"] = along, round(along, 1)
+            row["line_speed"] = asked_speed(alive, along, self._track.length)
             row["delta"] = None if delta is None else round(delta, 3)
         else:
             self._s = None
@@ -130,7 +142,7 @@ class Live:
 
     def __init__(self, feed: Feed, clock: Clock) -> None:
         self._feed, self._clock = feed, clock
-        self.slow, self.history = feed.slow, feed.history
+        self.slow, self.history, self.line = feed.slow, feed.history, feed.line
 
     def snapshot(self) -> dict[str, Any]:
         """The quick part, of now."""
@@ -159,6 +171,8 @@ def _page_form(message: Any) -> dict[str, Any] | None:
     if isinstance(message, Plan):
         tree = message.model_dump(mode="json", include={"status", "reason", "solve_ms", "lap", "revision"})
         return tree | {name: [round(v, 2) for v in getattr(message, name)] for name in ("x", "y", "vx")}
+    if isinstance(message, RaceLine):
+        return {"lap_time_s": message.lap_time_s}
     if isinstance(message, VehicleState):
         return message.model_dump(mode="json", include={"valid", "sources", "sys_state", "ct_state", "gear"})
     return dict(message.model_dump(mode="json", exclude={"covariance", "std"}))

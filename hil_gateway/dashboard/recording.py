@@ -6,6 +6,7 @@ import zlib
 from bisect import bisect_right
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -44,6 +45,8 @@ class Recording:
         self.times: list[float] = []
         self._quick: list[bytes] = []
         self._slow: list[bytes] = []
+        self.lines: dict[str, dict[str, Any]] = {}
+        """race lines by name"""
         bus = LocalBus()
         reader = SessionReader(path, frozenset(SHOWN))
         moments = _moments(in_order(reader.items()), 1 / config.dashboard.rate_hz)
@@ -56,20 +59,25 @@ class Recording:
         if not self.times:
             reason = "holds no message of the loop; `hil session import --estimate` makes them of raw frames"
             raise InputError(f"{path}: {reason}")
-        self.history = feed.history()
-        self.events = feed.slow()["events"]
-        self.laps = feed.slow()["laps"]
+        self.history, last = feed.history(), feed.slow()
+        self._last_slow = zlib.compress(text_of(last).encode(), 1)
+        self.events, self.laps = last["events"], last["laps"]
 
     def at(self, t_s: float) -> str:
         """Both parts of the newest snapshot at or before `t_s`, as JSON."""
         i = max(bisect_right(self.times, t_s) - 1, 0)
-        quick, slow = (zlib.decompress(part).decode() for part in (self._quick[i], self._slow[i // SLOW_EVERY]))
+        last = i == len(self.times) - 1
+        parts = self._quick[i], self._last_slow if last else self._slow[i // SLOW_EVERY]
+        quick, slow = (zlib.decompress(part).decode() for part in parts)
         return f'{{"quick":{quick},"slow":{slow}}}'
 
     def _keep(self, feed: Feed, t_s: float) -> None:
         snapshot = feed.snapshot(round(t_s * NS_PER_S))
         if len(self.times) % SLOW_EVERY == 0:
-            self._slow.append(zlib.compress(text_of(feed.slow()).encode(), 1))
+            slow = feed.slow()
+            if line := feed.line(slow["line"]):
+                self.lines[slow["line"]] = line
+            self._slow.append(zlib.compress(text_of(slow).encode(), 1))
         self.times.append(t_s)
         self._quick.append(zlib.compress(text_of(snapshot).encode(), 1))
 
@@ -93,7 +101,7 @@ def _moments(items: Iterator[Item], step_s: float) -> Iterator[tuple[float, list
             newest[item.topic] = item
 
 
-def create_app(recording: Recording, track: Track, config: Config) -> Starlette:
+def create_app(recording: Recording, track: Track, config: Config, limit_s: float | None = None) -> Starlette:
     """The page over a recording: the history is all of it, a moment is asked for by its time."""
 
     def at(request: Request) -> Response:
@@ -107,5 +115,6 @@ def create_app(recording: Recording, track: Track, config: Config) -> Starlette:
     routes = [
         Route("/at.json", at),
         Route("/history.json", lambda request: json_response(recording.history)),
+        Route("/line.json", lambda request: json_response(recording.lines.get(request.query_params.get("name", "")))),
     ]
-    return page_app(setup_of(track, config, source), routes)
+    return page_app(setup_of(track, config, source, limit_s), routes)

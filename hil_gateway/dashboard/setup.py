@@ -14,16 +14,20 @@ TRACK_POINTS = 600
 STEERING = ("steering_cmd", "steering_motor_ang_cmd")
 
 
-def setup_of(track: Track, config: Config, recording: dict[str, Any] | None = None) -> dict[str, Any]:
-    """For the page, once; `recording` says what is shown where it is not the live bus."""
+def setup_of(
+    track: Track, config: Config, recording: dict[str, Any] | None = None, limit_s: float | None = None
+) -> dict[str, Any]:
+    """For the page, once; `recording`: what is shown where it is not the live bus; `limit_s`: the car's lap limit."""
     return {
         "track": track_outline(track),
         "rate_hz": config.dashboard.rate_hz,
         "limits": {
             "steer_deg": _steering_limit_deg(config),
             "plan_ms": 1e3 * config.planner.deadline_s,
+            "grip": 100.0,
             "latency_ms": 1e3 * config.gateway.command_latency_max_s,
         },
+        "lap_limit_s": limit_s,
         "recording": recording,
     }
 
@@ -38,12 +42,13 @@ def _steering_limit_deg(config: Config) -> float:
 
 def track_outline(track: Track) -> dict[str, Any]:
     """Both edges of the track, m, thinned for drawing."""
+    return {"name": track.name, **edges(track), "length_m": round(track.length, 1)}
+
+
+def edges(track: Track, inset: float = 0.0) -> dict[str, dict[str, list[float]]]:
+    """`left` and `right` edge, `inset` m inside the road's, m, thinned for drawing."""
     step = max(len(track.x) // TRACK_POINTS, 1)
-    normal_x, normal_y = -np.sin(track.heading), np.cos(track.heading)
-
-    def edge(offset: Any) -> dict[str, list[float]]:
-        x, y = track.x + offset * normal_x, track.y + offset * normal_y
-        return {"x": np.round(x[::step], 2).tolist(), "y": np.round(y[::step], 2).tolist()}
-
-    left, right = edge(track.width_left), edge(-track.width_right)
-    return {"name": track.name, "left": left, "right": right, "length_m": round(track.length, 1)}
+    left, right = (
+        {"x": np.round(x[::step], 2).tolist(), "y": np.round(y[::step], 2).tolist()} for x, y in track.edges(inset)
+    )
+    return {"left": left, "right": right}

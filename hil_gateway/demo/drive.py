@@ -32,7 +32,9 @@ def drive(options: DemoOptions) -> dict[str, Any]:
         say(f"dashboard: http://{setup.config.dashboard.host}:{setup.config.dashboard.port}/")
     with setup.lock:
         result = _run(options, setup)
-        return summarise(options, setup, result, _model_error(setup, result), _limit_s(setup, result))
+        # who interrupts does not want to wait
+        limit_s = _limit_s(setup) if result.ending is Ending.DONE else None
+        return summarise(options, setup, result, _model_error(setup, result), limit_s)
 
 
 def say(text: str) -> None:
@@ -50,7 +52,7 @@ def _model_error(setup: DemoSetup, result: RunResult) -> dict[str, Any]:
 def _run(options: DemoOptions, setup: DemoSetup) -> RunResult:
     stopping = stop_requested()
     further = (*((DASHBOARD,) if options.dashboard else ()), *((LEARNER,) if options.learner else ()))
-    specs = [_with_car(spec, options) for spec in (*PROCESSES, *further)]
+    specs = [_with_arguments(spec, options, setup) for spec in (*PROCESSES, *further)]
     view = _view(options, setup)
     with contextlib.closing(view), Supervisor(setup.config_file, setup.folder / "logs", specs) as supervisor:
         supervisor.start(stage=0)
@@ -60,17 +62,17 @@ def _run(options: DemoOptions, setup: DemoSetup) -> RunResult:
     return result
 
 
-def _with_car(spec: ProcessSpec, options: DemoOptions) -> ProcessSpec:
-    """The plant, and no other process, gets the file of the simulated car."""
-    if spec.name != "plant" or options.car is None:
-        return spec
-    return replace(spec, arguments=("--car", str(options.car.absolute())))
+def _with_arguments(spec: ProcessSpec, options: DemoOptions, setup: DemoSetup) -> ProcessSpec:
+    """What only one process may know: the plant the file of the simulated car, the page that car's lap limit."""
+    if spec.name == "plant" and options.car:
+        return replace(spec, arguments=("--car", str(options.car.absolute())))
+    if spec is DASHBOARD and (limit_s := _limit_s(setup)):
+        return replace(spec, arguments=("--lap-limit", f"{limit_s:g}"))
+    return spec
 
 
-def _limit_s(setup: DemoSetup, result: RunResult) -> float | None:
-    """The least lap time of the car just driven, by the plant's equations; None where it was not driven to the end."""
-    if result.ending is not Ending.DONE:
-        return None
+def _limit_s(setup: DemoSetup) -> float | None:
+    """The least lap time of the simulated car, by the plant's equations; None where it cannot be found."""
     say("the simulated car's own limit on this track")
     parameters = setup.car.parameters() if setup.car else plant_parameters(setup.config.plant)
     try:

@@ -112,12 +112,27 @@ def describe_learning(summary: Mapping[str, Any]) -> list[str]:
         return []
     lines = []
     if found := learning.get("diagnosis"):
-        effects = ", ".join(effect["name"] for effect in found["effects"]) or "no effect of the catalogue"
-        lines.append(f"diagnosis        {found['verdict']}: {effects} ({found['report']})")
+        lines.append(f"diagnosis        {_diagnosed(found)} ({found['report']})")
     if "lap_time_s" in learning:
         lap, error = learning["lap_time_s"], learning["prediction_error"]
         for what, pair, unit in (("lap time", lap, "s"), ("prediction", error, "m")):
             before, after = (figure(pair[when], unit) for when in ("before", "after"))
             lines.append(f"{what:16} {before}, with the diagnosed model {after}")
-    verdict = "adopted" if learning["adopted"] else f"not adopted: {learning['reason']}"
-    return [*lines, f"model            {verdict}"]
+    return [*lines, f"model            {_adopted(learning)}"]
+
+
+def _diagnosed(found: Mapping[str, Any]) -> str:
+    """What was found, and whether something is left."""
+    effects = ", ".join(effect["name"] for effect in found["effects"])
+    if found["verdict"] == "unexplained":
+        rest = "more than noise is left that no effect explains"
+        return f"{effects} found; {rest}" if effects else f"no effect of the catalogue found; {rest}"
+    return f"{effects} found, the rest is noise" if effects else "the declared model explains the drive"
+
+
+def _adopted(learning: Mapping[str, Any]) -> str:
+    """What became of the model, and of what it consists."""
+    if not learning["adopted"]:
+        return f"not adopted: {learning['reason']}"
+    effects = [effect["name"] for effect in learning["diagnosis"]["effects"]]
+    return f"adopted: {', '.join([*effects, 'tyres identified anew'])}"

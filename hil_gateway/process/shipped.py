@@ -16,6 +16,8 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "hil_gateway": (
         "data/av24.toml",
         "data/secure.json5",
+        "data/foxglove-layout.json",
+        "data/plotjuggler-layout.xml",
         "data/tracks/oval.toml",
         "data/tracks/road_course.toml",
         "dashboard/page/index.html",
@@ -26,8 +28,9 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "estimator": ("offline/report/templates/report.html",),
 }
 """package -> files without which a command would fail; `hil doctor` looks for them"""
-TEMPLATES = ("av24.toml", "secure.json5")
-"""to be copied and edited: configuration of the car, Zenoh with certificates; `hil doctor --template` prints them"""
+TEMPLATES = ("av24.toml", "secure.json5", "foxglove-layout.json", "plotjuggler-layout.xml")
+"""to be copied and edited: configuration of the car, Zenoh with certificates, layouts of two viewers for recordings;
+`hil doctor --template` prints them"""
 
 
 def shipped(package: str, name: str = "") -> Path:

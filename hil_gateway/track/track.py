@@ -89,6 +89,15 @@ class Track:
         x, y = self.x, self.y
         return float(x.min()) - FAR, float(x.max()) + FAR, float(y.min()) - FAR, float(y.max()) + FAR
 
+    def edges(self, inset: float = 0.0) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Left and right edge, `inset` m inside the road's, each as x and y of shape (n,), m."""
+        across = -np.sin(self.heading), np.cos(self.heading)
+        left, right = self.width_left - inset, inset - self.width_right
+        return (
+            (self.x + left * across[0], self.y + left * across[1]),
+            (self.x + right * across[0], self.y + right * across[1]),
+        )
+
     def near(self, x: float, y: float) -> bool:
         """Whether a car that drives here can be at a point; one that is no number is nowhere."""
         west, east, south, north = self._surroundings

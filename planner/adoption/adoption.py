@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +40,7 @@ NOTHING_ASKED = (0.0, 0.0)
 PROBATION = 40
 """plans after an adoption during which failures count against the new revision"""
 PROBATION_FAILURES = 3
+Effects = tuple[str, ...]
 RACE_LINE_MARGIN = 1.6
 """least distance of the race line from the edges, m"""
 
@@ -84,6 +85,9 @@ class Adoption:
         self._background = background
         self._belief: Belief | None = None
         self._refused: set[str] = set()
+        self._given_back: set[Effects] = set()
+        self._foreign = False
+        """the estimator works with other effects than the model in force"""
         self._start = revision
         self._previous: Adopted | None = None
         self._ready: Adopted | None = None
@@ -104,11 +108,14 @@ class Adoption:
 
     def offer(self, revision: ModelRevision) -> None:
         """Consider a revision from the estimator."""
+        self._foreign = _effects(revision) != _effects(self.current.revision)
         if revision.revision in self._refused or revision.revision == self.current.revision.revision:
+            return
+        if _effects(revision) in self._given_back:
             return
         if reason := implausible(revision, self._start):
             self._refuse(revision, reason)
-        elif [e.name for e in revision.effects] == [e.name for e in self.current.revision.effects]:
+        elif not self._foreign:
             revised = model_of(revision, self._config.vehicle, self._track.length)
             self.current.revision, self.current.revised = revision, revised
             self.controller.phi_at = revised.phi_at
@@ -118,6 +125,8 @@ class Adoption:
 
     def offer_belief(self, belief: Belief) -> None:
         """Use a belief for Eq. (7) and (10), if it fits the model and is not far from it."""
+        if self._foreign:
+            return  # tyres beside other effects are other tyres
         if belief.names == self.current.tyre.names and _near(belief.mean, self.current.revised.theta):
             self._belief, self._changed = belief, True
 
@@ -150,6 +159,7 @@ class Adoption:
         self._failures += not accepted
         if self._failures >= PROBATION_FAILURES and self._previous is not None:
             self._refuse(self.current.revision, "plans with it failed, rolled back")
+            self._given_back.add(_effects(self.current.revision))
             self.current, self._previous, self._probation = self._previous, None, 0
 
     def _refuse(self, revision: ModelRevision, reason: str) -> None:
@@ -182,7 +192,11 @@ class Adoption:
         """Carry the guess over: the new model starts from the plan of the old one."""
         old = self.controller.sqp
         new.controller.sqp.set_guess(old.z.copy(), old.du.copy())
-        self._previous, self.current, self._ready = self.current, new, None
+        knowledge, limits = new.controller.knowledge, self.controller.knowledge.load_max
+        peaks = [new.revised.theta[d] for _, _, d in new.tyre.axles]
+        judged = judged_limits(self._config.planner.load_use, np.array(peaks), limits)
+        new.controller.set_knowledge(replace(knowledge, load_max=judged))
+        self._previous, self.current, self._ready, self._belief = self.current, new, None, None
         self._probation, self._failures, self._changed = PROBATION, 0, True
         self._graded = None
 
@@ -193,7 +207,7 @@ class Adoption:
         target = revised.theta
         if before is not None and len(before.theta) == len(target):
             target = np.clip(target, before.theta * (1 - SLEW), before.theta * (1 + SLEW))
-        belief = self._belief
+        belief = self._belief if before is not None else None  # a model being built has its own tyres
         if belief is not None and belief.names == tyre.names:
             mean, covariance = np.array(belief.mean), np.array(belief.covariance)
         elif (stated := tyre_covariance(revision)) is not None:
@@ -246,6 +260,10 @@ class Adoption:
 
         self._worker = threading.Thread(target=guarded, name="planner worker", daemon=True)
         self._worker.start()
+
+
+def _effects(revision: ModelRevision) -> Effects:
+    return tuple(effect.name for effect in revision.effects)
 
 
 def implausible(revision: ModelRevision, start: ModelRevision) -> str:

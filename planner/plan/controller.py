@@ -128,16 +128,21 @@ class Controller:
             W = np.asarray(np.linalg.solve(np.eye(len(k.mean)) + k.covariance @ F, k.covariance))
         self.common[self.problem.common["information_weight"]] = W.ravel()
 
+    @property
+    def clearance(self) -> float:
+        """Least distance of the car's centre from the edges of the track, m."""
+        limits = self.settings.limits
+        return limits.car_half_width + limits.track_margin + limits.exploring_margin * self.problem.informative
+
     def fill_stages(self, s: Array, vx: Array, drive: float) -> None:
         """Stage parameters at predicted progress `s` (N,), speed `vx` (N,) and present drive command."""
         names, p = self.problem.stage, self.stages
         knot, cubics, road = self.reference.stages(s)
-        limits, w = self.settings.limits, self.settings.weights
+        w = self.settings.weights
         p[names["s"]] = knot
         p[names["cubic_x"]], p[names["cubic_y"]] = cubics[:4], cubics[4:]
-        clearance = limits.car_half_width + limits.track_margin + limits.exploring_margin * self.problem.informative
         p[names["centre"]] = road[:2]
-        p[names["half_width"]] = np.maximum(road[2] + road[3] * (s - knot) - clearance, MIN_CORRIDOR)
+        p[names["half_width"]] = np.maximum(road[2] + road[3] * (s - knot) - self.clearance, MIN_CORRIDOR)
         p[names["speed"]] = road[4:6]
         p[names["progress"]] = w.progress
         p[names["progress"], -1] = 0.0  # the last one would push v_s against the horizon's end

@@ -27,6 +27,10 @@ OUTPUTS = (
 """Blocks of `qp.StageQp`, in the order of the stage function; `info`, `info_hessian` follow."""
 
 
+ZONE_ROUNDING = 0.05
+"""m over which the force of the edge zone sets in: an iteration sees it coming"""
+
+
 def path_errors(z: Expr, stage: Mapping[str, Expr]) -> tuple[Expr, Expr]:
     """Contouring and lag error, Eq. (5), m; the reference is the local cubic of the stage."""
     t = z[S] - stage["s"]
@@ -38,6 +42,21 @@ def path_errors(z: Expr, stage: Mapping[str, Expr]) -> tuple[Expr, Expr]:
     contouring = sin * (z[0] - x_d) - cos * (z[1] - y_d)
     lag = -cos * (z[0] - x_d) - sin * (z[1] - y_d)
     return contouring, lag
+
+
+def offset_from_middle(z: Expr, stage: Mapping[str, Expr]) -> Expr:
+    """Distance to the left of the middle of the track, m.
+
+    Beside the race line the middle may move quickly, the width does not.
+    """
+    return -path_errors(z, stage)[0] - stage["centre"][0] - stage["centre"][1] * (z[S] - stage["s"])
+
+
+def into_zone(z: Expr, stage: Mapping[str, Expr], zone: float) -> Expr:
+    """How far into the last `zone` m before the bounds of the track, m: 0 outside of it, with a rounded corner."""
+    offset = offset_from_middle(z, stage)
+    inside = ca.sqrt(offset**2 + ZONE_ROUNDING**2) - (stage["half_width"] - zone)
+    return 0.5 * (inside + ca.sqrt(inside**2 + ZONE_ROUNDING**2))
 
 
 class Problem(StageModel):
@@ -58,6 +77,7 @@ class Problem(StageModel):
             (w.lag, lag),
             (w.lateral_speed, z[4]),
             (w.yaw_rate, z[5]),
+            (w.edge, into_zone(z, stage, self.settings.limits.edge_zone)),
         )
         return ca.vertcat(*(ca.sqrt(2 * weight) * value for weight, value in terms))
 
@@ -82,8 +102,7 @@ class Problem(StageModel):
     ) -> tuple[Expr, Expr, Expr, Expr]:
         """Soft rows with their Jacobian, lower and upper bounds; the order is `rows`."""
         along = z[S] - stage["s"]
-        # across the track the middle may move quickly beside the race line, the width does not
-        offset = -path_errors(z, stage)[0] - stage["centre"][0] - stage["centre"][1] * along
+        offset = offset_from_middle(z, stage)
         speed = z[VX] - stage["speed"][0] - stage["speed"][1] * along
         values = [offset, loads[0].value, loads[1].value, speed]
         gradients = [ca.jacobian(offset, z), loads[0].gradient, loads[1].gradient, ca.jacobian(speed, z)]

@@ -21,6 +21,10 @@ class Weights:
     """q_c, 1/m2"""
     lag: float = 20.0
     """q_l, 1/m2"""
+    edge: float = 30.0
+    """on the way into `Limits.edge_zone`, 1/m2: the closed loop across the track answers within 0.1 s, what steering
+    and its dead time can do. A bound alone is answered as hard as the actuators can: cars that turn quicker than their
+    model wove along it by 9 mrad of steering"""
     progress: float = 0.2
     """q_v, s/m"""
     drive_change: float = 0.05
@@ -54,8 +58,10 @@ class Limits:
     power: float = 340e3
     """engine power at the wheels, W: bounds the drive command at speed"""
     car_half_width: float = 1.0
-    track_margin: float = 0.4
+    track_margin: float = 0.25
     """kept clear of the edge beyond the car's own width, m"""
+    edge_zone: float = 0.35
+    """m inside of that, entered against a rising force only; the race line stays out of it"""
     exploring_margin: float = 0.3
     """kept clear beyond that where information is paid for, m: a slalom with wrong tyres ends up to 0.3 m wide"""
     exploring_reserve: float = 0.03

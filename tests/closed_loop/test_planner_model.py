@@ -102,9 +102,11 @@ def test_a_revision_whose_plans_fail_is_rolled_back(monkeypatch: pytest.MonkeyPa
     rig.run(0.05 * (PROBATION_FAILURES + 1))
     assert adoption.current.revision.revision == old
     assert "rolled back" in adoption.notes[-1]
-    rig.bus.publish(topics.MODEL_REVISION, new)
-    rig.run(1.0)
-    assert rig.plans[-1].revision == old
+    refined = revision_with(rig, None, ActiveEffect(name="aero_drag", parameters={"k": 0.52}))
+    for again in (new, refined):
+        rig.bus.publish(topics.MODEL_REVISION, again)
+        rig.run(0.5)
+    assert rig.plans[-1].revision == old, "nor with other values"
     assert rig.plans[-1].status is PlanStatus.SOLVED
 
 

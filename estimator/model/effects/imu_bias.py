@@ -31,7 +31,7 @@ EFFECT = Effect(
             -5.0,
             5.0,
             "bias of the longitudinal accelerometer",
-            Plausible(-2.0, 2.0, "0.2 g is ten times a cheap sensor's zero"),
+            Plausible(-2.0, 2.0, "0.2 g is ten times a cheap sensor's zero; 5 mg is what zeroing leaves", 0.05),
         ),
         Parameter(
             "ay",
@@ -41,7 +41,7 @@ EFFECT = Effect(
             -5.0,
             5.0,
             "bias of the lateral accelerometer",
-            Plausible(-2.0, 2.0, "0.2 g is ten times a cheap sensor's zero"),
+            Plausible(-2.0, 2.0, "0.2 g is ten times a cheap sensor's zero; 5 mg is what zeroing leaves", 0.05),
         ),
         Parameter(
             "yaw_rate",
@@ -51,7 +51,9 @@ EFFECT = Effect(
             -0.2,
             0.2,
             "bias of the yaw-rate gyroscope",
-            Plausible(-0.08, 0.08, "5 deg/s is ten times a cheap sensor's zero"),
+            Plausible(
+                -0.08, 0.08, "5 deg/s is ten times a cheap sensor's zero; 0.1 deg/s is what zeroing leaves", 0.0018
+            ),
         ),
     ),
     channels=("ax", "ay", "vy_dot"),

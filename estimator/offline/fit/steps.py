@@ -11,21 +11,26 @@ from estimator.offline.fit.normal import Normal
 from hil_gateway.process.arrays import Array
 
 LARGEST_LOG_STEP = 0.4
+DECADES = 1e3
+"""A positive effect parameter whose bounds lie farther apart than by this factor steps in its logarithm: a plain step
+from far above would leap to where its effect is gone, and stay there."""
 RIDGE = 1e-11
 
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Step coordinates log(B C D), log C, log D of each axle instead of B, C, D; the other parameters themselves.
+    """Step coordinates log(B C D), log C, log D of each axle instead of B, C, D; of the other parameters themselves,
+    or their logarithm where they reach over decades.
 
     At small slip only the product shows; in B, C, D themselves the minimum lies in a long curved valley.
 
     Attributes:
-        axles: indices of B, C, D of each axle.
+        axles: indices of B, C, D of each axle; scales: indices of parameters that reach over decades.
         lower, upper: (p,) bounds of the parameters.
     """
 
     axles: tuple[tuple[int, int, int], ...]
+    scales: tuple[int, ...]
     lower: Array
     upper: Array
 
@@ -33,7 +38,10 @@ class Coordinates:
     def of(cls, tyre: Sequence[str], lower: Array, upper: Array) -> Coordinates:
         """Coordinates for parameters that begin with those of the tyre."""
         axles = [axle for axle in ("", "f", "r") if f"b{axle}" in tyre]
-        return cls(tuple((tyre.index(f"b{a}"), tyre.index(f"c{a}"), tyre.index(f"d{a}")) for a in axles), lower, upper)
+        wide = np.flatnonzero((lower > 0) & (upper > DECADES * lower))
+        scales = tuple(int(i) for i in wide if i >= len(tyre))
+        places = tuple((tyre.index(f"b{a}"), tyre.index(f"c{a}"), tyre.index(f"d{a}")) for a in axles)
+        return cls(places, scales, lower, upper)
 
     def damped_step(self, normal: Normal, at: Array, damping: float) -> Array:
         """Next parameters: a Levenberg-Marquardt step in which what would leave its bounds goes just there."""
@@ -58,16 +66,18 @@ class Coordinates:
         for b, c, d in self.axles:
             out[b, b], out[b, c], out[b, d] = at[b], -at[b], -at[b]
             out[c, c], out[d, d] = at[c], at[d]
+        for i in self.scales:
+            out[i, i] = at[i]
         return out
 
     def _room(self, at: Array) -> tuple[Array, Array]:
         """Least and largest step in each coordinate."""
         low, high = self.lower - at, self.upper - at
-        for b, c, d in self.axles:
+        for b, _, _ in self.axles:
             low[b], high[b] = -LARGEST_LOG_STEP, LARGEST_LOG_STEP
-            for i in (c, d):
-                low[i] = max(-LARGEST_LOG_STEP, float(np.log(self.lower[i] / at[i])))
-                high[i] = min(LARGEST_LOG_STEP, float(np.log(self.upper[i] / at[i])))
+        for i in (*(i for _, c, d in self.axles for i in (c, d)), *self.scales):
+            low[i] = max(-LARGEST_LOG_STEP, float(np.log(self.lower[i] / at[i])))
+            high[i] = min(LARGEST_LOG_STEP, float(np.log(self.upper[i] / at[i])))
         return low, high
 
     def _advance(self, at: Array, step: Array) -> Array:
@@ -76,6 +86,8 @@ class Coordinates:
         for b, c, d in self.axles:
             out[c], out[d] = at[c] * np.exp(step[c]), at[d] * np.exp(step[d])
             out[b] = at[b] * np.exp(step[b] - step[c] - step[d])
+        for i in self.scales:
+            out[i] = at[i] * np.exp(step[i])
         return out
 
 

@@ -23,7 +23,8 @@ PRIOR_STD = 0.4
 STRAIGHT_SHARE = 0.2
 """Below this share of the track's sharp curvature (95th percentile) the road is straight."""
 STRAIGHT_BANK = 0.1
-"""rad, of the mean over all straights (drainage): tells a constant bank from an offset of the accelerometer"""
+"""rad, of the mean over all straights (tri-ovals: up to 9 deg): shares a constant between bank and the accelerometer's
+offset; which of both it is, the tyres tell later"""
 CLOSED = 1e-4
 """rad; mean grade of a lap that ends at the height where it began"""
 SENSORS: Mapping[str, float] = {
@@ -101,7 +102,7 @@ def _profile(record: Record, kinematics: _Kinematics, closed: bool) -> RoadProfi
 
 
 def _level(record: Record, basis: Basis, position: Array, closed: bool) -> Array:
-    """Precision of the profile's mean: a lap's grade adds up to nothing, the straights lie level on average."""
+    """Precision of the profile's mean: a lap's grade adds up to nothing, the straights lie about level on average."""
     if closed:
         mean = basis.matrix(np.linspace(0.0, basis.period, 4 * basis.size, endpoint=False)).mean(axis=0)
         return np.outer(mean, mean) / (GRAVITY * CLOSED) ** 2

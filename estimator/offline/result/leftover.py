@@ -1,6 +1,6 @@
 """What the final model leaves beyond noise: in which channel, depending on what, and where or when.
 
-Looked for on the laps learnt from and on the laps scored: what acts in the last laps only is a finding as well.
+Looked for on the laps learnt from and on the laps scored: what acts in scored laps only is a finding as well.
 """
 
 from __future__ import annotations

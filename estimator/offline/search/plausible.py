@@ -49,11 +49,12 @@ def possible(fit: Fit, block: Block) -> bool:
 
 
 def _there(fit: Fit, block: Block) -> bool:
-    """Whether a parameter is off its neutral value beyond its error; a profile: its largest coefficient."""
-    rows = block.parameters
-    off = np.abs(fit.parameters[rows] - np.array([p.prior for p in _table(fit, block)]))
+    """Whether a parameter is off its neutral value beyond its error and any healthy part; a profile: its largest."""
+    rows, table = block.parameters, _table(fit, block)
+    off = np.abs(fit.parameters[rows] - np.array([p.prior for p in table]))
+    least = np.array([0.0 if p.plausible is None else p.plausible.least for p in table])
     errors = np.sqrt(np.maximum(np.diag(fit.covariance), fit.slow_variance)[rows])
-    return bool(np.any(off > LEAST_ERRORS * np.maximum(errors, np.finfo(float).tiny)))
+    return bool(np.any(off > np.maximum(LEAST_ERRORS * np.maximum(errors, np.finfo(float).tiny), least)))
 
 
 def _agrees(fit: Fit, block: Block) -> bool:

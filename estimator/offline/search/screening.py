@@ -9,6 +9,7 @@ import numpy as np
 
 from estimator.model.declared_vehicle import all_candidates
 from estimator.model.effects.base import Effect
+from estimator.model.parameters import Parameter
 from estimator.offline.fit.prediction_error import Fit, normal_at
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record, available
@@ -48,15 +49,13 @@ def screen(
     """Predicted evidence of each of `effects` on part of the windows, best first, from linearisations there."""
     setting, current = _thinned(setting, current)
     before, count = current.held_out(), SCREENING_STRIDE * current.normal.count
-    alone = {e.name for e in effects if e.initial or e.profile}
-    together = [e for e in effects if e.name not in alone]
-    trials = _screen_together(setting, accepted, together, current, before)
-    for effect in effects:
-        if effect.name in alone:
-            progress(" + ".join([*accepted, effect.name]))
-            steps = 1 if effect.profile else SCREENING_ITERATIONS
-            done = fit_names(setting, [*accepted, effect.name], current, steps)
-            trials.append(Trial(effect.name, compare(before, done.held_out(), count)))
+    alone = [e for e in effects if e.initial or e.profile]
+    trials, far = _screen_together(setting, accepted, [e for e in effects if e not in alone], current, before)
+    for effect in (*alone, *far):
+        progress(" + ".join([*accepted, effect.name]))
+        steps = 1 if effect.profile else SCREENING_ITERATIONS
+        done = fit_names(setting, [*accepted, effect.name], current, steps)
+        trials.append(Trial(effect.name, compare(before, done.held_out(), count)))
     return sorted(trials, key=lambda t: -t.evidence.gain)
 
 
@@ -72,8 +71,8 @@ def _thinned(setting: Setting, current: Fit) -> tuple[Setting, Fit]:
 
 def _screen_together(
     setting: Setting, accepted: Sequence[str], effects: Sequence[Effect], current: Fit, before: Array
-) -> list[Trial]:
-    """One linearisation of the model with all `effects` at their neutral values."""
+) -> tuple[list[Trial], list[Effect]]:
+    """One linearisation of the model with all `effects` at their neutral values; those whose step goes too far."""
     model = setting.model(accepted)
     wide = replace(model, effects=(*model.effects, *effects))
     predictor = Predictor(wide, current.predictor.record)
@@ -83,14 +82,24 @@ def _screen_together(
     places = {b.effect.name: range(b.parameters.start, b.parameters.stop) for b in predictor.blocks}
     for block in current.predictor.blocks:
         base.extend(places[block.effect.name])
-    trials = []
+    trials, far = list[Trial](), list[Effect]()
     for effect in effects:
         rows = np.array([*base, *places[effect.name]])
         part = normal.subset(rows)
         end = at[rows] + part.step(current.normal.variance)
-        own = slice(-len(places[effect.name]), None)
         table = [predictor.table[i] for i in places[effect.name]]
-        inside = all(p.lower <= v <= p.upper for p, v in zip(table, end[own], strict=True)) or len(table) > 1
-        after = part.held_out(current.normal.variance) if inside else before
+        passed = [_passed(p, v) for p, v in zip(table, end[-len(table) :], strict=True)]
+        if any(bound not in (None, p.prior) for p, bound in zip(table, passed, strict=True)):
+            far.append(effect)
+            continue
+        neutral = len(table) == 1 and passed != [None]
+        after = before if neutral else part.held_out(current.normal.variance)
         trials.append(Trial(effect.name, compare(before, after, SCREENING_STRIDE * normal.count)))
-    return trials
+    return trials, far
+
+
+def _passed(parameter: Parameter, value: float) -> float | None:
+    """The bound that a step to `value` would cross."""
+    if parameter.lower <= value <= parameter.upper:
+        return None
+    return parameter.lower if value < parameter.lower else parameter.upper

@@ -23,7 +23,7 @@ function chart(title, channel, height, last) {
   const lines = channel ? DATA.channels[channel] : [DATA.delta];
   const series = lines.map((_, i) => ({ label: channel ? names[i] : "gap", stroke: colour(channel ? COLOURS[i] : "text"), width: 1.6, value: (u, v) => (v === null ? "–" : v.toFixed(2)) }));
   return new uPlot({
-    width: width(), height: height + (last ? 26 : 0), padding: [8, 18, 0, 0],
+    width: width(), height: height + (last ? 26 : 0), padding: [8, 18, last ? 0 : 8, 0],
     scales: { x: { time: false } },
     axes: [{ ...axis, show: last, size: 28, values: (u, at) => at.map((s) => `${s} m`) }, { ...axis, size: 48, space: 26 }],
     series: [{ label: title, value: (u, s) => (s === null ? "" : `${s.toFixed(0)} m`) }, ...series],

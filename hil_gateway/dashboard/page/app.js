@@ -17,10 +17,10 @@ let drawn_ms = 0;
 function show(snapshot) {
   newest = snapshot;
   tables.drawHead(snapshot, setup.recording);
-  tables.drawFigures(snapshot);
+  tables.drawFigures(snapshot, setup.lap_limit_s);
   tables.drawAges(snapshot.ages);
   tables.drawSources(snapshot.messages, snapshot.ages);
-  tables.drawStatus(snapshot.messages, snapshot.ages);
+  tables.drawStatus(snapshot.messages, snapshot.ages, setup.limits);
   tables.drawModel(snapshot.messages, snapshot.ages);
   map.drawCar(snapshot.messages, snapshot.ages);
 }
@@ -29,10 +29,12 @@ function showSlow(part) {
   slow = part;
   tables.drawStop(part.stop);
   tables.drawEvents(part.events, setup.recording ? setup.recording.start_s : null);
-  tables.drawLaps(part.laps);
+  tables.drawLaps(part.laps, setup.lap_limit_s);
   tables.drawAlerts(part.alerts);
   tables.drawTyres(part.tyres);
+  tables.drawRevisions(part.events, setup.recording ? setup.recording.start_s : null);
   map.drawMarks(part.events);
+  map.drawLine(part.line);
   drawSlowPlots();
 }
 
@@ -44,7 +46,7 @@ function drawSlowPlots() {
   drawGg(columns, index(t - MINUTE_S), index(t), slow?.tyres);
   drawCurves(slow?.tyres, columns, index(t - MINUTE_S), index(t));
   const [from, to] = setup.recording ? charts.current() : [t - 3 * MINUTE_S, t];
-  map.drawDriven(columns, index(from), index(to));
+  map.drawDriven(columns, index(from), index(to), byId("colourby").value);
 }
 
 function lost(text) {
@@ -162,6 +164,7 @@ const KEYS = {
 
 for (const id of ["pause", "follow", "theme"]) byId(id).addEventListener("click", act[id]);
 byId("help").addEventListener("click", help);
+byId("colourby").addEventListener("change", drawSlowPlots);
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || ["INPUT", "SELECT", "BUTTON"].includes(event.target.tagName)) return;
   const action = KEYS[event.key];

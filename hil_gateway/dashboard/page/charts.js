@@ -3,7 +3,8 @@ import { byId, colour, known } from "./format.js";
 
 const SHOWN_S = 60;
 const CHARTS = [
-  { title: "speed, km/h", height: 130, scale: 3.6, series: [["speed", "measured", "text"]] },
+  { title: "speed, km/h", height: 130, scale: 3.6, series: [["line_speed", "race line asks", "accent"], ["speed", "driven", "text"]] },
+  { title: "grip used, %", height: 80, limit: "grip", series: [["grip", "of that believed", "text"]] },
   { title: "road-wheel angle, deg", height: 120, limit: "steer_deg", series: [["steer_asked", "asked", "warn"], ["steer_sent", "sent", "accent"], ["steer", "measured", "text"]] },
   { title: "accelerator, %", height: 95, series: [["accelerator_sent", "sent", "accent"], ["accelerator", "measured", "text"]] },
   { title: "front brake, bar", height: 95, series: [["brake_sent", "sent", "accent"], ["brake", "measured", "text"]] },
@@ -48,7 +49,7 @@ function makePlot(chart, limits, last) {
   const options = {
     width: width(), height: Math.round(chart.height * tallness()) + (last ? 24 : 0), title: "", legend: { live: true },
     scales: { x: { time: false }, y: { range: (u, low, high) => range(low, high, bound, chart) } },
-    padding: [8, 18, 0, 0],
+    padding: [8, 18, last ? 0 : 8, 0],
     axes: [{ ...axis, show: last, size: 28, splits: (u, i, low, high, step) => ticks(low, high, step), values: (u, at) => at.map(label) }, { ...axis, size: 46, label: "", space: 26 }],
     series: [{ label: chart.title, value: (u, t) => (known(t) ? label(t) : "") }, ...series],
     cursor: { y: false, sync: { key: "time" }, drag: { x: true, y: false, setScale: false }, points: { size: 6 } },

@@ -1,4 +1,4 @@
-// The track with plan, car and the line driven, coloured by speed. The map's y axis points north, the screen's down.
+// The track with race line, corridor, plan, car and the line driven, coloured by speed or by grip used. The map's y axis points north, the screen's down.
 import { byId, shape } from "./format.js";
 
 const COLOURS = ["#3b6fd4", "#2b9cc4", "#2fb38a", "#8fbf3f", "#e0a030", "#e5534b"];
@@ -7,8 +7,9 @@ let whole = [0, 0, 1, 1];
 let following = false;
 let place = null;
 
+const ring = (edge) => edge.x.map((x, i) => `${i ? "L" : "M"}${x} ${-edge.y[i]}`).join("") + "Z";
+
 export function drawTrack(track) {
-  const ring = (edge) => edge.x.map((x, i) => `${i ? "L" : "M"}${x} ${-edge.y[i]}`).join("") + "Z";
   const outline = ring(track.left) + ring(track.right);
   byId("road").setAttribute("d", outline);
   byId("edges").setAttribute("d", outline);
@@ -47,34 +48,52 @@ export function drawCar({ estimate, plan }, ages) {
   byId("plan").setAttribute("points", shown ? plan.x.map((x, i) => `${x},${-plan.y[i]}`).join(" ") : "");
 }
 
-export function drawDriven(columns, from, to) {
-  const { x, y, speed } = columns;
-  const top = Math.max(20, ...speed.slice(from, to).map((v) => v ?? 0));
+// Race line and corridor are fetched when the server names another one; an empty name: nothing aims at one.
+let lineName = "";
+export async function drawLine(name) {
+  if (name === lineName) return;
+  lineName = name;
+  const line = name ? await (await fetch(`line.json?name=${name}`)).json() : null;
+  if (name !== lineName) return;
+  byId("raceline").setAttribute("d", line ? ring(line) : "");
+  byId("corridor").setAttribute("d", line ? ring(line.corridor.left) + ring(line.corridor.right) : "");
+}
+
+// Grip is a share: its scale is fixed, and the last colour begins where all that is believed to be there is used.
+const SCALES = {
+  speed: { text: "driven, km/h", factor: 3.6, top: (values) => Math.max(20, ...values.map((v) => v ?? 0)) },
+  grip: { text: "driven, % of grip", factor: 1, top: () => 120 },
+};
+
+export function drawDriven(columns, from, to, by) {
+  const { x, y } = columns;
+  const values = columns[by];
+  const top = SCALES[by].top(values.slice(from, to));
   const paths = COLOURS.map(() => "");
   for (let i = Math.max(from, 1); i < to; i += 1) {
-    if (x[i] === null || x[i - 1] === null) continue;
-    const band = Math.min(COLOURS.length - 1, Math.max(0, Math.floor((COLOURS.length * speed[i]) / top)));
+    if (x[i] === null || x[i - 1] === null || values[i] === null) continue;
+    const band = Math.min(COLOURS.length - 1, Math.max(0, Math.floor((COLOURS.length * values[i]) / top)));
     paths[band] += `M${x[i - 1]} ${-y[i - 1]}L${x[i]} ${-y[i]}`;
   }
   byId("driven").replaceChildren(...paths.map((d, i) => shape("path", { d, class: "driven", stroke: COLOURS[i] })));
-  drawKey(top);
+  drawKey(top, SCALES[by]);
 }
 
-function drawKey(top) {
-  const steps = COLOURS.map((fill, i) => [fill, `${i ? "" : "driven, km/h "}${Math.round((3.6 * top * i) / COLOURS.length)}`]);
+function drawKey(top, { text: name, factor }) {
+  const steps = COLOURS.map((fill, i) => [fill, `${i ? "" : `${name} `}${Math.round((factor * top * i) / COLOURS.length)}`]);
   byId("mapkey").replaceChildren(...steps.map(([fill, text]) => {
     const key = document.createElement("span");
     const sample = document.createElement("i");
     sample.style.background = fill;
     key.append(sample, text);
     return key;
-  }), legend("plan", "plan"), legend("stop", "stop"), legend("alert", "alert"));
+  }), legend("plan", "plan"), ...(lineName ? [legend("line", "race line"), legend("corridor", "corridor")] : []), legend("stop", "stop"), legend("alert", "alert"));
 }
 
 function legend(kind, text) {
   const key = document.createElement("span");
   const sample = document.createElement("i");
-  sample.style.background = `var(--${{ plan: "accent", stop: "bad", alert: "warn" }[kind]})`;
+  sample.style.background = `var(--${{ plan: "accent", line: "text", corridor: "warn", stop: "bad", alert: "warn" }[kind]})`;
   key.append(sample, text);
   return key;
 }

@@ -75,7 +75,7 @@ export function drawCurves(tyres, columns, from, to) {
   c.fillStyle = colour("warn");
   c.fillText("rear", left + 44, size - 4);
   c.fillStyle = colour("quiet");
-  c.fillText("F/load ± 2 std, slips", left + 78, size - 4);
+  c.fillText("F/load ± 2 std", left + 78, size - 4);
 }
 
 function line(c, points, text, tx, ty) {

@@ -1,7 +1,7 @@
 // Everything on the page that is words and figures.
 import { byId, fill, fixed, item, known, lapTime, row, shape, short, signed, words } from "./format.js";
 
-export function drawFigures({ row: now, lap, messages, ages }) {
+export function drawFigures({ row: now, lap, messages, ages }, limit_s) {
   const set = (id, text, fresh) => {
     byId(id).textContent = text;
     byId(id).parentElement.classList.toggle("stale", !fresh);
@@ -12,6 +12,10 @@ export function drawFigures({ row: now, lap, messages, ages }) {
   set("laptime", lapTime(lap.current_s), estimate);
   set("delta", signed(lap.delta_s, 2, "s"), estimate);
   set("best", lapTime(lap.best_s), true);
+  byId("overlimit").hidden = !limit_s;
+  if (limit_s) set("ratio", ratio(lap.best_s, limit_s), true);
+  set("linetime", lapTime(messages.race_line?.lap_time_s), ages.race_line.alive);
+  set("grip", fixed(now.grip, 0, "%"), car && estimate);
   set("gear", fixed(now.gear, 0), car);
   set("engine", fixed(now.engine, 0), car);
   const bites = messages.applied?.limited ?? [];
@@ -61,18 +65,19 @@ function note(text) {
 
 const measured = (event) => (known(event.measured) ? `(${short(event.measured)} ${event.unit}${known(event.limit) ? `, limit ${short(event.limit)} ${event.unit}` : ""}) ` : "");
 
+const when = (t, origin) => (origin === null ? clockTime(t) : `${(t - origin).toFixed(1)} s`);
+
 export function drawEvents(events, origin) {
-  const last = origin ?? (events.length ? events[events.length - 1].t : 0);
   byId("events").replaceChildren(...events.slice(-120).reverse().map((event) => {
     const li = document.createElement("li");
-    const when = document.createElement("span");
-    when.textContent = origin === null ? clockTime(event.t) : `${(event.t - last).toFixed(1)} s`;
-    when.className = "kind";
+    const time = document.createElement("span");
+    time.textContent = when(event.t, origin);
+    time.className = "kind";
     const what = document.createElement("span");
     what.className = { stop: "stopped", warning: "warned" }[event.severity] ?? "";
     const change = event.before && event.after !== event.before ? `${words(event.before)} → ${words(event.after)}` : words(event.after);
     what.textContent = `${event.kind} ${change}: ${measured(event)}${event.text}`;
-    li.append(when, what);
+    li.append(time, what);
     return li;
   }));
 }
@@ -81,10 +86,13 @@ let offset_s = null;
 export const setClock = (t) => { offset_s = Date.now() / 1000 - t; };
 const clockTime = (t) => (offset_s === null ? "" : new Date(1000 * (t + offset_s)).toTimeString().slice(0, 8));
 
+const ratio = (time_s, limit_s) => (known(time_s) ? (time_s / limit_s).toFixed(3) : "–");
+
 export function drawLaps(laps, limit_s) {
+  byId("lapratio").hidden = !limit_s;
   const best = Math.min(...laps.map((lap) => lap.time_s));
   fill("laps", laps.map((lap, i) => row(
-    [String(i + 1), lapTime(lap.time_s), lap.sectors_s.map((s) => s.toFixed(2)).join("  "), lap.time_s === best ? "best" : signed(lap.time_s - best, 2, "s")],
+    [String(i + 1), lapTime(lap.time_s), lap.sectors_s.map((s) => s.toFixed(2)).join("  "), lap.time_s === best ? "best" : signed(lap.time_s - best, 2, "s"), ...(limit_s ? [ratio(lap.time_s, limit_s)] : [])],
     [], lap.time_s === best ? "bestlap" : "",
   )).reverse());
 }
@@ -131,6 +139,12 @@ export function drawModel({ model_revision: model, plan }, ages) {
   byId("effects").replaceChildren(...lines.map((line) => item(line, effects.length ? "" : "quiet")));
 }
 
+// When which model came into force, and what it changed; the refinements of every minute are in the events.
+export function drawRevisions(events, origin) {
+  const kept = events.filter((event) => ["adoption", "learning"].includes(event.kind)).slice(-6).reverse();
+  byId("revisions").replaceChildren(...kept.map((event) => item(`${when(event.t, origin)} ${event.kind === "learning" ? `${words(event.after)}: ` : ""}${event.text}`)));
+}
+
 export function drawAges(ages) {
   const age = (age_s) => (known(age_s) ? (age_s < 10 ? `${(1000 * age_s).toFixed(0)} ms` : `${age_s.toFixed(0)} s`) : "never");
   const rows = Object.entries(ages).filter(([name]) => name !== "playback");
@@ -146,7 +160,7 @@ export function drawSources({ vehicle_state: state }, ages) {
   )));
 }
 
-export function drawStatus({ gateway_status: gateway, recorder_status: recorder, plan, vehicle_state: state }, ages) {
+export function drawStatus({ gateway_status: gateway, recorder_status: recorder, plan, vehicle_state: state }, ages, limits) {
   const rows = [];
   const add = (source, ...cells) => rows.push(row(cells, ["", "text"], ages[source].alive ? "" : "stale"));
   if (gateway) {
@@ -155,9 +169,9 @@ export function drawStatus({ gateway_status: gateway, recorder_status: recorder,
     if (state) add("vehicle_state", "ct_state / sys_state", `${state.ct_state} / ${state.sys_state}`);
     add("gateway_status", "frames", `${gateway.frames_received} in, ${gateway.frames_lost} lost, ${gateway.counter_errors} counter errors`);
     add("gateway_status", "commands", `${gateway.commands_sent} sent, ${gateway.commands_limited} limited`);
-    add("gateway_status", "loop p50 / p99", `${fixed(gateway.loop_latency_p50_ms, 1)} / ${fixed(gateway.loop_latency_p99_ms, 1)} ms`);
+    add("gateway_status", "loop p50 / p99", `${fixed(gateway.loop_latency_p50_ms, 1)} / ${fixed(gateway.loop_latency_p99_ms, 1)} ms of ${fixed(limits.latency_ms, 0)} allowed`);
   }
-  if (plan) add("plan", "plan", ages.plan.alive ? (plan.reason ? `${plan.status}: ${plan.reason}` : `${plan.status}, ${fixed(plan.solve_ms, 1)} ms`) : "no plan: the planner is silent");
+  if (plan) add("plan", "plan", ages.plan.alive ? (plan.reason ? `${plan.status}: ${plan.reason}` : `${plan.status}, ${fixed(plan.solve_ms, 1)} ms of ${fixed(limits.plan_ms, 0)} allowed`) : "no plan: the planner is silent");
   if (recorder) {
     add("recorder_status", "recorded", `${(recorder.bytes_written / 1e6).toFixed(1)} MB, ${recorder.lost} lost`);
     if (recorder.last_error) add("recorder_status", "recorder error", recorder.last_error);

@@ -71,7 +71,3 @@ def export_candump(source: Path, target: Path) -> Exported:
                 file.write(f"{format_line(unpack_frame(item.data), channel)}\n")
                 count += 1
     return Exported(count, {}, tuple(map(str, reader.damage)))
-
-
-EXPORTS = {"csv": export_csv, "parquet": export_parquet, "candump": export_candump}
-"""format -> function (session, file)"""

@@ -81,15 +81,21 @@ class Sink:
 
 
 class SessionFile:
-    """One MCAP file with a channel for raw frames and one for every recorded topic."""
+    """One MCAP file with a channel for raw frames, one for every recorded topic, and one for each `further` one.
 
-    def __init__(self, path: Path, metadata: Mapping[str, dict[str, str]], write: Write = os.write) -> None:
+    `further`: topic -> name and text of its JSON schema.
+    """
+
+    def __init__(
+        self, path: Path, metadata: Mapping[str, dict[str, str]], write: Write = os.write,
+        *, further: Mapping[str, tuple[str, bytes]] | None = None,
+    ) -> None:  # fmt: skip
         self.path = path
         self.sink = Sink(path, write)
         try:
             self._writer = Writer(self.sink, chunk_size=2 * PENDING_LIMIT, enable_data_crcs=True)
             self._writer.start(library="hil-gateway")
-            self._channels = self._register()
+            self._channels = self._register(further or {})
             for name, values in metadata.items():
                 self._writer.add_metadata(name, values)
             self.sink.flush()
@@ -98,13 +104,13 @@ class SessionFile:
             path.unlink(missing_ok=True)  # nothing is in it
             raise
 
-    def _register(self) -> dict[str, int]:
+    def _register(self, further: Mapping[str, tuple[str, bytes]]) -> dict[str, int]:
         frame = self._writer.register_schema(CAN_SCHEMA_NAME, "ros2msg", CAN_SCHEMA.encode())
         channels = {CAN_TOPIC: self._writer.register_channel(CAN_TOPIC, "cdr", frame)}
-        for topic in TOPICS:
-            if topic.recorded:
-                schema = self._writer.register_schema(topic.message.__name__, "jsonschema", json_schema(topic.message))
-                channels[topic.key] = self._writer.register_channel(topic.key, "json", schema)
+        ours = {topic.key: (topic.message.__name__, json_schema(topic.message)) for topic in TOPICS if topic.recorded}
+        for topic, (name, text) in {**ours, **further}.items():
+            schema = self._writer.register_schema(name, "jsonschema", text)
+            channels[topic] = self._writer.register_channel(topic, "json", schema)
         return channels
 
     def __enter__(self) -> Self:

@@ -12,6 +12,8 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.session.overview.summary import session_summary
 
 INDEX = ".hil-sessions.json"
+STORED_EVERY = 50
+"""files read: who interrupts a long first call loses no more than these"""
 VERSION = 1
 """of what an entry holds: an index of another version is made anew"""
 
@@ -34,13 +36,16 @@ def catalogue(folder: Path, say: Callable[[str], None] = lambda text: None) -> C
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no folder")
-    known, entries, read = _load(folder), {}, 0
+    known, read = _load(folder), 0
+    entries: dict[str, dict[str, Any]] = {}
     for name, stamp, path in _files(folder):
         entry = known.get(name)
         if entry is None or entry["stamp"] != stamp:
             read += 1
             say(f"reading {path}")
             entry = {"stamp": stamp, **_entry(path)}
+            if read % STORED_EVERY == 0:
+                _store(folder, {**known, **entries, name: entry})
         entries[name] = entry
     reason = _store(folder, entries) if entries != known else ""
     rows = [{"file": name, **{k: v for k, v in entry.items() if k != "stamp"}} for name, entry in entries.items()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,7 @@ class Story:
 
     def __init__(self, config: Config, zero_ns: int) -> None:
         self._zero_ns = zero_ns
-        self._track = _track(config)
+        self._track = _track(config.track)
         self._clock = LapClock(self._track.length) if self._track else None
         self._place_s: float | None = None
         self._due_ns = 0
@@ -127,10 +128,11 @@ class Story:
         self._revisions.setdefault(revision.revision, row)
 
 
-def _track(config: Config) -> Track | None:
-    """The track it was recorded on; None where this computer does not have it."""
+@lru_cache(maxsize=8)
+def _track(name: str) -> Track | None:
+    """The track it was recorded on; None where this computer does not have it. A folder's sessions share a few."""
     try:
-        return load_track(config.track)
+        return load_track(name)
     except InputError:
         return None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -11,7 +12,7 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
 from planner.problem.motion import NU, NZ, PROGRESS, VX, S
-from planner.problem.mpcc import OUTPUTS
+from planner.problem.mpcc import OUTPUTS, into_zone
 from planner.problem.settings import Settings
 from planner.studies.bench import bench_controller, clock, start_state
 from planner.studies.reference_nlp import ReferenceNlp
@@ -102,6 +103,21 @@ def test_contouring_and_lag_error_are_those_of_equation_5(controller: Controller
     stage = {name: ca.DM(controller.stages[names[name], k]) for name in ("s", "cubic_x", "cubic_y")}
     contouring, lag = path_errors(ca.DM(z), stage)
     assert (float(contouring), float(lag)) == pytest.approx((1.3, 0.7), abs=1e-9)
+
+
+def test_edge_zone_is_felt_on_both_sides_and_only_near_the_edge() -> None:
+    straight = {"s": 0.0, "cubic_x": ca.DM([0, 1, 0, 0]), "cubic_y": ca.DM.zeros(4)}
+    road = {**straight, "centre": ca.DM([1.0, 0.0]), "half_width": 5.0}
+
+    def felt(y: float) -> float:
+        z = ca.DM(NZ, 1)
+        z[1] = y
+        return float(into_zone(z, road, 0.35))
+
+    assert max(felt(1.0), felt(4.0), felt(-2.0)) < 0.002
+    assert felt(5.85) == pytest.approx(0.2, abs=0.01)
+    assert felt(-3.85) == pytest.approx(0.2, abs=0.01)
+    assert felt(6.5) == pytest.approx(0.85, abs=0.01), "and beyond the edge"
 
 
 def test_hessian_blocks_are_positive_definite(controller: Controller) -> None:

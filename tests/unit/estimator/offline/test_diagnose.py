@@ -22,6 +22,7 @@ from estimator.model.single_track import SingleTrack
 from estimator.offline.diagnosis import Diagnosis, diagnose
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import evaluate, fit
+from estimator.offline.fit.steps import Coordinates
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.laps import scored_laps
 from estimator.offline.record.noise import Noise
@@ -136,6 +137,18 @@ def test_the_largest_drive_force_of_a_race_car_is_possible(diagnosed: Callable[[
     parameters = done.parameters.copy()
     parameters[block.parameters] = force
     assert possible(replace(done, parameters=parameters), block)
+
+
+@pytest.mark.parametrize("wanted", [-1e9, 1e9])
+def test_a_step_of_a_parameter_over_decades_stays_within_half_of_it(wanted: float) -> None:
+    ones = np.ones((5, 1))
+    normal = Normal(
+        ones, wanted * np.ones((5, 1, 1)), np.ones((5, 1, 1, 1)), np.ones(1), np.zeros((1, 1)), np.zeros(1), ones[:, 0]
+    )
+    coordinates = Coordinates.of([], np.array([500.0]), np.array([1e7]))
+    (stepped,) = coordinates.damped_step(normal, np.array([9000.0]), 1e-4)
+    assert 0.5 < stepped / 9000.0 < 1.5
+    assert (stepped > 9000.0) == (wanted > 0.0)
 
 
 def test_without_lateral_sensors_the_lateral_tyre_stays_at_its_prior(drives: dict[str, Any]) -> None:

@@ -24,6 +24,7 @@ from hil_gateway.bus.alerts import grouped
 from hil_gateway.bus.event import Event, EventKind, Severity
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.playback import Playback
+from hil_gateway.bus.race_line import RaceLine
 from hil_gateway.bus.topics import (
     ALERT,
     BELIEF,
@@ -32,10 +33,12 @@ from hil_gateway.bus.topics import (
     GATEWAY_STATUS,
     PLAN,
     PLAYBACK,
+    RACE_LINE,
     TRUTH,
     VEHICLE_STATE,
     Topic,
 )
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import Config
 from hil_gateway.dashboard.feed import Feed
 from hil_gateway.dashboard.recording import Recording
@@ -105,6 +108,17 @@ def publish_scene(bus: LocalBus, now_ns: int, *, plan: bool = True) -> None:
     bus.publish(ALERT, alert)
 
     bus.publish(VEHICLE_STATE, vehicle_state(now_ns))
+    bus.publish(RACE_LINE, race_line(now_ns, 70.0))
+
+
+def race_line(now_ns: int, speed: float) -> RaceLine:
+    """The centre line, driven at `speed` m/s except at its start."""
+    track = load_track()
+    x, y, s = (tuple(values[::8].tolist()) for values in (track.x, track.y, track.s))
+    return RaceLine(
+        stamp_ns=now_ns, seq=1, x=x, y=y, vx=(60.0, *(speed,) * (len(x) - 1)), track_s=s, clearance_m=1.5,
+        lap_time_s=83.5,
+    )  # fmt: skip
 
 
 def vehicle_state(now_ns: int, report_age_s: float = 0.005) -> m.VehicleState:
@@ -162,6 +176,32 @@ def test_snapshot_is_finite_json_before_and_after_the_first_messages() -> None:
     assert friction["std"] == pytest.approx(0.08 * 1.42) and friction["name"] == "front friction D"
     assert slow["alerts"][0]["channels"] == ["ay"]
     assert full["ages"]["estimate"]["alive"] and full["row"]["speed"] == 61.5
+
+
+def test_the_race_line_is_named_once_and_its_speed_is_the_one_at_the_car_s_place() -> None:
+    bus, track = LocalBus(), load_track()
+    feed = feed_on(bus)
+    publish_scene(bus, 10**9)
+    assert feed.snapshot(10**9)["row"]["line_speed"] == pytest.approx(70.0)
+    name = feed.slow()["line"]
+    drawn = feed.line(name)
+    assert drawn is not None and feed.line("another") is None
+    left, inner = setup_of(track, Config())["track"]["left"], drawn["corridor"]["left"]
+    assert math.dist((left["x"][7], left["y"][7]), (inner["x"][7], inner["y"][7])) == pytest.approx(1.5, abs=0.02)
+    bus.publish(RACE_LINE, race_line(2 * 10**9, 50.0))
+    publish_scene(bus, 2 * 10**9)
+    feed.snapshot(2 * 10**9)
+    assert feed.slow()["line"] == name, "another speed on the same path is not fetched again"
+
+
+def test_grip_used_is_what_was_measured_over_what_is_believed_to_be_there() -> None:
+    bus = LocalBus()
+    feed, vehicle = feed_on(bus), Config().vehicle
+    publish_scene(bus, 10**9)
+    held = 1.40 * (GRAVITY + vehicle.downforce(61.5) / vehicle.mass)
+    bus.publish(VEHICLE_STATE, vehicle_state(10**9).model_copy(update={"ax": 0.3 * held, "ay": -0.4 * held}))
+    assert feed.snapshot(10**9)["row"]["grip"] == pytest.approx(50.0)
+    assert feed.snapshot(9 * 10**9)["row"]["grip"] is None
 
 
 def test_live_lost_frozen_and_replay_are_told_apart() -> None:
@@ -268,7 +308,7 @@ class Loop:
         self.bus, self.runs = LocalBus(), loop_runs
         self.planner_runs = True
         self.feed = feed_on(self.bus)
-        self.slow, self.history = self.feed.slow, self.feed.history
+        self.slow, self.history, self.line = self.feed.slow, self.feed.history, self.feed.line
 
     def snapshot(self) -> dict[str, Any]:
         now_ns = time.monotonic_ns()
@@ -285,7 +325,7 @@ def loop(loop_runs: threading.Event) -> Loop:
 @pytest.fixture
 def served_page(loop: Loop) -> Iterator[str]:
     """URL of a live page, fed ten times a second."""
-    with served(create_app(loop, setup_of(load_track(), Config()), 0.1)) as url:
+    with served(create_app(loop, setup_of(load_track(), Config(), limit_s=80.0), 0.1)) as url:
         yield url
 
 
@@ -306,6 +346,27 @@ def test_page_accepts_nothing_but_reading(served_page: str) -> None:
         urllib.request.urlopen(urllib.request.Request(served_page, data=b"x"))
     assert refused.value.code == 405
     refused.value.close()
+
+
+def test_prometheus_reads_the_state_of_the_loop_and_no_figures_of_the_dead(
+    served_page: str, loop: Loop, loop_runs: threading.Event
+) -> None:
+    def metrics() -> dict[str, float]:
+        with urllib.request.urlopen(served_page + "metrics") as response:
+            assert response.headers["content-type"].startswith("text/plain; version=0.0.4")
+            lines = [line for line in response.read().decode().splitlines() if not line.startswith("#")]
+        return {name: float(value) for name, value in (line.rsplit(" ", 1) for line in lines)}
+
+    found = metrics()
+    assert found["hil_gateway_frames_received_total"] == 123456
+    assert found["hil_gateway_loop_latency_p99_seconds"] == pytest.approx(0.038)
+    assert found["hil_plan_solve_seconds"] == pytest.approx(0.0125)
+    assert found['hil_gateway_action{action="drive"}'] == 1
+    loop_runs.clear()
+    while (later := metrics())['hil_topic_alive{topic="gateway_status"}']:
+        time.sleep(0.1)
+    assert "hil_gateway_frames_received_total" not in later
+    assert later['hil_topic_age_seconds{topic="gateway_status"}'] > 0.5
 
 
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
@@ -330,6 +391,9 @@ def test_a_real_browser_shows_car_belief_and_alert_and_never_passes_old_figures_
         assert chart["left"] < car["left"] < chart["right"]
         assert chart["top"] < car["top"] < chart["bottom"]
         browser.wait_for("document.getElementById('plan').getAttribute('points') !== ''")
+        browser.wait_for("document.getElementById('raceline').getAttribute('d')?.length > 1000")
+        assert browser.evaluate("document.getElementById('overlimit').hidden") is False
+        assert browser.evaluate(TEXT.format("linetime")) == "1:23.50"
         loop.planner_runs = False
         browser.wait_for("document.getElementById('plan').getAttribute('points') === ''")
         assert "the planner is silent" in browser.evaluate(TEXT.format("status"))

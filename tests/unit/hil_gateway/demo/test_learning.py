@@ -86,6 +86,18 @@ def test_the_better_model_is_driven_and_both_drives_are_reported(bench: Bench) -
     assert any("aero_drag" in line for line in describe_learning(summary))
 
 
+def test_what_is_left_unexplained_and_what_is_adopted_are_both_said() -> None:
+    diagnosis = {"verdict": "unexplained", "effects": [], "report": "report.html"}
+    summary = {"learning": {"adopted": True, "reason": "", "diagnosis": diagnosis}}
+    found, model = describe_learning(summary)
+    assert "no effect of the catalogue found; more than noise is left" in found
+    assert model.endswith("adopted: tyres identified anew")
+    diagnosis["effects"] = [{"name": "aero_drag"}]
+    found, model = describe_learning(summary)
+    assert "aero_drag found; more than noise is left" in found
+    assert model.endswith("adopted: aero_drag, tyres identified anew")
+
+
 @pytest.mark.parametrize(
     ("second", "error", "words"),
     [

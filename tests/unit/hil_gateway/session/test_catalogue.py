@@ -96,6 +96,24 @@ def test_a_folder_is_read_once_and_only_what_changed_is_read_again(tmp_path, mon
     assert again.read == 1 and again.entries[-1]["file"] == "sub.mcap"
 
 
+def test_who_interrupts_the_first_call_does_not_begin_anew(tmp_path, monkeypatch):
+    for name in "abcd":
+        recorded(tmp_path / f"{name}.mcap")
+    read = module._entry
+
+    def interrupted_at_the_last(path: Path):
+        if path.name == "d.mcap":
+            raise KeyboardInterrupt
+        return read(path)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(module, "STORED_EVERY", 1)
+        patched.setattr(module, "_entry", interrupted_at_the_last)
+        with pytest.raises(KeyboardInterrupt):
+            catalogue(tmp_path)
+    assert catalogue(tmp_path).read == 1
+
+
 def test_what_is_no_session_is_named_and_a_broken_index_is_made_anew(tmp_path):
     write_drive(tmp_path / "good.mcap", 0.1)
     (tmp_path / "bad.mcap").write_bytes(b"no recording")
