@@ -30,6 +30,7 @@ from estimator.offline.search.trial import Setting
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision, Provenance
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
@@ -38,6 +39,8 @@ UNTRIED = frozenset({*DECLARED, "imu_bias", "grip_drift", "brake_pressure", "tot
 the time since the start of the log or the brakes' pressure, which no plan knows"""
 LEAST_LAPS = 3
 """two to learn from and one to be judged by"""
+LEAST_S = 15.0
+"""of the held-out lap with estimates: bends, straights and braking of a short oval"""
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,7 @@ def find(task: Task) -> Found:
     """
     ground = Ground.of(task)
     held_out = int(task.columns["lap"].max())
+    _check_lap(task, held_out)
     record = _record(task, ground)
     train = record.select(record.lap < int(record.lap.max()))
     if not ground.mapped:
@@ -108,6 +112,7 @@ def judge(first: FirstLap) -> tuple[Errors, Errors]:
         InputError: too little driving in it.
     """
     task, ground = first.task, Ground.of(first.task)
+    _check_lap(task, first.lap)
     return score(first.before, task, ground, first.lap), score(task.current, task, ground, first.lap)
 
 
@@ -128,6 +133,14 @@ class Ground:
 
 
 NOTHING = "no effect of the catalogue explains more of the laps so far"
+
+
+def _check_lap(task: Task, lap: int) -> None:
+    """Raises an `InputError` for a lap with too few valid estimates to be judged by."""
+    step = float(np.median(np.diff(task.columns["t"])))
+    covered_s = step * np.count_nonzero(task.columns["lap"] == lap)
+    if covered_s < LEAST_S:
+        raise InputError(f"only {covered_s:.0f} s of estimates in the held-out lap: at least {LEAST_S:g} s are needed")
 
 
 def _record(task: Task, ground: Ground) -> Record:

@@ -15,8 +15,6 @@ from hil_gateway.process.clock import NS_PER_S
 MOST = 10_000
 """entries kept: a day of ordinary driving; the oldest go first"""
 QUEUE = 256
-TOLD = (EventKind.LEARNING, EventKind.REVISION, EventKind.ADOPTION)
-"""kinds of events that are said as they come"""
 
 
 class Journal:
@@ -30,12 +28,13 @@ class Journal:
         self._found: dict[str, tuple[int, dict[str, Any]]] = {}
         self._laps = 0
         self._news: list[str] = []
+        self._driven_with = ""
 
     def update(self, now_ns: int, plan: Plan | None) -> None:
         """Take in what has arrived; `plan` is the newest one."""
         for event in self._events.poll(now_ns):
             self.events.append(event)
-            self._news += [event.line()] if event.kind in TOLD else []
+            self._tell(event)
         self._laps = plan.lap if plan else self._laps
         for proposal in self._proposals.poll(now_ns):
             self._note_outcome(proposal)
@@ -43,6 +42,12 @@ class Journal:
             self._note(revision)
         if plan and (known := self._found.get(plan.revision)) is not None:
             known[1]["adopted"] = True
+
+    def _tell(self, event: Event) -> None:
+        """Note what is news: outcomes of the learner, and another list of effects driven with."""
+        if event.kind is EventKind.LEARNING or (event.kind is EventKind.ADOPTION and event.text != self._driven_with):
+            self._news.append(event.line())
+        self._driven_with = event.text if event.kind is EventKind.ADOPTION else self._driven_with
 
     def news(self) -> list[str]:
         """What was learnt or adopted since the last call, one line each."""

@@ -275,15 +275,15 @@ def lateness_ms(loop: LiveLoop, seconds: float) -> list[float]:
 
 IDLE = 1.5
 """load below which a machine is idle; the loop itself makes one of about 0.6"""
-TICK_MS = 5.0
-"""what an ordinary process may have to wait for another one: a tick of the kernel's clock at 250 Hz, and the switch"""
+REQUIRED_MS = 2.0
+"""at p99.9 on an idle machine, with real-time priority"""
 
 
 @pytest.mark.slow
 @pytest.mark.promise("S4")
 @pytest.mark.parametrize("real_time", [True, False] if long_run() and os.geteuid() == 0 else [True])
 def test_commands_leave_every_10_ms(tmp_path, real_time):
-    """Promised with real-time priority, which the gateway takes where it may; without it, late by a tick at most."""
+    """Promised with real-time priority, which the gateway takes where it may; without it, told beside."""
     with LiveLoop(tmp_path / "out", real_time) as running:
         late_ms = lateness_ms(running, volume(5, 60))
         usual = os.sched_getscheduler(running.pid("gateway")) == os.SCHED_OTHER
@@ -291,6 +291,4 @@ def test_commands_leave_every_10_ms(tmp_path, real_time):
     p999, load = late_ms[int(len(late_ms) * 0.999)], os.getloadavg()[0]
     priority = "no permission for real-time priority" if usual else "real-time priority"
     figure = f"period 10 ms within {p999:.1f} ms at p99.9 of {len(late_ms)}, load {load:.1f} ({priority})"
-    record_figure("S4", f"real processes: {figure}")
-    if load < IDLE:
-        assert p999 < (2.0 if real_time else TICK_MS)
+    record_figure("S4", f"real processes: {figure}", missed=real_time and load < IDLE and p999 > REQUIRED_MS)

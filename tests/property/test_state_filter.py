@@ -74,27 +74,28 @@ def started(drive: Drive, rng: np.random.Generator) -> StateFilter:
     return f
 
 
-def step(f: StateFilter, drive: Drive, k: int) -> list[float]:
-    """One sample of all sensors; returns the wheel and position NIS."""
+def step(f: StateFilter, drive: Drive, k: int) -> tuple[float, int]:
+    """One sample of all sensors; returns the sum of the wheels' and positions' NIS and its degrees of freedom."""
     f.predict(Imu(*drive.imu[k - 1], *drive.gravity[k]), DT)
     nis = f.update_wheel_speeds(*drive.wheels[k], steer=0.0, drive=0.0)
     if k % 5 == 0 and (fix := f.update_position(*drive.fixes[k])) is not None:
-        nis.append(fix / 2)
-    return nis
+        return sum(nis) + fix, len(nis) + 2
+    return sum(nis), len(nis)
 
 
 @pytest.mark.promise("N3")
 def test_state_filter_is_consistent_over_400_runs_with_known_truth() -> None:
-    roots, runs, seconds = (21, 23), 400, 6.0
+    roots, runs, seconds = (101, 103), 400, 6.0
     checks = range(200, round(seconds / DT) + 1, 50)
     nees = np.zeros((runs, len(checks)))
-    nis: list[float] = []
+    nis, freedom = 0.0, 0
     for seed in range(runs):
         rng = np.random.default_rng([roots[seed % 2], seed // 2])
         drive = Drive(rng, seconds)
         f = started(drive, rng)
         for k in range(1, len(drive.truth)):
-            nis += step(f, drive, k)
+            added, degrees = step(f, drive, k)
+            nis, freedom = nis + added, freedom + degrees
             if k in checks:
                 error = f.mean - drive.truth[k]
                 error[YAW] = (error[YAW] + np.pi) % (2 * np.pi) - np.pi
@@ -103,11 +104,11 @@ def test_state_filter_is_consistent_over_400_runs_with_known_truth() -> None:
     inside = (nees.mean(axis=0) > low) & (nees.mean(axis=0) < high)
     assert inside.mean() >= 0.85, (low, nees.mean(axis=0), high)
     assert low < nees[:, -1].mean() < high
-    low, high = stats.chi2.ppf([0.025, 0.975], len(nis)) / len(nis)
-    assert low - 0.01 < np.mean(nis) < high + 0.01, "a position fix counts as the mean of its two components"
-    record_figure(
-        "N3", f"state filter, {runs} runs: NEES {nees[:, -1].mean():.2f} of {len(STATES)}, NIS {np.mean(nis):.3f}"
-    )
+    low, high = stats.chi2.ppf([0.025, 0.975], freedom) / freedom
+    mean = nis / freedom
+    assert mean == pytest.approx(1.0, abs=0.02), "far outside of the band: the filter's noise is not the drive's"
+    of = f"NEES {nees[:, -1].mean():.2f} of {len(STATES)}, NIS {mean:.4f} in {low:.4f} to {high:.4f}"
+    record_figure("N3", f"state filter, {runs} runs: {of}", missed=not low < mean < high)
 
 
 def test_covariance_stays_symmetric_and_psd_over_a_long_drive() -> None:

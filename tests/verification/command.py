@@ -24,6 +24,8 @@ from verification.promises import PROMISES, as_json, keep_long, markdown, read_e
 app = typer.Typer(help="The reliability promises at their stated figures.")
 
 ROOT = Path(__file__).resolve().parents[2]
+HOURS_MAX = 1000.0
+"""of simulated driving: weeks of computing"""
 LONG_RUNS = ROOT / "docs" / "promises-long.json"
 """what long runs said, by promise; the usual run puts it beside its own figures"""
 
@@ -35,6 +37,7 @@ def verify(  # noqa: PLR0917 (options are passed by name)
     only: Annotated[str, typer.Option("--only", help="promises to run, comma-separated: S1,L1")] = "",
     seed: Annotated[int | None, typer.Option(help="run one seed of the fault simulation")] = None,
     seeds: Annotated[int | None, typer.Option(help="run so many seeds of the fault simulation")] = None,
+    healthy: Annotated[float | None, typer.Option(help="drive so many hours without a fault")] = None,
     mutation: Annotated[bool, typer.Option("--mutation", help="mutate limits, failsafe and codec")] = False,
     gathered: Annotated[Path | None, typer.Option("--from", help="only report what a test run wrote here")] = None,
     page: Annotated[Path | None, typer.Option(help="write the page of promises here: docs/promises.md")] = None,
@@ -46,10 +49,14 @@ def verify(  # noqa: PLR0917 (options are passed by name)
         _check_page(page, whole=not (long or only or mutation) and seed is None and seeds is None)
     if min(seed or 0, 0 if seeds is None else seeds - 1) < 0:
         raise InputError(f"--seed {seed}, --seeds {seeds}: a seed is 0 or more, and so many seeds at least 1")
+    if healthy is not None and not 0.0 < healthy <= HOURS_MAX:
+        raise InputError(f"--healthy {healthy:g}: hours of simulated driving, more than 0 and at most {HOURS_MAX:g}")
     if gathered is not None and not gathered.is_file():
         raise InputError(f"{gathered}: no such file; --from takes what a test run wrote to HIL_PROMISE_FIGURES")
     if seed is not None or seeds is not None:
         report = _simulate(seed, seeds or 0)
+    elif healthy is not None:
+        report = _drive_healthy(healthy)
     elif mutation:
         report = mutation_run.run(ROOT)
     else:
@@ -77,6 +84,18 @@ def _simulate(seed: int | None, count: int) -> dict[str, Any]:
         return {**report, "ok": not report["broken"]}
     result = campaign.Campaign().run_here(seed)
     return {**{key: getattr(result, key) for key in result.__dataclass_fields__}, "ok": not result.broken}
+
+
+def _drive_healthy(hours: float) -> dict[str, Any]:
+    """Random cars without a fault, one after the other; how far each has come goes to standard error."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    campaign = importlib.import_module("verification.fault_simulation.healthy")  # after the thread limit is set
+    results = []
+    for result in campaign.drives(3600.0 * hours):
+        results.append(result)
+        typer.echo(f"{result.track}, car {result.car}: {result.seconds:.0f} s, {result.stops or 'no stop'}", err=True)
+    report: dict[str, Any] = campaign.summary(results)
+    return {**report, "ok": not report["false_stops"]}
 
 
 def _promises(long: bool, only: str, gathered: Path | None, page: Path | None) -> dict[str, Any]:

@@ -169,6 +169,8 @@ class Evidence:
     tests: dict[str, str] = field(default_factory=dict)
     """test -> passed | failed | skipped"""
     figures: list[str] = field(default_factory=list)
+    again: set[str] = field(default_factory=set)
+    """tests that failed and passed when they were run again"""
     missed: bool = False
     """a figure is less than what the promise requires"""
 
@@ -180,7 +182,9 @@ class Evidence:
             return "BROKEN"
         if self.missed:
             return "missed"
-        return "kept" if "passed" in outcomes else "not proved here"
+        if "passed" not in outcomes:
+            return "not proved here"
+        return "kept on the second try" if self.again else "kept"
 
 
 def read_evidence(path: Path) -> dict[str, Evidence]:
@@ -190,6 +194,8 @@ def read_evidence(path: Path) -> dict[str, Evidence]:
         entry = json.loads(line)
         of = evidence.setdefault(entry["promise"], Evidence())
         if "test" in entry:
+            if of.tests.get(entry["test"]) == "failed" and entry["outcome"] == "passed":
+                of.again.add(entry["test"])
             of.tests[entry["test"]] = entry["outcome"]  # a test run again counts by its last run
         elif entry["figure"] not in of.figures:
             of.figures.append(entry["figure"])

@@ -38,7 +38,7 @@ def test_systemd_finds_nothing_wrong_with_the_units() -> None:
     command = ["systemd-analyze", "verify", "--man=no", *map(str, UNITS)]
     result = subprocess.run(command, capture_output=True, text=True, env=os.environ | path, check=False)
     assert (result.returncode, result.stderr) == (0, "")
-    assert len(UNITS) == 6
+    assert len(UNITS) == 7
 
 
 @pytest.mark.promise("L5")
@@ -54,10 +54,10 @@ def test_priorities_fall_along_the_loop() -> None:
     """Gateway before estimator before planner; what only listens has no real-time priority at all."""
     priority = {
         name: int(unit(f"hil-{name}.service")["Service"].get("CPUSchedulingPriority", "0"))
-        for name in ("gateway", "estimator", "planner", "recorder", "dashboard")
+        for name in ("gateway", "estimator", "planner", "recorder", "learner", "dashboard")
     }
     assert priority["gateway"] > priority["estimator"] > priority["planner"] > 0
-    assert priority["recorder"] == priority["dashboard"] == 0
+    assert priority["recorder"] == priority["learner"] == priority["dashboard"] == 0
 
 
 def test_installing_and_uninstalling_leaves_nothing_behind(tmp_path: Path) -> None:

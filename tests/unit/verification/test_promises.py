@@ -91,6 +91,13 @@ def test_the_report_takes_the_worst_outcome_and_every_figure_once(tmp_path):
     assert len(as_json(evidence)) == len(PROMISES) == 28
 
 
+def test_what_passed_only_when_run_again_is_told(tmp_path):
+    path = tmp_path / "figures.jsonl"
+    outcomes = ("failed", "passed")
+    path.write_text("\n".join(json.dumps({"promise": "S1", "test": "a.py::x", "outcome": o}) for o in outcomes))
+    assert read_evidence(path)["S1"].verdict == "kept on the second try"
+
+
 def test_a_long_run_of_some_promises_keeps_what_is_known_of_the_others(tmp_path):
     path = tmp_path / "long.json"
     keep_long(path, {"S1": Evidence({"t": "passed"}, ["a"]), "S2": Evidence({"t": "failed"}, ["b"])}, "Monday")

@@ -6,6 +6,7 @@ import math
 
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.track.track import Track
 
 HALF_WIDTH = 0.95
@@ -16,12 +17,23 @@ NEAR = 60.0
 """m: nearer, the last arc length finds the next one"""
 
 
+PIT_M = 30.0
+"""m beside the edge where a pit lane may lie: maps of a track do not show it"""
+PIT_SPEED = 20.0
+"""m/s: no pit lane is driven faster"""
+
+
 class RoadMonitor:
-    """Seconds off the road and against its direction, by the reckoned pose."""
+    """Seconds off the road and against its direction, by the reckoned pose.
+
+    A car that stood beside the road, within `PIT_M`, comes from a pit lane: up to `PIT_SPEED` it is not off the road
+    until it has been on it.
+    """
 
     def __init__(self, track: Track) -> None:
         self._track = track
         self._s: float | None = None
+        self._from_pit = False
         self._off, self._against = Held(), Held()
 
     def step(self, now_ns: int, pose: Pose | None) -> tuple[float, float]:
@@ -34,6 +46,8 @@ class RoadMonitor:
         self._s = s if abs(lateral) < NEAR else None
         i = min(int(s / track.length * len(track.s)), len(track.s) - 1)
         edge = float(track.width_left[i] if lateral > 0 else track.width_right[i])
-        off = not abs(lateral) < edge - HALF_WIDTH + BEYOND
+        beside_m = abs(lateral) - edge + HALF_WIDTH - BEYOND
+        self._from_pit = 0.0 <= beside_m < PIT_M and (self._from_pit or pose.speed < STANDSTILL)
+        off = not beside_m < 0.0 and not (self._from_pit and pose.speed < PIT_SPEED)
         against = math.cos(pose.yaw - float(track.heading[i])) < 0.0
         return self._off.update(off, now_ns), self._against.update(against, now_ns)

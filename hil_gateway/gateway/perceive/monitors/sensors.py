@@ -115,6 +115,8 @@ class SpeedChangeMonitor:
         return self._held.update(self.share > 1.0, now_ns)
 
 
+ROLL_S = 0.05
+"""s: an accelerometer on a body that rolls, behind its own filter, is so late; v r is made as late"""
 LATERAL = 9.0
 """m/s2: gravity on the steepest bank (24 deg: 4.0), side slip building up at the limit (4.0), bias and noise (1.0)"""
 LATERAL_SHARE = 0.35
@@ -122,16 +124,18 @@ LATERAL_SHARE = 0.35
 
 
 class LateralMonitor:
-    """Lateral specific force against v r, with the gyro."""
+    """Lateral specific force against v r, with the gyro, as late as the force."""
 
     def __init__(self) -> None:
         self._held = Held()
+        self._expected = 0.0
         self.share = 0.0
         """of the bound that they disagree by now"""
 
     def step(self, now_ns: int, state: VehicleState, speed: float) -> float:
         """Seconds they have disagreed."""
-        expected = speed * state.yaw_rate
+        self._expected += PERIOD_S / (ROLL_S + PERIOD_S) * (speed * state.yaw_rate - self._expected)
+        expected = self._expected
         apart = abs(state.ay - expected) / (LATERAL + LATERAL_SHARE * abs(expected))
         self.share = apart if speed > JUDGED_FROM else 0.0
         return self._held.update(self.share > 1.0, now_ns)

@@ -9,6 +9,7 @@ from hil_gateway.bus import messages as m
 from hil_gateway.bus import topics
 from hil_gateway.bus.event import Event, EventKind, Severity
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
+from hil_gateway.bus.proposal import ModelProposal
 from hil_gateway.gateway.decide.failsafe import HOLDS, MEASURES, TABLE, Failsafe, Inputs
 from hil_gateway.gateway.events.change import Seen, changes
 from hil_gateway.gateway.events.log import MOST_A_SECOND, EventLog, to_journal
@@ -117,6 +118,18 @@ def test_alerts_revisions_and_adoptions_are_entries_too():
     assert alert.cause == "aero_drag" and alert.measured == 4
     assert revision.after == "r1" and "aero_drag" in revision.text
     assert adopted.after == rig.plan(0).revision
+
+
+@pytest.mark.parametrize(("outcome", "severity"), [("kept", Severity.INFO), ("withdrawn", Severity.WARNING)])
+def test_what_the_learner_makes_of_the_laps_is_an_entry_with_its_reason(outcome, severity):
+    rig = LoggedRig()
+    rig.run(0.1)
+    told = ModelProposal(stamp_ns=1, seq=0, outcome=outcome, lap=3, effects=("aero_drag",), reason="vy is worse")
+    rig.bus.publish(topics.MODEL_PROPOSAL, told)
+    rig.run(0.1)
+    (event,) = rig.of(EventKind.LEARNING)
+    assert (event.after, event.severity) == (outcome, severity)
+    assert event.text == "after lap 3: aero_drag: vy is worse"
 
 
 def test_a_flood_of_one_kind_is_bounded_what_is_left_out_is_counted_and_a_stop_still_gets_through():

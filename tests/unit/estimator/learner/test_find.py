@@ -1,0 +1,99 @@
+"""What is proposed on recorded laps, and what is not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from support.round_course import laps_of, write_course
+
+from estimator.belief.revision import starting_revision
+from estimator.learner.find import NOTHING, FirstLap, Found, Task, find, judge
+from estimator.learner.rule import regress, why_not
+from hil_gateway.config import Config, load_config
+from hil_gateway.process.errors import InputError
+
+DRAG = 1.2
+REFIT = {"vx": 0.2, "vy": 0.1, "yaw_rate": 0.02, "position": 0.2}
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory: pytest.TempPathFactory) -> Config:
+    track = write_course(tmp_path_factory.mktemp("course") / "course.csv")
+    return load_config(None, {"declared_model": "paper", "track": str(track)})
+
+
+def task_of(config: Config, drag: float, **changes: Any) -> Task:
+    start = starting_revision(config, "")
+    return Task({**laps_of(drag, laps=3), **changes}, start, start, config)
+
+
+@pytest.fixture(scope="module")
+def with_drag(config: Config) -> tuple[Task, Found]:
+    task = task_of(config, DRAG)
+    return task, find(task)
+
+
+def test_an_effect_that_the_declared_model_lacks_is_found_and_worth_driving_with(
+    with_drag: tuple[Task, Found],
+) -> None:
+    _, found = with_drag
+    assert found.effects == ("aero_drag",)
+    assert not found.reason
+    assert found.revision.effects[0].parameters["k"] == pytest.approx(DRAG, rel=0.05)
+    assert all(found.errors["found"][name] < found.errors["refit"][name] for name in REFIT)
+    spread = np.sqrt(np.diag(np.array(found.revision.covariance)))
+    assert len(spread) == len(found.revision.tyre) + 1, "what is known of the effect goes on with it"
+    assert abs(found.revision.effects[0].parameters["k"] - DRAG) < 3 * spread[-1]
+
+
+def test_the_first_lap_tells_a_better_model_from_a_worse_one(with_drag: tuple[Task, Found]) -> None:
+    task, found = with_drag
+    adopted = Task(task.columns, task.declared, found.revision, task.config)
+    assert not regress(*judge(FirstLap(adopted, 2, before=task.declared)), 30.0, 30.0)
+    assert "worse" in regress(*judge(FirstLap(task, 2, before=found.revision)), 30.0, 30.0)
+
+
+def test_nothing_is_proposed_where_nothing_is_missing(config: Config) -> None:
+    found = find(task_of(config, 0.0))
+    assert found.effects == ()
+    assert found.reason == NOTHING
+
+
+def test_a_lap_without_estimates_is_said_to_be_too_little(config: Config) -> None:
+    task = task_of(config, 0.0)
+    keep = (task.columns["lap"] < 2) | (np.arange(len(task.columns["t"])) % 400 == 0)
+    with pytest.raises(InputError, match="held-out lap"):
+        find(Task({n: c[keep] for n, c in task.columns.items()}, task.declared, task.current, config))
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        ({}, "not worth a change"),
+        ({"vx": 0.1}, ""),
+        ({"vx": 0.1, "yaw_rate": 0.021}, "prediction of yaw_rate is 1.05 times worse than that of the re-fitted"),
+        ({"vx": 0.1, "vy": 0.0999, "position": 0.15}, "worse than that of the model in force"),
+        ({"vx": float("nan")}, "diverges"),
+    ],
+)
+def test_a_model_is_proposed_only_where_no_channel_gets_worse_and_all_together_better(
+    found: dict[str, float], words: str
+) -> None:
+    in_force = {**REFIT, "position": 0.14} if "position" in found else REFIT
+    reason = why_not(REFIT, in_force, {**REFIT, **found})
+    assert words in reason
+    assert bool(reason) == bool(words)
+
+
+@pytest.mark.parametrize(
+    ("after", "lap_s", "words"),
+    [(REFIT, 80.0, ""), ({**REFIT, "vy": 0.12}, 80.0, "vy is 1.20 times worse"), (REFIT, 82.0, "took 82.0 s")],
+)
+def test_a_model_stays_only_where_the_first_lap_is_no_worse_and_no_slower(
+    after: dict[str, float], lap_s: float, words: str
+) -> None:
+    reason = regress(REFIT, after, 80.0, lap_s)
+    assert words in reason
+    assert bool(reason) == bool(words)
