@@ -42,7 +42,7 @@ def unnoticed(result: FaultResult) -> bool:
 @pytest.mark.promise("D2")
 def test_single_faults_are_noticed_by_the_right_cause_and_stop_the_car() -> None:
     tracks = ("road_course", "oval", "tri_oval")[: volume(1, 3)]
-    results = [r for track in tracks for r in campaign(track, volume(2, 40), volume(9, 3))]
+    results = [r for track in tracks for r in campaign(track, volume(1, 40), volume(9, 3))]
     for result in results:
         fault = FAULTS[result.fault]
         if fault.noticed_by and result.noticed_s is not None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil_gateway.demo.drive import _with_car
+from hil_gateway.demo.drive import _with_arguments
 from hil_gateway.demo.options import DemoOptions, prepare
 from hil_gateway.plant.car import Car, Commands
 from hil_gateway.plant.car_file import SimulatedCar, random_car, read_car
@@ -91,7 +91,7 @@ def test_only_the_plant_is_told_of_the_car(tmp_path: Path) -> None:
         written = setup.config_file.read_text()
     assert str(path) not in written
     assert "810" not in written
-    assert [spec.name for spec in PROCESSES if _with_car(spec, options).arguments] == ["plant"]
+    assert [spec.name for spec in PROCESSES if _with_arguments(spec, options, setup).arguments] == ["plant"]
     with pytest.raises(InputError, match="leave out --effect"):
         prepare(DemoOptions(car=path, effects=("wind=3",), out=tmp_path / "out"))
 
