@@ -10,7 +10,7 @@ from estimator.offline.search.workers import Job, fit_each, workers
 
 
 def test_fits_side_by_side_agree_with_fits_in_turn() -> None:
-    (drive,) = practice().simulate([{"rolling_resistance": 300.0}], [62], laps=2, step=0.01)
+    (drive,) = practice().simulate([{"rolling_resistance": 300.0}], [62], laps=1, step=0.01)
     setting = Setting(record_of(drive), "per_axle", PRIOR)
     warm = fit_names(setting, (), None)
     jobs = [Job("resistance", ("rolling_resistance",)), Job("drag", ("aero_drag",))]

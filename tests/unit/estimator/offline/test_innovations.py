@@ -19,7 +19,7 @@ DRIFT = {"simulated": 0.0, "between": 0.3, "followed": 30.0}
 @pytest.fixture(scope="module")
 def record() -> Record:
     """A few windows of a drive."""
-    (drive,) = practice().simulate([{}], [61], laps=2, step=0.01)
+    (drive,) = practice().simulate([{}], [61], laps=1, step=0.01)
     whole = record_of(drive)
     return replace(whole, rows=whole.rows[:3, :12], lap=whole.lap[:3])
 
