@@ -273,10 +273,8 @@ def lateness_ms(loop: LiveLoop, seconds: float) -> list[float]:
     return sorted(abs(gap - 0.01) * 1e3 for gap in loop.gaps)
 
 
-IDLE = 1.5
-"""load below which a machine is idle; the loop itself makes one of about 0.6"""
 REQUIRED_MS = 2.0
-"""at p99.9 on an idle machine, with real-time priority"""
+"""at p99.9 with real-time priority; a busy machine may miss it, and its load stands beside the figure"""
 
 
 @pytest.mark.slow
@@ -291,4 +289,4 @@ def test_commands_leave_every_10_ms(tmp_path, real_time):
     p999, load = late_ms[int(len(late_ms) * 0.999)], os.getloadavg()[0]
     priority = "no permission for real-time priority" if usual else "real-time priority"
     figure = f"period 10 ms within {p999:.1f} ms at p99.9 of {len(late_ms)}, load {load:.1f} ({priority})"
-    record_figure("S4", f"real processes: {figure}", missed=real_time and load < IDLE and p999 > REQUIRED_MS)
+    record_figure("S4", f"real processes: {figure}", missed=real_time and p999 > REQUIRED_MS)
