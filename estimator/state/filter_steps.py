@@ -34,6 +34,8 @@ class FilterNoise:
     wheel_scale_walk: float = 5e-4
     slope_share_walk: float = 0.01
     position: float = 0.05
+    position_delay: float = 0.006
+    """s: a fix whose frame just misses a state comes with the next one, 10 ms older"""
     wheel_speed: float = 0.3
     """per axle, including what stays correlated from sample to sample, m/s"""
     wheel_slip: float = 0.6
@@ -134,13 +136,23 @@ def _process_noise(n: FilterNoise, G: Expr, dt: Expr) -> Expr:
 
 
 def position(moment: Moment, x: Expr, y: Expr) -> None:
-    """Position fix of the CoG: gated as a whole, then taken one coordinate after the other."""
-    before, variance = (moment.mean, moment.covariance, moment.yaw_rate), moment.noise.position**2
-    ex, ey, P = x - moment.mean[X], y - moment.mean[Y], moment.covariance
-    sxx, sxy, syy = P[X, X] + variance, P[X, Y], P[Y, Y] + variance
-    nis = (ex * ex * syy - 2 * ex * ey * sxy + ey * ey * sxx) / (sxx * syy - sxy * sxy)
-    moment.update(_row({X: 1.0}), ex, variance)
-    moment.update(_row({Y: 1.0}), y - moment.mean[Y], variance)
+    """Position fix of the CoG: gated as a whole, then taken along and across the car, less certain along a fast one."""
+    before, n = (moment.mean, moment.covariance, moment.yaw_rate), moment.noise
+    c, s = ca.cos(moment.mean[YAW]), ca.sin(moment.mean[YAW])
+    variances = n.position**2 + (n.position_delay * moment.mean[VX]) ** 2, n.position**2
+    rows = _row({X: c, Y: s}), _row({X: -s, Y: c})
+
+    def off() -> list[Expr]:
+        ex, ey = x - moment.mean[X], y - moment.mean[Y]
+        return [c * ex + s * ey, c * ey - s * ex]
+
+    (along, across), H = off(), ca.vertcat(*rows)
+    S = H @ moment.covariance @ H.T + ca.diag(ca.vertcat(*variances))
+    nis = (along**2 * S[1, 1] - 2 * along * across * S[0, 1] + across**2 * S[0, 0]) / (
+        S[0, 0] * S[1, 1] - S[0, 1] ** 2
+    )
+    for k, (row, variance) in enumerate(zip(rows, variances, strict=True)):
+        moment.update(row, off()[k], variance)
     moment.keep_if(nis, GATE_POSITION, before)
 
 

@@ -43,7 +43,9 @@ class Drive:
         self.imu[:, :2] -= self.gravity[1:] * drift[:-1, 4:]
         self.imu += drift[:-1, :3] + rng.normal(0, [accel_std, accel_std, noise.yaw_rate], (n, 3))
         self.truth = np.column_stack([a[::FINE] for a in (x, y, yaw, self.vx, self.vy)] + [drift])
-        self.fixes = self.truth[:, :2] + rng.normal(0, noise.position, (n + 1, 2))
+        late = noise.position_delay * self.truth[:, VX] * rng.normal(0, 1, n + 1)
+        way = np.column_stack([np.cos(self.truth[:, YAW]), np.sin(self.truth[:, YAW])])
+        self.fixes = self.truth[:, :2] + rng.normal(0, noise.position, (n + 1, 2)) + late[:, None] * way
         self.wheels = self.truth[:, [VX, VX]] * (1 + self.truth[:, [8, 8]])
         self.wheels = self.wheels + rng.normal(0, noise.wheel_speed, (n + 1, 2))
 
