@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from support.promise_figures import record_figure
 
-from estimator.state.filter_steps import STATES, VX, YAW, FilterNoise
+from estimator.state.filter_steps import STATES, VX, VY, YAW, FilterNoise
 from estimator.state.state_filter import Imu, StateFilter
 from hil_gateway.car.vehicle import Vehicle
 
@@ -112,3 +112,55 @@ def test_state_filter_is_consistent_over_400_runs_with_known_truth() -> None:
     figure = f"{of_nees}; NIS {mean:.4f} in {nis_low:.4f} to {nis_high:.4f}"
     within = inside >= 0.85 and low < nees[:, -1].mean() < high and nis_low < mean < nis_high
     record_figure("N3", f"state filter, {runs} unseen runs: {figure}", missed=not within)
+
+
+def test_covariance_stays_symmetric_and_psd_over_a_long_drive() -> None:
+    rng = np.random.default_rng(3)
+    drive = Drive(rng, 60.0)
+    f = started(drive, rng)
+    for k in range(1, len(drive.truth)):
+        step(f, drive, k)
+        f.update_rear_slip(float(drive.imu[k - 1, 1]))
+    assert np.array_equal(f.covariance, f.covariance.T)
+    assert np.linalg.eigvalsh(f.covariance)[0] > 0
+
+
+def test_wrong_initial_heading_is_corrected_by_motion() -> None:
+    rng = np.random.default_rng(4)
+    drive = Drive(rng, 4.0)
+    f = started(drive, rng)
+    f.mean[YAW] = drive.truth[0, YAW] + 0.5
+    for k in range(1, len(drive.truth)):
+        step(f, drive, k)
+    assert abs(f.mean[YAW] - drive.truth[-1, YAW]) < 0.02
+
+
+def test_jumping_fixes_and_spinning_wheels_are_gated_out() -> None:
+    rng = np.random.default_rng(5)
+    drive = Drive(rng, 8.0)
+    f = started(drive, rng)
+    for k in range(1, len(drive.truth)):
+        if 400 <= k < 500:
+            drive.fixes[k] += 40.0
+            drive.wheels[k, 1] *= 1.5
+        step(f, drive, k)
+    assert f.rejected >= 20 + 90
+    assert np.hypot(*(f.mean - drive.truth[-1])[:2]) < 0.3
+    assert abs(f.mean[VX] - drive.truth[-1, VX]) < 0.3
+    assert abs(f.mean[VY] - drive.truth[-1, VY]) < 0.4
+
+
+def test_standing_still_reveals_the_biases() -> None:
+    rng = np.random.default_rng(6)
+    f = StateFilter(Vehicle())
+    f.initialise(0.0, 0.0, 0.3)
+    bias = np.array([0.12, -0.08, 0.004])
+    for k in range(500):
+        imu = Imu(*(bias + rng.normal(0, [0.1, 0.1, 0.003])))
+        f.predict(imu, DT)
+        f.update_standstill(imu)
+        if k % 5 == 0:
+            f.update_position(*rng.normal(0, 0.05, 2))
+    assert np.allclose(f.mean[5:7], bias[:2], atol=0.03)
+    assert f.mean[7] == pytest.approx(bias[2], abs=5e-4)
+    assert abs(f.mean[YAW] - 0.3) < 0.01
