@@ -6,15 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
+from estimator.belief.revision import model_of, race_car_revision
+from estimator.model.declared_car import LOAD_SENSITIVITY
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.model.single_track import SingleTrack
+from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.line.envelope import MIN_NORMAL, Envelope, envelope_of, normal_share, required_lateral
 from planner.line.raceline import RaceLine, centre_line, compute_raceline, raceline_for
-from planner.line.speed_profile import RoadPath, lap_time_of, speed_profile
+from planner.line.speed_profile import RoadPath, cornering_speed, lap_time_of, speed_profile
 
 MARGIN = 1.5
 TYRE = DEFAULT_TYRE["per_axle"]
@@ -33,9 +37,15 @@ def declared_envelope(**changes: float) -> Envelope:
     return envelope_of(model, [tyre[p.name] for p in model.tyre_table])
 
 
-def circle(radius: float, bank: float = 0.0, n: int = 200, trust: float = 1.0) -> RoadPath:
+def race_car_envelope(use: float = 0.9) -> Envelope:
+    revised = model_of(race_car_revision("per_axle", Vehicle(), Powertrain()), Vehicle(), 1000.0)
+    phi = revised.phi_at(np.zeros(1))[:, 0]
+    return envelope_of(revised.model, list(revised.theta), list(phi), use=(use, use))
+
+
+def circle(radius: float, bank: float = 0.0, bend: float = 0.0, n: int = 200, trust: float = 1.0) -> RoadPath:
     ones = np.ones(n)
-    return RoadPath(ones / radius, 0.0 * ones, bank * ones, 0.0 * ones, 2 * np.pi * radius, trust)
+    return RoadPath(ones / radius, 0.0 * ones, bank * ones, bend * ones, 2 * np.pi * radius, trust)
 
 
 def normal(path: RoadPath | RaceLine, v: np.ndarray) -> np.ndarray:
@@ -105,6 +115,46 @@ def test_speed_on_a_circle_is_the_closed_form() -> None:
     limit = np.sqrt(envelope.lateral[0] * 60.0)
     assert np.all((v > 0.998 * limit) & (v <= limit)), "a little grip goes into pushing against drag"
     assert lap_time_of(v, length) == pytest.approx(length / v.mean(), rel=1e-4)
+
+
+@pytest.mark.parametrize("radius", [60.0, 120.0, 160.0])
+def test_the_declared_race_car_corners_with_its_downforce(radius: float) -> None:
+    """On a flat circle each axle bears its share of m v^2/r with D (1 - k dL/L0) L, L = L0 + its downforce."""
+    car, use, k = Vehicle(), 0.9, LOAD_SENSITIVITY[0]
+    pressure = 0.5 * car.air_density
+
+    def spare(v: float, axle: tuple[float, float, float, float]) -> float:
+        d, static, area, share = axle
+        gained = pressure * area * v * v / static
+        return use * d * (1.0 - k * gained) * static * (1.0 + gained) - share * car.mass * v * v / radius
+
+    axles = (
+        (TYRE["df"], car.static_load_front, -car.lift_area_front, car.lr / car.wheelbase),
+        (TYRE["dr"], car.static_load_rear, -car.lift_area_rear, car.lf / car.wheelbase),
+    )
+    fastest = min(float(brentq(spare, 1.0, 75.0, args=(axle,))) for axle in axles)
+    found = cornering_speed(circle(radius), race_car_envelope(use))
+    assert np.all((found > 0.99 * fastest) & (found <= 1.0005 * fastest)), "two numbers a limit, never above it"
+    assert found[0] > 1.02 * cornering_speed(circle(radius), declared_envelope())[0]
+
+
+@pytest.mark.parametrize("bank", [0.05, 0.15])
+def test_a_bank_is_never_worth_more_than_on_an_incline(bank: float) -> None:
+    """v^2 = g r (mu cos b + sin b) / (cos b - mu sin b); a profile takes cos b for 1 where that is slower."""
+    envelope, radius = declared_envelope(), 100.0
+    mu = envelope.lateral[0] / GRAVITY
+    helped = mu * np.cos(bank) + np.sin(bank)
+    incline = np.sqrt(GRAVITY * radius * helped / (np.cos(bank) - mu * np.sin(bank)))
+    found = cornering_speed(circle(radius, -bank), envelope)
+    assert np.all((found > 0.99 * incline) & (found <= incline))
+
+
+def test_a_crest_slows_a_turn_and_a_dip_quickens_it_by_what_they_do_to_the_load() -> None:
+    envelope, radius = declared_envelope(), 100.0
+    mu = envelope.lateral[0] / GRAVITY
+    for bend in (-0.003, 0.0, 0.002):
+        expected = np.sqrt(mu * GRAVITY * radius / (1.0 - mu * bend * radius))
+        assert cornering_speed(circle(radius, bend=bend), envelope) == pytest.approx(expected, rel=1e-6)
 
 
 def test_bank_towards_the_inside_of_the_turn_is_faster() -> None:
