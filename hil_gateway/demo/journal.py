@@ -25,7 +25,9 @@ class Journal:
         self._revisions = bus.subscribe(MODEL_REVISION, depth=QUEUE)
         self._proposals = bus.subscribe(MODEL_PROPOSAL, depth=QUEUE)
         self.events: deque[Event] = deque(maxlen=MOST)
-        self._found: dict[str, tuple[int, dict[str, Any]]] = {}
+        self._models: list[tuple[int, dict[str, Any]]] = []
+        self._row_of: dict[str, dict[str, Any]] = {}
+        """revision -> its row: values that are refined while driving make no row of their own"""
         self._laps = 0
         self._news: list[str] = []
         self._driven_with = ""
@@ -40,8 +42,8 @@ class Journal:
             self._note_outcome(proposal)
         for revision in self._revisions.poll(now_ns):
             self._note(revision)
-        if plan and (known := self._found.get(plan.revision)) is not None:
-            known[1]["adopted"] = True
+        if plan and (row := self._row_of.get(plan.revision)) is not None:
+            row["adopted"] = True
 
     def _tell(self, event: Event) -> None:
         """Note what is news: outcomes of the learner, and another list of effects driven with."""
@@ -66,31 +68,29 @@ class Journal:
         return [event.entry(zero_ns) for event in sorted(self.events, key=lambda event: event.stamp_ns)]
 
     def revisions(self, zero_ns: int) -> list[dict[str, Any]]:
-        """Every model heard of: when, in which lap, which effects, whether the planner took it, and why or why not."""
-        return [{"t": _seconds(stamp_ns, zero_ns), **row} for stamp_ns, row in self._found.values()]
+        """Every list of effects: when, in which lap, whether the planner took it, and why or why not."""
+        return [{"t": _seconds(stamp_ns, zero_ns), **row} for stamp_ns, row in self._models]
 
     def _note_outcome(self, proposal: ModelProposal) -> None:
         """What was found and not proposed, and what was withdrawn; a proposal itself becomes a revision."""
-        if proposal.outcome in (Outcome.KEPT, Outcome.WITHDRAWN) and len(self._found) < MOST:
-            row = {
-                "lap": proposal.lap,
-                "revision": "",
-                "effects": list(proposal.effects),
-                "adopted": False,
-                "reason": f"{proposal.outcome}: {proposal.reason}",
-            }
-            self._found[f"proposal {proposal.seq}"] = proposal.stamp_ns, row
+        if proposal.outcome in (Outcome.KEPT, Outcome.WITHDRAWN) and len(self._models) < MOST:
+            reason = f"{proposal.outcome}: {proposal.reason}"
+            self._models.append((proposal.stamp_ns, _row(proposal.lap, "", list(proposal.effects), reason)))
 
     def _note(self, revision: ModelRevision) -> None:
-        if revision.revision not in self._found and len(self._found) < MOST:
-            row = {
-                "lap": self._laps,
-                "revision": revision.revision,
-                "effects": [effect.name for effect in revision.effects],
-                "adopted": False,
-                "reason": revision.provenance.note,
-            }
-            self._found[revision.revision] = revision.stamp_ns, row
+        """A new list of effects is a row; the same one with other values belongs to the row it has."""
+        if revision.revision in self._row_of or len(self._row_of) >= MOST:
+            return
+        effects = [effect.name for effect in revision.effects]
+        row = next(reversed(self._row_of.values()), None)
+        if row is None or row["effects"] != effects:
+            row = _row(self._laps, revision.revision, effects, revision.provenance.note)
+            self._models.append((revision.stamp_ns, row))
+        self._row_of[revision.revision] = row
+
+
+def _row(lap: int, revision: str, effects: list[str], reason: str) -> dict[str, Any]:
+    return {"lap": lap, "revision": revision, "effects": effects, "adopted": False, "reason": reason}
 
 
 def _seconds(stamp_ns: int, zero_ns: int) -> float:

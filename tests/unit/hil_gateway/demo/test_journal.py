@@ -55,6 +55,16 @@ def test_every_model_has_a_row_with_what_became_of_it_and_why() -> None:
     assert (kept["adopted"], kept["effects"], kept["lap"], kept["t"]) == (False, ["aero_drag"], 3, 2.0)
 
 
+def test_values_refined_while_driving_make_no_row_and_count_as_the_model_they_belong_to() -> None:
+    bus = LocalBus()
+    journal = Journal(bus)
+    for name, effects in (("a", ("wind",)), ("a1", ("wind",)), ("b", ("wind", "aero_drag")), ("a2", ("wind",))):
+        bus.publish(topics.MODEL_REVISION, revision(name, effects))
+    journal.update(0, plan("a1", 1))
+    rows = journal.revisions(0)
+    assert [(row["revision"], row["adopted"]) for row in rows] == [("a", True), ("b", False), ("a2", False)]
+
+
 def test_what_is_learnt_and_adopted_is_told_once_as_it_comes() -> None:
     bus = LocalBus()
     journal = Journal(bus)
