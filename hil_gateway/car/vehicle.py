@@ -8,6 +8,8 @@ from hil_gateway.process.model import Model
 
 GRAVITY = 9.80665
 """Standard gravity, m/s2."""
+HALF_WIDTH = 0.95
+"""m from the middle of the AV-24 to the outside of its wheels: half of a Dallara IL-15's 1.9 m"""
 RACE_CAR = {
     "mass": (200.0, 3000.0), "yaw_inertia": (100.0, 10_000.0), "lf": (0.3, 4.0), "lr": (0.3, 4.0),
     "cg_height": (0.0, 2.0), "track_front": (0.5, 4.0), "track_rear": (0.5, 4.0), "wheel_radius": (0.1, 1.0),

@@ -198,7 +198,6 @@ class Adoption:
         new.controller.set_knowledge(replace(knowledge, load_max=judged))
         self._previous, self.current, self._ready, self._belief = self.current, new, None, None
         self._probation, self._failures, self._changed = PROBATION, 0, True
-        self._graded = None
 
     def _knowledge(
         self, before: TyreKnowledge | None, revised: RevisedModel, tyre: TyreNames, revision: ModelRevision

@@ -14,7 +14,7 @@ import numpy as np
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
-from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, STATES, STEER, VX, S
+from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, STEER, VX, YAW_RATE, S
 from planner.problem.settings import Limits
 
 PREVIEW_S = 0.5
@@ -92,7 +92,7 @@ class Stopping:
     def _grip_left(self, z: Array) -> float:
         """Deceleration the friction circle leaves beside the present lateral acceleration, m/s2."""
         grip = self.grip * (GRAVITY + self.vehicle.downforce(float(z[VX])) / self.vehicle.mass)
-        return float(np.sqrt(max(grip**2 - (z[VX] * z[STATES.index("yaw_rate")]) ** 2, (LEAST_BRAKING * grip) ** 2)))
+        return float(np.sqrt(max(grip**2 - (z[VX] * z[YAW_RATE]) ** 2, (LEAST_BRAKING * grip) ** 2)))
 
     def _pursuit(self, z: Array) -> float:
         """Steering angle of pure pursuit (Coulter, 1992), rad."""

@@ -19,7 +19,7 @@ from hil_gateway.process.arrays import Expr
 STATES = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "s", "drive", "steer", "progress")
 CONTROLS = ("drive_change", "steer_change", "progress_change")
 NZ, NU = len(STATES), len(CONTROLS)
-VX, S, DRIVE, STEER, PROGRESS = (STATES.index(n) for n in ("vx", "s", "drive", "steer", "progress"))
+VX, YAW_RATE, S, DRIVE, STEER, PROGRESS = map(STATES.index, ("vx", "yaw_rate", "s", "drive", "steer", "progress"))
 BOUNDED = (DRIVE, STEER, PROGRESS)
 """states with hard bounds: the inputs of the car"""
 

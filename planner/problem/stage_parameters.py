@@ -37,17 +37,8 @@ def stage_names(model: SingleTrack) -> Names:
     `Reference.stages`), effect parameters at the stage's place.
     """
     sizes = {"s": 1, "cubic_x": 4, "cubic_y": 4, "centre": 2, "half_width": 1, "speed": 2, "progress": 1, "learning": 1}
-    return Names(
-        {
-            **sizes,
-            "multiplier": 2,
-            "drive_max": 1,
-            "grade": 1,
-            "bank": 1,
-            "road_load": 3,
-            "phi": len(model.effect_table),
-        }
-    )
+    own = {"multiplier": 2, "drive_max": 1, "grade": 1, "bank": 1, "road_load": 3, "phi": len(model.effect_table)}
+    return Names(sizes | own)
 
 
 def common_names(model: SingleTrack) -> Names:

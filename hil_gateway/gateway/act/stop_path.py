@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from hil_gateway.bus.messages import Plan
+from hil_gateway.car.vehicle import HALF_WIDTH
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
@@ -23,8 +24,6 @@ STEP = 3.0
 """m between points of the way: a tenth of the tightest bend's radius"""
 ROUNDS = 8
 """solutions in which points outside of the corridor are found and pushed back"""
-HALF_WIDTH = 0.95
-"""m from the middle of the car to the outside of its wheels"""
 CLEAR = 1.2
 """m between the wheels and the edge the way keeps where it can: side slip, errors of position and steering"""
 NARROW_SHARE = 0.3

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 
+from hil_gateway.car.vehicle import HALF_WIDTH
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.track.track import Track
 
-HALF_WIDTH = 0.95
-"""m from the middle of the car to the outside of its wheels"""
 BEYOND = 0.5
 """m a wheel may be over the edge: error of the position and of the map"""
 NEAR = 60.0
 """m: nearer, the last arc length finds the next one"""
-
-
 PIT_M = 30.0
 """m beside the edge where a pit lane may lie: maps of a track do not show it"""
 PIT_SPEED = 20.0

@@ -9,8 +9,8 @@ import pytest
 from support.scripted_car import Rig
 
 from hil_gateway.bus.messages import PlanStatus
-from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.gateway.act.stop_path import HALF_WIDTH, Path, plan_path, way_along
+from hil_gateway.car.vehicle import HALF_WIDTH, Vehicle
+from hil_gateway.gateway.act.stop_path import Path, plan_path, way_along
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import Motion
