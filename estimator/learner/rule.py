@@ -19,6 +19,8 @@ those models that diverged on the road were worse by 30 % and more"""
 WORTH = 0.97
 """geometric mean of the channels' ratios that is worth new functions of the planner: lap to lap, the error of one
 unchanged model differs by about 3 %"""
+TINY = 1e-12
+"""SI; errors are not divided by less"""
 SLOWER = 1.02
 """a lap longer by this factor than the last one before the adoption: laps of one model differ by 1 %"""
 
@@ -57,5 +59,3 @@ def mean_ratio(before: Errors, after: Errors) -> float:
     logs = [math.log(max(after[name], TINY) / max(before[name], TINY)) for name in before]
     return math.exp(sum(logs) / len(logs))
 
-
-TINY = 1e-12
