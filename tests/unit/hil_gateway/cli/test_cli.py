@@ -151,6 +151,7 @@ WRONG: list[tuple[str, str]] = [
     ("session export s.mcap --out bare", "no ending that names the format"),
     ("session export s.mcap --format csv --out file", "there already and no .csv file"),
     ("session export s.mcap --out s.mcap --format csv", "never written over, it is what is read"),
+    ("session export s.mcap --format ros2 --out foreign/session.mcap", "a recording is never written over"),
     ("session recover s.mcap --out d", "is a folder, a file is needed"),
     ("session import a.log --out /proc/y.mcap", "nothing can be written in /proc"),
     ("session replay s.mcap --speed -1", "--speed -1"),
