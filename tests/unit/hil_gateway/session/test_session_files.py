@@ -45,11 +45,12 @@ def test_session_opens_with_the_mcap_reader_and_has_a_channel_for_every_topic(tm
             assert message.publish_time >= UNIX_NS
 
 
-@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="no checkout")
 def test_a_recording_made_in_a_checkout_names_the_commit() -> None:
     command = ["git", "-C", str(ROOT), "rev-parse", "--short=12", "HEAD"]
-    commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    assert commit in software_version()
+    asked = subprocess.run(command, capture_output=True, text=True, check=False)
+    if asked.returncode:
+        pytest.skip(f"no checkout that git reads: {asked.stderr}")
+    assert asked.stdout.strip() in software_version()
 
 
 @pytest.mark.parametrize(
