@@ -10,6 +10,7 @@ from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor
 from hil_gateway.gateway.perceive.monitors.course import CourseMonitor
+from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.gateway.perceive.monitors.sensors import GyroMonitor, LateralMonitor, SpeedChangeMonitor, WheelMonitor
@@ -39,6 +40,8 @@ class Monitors:
         self._following = FollowingMonitor(vehicle)
         self._acceleration = AccelerationMonitor(vehicle, config.powertrain.brake_force_per_pa)
         self.imu_wrong = self.imu_suspect = self.wheels_wrong = False
+        self._without_wheels = Held()
+        """a source that is not believed any more stops the car, whatever it says from then on"""
         self._road = None if track is None else RoadMonitor(track)
 
     @property
@@ -63,14 +66,18 @@ class Monitors:
         follows = self._following.step(now_ns, state, obeyed)
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         rear = self.motion.rear_yaw_rate(state, speed)
-        contradicted = self._course.step(now_ns, state, second_fastest(state), course if imu and wheels else None)
+        contradicted = self._course.step(now_ns, state, second_fastest(state), rear, course if imu and wheels else None)
+        self.position.contradicted(contradicted.position)
         changes = self._speed_change.step(now_ns, state, speed) if imu and wheels else 0.0
         lateral = self._lateral.step(now_ns, state, speed) if imu and wheels else 0.0
         turns = self._gyro.step(now_ns, state, speed, rear) if imu and wheels else 0.0
         measures = {
-            "position_wrong": INFINITE if self.position.wrong else 0.0,
+            "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,
-            "wheel_speed_wrong": self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0,
+            "wheel_speed_wrong": max(
+                self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0,
+                self._without_wheels.update(self.wheels_wrong, now_ns),
+            ),
             "yaw_rate_wrong": max(turns, contradicted.yaw_rate),
             "acceleration_wrong": max(changes, lateral, contradicted.acceleration),
             "steering_stuck": follows.steering,

@@ -63,7 +63,7 @@ class WheelMonitor:
 
 
 class GyroMonitor:
-    """The gyro outvoted by front wheels, rear wheels and steering, all of them to the same side of it."""
+    """The gyro outvoted by front wheels and rear wheels with steering or lateral force, all to the same side of it."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -75,11 +75,15 @@ class GyroMonitor:
         steered = speed * math.tan(state.steer) / car.wheelbase
         front = (state.wheel_speed_fr - state.wheel_speed_fl) / (car.track_front * math.cos(state.steer))
         low, high = sorted(share * steered for share in STEERED)
-        above = min(_excess(front, state.yaw_rate), _excess(rear, state.yaw_rate), low - GYRO_RAD_S - state.yaw_rate)
-        below = min(
-            _excess(-front, -state.yaw_rate), _excess(-rear, -state.yaw_rate), state.yaw_rate - high - GYRO_RAD_S
+        gyro, forced = state.yaw_rate, state.ay / max(speed, JUDGED_FROM)
+        slack = LATERAL / max(speed, JUDGED_FROM)
+        above = max(low - GYRO_RAD_S, forced - slack) - gyro
+        below = gyro - min(high + GYRO_RAD_S, forced + slack)
+        outvoted = max(
+            min(_excess(front, gyro), _excess(rear, gyro), above),
+            min(_excess(-front, -gyro), _excess(-rear, -gyro), below),
         )
-        return self._held.update(speed > JUDGED_FROM and max(above, below) > 0.0, now_ns)
+        return self._held.update(speed > JUDGED_FROM and outvoted > 0.0, now_ns)
 
 
 def _excess(by_wheels: float, gyro: float) -> float:
