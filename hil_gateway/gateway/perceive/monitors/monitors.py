@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from hil_gateway.bus.messages import VehicleState
+from hil_gateway.bus.latest import Latest
+from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
@@ -40,7 +41,7 @@ class Monitors:
         self._following = FollowingMonitor(vehicle)
         self._acceleration = AccelerationMonitor(vehicle, config.powertrain.brake_force_per_pa)
         self.imu_wrong = self.imu_suspect = self.wheels_wrong = False
-        self._without_wheels = Held()
+        self._without_wheels, self._without_imu = Held(), Held()
         """a source that is not believed any more stops the car, whatever it says from then on"""
         self._road = None if track is None else RoadMonitor(track)
 
@@ -50,10 +51,19 @@ class Monitors:
         return self.imu_wrong or not self.position.suspect
 
     @property
+    def estimate_fits(self) -> bool:
+        """Whether nothing that an estimate is made of is contradicted."""
+        return self.fixes_fit and not self.imu_suspect and not self.wheels_wrong
+
+    @property
     def shares(self) -> dict[str, float]:
         """Difference over bound of the monitors that compare with one, in this period."""
         own = {"specific force, v r": self._lateral.share, "change of speed": self._speed_change.share}
         return own | {f"course, {name}": share for name, share in self._course.shares.items()}
+
+    def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate]) -> None:
+        """What an estimator thinks of the fixes counts while the sensors it judges them by are believed."""
+        self.position.heed(now_ns, state, estimate, believed=not self.imu_suspect and not self.wheels_wrong)
 
     def measures(
         self, now_ns: int, state: VehicleState, pose: Pose | None, commanded: Actuators | None, course: Course | None
@@ -74,10 +84,7 @@ class Monitors:
         measures = {
             "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,
-            "wheel_speed_wrong": max(
-                self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0,
-                self._without_wheels.update(self.wheels_wrong, now_ns),
-            ),
+            "wheel_speed_wrong": self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0,
             "yaw_rate_wrong": max(turns, contradicted.yaw_rate),
             "acceleration_wrong": max(changes, lateral, contradicted.acceleration),
             "steering_stuck": follows.steering,
@@ -87,7 +94,11 @@ class Monitors:
             "wrong_way": against,
         }
         self._distrust(measures, wheels=changes > 0.0 and contradicted.wheels > 0.0)
-        return measures
+        distrusted = {
+            "wheel_speed_wrong": self._without_wheels.update(self.wheels_wrong, now_ns),
+            "yaw_rate_wrong": self._without_imu.update(self.imu_wrong, now_ns),
+        }
+        return measures | {name: max(measures[name], held_s) for name, held_s in distrusted.items()}
 
     def _distrust(self, measures: dict[str, float], wheels: bool) -> None:
         """From a first contradiction on no estimate is believed; after some of it, until the car stands, no IMU, or no

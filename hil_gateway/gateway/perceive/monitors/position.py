@@ -73,9 +73,12 @@ class PositionMonitor:
         self._contradicted = held_s > 0.0
         self.wrong = self.wrong or held_s > CONTRADICTED_S
 
-    def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate]) -> None:
-        """An estimator that refuses the fixes goes on without them: it still answers, and calls itself invalid."""
-        answers = state.valid and self._reference is not None and estimate.alive(now_ns)
+    def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], believed: bool) -> None:
+        """An estimator that refuses the fixes goes on without them: it still answers, and calls itself invalid.
+
+        `believed`: so are the sensors it judges them by.
+        """
+        answers = believed and state.valid and self._reference is not None and estimate.alive(now_ns)
         settled = self._answering.update(answers, now_ns) > SETTLED_S
         self.refused = self.refused or (settled and self._estimated and not estimate.valid(now_ns))
         self._estimated = settled and estimate.valid(now_ns)
