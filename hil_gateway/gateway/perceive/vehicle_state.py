@@ -19,7 +19,7 @@ from hil_gateway.car.actuation import Actuation, Actuators
 from hil_gateway.car.states import CtState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.fixes import MOVING, Fixes
-from hil_gateway.gateway.perceive.frame_counts import FrameCounts, LeakyBucket
+from hil_gateway.gateway.perceive.frame_counts import FrameCounts, LeakyBucket, Senders
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.geodesy import LocalMap
@@ -96,6 +96,7 @@ class VehicleStateBuilder:
         self.counts = FrameCounts()
         self._foreign_emergency_ns: int | None = None
         self._foreign_command_ns: int | None = None
+        self.senders = Senders({entry.layout.id: entry.layout.period_s for entry in self._received.values()})
         self.counter_faults = LeakyBucket(COUNTER_LEAK_NS, highest=2 * COUNTER_FAULT)
 
     def take(self, frames: Iterable[Frame], now_ns: int) -> None:
@@ -178,6 +179,7 @@ class VehicleStateBuilder:
             self.counts.errors += 1
             return
         entry = self._received.get(frame.id)
+        self.senders.add(frame.id, now_ns)
         if entry is not None and entry.repeatable and frame.data == entry.data:
             entry.stamp_ns = self._newest_ns = min(frame.stamp_ns, now_ns)
             self.counts.implausible += not entry.plausible

@@ -18,6 +18,7 @@ from hil_gateway.gateway.perceive.motion import Motion
 TICK_NS = 10_000_000
 RADIUS, SPEED = 150.0, 45.0
 TURN = SPEED / RADIUS
+SUSPECTS = ("yaw_rate", "acceleration", "wheels", "position")
 
 
 @pytest.fixture(scope="module")
@@ -75,8 +76,16 @@ def reported(rig: Rig, yaw_rate: float, ay: float) -> VehicleState:
 def test_the_sensor_that_the_course_contradicts_is_named_within_half_a_second(rig, yaw_rate, ay, wheels, wrong):
     monitor, course, held = CourseMonitor(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0), None
     for tick in range(50):
-        held = monitor.step(tick * TICK_NS, reported(rig, yaw_rate, ay), wheels, course)
-    assert {name for name in ("yaw_rate", "acceleration", "wheels") if getattr(held, name) > 0.1} == wrong
+        held = monitor.step(tick * TICK_NS, reported(rig, yaw_rate, ay), wheels, TURN, course)
+    assert {name for name in SUSPECTS if getattr(held, name) > 0.1} == wrong
+
+
+def test_a_course_that_imu_and_wheels_contradict_is_that_of_wrong_fixes(rig):
+    monitor, held = CourseMonitor(), None
+    for tick in range(50):
+        course = Course(0.0, 0.0, 0.0, SPEED, TURN if tick < 38 else TURN - 0.4, 0.0)
+        held = monitor.step(tick * TICK_NS, reported(rig, TURN, SPEED * TURN), SPEED, TURN, course)
+    assert {name for name in SUSPECTS if getattr(held, name) > 0.1} == {"position"}
 
 
 def test_a_reckoning_that_restarts_goes_on_from_the_fixes(rig):
