@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from hil_gateway.bus.messages import VehicleState
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.motion import COURSE_WINDOW
 
 TURN = 0.32
 """rad/s: side slip that builds up, lag of the course, noise of both"""
-LATERAL = 11.0
-"""m/s2: gravity on the steepest bank (24 deg: 4.0), side slip that builds up, lag of the course"""
+LATERAL = 7.0
+"""m/s2: side slip that builds up, lag of the course"""
 SPEED_SHARE = 0.14
 """of the course's speed: slip of all wheels, unequal rolling radii, lag of the course"""
 
@@ -45,12 +44,12 @@ class CourseMonitor:
         """each difference over its bound in this period"""
 
     def step(
-        self, now_ns: int, state: VehicleState, wheel_speed: float, by_wheels: float, course: Course | None
+        self, now_ns: int, imu: tuple[float, float], wheel_speed: float, by_wheels: float, course: Course | None
     ) -> Contradicted:
-        """`by_wheels`: yaw rate the wheels' difference means, rad/s. `course` is None where the fixes say nothing, or
-        are not believed."""
-        self._yaw_rates.append(state.yaw_rate)
-        self._forces.append(state.ay)
+        """`imu`: yaw rate (rad/s) and lateral specific force without gravity (m/s2). `by_wheels`: yaw rate the wheels'
+        difference means, rad/s. `course` is None where the fixes say nothing, or are not believed."""
+        self._yaw_rates.append(imu[0])
+        self._forces.append(imu[1])
         self._by_wheels.append(by_wheels)
         if course is None or len(self._forces) < COURSE_WINDOW:
             self.shares = {}

@@ -76,11 +76,13 @@ class Monitors:
         follows = self._following.step(now_ns, state, obeyed)
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         rear = self.motion.rear_yaw_rate(state, speed)
-        contradicted = self._course.step(now_ns, state, second_fastest(state), rear, course if imu and wheels else None)
+        ay = state.ay - (0.0 if self._road is None else self._road.gravity_across)
+        known = course if imu and wheels else None
+        contradicted = self._course.step(now_ns, (state.yaw_rate, ay), second_fastest(state), rear, known)
         self.position.contradicted(contradicted.position)
         changes = self._speed_change.step(now_ns, state, speed) if imu and wheels else 0.0
-        lateral = self._lateral.step(now_ns, state, speed) if imu and wheels else 0.0
-        turns = self._gyro.step(now_ns, state, speed, rear) if imu and wheels else 0.0
+        lateral = self._lateral.step(now_ns, state, speed, ay) if imu and wheels else 0.0
+        turns = self._gyro.step(now_ns, state, speed, rear, ay) if imu and wheels else 0.0
         measures = {
             "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,
@@ -96,7 +98,7 @@ class Monitors:
         self._distrust(measures, wheels=changes > 0.0 and contradicted.wheels > 0.0)
         distrusted = {
             "wheel_speed_wrong": self._without_wheels.update(self.wheels_wrong, now_ns),
-            "yaw_rate_wrong": self._without_imu.update(self.imu_wrong, now_ns),
+            "yaw_rate_wrong": self._without_imu.update(self.imu_wrong, now_ns) + IMU_WRONG_S * self.imu_wrong,
         }
         return measures | {name: max(measures[name], held_s) for name, held_s in distrusted.items()}
 

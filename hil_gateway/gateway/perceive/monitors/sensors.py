@@ -69,13 +69,14 @@ class GyroMonitor:
         self._vehicle = vehicle
         self._held = Held()
 
-    def step(self, now_ns: int, state: VehicleState, speed: float, rear: float) -> float:
-        """Seconds it has been outvoted; `rear` is the yaw rate by the rear wheels, rad/s."""
+    def step(self, now_ns: int, state: VehicleState, speed: float, rear: float, ay: float) -> float:
+        """Seconds it has been outvoted; `rear` is the yaw rate by the rear wheels, rad/s, `ay` the lateral specific
+        force without gravity, m/s2."""
         car = self._vehicle
         steered = speed * math.tan(state.steer) / car.wheelbase
         front = (state.wheel_speed_fr - state.wheel_speed_fl) / (car.track_front * math.cos(state.steer))
         low, high = sorted(share * steered for share in STEERED)
-        gyro, forced = state.yaw_rate, state.ay / max(speed, JUDGED_FROM)
+        gyro, forced = state.yaw_rate, ay / max(speed, JUDGED_FROM)
         slack = LATERAL / max(speed, JUDGED_FROM)
         above = max(low - GYRO_RAD_S, forced - slack) - gyro
         below = gyro - min(high + GYRO_RAD_S, forced + slack)
@@ -121,8 +122,8 @@ class SpeedChangeMonitor:
 
 ROLL_S = 0.05
 """s: an accelerometer on a body that rolls, behind its own filter, is so late; v r is made as late"""
-LATERAL = 9.0
-"""m/s2: gravity on the steepest bank (24 deg: 4.0), side slip building up at the limit (4.0), bias and noise (1.0)"""
+LATERAL = 5.0
+"""m/s2: side slip building up at the limit (4.0), bias and noise (1.0)"""
 LATERAL_SHARE = 0.35
 """of v r: the body's side slip in a slide"""
 
@@ -136,10 +137,10 @@ class LateralMonitor:
         self.share = 0.0
         """of the bound that they disagree by now"""
 
-    def step(self, now_ns: int, state: VehicleState, speed: float) -> float:
-        """Seconds they have disagreed."""
+    def step(self, now_ns: int, state: VehicleState, speed: float, ay: float) -> float:
+        """Seconds they have disagreed; `ay` is the force without gravity, m/s2."""
         self._expected += PERIOD_S / (ROLL_S + PERIOD_S) * (speed * state.yaw_rate - self._expected)
         expected = self._expected
-        apart = abs(state.ay - expected) / (LATERAL + LATERAL_SHARE * abs(expected))
+        apart = abs(ay - expected) / (LATERAL + LATERAL_SHARE * abs(expected))
         self.share = apart if speed > JUDGED_FROM else 0.0
         return self._held.update(self.share > 1.0, now_ns)
