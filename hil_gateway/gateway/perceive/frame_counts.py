@@ -68,9 +68,13 @@ class Senders:
         if bucket is not None:
             bucket.add(now_ns)
 
-    def doubled(self, now_ns: int) -> bool:
-        """Whether any message comes from more than one sender."""
-        return any(bucket.drain(now_ns) >= self._most[name] for name, bucket in self._surplus.items())
+    def doubled(self, identifier: int, now_ns: int) -> bool:
+        """Whether this message comes from more than one sender."""
+        return self._surplus[identifier].drain(now_ns) >= self._most[identifier]
+
+    def any_doubled(self, now_ns: int) -> bool:
+        """Whether any message does."""
+        return any(self.doubled(identifier, now_ns) for identifier in self._surplus)
 
 
 def _most(period_s: float) -> int:

@@ -253,12 +253,13 @@ class VehicleStateBuilder:
         return True
 
     def _health(self, entries: tuple[_Received, ...], now_ns: int) -> SourceHealth:
-        """As old as its oldest message; valid when every message is in time and plausible."""
+        """As old as its oldest message; valid when every message is in time, plausible and from one sender."""
         valid, oldest_ns = True, now_ns
         for entry in entries:
             if entry.stamp_ns is None:
                 return _NEVER_HEARD
-            valid = valid and entry.plausible and now_ns - entry.stamp_ns <= entry.deadline_ns
+            in_time = now_ns - entry.stamp_ns <= entry.deadline_ns
+            valid = valid and entry.plausible and in_time and not self.senders.doubled(entry.layout.id, now_ns)
             oldest_ns = min(oldest_ns, entry.stamp_ns)
         return SourceHealth(age_s=(now_ns - oldest_ns) / NS_PER_S, valid=valid)
 
