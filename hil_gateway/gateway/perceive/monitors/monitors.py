@@ -58,7 +58,11 @@ class Monitors:
     @property
     def shares(self) -> dict[str, float]:
         """Difference over bound of the monitors that compare with one, in this period."""
-        own = {"specific force, v r": self._lateral.share, "change of speed": self._speed_change.share}
+        own = {
+            "gyro, wheels": self._gyro.share,
+            "specific force, v r": self._lateral.share,
+            "change of speed": self._speed_change.share,
+        }
         return own | {f"course, {name}": share for name, share in self._course.shares.items()}
 
     def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate]) -> None:
