@@ -94,7 +94,7 @@ class Estimator:
             self.learn(sample, state.stamp_ns)
         if state.stamp_ns >= self._belief_due_ns:
             self._belief_due_ns = state.stamp_ns + BELIEF_PERIOD_NS
-            self._bus.publish(topics.BELIEF, belief_message(self.belief, state.stamp_ns, self._belief_seq))
+            self._bus.publish(topics.BELIEF, belief_message(self.model, state.stamp_ns, self._belief_seq))
             self._belief_seq += 1
         if state.stamp_ns >= self._revision_due_ns:
             self._revision_due_ns = state.stamp_ns + REVISION_PERIOD_NS
@@ -170,8 +170,9 @@ def _auxiliary(state: VehicleState, estimate: Estimate, track_position: float) -
     return np.array([known.get(name, 0.0) for name in AUXILIARY])
 
 
-def belief_message(belief: TyreBelief, stamp_ns: int, seq: int) -> Belief:
+def belief_message(model: ModelInUse, stamp_ns: int, seq: int) -> Belief:
     """The belief about the tyres as it goes on the bus; that about effects goes into the revision."""
+    belief = model.belief
     n = belief.tyres
     return Belief(
         stamp_ns=stamp_ns,
@@ -182,6 +183,7 @@ def belief_message(belief: TyreBelief, stamp_ns: int, seq: int) -> Belief:
         covariance=tuple(map(tuple, belief.covariance[:n, :n].tolist())),
         samples=belief.samples,
         log_det_information=belief.log_det_information,
+        residual=model.monitor.residual(),
     )
 
 

@@ -133,16 +133,17 @@ class Planner:
         measured = Moment(measured_ns, car, e.drive, e.steer)
         then = predict(self._actuators, controller.advance, measured, start_ns)
         car, drive, steer = then.car, then.drive, then.steer
+        if not np.isfinite([*car, drive, steer]).all():  # no model of the plan may end the process
+            return None
         hint = self._expected(start_ns)
         s = controller.reference.project(float(car[0]), float(car[1]), None if hint is None else float(hint[S]))
         self.adoption.watch(e, s)
         progress = float(car[3]) if hint is None else float(hint[PROGRESS])
         limits = self.settings.limits
-        z = np.concatenate([
+        return np.concatenate([
             car, [s, np.clip(drive, limits.drive_min, limits.drive_max), np.clip(steer, -limits.steer, limits.steer),
                   np.clip(progress, 0.0, limits.speed)],
         ])  # fmt: skip
-        return z if np.isfinite(z).all() else None
 
     def _expected(self, start_ns: int) -> Array | None:
         """State the last plan has at `start_ns`."""

@@ -28,6 +28,10 @@ DECIMATION = 4
 """residuals are looked at on every fourth sample"""
 WINDOW = 500
 """looks a cell remembers: 20 s spent in it"""
+MOST = 1e3
+"""m/s2 and rad/s2: a residual beyond says that numbers broke, not by how much"""
+UNREAD = 25
+"""looks kept for `residual`: 1 s, where nobody asks more often"""
 SCORE_WINDOW = 3000
 """looks the score test remembers: two minutes"""
 MIN_LOOKS, MIN_VISITS = 40, 2
@@ -110,6 +114,15 @@ class ResidualMonitor:
         self._noise = _NoiseFloor()
         self._alerted_ns: dict[tuple[str, str], int] = {}
         self._count = self._looks = 0
+        self._unread: list[Array] = []
+
+    def residual(self) -> tuple[float, float, float] | None:
+        """Mean residual of ax, ay (m/s2) and yaw acceleration (rad/s2) since the last call; None where nothing came."""
+        looks, self._unread = self._unread, []
+        if not looks:
+            return None
+        ax, ay, yaw_acc = np.clip(np.mean(looks, axis=0), -MOST, MOST).tolist()
+        return ax, ay, yaw_acc
 
     def push(self, sample: Sample, theta: Array, stamp_ns: int) -> list[Finding]:
         """Take in one sample with the tyre parameters now believed."""
@@ -122,6 +135,7 @@ class ResidualMonitor:
             return []
         self._looks += 1
         residual = self._score.add(sample, theta)
+        self._unread = [*self._unread[1 - UNREAD :], residual]
         for channel, value in zip(SMALLEST, residual.tolist(), strict=True):
             key = (channel, _condition(channel, sample))
             self._cells.setdefault(key, _Cell()).add(value, self._looks)

@@ -58,4 +58,3 @@ def mean_ratio(before: Errors, after: Errors) -> float:
     """Geometric mean over the channels of the error after over that before."""
     logs = [math.log(max(after[name], TINY) / max(before[name], TINY)) for name in before]
     return math.exp(sum(logs) / len(logs))
-

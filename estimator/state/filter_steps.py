@@ -148,9 +148,7 @@ def position(moment: Moment, x: Expr, y: Expr) -> None:
 
     (along, across), H = off(), ca.vertcat(*rows)
     S = H @ moment.covariance @ H.T + ca.diag(ca.vertcat(*variances))
-    nis = (along**2 * S[1, 1] - 2 * along * across * S[0, 1] + across**2 * S[0, 0]) / (
-        S[0, 0] * S[1, 1] - S[0, 1] ** 2
-    )
+    nis = (along**2 * S[1, 1] - 2 * along * across * S[0, 1] + across**2 * S[0, 0]) / (S[0, 0] * S[1, 1] - S[0, 1] ** 2)
     for k, (row, variance) in enumerate(zip(rows, variances, strict=True)):
         moment.update(row, off()[k], variance)
     moment.keep_if(nis, GATE_POSITION, before)

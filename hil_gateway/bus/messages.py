@@ -123,6 +123,10 @@ class Belief(Message):
     covariance: Covariance
     samples: int = Field(ge=0, description="samples that passed the activity gates")
     log_det_information: float = Field(description="log det of the posterior precision in prior-scaled units")
+    residual: tuple[Motion, Motion, Motion] | None = Field(
+        default=None,
+        description="measured minus expected ax, ay (m/s2) and yaw acceleration (rad/s2), mean since the last message",
+    )
 
     @model_validator(mode="after")
     def _one_size(self) -> Self:

@@ -54,12 +54,15 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("accelerator_sent", APPLIED, lambda a: a.accelerator_percent if a.sent else None, 1),
     Channel("brake", VEHICLE_STATE, lambda v: v.brake_front / PA_PER_BAR, 1),
     Channel("brake_sent", APPLIED, lambda a: a.brake_front_kpa / KPA_PER_BAR if a.sent else None, 1),
+    Channel("residual_ax", BELIEF, lambda b: b.residual[0] if b.residual else None),
+    Channel("residual_ay", BELIEF, lambda b: b.residual[1] if b.residual else None),
     Channel("gear", VEHICLE_STATE, lambda v: float(v.gear), 0),
     Channel("engine", VEHICLE_STATE, lambda v: v.engine_speed * RPM, 0),
     Channel("plan_ms", PLAN, lambda p: p.solve_ms),
     Channel("latency_ms", GATEWAY_STATUS, lambda g: g.loop_latency_p99_ms, 1),
 )
-"""speeds in m/s, angles in degrees, specific force in g, pedals in % and bar, engine in 1/min, positions in m"""
+"""speeds in m/s, angles in degrees, specific force in g, residuals in m/s2, pedals in % and bar, engine in 1/min,
+positions in m"""
 DERIVED = ("s", "slip_front", "slip_rear", "delta", "line_speed", "grip")
 """columns of more than one message: position along the track (m), slip angles (deg), delta to the best lap (s), speed
 the planner asks for at this place (m/s), grip used (%)"""

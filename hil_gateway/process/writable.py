@@ -18,6 +18,8 @@ NAME_MAX = 255
 """bytes of one name, NAME_MAX of <linux/limits.h>"""
 PATH_MAX = 4096
 """bytes of a whole path with its closing zero, PATH_MAX of <linux/limits.h>"""
+RECORDING = ".mcap"
+"""ending of recorded drives, which cannot be made again"""
 ASIDE = 12
 """bytes a name grows by while its file is written aside: two dots and a process identifier"""
 INSIDE = 80
@@ -25,7 +27,7 @@ INSIDE = 80
 
 
 def check_file(path: Path, reads: Sequence[Path] = (), option: str = "--out") -> None:
-    """Refuse a file that cannot be written, or that is one of `reads`.
+    """Refuse a file that cannot be written, that is one of `reads`, or a recording that is there already.
 
     Raises:
         InputError: naming `path`, the reason and `option`.
@@ -36,6 +38,8 @@ def check_file(path: Path, reads: Sequence[Path] = (), option: str = "--out") ->
             raise InputError(f"{path}: never written over, it is what is read; choose another {option}")
         if path.is_dir():
             raise InputError(f"{path}: is a folder, a file is needed; choose another {option}")
+        if path.suffix == RECORDING and path.is_file():
+            raise InputError(f"{path}: there already, a recording is never written over; choose another {option}")
         if path.exists() and not os.access(path, os.W_OK):
             raise InputError(f"{path}: cannot write: Permission denied; choose another {option}")
         if path.is_file() or not path.exists():

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from estimator.belief.revision import RevisedModel
-from estimator.model.single_track import SIGNALS, Terms
+from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from estimator.model.tyre import front_and_rear
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
@@ -42,6 +42,7 @@ class PlanCheck:
         self._settings, self._vehicle = settings, vehicle
         self._model: RevisedModel | None = None
         self._forces: ForceModel | None = None
+        self._built: tuple[tuple[str, ...], InterpretedForces] | None = None
         self.first_loads, self.worst_load = (0.0, 0.0), 0.0
         self.first_gain = 0.0
 
@@ -63,10 +64,17 @@ class PlanCheck:
             self._model = adopted.revised
             effects = adopted.revised.model.effects
             self._forces = (
-                interpreted_forces(adopted.revised) if effects
+                self._interpreted(adopted.revised.model).of(adopted.revised) if effects
                 else acceptance.declared_forces(self._vehicle, adopted.revision.tyre)
             )  # fmt: skip
         return self._forces
+
+    def _interpreted(self, model: SingleTrack) -> InterpretedForces:
+        """Built once for the effects of `model`: refined parameters are not worth 15 ms of a plan."""
+        effects = tuple(effect.name for effect in model.effects)
+        if self._built is None or self._built[0] != effects:
+            self._built = effects, InterpretedForces(model)
+        return self._built[1]
 
 
 def bounds_of(settings: Settings, load_max: tuple[float, float], drive: float) -> Bounds:
@@ -158,31 +166,45 @@ def _motion(state: Array, steer: Array, f: AxleForces, vehicle: Vehicle) -> Arra
     return slope
 
 
-def interpreted_forces(revised: RevisedModel) -> ForceModel:
+class InterpretedForces:
     """Axle forces of a model with effects, evaluated by CasADi's interpreter at the start of the lap's profiles."""
-    model = revised.model
-    signals = ca.SX.sym("signals", len(SIGNALS) + 1)
-    *felt, extra = ca.vertsplit(signals)
-    named: dict[str, Any] = dict(zip(SIGNALS, felt, strict=True))
-    phi = list(revised.phi_at(np.zeros(1))[:, 0])
-    terms = model.evaluate(Terms(model.vehicle, **named, aux={"extra_load": extra}), list(revised.theta), phi)
-    names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r", "slip_f", "slip_r")
-    function = ca.Function("forces", [signals], [ca.densify(ca.vertcat(*(getattr(terms, n) for n in names)))])
-    at_once: dict[int, CompiledFunction] = {}
-    """number of stages -> the function over all of them, in CasADi's virtual machine"""
-    tyre = [p.name for p in model.tyre_table]
-    b, c = np.array([revised.theta[list(axle.rows(tyre)[:2])] for axle in front_and_rear(model.layout)]).T[:, :, None]
 
-    def forces(
-        vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, *, extra_load: Array | float = 0.0
-    ) -> AxleForces:
-        if len(vx) not in at_once:
-            at_once[len(vx)] = compile_function(function.map(len(vx)), compiled=False)
-        run = at_once[len(vx)]
-        for row, values in enumerate((vx, vy, yaw_rate, steer, drive, extra_load)):
-            run.inputs[0][row] = values
-        run()
-        values = run.outputs[0].copy()
-        return AxleForces(*values[:6], *acceptance.beyond_peak(c * np.arctan(b * values[6:])))
+    def __init__(self, model: SingleTrack) -> None:
+        """`model` gives layout and effects; parameters come with `of`."""
+        self._names = [p.name for p in model.tyre_table]
+        self._axles = front_and_rear(model.layout)
+        felt, theta = ca.SX.sym("felt", len(SIGNALS) + 1), ca.SX.sym("theta", len(self._names))
+        phi = ca.SX.sym("phi", len(model.effect_table))
+        *signals, extra = ca.vertsplit(felt)
+        named: dict[str, Any] = dict(zip(SIGNALS, signals, strict=True))
+        terms = Terms(model.vehicle, **named, aux={"extra_load": extra})
+        terms = model.evaluate(terms, ca.vertsplit(theta), ca.vertsplit(phi) if phi.numel() else [])
+        names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r", "slip_f", "slip_r")
+        result = ca.densify(ca.vertcat(*(getattr(terms, n) for n in names)))
+        self._function = ca.Function("forces", [felt, theta, phi], [result])
+        self._at_once: dict[int, CompiledFunction] = {}
 
-    return forces
+    def of(self, revised: RevisedModel) -> ForceModel:
+        """With the parameters of a revision of this model."""
+        theta, phi = revised.theta, revised.phi_at(np.zeros(1))[:, 0]
+        rows = [list(axle.rows(self._names)[:2]) for axle in self._axles]
+        b, c = np.array([theta[row] for row in rows]).T[:, :, None]
+
+        def forces(
+            vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, *, extra_load: Array | float = 0.0
+        ) -> AxleForces:
+            run = self._over(len(vx))
+            for row, values in enumerate((vx, vy, yaw_rate, steer, drive, extra_load)):
+                run.inputs[0][row] = values
+            run.inputs[1][:], run.inputs[2][:] = theta[:, None], phi[:, None]
+            run()
+            values = run.outputs[0].copy()
+            return AxleForces(*values[:6], *acceptance.beyond_peak(c * np.arctan(b * values[6:])))
+
+        return forces
+
+    def _over(self, stages: int) -> CompiledFunction:
+        """The function over so many stages, in CasADi's virtual machine."""
+        if stages not in self._at_once:
+            self._at_once[stages] = compile_function(self._function.map(stages), compiled=False)
+        return self._at_once[stages]

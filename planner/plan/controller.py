@@ -77,6 +77,8 @@ class Controller:
         self.common = np.zeros(self.problem.common.size)
         self.stages = np.zeros((self.problem.stage.size, self.settings.horizon), order="F")
         self.set_knowledge(knowledge)
+        # `advance` is asked before the first solve: a scale that is still 0 would divide by zero
+        self.fill_stages(np.zeros(self.settings.horizon), np.zeros(self.settings.horizon), 0.0)
 
     def set_knowledge(self, knowledge: TyreKnowledge) -> None:
         """Take over tyre parameters, belief and load limits; no recompilation."""

@@ -53,6 +53,7 @@ def test_a_new_model_is_adopted_without_missing_a_plan() -> None:
     effects = (
         ActiveEffect(name="aero_drag", parameters={"k": 0.5}),
         ActiveEffect(name="front_brake", parameters={"share": 0.5, "gain": 1.0}),
+        ActiveEffect(name="speed_scale", parameters={"scale": 1.0, "lateral": 1.0}),  # divided by: never 0
     )
     new = revision_with(rig, None, *effects)
     rig.bus.publish(topics.MODEL_REVISION, new)

@@ -16,6 +16,7 @@ from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 
 UPDATES = volume(20_000, 1_000_000)
+POINTS = volume(200, 1000)
 AUX = np.zeros(len(AUXILIARY))
 VEHICLE = Vehicle()
 
@@ -106,7 +107,7 @@ def test_measurement_jacobians_agree_with_finite_differences(kind: MeasurementKi
     model = SingleTrack(VEHICLE, layout)
     h = MeasurementEvaluation(model, kind)
     prior = np.array([p.prior for p in model.tyre_table])
-    for _ in range(1000):
+    for _ in range(POINTS):
         signals, theta = random_signals(rng), prior * rng.uniform(0.6, 1.6, len(prior))
         value, by_theta, by_signals = h(signals, AUX, theta)
         size = 1.0 + np.abs(value)[:, None]
@@ -118,7 +119,7 @@ def test_measurement_jacobians_agree_with_finite_differences(kind: MeasurementKi
             numeric = np.column_stack([fourth_order(at, point, i, step[i]) for i in range(len(point))])
             assert np.max(np.abs(numeric - analytic) * step / size) < 1e-9, "per step of 1e-4: 1e-5 relative"
             assert np.max(np.abs(numeric - analytic) * np.maximum(np.abs(point), 1e-2) / size) < 1e-6
-    record_figure("N2", "measurement Jacobians within 1e-6 of finite differences at 1,000 points")
+    record_figure("N2", f"measurement Jacobians within 1e-6 of finite differences at {POINTS:,} points")
 
 
 def fourth_order(f: object, x: np.ndarray, i: int, h: float) -> np.ndarray:

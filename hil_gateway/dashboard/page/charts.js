@@ -9,6 +9,7 @@ const CHARTS = [
   { title: "accelerator, %", height: 95, series: [["accelerator_sent", "sent", "accent"], ["accelerator", "measured", "text"]] },
   { title: "front brake, bar", height: 95, series: [["brake_sent", "sent", "accent"], ["brake", "measured", "text"]] },
   { title: "specific force, g", height: 120, series: [["ax", "longitudinal", "accent"], ["ay", "lateral", "text"]] },
+  { title: "not explained, m/s²", height: 80, series: [["residual_ax", "longitudinal", "accent"], ["residual_ay", "lateral", "text"]] },
   { title: "to best lap, s", height: 80, series: [["delta", "delta", "text"]] },
   { title: "plan and loop time, ms", height: 100, limit: "plan_ms", series: [["plan_ms", "plan", "text"], ["latency_ms", "loop p99", "accent"]] },
 ];

@@ -17,6 +17,7 @@ from typing import Self
 from mcap.writer import Writer
 from typing_extensions import Buffer
 
+from can_dbc.database import DBC_PATH
 from hil_gateway.bus.topics import TOPICS
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.writable import free_bytes, short_of_space
@@ -83,6 +84,8 @@ class Sink:
 class SessionFile:
     """One MCAP file with a channel for raw frames, one for every recorded topic, and one for each `further` one.
 
+    The DBC that decodes the frames is attached.
+
     `further`: topic -> name and text of its JSON schema.
     """
 
@@ -96,6 +99,7 @@ class SessionFile:
             self._writer = Writer(self.sink, chunk_size=2 * PENDING_LIMIT, enable_data_crcs=True)
             self._writer.start(library="hil-gateway")
             self._channels = self._register(further or {})
+            self._writer.add_attachment(0, 0, DBC_PATH.name, "text/plain", DBC_PATH.read_bytes())
             for name, values in metadata.items():
                 self._writer.add_metadata(name, values)
             self.sink.flush()

@@ -14,7 +14,7 @@ from hil_gateway.track.loading import load_track
 from planner.line.track import Reference
 from planner.plan import acceptance
 from planner.plan.acceptance import Bounds, Plan, declared_forces, load_shares, violations
-from planner.plan.checks import beside, bounds_of, defects, interpreted_forces, plan_of
+from planner.plan.checks import InterpretedForces, beside, bounds_of, defects, plan_of
 from planner.plan.controller import Controller
 from planner.problem.motion import extra_load
 from planner.problem.settings import Settings
@@ -121,7 +121,7 @@ def test_forces_agree_with_the_model_of_the_solver() -> None:
     revised = model_of(declared_revision("per_axle"), Vehicle(), 1000.0)
     plain = declared_forces(Vehicle(), declared_revision("per_axle").tyre)
     motion = some_motion(200)
-    a, b = (f(*motion[:5], extra_load=motion[5]) for f in (plain, interpreted_forces(revised)))
+    a, b = (f(*motion[:5], extra_load=motion[5]) for f in (plain, InterpretedForces(revised.model).of(revised)))
     for name in FORCES:
         atol = 1e-4 if "beyond" in name else 2.0
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-4, atol=atol)
@@ -138,7 +138,7 @@ def some_motion(n: int) -> tuple[np.ndarray, ...]:
 def test_a_crest_takes_from_both_axles_what_it_takes_from_the_weight() -> None:
     revised = model_of(race_car_revision("per_axle", Vehicle(), Powertrain()), Vehicle(), 1000.0)
     vx, vy, rate, steer, drive, _ = some_motion(50)
-    forces = interpreted_forces(revised)
+    forces = InterpretedForces(revised.model).of(revised)
     flat, crest = (forces(vx, vy, rate, steer, drive, extra_load=np.full(50, e)) for e in (0.0, -0.4))
     taken = np.array([flat.load_f - crest.load_f, flat.load_r - crest.load_r])
     static = [[Vehicle().static_load_front], [Vehicle().static_load_rear]]

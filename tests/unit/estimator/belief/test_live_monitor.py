@@ -71,6 +71,18 @@ def test_monitor_suspects_the_effect_that_is_there() -> None:
     assert {f.suspected_effect for f in damping if f.channel == "yaw_acc"} == {"yaw_damping"}
 
 
+def test_the_residual_told_is_what_the_model_lacks_since_it_was_last_asked_for() -> None:
+    laps, lacking = Laps(), np.array([-1.5, 0.8, 0.3])
+    monitor = ResidualMonitor(laps.model)
+    assert monitor.residual() is None
+    for k in range(100):
+        sample = laps.sample(k)
+        monitor.push(replace(sample, z=sample.z + lacking), laps.theta, START_NS + k * DT_NS)
+    told = monitor.residual()
+    assert told is not None and np.abs(told - lacking).max() < 0.1, "25 looks at noise of 0.11"
+    assert monitor.residual() is None
+
+
 def test_an_alert_is_not_repeated_within_a_minute() -> None:
     found = Laps().findings(lambda s: np.array([-1.5, 0.0, 0.0]), seconds=55.0)
     assert len({(f.channel, f.condition) for f in found}) == len(found) > 0
@@ -82,3 +94,4 @@ def test_monitor_survives_meaningless_numbers() -> None:
     for k, bad in enumerate((np.nan, np.inf, 1e300) * 20):
         sample = laps.sample(k)
         assert monitor.push(replace(sample, z=np.array([bad, 0.0, 0.0])), laps.theta, START_NS) == []
+    assert monitor.residual() is None

@@ -132,7 +132,7 @@ def test_a_blf_log_that_was_cut_off_says_so(tmp_path: Path) -> None:
     whole = (tmp_path / "a.blf").read_bytes()
     (tmp_path / "b.blf").write_bytes(whole[: len(whole) // 2])
     assert not import_log(tmp_path / "a.blf", tmp_path / "s.mcap").left_out
-    done = import_log(tmp_path / "b.blf", tmp_path / "s.mcap")
+    done = import_log(tmp_path / "b.blf", tmp_path / "t.mcap")
     assert 0 < done.frames < 200
     assert done.left_out == {"end that was cut off": 1}
 

@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from support.promise_figures import record_figure, volume
 from support.session_rig import UNIX_NS, Rig, recorded, sent_items
 
+from can_dbc.database import DBC_PATH
 from hil_gateway.bus.messages import Command, ModelRevision
 from hil_gateway.bus.topics import COMMAND, MODEL_REVISION, TOPICS
 from hil_gateway.can_link import EXTENDED_ID, Frame
@@ -33,6 +34,7 @@ def test_session_opens_with_the_mcap_reader_and_has_a_channel_for_every_topic(tm
         assert summary is not None
         topics = {channel.topic for channel in summary.channels.values()}
         assert topics == {CAN_TOPIC, *(t.key for t in TOPICS if t.recorded)}
+        assert [a.data for a in reader.iter_attachments()] == [DBC_PATH.read_bytes()], "frames decode without us"
         for schema, channel, message in reader.iter_messages(topics=[COMMAND.key]):
             assert schema is not None
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
