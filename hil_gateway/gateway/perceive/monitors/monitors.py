@@ -99,19 +99,19 @@ class Monitors:
             "off_road": off,
             "wrong_way": against,
         }
-        self._distrust(measures, wheels=changes > 0.0 and contradicted.wheels > 0.0)
+        self._distrust(measures, wheels=changes > 0.0 and contradicted.wheels > 0.0, fixes=course is not None)
         distrusted = {
             "wheel_speed_wrong": self._without_wheels.update(self.wheels_wrong, now_ns),
             "yaw_rate_wrong": self._without_imu.update(self.imu_wrong, now_ns) + IMU_WRONG_S * self.imu_wrong,
         }
         return measures | {name: max(measures[name], held_s) for name, held_s in distrusted.items()}
 
-    def _distrust(self, measures: dict[str, float], wheels: bool) -> None:
-        """From a first contradiction on no estimate is believed; after some of it, until the car stands, no IMU, or no
-        wheels where it is they that neither the fixes nor the IMU agree with."""
+    def _distrust(self, measures: dict[str, float], wheels: bool, fixes: bool) -> None:
+        """From a first contradiction on no estimate is believed; after some of it, until the car stands, no IMU where
+        there are `fixes` to go by, or no wheels where it is they that neither the fixes nor the IMU agree with."""
         moving = self.motion.motion.speed > STANDSTILL
         held_s = max(measures[name] for name in IMU_MEASURES)
         self.wheels_wrong = moving and (self.wheels_wrong or (wheels and not self.imu_wrong))
-        self.imu_wrong = moving and (self.imu_wrong or (held_s > IMU_WRONG_S and not self.wheels_wrong))
+        self.imu_wrong = moving and (self.imu_wrong or (held_s > IMU_WRONG_S and fixes and not self.wheels_wrong))
         self.motion.believe_imu, self.motion.believe_wheels = not self.imu_wrong, not self.wheels_wrong
         self.imu_suspect = self.imu_wrong or held_s > 0.0

@@ -65,8 +65,11 @@ class WheelMonitor:
 
 
 class GyroMonitor:
-    """The gyro outvoted by three of front wheels, rear wheels, steering and lateral force, all on one side of it: each
-    of them is wrong in some manoeuvre (braking, a slide), but not the same way."""
+    """The gyro outvoted by three of front wheels, rear wheels, steering and lateral force, all on one side of it.
+
+    Each of them is wrong in some manoeuvre (a slide, a kerb), but not the same way. Under the brakes the inner wheels
+    of both axles slip more: then nobody votes.
+    """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -85,7 +88,8 @@ class GyroMonitor:
         wheels = [(by_wheels - gyro) / (GYRO_RAD_S + GYRO_SHARE * abs(by_wheels)) for by_wheels in (front, rear)]
         above = sorted([*wheels, (low - gyro) / GYRO_RAD_S, (forced - gyro) / slack])
         below = sorted([-wheels[0], -wheels[1], (gyro - high) / GYRO_RAD_S, (gyro - forced) / slack])
-        self.share = max(above[1], below[1], 0.0) if speed > JUDGED_FROM else 0.0
+        votes = speed > JUDGED_FROM and state.drive > -PEDAL
+        self.share = max(above[1], below[1], 0.0) if votes else 0.0
         return self._held.update(self.share > 1.0, now_ns)
 
 
