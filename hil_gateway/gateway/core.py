@@ -73,6 +73,7 @@ class Gateway:
         course = self._course.step(now_ns, self.builder.fixes)
         motion = self.monitors.motion.step(now_ns, state, course if fixes_fit else None)
         self.monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
+        self.monitors.position.scattered(now_ns, self._course.scatter_m)
         estimate = self.inbox.read_estimate(now_ns)
         self.monitors.heed(now_ns, state, self.inbox.estimate)
         fixes_fit = self.monitors.fixes_fit
