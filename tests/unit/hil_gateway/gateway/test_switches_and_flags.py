@@ -85,7 +85,7 @@ def test_a_full_course_yellow_slows_the_car_to_the_caution_speed(named_mph: floa
     assert rig.car.speed > 30.0
     rig.car.track_flag = 9
     rig.car.overrides["round_target_speed"] = named_mph
-    rig.run(16.0)
+    rig.run(35.0)
     assert rig.action is FailsafeAction.DRIVE
     assert rig.car.ct_state == 8
     assert rig.car.speed == pytest.approx(reached, abs=1.5)
