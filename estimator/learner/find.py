@@ -1,13 +1,13 @@
 """What the laps so far say that the model in force lacks: search, two models as they would be driven, their scores.
 
 The last lap is held out. Both models, re-fitted with and without new effects, are learnt from the other laps in the
-same way (`taught`) and scored as the planner would use them. A pure function: the process that runs
-it may be anywhere.
+same way (`taught`) and scored as the planner would use them; an effect that spoils the prediction is left out. A pure
+function: the process that runs it may be anywhere.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from estimator.belief.revision import model_of
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.learner.active import active_effects, parameter_std
 from estimator.learner.known_road import ROAD, on_map, road_effects, with_map_road, with_road
-from estimator.learner.rule import Errors, why_not
+from estimator.learner.rule import Errors, mean_ratio, why_not
 from estimator.learner.taught import SPREAD, Laps, parameters_of, taught
 from estimator.model.declared_vehicle import DECLARED
 from estimator.model.effects import catalogue
@@ -93,16 +93,33 @@ def find(task: Task) -> Found:
         train = replace(train, road=find_road(train))
     train = replace(train, lap=np.arange(train.windows, dtype=np.int64) // HELD_OUT_WINDOWS)
     done = search(_setting(task, train, ground))
-    models = {
-        "in_force": task.current,
-        "refit": _taught(_effects(done.start, ground), task, ground),
-        "found": _taught(_effects(done.final, ground), task, ground),
-    }
-    errors = {name: score(model, task, ground, held_out) for name, model in models.items()}
-    known = {effect.name for effect in task.current.effects}
-    effects = tuple(e.name for e in models["found"].effects if e.name not in known)
-    reason = why_not(errors["refit"], errors["in_force"], errors["found"]) if effects else NOTHING
-    return Found(effects, _with_provenance(models["found"], effects, errors, held_out), reason, errors)
+    before = {"in_force": task.current, "refit": _taught(_effects(done.start, ground), task, ground)}
+    rivals = {name: score(model, task, ground, held_out) for name, model in before.items()}
+    final = _effects(done.final, ground)
+    known = {effect.name for effect in (*task.declared.effects, *task.current.effects)}
+
+    def outcome(effects: tuple[str, ...]) -> Found:
+        """The model with these of the new effects."""
+        model = _taught([e for e in final if e.name in known or e.name in effects], task, ground)
+        errors = {**rivals, "found": score(model, task, ground, held_out)}
+        reason = why_not(errors["refit"], errors["in_force"], errors["found"]) if effects else NOTHING
+        return Found(effects, _with_provenance(model, effects, errors, held_out), reason, errors)
+
+    return without_what_spoils(outcome(tuple(e.name for e in final if e.name not in known)), outcome)
+
+
+def without_what_spoils(whole: Found, outcome: Callable[[tuple[str, ...]], Found]) -> Found:
+    """`whole`, or where it is not to be driven with, what is left of it after taking effects away one by one, each
+    time the one without which predictions are best.
+
+    A fit shares what it explains among its effects, and the belief that goes on while driving holds some of them at
+    other sizes: one that spoils a channel does not take the others with it.
+    """
+    left = whole
+    while left.reason and len(left.effects) > 1:
+        fewer = [outcome(tuple(n for n in left.effects if n != name)) for name in left.effects]
+        left = min(fewer, key=lambda f: (bool(f.reason), mean_ratio(f.errors["refit"], f.errors["found"])))
+    return whole if left.reason else left
 
 
 def judge(first: FirstLap) -> tuple[Errors, Errors]:

@@ -9,7 +9,7 @@ import pytest
 from support.round_course import laps_of, write_course
 
 from estimator.belief.revision import starting_revision
-from estimator.learner.find import NOTHING, FirstLap, Found, Task, find, judge
+from estimator.learner.find import NOTHING, FirstLap, Found, Task, find, judge, without_what_spoils
 from estimator.learner.rule import regress, why_not
 from hil_gateway.config import Config, load_config
 from hil_gateway.process.errors import InputError
@@ -66,6 +66,28 @@ def test_a_lap_without_estimates_is_said_to_be_too_little(config: Config) -> Non
     keep = (task.columns["lap"] < 2) | (np.arange(len(task.columns["t"])) % 400 == 0)
     with pytest.raises(InputError, match="held-out lap"):
         find(Task({n: c[keep] for n, c in task.columns.items()}, task.declared, task.current, config))
+
+
+@pytest.mark.parametrize(
+    ("spoiling", "kept"),
+    [("", "wind drag brake"), ("drag", "wind brake"), ("drag brake", "wind"), ("wind drag brake", "")],
+)
+def test_an_effect_that_spoils_predictions_does_not_take_the_others_with_it(
+    config: Config, spoiling: str, kept: str
+) -> None:
+    start = starting_revision(config, "")
+
+    def outcome(effects: tuple[str, ...]) -> Found:
+        """Each good effect takes a tenth off every error, each that spoils adds a half to that of vx."""
+        bad = len(set(effects) & set(spoiling.split()))
+        errors = {name: value * 0.9 ** (len(effects) - bad) for name, value in REFIT.items()}
+        errors["vx"] *= 1.5**bad
+        return Found(effects, start, why_not(REFIT, REFIT, errors), {"refit": REFIT, "found": errors})
+
+    whole = outcome(("wind", "drag", "brake"))
+    left = without_what_spoils(whole, outcome)
+    assert left.effects == (tuple(kept.split()) or whole.effects)
+    assert bool(left.reason) == (not kept)
 
 
 @pytest.mark.parametrize(
