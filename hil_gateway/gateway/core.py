@@ -82,6 +82,7 @@ class Gateway:
         request = self.inbox.read_request(now_ns)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
         trusted = None if self.monitors.position.wrong and not imu_wrong else course
+        self.monitors.stopping = before.stopping
         monitored = self.monitors.measures(now_ns, state, pose, commanded, trusted)
         if course is not None and self.monitors.imu_wrong and not imu_wrong:
             self._dead_reckoning.restart(now_ns, course)
