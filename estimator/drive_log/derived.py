@@ -21,6 +21,9 @@ FULL_THROTTLE_DRIVE = 0.10
 FULL_BRAKE_DRIVE = 0.30
 """Slip ratio taken to stand for full braking, 6 MPa or pedal 1: brakes act on four wheels, the engine on two."""
 
+BY_STATE_FILTER = {"vy": "by the state filter: its error follows the motion for seconds, as a sensor's noise does not"}
+"""What a log of the running loop has of its own estimator, and no sensor measures."""
+
 PEDALS_MUST_EXPLAIN = (0.3, 1.5)
 """Pedals replace wheel speeds where their correlation with d/dt vx is above the first, and so many times as high."""
 

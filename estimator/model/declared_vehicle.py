@@ -44,7 +44,8 @@ YAW_INERTIA = Effect(
     source="Eq. (1)",
     parameters=(
         Parameter(
-            "factor", "1", 1.0, 0.2, 0.4, 2.5, "true over declared yaw inertia", Plausible(0.5, 2.0, "same kind of car")
+            "factor", "1", 1.0, 0.2, 0.4, 2.5, "true over declared yaw inertia",
+            Plausible(0.5, 2.0, "same kind of car; a swing test is good to 5 %", 0.05),
         ),
     ),
     channels=("yaw_acc",),
@@ -61,7 +62,7 @@ CENTRE_OF_GRAVITY = Effect(
     parameters=(
         Parameter(
             "ahead", "m", 0.0, 0.1, -0.8, 0.8, "true centre of gravity ahead of the declared one",
-            Plausible(-0.6, 0.6, "inside the wheelbase of any car"),
+            Plausible(-0.6, 0.6, "inside the wheelbase of any car; fuel moves it by 2 cm", 0.02),
         ),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),

@@ -73,8 +73,10 @@ class Gateway:
         course = self._course.step(now_ns, self.builder.fixes)
         motion = self.monitors.motion.step(now_ns, state, course if fixes_fit else None)
         self.monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
-        estimate, fixes_fit = self.inbox.read_estimate(now_ns), self.monitors.fixes_fit
-        believed = estimate if fixes_fit and not self.monitors.imu_suspect else None
+        estimate = self.inbox.read_estimate(now_ns)
+        self.monitors.heed(now_ns, state, self.inbox.estimate)
+        fixes_fit = self.monitors.fixes_fit
+        believed = estimate if self.monitors.estimate_fits else None
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, fixes_fit)
         request = self.inbox.read_request(now_ns)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.drive_log.derived import BY_STATE_FILTER
 from estimator.drive_log.table import DriveLog, segment_numbers
 from hil_gateway.bus.messages import Estimate, Plan, VehicleState
 from hil_gateway.bus.topics import ESTIMATE, PLAN, VEHICLE_STATE
@@ -42,4 +43,5 @@ def drive_log(result: LoopResult) -> DriveLog:
     at = np.array([plan.state_stamp_ns for plan in plans], dtype=np.int64)
     index = np.maximum(np.searchsorted(at, stamps, side="right") - 1, 0)
     columns["lap"] = np.array([plan.lap for plan in plans], dtype=float)[index]
-    return DriveLog(columns=columns, segment=segment_numbers(columns["t"]), notes=("driven by the loop",))
+    segment, notes = segment_numbers(columns["t"]), ("driven by the loop",)
+    return DriveLog(columns=columns, segment=segment, derived=BY_STATE_FILTER, notes=notes)

@@ -18,6 +18,7 @@ import typer
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 from hil_gateway.process.figures import lines, print_json
 from hil_gateway.process.writable import check_file
+from hil_gateway.session.files.format import software_version
 from verification import mutation as mutation_run
 from verification.promises import PROMISES, as_json, keep_long, markdown, read_evidence
 
@@ -108,7 +109,8 @@ def _promises(long: bool, only: str, gathered: Path | None, page: Path | None) -
     when = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(started))
     took = f"{'long' if long else 'usual'} run of {time.time() - started:.0f} s"
     length = "gathered from a test run" if gathered else took
-    conditions = f"{when}, {length}, {os.cpu_count()} CPUs, Python {platform.python_version()}"
+    machine = f"{os.cpu_count()} CPUs, Python {platform.python_version()}"
+    conditions = f"{when}, {software_version()}, {length}, {machine}"
     if long:
         # a test may prove two promises: of one that was not asked for, the other tests are missing
         asked = {name: of for name, of in evidence.items() if not only or name in only.split(",")}

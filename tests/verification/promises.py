@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -219,19 +218,30 @@ def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dic
         "",
         "Written by `hil verify --page FILE`. Each promise has at least one test marked",
         '`@pytest.mark.promise("ID")`; a promise without one fails the test suite. The usual run, part of every',
-        "`deploy/test.sh`, is smaller than what is required where that takes long; `hil verify --long` runs it whole.",
+        "`deploy/test.sh`, is smaller than what is required where that takes long: its verdict is about that part.",
+        "`hil verify --long` runs the whole; its verdict is of the commit named with it.",
         "",
         f"Usual run: {conditions}.",
         "",
-        "| id | promise | required | usual run | reached | long run | reached | tests |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| id | promise | required | usual run | long run |",
+        "| --- | --- | --- | --- | --- |",
     ]
     for promise in PROMISES:
-        of, whole = evidence[promise.id], long.get(promise.id)
-        cells = [promise.id, promise.text, promise.figure, of.verdict, _lines(of.figures)]
-        cells += [f"{whole['verdict']} ({whole['run']})", _lines(whole["figures"])] if whole else ["not run", "-"]
-        lines.append(f"| {' | '.join([*cells, _tests(of.tests)])} |")
+        whole = long.get(promise.id)
+        cells = [f"[{promise.id}](#{promise.id.lower()})", promise.text, promise.figure, evidence[promise.id].verdict]
+        lines.append(f"| {' | '.join([*cells, whole['verdict'] if whole else 'not run'])} |")
+    for promise in PROMISES:
+        lines += _reached(promise.id, evidence[promise.id].figures, long.get(promise.id))
     return "\n".join(lines) + "\n"
+
+
+def _reached(name: str, figures: list[str], whole: dict[str, Any] | None) -> list[str]:
+    """What was reached for one promise; what both runs say alike is said once."""
+    lines = ["", f"### {name}", "", *(f"- {_one_line(figure)}" for figure in figures or ["no figure"])]
+    if whole is None:
+        return lines
+    more = [figure for figure in whole["figures"] if figure not in figures] or ["the same"]
+    return [*lines, "", f"Long run ({whole['run']}):", "", *(f"- {_one_line(figure)}" for figure in more)]
 
 
 def as_json(evidence: dict[str, Evidence]) -> list[dict[str, object]]:
@@ -249,15 +259,5 @@ def as_json(evidence: dict[str, Evidence]) -> list[dict[str, object]]:
     ]
 
 
-def _tests(tests: Iterable[str]) -> str:
-    """Test functions by file, without parameters."""
-    by_file: dict[str, set[str]] = {}
-    for test in tests:
-        file, _, name = test.partition("::")
-        by_file.setdefault(file, set()).add(name.partition("[")[0])
-    return "<br>".join(f"`{file}` ({len(names)})" for file, names in sorted(by_file.items())) or "-"
-
-
-def _lines(figures: Iterable[str]) -> str:
-    """Figures in one cell of a table."""
-    return "<br>".join(text.replace("|", "\\|").replace("\n", " ") for text in figures) or "-"
+def _one_line(figure: str) -> str:
+    return figure.replace("\n", " ")

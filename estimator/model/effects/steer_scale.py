@@ -26,7 +26,9 @@ EFFECT = Effect(
             0.3,
             3.0,
             "true over reported angle",
-            Plausible(0.7, 1.4, "another steering ratio in the same family of cars"),
+            Plausible(
+                0.7, 1.4, "another steering ratio in the same family of cars; racks and joints give 1 to 2 %", 0.02
+            ),
         ),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),

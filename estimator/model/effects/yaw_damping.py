@@ -26,7 +26,12 @@ EFFECT = Effect(
             0.0,
             30000.0,
             "moment per yaw rate",
-            Plausible(0.0, 20000.0, "a locked axle gives C_x track^2 / (2 v): 10 kN m s/rad at 5 m/s, less at speed"),
+            Plausible(
+                0.0,
+                20000.0,
+                "a locked axle gives C_x track^2 / (2 v): 10 kN m s/rad at 5 m/s; 200 is 1 % of what axles damp",
+                200.0,
+            ),
         ),
     ),
     channels=("yaw_acc",),

@@ -17,8 +17,14 @@ from hil_gateway.process.clock import NS_PER_S
 
 UNCOMMANDED = 1.0
 """m/s; a car in sys_state driving that moves so fast while nobody sends commands obeys old ones"""
-DRIVING_ONLY = ("command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving", "mode_switch_off")
+DRIVING_ONLY = (
+    "command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving", "mode_switch_off", "engine_stalled",
+)  # fmt: skip
 """Measures that have no meaning while actuators are tested with the engine off."""
+SUPPLY_MIN_V = 11.0
+"""A 12 V battery under load is nearly empty; steering and brakes still work: reports are plausible from 9 V on."""
+ENGINE_TURNS = 40.0
+"""rad/s (380 rpm): starters crank slower, no engine idles so slow"""
 ESTIMATE_MAX_S = 0.1
 """An estimate of an older state is none. The state's stamp is the gateway's own, so that what lay in a queue while the
 gateway was held up does not pass for new."""
@@ -37,6 +43,7 @@ class Conditions:
         self._mode = mode
         self._testing = mode == "actuator_test"
         self._state_invalid, self._estimate_invalid = Held(), Held()
+        self._supply_low, self._stalled = Held(), Held()
         self._last_ns: int | None = None
 
     def situation(  # noqa: PLR0917 - what a decision depends on
@@ -97,6 +104,9 @@ class Conditions:
             "car_failure": _holds(failed),
             "mode_switch_off": _holds(builder.signal("mode_switch_state") == 0),
             "safety_switch": _holds(builder.signal("safety_switch_state") != 0),
+            "supply_low": self._supply_low.update(0.0 < builder.signal("battery_voltage") < SUPPLY_MIN_V, now_ns),
+            "engine_stalled": self._stalled.update(_stalled(state), now_ns),
+            "sender_doubled": _holds(builder.senders.any_doubled(now_ns)),
             "uncommanded_motion": _holds(not answers_for_motion and _drives_on(state)),
             "engine_running": 0.0,
             "foreign_emergency": _holds(builder.foreign_emergency(now_ns)),
@@ -125,6 +135,13 @@ class Conditions:
 
 def _holds(condition: bool) -> float:
     return HOLDS if condition else 0.0
+
+
+def _stalled(state: VehicleState) -> bool:
+    """Whether the engine stands in a car that is driving."""
+    powertrain = state.sources.get("powertrain")
+    reported = powertrain is not None and powertrain.valid
+    return reported and state.sys_state == SysState.DRIVING and state.engine_speed < ENGINE_TURNS
 
 
 def _drives_on(state: VehicleState) -> bool:

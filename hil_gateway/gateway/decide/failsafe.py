@@ -142,6 +142,9 @@ TABLE: tuple[Row, ...] = (
     Row("car_failure", "the car reports a system failure (0x53E)", "car_failure", 0.0, _STOP, Clear.REARM),
     Row("mode_switch_off", "the mode switch at the car is off", "mode_switch_off", 0.0, _STOP, Clear.REARM),
     Row("safety_switch", "a safety switch at the car is set", "safety_switch", 0.0, _STOP, Clear.REARM),
+    Row("supply_low", "the battery is nearly empty: is it charged?", "supply_low", 1.0, _STOP, Clear.REARM),
+    Row("engine_stalled", "the engine has stopped", "engine_stalled", 0.3, _STOP, Clear.REARM),
+    Row("sender_doubled", "a report comes from two senders", "sender_doubled", 0.0, _STOP, Clear.REARM),
     Row(
         "position_wrong",
         "position fixes do not fit the way the car has gone",

@@ -1,8 +1,16 @@
-"""Counts of what was received on the wire, and a bucket that forgives a rare wrong counter."""
+"""Counts of what was received on the wire, a bucket that forgives a rare wrong counter, and second senders."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+from hil_gateway.process.clock import NS_PER_S
+
+OVER = 1.4
+"""times its declared rate at which a message may come for ever: a sender's clock, and frames that waited somewhere"""
+SURPLUS_S = 0.5
+"""of declared frames beyond that are a second sender: more than any pause of one delivers afterwards (its deadline)"""
 
 
 @dataclass(slots=True)
@@ -41,3 +49,33 @@ class FrameCounts:
     errors: int = 0
     counter_errors: int = 0
     implausible: int = 0
+
+
+class Senders:
+    """Messages that come more often than one sender sends them."""
+
+    def __init__(self, periods: Mapping[int, float]) -> None:
+        """`periods`: identifier -> declared period, s."""
+        self._surplus = {
+            identifier: LeakyBucket(round(period * NS_PER_S / OVER), highest=2 * _most(period))
+            for identifier, period in periods.items()
+        }
+        self._most = {identifier: _most(period) for identifier, period in periods.items()}
+
+    def add(self, identifier: int, now_ns: int) -> None:
+        """Count one frame."""
+        bucket = self._surplus.get(identifier)
+        if bucket is not None:
+            bucket.add(now_ns)
+
+    def doubled(self, identifier: int, now_ns: int) -> bool:
+        """Whether this message comes from more than one sender."""
+        return self._surplus[identifier].drain(now_ns) >= self._most[identifier]
+
+    def any_doubled(self, now_ns: int) -> bool:
+        """Whether any message does."""
+        return any(self.doubled(identifier, now_ns) for identifier in self._surplus)
+
+
+def _most(period_s: float) -> int:
+    return max(round(SURPLUS_S / period_s), 5)

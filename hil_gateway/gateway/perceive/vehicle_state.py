@@ -19,7 +19,7 @@ from hil_gateway.car.actuation import Actuation, Actuators
 from hil_gateway.car.states import CtState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.fixes import MOVING, Fixes
-from hil_gateway.gateway.perceive.frame_counts import FrameCounts, LeakyBucket
+from hil_gateway.gateway.perceive.frame_counts import FrameCounts, LeakyBucket, Senders
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.geodesy import LocalMap
@@ -96,6 +96,7 @@ class VehicleStateBuilder:
         self.counts = FrameCounts()
         self._foreign_emergency_ns: int | None = None
         self._foreign_command_ns: int | None = None
+        self.senders = Senders({entry.layout.id: entry.layout.period_s for entry in self._received.values()})
         self.counter_faults = LeakyBucket(COUNTER_LEAK_NS, highest=2 * COUNTER_FAULT)
 
     def take(self, frames: Iterable[Frame], now_ns: int) -> None:
@@ -178,6 +179,7 @@ class VehicleStateBuilder:
             self.counts.errors += 1
             return
         entry = self._received.get(frame.id)
+        self.senders.add(frame.id, now_ns)
         if entry is not None and entry.repeatable and frame.data == entry.data:
             entry.stamp_ns = self._newest_ns = min(frame.stamp_ns, now_ns)
             self.counts.implausible += not entry.plausible
@@ -251,12 +253,13 @@ class VehicleStateBuilder:
         return True
 
     def _health(self, entries: tuple[_Received, ...], now_ns: int) -> SourceHealth:
-        """As old as its oldest message; valid when every message is in time and plausible."""
+        """As old as its oldest message; valid when every message is in time, plausible and from one sender."""
         valid, oldest_ns = True, now_ns
         for entry in entries:
             if entry.stamp_ns is None:
                 return _NEVER_HEARD
-            valid = valid and entry.plausible and now_ns - entry.stamp_ns <= entry.deadline_ns
+            in_time = now_ns - entry.stamp_ns <= entry.deadline_ns
+            valid = valid and entry.plausible and in_time and not self.senders.doubled(entry.layout.id, now_ns)
             oldest_ns = min(oldest_ns, entry.stamp_ns)
         return SourceHealth(age_s=(now_ns - oldest_ns) / NS_PER_S, valid=valid)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hil_gateway.bus.event import Event, Severity
-from hil_gateway.bus.messages import Estimate, Plan
+from hil_gateway.bus.messages import Estimate, Message, Plan
 from hil_gateway.bus.race_line import RaceLine
 from hil_gateway.bus.topics import ESTIMATE, EVENT, PLAN, RACE_LINE, Topic
 from hil_gateway.process.clock import NS_PER_S
@@ -57,14 +57,14 @@ def export_foxglove(source: Path, target: Path) -> Exported:
         InputError: no readable recording, a track that cannot be loaded, `target` cannot be written.
     """
     config = recorded_config(source)
-    maker = _Maker(load_track(config.track), LocalMap(config.origin))
+    maker = FoxgloveMaker(load_track(config.track), LocalMap(config.origin))
     with named(source):
         done = recover(source, target, {topic: (name, schema_text(name)) for topic, name in CHANNELS.items()}, maker)
     return Exported(maker.count, done.left_out, done.damage)
 
 
-class _Maker:
-    """What one recorded message is to Foxglove; the track goes with the first of them."""
+class FoxgloveMaker:
+    """What one message is to Foxglove; the track goes with the first estimate."""
 
     def __init__(self, track: Track, local_map: LocalMap) -> None:
         self._track, self._map = track, local_map
@@ -77,14 +77,21 @@ class _Maker:
         self._estimates = self.count = 0
 
     def __call__(self, item: Item) -> Iterator[Made]:
-        """(topic, JSON) made of `item`."""
-        if item.topic not in self._makers:
-            return
-        topic, make = self._makers[item.topic]
-        seconds, nanoseconds = divmod(item.publish_ns, NS_PER_S)
-        for name, tree in make(unpack_message(topic, item.data), {"sec": seconds, "nsec": nanoseconds}):
-            self.count += 1
-            yield name, json.dumps(tree, separators=(",", ":")).encode()
+        """(topic, JSON) made of a recorded message."""
+        if item.topic in self._makers:
+            topic, _ = self._makers[item.topic]
+            yield from self.of(item.topic, unpack_message(topic, item.data), item.publish_ns)
+
+    def of(self, topic: str, message: Message, unix_ns: int) -> Iterator[Made]:
+        """(topic, JSON) made of a message of `topic`, stamped `unix_ns`."""
+        if topic in self._makers:
+            for name, tree in self._makers[topic][1](message, _stamp(unix_ns)):
+                self.count += 1
+                yield name, _packed(tree)
+
+    def scenery(self, unix_ns: int) -> Made:
+        """Track and car, for who comes late."""
+        return SCENE, _packed(_scene(_road(self._track, _stamp(unix_ns)), _box(_stamp(unix_ns))))
 
     def _car(self, e: Estimate, time: Tree) -> Iterator[tuple[str, Tree]]:
         if self._estimates == 0:
@@ -104,6 +111,15 @@ class _Maker:
             "timestamp": time, "frame_id": MAP, "latitude": latitude, "longitude": longitude, "altitude": 0.0,
             "position_covariance": covariance, "position_covariance_type": DIAGONAL,
         }  # fmt: skip
+
+
+def _stamp(unix_ns: int) -> Tree:
+    seconds, nanoseconds = divmod(unix_ns, NS_PER_S)
+    return {"sec": seconds, "nsec": nanoseconds}
+
+
+def _packed(tree: Tree) -> bytes:
+    return json.dumps(tree, separators=(",", ":")).encode()
 
 
 def _plan(plan: Plan, time: Tree) -> Iterator[tuple[str, Tree]]:

@@ -122,7 +122,7 @@ def dbc_hash() -> str:
 def software_version() -> str:
     """Version of the project, with the commit when it runs from a checkout."""
     version = importlib.metadata.version("hil-gateway")
-    root = Path(__file__).resolve().parents[2]
+    root = DBC_PATH.parent.parent
     if not (root / ".git").exists():
         return version
     command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"]

@@ -65,7 +65,7 @@ def test_the_page_is_written_where_it_is_asked_for_and_nowhere_else(tmp_path, ca
     verify(gathered=figures)
     verify(gathered=figures, page=tmp_path / "page.md")
     assert committed.read_bytes() == before
-    assert "| S1 |" in (tmp_path / "page.md").read_text()
+    assert "| [S1](#s1) |" in (tmp_path / "page.md").read_text()
     assert "S1  kept" in capsys.readouterr().out
 
 
@@ -85,9 +85,8 @@ def test_the_report_takes_the_worst_outcome_and_every_figure_once(tmp_path):
         "BROKEN", "kept", "not proved here", "not proved here",
     ]  # fmt: skip
     text = markdown(evidence, "now", {"S2": {"verdict": "kept", "run": "a long run", "figures": ["all of it"]}})
-    assert text.count("10 \\| 20") == 1
-    assert "| kept (a long run) | all of it |" in text
-    assert "`a.py` (1)" in text
+    assert text.count("- 10 | 20\n") == 1
+    assert "### S2\n\n- no figure\n\nLong run (a long run):\n\n- all of it\n" in text
     assert len(as_json(evidence)) == len(PROMISES) == 28
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import random
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -13,11 +14,19 @@ from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.config import Config
 from hil_gateway.plant.car_file import SimulatedCar
 from planner.simulation.loop import Loop
-from verification.fault_simulation.car_faults import CAR_FAULTS, CarFault, SimulatedFault
+from verification.fault_simulation.car_fault_injection import SimulatedFault
+from verification.fault_simulation.car_faults import CAR_FAULTS, CarFault
 
 WATCHED_S = 8.0
 """without a stop for so long the fault has done no harm here"""
 STANDS_WITHIN_S = 25.0
+SECOND_AFTER_S = 1.0
+"""from the beginning of a stop to the second fault of a pair"""
+
+
+Pair = tuple[CarFault, ...]
+"""one fault, or one and another that begins during the stop"""
+SINGLE: tuple[Pair, ...] = tuple((fault,) for fault in CAR_FAULTS)
 
 
 @dataclass(frozen=True)
@@ -41,45 +50,63 @@ class FaultResult:
         return self.noticed_s is None and self.margin_m < 0.0
 
 
-def simulate(loop: Loop, injector: SimulatedFault, fault: CarFault, seed: int) -> FaultResult:
+def pairs(seed: int, count: int) -> list[Pair]:
+    """Sensor faults that stop the car, each with another one of other sensors during the stop."""
+    rng = random.Random(seed)
+    sensors = [fault for fault in CAR_FAULTS if fault.messages and fault.noticed_by]
+    drawn: list[Pair] = []
+    while len(drawn) < count:
+        first, second = rng.sample(sensors, k=2)
+        if not set(first.messages) & set(second.messages):
+            drawn.append((first, second))
+    return drawn
+
+
+def simulate(loop: Loop, injector: SimulatedFault, faults: Pair, seed: int) -> FaultResult:
     """From the loop's present state until the car stands, or nothing has happened for `WATCHED_S`."""
     referee, begin_s, speed = loop.plant.referee, loop.elapsed_s, loop.plant.car["vx"]
+    waiting = list(faults)
     referee.worst_margin_m = math.inf
-    injector.begin(fault, loop.clock.now_ns(), seed)
-    injector.break_actuators(loop.plant)
+    injector.begin(waiting.pop(0), loop.plant, loop.clock.now_ns(), seed)
     noticed_s, before = None, math.inf
     while loop.elapsed_s < begin_s + STANDS_WITHIN_S and not loop.plant.car.standing:
         loop.step()
+        since_s = loop.elapsed_s - begin_s
         if noticed_s is None and loop.gateway.failsafe.action is not FailsafeAction.DRIVE:
-            noticed_s, before = loop.elapsed_s - begin_s, referee.worst_margin_m
-        if noticed_s is None and loop.elapsed_s > begin_s + WATCHED_S:
+            noticed_s, before = since_s, referee.worst_margin_m
+        if noticed_s is None and since_s > WATCHED_S:
             break
+        if waiting and noticed_s is not None and since_s > noticed_s + SECOND_AFTER_S:
+            injector.begin(waiting.pop(0), loop.plant, loop.clock.now_ns(), seed)
     standing, cause = bool(loop.plant.car.standing), loop.gateway.failsafe.cause
-    return FaultResult(fault.name, begin_s, speed, noticed_s, cause, standing, referee.worst_margin_m, before)
+    name = ", then ".join(fault.name for fault in faults)
+    return FaultResult(name, begin_s, speed, noticed_s, cause, standing, referee.worst_margin_m, before)
 
 
 def campaign(  # noqa: PLR0917 - what a campaign is
-    track: str, points: int, spacing_s: float, faults: Sequence[CarFault] = CAR_FAULTS, car: SimulatedCar | None = None,
-    first_s: float = 14.0,
+    track: str, points: int, spacing_s: float, faults: Sequence[Pair] = SINGLE, car: SimulatedCar | None = None,
+    first_s: float = 14.0, shares: int = 1,
 ) -> Iterator[FaultResult]:  # fmt: skip
-    """Every fault from every point, each in a forked copy of the running loop."""
+    """Every fault, or pair of them, from every point, each in a forked copy of the running loop; with `shares`, every
+    so many-th of them from one point, the next ones from the next."""
     injector = SimulatedFault()
-    config = Config.model_validate({"track": track, "planner": {"horizon": 20}, "estimator": {"learn": False}})
+    estimator = {"learn": False, "relinearise": False}
+    config = Config.model_validate({"track": track, "planner": {"horizon": 20}, "estimator": estimator})
     loop = Loop(config, faults=injector, simulated=car)
     for point in range(points):
         until_s = first_s + point * spacing_s
         while loop.elapsed_s < until_s:
             loop.step()
-        for number, fault in enumerate(faults):
-            yield FaultResult(**_in_a_copy(loop, injector, fault, 1000 * point + number))
+        for number, pair in list(enumerate(faults))[point % shares :: shares]:
+            yield FaultResult(**_in_a_copy(loop, injector, pair, 1000 * point + number))
 
 
-def _in_a_copy(loop: Loop, injector: SimulatedFault, fault: CarFault, seed: int) -> dict[str, Any]:
+def _in_a_copy(loop: Loop, injector: SimulatedFault, faults: Pair, seed: int) -> dict[str, Any]:
     reader, writer = os.pipe()
     if not (pid := os.fork()):
         status = 1
         try:
-            os.write(writer, json.dumps(asdict(simulate(loop, injector, fault, seed))).encode())
+            os.write(writer, json.dumps(asdict(simulate(loop, injector, faults, seed))).encode())
             status = 0
         finally:
             os._exit(status)
@@ -88,6 +115,6 @@ def _in_a_copy(loop: Loop, injector: SimulatedFault, fault: CarFault, seed: int)
         text = pipe.read()
     os.waitpid(pid, 0)
     if not text:
-        raise RuntimeError(f"the copy that simulated {fault.name!r} died")
+        raise RuntimeError(f"the copy that simulated {[fault.name for fault in faults]} died")
     content: dict[str, Any] = json.loads(text)
     return content

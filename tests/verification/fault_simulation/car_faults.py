@@ -1,31 +1,28 @@
-"""Fault model of the car: every sensor and actuator fault, by what it is noticed, in what time; and its simulation.
-
-Sensor faults change the frames on their way to the gateway, actuator faults what the simulated car's actuators get;
-the car reports truthfully what they then do.
-"""
+"""Fault model of the car: every fault of sensors, actuators, power and bus, by what it is noticed, in what time."""
 
 from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
-from can_dbc.codec import Fault, load_codec
-from hil_gateway.can_link import Frame
+from can_dbc.codec import load_codec
 from hil_gateway.plant.car import Commands
-from hil_gateway.process.clock import NS_PER_S
-from planner.simulation.loop import Faults
 
 Values = dict[str, float]
 Alter = Callable[[Values, "Memory"], "Values | None"]
+SLOW_RAD = 5e-4
+"""a period: 3 deg/s at the road wheel, an eighth of what the motor does"""
 EARTH_M = 6.371e6
 """m per rad of latitude"""
 IMU = ("imu_1", "imu_2", "imu_3")
 WHEELS = ("wheel_speed_report",)
 POSITION = ("novatel_report",)
 STEERING = ("steering_report", "steering_report_extd")
+MISC = ("misc_report",)
+DRIVE_BY_WIRE = (*STEERING, *MISC, "brake_pressure_report", "accelerator_report", "pt_report_1", "diagnostic_report")
+EVERYTHING = tuple(name for name, layout in load_codec().messages.items() if layout.direction == "car")
 
 
 @dataclass
@@ -52,10 +49,10 @@ class CarFault:
     """the independent signal"""
     alter: Alter | None = None
     delay_s: float = 0.0
-    twice_m: float = 0.0
-    """a second sender, so far beside, m"""
+    twice: Alter | None = None
+    """a second sender at double rate, which says this"""
     actuate: Callable[[Commands, Commands], Commands] | None = None
-    """(asked, asked when the fault began) to what the actuators do"""
+    """(asked, what they did in the period before) to what the actuators do, once in 10 ms"""
 
 
 def _lost(values: Values, memory: Memory) -> None:
@@ -84,6 +81,26 @@ def _scaled(factor: float, *names: str) -> Alter:
 
 def _plus(offset: float, *names: str) -> Alter:
     return lambda values, memory: values | {name: values[name] + offset for name in names if name in values}
+
+
+def _falling(values: Values, memory: Memory) -> Values:
+    return values | {"battery_voltage": values["battery_voltage"] - 0.5 * memory.t}
+
+
+def _turned_map(values: Values, memory: Memory) -> Values:
+    return values | {"novatel_lat": values["novatel_long"], "novatel_long": values["novatel_lat"]}
+
+
+def _axles_swapped(values: Values, memory: Memory) -> Values:
+    return values | {
+        "wheel_speed_FL": values["wheel_speed_RL"], "wheel_speed_RL": values["wheel_speed_FL"],
+        "wheel_speed_FR": values["wheel_speed_RR"], "wheel_speed_RR": values["wheel_speed_FR"],
+    }  # fmt: skip
+
+
+def _slow_steering(asked: Commands, before: Commands) -> Commands:
+    step = min(max(asked.steer - before.steer, -SLOW_RAD), SLOW_RAD)
+    return replace(asked, steer=before.steer + step)
 
 
 def _swapped(values: Values, memory: Memory) -> Values:
@@ -132,7 +149,8 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         "position noisy by 1 m", POSITION, _FIX, 1.0, "way by wheels and gyro", _north(lambda m: m.rng.gauss(0, 1.0))
     ),
     CarFault(
-        "second sender of positions", POSITION, (*_FIX, "sender_doubled"), 1.2, "frames a second", None, twice_m=3.0
+        "second sender of positions", POSITION, (*_FIX, "sender_doubled"), 1.2, "frames a second",
+        twice=_north(lambda m: 3.0)
     ),
     CarFault("IMU missing", IMU, ("state_invalid",), 0.15, "its age", _lost),
     CarFault("IMU frozen", IMU, ("state_invalid",), 0.35, "noise changes the last bit of every frame", _frozen),
@@ -163,17 +181,13 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault(
         "wheel speeds at 80 %",
         WHEELS,
-        (*_FIX, "off_road", "acceleration_wrong"),
+        (*_FIX, "off_road", "acceleration_wrong", "wheel_speed_wrong"),
         1.5,
-        "way between fixes",
+        "way between fixes, change of speed by the IMU",
         _scaled(0.8, "wheel_speed_FL", "wheel_speed_FR", "wheel_speed_RL", "wheel_speed_RR"),
     ),
     CarFault(
-        "wheel speeds left and right swapped",
-        WHEELS,
-        (),
-        math.inf,
-        "the mean of an axle stays right: harmless",
+        "wheel speeds left and right swapped", WHEELS, (), math.inf, "the mean of an axle stays right: harmless",
         _swapped,
     ),
     CarFault(
@@ -198,7 +212,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         ("steering_stuck", "off_road"),
         3.0,
         "its command, once it differs by 8 deg",
-        actuate=lambda asked, then: replace(asked, steer=then.steer),
+        actuate=lambda asked, before: replace(asked, steer=before.steer),
     ),
     CarFault(
         "brakes dead",
@@ -206,7 +220,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         ("commands_unanswered", "acceleration_wrong", "pedals_stuck", "off_road"),
         6.0,
         "deceleration, at the next braking",
-        actuate=lambda asked, then: replace(asked, brake_front=0.0, brake_rear=0.0),
+        actuate=lambda asked, before: replace(asked, brake_front=0.0, brake_rear=0.0),
     ),
     CarFault(
         "throttle stuck at 60 %",
@@ -214,72 +228,65 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         ("commands_unanswered", "acceleration_wrong", "pedals_stuck", "off_road"),
         6.0,
         "acceleration, once closed",
-        actuate=lambda asked, then: replace(asked, throttle=max(asked.throttle, 0.6)),
+        actuate=lambda asked, before: replace(asked, throttle=max(asked.throttle, 0.6)),
     ),
-)
-
-
-class SimulatedFault(Faults):
-    """One fault from `begin` on; nothing before."""
-
-    def __init__(self) -> None:
-        self.fault: CarFault | None = None
-        self._codec = load_codec()
-        self._memory: dict[str, Memory] = {}
-        self._held: list[tuple[int, Frame]] = []
-        self._start_ns = 0
-        self._rng = random.Random(0)
-
-    def begin(self, fault: CarFault, now_ns: int, seed: int) -> None:
-        """From now on."""
-        self.fault, self._start_ns, self._rng = fault, now_ns, random.Random(seed)
-
-    def break_actuators(self, plant: Any) -> None:
-        """Put an actuator fault between the vehicle controller and the car."""
-        fault = self.fault
-        if fault is None or fault.actuate is None:
-            return
-        actuate, obeyed = fault.actuate, plant.controller.obeyed
-        then: list[Commands] = []
-
-        def broken(t_ns: int, received: Any) -> Commands:
-            asked = obeyed(t_ns, received)
-            then[:] = then or [asked]
-            return actuate(asked, then[0])
-
-        plant.controller.obeyed = broken
-
-    def frames(self, now_ns: int, receiver: str, frames: list[Frame]) -> list[Frame]:
-        if self.fault is None or receiver != "gateway":
-            return frames
-        out = [frame for due, frame in self._held if due <= now_ns]
-        self._held = [entry for entry in self._held if entry[0] > now_ns]
-        for frame in frames:
-            out += self._through(self.fault, frame, now_ns)
-        return out
-
-    def _through(self, fault: CarFault, frame: Frame, now_ns: int) -> list[Frame]:
-        layout = self._codec.by_id.get(frame.id)
-        if layout is None or layout.name not in fault.messages:
-            return [frame]
-        if fault.delay_s:
-            self._held.append((now_ns + int(fault.delay_s * NS_PER_S), frame))
-            return []
-        if fault.twice_m:
-            other = self._altered(layout.name, frame, _north(lambda m: fault.twice_m), now_ns)
-            return [frame, *other, *other]
-        return [frame] if fault.alter is None else self._altered(layout.name, frame, fault.alter, now_ns)
-
-    def _altered(self, name: str, frame: Frame, alter: Alter, now_ns: int) -> list[Frame]:
-        memory = self._memory.setdefault(name, Memory(self._rng))
-        memory.t = (now_ns - self._start_ns) / NS_PER_S
-        values = self._codec.decode(frame.id, frame.data)
-        changed = None if isinstance(values, Fault) else alter(values, memory)
-        if changed is None or isinstance(values, Fault):
-            return []
-        counter = self._codec.by_id[frame.id].counter
-        alive: Mapping[str, float] = {counter.signal: values[counter.signal]} if counter else {}
-        return [replace(frame, data=self._codec.encode(name, {**changed, **alive})[1])]
+    CarFault(
+        "IMU turned by 180 deg", IMU, _MOTION, 6.0, "wheels and steering, in the next bend",
+        _scaled(-1.0, "imu_ax", "imu_ay"),
+    ),
+    CarFault(
+        "latitude and longitude swapped", POSITION, ("position_lost", *_FIX), 1.1, "no place of the map", _turned_map
+    ),
+    CarFault(
+        "wheel speeds front and rear swapped", WHEELS, (), math.inf, "slip of one axle is small: harmless",
+        _axles_swapped,
+    ),
+    CarFault(
+        "second sender of wheel speeds", WHEELS, ("sender_doubled", "wheel_speed_wrong", *_MOTION, "state_invalid"),
+        1.2, "frames a second",
+        twice=_scaled(0.9, "wheel_speed_FL", "wheel_speed_FR", "wheel_speed_RL", "wheel_speed_RR"),
+    ),
+    CarFault(
+        "steering angle sign flipped", STEERING, ("steering_stuck", "state_invalid"), 6.0,
+        "its command, once it is 4 deg",
+        _scaled(-1.0, *ANGLES),
+    ),
+    CarFault(
+        "steering reversed", (), ("steering_stuck", "off_road"), 3.0, "its command, once it is 4 deg",
+        actuate=lambda asked, before: replace(asked, steer=-asked.steer),
+    ),
+    CarFault(
+        "steering slow", (), ("steering_stuck", "off_road", "yaw_rate_wrong"), 6.0, "its command, once it is late",
+        actuate=_slow_steering,
+    ),
+    CarFault(
+        "front brakes at 30 %", (), ("pedals_stuck", "commands_unanswered"), 6.0, "their command, at the next braking",
+        actuate=lambda asked, before: replace(asked, brake_front=0.3 * asked.brake_front),
+    ),
+    CarFault(
+        "rear brakes dead", (), ("pedals_stuck", "commands_unanswered"), 6.0, "their command, at the next braking",
+        actuate=lambda asked, before: replace(asked, brake_rear=0.0),
+    ),
+    CarFault(
+        "battery at 10.5 V", MISC, ("supply_low",), 1.2, "its voltage", lambda v, m: v | {"battery_voltage": 10.5}
+    ),
+    CarFault("alternator dead, the battery falls by 0.5 V/s", MISC, ("supply_low",), 6.0, "its voltage", _falling),
+    CarFault(
+        "engine stalled", ("pt_report_1",), ("engine_stalled",), 0.5, "engine speed",
+        lambda values, memory: values | {"engine_speed": 0.0},
+        actuate=lambda asked, before: replace(asked, throttle=0.0),
+    ),
+    CarFault(
+        "drive-by-wire disabled", (), ("steering_stuck", "pedals_stuck", "commands_unanswered", "off_road"), 6.0,
+        "steering and pedals against their commands",
+        actuate=lambda asked, before: replace(asked, steer=before.steer, throttle=0.0, brake_front=0.0, brake_rear=0.0),
+    ),
+    CarFault("nothing arrives from the bus", EVERYTHING, ("can_silent",), 0.2, "silence", _lost),
+    CarFault("drive-by-wire node silent", DRIVE_BY_WIRE, ("state_invalid",), 0.2, "age of its reports", _lost),
+    CarFault(
+        "every frame 0.1 s late", EVERYTHING, ("can_silent",), 0.2, "silence, while they wait", delay_s=0.1
+    ),
+)  # fmt: skip
 
 
 def markdown() -> str:

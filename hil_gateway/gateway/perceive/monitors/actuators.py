@@ -37,7 +37,7 @@ class Follows:
 
 
 class FollowingMonitor:
-    """Reported positions within the commands of the last 0.4 s."""
+    """Reported positions within the commands of the last 0.4 s; reports that are invalid say nothing of actuators."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._ratio = vehicle.steering_ratio
@@ -52,8 +52,10 @@ class FollowingMonitor:
             self._commands.append(commanded)
         full = len(self._commands) == WINDOW
         motor = state.steer * self._ratio
-        steers = full and self._outside(motor, [c.steering_motor for c in self._commands], STEERING)
-        pedals = full and (
+        steers = full and state.sources["steering"].valid
+        steers = steers and self._outside(motor, [c.steering_motor for c in self._commands], STEERING)
+        pedals = full and state.sources["pedals"].valid
+        pedals = pedals and (
             self._outside(state.brake_front, [c.brake_front for c in self._commands], BRAKES)
             or self._outside(state.brake_rear, [c.brake_rear for c in self._commands], BRAKES)
             or self._outside(state.accelerator, [c.accelerator for c in self._commands], ACCELERATOR)

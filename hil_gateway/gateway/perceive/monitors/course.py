@@ -1,19 +1,22 @@
-"""The IMU and the wheels against the course of the position fixes, which knows neither tyres nor wheels."""
+"""The IMU and the wheels against the course of the position fixes, which knows neither tyres nor wheels.
+
+Where IMU and course contradict each other, the difference of the wheels' speeds left and right is the third witness:
+what it lies nearer to is believed.
+"""
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
 
-from hil_gateway.bus.messages import VehicleState
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.motion import COURSE_WINDOW
 
 TURN = 0.32
 """rad/s: side slip that builds up, lag of the course, noise of both"""
-LATERAL = 11.0
-"""m/s2: gravity on the steepest bank (24 deg: 4.0), side slip that builds up, lag of the course"""
+LATERAL = 7.0
+"""m/s2: side slip that builds up, lag of the course"""
 SPEED_SHARE = 0.14
 """of the course's speed: slip of all wheels, unequal rolling radii, lag of the course"""
 
@@ -25,6 +28,8 @@ class Contradicted:
     yaw_rate: float
     acceleration: float
     wheels: float
+    position: float
+    """the course contradicts the IMU, and the wheels side with the IMU"""
 
 
 class CourseMonitor:
@@ -33,24 +38,40 @@ class CourseMonitor:
     def __init__(self) -> None:
         self._yaw_rates: deque[float] = deque(maxlen=COURSE_WINDOW)
         self._forces: deque[float] = deque(maxlen=COURSE_WINDOW)
-        self._yaw_rate, self._acceleration, self._wheels = Held(), Held(), Held()
+        self._by_wheels: deque[float] = deque(maxlen=COURSE_WINDOW)
+        self._yaw_rate, self._acceleration, self._wheels, self._position = Held(), Held(), Held(), Held()
         self.shares: dict[str, float] = {}
         """each difference over its bound in this period"""
 
-    def step(self, now_ns: int, state: VehicleState, wheel_speed: float, course: Course | None) -> Contradicted:
-        """`course` is None where the fixes say nothing, or are not believed."""
-        self._yaw_rates.append(state.yaw_rate)
-        self._forces.append(state.ay)
-        self.shares = {} if course is None or len(self._forces) < COURSE_WINDOW else self._compared(wheel_speed, course)
-        return Contradicted(*(
-            held.update(self.shares.get(name, 0.0) > 1.0, now_ns)
-            for name, held in (("turn", self._yaw_rate), ("lateral", self._acceleration), ("speed", self._wheels))
-        ))  # fmt: skip
-
-    def _compared(self, wheel_speed: float, course: Course) -> dict[str, float]:
-        yaw_rate, force = sum(self._yaw_rates) / COURSE_WINDOW, sum(self._forces) / COURSE_WINDOW
-        return {
-            "turn": abs(yaw_rate - course.turn_rate) / TURN,
-            "lateral": abs(force - course.speed * course.turn_rate) / LATERAL,
-            "speed": abs(wheel_speed - course.speed) / (SPEED_SHARE * course.speed),
+    def step(
+        self, now_ns: int, imu: tuple[float, float], wheel_speed: float, by_wheels: float, course: Course | None
+    ) -> Contradicted:
+        """`imu`: yaw rate (rad/s) and lateral specific force without gravity (m/s2). `by_wheels`: yaw rate the wheels'
+        difference means, rad/s. `course` is None where the fixes say nothing, or are not believed."""
+        self._yaw_rates.append(imu[0])
+        self._forces.append(imu[1])
+        self._by_wheels.append(by_wheels)
+        if course is None or len(self._forces) < COURSE_WINDOW:
+            self.shares = {}
+            return self._contradicted(now_ns, False)
+        gyro, force, wheels = (sum(kept) / COURSE_WINDOW for kept in (self._yaw_rates, self._forces, self._by_wheels))
+        turn, speed = course.turn_rate, course.speed
+        self.shares = {
+            "turn": abs(gyro - turn) / TURN,
+            "lateral": abs(force - speed * turn) / LATERAL,
+            "speed": abs(wheel_speed - speed) / (SPEED_SHARE * speed),
         }
+        with_imu = {"turn": abs(wheels - gyro), "lateral": abs(wheels - force / speed)}
+        return self._contradicted(now_ns, all(with_imu[name] < abs(wheels - turn) for name in self._over(*with_imu)))
+
+    def _over(self, *names: str) -> list[str]:
+        return [name for name in names if self.shares.get(name, 0.0) > 1.0]
+
+    def _contradicted(self, now_ns: int, sides_with_imu: bool) -> Contradicted:
+        imu = not sides_with_imu
+        return Contradicted(
+            self._yaw_rate.update(imu and bool(self._over("turn")), now_ns),
+            self._acceleration.update(imu and bool(self._over("lateral")), now_ns),
+            self._wheels.update(bool(self._over("speed")), now_ns),
+            self._position.update(sides_with_imu and bool(self._over("turn", "lateral")), now_ns),
+        )

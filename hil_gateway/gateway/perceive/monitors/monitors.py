@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from hil_gateway.bus.messages import VehicleState
+from hil_gateway.bus.latest import Latest
+from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
@@ -10,6 +11,7 @@ from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor
 from hil_gateway.gateway.perceive.monitors.course import CourseMonitor
+from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.gateway.perceive.monitors.sensors import GyroMonitor, LateralMonitor, SpeedChangeMonitor, WheelMonitor
@@ -39,6 +41,8 @@ class Monitors:
         self._following = FollowingMonitor(vehicle)
         self._acceleration = AccelerationMonitor(vehicle, config.powertrain.brake_force_per_pa)
         self.imu_wrong = self.imu_suspect = self.wheels_wrong = False
+        self._without_wheels, self._without_imu = Held(), Held()
+        """a source that is not believed any more stops the car, whatever it says from then on"""
         self._road = None if track is None else RoadMonitor(track)
 
     @property
@@ -47,10 +51,23 @@ class Monitors:
         return self.imu_wrong or not self.position.suspect
 
     @property
+    def estimate_fits(self) -> bool:
+        """Whether nothing that an estimate is made of is contradicted."""
+        return self.fixes_fit and not self.imu_suspect and not self.wheels_wrong
+
+    @property
     def shares(self) -> dict[str, float]:
         """Difference over bound of the monitors that compare with one, in this period."""
-        own = {"specific force, v r": self._lateral.share, "change of speed": self._speed_change.share}
+        own = {
+            "gyro, wheels": self._gyro.share,
+            "specific force, v r": self._lateral.share,
+            "change of speed": self._speed_change.share,
+        }
         return own | {f"course, {name}": share for name, share in self._course.shares.items()}
+
+    def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate]) -> None:
+        """What an estimator thinks of the fixes counts while the sensors it judges them by are believed."""
+        self.position.heed(now_ns, state, estimate, believed=not self.imu_suspect and not self.wheels_wrong)
 
     def measures(
         self, now_ns: int, state: VehicleState, pose: Pose | None, commanded: Actuators | None, course: Course | None
@@ -63,12 +80,15 @@ class Monitors:
         follows = self._following.step(now_ns, state, obeyed)
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         rear = self.motion.rear_yaw_rate(state, speed)
-        contradicted = self._course.step(now_ns, state, second_fastest(state), course if imu and wheels else None)
+        ay = state.ay - (0.0 if self._road is None else self._road.gravity_across)
+        known = course if imu and wheels else None
+        contradicted = self._course.step(now_ns, (state.yaw_rate, ay), second_fastest(state), rear, known)
+        self.position.contradicted(contradicted.position)
         changes = self._speed_change.step(now_ns, state, speed) if imu and wheels else 0.0
-        lateral = self._lateral.step(now_ns, state, speed) if imu and wheels else 0.0
-        turns = self._gyro.step(now_ns, state, speed, rear) if imu and wheels else 0.0
+        lateral = self._lateral.step(now_ns, state, speed, ay) if imu and wheels else 0.0
+        turns = self._gyro.step(now_ns, state, speed, rear, ay) if imu and wheels else 0.0
         measures = {
-            "position_wrong": INFINITE if self.position.wrong else 0.0,
+            "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,
             "wheel_speed_wrong": self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0,
             "yaw_rate_wrong": max(turns, contradicted.yaw_rate),
@@ -80,7 +100,11 @@ class Monitors:
             "wrong_way": against,
         }
         self._distrust(measures, wheels=changes > 0.0 and contradicted.wheels > 0.0)
-        return measures
+        distrusted = {
+            "wheel_speed_wrong": self._without_wheels.update(self.wheels_wrong, now_ns),
+            "yaw_rate_wrong": self._without_imu.update(self.imu_wrong, now_ns) + IMU_WRONG_S * self.imu_wrong,
+        }
+        return measures | {name: max(measures[name], held_s) for name, held_s in distrusted.items()}
 
     def _distrust(self, measures: dict[str, float], wheels: bool) -> None:
         """From a first contradiction on no estimate is believed; after some of it, until the car stands, no IMU, or no

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 
-from hil_gateway.bus.messages import VehicleState
+from hil_gateway.bus.latest import Latest
+from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.process.clock import NS_PER_S
 
@@ -34,6 +36,10 @@ FORGIVEN = 0.25
 """refused fixes an accepted one makes up for: single outliers are forgotten, every second one is not"""
 WRONG = 4.0
 """refused fixes in a row, 0.2 s at 20 Hz"""
+SETTLED_S = 0.2
+"""s of valid states after which an invalid estimate answers one of them: twice the age an estimate may have"""
+CONTRADICTED_S = 0.1
+"""s their course contradicts IMU and wheels: two fixes at 20 Hz"""
 
 
 class PositionMonitor:
@@ -50,13 +56,32 @@ class PositionMonitor:
         """mean residual over the way since the fix before"""
         self._fix_ns: int | None = None
         self.wrong = False
+        self.refused = False
+        """by the estimator, until the car stands"""
+        self._contradicted = False
+        self._answering, self._estimated = Held(), False
         self.lost_s = 0.0
         """seconds without a fix while moving"""
 
     @property
     def suspect(self) -> bool:
         """Whether fixes, and estimates made with them, are not to be believed now."""
-        return self.wrong or self._level > 0.0
+        return self.wrong or self.refused or self._contradicted or self._level > 0.0
+
+    def contradicted(self, held_s: float) -> None:
+        """The course of the fixes has contradicted IMU and wheels, which agree, for so long."""
+        self._contradicted = held_s > 0.0
+        self.wrong = self.wrong or held_s > CONTRADICTED_S
+
+    def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], believed: bool) -> None:
+        """An estimator that refuses the fixes goes on without them: it still answers, and calls itself invalid.
+
+        `believed`: so are the sensors it judges them by.
+        """
+        answers = believed and state.valid and self._reference is not None and estimate.alive(now_ns)
+        settled = self._answering.update(answers, now_ns) > SETTLED_S
+        self.refused = self.refused or (settled and self._estimated and not estimate.valid(now_ns))
+        self._estimated = settled and estimate.valid(now_ns)
 
     def step(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None) -> None:
         """Judge the fix of this period, if one came; `pose` gives the heading to begin with."""
@@ -65,7 +90,7 @@ class PositionMonitor:
         if pose is None or motion.speed < JUDGED_FROM:
             self._reference, self._level, self._aside, self._ahead = None, 0.0, 0.0, 0.0
             self.lost_s, self._fix_ns = 0.0, now_ns
-            self.wrong = self.wrong and motion.speed > 0.0
+            self.wrong, self.refused = (found and motion.speed > 0.0 for found in (self.wrong, self.refused))
             self._seq = state.position_seq
             return
         self._carry_on(motion, dt)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hil_gateway.car.vehicle import HALF_WIDTH
+from hil_gateway.car.vehicle import GRAVITY, HALF_WIDTH
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
@@ -32,6 +32,8 @@ class RoadMonitor:
         self._s: float | None = None
         self._from_pit = False
         self._off, self._against = Held(), Held()
+        self.gravity_across = 0.0
+        """specific force to the left that gravity makes on the bank where the car is, m/s2"""
 
     def step(self, now_ns: int, pose: Pose | None) -> tuple[float, float]:
         """(off the road, wrong way), s."""
@@ -42,6 +44,7 @@ class RoadMonitor:
         s, lateral = track.project(pose.x, pose.y, self._s)
         self._s = s if abs(lateral) < NEAR else None
         i = min(int(s / track.length * len(track.s)), len(track.s) - 1)
+        self.gravity_across = GRAVITY * math.sin(float(track.bank[i]))
         edge = float(track.width_left[i] if lateral > 0 else track.width_right[i])
         beside_m = abs(lateral) - edge + HALF_WIDTH - BEYOND
         self._from_pit = 0.0 <= beside_m < PIT_M and (self._from_pit or pose.speed < STANDSTILL)

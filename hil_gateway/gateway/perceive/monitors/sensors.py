@@ -28,6 +28,8 @@ PEDAL = 0.02
 GYRO_RAD_S = 0.12
 """rad/s: gyro against wheels: 1 % of unequal slip left and right at 20 m/s, with the noise of both"""
 GYRO_SHARE = 0.25
+FORCE = 5.0
+"""m/s2 lateral specific force may differ from v r: side slip that builds up (4.0), bias and noise (1.0)"""
 STEERED = (0.3, 1.3)
 """yaw rate over v tan(delta) / L: from heavy understeer at top speed to slight oversteer"""
 
@@ -63,28 +65,28 @@ class WheelMonitor:
 
 
 class GyroMonitor:
-    """The gyro outvoted by front wheels, rear wheels and steering, all of them to the same side of it."""
+    """The gyro outvoted by three of front wheels, rear wheels, steering and lateral force, all on one side of it: each
+    of them is wrong in some manoeuvre (braking, a slide), but not the same way."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
         self._held = Held()
+        self.share = 0.0
+        """times their bounds, at least, that three of them are on one side of it"""
 
-    def step(self, now_ns: int, state: VehicleState, speed: float, rear: float) -> float:
-        """Seconds it has been outvoted; `rear` is the yaw rate by the rear wheels, rad/s."""
-        car = self._vehicle
+    def step(self, now_ns: int, state: VehicleState, speed: float, rear: float, ay: float) -> float:
+        """Seconds it has been outvoted; `rear` is the yaw rate by the rear wheels, rad/s, `ay` the lateral specific
+        force without gravity, m/s2."""
+        car, gyro = self._vehicle, state.yaw_rate
         steered = speed * math.tan(state.steer) / car.wheelbase
         front = (state.wheel_speed_fr - state.wheel_speed_fl) / (car.track_front * math.cos(state.steer))
         low, high = sorted(share * steered for share in STEERED)
-        above = min(_excess(front, state.yaw_rate), _excess(rear, state.yaw_rate), low - GYRO_RAD_S - state.yaw_rate)
-        below = min(
-            _excess(-front, -state.yaw_rate), _excess(-rear, -state.yaw_rate), state.yaw_rate - high - GYRO_RAD_S
-        )
-        return self._held.update(speed > JUDGED_FROM and max(above, below) > 0.0, now_ns)
-
-
-def _excess(by_wheels: float, gyro: float) -> float:
-    """How far a yaw rate by wheels lies above the gyro's beyond what slip explains, rad/s."""
-    return by_wheels - gyro - GYRO_RAD_S - GYRO_SHARE * abs(by_wheels)
+        forced, slack = ay / max(speed, JUDGED_FROM), FORCE / max(speed, JUDGED_FROM)
+        wheels = [(by_wheels - gyro) / (GYRO_RAD_S + GYRO_SHARE * abs(by_wheels)) for by_wheels in (front, rear)]
+        above = sorted([*wheels, (low - gyro) / GYRO_RAD_S, (forced - gyro) / slack])
+        below = sorted([-wheels[0], -wheels[1], (gyro - high) / GYRO_RAD_S, (gyro - forced) / slack])
+        self.share = max(above[1], below[1], 0.0) if speed > JUDGED_FROM else 0.0
+        return self._held.update(self.share > 1.0, now_ns)
 
 
 SPEED_WINDOW = 50
@@ -117,8 +119,8 @@ class SpeedChangeMonitor:
 
 ROLL_S = 0.05
 """s: an accelerometer on a body that rolls, behind its own filter, is so late; v r is made as late"""
-LATERAL = 9.0
-"""m/s2: gravity on the steepest bank (24 deg: 4.0), side slip building up at the limit (4.0), bias and noise (1.0)"""
+LATERAL = 14.0
+"""m/s2: side slip that swings in a car that weaves: 11.7 was the most on healthy drives, with the share below"""
 LATERAL_SHARE = 0.35
 """of v r: the body's side slip in a slide"""
 
@@ -132,10 +134,10 @@ class LateralMonitor:
         self.share = 0.0
         """of the bound that they disagree by now"""
 
-    def step(self, now_ns: int, state: VehicleState, speed: float) -> float:
-        """Seconds they have disagreed."""
+    def step(self, now_ns: int, state: VehicleState, speed: float, ay: float) -> float:
+        """Seconds they have disagreed; `ay` is the force without gravity, m/s2."""
         self._expected += PERIOD_S / (ROLL_S + PERIOD_S) * (speed * state.yaw_rate - self._expected)
         expected = self._expected
-        apart = abs(state.ay - expected) / (LATERAL + LATERAL_SHARE * abs(expected))
+        apart = abs(ay - expected) / (LATERAL + LATERAL_SHARE * abs(expected))
         self.share = apart if speed > JUDGED_FROM else 0.0
         return self._held.update(self.share > 1.0, now_ns)

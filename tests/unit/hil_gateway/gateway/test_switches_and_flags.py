@@ -36,6 +36,44 @@ def test_a_switch_or_service_bit_stops_the_car_and_refuses_arming(signal: str, v
     assert cause in rig.status.missing_for_arming
 
 
+@pytest.mark.parametrize(
+    ("signal", "value", "cause", "after_s"),
+    [("battery_voltage", 10.5, "supply_low", 1.0), ("engine_speed_rpm", 0.0, "engine_stalled", 0.3)],
+)
+def test_a_dying_supply_and_a_stalled_engine_stop_the_car(signal, value, cause, after_s):
+    rig = Rig()
+    rig.drive_off()
+    rig.car.overrides[signal] = value
+    rig.run(after_s - 0.1)
+    assert rig.action is FailsafeAction.DRIVE
+    rig.run(0.2)
+    assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, cause)
+
+
+@pytest.mark.parametrize("message", ["novatel_report", "wheel_speed_report", "imu_1"])
+def test_a_second_sender_at_the_same_rate_stops_the_car_within_1_5_s(message: str) -> None:
+    """Its frames say the same here: nothing but their number tells."""
+    rig = Rig()
+    rig.drive_off()
+
+    def send_again(rig: Rig) -> None:
+        if message != "novatel_report" or rig.car.tick % 5 == 0:
+            rig.car.send(message, rig.car.signals())
+
+    rig.hooks.append(send_again)
+    rig.run(1.5)
+    assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "sender_doubled")
+
+
+def test_frames_that_waited_for_a_quarter_of_a_second_are_no_second_sender() -> None:
+    rig = Rig()
+    rig.drive_off()
+    for _ in range(25):
+        rig.car.send("pt_report_1", rig.car.signals())
+    rig.run(1.0)
+    assert rig.action is FailsafeAction.DRIVE
+
+
 @pytest.mark.parametrize(("named_mph", "reached"), [(0.0, 22.0), (30.0, 13.4), (100.0, 22.0)])
 def test_a_full_course_yellow_slows_the_car_to_the_caution_speed(named_mph: float, reached: float) -> None:
     rig = Rig()

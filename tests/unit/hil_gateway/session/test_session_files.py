@@ -20,10 +20,12 @@ from hil_gateway.bus.messages import Command, ModelRevision
 from hil_gateway.bus.topics import COMMAND, MODEL_REVISION, TOPICS
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.format import CAN_TOPIC, pack_frame, unpack_frame
+from hil_gateway.session.files.format import CAN_TOPIC, pack_frame, software_version, unpack_frame
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.writer import SessionWriter
 from hil_gateway.session.overview.info import session_info
+
+ROOT = Path(__file__).resolve().parents[4]
 
 
 def test_session_opens_with_the_mcap_reader_and_has_a_channel_for_every_topic(tmp_path: Path) -> None:
@@ -41,6 +43,14 @@ def test_session_opens_with_the_mcap_reader_and_has_a_channel_for_every_topic(tm
             assert json.loads(schema.data)["title"] == "Command"
             assert Command.model_validate_json(message.data).source == "t"
             assert message.publish_time >= UNIX_NS
+
+
+def test_a_recording_made_in_a_checkout_names_the_commit() -> None:
+    command = ["git", "-C", str(ROOT), "rev-parse", "--short=12", "HEAD"]
+    asked = subprocess.run(command, capture_output=True, text=True, check=False)
+    if asked.returncode:
+        pytest.skip(f"no checkout that git reads: {asked.stderr}")
+    assert asked.stdout.strip() in software_version()
 
 
 @pytest.mark.parametrize(
