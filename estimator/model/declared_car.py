@@ -20,6 +20,11 @@ HEIGHT_STD = 0.15
 LOAD_SENSITIVITY = (0.10, 0.06)
 """value and absolute standard deviation: racing tyres lose 5 to 20 % of their friction when the load doubles (Milliken
 and Milliken, Race Car Vehicle Dynamics, ch. 2)"""
+ELLIPSE = (0.80, 0.15)
+"""value and absolute standard deviation of lateral over longitudinal friction: by similarity (Pacejka, Tire and Vehicle
+Dynamics, ch. 3.3) a longitudinal force of half the peak takes 3 % of the lateral force at small slip angles and one of
+0.9 takes 30 %, as ellipses with 0.5 and 0.8 do; at the peak they have 0.95. Without it what an axle loses under power
+or brakes passes for load transfer that is not there"""
 BRAKE_SHARE_STD = 0.04
 """absolute, about 8 %: pads, discs and the bias valve"""
 BRAKE_GAIN_STD = 0.10
@@ -49,6 +54,7 @@ def declared_effects(vehicle: Vehicle, powertrain: Powertrain) -> dict[str, dict
         },
         "load_transfer": {"height": DeclaredParameter(v.cg_height, HEIGHT_STD * v.cg_height)},
         "load_sensitivity": {"k": DeclaredParameter(*LOAD_SENSITIVITY)},
+        "combined_slip": {"k": DeclaredParameter(*ELLIPSE)},
         "front_brake": {
             "share": DeclaredParameter(powertrain.brake_bias_front, BRAKE_SHARE_STD),
             "gain": DeclaredParameter(1.0, BRAKE_GAIN_STD),

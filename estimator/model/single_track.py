@@ -76,6 +76,7 @@ class Terms:
     """Working set of one evaluation; every attribute is a CasADi expression.
 
     `slip_f`, `slip_r` are what a tyre's force follows, `across_f`, `across_r` the share of that force across the wheel;
+    `left_f`, `left_r` the share of the lateral force that the longitudinal one leaves;
     `bank` is the road's, rad, left side up positive.
     """
 
@@ -100,6 +101,8 @@ class Terms:
     peak_r: Expr = 0.0
     fy_f: Expr = 0.0
     fy_r: Expr = 0.0
+    left_f: Expr = 1.0
+    left_r: Expr = 1.0
     body_x: Expr = 0.0
     body_y: Expr = 0.0
     body_yaw: Expr = 0.0

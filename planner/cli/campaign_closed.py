@@ -13,9 +13,10 @@ from hil_gateway.process.figures import print_json
 DEFAULT = "aero_drag=1.2,steer_offset=0.005,combined_slip=1"
 
 
-def closed(
+def closed(  # noqa: PLR0917  (one argument a flag)
     effects: Annotated[str, typer.Option(help="NAME=SIZE, comma-separated; every one is a case of its own")] = DEFAULT,
     base: Annotated[str, typer.Option(help="simulated car the effect is added to: paper or av24")] = "paper",
+    track: Annotated[str, typer.Option(help="track file or name of a shipped track; empty: as configured")] = "",
     laps: Annotated[int, typer.Option(min=2, help="laps before and after the diagnosis")] = 2,
     seed: Annotated[int, typer.Option(min=0, help="sensor noise of the first drive")] = 1,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
@@ -25,12 +26,14 @@ def closed(
     Kept: prediction error at most half, best lap no slower, nothing off the track. Exit 1 when a case is not kept.
     """
     from rich.console import Console
-    from rich.progress import track
+    from rich.progress import track as with_bar
 
     from hil_gateway.demo.options import parse_effects
     from hil_gateway.plant.physics.effects import configure
+    from hil_gateway.track.loading import load_track
     from planner.studies.campaign.closed import close_loop, describe
 
+    load_track(track)
     if base not in ("paper", "av24"):
         raise InputError(f"--base {base}: must be paper or av24")
     sizes = parse_effects([text.strip() for text in effects.split(",") if text.strip()])
@@ -39,8 +42,8 @@ def closed(
     configure(base, sizes)
     console = Console(file=sys.stderr)
     cases = [
-        close_loop({name: size}, base, laps, seed)
-        for name, size in track(sizes.items(), "closing the loop", console=console)
+        close_loop({name: size}, base, laps, seed, track)
+        for name, size in with_bar(sizes.items(), "closing the loop", console=console)
     ]
     kept = sum(case.kept for case in cases)
     summary = {"cases": [case.as_json() for case in cases], "kept": kept}

@@ -64,7 +64,7 @@ def _lateral_share(problem: StageModel, axle: str, terms: Terms, theta: Expr) ->
     b, c = (theta[row] for row in rows[:2])
     phase = c * ca.atan(b * getattr(terms, f"slip_{axle}"))
     rising: Any = ca.fmax(ca.fmin(phase, 0.5 * ca.pi), -0.5 * ca.pi)
-    return ca.sin(rising) + BEYOND_PEAK * (phase - rising)
+    return getattr(terms, f"left_{axle}") * ca.sin(rising) + BEYOND_PEAK * (phase - rising)
 
 
 def worst_choice(problem: StageModel, axle: str, z: Expr, p: Mapping[str, Expr]) -> Expr:

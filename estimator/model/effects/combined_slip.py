@@ -9,8 +9,9 @@ from hil_gateway.process.arrays import Expr
 
 
 def _force(terms: Terms, k: Expr) -> None:
-    terms.fy_f = terms.fy_f * friction_left(k, terms.fx_f, terms.peak_f)
-    terms.fy_r = terms.fy_r * friction_left(k, terms.fx_r, terms.peak_r)
+    terms.left_f = friction_left(k, terms.fx_f, terms.peak_f)
+    terms.left_r = friction_left(k, terms.fx_r, terms.peak_r)
+    terms.fy_f, terms.fy_r = terms.left_f * terms.fy_f, terms.left_r * terms.fy_r
 
 
 EFFECT = Effect(

@@ -66,9 +66,10 @@ class Closed:
         return {**asdict(self), "kept": self.kept}
 
 
-def close_loop(effects: Mapping[str, float], base: str, laps: int, seed: int) -> Closed:
-    """Drive, diagnose, drive again; `base` is the simulated car ("av24" or "paper") the effects are added to."""
-    car = {"plant.base": base, "plant.effects": dict(effects), "plant.seed": seed}
+def close_loop(effects: Mapping[str, float], base: str, laps: int, seed: int, track: str = "") -> Closed:
+    """Drive, diagnose, drive again; `base` is the simulated car ("av24" or "paper") the effects are added to;
+    `track` is a file or a name, the road course where empty."""
+    car = {"track": track, "plant.base": base, "plant.effects": dict(effects), "plant.seed": seed}
     overrides: dict[str, Any] = {**car, "declared_model": "paper"}  # what that lacks is to be found
     config = load_config(None, overrides)
     first, log = _drive(config, laps)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -16,7 +18,9 @@ from planner.plan import acceptance
 from planner.plan.acceptance import Bounds, Plan, declared_forces, load_shares, violations
 from planner.plan.checks import InterpretedForces, beside, bounds_of, defects, plan_of
 from planner.plan.controller import Controller
-from planner.problem.motion import extra_load
+from planner.problem.load_rows import load_row
+from planner.problem.motion import NZ, extra_load
+from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
 from planner.solver.sqp import Solution
 from planner.studies.bench import bench_controller, clock, start_state
@@ -133,6 +137,23 @@ def some_motion(n: int) -> tuple[np.ndarray, ...]:
     rng = np.random.default_rng(0)
     low, high = np.array([[15.0, -4.0, -0.6, -0.2, -0.3, -0.5], [70.0, 4.0, 0.6, 0.2, 0.1, 0.8]])
     return tuple(rng.uniform(low[:, None], high[:, None], (6, n)))
+
+
+def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks() -> None:
+    """What braking and driving take from the lateral force is not counted as used."""
+    revised = model_of(race_car_revision("per_axle", Vehicle(), Powertrain()), Vehicle(), 1000.0)
+    problem, theta = Problem(revised.model, Settings()), ca.DM(revised.theta)
+    p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "load_max": [1, 1]}
+    z = ca.SX.sym("z", NZ)
+    terms = problem.evaluate(z, theta, p)
+    shares = ca.vertcat(*(ca.hypot(getattr(terms, f"fx_{a}"), getattr(terms, f"fy_{a}")) / getattr(terms, f"peak_{a}")
+                          for a in "fr"))  # fmt: skip
+    rows = ca.vertcat(*(load_row(problem, a, z, theta, p).value for a in "fr"))
+    compare = ca.Function("compare", [z], [rows, shares])
+    for steer, drive in itertools.product((0.0, 0.02, 0.035), (-0.3, -0.15, 0.0, 0.12)):
+        row, share = compare([0, 0, 0, 50.0, -40.0 * steer, 12.0 * steer, 0, drive, steer, 50.0])
+        np.testing.assert_allclose(row, share, atol=0.02)  # the rows' rounded tip
+        assert steer == 0.0 or float(ca.mmin(share)) > 0.15, "tyres that work"
 
 
 def test_a_crest_takes_from_both_axles_what_it_takes_from_the_weight() -> None:
