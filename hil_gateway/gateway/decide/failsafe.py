@@ -153,8 +153,15 @@ TABLE: tuple[Row, ...] = (
         _STOP,
         Clear.REARM,
     ),
-    Row("wheel_speed_wrong", "one wheel speed does not fit the others", "wheel_speed_wrong", 0.15, _STOP, Clear.REARM),
-    Row("yaw_rate_wrong", "the yaw rate does not fit wheels and steering", "yaw_rate_wrong", 0.15, _STOP, Clear.REARM),
+    Row(
+        "wheel_speed_wrong",
+        "wheel speeds do not fit each other, or neither fixes nor IMU",
+        "wheel_speed_wrong",
+        0.15,
+        _STOP,
+        Clear.REARM,
+    ),
+    Row("yaw_rate_wrong", "the yaw rate does not fit wheels, steering and force", "yaw_rate_wrong", 0.15, _STOP, Clear.REARM),
     Row(
         "acceleration_wrong",
         "the IMU does not fit wheel speeds and yaw rate",
