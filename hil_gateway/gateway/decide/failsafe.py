@@ -161,7 +161,14 @@ TABLE: tuple[Row, ...] = (
         _STOP,
         Clear.REARM,
     ),
-    Row("yaw_rate_wrong", "the yaw rate does not fit wheels, steering and force", "yaw_rate_wrong", 0.15, _STOP, Clear.REARM),
+    Row(
+        "yaw_rate_wrong",
+        "the yaw rate does not fit wheels, steering and force",
+        "yaw_rate_wrong",
+        0.15,
+        _STOP,
+        Clear.REARM,
+    ),
     Row(
         "acceleration_wrong",
         "the IMU does not fit wheel speeds and yaw rate",
