@@ -23,6 +23,8 @@ from hil_gateway.track.track import Track
 
 LOOK_AHEAD_S = 0.4
 """the longer, the wider a car that understeers swings out at 60 m/s; at 0.3 it begins to weave"""
+LATE_HEADING_S = 0.2
+"""added to it without a gyro: by so much the heading of fixes is late"""
 LOOK_AHEAD_MIN = 6.0
 """m"""
 YAW_RATE_GAIN = 0.04
@@ -86,7 +88,8 @@ class Stopping:
     def _pursue(self, path: Path, pose: Pose, motion: Motion) -> float:
         rear_x = pose.x - self._vehicle.lr * math.cos(pose.yaw)
         rear_y = pose.y - self._vehicle.lr * math.sin(pose.yaw)
-        look_ahead = max(LOOK_AHEAD_MIN, LOOK_AHEAD_S * pose.speed)
+        late_s = 0.0 if motion.by_gyro else LATE_HEADING_S
+        look_ahead = max(LOOK_AHEAD_MIN, (LOOK_AHEAD_S + late_s) * pose.speed)
         x, y = path.ahead(rear_x, rear_y, look_ahead)
         angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw
         distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_MIN)

@@ -21,6 +21,8 @@ COURSE_WINDOW = 38
 """periods: the time the fixes behind a course span, and half a fix"""
 STEERED_SHARE = 0.6
 """of what steering has added since the middle of that time, in yaw rate: understeer at speed"""
+TURNS_IN_S = 1.5e-3
+"""s per m/s of speed after which the yaw rate follows the steering angle: yaw inertia over the damping of both axles"""
 LONGEST_S = 0.1
 """longest period that is integrated, s"""
 
@@ -65,13 +67,20 @@ class MotionReader:
         wheels = state.sources["wheel_speeds"].valid and self.believe_wheels
         speed = self._speed(state, imu, wheels, dt, course)
         steers = state.sources["steering"].valid
-        self._steered.append(speed * math.tan(state.steer) / self._vehicle.wheelbase if steers else 0.0)
+        steered = speed * math.tan(state.steer) / self._vehicle.wheelbase if steers else 0.0
+        before = self._steered[-1] if self._steered else steered
+        self._steered.append(before + dt / (dt + TURNS_IN_S * speed + 1e-9) * (steered - before))
         yaw_rate = state.yaw_rate if imu else self._without_gyro(state, speed, wheels, course)
         if imu and wheels and speed > LEARNING_FROM:
             error = (self._rear_difference(state) - state.yaw_rate) / speed - self._mismatch
             self._mismatch += min(dt / MISMATCH_S, 1.0) * error
-        self.motion = Motion(speed, yaw_rate, state.ay if imu else speed * yaw_rate, imu)
+        self.motion = Motion(speed, yaw_rate, state.ay if imu else self._most_force(state, speed * yaw_rate), imu)
         return self.motion
+
+    @staticmethod
+    def _most_force(state: VehicleState, by_course: float) -> float:
+        """Of an IMU that is not believed the force still counts where it is the larger: brakes leave grip for it."""
+        return max(by_course, state.ay if state.sources["imu"].valid else 0.0, key=abs)
 
     def rear_yaw_rate(self, state: VehicleState, speed: float) -> float:
         """Yaw rate the rear wheels' difference means, rad/s."""

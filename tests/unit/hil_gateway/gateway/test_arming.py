@@ -1,0 +1,159 @@
+"""Arming, latching and disarming by the whole gateway and a car on the wire."""
+
+from __future__ import annotations
+
+import pytest
+from support.promise_figures import record_figure
+from support.scripted_car import Rig
+
+from hil_gateway.bus import topics
+from hil_gateway.bus.messages import FailsafeAction, OperatorAction, OperatorCommand
+from hil_gateway.config import Config
+
+
+@pytest.mark.promise("S5")
+def test_nothing_but_an_arm_request_ends_the_silence():
+    rig = Rig()
+    rig.run(3.0)
+    assert rig.status.missing_for_arming == ()
+    assert rig.frames() == []
+    for action in (OperatorAction.DISARM, OperatorAction.STOP):
+        rig.ask(action)
+        rig.run(0.1)
+    assert rig.frames() == []
+    record_figure("S5", "all conditions met for 2 s: silent until a person arms")
+
+
+@pytest.mark.promise("S5")
+def test_a_request_to_arm_is_answered_at_once_or_forgotten():
+    rig = Rig()
+    rig.run(1.0)
+    rig.estimate_valid = False
+    rig.run(0.3)
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.1)
+    rig.estimate_valid = True
+    rig.run(1.0)
+    assert rig.status.missing_for_arming == ()
+    assert rig.frames() == [], "an old request must not arm later"
+    rig.ask(OperatorAction.ARM)
+    rig.step()
+    assert rig.action is FailsafeAction.DRIVE
+
+
+@pytest.mark.promise("S5")
+def test_a_second_delivery_of_a_request_to_arm_does_not_arm_again():
+    rig = Rig()
+    rig.run(1.0)
+    request = OperatorCommand(stamp_ns=7, seq=7, source="test", action=OperatorAction.ARM)
+    rig.bus.publish(topics.OPERATOR, request)
+    rig.run(0.5)
+    assert rig.action is FailsafeAction.DRIVE
+    rig.ask(OperatorAction.STOP)
+    rig.run(3.0)
+    assert rig.car.speed == 0
+    rig.bus.publish(topics.OPERATOR, request)
+    rig.run(0.2)
+    assert rig.action is FailsafeAction.CONTROLLED_STOP
+
+
+@pytest.mark.parametrize("spoil", ["can", "state", "estimate", "plan", "sys_state", "heartbeat", "moving", "mode"])
+@pytest.mark.promise("S5")
+def test_the_whole_gateway_refuses_to_arm_with_one_thing_missing(spoil):
+    mode = "listen" if spoil == "mode" else "armed"
+    rig = Rig(Config.model_validate({"gateway": {"mode": mode}}))
+    rig.run(1.0)
+    if spoil == "can":
+        rig.car.reports = False
+    elif spoil == "state":
+        rig.car.muted.add("imu_1")
+    elif spoil == "estimate":
+        rig.estimate_valid = False
+    elif spoil == "plan":
+        rig.planner_runs = False
+    elif spoil == "sys_state":
+        rig.car.overrides["sys_state"] = 8
+    elif spoil == "heartbeat":
+        rig.car.heartbeat_runs = False
+    elif spoil == "moving":
+        rig.car.speed = 3.0
+    rig.run(0.7)
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.2)
+    assert rig.action is FailsafeAction.SILENT
+    assert rig.frames() == []
+    assert rig.status.missing_for_arming
+    record_figure("S5", f"gateway refuses with {spoil} missing")
+
+
+@pytest.mark.promise("S5")
+def test_a_failsafe_latches_until_a_person_arms_again():
+    rig = Rig()
+    rig.drive_off()
+    rig.car.track_flag = 3
+    rig.run(0.5)
+    assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "track_flag_stop")
+    rig.car.track_flag = 1
+    rig.run(3.0)
+    assert rig.car.speed == 0
+    assert rig.action is FailsafeAction.CONTROLLED_STOP, "the cause is gone, the stop stays"
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.5)
+    assert rig.action is FailsafeAction.DRIVE
+    assert rig.car.ct_state == 9
+
+
+@pytest.mark.promise("S5")
+def test_after_an_emergency_arming_alone_is_not_enough():
+    rig = Rig()
+    rig.drive_off()
+    rig.ask(OperatorAction.EMERGENCY)
+    rig.run(4.0)
+    assert rig.car.speed == 0
+    assert rig.car.ct_state == 12
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.5)
+    assert rig.action is FailsafeAction.EMERGENCY_STOP
+    rig.ask(OperatorAction.DISARM)
+    rig.run(2.0)
+    assert rig.action is FailsafeAction.SILENT
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.1)
+    assert rig.action is FailsafeAction.DRIVE
+
+
+@pytest.mark.parametrize("stop", [OperatorAction.STOP, OperatorAction.EMERGENCY])
+def test_after_disarming_the_ladder_is_climbed_again_with_the_car(stop):
+    """Without commands the car goes into its own emergency: neither side may wait for the other for ever."""
+    rig = Rig()
+    rig.drive_off()
+    rig.ask(stop)
+    rig.run(4.0)
+    rig.ask(OperatorAction.DISARM)
+    rig.run(3.0)
+    assert rig.status.missing_for_arming == ()
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.5)
+    assert rig.action is FailsafeAction.DRIVE
+
+
+def test_disarming_a_silent_gateway_changes_nothing():
+    rig = Rig()
+    rig.run(1.0)
+    rig.ask(OperatorAction.DISARM)
+    rig.run(0.5)
+    assert rig.car.ct_state == 9
+    assert rig.status.missing_for_arming == ()
+
+
+def test_disarming_while_moving_stops_the_car_first():
+    rig = Rig()
+    rig.drive_off(3.0)
+    rig.ask(OperatorAction.DISARM)
+    rig.step()
+    assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "disarmed_moving")
+    rig.run(4.0)
+    assert rig.car.speed == 0
+    rig.ask(OperatorAction.DISARM)
+    rig.step()
+    assert rig.action is FailsafeAction.SILENT
