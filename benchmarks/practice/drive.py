@@ -88,12 +88,15 @@ def _course(rng: np.random.Generator) -> tuple[float, Array, Array, Array, Array
             return length, curvature, x, y, heading[3:-3]
 
 
-def _speed_profiles(tracks: _Tracks, rng: Sequence[np.random.Generator]) -> Array:
-    """(laps, drives, STATIONS) reference speed: corner limit, then what can be braked and accelerated to."""
+def _speed_profiles(tracks: _Tracks, laps: int) -> Array:
+    """(laps, drives, STATIONS) reference speed: corner limit, then what can be braked and accelerated to.
+
+    From gentle to hard, however many laps there are.
+    """
     ds = tracks.length / STATIONS
     profiles = []
-    for lap in range(LAPS):
-        lateral, cap = 4.0 + 8.0 * lap / (LAPS - 1), 38.0 + 22.0 * lap / (LAPS - 1)
+    for pace in np.linspace(0.0, 1.0, laps):
+        lateral, cap = 4.0 + 8.0 * pace, 38.0 + 22.0 * pace
         v = np.minimum(np.sqrt(lateral / np.maximum(np.abs(tracks.curvature), 1e-4)), cap)
         for _ in range(2):
             for i in range(STATIONS):
@@ -112,7 +115,7 @@ def simulate(
     courses = [_course(rng) for rng in generators]
     tracks = _Tracks(*(np.array(column) for column in zip(*courses, strict=True)))
     careful = [any(name.startswith(CAREFUL) for name in own) for own in effects]
-    reference = _speed_profiles(tracks, generators) * np.where(careful, CAREFUL_PACE, 1.0)[:, None]
+    reference = _speed_profiles(tracks, laps) * np.where(careful, CAREFUL_PACE, 1.0)[:, None]
     car = Car(effects, seeds)
     raw = _drive(car, tracks, reference, laps, step)
     return [_logged(raw, i, car, Drive({}, dict(effects[i]), seeds[i]), laps) for i in range(len(effects))]
@@ -153,7 +156,7 @@ class _Fleet:
         rows, tracks = self.rows, self.tracks
         station = (share % 1.0 * STATIONS // self.hold * self.hold).astype(int) % STATIONS
         ahead = (station + (0.25 * vx / tracks.length * STATIONS).astype(int)) % STATIONS
-        lap = np.minimum(share.astype(int), LAPS - 1)
+        lap = np.minimum(share.astype(int), len(self.reference) - 1)
         kappa, target = tracks.curvature[rows, ahead], self.reference[lap, rows, ahead]
         wanted = kappa * (WHEELBASE + 0.0012 * vx * vx)
         wanted = wanted - 0.012 * offset - (0.25 + 1.0 / vx) * mu - 0.02 * (rate - kappa * vx)

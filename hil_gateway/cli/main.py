@@ -33,6 +33,15 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 """name -> (module:attribute of a Typer app, help line)"""
 
+GROUPS: dict[str, tuple[str, ...]] = {
+    "Drive": ("demo",),
+    "Analyse": ("identify", "diagnose", "plan", "campaign"),
+    "Sessions": ("session",),
+    "Processes": ("gateway", "estimator", "learner", "planner", "plant", "recorder", "dashboard"),
+    "Checks": ("can", "config", "doctor", "verify"),
+}
+"""how `hil --help` lists them"""
+
 
 class LazyGroup(TyperGroup):
     """Knows its sub-commands from the table, and imports one only to run it or to complete its options."""
@@ -40,6 +49,13 @@ class LazyGroup(TyperGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands = {name: TyperCommand(name, help=text, short_help=text) for name, (_, text) in COMMANDS.items()}
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """By what people want to do; the second column begins at the same place in every group."""
+        width = max(map(len, self.commands))
+        for title, names in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name.ljust(width), self.commands[name].short_help) for name in names])
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, command, rest = super().resolve_command(ctx, args)

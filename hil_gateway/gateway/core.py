@@ -73,6 +73,7 @@ class Gateway:
         course = self._course.step(now_ns, self.builder.fixes)
         motion = self.monitors.motion.step(now_ns, state, course if fixes_fit else None)
         self.monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
+        self.monitors.position.scattered(now_ns, self._course.scatter_m)
         estimate = self.inbox.read_estimate(now_ns)
         self.monitors.heed(now_ns, state, self.inbox.estimate)
         fixes_fit = self.monitors.fixes_fit
@@ -81,6 +82,7 @@ class Gateway:
         request = self.inbox.read_request(now_ns)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
         trusted = None if self.monitors.position.wrong and not imu_wrong else course
+        self.monitors.stopping = before.stopping
         monitored = self.monitors.measures(now_ns, state, pose, commanded, trusted)
         if course is not None and self.monitors.imu_wrong and not imu_wrong:
             self._dead_reckoning.restart(now_ns, course)

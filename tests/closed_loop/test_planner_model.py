@@ -120,6 +120,12 @@ def test_implausible_revisions_are_refused() -> None:
         rig.bus.publish(topics.MODEL_REVISION, bad)
         rig.run(0.2)
         assert rig.plans[-1].revision != bad.revision
+    current = rig.planner.adoption.current.revision.tyre
+    for tyre in ({**current, "stranger": 1.0}, dict(list(current.items())[1:]), {**current, "df": 1e308}):
+        rig.bus.publish(topics.MODEL_REVISION, revision_with(rig).model_copy(update={"tyre": tyre, "revision": "odd"}))
+        rig.run(0.1)
+        assert rig.plans[-1].revision != "odd"
+        assert rig.plans[-1].status is PlanStatus.SOLVED
     shared = revision_with(rig).model_copy(update={"layout": "shared", "revision": "other"})
     assert "layout" in implausible(shared, rig.planner.adoption.current.revision)
 

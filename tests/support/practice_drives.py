@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
+from support.once import once
 
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.record import Record, make_record
@@ -25,6 +27,32 @@ def practice() -> Any:
     sys.modules["practice"] = module
     spec.loader.exec_module(module)
     return module
+
+
+EFFECTS: dict[str, tuple[int, dict[str, float]]] = {
+    "none": (21, {}),
+    "single": (22, {"rolling_resistance": 420.0}),
+    "pair": (23, {"aero_drag": 0.6, "steer_offset": -0.005}),
+    "outside": (24, {"gust": 1200.0}),
+    "flat": (41, {}),
+    "hilly": (42, {"road_bank": 0.06, "road_grade": 0.04}),
+    "nothing": (51, {}),
+    "much": (52, {"aero_downforce": 1.5, "combined_slip": 1.0, "yaw_damping": 2000.0}),
+}
+"""name -> seed and effects of the drives that tests share"""
+LAPS = 4
+
+
+def shared_drives(factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The drives of `EFFECTS`, of four laps, side by side: eight take as long as one."""
+    module = practice()
+
+    def make() -> list[Any]:
+        seeds, effects = zip(*EFFECTS.values(), strict=True)
+        return [(d.columns, d.effects, d.seed) for d in module.simulate(effects, seeds, laps=LAPS, step=0.01)]
+
+    made = once(factory, "practice_drives", make)
+    return {name: module.Drive(*drive) for name, drive in zip(EFFECTS, made, strict=True)}
 
 
 def record_of(drive: Any) -> Record:

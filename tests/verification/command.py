@@ -27,6 +27,8 @@ app = typer.Typer(help="The reliability promises at their stated figures.")
 ROOT = Path(__file__).resolve().parents[2]
 HOURS_MAX = 1000.0
 """of simulated driving: weeks of computing"""
+PLACES_MAX = 100
+"""of a lap: days of computing"""
 LONG_RUNS = ROOT / "docs" / "promises-long.json"
 """what long runs said, by promise; the usual run puts it beside its own figures"""
 
@@ -39,25 +41,21 @@ def verify(  # noqa: PLR0917 (options are passed by name)
     seed: Annotated[int | None, typer.Option(help="run one seed of the fault simulation")] = None,
     seeds: Annotated[int | None, typer.Option(help="run so many seeds of the fault simulation")] = None,
     healthy: Annotated[float | None, typer.Option(help="drive so many hours without a fault")] = None,
+    car_faults: Annotated[int | None, typer.Option(help="every fault of the car from so many places a track")] = None,
     mutation: Annotated[bool, typer.Option("--mutation", help="mutate limits, failsafe and codec")] = False,
     gathered: Annotated[Path | None, typer.Option("--from", help="only report what a test run wrote here")] = None,
     page: Annotated[Path | None, typer.Option(help="write the page of promises here: docs/promises.md")] = None,
 ) -> None:
     """Run the tests of the promises and say what was reached."""
-    if unknown := {part for part in only.split(",") if part} - {promise.id for promise in PROMISES}:
-        raise InputError(f"--only {only}: no promise {', '.join(sorted(unknown))}; docs/promises.md lists them")
     if page is not None:
         _check_page(page, whole=not (long or only or mutation) and seed is None and seeds is None)
-    if min(seed or 0, 0 if seeds is None else seeds - 1) < 0:
-        raise InputError(f"--seed {seed}, --seeds {seeds}: a seed is 0 or more, and so many seeds at least 1")
-    if healthy is not None and not 0.0 < healthy <= HOURS_MAX:
-        raise InputError(f"--healthy {healthy:g}: hours of simulated driving, more than 0 and at most {HOURS_MAX:g}")
-    if gathered is not None and not gathered.is_file():
-        raise InputError(f"{gathered}: no such file; --from takes what a test run wrote to HIL_PROMISE_FIGURES")
+    _check_numbers(only, seed, seeds, healthy, car_faults, gathered)
     if seed is not None or seeds is not None:
         report = _simulate(seed, seeds or 0)
     elif healthy is not None:
         report = _drive_healthy(healthy)
+    elif car_faults is not None:
+        report = _break_cars(car_faults)
     elif mutation:
         report = mutation_run.run(ROOT)
     else:
@@ -68,6 +66,21 @@ def verify(  # noqa: PLR0917 (options are passed by name)
         typer.echo(_plain(report))
     if not report["ok"]:
         raise typer.Exit(EXIT_FAILURE)
+
+
+def _check_numbers(  # noqa: PLR0917 - the options
+    only: str, seed: int | None, seeds: int | None, healthy: float | None, car_faults: int | None, gathered: Path | None
+) -> None:
+    if unknown := {part for part in only.split(",") if part} - {promise.id for promise in PROMISES}:
+        raise InputError(f"--only {only}: no promise {', '.join(sorted(unknown))}; docs/promises.md lists them")
+    if min(seed or 0, 0 if seeds is None else seeds - 1) < 0:
+        raise InputError(f"--seed {seed}, --seeds {seeds}: a seed is 0 or more, and so many seeds at least 1")
+    if healthy is not None and not 0.0 < healthy <= HOURS_MAX:
+        raise InputError(f"--healthy {healthy:g}: hours of simulated driving, more than 0 and at most {HOURS_MAX:g}")
+    if car_faults is not None and not 1 <= car_faults <= PLACES_MAX:
+        raise InputError(f"--car-faults {car_faults}: places a track, at least 1 and at most {PLACES_MAX}")
+    if gathered is not None and not gathered.is_file():
+        raise InputError(f"{gathered}: no such file; --from takes what a test run wrote to HIL_PROMISE_FIGURES")
 
 
 def _check_page(page: Path, whole: bool) -> None:
@@ -97,6 +110,14 @@ def _drive_healthy(hours: float) -> dict[str, Any]:
         typer.echo(f"{result.track}, car {result.car}: {result.seconds:.0f} s, {result.stops or 'no stop'}", err=True)
     report: dict[str, Any] = campaign.summary(results)
     return {**report, "ok": not report["false_stops"]}
+
+
+def _break_cars(places: int) -> dict[str, Any]:
+    """Faults of sensors, actuators, power and bus; those that leave the road go to standard error as they come."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    campaign = importlib.import_module("verification.fault_simulation.car_campaign")  # after the thread limit is set
+    report: dict[str, Any] = campaign.run_campaign(places)
+    return report
 
 
 def _promises(long: bool, only: str, gathered: Path | None, page: Path | None) -> dict[str, Any]:

@@ -100,14 +100,18 @@ def _solve(precision: Array, pull: Array) -> Array:
 
 
 def accumulate(error: Array, jacobian: Array, lap: Ints) -> tuple[Array, Array, Array]:
-    """Squares, gradient and hessian per channel and lap from residual (5, w, b) and sensitivity (5, p, w, b)."""
+    """Squares, gradient and hessian per channel and lap from residual (5, w, b) and sensitivity (5, p, w, b).
+
+    The predictor leaves the parameters of one block side by side in memory: rows of a product are taken in that order.
+    """
     laps, p = int(lap.max()) + 1, jacobian.shape[1]
+    by_block, residual = jacobian.transpose(0, 3, 2, 1), error.transpose(0, 2, 1)
     squares, gradient, hessian = np.zeros((5, laps)), np.zeros((5, laps, p)), np.zeros((5, laps, p, p))
     for number in range(laps):
         own = lap == number
         for c in range(5):
-            j, e = jacobian[c][:, own].reshape(p, -1), error[c][own].ravel()
+            j, e = by_block[c][:, own].reshape(-1, p), residual[c][:, own].ravel()
             squares[c, number] = e @ e
-            gradient[c, number] = j @ e
-            hessian[c, number] = j @ j.T
+            gradient[c, number] = e @ j
+            hessian[c, number] = j.T @ j
     return squares, gradient, hessian

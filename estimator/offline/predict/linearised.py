@@ -32,6 +32,10 @@ class Linearised:
     error: Array
     sensitivity: Array
 
+    def sensitivity_by(self, jacobian: Array) -> Array:
+        """(5, k, windows, blocks) by k further parameters, from the predictions' derivatives `jacobian` by them."""
+        return _whitened(self.innovations, _effects(self.record, jacobian))
+
     def error_under(self, noise: Noise) -> tuple[Array, Array]:
         """Residual (5, windows, blocks) as it would be with other noise, and the scale of its whitening (5,)."""
         innovations = Innovations.make(self.record, self.propagator, self.forces_by, noise)
@@ -46,29 +50,49 @@ def linearised(record: Record, values: Array, state_by: Array, jacobian: Array, 
         values, state_by, jacobian: predictions and derivatives as `Predictor.linearise` gives them.
         noise: of the measured signals and of the motion.
     """
-    lateral_is_known = record.used[YAW_RATE_ROW] or record.used[VY_ROW]
-    if not lateral_is_known:
+    if not _lateral_is_known(record):
         state_by = state_by.copy()
         state_by[[2, 4]] = 0.0
     propagator = Propagator.make(state_by, record.block_step)
     forces_by = state_by[:2]
     innovations = Innovations.make(record, propagator, forces_by, noise)
-    inputs = _inputs(record, values, jacobian)
-    if not lateral_is_known:
-        inputs[:, :, 4:6] = 0.0
-    out = np.moveaxis(innovations.run(inputs), (0, 1, 2, 3), (3, 2, 0, 1))
+    inputs = np.concatenate([_errors(record, values), _effects(record, jacobian)], axis=-1)
+    out = _whitened(innovations, inputs)
     return Linearised(record, propagator, forces_by, innovations, inputs, out[:, 0], out[:, 1:])
 
 
-def _inputs(record: Record, values: Array, jacobian: Array) -> Array:
-    """Column 0: defect of the motion, measured less predicted; the others: less what a unit of each parameter adds."""
+def _whitened(innovations: Innovations, inputs: Array) -> Array:
+    """(5, k, windows, blocks) innovations of `inputs` (blocks, windows, 11, k)."""
+    return np.moveaxis(innovations.run(inputs), (0, 1, 2, 3), (3, 2, 0, 1))
+
+
+def _errors(record: Record, values: Array) -> Array:
+    """(blocks, windows, 11, 1): defect of the motion, measured less predicted."""
     step, measured = record.block_step, record.measured_blocks
     windows, blocks = record.rows.shape[:2]
-    inputs = np.zeros((blocks, windows, 11, 1 + jacobian.shape[1]))
+    inputs = np.zeros((blocks, windows, 11, 1))
     defect = values[list(MOTION)] * step - np.diff(record.state_edges, axis=2)
     inputs[:, :, 3:6, 0] = defect.transpose(2, 1, 0)
     inputs[:, :, 6:8, 0] = (measured[:2] - values[:2]).transpose(2, 1, 0)
     inputs[:, :, 8:, 0] = (measured[STATE_ROWS] - record.state_means).transpose(2, 1, 0)
-    inputs[:, :, 3:6, 1:] = np.moveaxis(jacobian[list(MOTION)] * -step, (0, 1, 2, 3), (2, 3, 1, 0))
-    inputs[:, :, 6:8, 1:] = np.moveaxis(jacobian[:2], (0, 1, 2, 3), (2, 3, 1, 0))
+    return _without_lateral(record, inputs)
+
+
+def _effects(record: Record, jacobian: Array) -> Array:
+    """(blocks, windows, 11, k): the same less what a unit of each of k parameters adds."""
+    windows, blocks = record.rows.shape[:2]
+    inputs = np.zeros((blocks, windows, 11, jacobian.shape[1]))
+    inputs[:, :, 3:6] = np.moveaxis(jacobian[list(MOTION)] * -record.block_step, (0, 1, 2, 3), (2, 3, 1, 0))
+    inputs[:, :, 6:8] = np.moveaxis(jacobian[:2], (0, 1, 2, 3), (2, 3, 1, 0))
+    return _without_lateral(record, inputs)
+
+
+def _without_lateral(record: Record, inputs: Array) -> Array:
+    """The same where vy and yaw rate are inputs, as recorded."""
+    if not _lateral_is_known(record):
+        inputs[:, :, 4:6] = 0.0
     return inputs
+
+
+def _lateral_is_known(record: Record) -> bool:
+    return bool(record.used[YAW_RATE_ROW] or record.used[VY_ROW])

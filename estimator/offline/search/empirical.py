@@ -17,7 +17,7 @@ from estimator.model.basis import FEW_VALUES, Basis
 from estimator.model.effects.base import Effect
 from estimator.offline.fit.normal import Normal, accumulate
 from estimator.offline.fit.prediction_error import Fit
-from estimator.offline.predict.linearised import linearised
+from estimator.offline.predict.linearised import Linearised, linearised
 from estimator.offline.predict.places import PLACES, term_effect
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record
@@ -121,18 +121,24 @@ class _Screening:
         for signal in explanatory(record):
             basis = record.bases[signal]
             for places in _groups(basis.size):
-                normal = self._normal(places, basis)
-                for k, place in enumerate(places):
-                    evidence, _ = self._evidence(self._only(normal, basis, k), before)
+                columns = self._columns(places, basis)
+                for place, own in zip(places, np.split(columns, len(places), axis=1), strict=True):
+                    evidence, _ = self._evidence(self._with(place, basis, own), before)
                     found.append(Term(place, signal, basis, evidence))
         found.sort(key=lambda t: -t.evidence.gain)
         found[:REFINED] = [self.refined(term) for term in found[:REFINED]]
         return sorted(found, key=lambda t: -t.evidence.gain)
 
     @cached_property
+    def _model(self) -> Linearised:
+        """The model alone."""
+        return linearised(self.predictor.record, self.values, self.state_by, self.jacobian, self.current.noise)
+
+    @cached_property
     def _before(self) -> Array:
         """(5, laps) held-out squares of the model alone."""
-        return self._normal((), None).held_out(self.current.normal.variance)
+        normal = self._accumulated(self._model.sensitivity, self.current.normal.prior)
+        return normal.held_out(self.current.normal.variance)
 
     def refined(self, term: Term) -> Term:
         """The term with its knots where it changes, if that gains."""
@@ -140,11 +146,11 @@ class _Screening:
         if len(basis.knots) and basis.size <= FEW_VALUES:
             return term
         record = self.predictor.record
-        evidence, coefficients = self._evidence(self._normal((term.place,), basis), before)
+        evidence, coefficients = self._evidence(self._normal(term.place, basis), before)
         term = replace(term, evidence=evidence)
         driven = record.signals[term.signal][record.rows].ravel()
         basis = basis.moved(coefficients[-basis.size :], driven)
-        evidence, _ = self._evidence(self._normal((term.place,), basis), before)
+        evidence, _ = self._evidence(self._normal(term.place, basis), before)
         return replace(term, basis=basis, evidence=evidence) if evidence.gain > term.evidence.gain else term
 
     def _evidence(self, normal: Normal, before: Array) -> tuple[Evidence, Array]:
@@ -153,35 +159,32 @@ class _Screening:
         after = normal.held_out(variance)
         return compare(before, after, normal.count * self.stride), normal.step(variance)
 
-    def _only(self, normal: Normal, basis: Basis, k: int) -> Normal:
-        """The model and the term at the `k`th place."""
+    def _columns(self, places: Sequence[str], basis: Basis) -> Array:
+        """(5, places * coefficients, windows, blocks) sensitivity by one signal's term at each of `places`."""
+        record, shape = self.predictor.record, self.values.shape[1:]
+        matrix = basis.matrix(record.thin(record.signals[basis.signal]).ravel())
+        units = self.units[:, [list(PLACES).index(p) for p in places]].reshape(5, len(places), 1, -1)
+        return self._model.sensitivity_by((units * matrix.T).reshape(5, -1, *shape))
+
+    def _normal(self, place: str, basis: Basis) -> Normal:
+        """Normal equations of the model and a term."""
+        return self._with(place, basis, self._columns((place,), basis))
+
+    def _with(self, place: str, basis: Basis, own: Array) -> Normal:
+        """The same from the sensitivity (5, coefficients, windows, blocks) by the term."""
         size = len(self.current.parameters)
-        return normal.subset(np.concatenate([np.arange(size), size + k * basis.size + np.arange(basis.size)]))
+        prior = np.zeros((size + basis.size,) * 2)
+        prior[:size, :size], prior[size:, size:] = self.current.normal.prior, basis.precision(PLACES[place].std)
+        return self._accumulated(np.concatenate([self._model.sensitivity, own], axis=1), prior)
 
-    def _normal(self, places: Sequence[str], basis: Basis | None) -> Normal:
-        """Normal equations of the current parameters and the coefficients of one signal's term at each of `places`."""
-        record, shape, size = self.predictor.record, self.values.shape[1:], len(self.current.parameters)
-        columns, prior = self.jacobian, self.current.normal.prior
-        if basis is not None:
-            matrix = basis.matrix(record.thin(record.signals[basis.signal]).ravel())
-            units = self.units[:, [list(PLACES).index(p) for p in places]].reshape(5, len(places), 1, -1)
-            own = (units * matrix.T).reshape(5, -1, *shape)
-            columns = np.concatenate([columns, own], axis=1)
-            prior = np.zeros((columns.shape[1],) * 2)
-            prior[:size, :size] = self.current.normal.prior
-            for k, place in enumerate(places):
-                rows = slice(size + k * basis.size, size + (k + 1) * basis.size)
-                prior[rows, rows] = basis.precision(PLACES[place].std)
-        at = linearised(record, self.values, self.state_by, columns, self.current.noise)
-        return self._accumulated(at.error, at.sensitivity, prior)
-
-    def _accumulated(self, error: Array, sensitivity: Array, prior: Array) -> Normal:
+    def _accumulated(self, sensitivity: Array, prior: Array) -> Normal:
         record, size = self.predictor.record, len(self.current.parameters)
         laps = int(record.lap.max()) + 1
         count = np.array([np.count_nonzero(record.lap == lap) for lap in range(laps)]) * float(record.rows.shape[1])
         pull = np.zeros(len(prior))
         pull[:size] = -self.current.normal.prior @ (self.current.parameters - self.predictor.prior)
-        return Normal(*accumulate(error, sensitivity, record.lap), count, prior, pull, record.block_noise**2)
+        sums = accumulate(self._model.error, sensitivity, record.lap)
+        return Normal(*sums, count, prior, pull, record.block_noise**2)
 
 
 def _groups(size: int) -> list[tuple[str, ...]]:

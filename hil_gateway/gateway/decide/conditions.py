@@ -106,7 +106,7 @@ class Conditions:
             "safety_switch": _holds(builder.signal("safety_switch_state") != 0),
             "supply_low": self._supply_low.update(0.0 < builder.signal("battery_voltage") < SUPPLY_MIN_V, now_ns),
             "engine_stalled": self._stalled.update(_stalled(state), now_ns),
-            "sender_doubled": _holds(builder.senders.any_doubled(now_ns)),
+            "sender_doubled": _holds(bool(builder.senders.doubled)),
             "uncommanded_motion": _holds(not answers_for_motion and _drives_on(state)),
             "engine_running": 0.0,
             "foreign_emergency": _holds(builder.foreign_emergency(now_ns)),

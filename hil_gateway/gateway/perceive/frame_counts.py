@@ -61,20 +61,19 @@ class Senders:
             for identifier, period in periods.items()
         }
         self._most = {identifier: _most(period) for identifier, period in periods.items()}
+        self.doubled: set[int] = set()
+        """identifiers that more than one sender sends, as of their newest frames"""
 
     def add(self, identifier: int, now_ns: int) -> None:
         """Count one frame."""
         bucket = self._surplus.get(identifier)
-        if bucket is not None:
-            bucket.add(now_ns)
-
-    def doubled(self, identifier: int, now_ns: int) -> bool:
-        """Whether this message comes from more than one sender."""
-        return self._surplus[identifier].drain(now_ns) >= self._most[identifier]
-
-    def any_doubled(self, now_ns: int) -> bool:
-        """Whether any message does."""
-        return any(self.doubled(identifier, now_ns) for identifier in self._surplus)
+        if bucket is None:
+            return
+        bucket.add(now_ns)
+        if bucket.level >= self._most[identifier]:
+            self.doubled.add(identifier)
+        else:
+            self.doubled.discard(identifier)
 
 
 def _most(period_s: float) -> int:

@@ -259,7 +259,7 @@ class VehicleStateBuilder:
             if entry.stamp_ns is None:
                 return _NEVER_HEARD
             in_time = now_ns - entry.stamp_ns <= entry.deadline_ns
-            valid = valid and entry.plausible and in_time and not self.senders.doubled(entry.layout.id, now_ns)
+            valid = valid and entry.plausible and in_time and entry.layout.id not in self.senders.doubled
             oldest_ns = min(oldest_ns, entry.stamp_ns)
         return SourceHealth(age_s=(now_ns - oldest_ns) / NS_PER_S, valid=valid)
 

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import random
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -20,6 +21,13 @@ from verification.fault_simulation.car_faults import CAR_FAULTS, CarFault
 WATCHED_S = 8.0
 """without a stop for so long the fault has done no harm here"""
 STANDS_WITHIN_S = 25.0
+THEN = ", then "
+"""between the names of a pair"""
+TRACKS = ("road_course", "oval", "tri_oval")
+SPACING_S = 7.0
+"""between two places; the shortest lap takes 40 s"""
+PAIRS_PER_FAULT_RUN = 4
+"""pairs a place"""
 SECOND_AFTER_S = 1.0
 """from the beginning of a stop to the second fault of a pair"""
 
@@ -43,6 +51,11 @@ class FaultResult:
     """least distance of a wheel to the edge from the fault on, by the referee; negative: off the road"""
     margin_unnoticed_m: float
     """the same until the stop began"""
+
+    @property
+    def pair(self) -> bool:
+        """Of two faults."""
+        return THEN in self.fault
 
     @property
     def harmful(self) -> bool:
@@ -79,7 +92,7 @@ def simulate(loop: Loop, injector: SimulatedFault, faults: Pair, seed: int) -> F
         if waiting and noticed_s is not None and since_s > noticed_s + SECOND_AFTER_S:
             injector.begin(waiting.pop(0), loop.plant, loop.clock.now_ns(), seed)
     standing, cause = bool(loop.plant.car.standing), loop.gateway.failsafe.cause
-    name = ", then ".join(fault.name for fault in faults)
+    name = THEN.join(fault.name for fault in faults)
     return FaultResult(name, begin_s, speed, noticed_s, cause, standing, referee.worst_margin_m, before)
 
 
@@ -99,6 +112,33 @@ def campaign(  # noqa: PLR0917 - what a campaign is
             loop.step()
         for number, pair in list(enumerate(faults))[point % shares :: shares]:
             yield FaultResult(**_in_a_copy(loop, injector, pair, 1000 * point + number))
+
+
+def run_campaign(points: int, seed: int = 0) -> dict[str, Any]:
+    """Every fault from `points` places of every track, and so many pairs; the report of `hil verify --car-faults`."""
+    results: list[FaultResult] = []
+    for track in TRACKS:
+        pairs_drawn = pairs(seed, PAIRS_PER_FAULT_RUN * points)
+        for result in campaign(track, points, SPACING_S, (*SINGLE, *pairs_drawn)):
+            results.append(result)
+            if result.margin_m < 0.0 or result.harmful:
+                print(f"{track}: {result}", file=sys.stderr)
+    return summary(results)
+
+
+def summary(results: Sequence[FaultResult]) -> dict[str, Any]:
+    """Totals of single faults and of pairs, and the stops that left the road, worst first."""
+    report: dict[str, Any] = {"ok": not any(r.harmful for r in results)}
+    for kind, chosen in (("single", [r for r in results if not r.pair]), ("pairs", [r for r in results if r.pair])):
+        stops = [r for r in chosen if r.noticed_s is not None]
+        off = sorted((r for r in stops if r.margin_m < 0.0), key=lambda r: r.margin_m)
+        report[kind] = {
+            "faults": len(chosen),
+            "stops": len(stops),
+            "off the road unnoticed": [f"{r.fault}, {r.speed:.0f} m/s" for r in chosen if r.harmful],
+            "stops off the road": [f"{r.fault}, {r.speed:.0f} m/s: {-r.margin_m:.1f} m" for r in off],
+        }
+    return report
 
 
 def _in_a_copy(loop: Loop, injector: SimulatedFault, faults: Pair, seed: int) -> dict[str, Any]:

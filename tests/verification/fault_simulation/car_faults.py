@@ -146,7 +146,8 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault("position 0.3 s late", POSITION, _FIX, 0.8, "way by wheels and gyro", None, delay_s=0.3),
     CarFault("position 0.5 s late", POSITION, _FIX, 1.0, "way by wheels and gyro", None, delay_s=0.5),
     CarFault(
-        "position noisy by 1 m", POSITION, _FIX, 1.0, "way by wheels and gyro", _north(lambda m: m.rng.gauss(0, 1.0))
+        "position noisy by 1 m", POSITION, _FIX, 1.5, "way by wheels and gyro, scatter",
+        _north(lambda m: m.rng.gauss(0, 1.0))
     ),
     CarFault(
         "second sender of positions", POSITION, (*_FIX, "sender_doubled"), 1.2, "frames a second",

@@ -41,6 +41,8 @@ class Monitors:
         self._following = FollowingMonitor(vehicle)
         self._acceleration = AccelerationMonitor(vehicle, config.powertrain.brake_force_per_pa)
         self.imu_wrong = self.imu_suspect = self.wheels_wrong = False
+        self.stopping = False
+        """whether the car is being stopped already"""
         self._without_wheels, self._without_imu = Held(), Held()
         """a source that is not believed any more stops the car, whatever it says from then on"""
         self._road = None if track is None else RoadMonitor(track)
@@ -86,7 +88,7 @@ class Monitors:
         self.position.contradicted(contradicted.position)
         changes = self._speed_change.step(now_ns, state, speed) if imu and wheels else 0.0
         lateral = self._lateral.step(now_ns, state, speed, ay) if imu and wheels else 0.0
-        turns = self._gyro.step(now_ns, state, speed, rear, ay) if imu and wheels else 0.0
+        turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if imu and wheels else 0.0
         measures = {
             "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,
@@ -99,19 +101,19 @@ class Monitors:
             "off_road": off,
             "wrong_way": against,
         }
-        self._distrust(measures, wheels=changes > 0.0 and contradicted.wheels > 0.0)
+        self._distrust(measures, wheels=changes > 0.0 and contradicted.wheels > 0.0, fixes=course is not None)
         distrusted = {
             "wheel_speed_wrong": self._without_wheels.update(self.wheels_wrong, now_ns),
             "yaw_rate_wrong": self._without_imu.update(self.imu_wrong, now_ns) + IMU_WRONG_S * self.imu_wrong,
         }
         return measures | {name: max(measures[name], held_s) for name, held_s in distrusted.items()}
 
-    def _distrust(self, measures: dict[str, float], wheels: bool) -> None:
-        """From a first contradiction on no estimate is believed; after some of it, until the car stands, no IMU, or no
-        wheels where it is they that neither the fixes nor the IMU agree with."""
+    def _distrust(self, measures: dict[str, float], wheels: bool, fixes: bool) -> None:
+        """From a first contradiction on no estimate is believed; after some of it, until the car stands, no IMU where
+        there are `fixes` to go by, or no wheels where it is they that neither the fixes nor the IMU agree with."""
         moving = self.motion.motion.speed > STANDSTILL
         held_s = max(measures[name] for name in IMU_MEASURES)
         self.wheels_wrong = moving and (self.wheels_wrong or (wheels and not self.imu_wrong))
-        self.imu_wrong = moving and (self.imu_wrong or (held_s > IMU_WRONG_S and not self.wheels_wrong))
+        self.imu_wrong = moving and (self.imu_wrong or (held_s > IMU_WRONG_S and fixes and not self.wheels_wrong))
         self.motion.believe_imu, self.motion.believe_wheels = not self.imu_wrong, not self.wheels_wrong
         self.imu_suspect = self.imu_wrong or held_s > 0.0

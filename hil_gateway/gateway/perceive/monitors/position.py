@@ -36,6 +36,10 @@ FORGIVEN = 0.25
 """refused fixes an accepted one makes up for: single outliers are forgotten, every second one is not"""
 WRONG = 4.0
 """refused fixes in a row, 0.2 s at 20 Hz"""
+SCATTER_M = 0.3
+"""fifteen standard deviations of a fix (0.02 m); the course of a car that weaves is within 0.15 m of a parabola"""
+SCATTERED_S = 0.45
+"""longer than one wild fix is among the eight of a course"""
 SETTLED_S = 0.2
 """s of valid states after which an invalid estimate answers one of them: twice the age an estimate may have"""
 CONTRADICTED_S = 0.1
@@ -60,6 +64,7 @@ class PositionMonitor:
         """by the estimator, until the car stands"""
         self._contradicted = False
         self._answering, self._estimated = Held(), False
+        self._scatter = Held()
         self.lost_s = 0.0
         """seconds without a fix while moving"""
 
@@ -67,6 +72,11 @@ class PositionMonitor:
     def suspect(self) -> bool:
         """Whether fixes, and estimates made with them, are not to be believed now."""
         return self.wrong or self.refused or self._contradicted or self._level > 0.0
+
+    def scattered(self, now_ns: int, scatter_m: float) -> None:
+        """The newest fixes lie so far beside one curve."""
+        held_s = self._scatter.update(self._reference is not None and scatter_m > SCATTER_M, now_ns)
+        self.wrong = self.wrong or held_s > SCATTERED_S
 
     def contradicted(self, held_s: float) -> None:
         """The course of the fixes has contradicted IMU and wheels, which agree, for so long."""

@@ -65,8 +65,12 @@ class WheelMonitor:
 
 
 class GyroMonitor:
-    """The gyro outvoted by three of front wheels, rear wheels, steering and lateral force, all on one side of it: each
-    of them is wrong in some manoeuvre (braking, a slide), but not the same way."""
+    """The gyro outvoted by three of front wheels, rear wheels, steering and lateral force, all on one side of it.
+
+    Each of them is wrong in some manoeuvre (a slide, a kerb), but not the same way: the yaw rate follows the steering,
+    the force follows the yaw rate. Under the brakes the inner wheels of both axles slip more: then steering and force
+    decide, and during a stop, which may lock wheels and slide, nobody.
+    """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -74,7 +78,9 @@ class GyroMonitor:
         self.share = 0.0
         """times their bounds, at least, that three of them are on one side of it"""
 
-    def step(self, now_ns: int, state: VehicleState, speed: float, rear: float, ay: float) -> float:
+    def step(  # noqa: PLR0917 - what is compared
+        self, now_ns: int, state: VehicleState, speed: float, rear: float, ay: float, stopping: bool
+    ) -> float:
         """Seconds it has been outvoted; `rear` is the yaw rate by the rear wheels, rad/s, `ay` the lateral specific
         force without gravity, m/s2."""
         car, gyro = self._vehicle, state.yaw_rate
@@ -83,9 +89,13 @@ class GyroMonitor:
         low, high = sorted(share * steered for share in STEERED)
         forced, slack = ay / max(speed, JUDGED_FROM), FORCE / max(speed, JUDGED_FROM)
         wheels = [(by_wheels - gyro) / (GYRO_RAD_S + GYRO_SHARE * abs(by_wheels)) for by_wheels in (front, rear)]
-        above = sorted([*wheels, (low - gyro) / GYRO_RAD_S, (forced - gyro) / slack])
-        below = sorted([-wheels[0], -wheels[1], (gyro - high) / GYRO_RAD_S, (gyro - forced) / slack])
-        self.share = max(above[1], below[1], 0.0) if speed > JUDGED_FROM else 0.0
+        above = [(low - gyro) / GYRO_RAD_S, (forced - gyro) / slack]
+        below = [(gyro - high) / GYRO_RAD_S, (gyro - forced) / slack]
+        if state.drive > -PEDAL:
+            outvoted = max(sorted([*wheels, *above])[1], sorted([-wheels[0], -wheels[1], *below])[1])
+        else:
+            outvoted = 0.0 if stopping else max(min(above), min(below))
+        self.share = max(outvoted, 0.0) if speed > JUDGED_FROM else 0.0
         return self._held.update(self.share > 1.0, now_ns)
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from support.practice_drives import PRIOR, practice, record_of
+import pytest
+from support.practice_drives import PRIOR, record_of, shared_drives
 
 from estimator.offline.search.trial import Setting, fit_names
 from estimator.offline.search.workers import Job, fit_each, workers
 
 
-def test_fits_side_by_side_agree_with_fits_in_turn() -> None:
-    (drive,) = practice().simulate([{"rolling_resistance": 300.0}], [62], laps=1, step=0.01)
-    setting = Setting(record_of(drive), "per_axle", PRIOR)
+def test_fits_side_by_side_agree_with_fits_in_turn(tmp_path_factory: pytest.TempPathFactory) -> None:
+    record = record_of(shared_drives(tmp_path_factory)["single"])
+    setting = Setting(record.select(record.lap == 0), "per_axle", PRIOR)
     warm = fit_names(setting, (), None)
     jobs = [Job("resistance", ("rolling_resistance",)), Job("drag", ("aero_drag",))]
     said: list[str] = []

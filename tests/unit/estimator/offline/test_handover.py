@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.practice_drives import PRIOR, practice, record_of
+from support.practice_drives import PRIOR, record_of, shared_drives
 
 from estimator.offline.fit.prediction_error import Fit, normal_at
 from estimator.offline.record.noise import Noise
@@ -15,12 +15,11 @@ from estimator.offline.search.trial import Setting, fit_names
 
 
 @pytest.fixture(scope="module")
-def fits() -> dict[str, tuple[Any, Fit, Fit]]:
+def fits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any, Fit, Fit]]:
     """Drive, fit of the model without effects, and what would be handed over, with nothing and with much missing."""
-    missing = {"nothing": {}, "much": {"aero_downforce": 1.5, "combined_slip": 1.0, "yaw_damping": 2000.0}}
-    made = practice().simulate(list(missing.values()), [51, 52], laps=3, step=0.01)
-    out = {}
-    for name, drive in zip(missing, made, strict=True):
+    drives, out = shared_drives(tmp_path_factory), {}
+    for name in ("nothing", "much"):
+        drive = drives[name]
         setting = Setting(record_of(drive), "per_axle", PRIOR)
         found = fit_names(setting, (), None)
         handed = tempered(found.predictor.model, found.parameters, setting.record, found.deviation)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.practice_drives import practice, record_of
+from support.practice_drives import record_of, shared_drives
 
 from estimator.offline.predict.innovations import STATE_ROWS, Innovations
 from estimator.offline.predict.propagate import Propagator
@@ -17,10 +17,9 @@ DRIFT = {"simulated": 0.0, "between": 0.3, "followed": 30.0}
 
 
 @pytest.fixture(scope="module")
-def record() -> Record:
+def record(tmp_path_factory: pytest.TempPathFactory) -> Record:
     """A few windows of a drive."""
-    (drive,) = practice().simulate([{}], [61], laps=1, step=0.01)
-    whole = record_of(drive)
+    whole = record_of(shared_drives(tmp_path_factory)["flat"])
     return replace(whole, rows=whole.rows[:3, :12], lap=whole.lap[:3])
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.practice_drives import practice, record_of
+from support.practice_drives import record_of, shared_drives
 
 from estimator.drive_log.health import examine
 from estimator.drive_log.table import read_logs
@@ -17,14 +17,10 @@ from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
 from hil_gateway.process.arrays import Array
 
-BANK, GRADE = 0.06, 0.04
-
 
 @pytest.fixture(scope="module")
-def drives() -> dict[str, Any]:
-    effects: dict[str, dict[str, float]] = {"flat": {}, "hilly": {"road_bank": BANK, "road_grade": GRADE}}
-    made = practice().simulate(list(effects.values()), [41, 42], laps=4, step=0.01)
-    return dict(zip(effects, made, strict=True))
+def drives(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    return shared_drives(tmp_path_factory)
 
 
 def profile(record: Record, name: str) -> Array:
@@ -35,7 +31,8 @@ def profile(record: Record, name: str) -> Array:
 def test_bank_and_grade_are_found_to_a_third_of_a_degree(drives: dict[str, Any]) -> None:
     record = record_of(drives["hilly"])
     # bank and grade are sums of two waves over the lap; their mean cannot be told from an offset of the sensor
-    for name, size, waves in (("road_bank", BANK, (0.6, 0.4)), ("road_grade", GRADE, (0.7, 0.3))):
+    for name, waves in (("road_bank", (0.6, 0.4)), ("road_grade", (0.7, 0.3))):
+        size = drives["hilly"].effects[name]
         found = profile(record, name)
         assert np.std(found) == pytest.approx(size * np.hypot(*waves) / np.sqrt(2), abs=0.003)
         assert np.ptp(found) <= 2 * size + 0.01

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+import tracemalloc
 
 import pytest
 
@@ -89,6 +90,26 @@ def test_a_slow_reader_keeps_the_newest_and_counts_the_rest(config):
     finally:
         hub.close()
         other.close()
+
+
+def test_a_new_sender_name_in_every_message_takes_no_memory(config):
+    hub, other = open_bus(config, "gateway"), open_bus(config, "planner")
+    try:
+        heard = hub.subscribe(topics.OPERATOR, depth=256)
+        exchange(other, heard)
+        tracemalloc.start()
+        taken = 0
+        for number in range(2000):
+            other.publish(topics.OPERATOR, message(0).model_copy(update={"source": f"{number:064d}"}))
+            taken += len(heard.poll(0)) if number % 50 == 49 else 0
+        bus_only = tracemalloc.Filter(True, "*/zenoh_bus.py")
+        kept = sum(block.size for block in tracemalloc.take_snapshot().filter_traces([bus_only]).traces)
+    finally:
+        tracemalloc.stop()
+        hub.close()
+        other.close()
+    assert taken > 1000
+    assert kept < 50_000, "2,000 names of 64 characters are 230 kB"
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from typing import IO
 import pytest
 
 from hil_gateway.cli.doctor import findings, missing_packages
-from hil_gateway.cli.main import COMMANDS, main
+from hil_gateway.cli.main import COMMANDS, GROUPS, main
 from hil_gateway.config import Config, ZenohConfig, load_config
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -42,7 +42,7 @@ def imported() -> None:
 
 
 def hil_forked(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """The same in a fork of this process its output in `folder`: what is imported already costs nothing."""
+    """The same in a fork of this process, its output in `folder`: what is imported already costs nothing."""
     with (folder / "out").open("w+") as out, (folder / "err").open("w+") as err:
         call = multiprocessing.get_context("fork").Process(target=_become_hil, args=(arguments, out, err))
         call.start()
@@ -69,6 +69,10 @@ def test_help_lists_every_command_and_imports_none_of_them() -> None:
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert "HEAVY []" in shown
     assert all(re.search(rf"^  {name} ", shown, re.MULTILINE) for name in COMMANDS)
+
+
+def test_every_command_is_listed_in_one_group() -> None:
+    assert sorted(name for names in GROUPS.values() for name in names) == sorted(COMMANDS)
 
 
 def test_help_appears_within_300_ms_of_processor_time() -> None:
