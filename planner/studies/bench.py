@@ -35,7 +35,7 @@ from planner.studies.reference_nlp import ReferenceNlp
 
 BELIEF_STD = 0.05
 """relative standard deviation of the tyre parameters in the benchmark's belief"""
-LOAD_USE, PROFILE_USE, MARGIN = 0.95, 0.81, 1.9
+LOAD_USE, PROFILE_USE, MARGIN = 0.95, 0.80, 1.9
 IPOPT_EVERY = 40
 """steps between two comparisons with IPOPT; the step before each gives IPOPT its multipliers"""
 TIME_LIMIT_S = 300.0

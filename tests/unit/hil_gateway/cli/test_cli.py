@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import json
-import multiprocessing
 import os
 import re
 import socket
@@ -13,12 +12,12 @@ import subprocess
 import sys
 from importlib.metadata import version
 from pathlib import Path
-from typing import IO
 
 import pytest
+from support.preloaded import hil_preloaded
 
 from hil_gateway.cli.doctor import findings, missing_packages
-from hil_gateway.cli.main import COMMANDS, GROUPS, main
+from hil_gateway.cli.main import COMMANDS, GROUPS
 from hil_gateway.config import Config, ZenohConfig, load_config
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -30,33 +29,6 @@ def hil(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]
     return subprocess.run(
         command, capture_output=True, text=True, timeout=120, check=False, env={**os.environ, **environment}
     )
-
-
-@pytest.fixture(scope="module")
-def imported() -> None:
-    """What the commands import, once."""
-    for module, _ in COMMANDS.values():
-        importlib.import_module(module.split(":")[0])
-    for name in ("hil_gateway.demo.drive", "planner.studies.campaign.closed"):
-        importlib.import_module(name)
-
-
-def hil_forked(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """The same in a fork of this process, its output in `folder`: what is imported already costs nothing."""
-    with (folder / "out").open("w+") as out, (folder / "err").open("w+") as err:
-        call = multiprocessing.get_context("fork").Process(target=_become_hil, args=(arguments, out, err))
-        call.start()
-        call.join(120)
-        texts = [Path(file.name).read_text() for file in (out, err)]
-    return subprocess.CompletedProcess(arguments, call.exitcode or 0, *texts)
-
-
-def _become_hil(arguments: tuple[str, ...], out: IO[str], err: IO[str]) -> None:
-    sys.argv = ["hil", *arguments]
-    for stream, number in ((out, 1), (err, 2)):
-        os.dup2(stream.fileno(), number)
-    sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")
-    main()
 
 
 def test_help_lists_every_command_and_imports_none_of_them() -> None:
@@ -131,10 +103,9 @@ def test_every_command_of_the_table_can_be_asked_for_help(name: str) -> None:
         (("doctor", "--file", "absent.toml"), "absent.toml"),
     ],
 )
-@pytest.mark.usefixtures("imported")
 def test_bad_input_is_one_clear_line_and_exit_code_2(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
     extra = ("--out", str(tmp_path)) if arguments[0] == "demo" else ()
-    result = hil_forked(tmp_path, *arguments, *extra)
+    result = hil_preloaded(tmp_path, *arguments, *extra)
     assert result.returncode == 2
     assert words in result.stderr
     assert result.stderr.startswith("hil: ")
@@ -198,7 +169,6 @@ def wrong_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.usefixtures("imported")
 @pytest.mark.parametrize(("call", "words"), WRONG, ids=[call[:60] for call, _ in WRONG])
 def test_a_wrong_call_is_one_line_exit_2_and_changes_nothing(
     call: str, words: str, wrong_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -208,7 +178,7 @@ def test_a_wrong_call_is_one_line_exit_2_and_changes_nothing(
         pytest.skip("dask is installed here: the scheduler would be asked")
     monkeypatch.chdir(wrong_folder)
     before = {path: path.read_bytes() for path in wrong_folder.rglob("*") if path.is_file()}
-    result = hil_forked(tmp_path, *call.split(" "))
+    result = hil_preloaded(tmp_path, *call.split(" "))
     assert (result.returncode, result.stdout) == (2, "")
     assert words in result.stderr
     assert result.stderr.startswith("hil: ")
