@@ -20,10 +20,8 @@ started=$SECONDS
 # step NAME CMD...: output goes to a file and is shown only when CMD fails; the result is a line of the summary
 step() {
     local name=$1 from=$SECONDS verdict=ok; shift
-    printf '%-24s ' "$name" >&2
     "$@" >"$results/$name.log" 2>&1 || verdict=FAILED
-    printf '%-6s %4d s\n' "$verdict" "$((SECONDS - from))" >&2
-    printf '%-24s %-6s %4d s\n' "$name" "$verdict" "$((SECONDS - from))" >>"$results/steps"
+    printf '%-24s %-6s %4d s\n' "$name" "$verdict" "$((SECONDS - from))" | tee -a "$results/steps" >&2
     [ "$verdict" = ok ] || { tail -n 60 "$results/$name.log" >&2; echo "$name" >>"$results/failed"; }
 }
 
@@ -40,7 +38,6 @@ fi
 [ -z "$missing" ] || echo "missing, some tests are skipped: apt-get install $missing" >&2
 
 step ruff ruff check .
-step mypy mypy
 # Real processes share two cores with the other half of the tests: what fails in the crowd is run again alone,
 # counts by that second run, and is named in the summary.
 tests() {
@@ -48,13 +45,16 @@ tests() {
     "$@" --junitxml="$results/$name.xml" && return
     "$@" -n 0 --last-failed --last-failed-no-failures none --junitxml="$results/$name-alone.xml"
 }
+echo "tests: about a quarter of an hour" >&2
 step tests tests normal python -m pytest -n 2 --dist worksteal -m "not vcan" "$@"
+step mypy mypy &  # beside the tests on vcan, which have one processor
 if deploy/with-vcan --which >"$results/vcan-kind" 2>"$results/vcan.log"; then
     step vcan-tests tests vcan deploy/with-vcan python -m pytest -m vcan tests/vcan "$@"
 else
     echo "vcan tests not run: $(tail -n 1 "$results/vcan.log")" >&2
     [ "${HIL_REQUIRE_VCAN:-0}" != 1 ] || echo vcan-tests >>"$results/failed"
 fi
+wait
 step promises hil verify --from "$HIL_PROMISE_FIGURES" --page "$results/promises.md"
 # A figure missed on a busy machine is shown, it does not fail the run; nor do figures take it past its time.
 for benchmark in codec gateway loop recorder identify planner; do

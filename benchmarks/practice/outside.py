@@ -80,7 +80,7 @@ class Motion:
 
 def above(value: Array, threshold: float, width: float) -> Array:
     """0 below the threshold, 1 above it."""
-    return np.asarray(1 / (1 + np.exp(-np.clip((value - threshold) / width, -50, 50))))
+    return np.asarray(0.5 + 0.5 * np.tanh((value - threshold) / (2 * width)))
 
 
 def grip(s: Sizes, at: Motion, local: Local) -> tuple[Array, Array]:

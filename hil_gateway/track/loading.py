@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 
 from hil_gateway.process.errors import InputError
@@ -14,6 +15,8 @@ from hil_gateway.track.smoothing import Survey, smooth
 from hil_gateway.track.track import Track
 
 DEFAULT_TRACK = "road_course"
+KEPT = 8
+"""tracks a process keeps"""
 READERS: dict[str, Callable[[Path], Survey]] = {".csv": read_csv, ".toml": read_layout}
 """file name ending -> reader: a further format is one module and one line here"""
 
@@ -36,6 +39,16 @@ def load_track(path: str | Path | None = None) -> Track:
     reader = READERS.get(file.suffix.lower())
     if reader is None:
         raise InputError(f"{file}: a track is a .csv (x_m,y_m,w_tr_right_m,w_tr_left_m) or a .toml description")
+    try:
+        changed = file.stat()
+    except OSError as error:
+        raise InputError(f"{file}: cannot read: {error.strerror}") from None
+    return _read(file, Path.cwd(), reader, changed.st_mtime_ns, changed.st_size)
+
+
+@lru_cache(maxsize=KEPT)
+def _read(file: Path, _folder: Path, reader: Callable[[Path], Survey], _changed_ns: int, _size: int) -> Track:
+    """A quarter of a second of work, once for a file that has not changed: a `Track` is never written to."""
     return check_course(str(file), smooth(reader(file)))
 
 
