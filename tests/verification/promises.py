@@ -219,7 +219,7 @@ def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dic
         "Written by `hil verify --page FILE`. Each promise has at least one test marked",
         '`@pytest.mark.promise("ID")`; a promise without one fails the test suite. The usual run, part of every',
         "`deploy/test.sh`, is smaller than what is required where that takes long: its verdict is about that part.",
-        "`hil verify --long` runs the whole; its verdict is of the commit named with it.",
+        "`hil verify --long` runs the whole; its verdict is of the run named with it, not of later ones.",
         "",
         f"Usual run: {conditions}.",
         "",
