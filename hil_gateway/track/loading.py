@@ -48,7 +48,10 @@ def load_track(path: str | Path | None = None) -> Track:
 
 @lru_cache(maxsize=KEPT)
 def _read(file: Path, _folder: Path, reader: Callable[[Path], Survey], _changed_ns: int, _size: int) -> Track:
-    """A quarter of a second of work, once for a file that has not changed: a `Track` is never written to."""
+    """A quarter of a second of work, once for a file that has not changed: a `Track` is never written to.
+
+    A relative `file` is another one in another working folder.
+    """
     return check_course(str(file), smooth(reader(file)))
 
 

@@ -39,6 +39,11 @@ def test_circle_has_its_length_curvature_and_heading(tmp_path: Path) -> None:
     assert track.at(0.0).width_right == pytest.approx(6.0)
 
 
+def test_a_track_file_is_read_again_when_it_has_changed(tmp_path: Path) -> None:
+    first = _load(tmp_path, _circle(100.0, 200))
+    assert _load(tmp_path, _circle(120.0, 250)).length == pytest.approx(1.2 * first.length, rel=1e-3)
+
+
 def test_heading_is_continuous_over_laps(tmp_path: Path) -> None:
     track = _load(tmp_path, _circle(50.0, 100))
     heading = track.at(np.arange(-700.0, 700.0, 1.0)).heading
