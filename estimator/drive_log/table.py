@@ -15,6 +15,7 @@ from estimator.drive_log.csv_log import read_csv
 from estimator.drive_log.derived import BY_STATE_FILTER, add_missing_channels
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.writable import RECORDING
 
 REQUIRED = ("t", "vx", "vy", "yaw_rate", "steer")
 """What nothing else can stand in for."""
@@ -29,9 +30,6 @@ OPTIONAL = (
 
 WATCHED = (*REQUIRED[1:], *DERIVABLE, "x", "y", "yaw", *(n for n in OPTIONAL if n.startswith("wheel_speed")))
 """Channels of a moving car that never rest, apart from commands: one that does has stopped."""
-
-SESSION = ".mcap"
-"""Suffix of a recorded session."""
 
 MIN_ROWS = 200
 """Shorter logs hold neither a held-out block nor a batch of 100 samples beside it."""
@@ -130,7 +128,7 @@ def read_log(path: Path) -> DriveLog:
     _check_rate(path, columns["t"])
     segment = segment_numbers(columns["t"])
     columns, derived = add_missing_channels(path, columns, segment)
-    derived |= BY_STATE_FILTER if path.suffix == SESSION else {}
+    derived |= BY_STATE_FILTER if path.suffix == RECORDING else {}
     gaps = int(segment[-1])
     return DriveLog(
         columns=columns,
@@ -147,7 +145,7 @@ def read_log(path: Path) -> DriveLog:
 
 
 def _read_columns(path: Path) -> tuple[dict[str, Array], list[str]]:
-    if path.suffix == SESSION:
+    if path.suffix == RECORDING:
         from estimator.drive_log.session_log import read_session
 
         columns, notes = read_session(path)
