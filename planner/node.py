@@ -256,10 +256,11 @@ class Planner:
         steer = self._actuators.lead(z[STEER, 0], z[STEER, 1], dt, self._actuators.steer_lag)
         drive = self._actuators.lead(z[DRIVE, 0], z[DRIVE, 1], dt, self._actuators.drive_lag)
         limits = self.settings.limits
+        drive = float(np.clip(drive, limits.drive_min, limits.drive_max))
         command = Command(
             stamp_ns=now_ns, seq=self._seq, source="planner", state_stamp_ns=stamp,
-            steer=float(np.clip(steer, -limits.steer, limits.steer)),
-            drive=float(np.clip(drive, limits.drive_min, limits.drive_max)),
+            steer=float(np.clip(steer, -limits.steer, limits.steer)), drive=drive,
+            brake_balance=self.adoption.brake_balance(float(z[VX, 0]), drive),
         )  # fmt: skip
         rows = {"x": 0, "y": 1, "yaw": 2, "vx": VX, "s": S, "steer": STEER, "drive": DRIVE}
         message = Plan(

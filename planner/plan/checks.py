@@ -23,6 +23,7 @@ from planner.line.raceline import RaceLine
 from planner.plan import acceptance
 from planner.plan.acceptance import AxleForces, Bounds, ForceModel
 from planner.plan.controller import Controller
+from planner.problem.brake_law import BrakeLaw
 from planner.problem.motion import MOST_LIFT
 from planner.problem.settings import Settings
 from planner.solver.sqp import Solution
@@ -42,13 +43,14 @@ class PlanCheck:
         self._settings, self._vehicle = settings, vehicle
         self._model: RevisedModel | None = None
         self._forces: ForceModel | None = None
+        self._brake_ratio = 1.0
         self._built: tuple[tuple[str, ...], InterpretedForces] | None = None
         self.first_loads, self.worst_load = (0.0, 0.0), 0.0
         self.first_gain = 0.0
 
     def __call__(self, controller: Controller, adopted: Adopted, solution: Solution) -> list[str]:
         """Limits the solution breaks, in words; empty when it may be published."""
-        forces = self._force_model(adopted)
+        forces = self._force_model(adopted, controller.knowledge.brake_ratio)
         bounds = bounds_of(self._settings, controller.knowledge.load_max, float(solution.z[7, 0]))
         plan = plan_of(solution, controller.reference.line)
         felt = acceptance.stage_forces(plan, forces)
@@ -59,12 +61,12 @@ class PlanCheck:
         gaps = defects(plan, bounds.dt, forces, self._vehicle, felt)
         return acceptance.violations(plan, bounds, forces, gaps, loads)
 
-    def _force_model(self, adopted: Adopted) -> ForceModel:
-        if self._forces is None or adopted.revised is not self._model:
-            self._model = adopted.revised
+    def _force_model(self, adopted: Adopted, brake_ratio: float) -> ForceModel:
+        if self._forces is None or adopted.revised is not self._model or brake_ratio != self._brake_ratio:
+            self._model, self._brake_ratio = adopted.revised, brake_ratio
             effects = adopted.revised.model.effects
             self._forces = (
-                self._interpreted(adopted.revised.model).of(adopted.revised) if effects
+                self._interpreted(adopted.revised.model).of(adopted.revised, brake_ratio) if effects
                 else acceptance.declared_forces(self._vehicle, adopted.revision.tyre)
             )  # fmt: skip
         return self._forces
@@ -73,7 +75,7 @@ class PlanCheck:
         """Built once for the effects of `model`: refined parameters are not worth 15 ms of a plan."""
         effects = tuple(effect.name for effect in model.effects)
         if self._built is None or self._built[0] != effects:
-            self._built = effects, InterpretedForces(model)
+            self._built = effects, InterpretedForces(model, self._settings.brakes)
         return self._built[1]
 
 
@@ -169,23 +171,24 @@ def _motion(state: Array, steer: Array, f: AxleForces, vehicle: Vehicle) -> Arra
 class InterpretedForces:
     """Axle forces of a model with effects, evaluated by CasADi's interpreter at the start of the lap's profiles."""
 
-    def __init__(self, model: SingleTrack) -> None:
-        """`model` gives layout and effects; parameters come with `of`."""
+    def __init__(self, model: SingleTrack, brakes: BrakeLaw) -> None:
+        """`model` gives layout and effects, `brakes` how braking is split; parameters come with `of`."""
         self._names = [p.name for p in model.tyre_table]
         self._axles = front_and_rear(model.layout)
-        felt, theta = ca.SX.sym("felt", len(SIGNALS) + 1), ca.SX.sym("theta", len(self._names))
+        felt, theta = ca.SX.sym("felt", len(SIGNALS) + 2), ca.SX.sym("theta", len(self._names))
         phi = ca.SX.sym("phi", len(model.effect_table))
-        *signals, extra = ca.vertsplit(felt)
+        *signals, extra, ratio = ca.vertsplit(felt)
         named: dict[str, Any] = dict(zip(SIGNALS, signals, strict=True))
-        terms = Terms(model.vehicle, **named, aux={"extra_load": extra})
+        balance = brakes.balance(named["vx"], named["drive"], ratio)
+        terms = Terms(model.vehicle, **named, aux={"extra_load": extra, "brake_balance": balance})
         terms = model.evaluate(terms, ca.vertsplit(theta), ca.vertsplit(phi) if phi.numel() else [])
         names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r", "slip_f", "slip_r")
         result = ca.densify(ca.vertcat(*(getattr(terms, n) for n in names)))
         self._function = ca.Function("forces", [felt, theta, phi], [result])
         self._at_once: dict[int, CompiledFunction] = {}
 
-    def of(self, revised: RevisedModel) -> ForceModel:
-        """With the parameters of a revision of this model."""
+    def of(self, revised: RevisedModel, brake_ratio: float) -> ForceModel:
+        """With the parameters of a revision of this model, and its ratio of the brake pressures."""
         theta, phi = revised.theta, revised.phi_at(np.zeros(1))[:, 0]
         rows = [list(axle.rows(self._names)[:2]) for axle in self._axles]
         b, c = np.array([theta[row] for row in rows]).T[:, :, None]
@@ -194,7 +197,7 @@ class InterpretedForces:
             vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, *, extra_load: Array | float = 0.0
         ) -> AxleForces:
             run = self._over(len(vx))
-            for row, values in enumerate((vx, vy, yaw_rate, steer, drive, extra_load)):
+            for row, values in enumerate((vx, vy, yaw_rate, steer, drive, extra_load, brake_ratio)):
                 run.inputs[0][row] = values
             run.inputs[1][:], run.inputs[2][:] = theta[:, None], phi[:, None]
             run()

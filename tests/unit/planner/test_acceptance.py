@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from estimator.belief.revision import declared_revision, model_of, race_car_revision
-from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.track.loading import load_track
 from planner.line.track import Reference
@@ -18,6 +17,7 @@ from planner.plan import acceptance
 from planner.plan.acceptance import Bounds, Plan, declared_forces, load_shares, violations
 from planner.plan.checks import InterpretedForces, beside, bounds_of, defects, plan_of
 from planner.plan.controller import Controller
+from planner.problem.brake_law import BrakeLaw
 from planner.problem.load_rows import load_row
 from planner.problem.motion import NZ, extra_load
 from planner.problem.mpcc import Problem
@@ -125,7 +125,8 @@ def test_forces_agree_with_the_model_of_the_solver() -> None:
     revised = model_of(declared_revision("per_axle"), Vehicle(), 1000.0)
     plain = declared_forces(Vehicle(), declared_revision("per_axle").tyre)
     motion = some_motion(200)
-    a, b = (f(*motion[:5], extra_load=motion[5]) for f in (plain, InterpretedForces(revised.model).of(revised)))
+    interpreted = InterpretedForces(revised.model, BrakeLaw()).of(revised, 1.0)
+    a, b = (f(*motion[:5], extra_load=motion[5]) for f in (plain, interpreted))
     for name in FORCES:
         atol = 1e-4 if "beyond" in name else 2.0
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-4, atol=atol)
@@ -141,9 +142,11 @@ def some_motion(n: int) -> tuple[np.ndarray, ...]:
 
 def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks() -> None:
     """What braking and driving take from the lateral force is not counted as used."""
-    revised = model_of(race_car_revision("per_axle", Vehicle(), Powertrain()), Vehicle(), 1000.0)
+    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
     problem, theta = Problem(revised.model, Settings()), ca.DM(revised.theta)
-    p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "load_max": [1, 1]}
+    p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "load_max": [1, 1]} | {
+        "brake_ratio": 1.2
+    }
     z = ca.SX.sym("z", NZ)
     terms = problem.evaluate(z, theta, p)
     shares = ca.vertcat(*(ca.hypot(getattr(terms, f"fx_{a}"), getattr(terms, f"fy_{a}")) / getattr(terms, f"peak_{a}")
@@ -156,10 +159,29 @@ def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks()
         assert steer == 0.0 or float(ca.mmin(share)) > 0.15, "tyres that work"
 
 
+def test_a_checked_plan_brakes_with_the_balance_of_the_planned_one() -> None:
+    """Written twice; beside another ratio of the pressures it is another force."""
+    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
+    problem, theta, brakes = Problem(revised.model, Settings()), ca.DM(revised.theta), BrakeLaw()
+    p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "brake_ratio": 0.8}
+    z = ca.SX.sym("z", NZ)
+    terms = problem.evaluate(z, theta, p)
+    planned = ca.Function("planned", [z], [terms.fx_f, terms.fx_r])
+    vx, drive = (a.ravel() for a in np.meshgrid([20.0, 45.0, 70.0], [-0.3, -0.1]))
+    still = np.zeros_like(vx)
+    expected = np.array([planned([0, 0, 0, v, 0, 0, 0, d, 0, v]) for v, d in zip(vx, drive, strict=True)]).squeeze()
+    checked, other = (
+        InterpretedForces(revised.model, brakes).of(revised, ratio)(vx, still, still, still, drive)
+        for ratio in (0.8, 1.0)
+    )
+    np.testing.assert_allclose(np.column_stack([checked.fx_f, checked.fx_r]), expected, rtol=1e-6)
+    assert np.all(checked.fx_f > other.fx_f + 20.0), "less of the braking force in front, N"
+
+
 def test_a_crest_takes_from_both_axles_what_it_takes_from_the_weight() -> None:
-    revised = model_of(race_car_revision("per_axle", Vehicle(), Powertrain()), Vehicle(), 1000.0)
+    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
     vx, vy, rate, steer, drive, _ = some_motion(50)
-    forces = InterpretedForces(revised.model).of(revised)
+    forces = InterpretedForces(revised.model, BrakeLaw()).of(revised, 1.0)
     flat, crest = (forces(vx, vy, rate, steer, drive, extra_load=np.full(50, e)) for e in (0.0, -0.4))
     taken = np.array([flat.load_f - crest.load_f, flat.load_r - crest.load_r])
     static = [[Vehicle().static_load_front], [Vehicle().static_load_rear]]

@@ -217,3 +217,15 @@ def test_engine_braking_switches_sample_by_sample_and_by_the_throttle_where_it_i
 def test_a_biased_gyroscope_is_told_from_the_turning_of_the_car() -> None:
     effect, biased = catalogue()["imu_bias"], LEFT_TURN | {"yaw_rate": LEFT_TURN["yaw_rate"] + 0.02}
     assert predict(effect, (0.0, 0.0, 0.02), **biased) == pytest.approx(predict(None, **LEFT_TURN), rel=1e-12)
+
+
+def test_axles_share_the_braking_force_as_their_pressures_times_what_each_makes_of_it() -> None:
+    """Front 4 MPa and rear 2 MPa on a car whose front brakes do 0.6 at equal pressures."""
+    front, rear = 4.0 * 0.6, 2.0 * 0.4
+    terms = Terms(VEHICLE, 40.0, 0.0, 0.0, 0.0, -0.2, aux={"brake_balance": (4.0 - 2.0) / (4.0 + 2.0)})
+    model = SingleTrack(VEHICLE, "per_axle", (catalogue()["front_brake"],))
+    model.evaluate(terms, [p.prior for p in model.tyre_table], (0.6, 1.1))
+    total = 1.1 * 0.2 * 50_000.0
+    assert [float(terms.fx_f), float(terms.fx_r)] == pytest.approx(
+        [-total * front / (front + rear), -total * rear / (front + rear)], rel=5e-3
+    )
