@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from hil_gateway.bus.messages import Applied, Command, Estimate, Plan, PlanStatu
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S, SystemClock
+from hil_gateway.process.scheduling import punctual
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.adoption.adoption import Adoption
@@ -25,6 +27,8 @@ from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, s
 from planner.problem.motion import DRIVE, PROGRESS, STEER, VX, S
 from planner.problem.settings import settings_of
 from planner.solver.sqp import Solution, Stopwatch
+
+log = logging.getLogger(__name__)
 
 MAX_SHIFT_S = 0.4
 """a shifted plan is used for this long at most; then the car is stopped"""
@@ -295,6 +299,8 @@ def run(config: Config) -> None:
     stop, clock = stop_requested(), SystemClock()
     bus = open_bus(config.zenoh, "planner")
     planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
+    if not punctual("planner"):
+        log.warning("real-time priority is not permitted: plans may come late while this computer is busy")
     period_ns = round(config.planner.dt * NS_PER_S)
     due_ns = clock.now_ns()
     notice = SilenceNotice("estimate", config.zenoh.connect, due_ns)
