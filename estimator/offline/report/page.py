@@ -6,6 +6,7 @@ Used by identification, diagnosis and campaigns. Build a `Report` from top to bo
 from __future__ import annotations
 
 import base64
+import datetime as dt
 import io
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
@@ -15,7 +16,9 @@ from typing import Any, Literal
 
 import jinja2
 
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.dashboard.look import light_colours, look
+from hil_gateway.session.files.format import software_version
 
 Tone = Literal["good", "warn", "bad", "neutral"]
 
@@ -29,6 +32,9 @@ COLOURS = {
     "extra": _LIGHT["good"],
 }
 """One meaning, one colour, in every figure; the colours of the pages."""
+
+STATED = ("mass", "yaw_inertia", "lf", "lr", "cg_height", "wheel_radius", "steering_ratio")
+"""what of the declared vehicle every report names"""
 
 MAX_SVG_BYTES = 300_000
 """Figures that would be larger as SVG are stored as PNG."""
@@ -132,6 +138,12 @@ class Report:
         """Lines folded away behind a summary."""
         if lines:
             self._add("details", summary=summary, lines=list(lines))
+
+    def made_with(self, vehicle: Vehicle) -> None:
+        """Day, version of the software and the declared car: what a reader needs to make the page again."""
+        today = dt.datetime.now(dt.UTC).date().isoformat()
+        stated = ", ".join(f"{name} {getattr(vehicle, name):g}" for name in STATED)
+        self.items([f"made on {today} by hil-gateway {software_version()}", f"declared vehicle: {stated} (SI)"])
 
     def html(self) -> str:
         """The whole page."""
