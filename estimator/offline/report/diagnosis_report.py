@@ -71,8 +71,8 @@ def _bars(axes: Any, groups: Mapping[str, Mapping[str, float]], floor: bool) -> 
     at = np.arange(len(groups))
     for k, (kind, colour) in enumerate(kinds.items()):
         heights = [v[kind] / v["noise_floor"] for v in groups.values()]
-        label = {"declared": "declared", "refit": "re-fitted", "with_effects": "with effects"}[kind]
-        axes.bar(at + 0.27 * (k - 1), heights, 0.25, color=COLOURS[colour], label=label)
+        name = {"declared": "declared", "refit": "re-fitted", "with_effects": "with effects"}[kind]
+        axes.bar(at + 0.27 * (k - 1), heights, 0.25, color=COLOURS[colour], label=name)
     if floor:
         axes.axhline(1.0, color=COLOURS["measured"], lw=0.8)
     axes.set_yscale("log")
