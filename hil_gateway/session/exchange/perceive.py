@@ -9,7 +9,7 @@ from typing import Any
 
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import Message, VehicleState
-from hil_gateway.bus.topics import EVENT, GATEWAY_STATUS, VEHICLE_STATE, Topic
+from hil_gateway.bus.topics import EVENT, GATEWAY_STATUS, TYRES, VEHICLE_STATE, Topic
 from hil_gateway.can_link import Frame
 from hil_gateway.config import Config
 from hil_gateway.gateway.check.arming import Playback
@@ -24,7 +24,7 @@ from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.writer import FLUSH_EVERY, SessionFile
 
 PERIOD_NS = NS_PER_S // 100
-KEPT: tuple[Topic[Any], ...] = (VEHICLE_STATE, GATEWAY_STATUS, EVENT)
+KEPT: tuple[Topic[Any], ...] = (VEHICLE_STATE, GATEWAY_STATUS, TYRES, EVENT)
 LONGEST_GAP_NS = 10 * NS_PER_S
 """no states are made for longer than this of silence: the log was stopped in between"""
 
