@@ -291,9 +291,15 @@ CAR_FAULTS: tuple[CarFault, ...] = (
 
 
 def markdown() -> str:
-    """The fault model for the documentation."""
+    """The fault model for the documentation; rows of `_MOTION` appear under one name."""
     lines = ["| fault | noticed by | within | how |", "| --- | --- | --- | --- |"]
     for fault in CAR_FAULTS:
         within = f"{fault.within_s:g} s" if math.isfinite(fault.within_s) else "-"
-        lines.append(f"| {fault.name} | {', '.join(fault.noticed_by) or 'nothing'} | {within} | {fault.why} |")
-    return "\n".join(lines)
+        lines.append(f"| {fault.name} | {_rows(fault.noticed_by)} | {within} | {fault.why} |")
+    return "\n".join([*lines, "", f"*motion*: {', '.join(_MOTION)}."])
+
+
+def _rows(noticed_by: tuple[str, ...]) -> str:
+    others = [row for row in noticed_by if row not in _MOTION]
+    named = [*others, "*motion*"] if set(_MOTION) <= set(noticed_by) else list(noticed_by)
+    return ", ".join(named) or "nothing"
