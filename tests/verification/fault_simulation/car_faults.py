@@ -291,11 +291,13 @@ CAR_FAULTS: tuple[CarFault, ...] = (
 
 
 def markdown() -> str:
-    """The fault model for the documentation; rows of `_MOTION` appear under one name."""
-    lines = ["| fault | noticed by | within | how |", "| --- | --- | --- | --- |"]
+    """The fault model for the documentation; faults that are noticed alike share a line, rows of `_MOTION` a name."""
+    alike: dict[str, list[str]] = {}
     for fault in CAR_FAULTS:
         within = f"{fault.within_s:g} s" if math.isfinite(fault.within_s) else "-"
-        lines.append(f"| {fault.name} | {_rows(fault.noticed_by)} | {within} | {fault.why} |")
+        alike.setdefault(f"{_rows(fault.noticed_by)} | {within} | {fault.why}", []).append(fault.name)
+    lines = ["| fault | noticed by | within | how |", "| --- | --- | --- | --- |"]
+    lines += [f"| {'; '.join(names)} | {noticed} |" for noticed, names in alike.items()]
     return "\n".join([*lines, "", f"*motion*: {', '.join(_MOTION)}."])
 
 
