@@ -144,6 +144,7 @@ TABLE: tuple[Row, ...] = (
     Row("safety_switch", "a safety switch at the car is set", "safety_switch", 0.0, _STOP, Clear.REARM),
     Row("supply_low", "the battery is nearly empty: is it charged?", "supply_low", 1.0, _STOP, Clear.REARM),
     Row("engine_stalled", "the engine has stopped", "engine_stalled", 0.3, _STOP, Clear.REARM),
+    Row("tyre_flat", "a tyre has lost half of its pressure", "tyre_flat", 0.3, _STOP, Clear.REARM),
     Row("sender_doubled", "a report comes from two senders", "sender_doubled", 0.0, _STOP, Clear.REARM),
     Row(
         "position_wrong",
