@@ -17,7 +17,7 @@ from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
 from planner.problem import infomax
 from planner.problem.motion import DRIVE, NU, PROGRESS, VX, S
-from planner.problem.mpcc import Problem
+from planner.problem.mpcc import ADVANCE_STEPS, Problem
 from planner.solver.functions import Functions
 from planner.solver.sqp import Solution, Sqp, Stopwatch
 
@@ -185,14 +185,20 @@ class Controller:
             solution = self.solve(z0, stopwatch, 1)
         return solution
 
-    def advance(self, car: Array, drive: float, steer: float, duration: float) -> Array:
-        """The six car states (6,) after `duration` s with the inputs held, by the model of the plan."""
-        inputs = np.array([drive, steer])
-        values = (car, inputs, np.array([duration]), self.stages[:, 0], self.common)
-        for target, value in zip(self._advance.inputs, values, strict=True):
-            target[:, 0] = value
-        self._advance()
-        return self._advance.outputs[0][:, 0].copy()
+    def advance(self, car: Array, held: Array) -> Array:
+        """The six car states (6,) after steps with inputs held, by the model of the plan.
+
+        `held` (3, K) are drive, steer and duration (s) of each step.
+        """
+        start, steps, stages, common = self._advance.inputs
+        stages[:], common[:] = self.stages[:, :1], self.common[:, None]
+        for first in range(0, held.shape[1], ADVANCE_STEPS):
+            part = held[:, first : first + ADVANCE_STEPS]
+            start[:, 0], steps[:, : part.shape[1]] = car, part
+            steps[2, part.shape[1] :] = 0.0
+            self._advance()
+            car = self._advance.outputs[0][:, -1].copy()
+        return car
 
     def _along_reference(self, z0: Array) -> Array:
         """Trajectory (NZ, N+1) on the reference from the progress and speed of `z0`, gently towards the speed limit."""
