@@ -73,7 +73,7 @@ class Planner:
         self._plan: Trajectory | None = None
         self._solution_start_ns: int | None = None
         self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
-        self._check = PlanCheck(self.settings, config.vehicle)
+        self._check = PlanCheck(self.settings)
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
         self._teller = LineTeller(bus)
 

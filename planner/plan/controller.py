@@ -68,7 +68,7 @@ class Controller:
     ) -> None:  # fmt: skip
         self.problem, self.settings = problem, problem.settings
         self.sqp = Sqp(problem, functions, backend)
-        self._advance = functions.advance
+        self._advance, self.checked = functions.advance, functions.checked
         self.phi_at = phi_at or _no_effects
         active = {effect.name for effect in problem.model.effects}
         # an effect learnt from data stands for grade or bank as they are felt: not both

@@ -205,11 +205,10 @@ class Problem(StageModel):
         mapped: ca.Function = one.map("information", "serial", self.settings.horizon, [1], [])
         return mapped
 
-    def advance_function(self) -> ca.Function:
-        """(car[6], held[3, K] = drive, steer, s; stage, common, K times each) -> car (6, K) after each of K =
-        `ADVANCE_STEPS` steps.
+    def held_step(self) -> ca.Function:
+        """(car[6], held[3] = drive, steer, s; stage, common) -> car after so many seconds with the inputs held.
 
-        Inputs are held over a step. A brake holds a standing car, it does not push it backwards.
+        A brake holds a standing car, it does not push it backwards.
         """
         car, held = ca.SX.sym("car", 6), ca.SX.sym("held", 3)
         _, _, stage, _, common, p = self._symbols()
@@ -220,7 +219,10 @@ class Problem(StageModel):
 
         after = rk4(f, car, held[2])
         after[VX] = ca.if_else(after[VX] < 0.0, 0.0, after[VX])  # keeps what is no number, which a maximum would not
-        arguments: Any = [car, held, stage, common]
-        one: Any = ca.Function("advance_step", arguments, [after])
+        return ca.Function("held_step", [car, held, stage, common], [after])
+
+    def advance_function(self) -> ca.Function:
+        """`held_step` over K = `ADVANCE_STEPS` steps, all but the car given K times -> car (6, K) after each."""
+        one: Any = self.held_step()
         steps: ca.Function = one.mapaccum("advance", ADVANCE_STEPS)
         return steps
