@@ -22,6 +22,7 @@ from planner.solver.sqp import Solution
 
 WINDOW = 6
 """points of the race line either side of the predicted progress among which the nearest is sought"""
+AROUND = np.arange(2 * WINDOW + 1)
 
 
 class PlanCheck:
@@ -89,13 +90,12 @@ def beside(x: Array, y: Array, s: Array, line: RaceLine) -> tuple[Array, Array, 
     """Distance to the left of the line (m) of points (K,) near progress `s`, the line's distance to both edges, and
     the nearest point of the line."""
     n = len(line.s)
-    around = np.round(s / line.length * n)[:, None] + np.arange(-WINDOW, WINDOW + 1)
-    index = (around % n).astype(np.intp)
-    dx, dy = x[:, None] - line.x[index], y[:, None] - line.y[index]
-    nearest = np.argmin(dx**2 + dy**2, axis=1)
-    rows = np.arange(len(x))
-    i, dx, dy = index[rows, nearest], dx[rows, nearest], dy[rows, nearest]
-    cos, sin = np.cos(line.heading[i]), np.sin(line.heading[i])
+    first = np.round(s * (n / line.length)).astype(np.intp) - WINDOW
+    index = (first[:, None] + AROUND) % n
+    nearest = ((x[:, None] - line.x.take(index)) ** 2 + (y[:, None] - line.y.take(index)) ** 2).argmin(axis=1)
+    i = (first + nearest) % n
+    dx, dy, heading = x - line.x.take(i), y - line.y.take(i), line.heading.take(i)
+    cos, sin = np.cos(heading), np.sin(heading)
     cells = (cos * dx + sin * dy) * n / line.length
     left, right = (w[i] + cells * 0.5 * (w[(i + 1) % n] - w[i - 1]) for w in (line.width_left, line.width_right))
     return cos * dy - sin * dx, left, right, i

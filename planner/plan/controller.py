@@ -77,6 +77,9 @@ class Controller:
         self.common = np.zeros(self.problem.common.size)
         self.stages = np.zeros((self.problem.stage.size, self.settings.horizon), order="F")
         self.set_knowledge(knowledge)
+        self.stages[problem.stage["progress"], :-1] = self.settings.weights.progress
+        # the last one would push v_s against the horizon's end: its weight stays 0
+        self.stages[problem.stage["learning"]] = infomax.patience(self.settings.dt, self.settings.horizon)
         # `advance` is asked before the first solve: a scale that is still 0 would divide by zero
         self.fill_stages(np.zeros(self.settings.horizon), np.zeros(self.settings.horizon), 0.0)
 
@@ -140,15 +143,11 @@ class Controller:
         """Stage parameters at predicted progress `s` (N,), speed `vx` (N,) and present drive command."""
         names, p = self.problem.stage, self.stages
         knot, cubics, road = self.reference.stages(s)
-        w = self.settings.weights
         p[names["s"]] = knot
         p[names["cubic_x"]], p[names["cubic_y"]] = cubics[:4], cubics[4:]
         p[names["centre"]] = road[:2]
         p[names["half_width"]] = np.maximum(road[2] + road[3] * (s - knot) - self.clearance, MIN_CORRIDOR)
         p[names["speed"]] = road[4:6]
-        p[names["progress"]] = w.progress
-        p[names["progress"], -1] = 0.0  # the last one would push v_s against the horizon's end
-        p[names["learning"]] = infomax.patience(self.settings.dt, len(s))
         p[names["drive_max"]] = self._drive_max(vx, drive)
         p[names["grade"]], p[names["bank"]] = road[6:8] * self._road_share
         p[names["road_load"]] = road[9:12]

@@ -98,4 +98,5 @@ def predict(actuators: Actuators, advance: Callable[[Array, Array], Array], now:
 def credible(car: Array, track: Track) -> bool:
     """Whether a car (6,) can be in this state on or near a track; not where a number is none."""
     near = track.near(float(car[0]), float(car[1]))
-    return bool(near and np.isfinite(car).all() and (np.abs(car[3:]) < FASTEST).all())
+    # a comparison with what is no number is false
+    return bool(near and math.isfinite(car[2]) and (np.abs(car[3:]) < FASTEST).all())
