@@ -256,14 +256,22 @@ def _fires(row: Row, inputs: Inputs) -> bool:
 
 
 def table_markdown() -> str:
-    """The table for the documentation, and below it when each action ends."""
-    lines = ["| cause | meaning | held for | action | while silent |", "| --- | --- | --- | --- | --- |"]
+    """The table for the documentation: rows in order of priority, under what they do and what ends it."""
+    ends = dict.fromkeys((row.action, row.clear) for row in TABLE)
+    return "\n\n".join(_part_markdown(action, clear) for action, clear in ends)
+
+
+def _part_markdown(action: FailsafeAction, clear: Clear) -> str:
+    rows = [row for row in TABLE if (row.action, row.clear) == (action, clear)]
+    silent = any(row.while_silent is not WhileSilent.NOTHING for row in rows)
+    heads = ["cause", "meaning", "held for", *(["while silent"] if silent else [])]
+    lines = [f"`{action.value}`; the car drives again when {clear.value}:", ""]
+    lines += [f"| {' | '.join(heads)} |", f"|{' --- |' * len(heads)}"]
     lines += [
-        f"| {row.cause} | {row.meaning} | {_held_for(row)} | {row.action.value} | {row.while_silent.value} |"
-        for row in TABLE
+        f"| {row.cause} | {row.meaning} | {_held_for(row)} |{f' {row.while_silent.value} |' if silent else ''}"
+        for row in rows
     ]
-    ends = dict.fromkeys(f"- After `{row.action.value}` the car drives again when {row.clear.value}." for row in TABLE)
-    return "\n".join([*lines, "", *ends])
+    return "\n".join(lines)
 
 
 def _held_for(row: Row) -> str:
