@@ -1,10 +1,8 @@
-"""Planner process: estimate, belief and model revision in; plan and command out, 20 times a second (Algorithm 1)."""
+"""The planner: estimate, belief and model revision in; plan and command out, 20 times a second (Algorithm 1)."""
 
 from __future__ import annotations
 
-import logging
 import math
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +13,7 @@ from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.messages import Applied, Command, Estimate, Plan, PlanStatus
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
-from hil_gateway.process.clock import NS_PER_S, SystemClock
-from hil_gateway.process.scheduling import punctual
+from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.adoption.adoption import Adoption
@@ -28,8 +25,6 @@ from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, s
 from planner.problem.motion import DRIVE, PROGRESS, STEER, VX, S
 from planner.problem.settings import settings_of
 from planner.solver.sqp import Solution, Stopwatch
-
-log = logging.getLogger(__name__)
 
 MAX_SHIFT_S = 0.4
 """a shifted plan is used for this long at most; then the car is stopped"""
@@ -295,27 +290,3 @@ def _declared_road(config: Config, track: Track) -> Track:
 def _fits(plan: Trajectory, z0: Array | None) -> bool:
     """Whether a plan starts near the state, as far as that is known."""
     return z0 is None or float(np.hypot(*(plan.z[:2, 0] - z0[:2]))) < COLD_DISTANCE
-
-
-def run(config: Config) -> None:
-    """Plan at 20 Hz until asked to stop."""
-    from hil_gateway.bus.zenoh_bus import open_bus
-    from hil_gateway.process.lifecycle import SilenceNotice, stop_requested
-
-    stop, clock = stop_requested(), SystemClock()
-    bus = open_bus(config.zenoh, "planner")
-    planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
-    if not punctual("planner"):
-        log.warning("real-time priority is not permitted: plans may come late while this computer is busy")
-    period_ns = round(config.planner.dt * NS_PER_S)
-    due_ns = clock.now_ns()
-    notice = SilenceNotice("estimate", config.zenoh.connect, due_ns)
-    try:
-        while not stop():
-            plan = planner.step(clock.now_ns())
-            notice.step(clock.now_ns(), received=plan is not None)
-            due_ns = max(due_ns + period_ns, clock.now_ns())
-            clock.sleep_until(due_ns)
-    finally:
-        planner.store_limits()
-        bus.close()
