@@ -25,6 +25,7 @@ from hil_gateway.gateway.perceive.course import CourseReader
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning
 from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.monitors.monitors import Monitors
+from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.gateway.reporter import Reporter
 from hil_gateway.track.track import Track
@@ -46,7 +47,8 @@ class Gateway:
         self.monitors = Monitors(config, track)
         self._dead_reckoning = DeadReckoning(config.vehicle.lr)
         self._course = CourseReader()
-        self._conditions = Conditions(self.builder, config.gateway.mode)
+        self._tyres = TyreReports(self.builder)
+        self._conditions = Conditions(self.builder, self._tyres, config.gateway.mode)
         self.decision = Decision()
         self._actor = Actor(config, codec, link, actuation, track)
         self._reporter = Reporter(config.gateway.mode, load)
@@ -102,6 +104,8 @@ class Gateway:
         status = self._reporter.status(situation, decision, self.builder, self._link, self._actor)
         if status is not None:
             self._bus.publish(topics.GATEWAY_STATUS, status)
+        if (tyres := self._tyres.message(now_ns)) is not None:
+            self._bus.publish(topics.TYRES, tyres)
         self._seq += 1
 
     def shut_down(self, now_ns: int) -> None:
