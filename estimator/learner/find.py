@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.belief.revision import model_of
+from estimator.drive_log.derived import BY_STATE_FILTER
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.learner.active import active_effects, parameter_std
 from estimator.learner.known_road import ROAD, on_map, road_effects, with_map_road, with_road
@@ -162,7 +163,7 @@ def _check_lap(task: Task, lap: int) -> None:
 
 def _record(task: Task, ground: Ground) -> Record:
     columns = {name: column for name, column in task.columns.items() if name not in SPREAD}
-    log = DriveLog(columns=columns, segment=segment_numbers(columns["t"]))
+    log = DriveLog(columns=columns, segment=segment_numbers(columns["t"]), derived=BY_STATE_FILTER)
     record = make_record(log, task.config.vehicle)
     return with_map_road(on_map(record, ground.track, ground.position), ground.track) if ground.mapped else record
 

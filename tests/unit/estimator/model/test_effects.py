@@ -238,3 +238,15 @@ def test_drive_is_missing_for_the_gap_after_a_change_of_gear_and_at_no_other_tim
         none, gap = (predict_with((effect,), (0.035,), {"shifting": s}, state)["ax"] for s in (0.0, 1.0))
         cx = SingleTrack(VEHICLE, "per_axle").tyre_table[0].prior
         assert gap - none == pytest.approx(cx * (force_left - drive) / VEHICLE.mass, abs=0.03)
+
+
+def test_axles_share_the_braking_force_as_their_pressures_times_what_each_makes_of_it() -> None:
+    """Front 4 MPa and rear 2 MPa on a car whose front brakes do 0.6 at equal pressures."""
+    front, rear = 4.0 * 0.6, 2.0 * 0.4
+    terms = Terms(VEHICLE, 40.0, 0.0, 0.0, 0.0, -0.2, aux={"brake_balance": (4.0 - 2.0) / (4.0 + 2.0)})
+    model = SingleTrack(VEHICLE, "per_axle", (catalogue()["front_brake"],))
+    model.evaluate(terms, [p.prior for p in model.tyre_table], (0.6, 1.1))
+    total = 1.1 * 0.2 * 50_000.0
+    assert [float(terms.fx_f), float(terms.fx_r)] == pytest.approx(
+        [-total * front / (front + rear), -total * rear / (front + rear)], rel=5e-3
+    )
