@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 
@@ -73,7 +74,7 @@ class Planner:
         self._plan: Trajectory | None = None
         self._solution_start_ns: int | None = None
         self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
-        self._check = PlanCheck(self.settings, config.vehicle)
+        self._check = PlanCheck(self.settings)
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
         self._teller = LineTeller(bus)
 
@@ -124,25 +125,26 @@ class Planner:
         if e is None or not latest.valid(now_ns) or latest.received_ns is None:
             return None
         car = np.array([e.x, e.y, e.yaw, e.vx, e.vy, e.yaw_rate])
-        if not (credible(car, self._track) and np.isfinite([e.drive, e.steer]).all()):
+        if not (credible(car, self._track) and math.isfinite(e.drive) and math.isfinite(e.steer)):
             return None
         controller = self.adoption.controller
         guess = controller.sqp.z
-        car[2] += 2 * np.pi * np.round((guess[2, 0] - car[2]) / (2 * np.pi))
+        car[2] += math.tau * round(float(guess[2, 0] - car[2]) / math.tau)
         measured_ns = latest.received_ns - round(self._config.planner.estimate_age_s * NS_PER_S)
         measured = Moment(measured_ns, car, e.drive, e.steer)
         then = predict(self._actuators, controller.advance, measured, start_ns)
         car, drive, steer = then.car, then.drive, then.steer
-        if not np.isfinite([*car, drive, steer]).all():  # no model of the plan may end the process
+        # no model of the plan may end the process
+        if not (np.isfinite(car).all() and math.isfinite(drive) and math.isfinite(steer)):
             return None
         hint = self._expected(start_ns)
         s = controller.reference.project(float(car[0]), float(car[1]), None if hint is None else float(hint[S]))
         self.adoption.watch(e, s)
         progress = float(car[3]) if hint is None else float(hint[PROGRESS])
         limits = self.settings.limits
-        return np.concatenate([
-            car, [s, np.clip(drive, limits.drive_min, limits.drive_max), np.clip(steer, -limits.steer, limits.steer),
-                  np.clip(progress, 0.0, limits.speed)],
+        return np.array([
+            *car.tolist(), s, _within(drive, limits.drive_min, limits.drive_max),
+            _within(steer, -limits.steer, limits.steer), _within(progress, 0.0, limits.speed),
         ])  # fmt: skip
 
     def _expected(self, start_ns: int) -> Array | None:
@@ -253,13 +255,13 @@ class Planner:
     def _publish(self, decision: Decision, now_ns: int, started: int) -> Plan:
         z, e, dt = decision.plan.z, self._estimate.latest.message, self.settings.dt
         stamp = e.state_stamp_ns if e is not None else 0
-        steer = self._actuators.lead(z[STEER, 0], z[STEER, 1], dt, self._actuators.steer_lag)
-        drive = self._actuators.lead(z[DRIVE, 0], z[DRIVE, 1], dt, self._actuators.drive_lag)
+        steer = self._actuators.lead(float(z[STEER, 0]), float(z[STEER, 1]), dt, self._actuators.steer_lag)
+        drive = self._actuators.lead(float(z[DRIVE, 0]), float(z[DRIVE, 1]), dt, self._actuators.drive_lag)
         limits = self.settings.limits
         command = Command(
             stamp_ns=now_ns, seq=self._seq, source="planner", state_stamp_ns=stamp,
-            steer=float(np.clip(steer, -limits.steer, limits.steer)),
-            drive=float(np.clip(drive, limits.drive_min, limits.drive_max)),
+            steer=_within(steer, -limits.steer, limits.steer),
+            drive=_within(drive, limits.drive_min, limits.drive_max),
         )  # fmt: skip
         rows = {"x": 0, "y": 1, "yaw": 2, "vx": VX, "s": S, "steer": STEER, "drive": DRIVE}
         message = Plan(
@@ -274,6 +276,10 @@ class Planner:
         self._bus.publish(topics.COMMAND, command)
         self._bus.publish(topics.PLAN, message)
         return message
+
+
+def _within(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)
 
 
 def _declared_road(config: Config, track: Track) -> Track:

@@ -148,7 +148,7 @@ class Adoption:
     def watch(self, estimate: Estimate, s: float) -> None:
         """Where the car slides at progress `s`, ask for less at that place from now on."""
         current, knowledge = self.current, self.controller.knowledge
-        if self.trust.watch(slides(estimate, knowledge, self._config.vehicle, current.tyre.names), s):
+        if self.trust.watch(slides(estimate, knowledge, self._config.vehicle, current.tyre.axles), s):
             self._asked, self._changed = NOTHING_ASKED, True
 
     def judge(self, accepted: bool) -> None:

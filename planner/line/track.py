@@ -17,6 +17,9 @@ from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from planner.line.raceline import RaceLine
 
+WINDOW = 15
+"""points of the line either side of a hint among which the nearest is sought, some 30 m"""
+
 
 @dataclass(frozen=True)
 class ReferencePoint:
@@ -65,7 +68,7 @@ class Reference:
         omega in three rows.
         """
         knot, index = self._cell(s)
-        return knot, self._cubics[:, index], self._road[:, index]
+        return knot, self._cubics.take(index, axis=1), self._road.take(index, axis=1)
 
     def at(self, s: Array) -> ReferencePoint:
         """Position, heading (rad, principal value) and curvature at s (K,)."""
@@ -88,10 +91,10 @@ class Reference:
         if hint is None:
             start = int(np.argmin((self.line.x - x) ** 2 + (self.line.y - y) ** 2)) * self._spacing
         else:
-            window = hint + self._spacing * np.arange(-15, 16)
-            index = (np.round(window / self._spacing) % n).astype(np.intp)
-            nearest = np.argmin((self.line.x[index] - x) ** 2 + (self.line.y[index] - y) ** 2)
-            start = float(np.round(window[nearest] / self._spacing) * self._spacing)
+            first = round(hint / self._spacing) - WINDOW
+            index = np.arange(first, first + 2 * WINDOW + 1) % n
+            distance = (self.line.x.take(index) - x) ** 2 + (self.line.y.take(index) - y) ** 2
+            start = (first + int(distance.argmin())) * self._spacing
         return self._refine(x, y, start)
 
     def _refine(self, x: float, y: float, s: float) -> float:
