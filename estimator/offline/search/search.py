@@ -1,4 +1,4 @@
-"""Greedy search over the catalogue: what earns its place on laps it was not fitted to.
+"""Greedy search over the catalogue: effects that improve the prediction of laps they were not fitted to.
 
 Every candidate is fitted together with the tyre parameters and everything accepted so far. Its evidence is the
 gain in held-out log-likelihood, every stretch of 30 s predicted by a fit to all the others. One linearisation
@@ -23,7 +23,7 @@ from estimator.offline.search.whiteness import structured
 from estimator.offline.search.workers import Job, fit_each
 
 SMALLEST_SHARE = 0.02
-"""Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not worth a name."""
+"""Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not named."""
 RELATIVE_SHARE = 0.01
 """Least gain relative to everything accepted so far: less is the imperfect shape of an accepted effect."""
 WHITE = 1.1

@@ -9,6 +9,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
@@ -211,6 +212,23 @@ def test_the_documented_catalogue_is_the_one_in_the_code() -> None:
 
     document = Path(__file__).resolve().parents[4] / "docs" / "effects.md"
     assert document.read_text() == page(), "python -m estimator.model.catalogue_page > docs/effects.md"
+
+
+def test_diagnose_prints_every_parameter_with_its_range_and_reason() -> None:
+    from estimator.cli.diagnose import app
+
+    printed = CliRunner().invoke(app, ["--effects"])
+    assert printed.exit_code == 0
+    for effect in catalogue().values():
+        block = printed.stdout.split(f"{effect.name}: {effect.lacks}\n")[1]
+        lines = block.splitlines()[: len(effect.parameters)]
+        for line, p in zip(lines, effect.parameters, strict=True):
+            low, high, reason = (
+                (p.plausible.lower, p.plausible.upper, p.plausible.reason) if p.plausible else (p.lower, p.upper, "fit")
+            )
+            assert line.startswith(f"  {p.name}")
+            assert f"{low:g} to {high:g}" in line
+            assert reason in line
 
 
 def test_engine_braking_switches_sample_by_sample_and_by_the_throttle_where_it_is_recorded() -> None:
