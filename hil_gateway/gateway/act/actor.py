@@ -26,7 +26,7 @@ from hil_gateway.track.track import Track
 CAUTION_S = 2.0
 """time constant with which the car approaches the caution speed"""
 CAUTION_DECELERATION = 3.0
-"""m/s2: nobody behind is surprised, and any tyre holds it beside cornering"""
+"""m/s2: mild for the cars behind, and any tyre holds it beside cornering"""
 
 
 class Actor:
