@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import re
 
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
@@ -11,7 +11,7 @@ from estimator.model.parameters import Parameter
 HEAD = """# Catalogue of effects
 
 Generated from `estimator/model/effects/` (`python -m estimator.model.catalogue_page > docs/effects.md`). Each effect
-is one file that identification, diagnosis and planner share. At its neutral parameters the declared model is as it was.
+is one file that identification, diagnosis and planner share; at its neutral parameters it changes nothing.
 
 | effect | what the declared model lacks | equation | told from its look-alikes by |
 | --- | --- | --- | --- |
@@ -19,8 +19,10 @@ is one file that identification, diagnosis and planner share. At its neutral par
 PARAMETERS = """
 ## Parameters
 
-| effect | parameter | unit | neutral | prior std | bounds | meaning | plausible |
-| --- | --- | --- | --- | --- | --- | --- | --- |
+Outside its plausible range an effect is not named; the fit's own bounds are wider.
+
+| effect | parameter | unit | neutral | prior std | meaning | plausible |
+| --- | --- | --- | --- | --- | --- | --- |
 """
 NOTES = """
 Profiles are periodic cubic splines over the named signal. Effects with memory use the past of the signals on recorded
@@ -35,11 +37,10 @@ def page() -> str:
     """The whole page."""
     effects = list(catalogue().values())
     rows = [_row(effect) for effect in effects]
-    parameters = [_parameter(effect, p) for effect in effects for p in effect.parameters]
-    sources = sorted({effect.source for effect in effects})
+    parameters = [_parameter(f"`{e.name}`" if i == 0 else "", p) for e in effects for i, p in enumerate(e.parameters)]
     return (
         HEAD + "\n".join(rows) + "\n" + PARAMETERS + "\n".join(parameters) + "\n" + NOTES
-        + "\n".join(f"- {source}: {_of(source, effects)}" for source in sources) + "\n"
+        + "\n".join(_sources(effects)) + "\n"
     )  # fmt: skip
 
 
@@ -56,21 +57,28 @@ def _notes(effect: Effect) -> str:
     return f" ({'; '.join(notes)})" if notes else ""
 
 
-def _parameter(effect: Effect, p: Parameter) -> str:
-    low, high = (f"{v:g}" if math.isfinite(v) else "none" for v in (p.lower, p.upper))
-    numbers = f"{p.prior:g} | {p.prior_std:g} | {low} to {high}"
-    return f"| `{effect.name}` | `{p.name}` | {p.unit} | {numbers} | {p.description} | {_plausible(p)} |"
+def _parameter(effect: str, p: Parameter) -> str:
+    return f"| {effect} | `{p.name}` | {p.unit} | {p.prior:g} | {p.prior_std:g} | {p.description} | {_plausible(p)} |"
 
 
 def _plausible(p: Parameter) -> str:
     if p.plausible is None:
-        return "within the bounds"
+        return f"{p.lower:g} to {p.upper:g}, the bounds"
     least = f", off neutral by {p.plausible.least:g}" if p.plausible.least else ""
     return f"{p.plausible.lower:g} to {p.plausible.upper:g}{least}: {p.plausible.reason}"
 
 
-def _of(source: str, effects: list[Effect]) -> str:
-    return ", ".join(f"`{effect.name}`" for effect in effects if effect.source == source)
+def _sources(effects: list[Effect]) -> list[str]:
+    """One line a work, with the chapter or equation of every effect."""
+    works: dict[str, dict[str, list[str]]] = {}
+    for effect in sorted(effects, key=lambda e: e.source):
+        work, *place = re.split(r", (?=ch\. |eq\. )", effect.source, maxsplit=1)
+        works.setdefault(work, {}).setdefault("".join(place), []).append(f"`{effect.name}`")
+    return [f"- {work}: {_places(places)}" for work, places in works.items()]
+
+
+def _places(places: dict[str, list[str]]) -> str:
+    return "; ".join(f"{place}: {', '.join(names)}".removeprefix(": ") for place, names in places.items())
 
 
 if __name__ == "__main__":

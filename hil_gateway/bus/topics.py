@@ -13,6 +13,7 @@ from hil_gateway.bus.event import Event
 from hil_gateway.bus.playback import Playback
 from hil_gateway.bus.proposal import ModelProposal
 from hil_gateway.bus.race_line import RaceLine
+from hil_gateway.bus.tyres import Tyres
 
 M = TypeVar("M", bound=m.Message)
 
@@ -38,6 +39,7 @@ class Topic(Generic[M]):
 VEHICLE_STATE = Topic("av24/vehicle_state", m.VehicleState, "gateway", 100, 0.05, priority="real_time")
 APPLIED = Topic("av24/applied", m.Applied, "gateway", 100, 0.05)
 GATEWAY_STATUS = Topic("av24/gateway_status", m.GatewayStatus, "gateway", 10, 0.5)
+TYRES = Topic("av24/tyres", Tyres, "gateway", 5, 1.0)
 ESTIMATE = Topic("av24/estimate", m.Estimate, "estimator", 100, 0.05, priority="real_time")
 BELIEF = Topic("av24/belief", m.Belief, "estimator", 10, 1.0, max_bytes=65_536)
 MODEL_REVISION = Topic("av24/model_revision", m.ModelRevision, "estimator", 1, 3.0, max_bytes=65_536)
@@ -56,6 +58,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     VEHICLE_STATE,
     APPLIED,
     GATEWAY_STATUS,
+    TYRES,
     ESTIMATE,
     BELIEF,
     MODEL_REVISION,

@@ -31,3 +31,9 @@ TYRE_NAMES: dict[str, Named] = {
 def named(symbol: str) -> Named:
     """Name and unit of a parameter; its symbol where it has none."""
     return TYRE_NAMES.get(symbol, Named(symbol.replace("_", " "), ""))
+
+
+def label(symbol: str) -> str:
+    """Name, symbol and unit of a parameter, as a table of a report has them."""
+    name, unit = named(symbol)
+    return f"{name} ({symbol})" + (f", {unit}" if unit else "")

@@ -39,7 +39,7 @@ def run(config_file: Annotated[Path | None, typer.Option("--config", help="TOML 
     path = session_path(config.recorder, started)
     metadata = session_metadata(config, path.stem, link.kind, started)
     writer = SessionWriter(path, metadata, config.recorder.rotate_bytes, config.recorder.min_free_bytes)
-    recorder = Recorder(config.recorder, bus, link, writer, wall_offset_ns())
+    recorder = Recorder(config.recorder, bus, link, writer, wall_offset_ns(), channel=metadata["channel"])
     while not stopping():
         now_ns = clock.now_ns()
         recorder.step(now_ns)

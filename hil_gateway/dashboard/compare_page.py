@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hil_gateway.dashboard.look import look
 from hil_gateway.dashboard.server import FOLDER as PAGE
 from hil_gateway.dashboard.setup import track_outline
 from hil_gateway.process.shipped import shipped
@@ -19,7 +20,7 @@ FOLDER = shipped("hil_gateway", "dashboard/compare")
 def page(first: LapTable, second: LapTable, track: Track) -> str:
     """HTML of the comparison; positive delta where the second lap is behind."""
     parts = {
-        "@STYLE@": (PAGE / "uplot/uPlot.min.css").read_text() + (PAGE / "style.css").read_text(),
+        "@STYLE@": (PAGE / "uplot/uPlot.min.css").read_text() + look() + (PAGE / "style.css").read_text(),
         "@UPLOT@": (PAGE / "uplot/uPlot.iife.min.js").read_text(),
         "@SCRIPT@": (FOLDER / "compare.js").read_text(),
         "@DATA@": json.dumps(comparison(first, second, track), allow_nan=False).replace("<", "\\u003c"),

@@ -118,6 +118,11 @@ class Car:
         """Whether the car stands still."""
         return abs(self["vx"]) < 0.1
 
+    @property
+    def flats(self) -> tuple[float, ...]:
+        """Per wheel (fl, fr, rl, rr) 0 (sound) to 1 (without air)."""
+        return self._disturbed.flats
+
     def step(self, commands: Commands, engine_running: bool) -> None:
         """Advance by one millisecond under the commands as they arrive at the actuators."""
         state = self._state

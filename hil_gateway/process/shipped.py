@@ -22,6 +22,7 @@ NEEDED: dict[str, tuple[str, ...]] = {
         "data/tracks/road_course.toml",
         "dashboard/page/index.html",
         "dashboard/page/app.js",
+        "dashboard/page/look.css",
         "dashboard/page/style.css",
         "dashboard/page/uplot/uPlot.iife.min.js",
     ),

@@ -11,7 +11,7 @@ from hil_gateway.bus.topics import RECORDER_STATUS, TOPICS, Topic
 from hil_gateway.can_link import CanLink
 from hil_gateway.config import RecorderConfig
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.session.files.format import CAN_TOPIC, METADATA_REVISION, pack_frame
+from hil_gateway.session.files.format import CAN_TOPIC, METADATA_REVISION, frame_source, pack_frame
 from hil_gateway.session.files.writer import SessionWriter
 
 QUEUE_S = 2.0
@@ -22,13 +22,15 @@ STATUS_PERIOD_NS = NS_PER_S
 class Recorder:
     """Writes raw frames of `link` and all recorded topics of `bus`.
 
-    `unix_offset_ns` is added to monotonic stamps: recordings carry Unix time.
+    `unix_offset_ns` is added to monotonic stamps: recordings carry Unix time. `channel` is the name of the interface.
     """
 
     def __init__(
-        self, config: RecorderConfig, bus: Bus, link: CanLink, writer: SessionWriter, unix_offset_ns: int
-    ) -> None:
+        self, config: RecorderConfig, bus: Bus, link: CanLink, writer: SessionWriter, unix_offset_ns: int,
+        *, channel: str = "",
+    ) -> None:  # fmt: skip
         self._bus, self._link, self.writer, self._offset_ns = bus, link, writer, unix_offset_ns
+        self._wire = channel or link.kind
         self._flush_ns = int(config.flush_s * NS_PER_S)
         self._subscriptions: list[tuple[Topic[Any], Subscription[Any]]] = [
             (topic, bus.subscribe(topic, depth=max(int(QUEUE_S * topic.rate_hz), 16)))
@@ -95,7 +97,8 @@ class Recorder:
         log_ns = now_ns + self._offset_ns
         for frame in self._link.receive(0.0):
             stamp_ns = frame.stamp_ns + self._offset_ns
-            self.writer.add(CAN_TOPIC, pack_frame(frame, stamp_ns), log_ns, stamp_ns, self._frames)
+            data = pack_frame(frame, stamp_ns, frame_source(self._wire, frame.id))
+            self.writer.add(CAN_TOPIC, data, log_ns, stamp_ns, self._frames)
             self._frames += 1
 
 

@@ -213,15 +213,17 @@ def keep_long(path: Path, evidence: dict[str, Evidence], conditions: str) -> Non
 
 def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dict[str, Any]]) -> str:
     """`docs/promises.md`; `long` is what `keep_long` keeps."""
+    runs = sorted({str(whole["run"]) for whole in long.values()})
     lines = [
         "# Promises",
         "",
-        "Written by `hil verify --page FILE`. Each promise has at least one test marked",
-        '`@pytest.mark.promise("ID")`; a promise without one fails the test suite. The usual run, part of every',
-        "`deploy/test.sh`, is smaller than what is required where that takes long: its verdict is about that part.",
-        "`hil verify --long` runs the whole; its verdict is of the run named with it, not of later ones.",
+        "Written by `hil verify --page FILE`. A promise without a test marked with its id fails the test suite.",
+        "The usual run, part of every `deploy/test.sh`, does less than what is required where that takes long; its",
+        "verdict is about that part. `hil verify --long` does all; its verdict is of the run named with it.",
         "",
         f"Usual run: {conditions}.",
+        "",
+        *(f"- Long run {number}: {run}" for number, run in enumerate(runs, 1)),
         "",
         "| id | promise | required | usual run | long run |",
         "| --- | --- | --- | --- | --- |",
@@ -231,17 +233,18 @@ def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dic
         cells = [f"[{promise.id}](#{promise.id.lower()})", promise.text, promise.figure, evidence[promise.id].verdict]
         lines.append(f"| {' | '.join([*cells, whole['verdict'] if whole else 'not run'])} |")
     for promise in PROMISES:
-        lines += _reached(promise.id, evidence[promise.id].figures, long.get(promise.id))
+        lines += _reached(promise.id, evidence[promise.id].figures, long.get(promise.id), runs)
     return "\n".join(lines) + "\n"
 
 
-def _reached(name: str, figures: list[str], whole: dict[str, Any] | None) -> list[str]:
+def _reached(name: str, figures: list[str], whole: dict[str, Any] | None, runs: list[str]) -> list[str]:
     """What was reached for one promise; what both runs say alike is said once."""
     lines = ["", f"### {name}", "", *(f"- {_one_line(figure)}" for figure in figures or ["no figure"])]
     if whole is None:
         return lines
     more = [figure for figure in whole["figures"] if figure not in figures] or ["the same"]
-    return [*lines, "", f"Long run ({whole['run']}):", "", *(f"- {_one_line(figure)}" for figure in more)]
+    number = runs.index(whole["run"]) + 1
+    return [*lines, *(f"- long run {number}: {_one_line(figure)}" for figure in more)]
 
 
 def as_json(evidence: dict[str, Evidence]) -> list[dict[str, object]]:

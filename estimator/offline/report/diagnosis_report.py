@@ -15,6 +15,7 @@ from estimator.offline.diagnosis import Diagnosis, alternatives
 from estimator.offline.report.page import COLOURS, Report, Tone, new_figure, plot_style
 from estimator.offline.report.words import CHANNEL_NAMES, NAMES, UNITS, parameter_words, verdict_sentence
 from estimator.offline.result.diagnosis_score import channel_residuals
+from hil_gateway.car.tyre_names import label
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import figure
 
@@ -70,8 +71,8 @@ def _bars(axes: Any, groups: Mapping[str, Mapping[str, float]], floor: bool) -> 
     at = np.arange(len(groups))
     for k, (kind, colour) in enumerate(kinds.items()):
         heights = [v[kind] / v["noise_floor"] for v in groups.values()]
-        label = {"declared": "declared", "refit": "re-fitted", "with_effects": "with effects"}[kind]
-        axes.bar(at + 0.27 * (k - 1), heights, 0.25, color=COLOURS[colour], label=label)
+        name = {"declared": "declared", "refit": "re-fitted", "with_effects": "with effects"}[kind]
+        axes.bar(at + 0.27 * (k - 1), heights, 0.25, color=COLOURS[colour], label=name)
     if floor:
         axes.axhline(1.0, color=COLOURS["measured"], lw=0.8)
     axes.set_yscale("log")
@@ -103,7 +104,7 @@ def _numbers(diagnosis: Diagnosis, which: str) -> tuple[Any, Array]:
 def _against(  # noqa: PLR0917 - what is drawn, and where
     axes: Any, diagnosis: Diagnosis, before: Any, after: Any, channel: str, signal: str
 ) -> None:
-    for (rows, residual), colour, label in ((before, "before", "re-fitted"), (after, "after", "with effects")):
+    for (rows, residual), colour, name in ((before, "before", "re-fitted"), (after, "after", "with effects")):
         values = diagnosis.record.signals[signal][rows]
         if signal == "yaw":
             values = np.mod(values, 2 * np.pi)
@@ -115,7 +116,7 @@ def _against(  # noqa: PLR0917 - what is drawn, and where
             if len(own) > 20:
                 centres.append(values[which == b].mean())
                 means.append(own.mean())
-        axes.plot(centres, means, "o-", ms=3, color=COLOURS[colour], label=label)
+        axes.plot(centres, means, "o-", ms=3, color=COLOURS[colour], label=name)
     axes.axhline(0.0, color=COLOURS["measured"], lw=0.8)
     axes.set_xlabel(f"{NAMES.get(signal, signal)}, {UNITS.get(signal, '')}".rstrip(", "))
     axes.set_ylabel(f"{CHANNEL_NAMES[channel]}, {'rad' if channel == 'yaw_acc' else 'm'}/s2")
@@ -180,14 +181,15 @@ def _equation(report: Report, summary: dict[str, Any]) -> None:
     lines.extend(f"empirical: {u['description']} ({u['term']})" for u in summary["unexplained"] if u["empirical"])
     report.items(lines or ["nothing"])
     rows = [
-        [name, figure(float(v["value"]), digits=5), figure(float(v["std"]), digits=2), v["unit"]]
+        [label(name), figure(float(v["value"]), digits=5), figure(float(v["std"]), digits=2)]
         for name, v in summary["tyre"].items()
     ]
-    report.table(["tyre parameter", "value", "std", "unit"], rows)
+    report.table(["tyre parameter", "value", "std"], rows)
 
 
 def _provenance(report: Report, diagnosis: Diagnosis, summary: dict[str, Any], log: DriveLog) -> None:
     report.section("Data split and provenance")
+    report.made_with(diagnosis.record.vehicle)
     spans = {k: ", ".join(f"{a:.0f}-{b:.0f} s" for a, b in summary["split"][k]) for k in ("train", "test")}
     files = [f"{Path(p).name}: SHA-256 {digest}" for p, digest in log.sources.items()]
     report.items([

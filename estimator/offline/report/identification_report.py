@@ -7,7 +7,7 @@ from pathlib import Path
 from estimator.offline.identification import Identification
 from estimator.offline.report import plots
 from estimator.offline.report.page import Report, plot_style
-from hil_gateway.car.tyre_names import named
+from hil_gateway.car.tyre_names import label
 
 UNITS = {"ax": "m/s2", "ay": "m/s2", "yaw_acc": "rad/s2", "vy": "m/s", "yaw_rate": "rad/s"}
 
@@ -61,12 +61,6 @@ def _worse(result: Identification) -> str:
     return "Worse than before: " + ", ".join(f"{c} from {a:.3g} to {b:.3g} {UNITS[c]}" for c, a, b in grown) + ". "
 
 
-def _label(symbol: str) -> str:
-    """Name, symbol and unit of a parameter."""
-    name, unit = named(symbol)
-    return f"{name} ({symbol})" + (f", {unit}" if unit else "")
-
-
 def _parameters(report: Report, result: Identification) -> None:
     report.section(
         "Parameters", "Initial and identified values; the standard deviation allows for correlated residuals."
@@ -76,13 +70,13 @@ def _parameters(report: Report, result: Identification) -> None:
         final, std = result.final[name], result.fit.std[name]
         known = "yes" if result.identifiability.identifiable[name] else "no"
         change = f"{100 * (final / initial - 1):+.2f} %"
-        rows.append([_label(name), f"{initial:.5g}", f"{final:.5g}", change, f"{std:.2g}", known])
+        rows.append([label(name), f"{initial:.5g}", f"{final:.5g}", change, f"{std:.2g}", known])
     report.table(["Parameter", "Initial", "Final", "Change", "Std", "Identified"], rows)
     report.figure(plots.tyre_curves(result), _CURVES)
     extra = {n: v for n, v in result.fit.values.items() if n not in result.initial}
     report.table(
         ["Estimated along with them", "Value", "Std"],
-        [[_label(n), f"{v:.4g}", f"{result.fit.std[n]:.2g}"] for n, v in extra.items()],
+        [[label(n), f"{v:.4g}", f"{result.fit.std[n]:.2g}"] for n, v in extra.items()],
     )
 
 
@@ -129,6 +123,7 @@ def _health(report: Report, result: Identification) -> None:
 
 def _provenance(report: Report, result: Identification) -> None:
     report.section("Provenance")
+    report.made_with(result.vehicle)
     report.items(
         [
             f"layout {result.options.layout}, method {result.options.method}, formulation {result.formulation}",

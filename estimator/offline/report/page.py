@@ -6,6 +6,7 @@ Used by identification, diagnosis and campaigns. Build a `Report` from top to bo
 from __future__ import annotations
 
 import base64
+import datetime as dt
 import io
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
@@ -15,17 +16,25 @@ from typing import Any, Literal
 
 import jinja2
 
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.dashboard.look import light_colours, look
+from hil_gateway.session.files.format import software_version
+
 Tone = Literal["good", "warn", "bad", "neutral"]
 
+_LIGHT = light_colours()
 COLOURS = {
-    "measured": "#1f2933",
-    "before": "#d1495b",
-    "after": "#00798c",
-    "accent": "#edae49",
-    "muted": "#9aa5b1",
-    "extra": "#66a182",
+    "measured": _LIGHT["text"],
+    "before": _LIGHT["bad"],
+    "after": _LIGHT["accent"],
+    "accent": _LIGHT["warn"],
+    "muted": _LIGHT["edge"],
+    "extra": _LIGHT["good"],
 }
-"""One meaning, one colour, in every figure."""
+"""One meaning, one colour, in every figure; the colours of the pages."""
+
+STATED = ("mass", "yaw_inertia", "lf", "lr", "cg_height", "wheel_radius", "steering_ratio")
+"""what of the declared vehicle every report names"""
 
 MAX_SVG_BYTES = 300_000
 """Figures that would be larger as SVG are stored as PNG."""
@@ -36,17 +45,17 @@ _STYLE = {
     "font.family": "DejaVu Sans",
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.edgecolor": "#7b8794",
-    "axes.labelcolor": "#323f4b",
+    "axes.edgecolor": _LIGHT["edge"],
+    "axes.labelcolor": _LIGHT["text"],
     "axes.titlesize": 10,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "axes.grid": True,
-    "grid.color": "#e4e7eb",
+    "grid.color": _LIGHT["line"],
     "grid.linewidth": 0.7,
     "legend.frameon": False,
-    "xtick.color": "#52606d",
-    "ytick.color": "#52606d",
+    "xtick.color": _LIGHT["quiet"],
+    "ytick.color": _LIGHT["quiet"],
     "lines.linewidth": 1.3,
     "svg.fonttype": "path",
     "svg.hashsalt": "report",
@@ -130,11 +139,17 @@ class Report:
         if lines:
             self._add("details", summary=summary, lines=list(lines))
 
+    def made_with(self, vehicle: Vehicle) -> None:
+        """Day, version of the software and the declared car: what a reader needs to make the page again."""
+        today = dt.datetime.now(dt.UTC).date().isoformat()
+        stated = ", ".join(f"{name} {getattr(vehicle, name):g}" for name in STATED)
+        self.items([f"made on {today} by hil-gateway {software_version()}", f"declared vehicle: {stated} (SI)"])
+
     def html(self) -> str:
         """The whole page."""
         loader = jinja2.FileSystemLoader(Path(__file__).parent / "templates")
         environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-        return environment.get_template("report.html").render(report=self, blocks=self._blocks)
+        return environment.get_template("report.html").render(report=self, blocks=self._blocks, look=look())
 
     def write(self, path: Path) -> Path:
         """Write the page and return its path."""

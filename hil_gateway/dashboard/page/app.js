@@ -20,6 +20,7 @@ function show(snapshot) {
   tables.drawFigures(snapshot, setup.lap_limit_s);
   tables.drawAges(snapshot.ages);
   tables.drawSources(snapshot.messages, snapshot.ages);
+  tables.drawTyreReports(snapshot.messages, snapshot.ages);
   tables.drawStatus(snapshot.messages, snapshot.ages, setup.limits);
   tables.drawModel(snapshot.messages, snapshot.ages);
   map.drawCar(snapshot.messages, snapshot.ages);

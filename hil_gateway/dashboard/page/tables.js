@@ -160,6 +160,17 @@ export function drawSources({ vehicle_state: state }, ages) {
   )));
 }
 
+// Hidden until the car reports a tyre.
+export function drawTyreReports({ tyres }, ages) {
+  const reported = tyres && [...tyres.temperature, ...tyres.pressure].some(known);
+  byId("tyrebox").hidden = !reported;
+  if (!reported) return;
+  fill("tyrestate", ["front left", "front right", "rear left", "rear right"].map((name, i) => row(
+    [name, fixed(tyres.temperature[i], 0, "°C"), fixed(tyres.hottest[i], 0, "°C"), fixed(known(tyres.pressure[i]) ? tyres.pressure[i] / 1e5 : null, 2, "bar")],
+    [], ages.tyres.alive ? "" : "stale",
+  )));
+}
+
 export function drawStatus({ gateway_status: gateway, recorder_status: recorder, plan, vehicle_state: state }, ages, limits) {
   const rows = [];
   const add = (source, ...cells) => rows.push(row(cells, ["", "text"], ages[source].alive ? "" : "stale"));

@@ -12,6 +12,7 @@ from hil_gateway.gateway.decide.failsafe import HOLDS, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import ladder_inputs
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
+from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.gateway.perceive.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
 from hil_gateway.process.clock import NS_PER_S
 
@@ -38,8 +39,8 @@ FAILURE_SIGNALS = (
 class Conditions:
     """Remembers since when state and estimate are invalid and when the gateway ran last."""
 
-    def __init__(self, builder: VehicleStateBuilder, mode: str) -> None:
-        self._builder = builder
+    def __init__(self, builder: VehicleStateBuilder, tyres: TyreReports, mode: str) -> None:
+        self._builder, self._tyres = builder, tyres
         self._mode = mode
         self._testing = mode == "actuator_test"
         self._state_invalid, self._estimate_invalid = Held(), Held()
@@ -106,6 +107,7 @@ class Conditions:
             "safety_switch": _holds(builder.signal("safety_switch_state") != 0),
             "supply_low": self._supply_low.update(0.0 < builder.signal("battery_voltage") < SUPPLY_MIN_V, now_ns),
             "engine_stalled": self._stalled.update(_stalled(state), now_ns),
+            "tyre_flat": self._tyres.flat_s(now_ns),
             "sender_doubled": _holds(bool(builder.senders.doubled)),
             "uncommanded_motion": _holds(not answers_for_motion and _drives_on(state)),
             "engine_running": 0.0,

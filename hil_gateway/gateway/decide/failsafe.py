@@ -27,7 +27,7 @@ class Clear(StrEnum):
 class WhileSilent(StrEnum):
     """What a row does while no actuator commands are sent."""
 
-    NOTHING = "arming is refused"
+    NOTHING = "-"
     EMERGENCY = "ct_state 12"
     BEYOND_INIT = "ct_state 12 once the ladder is beyond 2"
 
@@ -144,6 +144,7 @@ TABLE: tuple[Row, ...] = (
     Row("safety_switch", "a safety switch at the car is set", "safety_switch", 0.0, _STOP, Clear.REARM),
     Row("supply_low", "the battery is nearly empty: is it charged?", "supply_low", 1.0, _STOP, Clear.REARM),
     Row("engine_stalled", "the engine has stopped", "engine_stalled", 0.3, _STOP, Clear.REARM),
+    Row("tyre_flat", "a tyre has lost half of its pressure", "tyre_flat", 0.3, _STOP, Clear.REARM),
     Row("sender_doubled", "a report comes from two senders", "sender_doubled", 0.0, _STOP, Clear.REARM),
     Row(
         "position_wrong",
@@ -255,14 +256,25 @@ def _fires(row: Row, inputs: Inputs) -> bool:
 
 
 def table_markdown() -> str:
-    """The table for the documentation."""
-    lines = [
-        "| cause | meaning | condition, held for | action | while silent | drives again when |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
+    """The table for the documentation: rows in order of priority, under what they do and what ends it."""
+    ends = dict.fromkeys((row.action, row.clear) for row in TABLE)
+    return "\n\n".join(_part_markdown(action, clear) for action, clear in ends)
+
+
+def _part_markdown(action: FailsafeAction, clear: Clear) -> str:
+    rows = [row for row in TABLE if (row.action, row.clear) == (action, clear)]
+    silent = any(row.while_silent is not WhileSilent.NOTHING for row in rows)
+    heads = ["cause", "meaning", "held for", *(["while silent"] if silent else [])]
+    lines = [f"`{action.value}`; the car drives again when {clear.value}:", ""]
+    lines += [f"| {' | '.join(heads)} |", f"|{' --- |' * len(heads)}"]
     lines += [
-        f"| {row.cause} | {row.meaning} | {row.measure}, {row.threshold_s * 1000:.0f} ms | {row.action.value} | "
-        f"{row.while_silent.value} | {row.clear.value} |"
-        for row in TABLE
+        f"| {row.cause} | {row.meaning} | {_held_for(row)} |{f' {row.while_silent.value} |' if silent else ''}"
+        for row in rows
     ]
     return "\n".join(lines)
+
+
+def _held_for(row: Row) -> str:
+    """Threshold, with the measure where it has a name of its own."""
+    threshold = f"{row.threshold_s * 1000:.0f} ms"
+    return threshold if row.measure == row.cause else f"{threshold} ({row.measure})"

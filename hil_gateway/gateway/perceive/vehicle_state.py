@@ -108,6 +108,10 @@ class VehicleStateBuilder:
         """Seconds since the last frame of `message`, plausible or not; infinite before the first."""
         return _age_s(self._by_name[message].stamp_ns, now_ns)
 
+    def heard(self, message: str) -> bool:
+        """Whether a frame of `message` has ever come."""
+        return self._by_name[message].stamp_ns is not None
+
     def silence_s(self, now_ns: int) -> float:
         """Seconds since the last frame of the car that could be decoded."""
         return _age_s(self._newest_ns, now_ns)

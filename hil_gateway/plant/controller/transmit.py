@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 from can_dbc.codec import Codec
 from can_dbc.database import Message
@@ -16,6 +17,9 @@ from hil_gateway.process.clock import NS_PER_S
 
 Values = dict[str, float]
 AMBIENT_C = 25.0
+TYRE_PA, AIR_PA = 1.6e5, 1.013e5
+"""over the air outside, and that air"""
+WHEELS = ("FL", "FR", "RL", "RR")
 LOADS = tuple((f"wheel_strain_gauge_{wheel.upper()}", f"load_{wheel}") for wheel in ("fl", "fr", "rl", "rr"))
 
 
@@ -115,8 +119,13 @@ class Transmitter:
             "marelli_report_1": self._marelli,
             "marelli_report_2": lambda: self._degrees("marelli_gps_lat", "marelli_gps_long"),
             "base_to_car_summary": self._base,
+            **{f"Tire_Pressure_{wheel}": partial(self._tyre_pressure, wheel, i) for i, wheel in enumerate(WHEELS)},
             "base_to_car_timing": self._timing,
         }
+
+    def _tyre_pressure(self, wheel: str, index: int) -> Values:
+        over = TYRE_PA * (1.0 - self._car.flats[index])
+        return {f"{wheel}_Tire_Pressure": AIR_PA + over, f"{wheel}_Tire_Pressure_Gauge": over}
 
     def _imu_values(self, *names: str) -> Values:
         """One sample of the IMU fills its three frames."""
@@ -268,6 +277,4 @@ def _resting(name: str, unit: str) -> float:
     """Plausible value of a signal nothing in the simulation moves."""
     if unit == "degC":
         return 80.0 if "Tire" in name else AMBIENT_C
-    if "Pressure" in name:
-        return 1.6e5
     return 100.0e3 if name == "intake_manifold_press_kPa" else 0.0

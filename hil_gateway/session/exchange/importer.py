@@ -20,7 +20,14 @@ from hil_gateway.session.exchange.candump import (
     LoggedFrame,
     read_candump,
 )
-from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, dbc_hash, pack_frame, software_version
+from hil_gateway.session.files.format import (
+    CAN_TOPIC,
+    METADATA_SESSION,
+    dbc_hash,
+    frame_source,
+    pack_frame,
+    software_version,
+)
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.writer import FLUSH_EVERY, SessionFile
 
@@ -60,7 +67,8 @@ def import_log(source: Path, target: Path, channel: str | None = None) -> Import
                 raise InputError(f"{source}: holds the channels {both}; choose one with --channel")
             count.frames += 1
             stamp_ns = entry.frame.stamp_ns
-            file.add(CAN_TOPIC, pack_frame(entry.frame, stamp_ns), stamp_ns, stamp_ns, count.frames)
+            data = pack_frame(entry.frame, stamp_ns, frame_source(entry.channel, entry.frame.id))
+            file.add(CAN_TOPIC, data, stamp_ns, stamp_ns, count.frames)
             if count.frames % FLUSH_EVERY == 0:
                 file.flush()
     return count

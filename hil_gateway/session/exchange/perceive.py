@@ -9,7 +9,7 @@ from typing import Any
 
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import Message, VehicleState
-from hil_gateway.bus.topics import EVENT, GATEWAY_STATUS, VEHICLE_STATE, Topic
+from hil_gateway.bus.topics import EVENT, GATEWAY_STATUS, TYRES, VEHICLE_STATE, Topic
 from hil_gateway.can_link import Frame
 from hil_gateway.config import Config
 from hil_gateway.gateway.check.arming import Playback
@@ -17,14 +17,14 @@ from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.events.log import EventLog
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, dbc_hash, named, pack_frame, unpack_frame
+from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, dbc_hash, named, unpack_frame
 from hil_gateway.session.files.format import software_version as software
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.writer import FLUSH_EVERY, SessionFile
 
 PERIOD_NS = NS_PER_S // 100
-KEPT: tuple[Topic[Any], ...] = (VEHICLE_STATE, GATEWAY_STATUS, EVENT)
+KEPT: tuple[Topic[Any], ...] = (VEHICLE_STATE, GATEWAY_STATUS, TYRES, EVENT)
 LONGEST_GAP_NS = 10 * NS_PER_S
 """no states are made for longer than this of silence: the log was stopped in between"""
 
@@ -56,31 +56,37 @@ def perceive(source: Path, target: Path, config: Config) -> Perceived:
     listening = config.model_copy(update={"gateway": config.gateway.model_copy(update={"mode": "listen"})})
     reader, result = SessionReader(source, frozenset({CAN_TOPIC})), Perceived()
     with output_file(target, source) as path, SessionFile(path, {}) as file, named(source):
-        frames = [unpack_frame(item.data) for item in reader.items()]
-        if not frames:
+        records = sorted(((unpack_frame(item.data), item.data) for item in reader.items()), key=_stamp)
+        if not records:
             raise InputError(f"{source}: holds no CAN frames (topic {CAN_TOPIC})")
-        frames.sort(key=lambda frame: frame.stamp_ns)
         session = reader.metadata.get(METADATA_SESSION, {})
         known = {"name": source.stem, "software": software(), "dbc_sha256": dbc_hash()}
         file.add_metadata(METADATA_SESSION, {**known, **session, "config": listening.model_dump_json()})
-        for count, entry in enumerate(_entries(frames, listening, result), start=1):
+        for count, entry in enumerate(_entries(records, listening, result), start=1):
             file.add(*entry)
             if count % FLUSH_EVERY == 0:
                 file.flush()
     return result
 
 
-def _entries(frames: list[Frame], config: Config, result: Perceived) -> Iterator[tuple[str, bytes, int, int, int]]:
-    """Frames and messages as the recorder writes them, in order of time."""
+def _stamp(record: tuple[Frame, bytes]) -> int:
+    return record[0].stamp_ns
+
+
+def _entries(
+    records: list[tuple[Frame, bytes]], config: Config, result: Perceived
+) -> Iterator[tuple[str, bytes, int, int, int]]:
+    """Frames as they were recorded and messages as the recorder writes them, in order of time."""
+    frames = [frame for frame, _ in records]
     bus, link = LocalBus(), Playback(frames)
     gateway, events = Gateway(config, bus, link), EventLog(bus)
     queues = [(topic, bus.subscribe(topic, depth=256)) for topic in KEPT]
     written = 0
     for now_ns in _periods(frames):
         link.now_ns = now_ns
-        while written < len(frames) and frames[written].stamp_ns <= now_ns:
-            frame = frames[written]
-            yield CAN_TOPIC, pack_frame(frame, frame.stamp_ns), frame.stamp_ns, frame.stamp_ns, written
+        while written < len(records) and frames[written].stamp_ns <= now_ns:
+            frame, data = records[written]
+            yield CAN_TOPIC, data, frame.stamp_ns, frame.stamp_ns, written
             written += 1
         gateway.step(now_ns)
         events.step(now_ns, gateway)

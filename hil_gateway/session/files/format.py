@@ -13,12 +13,13 @@ import struct
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from can_dbc.database import DBC_PATH
+from can_dbc.database import DBC_PATH, load_database
 from hil_gateway.bus.messages import Message
 from hil_gateway.bus.topics import Topic
 from hil_gateway.can_link import EXTENDED_ID, Frame
@@ -49,9 +50,13 @@ uint32 nanosec
 METADATA_SESSION = "session"
 METADATA_REVISION = "model_revision"
 
+SOURCE_MAX = 60
+"""longest `header.frame_id` that is read, bytes"""
+
 _CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
-# encapsulation, stamp (sec, nanosec), frame_id "" (length 1 with its NUL, padded to 4), id, four single bytes, data
-_FRAME = struct.Struct("<4siII4xI???B8s")
+_SOURCE_LENGTH = struct.Struct("<I")
+_SOURCE_AT = 12
+"""after the encapsulation and the stamp (sec, nanosec)"""
 
 
 class MessageError(InputError):
@@ -67,26 +72,61 @@ def named(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from None
 
 
-def pack_frame(frame: Frame, unix_ns: int) -> bytes:
-    """CDR of one classic CAN frame stamped `unix_ns`."""
+def frame_source(bus: str, frame_id: int) -> str:
+    """`header.frame_id` of a recorded frame: bus and direction; `tx` is what the computer sends, by the DBC."""
+    return f"{bus}/{'tx' if frame_id in _computer_ids() else 'rx'}"
+
+
+@cache
+def _computer_ids() -> frozenset[int]:
+    return frozenset(message.id for message in load_database().messages if message.direction == "computer")
+
+
+@cache
+def _layout(source_bytes: int) -> struct.Struct:
+    """CDR of a frame whose `frame_id` has this many bytes (NUL and padding to 4 follow), id, flags, dlc, data."""
+    return struct.Struct(f"<4siII{source_bytes // 4 * 4 + 4}sI???B8s")
+
+
+def pack_frame(frame: Frame, unix_ns: int, source: str = "") -> bytes:
+    """CDR of one classic CAN frame stamped `unix_ns`; `source` as `frame_source` says it, where it is known."""
     seconds, nanoseconds = divmod(unix_ns, NS_PER_S)
     extended = not frame.is_error and bool(frame.id & EXTENDED_ID)
-    number = frame.id & ~EXTENDED_ID
+    number, where = frame.id & ~EXTENDED_ID, source.encode("ascii", "replace")[:SOURCE_MAX]
     flags = (False, extended, frame.is_error)  # remote requests never become a Frame
-    return _FRAME.pack(_CDR_LITTLE_ENDIAN, seconds, nanoseconds, 1, number, *flags, len(frame.data), frame.data)
+    head = (_CDR_LITTLE_ENDIAN, seconds, nanoseconds, len(where) + 1, where)
+    return _layout(len(where)).pack(*head, number, *flags, len(frame.data), frame.data)
 
 
 def unpack_frame(cdr: bytes) -> Frame:
     """Inverse of `pack_frame`; the stamp is Unix time.
 
     Raises:
-        MessageError: not a frame written by this project (another frame_id, another length).
+        MessageError: no frame in CDR of this layout.
     """
-    if len(cdr) != _FRAME.size:
-        raise MessageError(f"{CAN_TOPIC}: a record of {len(cdr)} bytes, not {_FRAME.size}: recorded by another program")
-    _, seconds, nanoseconds, _, number, _, extended, is_error, dlc, data = _FRAME.unpack(cdr)
+    _, seconds, nanoseconds, _, _, number, _, extended, is_error, dlc, data = _fields(cdr)
     stamp_ns = seconds * NS_PER_S + nanoseconds
     return Frame(number | EXTENDED_ID if extended else number, data[:dlc], stamp_ns, is_error)
+
+
+def recorded_source(cdr: bytes) -> str:
+    """What `pack_frame` was told of where the frame came from; empty where nothing.
+
+    Raises:
+        MessageError: as `unpack_frame`.
+    """
+    source: bytes = _fields(cdr)[4]
+    return source.rstrip(b"\0").decode("ascii", "replace")
+
+
+def _fields(cdr: bytes) -> tuple[Any, ...]:
+    length = _SOURCE_LENGTH.unpack_from(cdr, _SOURCE_AT)[0] if len(cdr) >= _SOURCE_AT + _SOURCE_LENGTH.size else 0
+    layout = _layout(length - 1) if 1 <= length <= SOURCE_MAX + 1 else None
+    if layout is None or len(cdr) != layout.size:
+        raise MessageError(
+            f"{CAN_TOPIC}: a record of {len(cdr)} bytes that is no {CAN_SCHEMA_NAME}: recorded by another program"
+        )
+    return layout.unpack(cdr)
 
 
 def unpack_message(topic: Topic[M], data: bytes) -> M:

@@ -10,6 +10,7 @@ from typing import Any
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure
+from hil_gateway.session.files.format import CAN_TOPIC, MessageError, recorded_source
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.overview.summary import session_summary
 
@@ -22,9 +23,12 @@ def session_info(path: Path) -> dict[str, Any]:
     """
     reader = SessionReader(path)
     counts: Counter[str] = Counter()
+    frames: Counter[str] = Counter()
     first, last = None, 0
     for item in reader.items():
         counts[item.topic] += 1
+        if item.topic == CAN_TOPIC:
+            frames[_source(item.data)] += 1
         first = item.log_ns if first is None else min(first, item.log_ns)
         last = max(last, item.log_ns)
     duration = (last - first) / NS_PER_S if first is not None else 0.0
@@ -45,11 +49,20 @@ def session_info(path: Path) -> dict[str, Any]:
         "chunks": reader.chunks,
         "messages": sum(counts.values()),
         "topics": {topic: {"messages": n, "rate_hz": _rate(n, duration)} for topic, n in sorted(counts.items())},
+        "frames": dict(sorted(frames.items())),
         "config": config,
         "session": session,
         "model_revision": reader.metadata.get("model_revision", {}),
         **_story(path),
     }
+
+
+def _source(data: bytes) -> str:
+    """Bus and direction of a frame."""
+    try:
+        return recorded_source(data) or "of a bus without a name"
+    except MessageError:
+        return "not readable"
 
 
 STORY = ("laps", "best_lap_s", "stops", "alerts", "revisions", "effects", "events")
@@ -89,6 +102,7 @@ def describe(info: dict[str, Any]) -> list[str]:
     for topic, row in info["topics"].items():
         rate = "" if row["rate_hz"] is None else f"{row['rate_hz']:8.1f} Hz"
         lines.append(f"  {topic:24} {row['messages']:9d} {rate}")
+    lines += [f"  CAN frames {source:13} {number:9d}" for source, number in info["frames"].items()]
     lines += _story_lines(info)
     return lines + [f"  damaged: {damage}" for damage in info["damage"]]
 

@@ -86,7 +86,8 @@ def test_the_report_takes_the_worst_outcome_and_every_figure_once(tmp_path):
     ]  # fmt: skip
     text = markdown(evidence, "now", {"S2": {"verdict": "kept", "run": "a long run", "figures": ["all of it"]}})
     assert text.count("- 10 | 20\n") == 1
-    assert "### S2\n\n- no figure\n\nLong run (a long run):\n\n- all of it\n" in text
+    assert "\n- Long run 1: a long run\n" in text
+    assert "### S2\n\n- no figure\n- long run 1: all of it\n" in text
     assert len(as_json(evidence)) == len(PROMISES) == 28
 
 

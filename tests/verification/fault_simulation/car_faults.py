@@ -290,10 +290,24 @@ CAR_FAULTS: tuple[CarFault, ...] = (
 )  # fmt: skip
 
 
+_NAMED = {"*motion*": _MOTION, "*fix*": _FIX}
+"""sets of rows with a name in the documentation"""
+
+
 def markdown() -> str:
-    """The fault model for the documentation."""
-    lines = ["| fault | noticed by | within | how |", "| --- | --- | --- | --- |"]
+    """The fault model for the documentation; faults that are noticed alike share a line."""
+    alike: dict[str, list[str]] = {}
     for fault in CAR_FAULTS:
         within = f"{fault.within_s:g} s" if math.isfinite(fault.within_s) else "-"
-        lines.append(f"| {fault.name} | {', '.join(fault.noticed_by) or 'nothing'} | {within} | {fault.why} |")
-    return "\n".join(lines)
+        alike.setdefault(f"{_rows(fault.noticed_by)} | {within} | {fault.why}", []).append(fault.name)
+    lines = ["| fault | noticed by | within | how |", "| --- | --- | --- | --- |"]
+    lines += [f"| {'; '.join(names)} | {noticed} |" for noticed, names in alike.items()]
+    return "\n".join([*lines, "", *(f"{name}: {', '.join(rows)}." for name, rows in _NAMED.items())])
+
+
+def _rows(noticed_by: tuple[str, ...]) -> str:
+    """The rows, those of the first set among them by its name."""
+    for name, rows in _NAMED.items():
+        if set(rows) <= set(noticed_by):
+            return ", ".join([name, *(row for row in noticed_by if row not in rows)])
+    return ", ".join(noticed_by) or "nothing"

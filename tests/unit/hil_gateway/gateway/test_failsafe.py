@@ -33,6 +33,7 @@ STOP_AT = {
     "foreign_commands": 0.0, "heartbeat_frozen": 0.5, "track_flag_stop": 0.0, "vehicle_flag_stop": 0.0,
     "car_not_driving": 0.0, "car_failure": 0.0, "engine_running": 0.0,
     "mode_switch_off": 0.0, "safety_switch": 0.0, "supply_low": 1.0, "engine_stalled": 0.3, "sender_doubled": 0.0,
+    "tyre_flat": 0.3,
     "position_wrong": 0.0, "wheel_speed_wrong": 0.15, "yaw_rate_wrong": 0.15,
     "acceleration_wrong": 0.2, "position_lost": 1.0,
     "off_road": 0.05,

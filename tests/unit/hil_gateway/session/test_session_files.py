@@ -15,12 +15,19 @@ from mcap.reader import make_reader
 from support.promise_figures import record_figure, volume
 from support.session_rig import UNIX_NS, Rig, recorded, sent_items
 
-from can_dbc.database import DBC_PATH
+from can_dbc.database import DBC_PATH, load_database
 from hil_gateway.bus.messages import Command, ModelRevision
 from hil_gateway.bus.topics import COMMAND, MODEL_REVISION, TOPICS
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.format import CAN_TOPIC, pack_frame, software_version, unpack_frame
+from hil_gateway.session.files.format import (
+    CAN_TOPIC,
+    MessageError,
+    pack_frame,
+    recorded_source,
+    software_version,
+    unpack_frame,
+)
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.writer import SessionWriter
 from hil_gateway.session.overview.info import session_info
@@ -80,6 +87,35 @@ def test_raw_frames_decode_with_the_published_message_definition() -> None:
     assert (body[20], body[21], body[22], body[23]) == (0, 0, 0, 6)
     assert body[24:32] == bytes(range(6)) + b"\0\0"
     assert len(body) == 32
+
+
+def test_every_recorded_frame_says_its_bus_and_who_sends_it(tmp_path: Path) -> None:
+    rig = Rig(tmp_path / "s.mcap")
+    for message in load_database().messages:
+        rig.car.send(message.id, bytes(message.dlc))
+    rig.run(1, frames_per_step=0).recorder.close(rig.clock.now_ns())
+    items = [item for item in SessionReader(tmp_path / "s.mcap").items() if item.topic == CAN_TOPIC]
+    directions = {unpack_frame(item.data).id: recorded_source(item.data) for item in items}
+    sent = {message.id: message.sender for message in load_database().messages}
+    assert directions == {number: "wire/tx" if who == "COMPUTER" else "wire/rx" for number, who in sent.items()}
+
+
+@pytest.mark.parametrize("source", ["", "can0/rx", "a" * 60, "é/rx"])
+def test_a_frame_of_any_source_decodes_with_the_published_definition(source: str) -> None:
+    """A CDR string: length with its NUL, characters, NUL, then padding to four (OMG DDSI-RTPS 9.4)."""
+    frame = Frame(0x514, bytes(range(6)), 10**9)
+    cdr = pack_frame(frame, frame.stamp_ns, source)
+    length = int.from_bytes(cdr[12:16], "little")
+    after = 16 + length + -length % 4
+    assert cdr[16 : 16 + length].decode() == source.replace("é", "?") + "\0"
+    assert (int.from_bytes(cdr[after : after + 4], "little"), cdr[after + 7]) == (0x514, 6)
+    assert unpack_frame(cdr) == frame
+
+
+@pytest.mark.parametrize("cdr", [b"", bytes(8), bytes(36), b"\0\1\0\0" + bytes(8) + b"\xff" * 4 + bytes(20)])
+def test_bytes_that_are_no_recorded_frame_are_a_clear_error(cdr: bytes) -> None:
+    with pytest.raises(MessageError, match="no can_msgs/msg/Frame"):
+        unpack_frame(cdr)
 
 
 @pytest.mark.promise("R2")

@@ -1,0 +1,70 @@
+"""Tyre temperatures and pressures as the car reports them, and a tyre that has lost its air."""
+
+from __future__ import annotations
+
+from hil_gateway.bus.tyres import Tyres
+from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
+from hil_gateway.process.clock import NS_PER_S
+
+PERIOD_NS = NS_PER_S // 5
+WHEELS = ("FL", "FR", "RL", "RR")
+POINTS = tuple(range(1, 17))
+"""places over the width of the tread, by the DBC"""
+AIR_PA = 101_325.0
+"""standard atmosphere; `*_Tire_Pressure` counts from vacuum, `*_Gauge` from here (assumed from their names)"""
+READS_PA = 70_000.0
+"""less than any air outside: a sensor that is not there or dead, which says nothing of the tyre"""
+MOST_PA = 400_000.0
+"""over the air outside; more is no race tyre's pressure"""
+LOST = 0.5
+"""share of the pressure it had, over the air outside, below which a tyre is flat: warming up moves it by a fifth"""
+RISE = 1e-3
+"""share of a higher reading taken over in a period: 10 s, so that a wrong frame makes no tyre flat"""
+
+
+class TyreReports:
+    """The newest reports as a message, and how long a tyre has been flat."""
+
+    def __init__(self, builder: VehicleStateBuilder) -> None:
+        self._builder = builder
+        self._had: dict[str, float] = {}
+        self._flat = Held()
+        self._due_ns = self._seq = 0
+
+    def flat_s(self, now_ns: int) -> float:
+        """Seconds a tyre has had less than half of the pressure it had; once a period."""
+        flat = [self._is_flat(wheel) for wheel in WHEELS]  # each keeps its own pressure
+        return self._flat.update(any(flat), now_ns)
+
+    def message(self, now_ns: int) -> Tyres | None:
+        """The message, when it is due."""
+        if now_ns < self._due_ns:
+            return None
+        self._due_ns = now_ns + PERIOD_NS
+        self._seq += 1
+        treads = [self._tread(wheel) for wheel in WHEELS]
+        return Tyres(
+            stamp_ns=now_ns,
+            seq=self._seq - 1,
+            temperature=tuple(sum(tread) / len(tread) if tread else None for tread in treads),
+            hottest=tuple(max(tread, default=None) for tread in treads),
+            pressure=tuple(self._gauge(wheel) for wheel in WHEELS),
+        )
+
+    def _is_flat(self, wheel: str) -> bool:
+        inside = self._builder.signal(f"{wheel}_Tire_Pressure")
+        over = inside - AIR_PA
+        if inside < READS_PA or over > MOST_PA:
+            return False
+        had = self._had.setdefault(wheel, over)
+        self._had[wheel] = had + RISE * max(over - had, 0.0)
+        return over < LOST * had
+
+    def _tread(self, wheel: str) -> list[float]:
+        heard = self._builder.heard(f"Tire_Temp_{wheel}_1")
+        return [self._builder.signal(f"{wheel}_Tire_Temp_{point:02d}") for point in POINTS] if heard else []
+
+    def _gauge(self, wheel: str) -> float | None:
+        heard = self._builder.heard(f"Tire_Pressure_{wheel}")
+        return self._builder.signal(f"{wheel}_Tire_Pressure_Gauge") if heard else None

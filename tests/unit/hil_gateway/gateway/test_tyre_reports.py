@@ -1,0 +1,78 @@
+"""Tyre reports reach the bus, and a tyre without air stops the car."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from support.scripted_car import Rig
+
+from hil_gateway.bus.messages import FailsafeAction
+from hil_gateway.bus.topics import TYRES
+
+WHEELS = ("FL", "FR", "RL", "RR")
+SOUND_MBAR, FLAT_MBAR = 2600.0, 1050.0
+Readings = Callable[[int], dict[str, float]]
+
+
+def reporting(mbar: Readings) -> Rig:
+    """A car that sends `mbar(tick)` as absolute pressures at 10 Hz."""
+    rig = Rig()
+
+    def send(rig: Rig) -> None:
+        if rig.car.tick % 10 == 0:
+            for wheel, value in mbar(rig.car.tick).items():
+                signals = {f"{wheel}_Tire_Pressure": value, f"{wheel}_Tire_Pressure_Gauge": value - 1013.0}
+                rig.car.send(f"Tire_Pressure_{wheel}", signals)
+
+    rig.hooks.append(send)
+    return rig
+
+
+@pytest.mark.parametrize("wheel", WHEELS)
+def test_a_puncture_of_any_tyre_stops_the_car_within_half_a_second(wheel: str) -> None:
+    pressures = dict.fromkeys(WHEELS, SOUND_MBAR)
+    rig = reporting(lambda tick: pressures)
+    rig.drive_off()
+    assert rig.action is FailsafeAction.DRIVE
+    pressures[wheel] = FLAT_MBAR
+    rig.run(0.5)
+    assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "tyre_flat")
+
+
+@pytest.mark.parametrize(
+    ("name", "mbar"),
+    [
+        ("no sensors", lambda tick: {}),
+        ("sensors that read nothing", lambda tick: dict.fromkeys(WHEELS, 0.0)),
+        ("a sensor that dies", lambda tick: dict.fromkeys(WHEELS, SOUND_MBAR if tick < 1000 else 0.0)),
+        ("one wrong frame in fifty", lambda tick: dict.fromkeys(WHEELS, 5900.0 if tick % 500 == 0 else SOUND_MBAR)),
+        ("an overflow", lambda tick: dict.fromkeys(WHEELS, 65535.0 if tick % 20 == 0 else SOUND_MBAR)),
+        ("tyres that warm up", lambda tick: dict.fromkeys(WHEELS, SOUND_MBAR + 0.1 * tick)),
+    ],
+)
+def test_what_is_no_puncture_does_not_stop_the_car(name: str, mbar: Readings) -> None:
+    rig = reporting(mbar)
+    rig.drive_off()
+    rig.run(10.0)
+    assert rig.action is FailsafeAction.DRIVE, name
+
+
+def test_temperatures_and_pressures_are_published_and_what_is_not_reported_is_null() -> None:
+    rig = reporting(lambda tick: {"FL": SOUND_MBAR})
+    subscription = rig.bus.subscribe(TYRES, depth=100)
+    points = {f"FL_Tire_Temp_{point:02d}": 70.0 + point for point in range(1, 17)}
+
+    def warm(rig: Rig) -> None:
+        if rig.car.tick % 10 == 0:
+            for number in range(1, 5):
+                rig.car.send(f"Tire_Temp_FL_{number}", points)
+
+    rig.hooks.append(warm)
+    rig.run(2.0)
+    messages = subscription.poll(rig.clock.now_ns())
+    assert 9 <= len(messages) <= 11
+    newest = messages[-1]
+    assert newest.temperature == (pytest.approx(78.5, abs=0.1), None, None, None)
+    assert newest.hottest[0] == pytest.approx(86.0, abs=0.1)
+    assert newest.pressure == (pytest.approx(158_700.0, abs=100.0), None, None, None)
