@@ -80,6 +80,11 @@ class Planner:
 
     def step(self, now_ns: int) -> Plan | None:
         """Plan from the newest estimate and publish; None while there has never been one."""
+        message = self._plan_and_publish(now_ns)
+        self.adoption.catch_up()
+        return message
+
+    def _plan_and_publish(self, now_ns: int) -> Plan | None:
         started = self._stopwatch()
         self._take_in(now_ns)
         start_ns = now_ns + round((self._config.planner.compute_s + self._config.planner.actuator_delay_s) * NS_PER_S)

@@ -34,13 +34,15 @@ HEARD = (APPLIED, BELIEF, ESTIMATE, MODEL_REVISION)
 """topics of the planner"""
 COLD = 40
 """plans at the start that do not count: cold starts"""
-WHOLE, REST = "whole plan", "rest"
+WHOLE, REST, BETWEEN = "whole plan", "rest", "between plans"
+"""the last is what a planner that drives does beside, after it has published: not part of the whole"""
 PARTS: tuple[tuple[str, type, str], ...] = (
     ("messages in", Planner, "_take_in"),
     ("adoption", Adoption, "offer"),
     ("adoption", Adoption, "offer_belief"),
     ("adoption", Adoption, "advance"),
     ("adoption", Adoption, "watch"),
+    (BETWEEN, Adoption, "catch_up"),
     ("predicted state", Planner, "_initial_state"),
     ("parameters", Controller, "shift"),
     ("parameters", Controller, "solve"),
@@ -172,7 +174,7 @@ def shares(times: PartTimes) -> list[dict[str, float | str]]:
     """Rows of a table: p50 and p99 of each part, ms, and its share of all the time; the whole plan first."""
     counted = times.plans[COLD:]
     names = dict.fromkeys([*(name for name, _, _ in PARTS), REST])
-    columns = {WHOLE: np.array([sum(plan.values()) for plan in counted]) / 1e6}
+    columns = {WHOLE: np.array([sum(plan.values()) - plan[BETWEEN] for plan in counted]) / 1e6}
     columns |= {name: np.array([plan.get(name, 0) for plan in counted]) / 1e6 for name in names}
     return [_row(name, values, float(columns[WHOLE].sum())) for name, values in columns.items()]
 
