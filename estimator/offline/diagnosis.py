@@ -10,10 +10,11 @@ import numpy as np
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.predict.lateral_velocity import with_predicted_vy
 from estimator.offline.record.laps import scored_laps
 from estimator.offline.record.record import Record
 from estimator.offline.record.road import find_road
-from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout
+from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout, stretches
 from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
@@ -101,9 +102,11 @@ def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
     progress("scoring on the test laps")
     test_rows = np.sort(record.rows[np.isin(record.lap, test_laps)].ravel())
     models = _models(setting, outcome)
+    best = models["with_effects"]
+    driven = stretches(np.sort(record.rows.ravel()), record.step)
+    record = with_predicted_vy(record, driven, best.model, best.parameters, outcome.fit.noise)
     scores = {name: rmse(record, test_rows, m.model, m.parameters) for name, m in models.items()}
     ahead = {name: rollout(record, test_rows, m.model, m.parameters) for name, m in models.items()}
-    best = models["with_effects"]
     floor = noise_floor(record.select(np.isin(record.lap, test_laps)), test_rows, best.model, best.parameters)
     channels = {c: {name: s[c] for name, s in scores.items()} | {"noise_floor": floor[c]} for c in floor}
     states = {n: {name: a[n] for name, a in ahead.items()} for n in ahead["refit"]}

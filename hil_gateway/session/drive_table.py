@@ -33,6 +33,7 @@ FROM_ESTIMATE: Mapping[str, Callable[[Estimate], float]] = {
 FROM_STATE: Mapping[str, Callable[[VehicleState], float]] = {
     "ax": lambda v: v.ax,
     "ay": lambda v: v.ay,
+    "az": lambda v: v.az,
     "steer": lambda v: v.steer,
     "drive": lambda v: v.drive,
     "throttle": lambda v: v.throttle,

@@ -32,6 +32,11 @@ class Linearised:
     error: Array
     sensitivity: Array
 
+    @property
+    def state_errors(self) -> Array:
+        """(blocks, windows, 3) predicted less smoothed vx, vy, yaw rate where each block begins."""
+        return self.inputs[:, :, :3, 0]
+
     def sensitivity_by(self, jacobian: Array) -> Array:
         """(5, k, windows, blocks) by k further parameters, from the predictions' derivatives `jacobian` by them."""
         return _whitened(self.innovations, _effects(self.record, jacobian))

@@ -20,6 +20,7 @@ from estimator.drive_log.derived import brake_share
 from estimator.drive_log.smoothing import Smoothed, wiener
 from estimator.drive_log.table import DriveLog
 from estimator.model.basis import Basis, make_basis
+from estimator.model.extra_load import extra_loads
 from estimator.model.single_track import AUXILIARY
 from estimator.offline.record.laps import lap_numbers, scored_laps, track_position
 from estimator.offline.record.prepare import smoothed_velocity
@@ -133,6 +134,8 @@ def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = (
         InputError: no uninterrupted stretch long enough.
     """
     signals = {name: np.array(log[name], float) for name in log.columns}
+    if "az" in log:
+        signals["extra_load"] = np.zeros(len(log))
     long_enough = [s for s in log.segments() if (s.stop - s.start) * log.step > 2 * WINDOW_S]
     if not long_enough:
         raise InputError(f"the log has no uninterrupted stretch of {2 * WINDOW_S:g} s: nothing can be diagnosed")
@@ -170,11 +173,16 @@ def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = (
 
 
 def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> None:
-    """Replace the states of one segment by smoothed ones, and inputs that were measured with noise."""
+    """Replace the states of one segment by smoothed ones, and inputs that were measured with noise.
+
+    Where a vertical accelerometer says how hard the road presses, that is an input as well.
+    """
     for name, smoothed in _smoothed(log, rows).items():
         signals[name][rows] = smoothed.value
     for name, response in (("steer", log["ay"][rows]), ("drive", log["ax"][rows])):
         signals[name][rows] = without_noise(signals[name][rows], np.array(response, float), log.step)
+    if "az" in log:
+        signals["extra_load"][rows] = extra_loads(wiener(np.array(log["az"][rows], float), log.step).value)
 
 
 def _smoothed(log: DriveLog, rows: slice) -> dict[str, Smoothed]:

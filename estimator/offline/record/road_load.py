@@ -34,6 +34,6 @@ ROAD_LOAD = Effect(
 )
 
 
-def road_load(names: Collection[str]) -> tuple[Effect, ...]:
-    """The nuisance where a bank is among the effects."""
-    return (ROAD_LOAD,) if "road_bank" in names else ()
+def road_load(names: Collection[str], signals: Collection[str]) -> tuple[Effect, ...]:
+    """The nuisance where a bank is among the effects, and no accelerometer among the signals tells the load."""
+    return (ROAD_LOAD,) if "road_bank" in names and "extra_load" not in signals else ()

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from estimator.belief.revision import RevisedModel, load_revision, model_of
+from estimator.model.extra_load import extra_loads
 from estimator.model.single_track import AUXILIARY, SIGNALS, Terms
 from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.bus.topics import MODEL_REVISION
@@ -122,6 +123,8 @@ def held_out_windows(columns: Mapping[str, Array], split_s: float, track: Track)
     length, spacing = round(HORIZON_S / step), max(round(SPACING_S / step), 1)
     signals = dict(columns)
     signals["track_position"] = track_positions(columns, track)
+    if "az" in columns:
+        signals["extra_load"] = extra_loads(columns["az"])
     signals["steer_rate"], signals["drive_rate"] = (np.gradient(columns[n], t) for n in ("steer", "drive"))
     starts = np.arange(int(np.searchsorted(t, split_s)), len(t) - length, spacing)
     rows = starts + np.arange(length + 1)[:, None]

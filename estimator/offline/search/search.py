@@ -204,11 +204,20 @@ def _round(setting: Setting, accepted: Sequence[str], current: Fit, progress: Ca
     screened = screen(setting, accepted, current, progress, open_candidates(setting, accepted))
     before, count = current.held_out(), current.normal.count
     least = SMALLEST_SHARE * count.sum() / 4
-    enough = max(least, PROMISING * screened[0].evidence.gain)
-    names = [t.name for t in screened[:FITTED] if t.evidence.gain > enough]
-    fits = fit_each(setting, current, [with_effects((*accepted, name)) for name in names], progress)
-    trials = [Trial(n, compare(before, f.held_out(), count), f) for n, f in zip(names, fits, strict=True)]
-    return sorted([*trials, *(t for t in screened if t.name not in names)], key=lambda t: -t.evidence.gain)
+    fitted: dict[str, Trial] = {}
+    while names := _promising(screened, fitted, least):
+        fits = fit_each(setting, current, [with_effects((*accepted, name)) for name in names], progress)
+        trials = [Trial(n, compare(before, f.held_out(), count), f) for n, f in zip(names, fits, strict=True)]
+        fitted.update((trial.name, trial) for trial in trials)
+    return sorted((fitted.get(t.name, t) for t in screened), key=lambda t: -t.evidence.gain)
+
+
+def _promising(screened: Sequence[Trial], fitted: Mapping[str, Trial], least: float) -> list[str]:
+    """What is to be fitted next: a size that is not believed neither sets the bar nor takes the place of another."""
+    doubted = {t.name for t in fitted.values() if t.fit is not None and not believed(t.fit, t.name)}
+    eligible = [t for t in screened if t.name not in doubted][:FITTED]
+    enough = max(least, PROMISING * eligible[0].evidence.gain) if eligible else least
+    return [t.name for t in eligible if t.evidence.gain > enough and t.name not in fitted]
 
 
 def with_effects(names: tuple[str, ...]) -> Job:

@@ -70,7 +70,7 @@ class Setting:
         """The model with the named effects."""
         effects = tuple(e for e in all_candidates().values() if e.name in names)
         sampling = sampling_effects(self.record.step, frozenset(names) | self.active_names)
-        always = self.extra + sampling + road_load(names)
+        always = self.extra + sampling + road_load(names, self.record.signals)
         return SingleTrack(self.record.vehicle, self.layout, self.active + effects + always, self.prior, self.tyre_std)
 
     @property

@@ -24,7 +24,7 @@ IDS = {
     "load_sensitivity", "combined_slip", "drive_saturation", "front_brake", "engine_braking", "steer_offset",
     "steer_scale", "steer_delay", "drive_delay", "tyre_relaxation", "grip_drift", "imu_misalignment",
     "imu_lever_arm", "imu_bias", "speed_scale", "wind", "yaw_damping", "turn_asymmetry",
-    "brake_pressure", "traction_loss", "traction_load", "total_slip",
+    "brake_pressure", "traction_loss", "traction_load", "total_slip", "gear_shift",
 }  # fmt: skip
 MIRROR_BREAKING = {
     "steer_offset", "imu_misalignment", "imu_lever_arm", "imu_bias", "wind", "turn_asymmetry", "road_bank",
@@ -71,15 +71,22 @@ BESIDE = {"load_sensitivity": (("load_transfer", 0.3),), "traction_load": (("loa
 """effects (with one parameter) without which another does not show: loads must move"""
 VISIBLE = {"load_sensitivity": (0.3,), "traction_load": (1.0,)}
 """a size that shows, where the start of a fit is the neutral value"""
-PAST = {"tyre_relaxation": {"relaxation_f": -0.004, "relaxation_r": -0.003}}
-"""what an effect with memory adds to the slip angles in the middle of turning in, when they grow"""
+PAST = {"tyre_relaxation": {"relaxation_f": -0.004, "relaxation_r": -0.003}, "gear_shift": {"shifting": 1.0}}
+"""what an effect with memory makes of the past: slip angles grow in the middle of turning in, a gear changes"""
+
+
+PULLING = {"gear_shift": {"drive": 0.04}}
+"""what the car does where an effect does not show while braking"""
 
 
 def predict_with(
-    effects: tuple[Effect, ...], parameters: tuple[float, ...], past: Mapping[str, float] | None = None
+    effects: tuple[Effect, ...],
+    parameters: tuple[float, ...],
+    past: Mapping[str, float],
+    state: Mapping[str, float],
 ) -> dict[str, float]:
     model = SingleTrack(VEHICLE, "per_axle", effects)
-    terms = Terms(VEHICLE, **LEFT_TURN, aux={**AUXILIARY, **(past or {})})
+    terms = Terms(VEHICLE, **{**LEFT_TURN, **state}, aux={**AUXILIARY, **past})
     model.evaluate(terms, [p.prior for p in model.tyre_table], parameters)
     return dict(zip(CHANNELS, (float(value) for value in terms.channels()), strict=True))
 
@@ -115,9 +122,10 @@ def test_declared_channels_are_those_that_change(name: str) -> None:
     effect = catalogue()[name]
     parameters = SIGNS.get(name, (VISIBLE.get(name, effect.start()),))[0]
     given = BESIDE.get(name, ())
-    before = predict_with(tuple(catalogue()[n] for n, _ in given), tuple(v for _, v in given))
+    state = PULLING.get(name, {})
+    before = predict_with(tuple(catalogue()[n] for n, _ in given), tuple(v for _, v in given), {}, state)
     beside = (*(catalogue()[n] for n, _ in given), effect)
-    after = predict_with(beside, (*(v for _, v in given), *parameters), PAST.get(name, {}))
+    after = predict_with(beside, (*(v for _, v in given), *parameters), PAST.get(name, {}), state)
     moved = {channel for channel in CHANNELS if abs(after[channel] - before[channel]) > 2e-2}
     assert set(effect.channels) & moved, f"{name} moves {moved}"
 
@@ -217,3 +225,16 @@ def test_engine_braking_switches_sample_by_sample_and_by_the_throttle_where_it_i
 def test_a_biased_gyroscope_is_told_from_the_turning_of_the_car() -> None:
     effect, biased = catalogue()["imu_bias"], LEFT_TURN | {"yaw_rate": LEFT_TURN["yaw_rate"] + 0.02}
     assert predict(effect, (0.0, 0.0, 0.02), **biased) == pytest.approx(predict(None, **LEFT_TURN), rel=1e-12)
+
+
+def test_drive_is_missing_for_the_gap_after_a_change_of_gear_and_at_no_other_time() -> None:
+    effect = catalogue()["gear_shift"]
+    assert effect.prepare is not None
+    signals = {"t": np.arange(8) * 0.01, "gear": np.array([2.0, 2.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0])}
+    shifting = effect.prepare(signals, VEHICLE, (0.035,))["shifting"]
+    np.testing.assert_allclose(shifting, [0, 0, 1, 1, 1, 0.5, 0, 0], atol=1e-9)
+    for drive, force_left in ((0.05, 0.0), (-0.05, -0.05)):
+        state = LEFT_TURN | {"drive": drive}
+        none, gap = (predict_with((effect,), (0.035,), {"shifting": s}, state)["ax"] for s in (0.0, 1.0))
+        cx = SingleTrack(VEHICLE, "per_axle").tyre_table[0].prior
+        assert gap - none == pytest.approx(cx * (force_left - drive) / VEHICLE.mass, abs=0.03)
