@@ -73,7 +73,7 @@ class Adopted:
 
 
 class Adoption:
-    """The model in force; `offer` revisions and beliefs, call `advance` before every plan and `catch_up` after it."""
+    """The model in force; `offer` revisions and beliefs, call `advance` and `catch_up` between two plans."""
 
     def __init__(
         self, config: Config, track: Track, settings: Settings, held: LoadLimits, revision: ModelRevision,
@@ -238,10 +238,7 @@ class Adoption:
         return self._last
 
     def catch_up(self) -> None:
-        """What need not hold up a plan; for the time between two of them.
-
-        A new speed profile on the same path where the usable grip has changed: some ms, beside the planner.
-        """
+        """New speed profile on the same path when the usable grip has changed: some ms, beside the planner."""
         current, knowledge = self.current, self.controller.knowledge
         changes = [abs(now - then) / now for now, then in zip(knowledge.capacity, self._asked, strict=True)]
         if max(changes) < PROFILE_CHANGE or self._worker is not None:
