@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from hil_gateway.bus.messages import Applied, Command, Estimate, Plan, PlanStatu
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S, SystemClock
+from hil_gateway.process.scheduling import punctual
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.adoption.adoption import Adoption
@@ -26,6 +28,8 @@ from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, s
 from planner.problem.motion import DRIVE, PROGRESS, STEER, VX, S
 from planner.problem.settings import settings_of
 from planner.solver.sqp import Solution, Stopwatch
+
+log = logging.getLogger(__name__)
 
 MAX_SHIFT_S = 0.4
 """a shifted plan is used for this long at most; then the car is stopped"""
@@ -263,10 +267,11 @@ class Planner:
         steer = self._actuators.lead(float(z[STEER, 0]), float(z[STEER, 1]), dt, self._actuators.steer_lag)
         drive = self._actuators.lead(float(z[DRIVE, 0]), float(z[DRIVE, 1]), dt, self._actuators.drive_lag)
         limits = self.settings.limits
+        drive = _within(drive, limits.drive_min, limits.drive_max)
         command = Command(
             stamp_ns=now_ns, seq=self._seq, source="planner", state_stamp_ns=stamp,
-            steer=_within(steer, -limits.steer, limits.steer),
-            drive=_within(drive, limits.drive_min, limits.drive_max),
+            steer=_within(steer, -limits.steer, limits.steer), drive=drive,
+            brake_balance=self.adoption.brake_balance(float(z[VX, 0]), drive),
         )  # fmt: skip
         self._bus.publish(topics.COMMAND, command)
         rows = {"x": 0, "y": 1, "yaw": 2, "vx": VX, "s": S, "steer": STEER, "drive": DRIVE}
@@ -305,6 +310,8 @@ def run(config: Config) -> None:
     stop, clock = stop_requested(), SystemClock()
     bus = open_bus(config.zenoh, "planner")
     planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
+    if not punctual("planner"):
+        log.warning("real-time priority is not permitted: plans may come late while this computer is busy")
     period_ns = round(config.planner.dt * NS_PER_S)
     due_ns = clock.now_ns()
     notice = SilenceNotice("estimate", config.zenoh.connect, due_ns)

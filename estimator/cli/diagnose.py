@@ -23,14 +23,30 @@ TYPICAL_STEPS = 45.0
 """Fits of a typical diagnosis: the bar approaches its end over about twice as many."""
 
 
+def _print_effects(wanted: bool) -> None:
+    """Print the catalogue and end."""
+    from estimator.model.catalogue_page import parameter_list
+
+    if wanted:
+        print(parameter_list())
+        raise typer.Exit
+
+
 @app.command()
 def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     sessions: Annotated[list[Path], typer.Argument(help="recorded .mcap or drive-log .csv files: one data set")],
     vehicle: Annotated[Path | None, typer.Option(help="vehicle JSON; default: the AV-24")] = None,
     tyre: Annotated[Path | None, typer.Option(help="tyre prior JSON; default: the AV-24's")] = None,
+    track: Annotated[str | None, typer.Option(help="map whose bank and grade are known: file or shipped name")] = None,
     layout: Annotated[str, typer.Option(help="tyre parameters: per_axle or shared")] = "per_axle",
     out: Annotated[Path | None, typer.Option(help="folder for diagnosis.json, model.json and report.html")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+    effects: Annotated[
+        bool,
+        typer.Option(
+            "--effects", callback=_print_effects, is_eager=True, help="print the parameters of all effects and end"
+        ),
+    ] = False,
 ) -> None:
     """Find what the model does not explain, trace it to an effect, and show the error before and after."""
     # fits run in processes side by side: threads of the linear algebra would only get in their way
@@ -39,10 +55,12 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.drive_log.table import read_logs
     from estimator.offline.diagnosis import diagnose as run
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
+    from estimator.offline.record.map_road import record_on_map
     from estimator.offline.record.record import make_record
     from estimator.offline.report.diagnosis_result import as_json as to_json
     from estimator.offline.report.diagnosis_result import as_revision, write
     from hil_gateway.process.errors import InputError
+    from hil_gateway.track.loading import load_track
 
     if out is not None:
         check_folder(out, RESULTS, [path for path in (*sessions, vehicle, tyre) if path is not None])
@@ -50,12 +68,16 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
         raise InputError(f"--layout {layout}: must be per_axle or shared")
     car = read_vehicle(vehicle)
     prior = read_tyre_prior(tyre, layout, car)  # type: ignore[arg-type]
+    known = None if track is None else load_track(track)
     with _progress() as progress:
         progress("reading")
         health = examine(read_logs(sessions), car)
         log = health.log
         processes = os.cpu_count() or 1
-        result = run(make_record(log, car, health.doubtful), layout, prior, progress, processes)  # type: ignore[arg-type]
+        record = make_record(log, car, health.doubtful)
+        if known is not None:
+            record = record_on_map(record, log, known, str(track))
+        result = run(record, layout, prior, progress, processes)  # type: ignore[arg-type]
         revision = as_revision(result, layout, tuple(log.sources.values()))
         summary: dict[str, Any] = {"health": [f.description for f in health.findings]}
         summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))

@@ -13,18 +13,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.belief.revision import model_of
+from estimator.drive_log.derived import BY_STATE_FILTER
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.learner.active import active_effects, parameter_std
-from estimator.learner.known_road import ROAD, on_map, road_effects, with_map_road, with_road
+from estimator.learner.known_road import with_road
 from estimator.learner.rule import Errors, mean_ratio, why_not
 from estimator.learner.taught import SPREAD, Laps, parameters_of, taught
 from estimator.model.declared_vehicle import DECLARED
 from estimator.model.effects import catalogue
-from estimator.offline.diagnosis import HELD_OUT_WINDOWS
+from estimator.offline.diagnosis import held_out_in_turn
 from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.record.map_road import ROAD, on_map, projected, road_effects, with_map_road
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
-from estimator.offline.result.model_score import held_out_windows, prediction_error, track_positions
+from estimator.offline.result.model_score import held_out_windows, prediction_error
 from estimator.offline.search.search import search
 from estimator.offline.search.trial import Setting
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision, Provenance
@@ -91,7 +93,7 @@ def find(task: Task) -> Found:
     train = record.select(record.lap < int(record.lap.max()))
     if not ground.mapped:
         train = replace(train, road=find_road(train))
-    train = replace(train, lap=np.arange(train.windows, dtype=np.int64) // HELD_OUT_WINDOWS)
+    train = replace(train, lap=held_out_in_turn(train.windows))
     done = search(_setting(task, train, ground))
     before = {"in_force": task.current, "refit": _taught(_effects(done.start, ground), task, ground)}
     rivals = {name: score(model, task, ground, held_out) for name, model in before.items()}
@@ -146,7 +148,7 @@ class Ground:
     def of(cls, task: Task) -> Ground:
         """Of the laps of a task."""
         track = load_track(task.config.track)
-        return cls(track, task.config.declared_model == "race_car", track_positions(task.columns, track))
+        return cls(track, task.config.declared_model == "race_car", projected(task.columns, track)[0])
 
 
 NOTHING = "no effect of the catalogue explains more of the laps so far"
@@ -162,7 +164,7 @@ def _check_lap(task: Task, lap: int) -> None:
 
 def _record(task: Task, ground: Ground) -> Record:
     columns = {name: column for name, column in task.columns.items() if name not in SPREAD}
-    log = DriveLog(columns=columns, segment=segment_numbers(columns["t"]))
+    log = DriveLog(columns=columns, segment=segment_numbers(columns["t"]), derived=BY_STATE_FILTER)
     record = make_record(log, task.config.vehicle)
     return with_map_road(on_map(record, ground.track, ground.position), ground.track) if ground.mapped else record
 

@@ -12,12 +12,14 @@ from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.lateral_velocity import with_predicted_vy
 from estimator.offline.record.laps import scored_laps
+from estimator.offline.record.map_road import road_effects
 from estimator.offline.record.record import Record
 from estimator.offline.record.road import find_road
 from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout, stretches
 from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
+from estimator.offline.search.screening import SCREENING_STRIDE
 from estimator.offline.search.search import Search, search
 from estimator.offline.search.terms import Outcome, Rival, with_terms
 from estimator.offline.search.trial import Setting, Trial, fit_names
@@ -78,9 +80,13 @@ def diagnose(
     progress: Progress = lambda _: None,
     processes: int = 1,
 ) -> Diagnosis:
-    """Find what the declared model lacks, with fits in so many `processes` at once."""
+    """Find what the declared model lacks, with fits in so many `processes` at once.
+
+    A road that the record already has is a map's (`record_on_map`): always fitted, and no finding.
+    """
+    mapped = road_effects() if record.road else ()
     with workers(processes) as pool:
-        return _diagnose(Setting(record, layout, prior, pool=pool), progress)
+        return _diagnose(Setting(record, layout, prior, pool=pool, active=mapped), progress)
 
 
 def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
@@ -89,8 +95,8 @@ def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
     train_laps = tuple(lap for lap in np.unique(record.lap).tolist() if lap not in test_laps)
     train = record.select(np.isin(record.lap, train_laps))
     progress("road")
-    train = replace(train, road=find_road(train))
-    train = replace(train, lap=np.arange(train.windows, dtype=np.int64) // HELD_OUT_WINDOWS)
+    train = replace(train, road=train.road or find_road(train))
+    train = replace(train, lap=held_out_in_turn(train.windows))
     setting = replace(whole, record=train)
     rival = Rival(setting, progress)
     found = search(setting, progress, enough=rival.outweighs)
@@ -120,6 +126,15 @@ def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
 HELD_OUT_WINDOWS = 15
 """Stretches of so many windows (30 s) are held out in turn: shorter than a lap, so that what depends on time is
 predicted from before and after, and long enough to be independent of each other."""
+LEAST_STRETCHES = 8
+"""Of a short log there are so many all the same: a standard error from n stretches is itself good to 1 / sqrt(2 n - 2),
+a quarter from eight and half from three; none is so short that screening would miss it."""
+
+
+def held_out_in_turn(windows: int) -> Ints:
+    """(windows,) number of the stretch that each window of the laps learnt from belongs to."""
+    stretches = max(-(-windows // HELD_OUT_WINDOWS), min(LEAST_STRETCHES, windows // SCREENING_STRIDE), 1)
+    return np.arange(windows, dtype=np.int64) * stretches // windows
 
 
 def _models(setting: Setting, outcome: Outcome) -> dict[str, Model]:

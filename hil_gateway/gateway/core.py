@@ -77,7 +77,7 @@ class Gateway:
         self._report(situation)
 
     def _read_car(self, now_ns: int, before: Decision) -> VehicleState:
-        """Frames that have arrived to the state everybody hears."""
+        """Frames that have arrived, to the published vehicle state."""
         self.builder.take(self._link.receive(0.0), now_ns)
         state = self.builder.build(now_ns, before.race_control.ct_state, *flags_in_force(self.builder, now_ns))
         self._bus.publish(topics.VEHICLE_STATE, state)

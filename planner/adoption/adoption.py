@@ -26,6 +26,7 @@ from planner.line.envelope import envelope_of
 from planner.line.raceline import RaceLine, raceline_for
 from planner.line.track import Reference
 from planner.plan.controller import Controller, TyreKnowledge
+from planner.problem.brake_law import pressure_ratio
 from planner.problem.load_limits import SLEW, LoadLimits, judged_limits
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
@@ -108,6 +109,12 @@ class Adoption:
         """The controller to plan with."""
         return self.current.controller
 
+    def brake_balance(self, vx: float, drive: float) -> float | None:
+        """Of a command at speed `vx` (m/s); None where the model in force knows no front brakes."""
+        if self.current.revised.constant("front_brake", "share") is None:
+            return None
+        return float(self._settings.brakes.balance(vx, drive, self.controller.knowledge.brake_ratio))
+
     def offer(self, revision: ModelRevision) -> None:
         """Consider a revision from the estimator."""
         self._foreign = _effects(revision) != _effects(self.current.revision)
@@ -143,8 +150,8 @@ class Adoption:
         current, before = self.current, self.controller.knowledge
         knowledge = self._knowledge(before, current.revised, current.tyre, current.revision)
         self.controller.set_knowledge(knowledge)
-        arrived = np.array_equal(knowledge.theta, current.revised.theta) and knowledge.load_max == before.load_max
-        self._changed = not arrived
+        settled = (knowledge.load_max, knowledge.brake_ratio) == (before.load_max, before.brake_ratio)
+        self._changed = not (settled and np.array_equal(knowledge.theta, current.revised.theta))
 
     def watch(self, estimate: Estimate, s: float) -> None:
         """Where the car slides at progress `s`, ask for less at that place from now on."""
@@ -220,7 +227,11 @@ class Adoption:
         # a belief that has learnt of less grip tells at once, before the model in force follows
         expected = np.minimum(mean, target)
         asked = capacity(tyre.axles, expected, covariance, use=use, level=level, held=self.held.pair)
-        return TyreKnowledge(target, mean, covariance, tyre.prior_std, judged, (use, use), asked)
+        share = revised.constant("front_brake", "share")
+        ratio = 1.0 if share is None else pressure_ratio(asked, share)
+        if before is not None:
+            ratio = float(np.clip(ratio, before.brake_ratio * (1 - SLEW), before.brake_ratio * (1 + SLEW)))
+        return TyreKnowledge(target, mean, covariance, tyre.prior_std, judged, (use, use), asked, ratio)
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""
@@ -228,7 +239,10 @@ class Adoption:
         front, rear = (PROFILE_SHARE * asked / peak for asked, peak in zip(knowledge.capacity, peaks, strict=True))
         at_start = revised.phi_at(np.zeros(1))[:, 0]
         top = self._settings.limits.speed - 2.0
-        envelope = envelope_of(revised.model, list(knowledge.theta), list(at_start), use=(front, rear), max_speed=top)
+        envelope = envelope_of(
+            revised.model, list(knowledge.theta), list(at_start), use=(front, rear), max_speed=top,
+            brakes=(self._settings.brakes, knowledge.brake_ratio),
+        )  # fmt: skip
         if self._line is None:
             self._line = raceline_for(self._track, envelope, RACE_LINE_MARGIN)
             self.trust = Trust(len(self._line.s), self._line.length)

@@ -89,15 +89,16 @@ class Findings:
 class Check:
     """Works out `Findings` with a function of `CheckedMotion` and the parameters of its model."""
 
-    def __init__(self, function: CompiledFunction, theta: Array, phi: Array) -> None:
-        """`theta` tyre parameters, `phi` effect parameters, SI, in the order of the model's tables."""
-        self._function, self._parameters = function, (theta[:, None], phi[:, None])
+    def __init__(self, function: CompiledFunction, theta: Array, phi: Array, brake_ratio: float) -> None:
+        """`theta` tyre parameters, `phi` effect parameters, SI, in the order of the model's tables; `brake_ratio` as in
+        `BrakeLaw.balance`."""
+        self._function, self._parameters = function, (theta[:, None], phi[:, None], brake_ratio)
 
     def __call__(self, plan: Plan, bounds: Bounds) -> Findings:
         """Of one plan."""
-        before, after, theta, phi, limits = self._function.inputs
+        before, after, theta, phi, ratio, limits = self._function.inputs
         after[:], before[:, 0], before[:, 1:] = plan.columns, plan.columns[:, 0], plan.columns[:, :-1]
-        theta[:], phi[:] = self._parameters
+        theta[:], phi[:], ratio[:] = self._parameters
         limits[:, 0] = bounds.column
         self._function()
         found, rows = self._function.outputs[0].copy(), len(LIMITS)

@@ -34,7 +34,7 @@ class PlanCheck:
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
-        self._model: RevisedModel | None = None
+        self._for: tuple[RevisedModel, float] | None = None
         self._check: Check | None = None
         self._roadside: Roadside | None = None
         self.first_loads, self.worst_load = (0.0, 0.0), 0.0
@@ -52,10 +52,10 @@ class PlanCheck:
 
     def _with_parameters(self, controller: Controller, adopted: Adopted) -> Check:
         """With effect parameters at the start of the lap's profiles."""
-        if self._check is None or adopted.revised is not self._model:
-            self._model = adopted.revised
-            phi = adopted.revised.phi_at(np.zeros(1))[:, 0]
-            self._check = Check(controller.checked, adopted.revised.theta, phi)
+        revised, ratio = adopted.revised, controller.knowledge.brake_ratio
+        if self._check is None or self._for is None or self._for[0] is not revised or self._for[1] != ratio:
+            self._for = revised, ratio
+            self._check = Check(controller.checked, revised.theta, revised.phi_at(np.zeros(1))[:, 0], ratio)
         return self._check
 
     def _beside(self, line: RaceLine) -> Roadside:

@@ -44,6 +44,8 @@ class TyreKnowledge:
     load_max: tuple[float, float]
     load_asked: tuple[float, float]
     capacity: tuple[float, float]
+    brake_ratio: float = 1.0
+    """front over rear brake pressure for equal axle loads (`brake_law.pressure_ratio`)"""
 
     @cached_property
     def spread(self) -> float:
@@ -93,6 +95,7 @@ class Controller:
             "theta": k.theta,
             "lap": self.reference.length,
             "load_max": k.load_asked,
+            "brake_ratio": k.brake_ratio,
             "sigma_f": self._choices(front, level),
             "sigma_r": self._choices(rear, level),
             "information_theta": k.mean,

@@ -17,6 +17,7 @@ from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from estimator.model.tyre import front_and_rear
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
+from planner.problem.brake_law import BrakeLaw
 
 COLUMNS = (
     "x", "y", "yaw", "vx", "vy", "yaw_rate", "steer", "drive", "extra_load", "offset", "width_left", "width_right",
@@ -58,35 +59,36 @@ class CheckedMotion:
 
     model: SingleTrack
     literal_load: bool
+    brakes: BrakeLaw
 
     def function(self, stages: int) -> ca.Function:
-        """(before, after, theta, phi, bounds) -> what is found at each of so many stages, rows `FOUND`.
+        """(before, after, theta, phi, brake ratio, bounds) -> what is found at each of so many stages, rows `FOUND`.
 
         Rows of `before` (the stage before) and `after` are `COLUMNS`, of `bounds` `BOUNDS`.
         """
         before, after = (ca.SX.sym(name, len(COLUMNS)) for name in ("before", "after"))
         theta, phi = ca.SX.sym("theta", len(self.model.tyre_table)), ca.SX.sym("phi", len(self.model.effect_table))
-        bounds = ca.SX.sym("bounds", len(BOUNDS))
+        ratio, bounds = ca.SX.sym("brake_ratio"), ca.SX.sym("bounds", len(BOUNDS))
         a, b = (dict(zip(COLUMNS, ca.vertsplit(column), strict=True)) for column in (before, after))
         limit = dict(zip(BOUNDS, ca.vertsplit(bounds), strict=True))
-        felt = self.forces(b, theta, phi)
-        share = self._share(b, felt, limit)
-        gap = self._gap(a, b, limit["dt"], theta, phi)
+        parameters = theta, phi, ratio
+        share = self._share(b, self.forces(b, *parameters), limit)
+        gap = self._gap(a, b, limit["dt"], parameters)
         result: Any = ca.densify(ca.vertcat(*_excess(a, b, share, limit), *share, gap))
-        arguments: list[Any] = [before, after, theta, phi, bounds]
+        arguments: list[Any] = [before, after, *parameters, bounds]
         one: Any = ca.Function("checked_stage", arguments, [ca.cse(result)])
-        mapped: ca.Function = one.map("checked", "serial", stages, [2, 3, 4], [])
+        mapped: ca.Function = one.map("checked", "serial", stages, [2, 3, 4, 5], [])
         return mapped
 
-    def forces(self, at: Mapping[str, Expr], theta: Expr, phi: Expr) -> Forces:
+    def forces(self, at: Mapping[str, Expr], theta: Expr, phi: Expr, brake_ratio: Expr) -> Forces:
         """`FORCES` at a motion with inputs."""
         named = dict(zip((p.name for p in self.model.tyre_table), ca.vertsplit(theta), strict=True))
         tyres = [axle.of(named) for axle in front_and_rear(self.model.layout)]
         if not self.model.effects:
             return _declared_forces(self.model.vehicle, at, tyres, named["cx"])
-        terms = Terms(
-            self.model.vehicle, **{name: at[name] for name in SIGNALS}, aux={"extra_load": at["extra_load"]}
-        )  # fmt: skip
+        balance = self.brakes.balance(at["vx"], at["drive"], brake_ratio)
+        aux = {"extra_load": at["extra_load"], "brake_balance": balance}
+        terms = Terms(self.model.vehicle, **{name: at[name] for name in SIGNALS}, aux=aux)
         terms = self.model.evaluate(terms, ca.vertsplit(theta), ca.vertsplit(phi) if phi.numel() else [])
         beyond = [
             _beyond_peak(c * ca.atan(b * slip))
@@ -107,19 +109,21 @@ class CheckedMotion:
             shares.append(force / (most * f[f"load_{axle}"]) + dynamic * f[f"beyond_{axle}"])
         return shares
 
-    def _gap(self, a: Mapping[str, Expr], b: Mapping[str, Expr], dt: Expr, theta: Expr, phi: Expr) -> Expr:
+    def _gap(self, a: Mapping[str, Expr], b: Mapping[str, Expr], dt: Expr, parameters: tuple[Expr, Expr, Expr]) -> Expr:
         """Largest Hermite-Simpson defect, in units of `DEFECT_SCALE`; inputs run straight from stage to stage.
+
+        `parameters` as `forces` takes them.
 
         Gravity on grade and bank is left out: far below what counts as a gap.
         Source: Hargraves & Paris, J. Guidance 10 (1987).
         """
         vehicle = self.model.vehicle
         state, after = (ca.vertcat(*(at[name] for name in COLUMNS[:6])) for at in (a, b))
-        slopes = [_motion(at, self.forces(at, theta, phi), vehicle) for at in (a, b)]
+        slopes = [_motion(at, self.forces(at, *parameters), vehicle) for at in (a, b)]
         middle = 0.5 * (state + after) + dt / 8 * (slopes[0] - slopes[1])
         held = {name: 0.5 * (a[name] + b[name]) for name in ("steer", "drive", "extra_load")}
         between = dict(zip(COLUMNS[:6], ca.vertsplit(middle), strict=True)) | held
-        slope = _motion(between, self.forces(between, theta, phi), vehicle)
+        slope = _motion(between, self.forces(between, *parameters), vehicle)
         gap = after - state - dt / 6 * (slopes[0] + 4 * slope + slopes[1])
         judged = ca.vertcat(1, 1, 1, 0, 1, 1) * (a["vx"] > MIN_DYNAMIC_SPEED) + ca.DM([0, 0, 0, 1, 0, 0])
         return ca.mmax(ca.fabs(gap * judged / ca.DM(DEFECT_SCALE)))

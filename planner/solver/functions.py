@@ -52,12 +52,12 @@ class Functions:
 
 def _symbolic(problem: Problem) -> dict[str, Any]:
     """All but the stage functions, which the generated solver brings."""
+    settings = problem.settings
+    checked = CheckedMotion(problem.model, settings.load_limit == "literal", settings.brakes)
     functions = {
         "step": problem.step_function(),
         "advance": problem.advance_function(),
-        "checked": CheckedMotion(problem.model, problem.settings.load_limit == "literal").function(
-            problem.settings.horizon + 1
-        ),
+        "checked": checked.function(problem.settings.horizon + 1),
     }
     if problem.informative and problem.settings.information.criterion == "log_det":
         functions["information"] = problem.information_function()

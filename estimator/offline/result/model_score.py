@@ -19,6 +19,7 @@ import numpy as np
 from estimator.belief.revision import RevisedModel, load_revision, model_of
 from estimator.model.extra_load import extra_loads
 from estimator.model.single_track import AUXILIARY, SIGNALS, Terms
+from estimator.offline.record.map_road import projected
 from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.bus.topics import MODEL_REVISION
 from hil_gateway.config import Config
@@ -122,7 +123,7 @@ def held_out_windows(columns: Mapping[str, Array], split_s: float, track: Track)
     step = float(np.median(np.diff(t)))
     length, spacing = round(HORIZON_S / step), max(round(SPACING_S / step), 1)
     signals = dict(columns)
-    signals["track_position"] = track_positions(columns, track)
+    signals["track_position"] = projected(columns, track)[0]
     if "az" in columns:
         signals["extra_load"] = extra_loads(columns["az"])
     signals["steer_rate"], signals["drive_rate"] = (np.gradient(columns[n], t) for n in ("steer", "drive"))
@@ -136,15 +137,6 @@ def held_out_windows(columns: Mapping[str, Array], split_s: float, track: Track)
             f" at least {MIN_WINDOWS} are needed for a score; drive longer"
         )
     return Windows({name: column[rows] for name, column in signals.items()}, np.diff(t[rows], axis=0))
-
-
-def track_positions(columns: Mapping[str, Array], track: Track) -> Array:
-    """Arc length of every row, m."""
-    position, hint = [], None
-    for x, y in zip(columns["x"], columns["y"], strict=True):
-        hint, _ = track.project(float(x), float(y), hint)
-        position.append(hint)
-    return np.array(position)
 
 
 def prediction_error(revised: RevisedModel, windows: Windows) -> dict[str, float]:

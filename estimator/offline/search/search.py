@@ -1,4 +1,4 @@
-"""Greedy search over the catalogue: what earns its place on laps it was not fitted to.
+"""Greedy search over the catalogue: effects that improve the prediction of laps they were not fitted to.
 
 Every candidate is fitted together with the tyre parameters and everything accepted so far. Its evidence is the
 gain in held-out log-likelihood, every stretch of 30 s predicted by a fit to all the others. One linearisation
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.model.declared_vehicle import all_candidates
+from estimator.model.declared_vehicle import DECLARED, all_candidates
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
@@ -23,11 +23,13 @@ from estimator.offline.search.whiteness import structured
 from estimator.offline.search.workers import Job, fit_each
 
 SMALLEST_SHARE = 0.02
-"""Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not worth a name."""
+"""Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not named."""
 RELATIVE_SHARE = 0.01
 """Least gain relative to everything accepted so far: less is the imperfect shape of an accepted effect."""
 WHITE = 1.1
 """The search ends when averages of the residual vary no more than so many times what white noise would."""
+WHITE_FOR_DATA = 1.3
+"""Declared data compete where averages of what they leave vary no more than so many times what white noise would."""
 MAX_EFFECTS = 12
 LOOK_AHEAD = 2
 """So many effects may be added on their gain alone if then one follows that earns its place beside them."""
@@ -105,7 +107,7 @@ class Greedy:
         if self.checked is None or not structured(self.fit, WHITE):
             return False
         for name in sorted(self.names, key=lambda n: self.gains[n].gain):
-            trial = None if name in self.setting.record.road else self._instead_of(name)
+            trial = None if name in self.setting.found_road else self._instead_of(name)
             if trial is not None and trial.fit is not None:
                 self.names, self.fit = [*(n for n in self.names if n != name), trial.name], trial.fit
                 self.recheck()
@@ -149,7 +151,7 @@ def search(
     """
     progress("declared model, re-fitted")
     base = start = fit_names(setting, (), warm or fit_names(setting, (), None))
-    names, rounds = sorted(set(setting.record.road) - setting.active_names), list[tuple[Trial, ...]]()
+    names, rounds = list(setting.found_road), list[tuple[Trial, ...]]()
     if names:
         start, first = _with_road(setting, base, names, progress)
         rounds.append(first)
@@ -175,7 +177,7 @@ def _with_road(
 
 def _tentative(trials: Sequence[Trial], setting: Setting, total: float) -> list[Trial]:
     """The trial that gains most, though not on all stretches: another effect may hide it."""
-    fitted = [t for t in trials if t.fit is not None and believed(t.fit, t.name)]
+    fitted = [t for t in trials if _eligible(t)]
     return [t for t in fitted if worth_a_name(t.evidence, setting, total)][:1]
 
 
@@ -213,9 +215,8 @@ def _round(setting: Setting, accepted: Sequence[str], current: Fit, progress: Ca
 
 
 def _promising(screened: Sequence[Trial], fitted: Mapping[str, Trial], least: float) -> list[str]:
-    """What is to be fitted next: a size that is not believed neither sets the bar nor takes the place of another."""
-    doubted = {t.name for t in fitted.values() if t.fit is not None and not believed(t.fit, t.name)}
-    eligible = [t for t in screened if t.name not in doubted][:FITTED]
+    """What is to be fitted next: what cannot be accepted neither sets the bar nor takes the place of another."""
+    eligible = [t for t in screened if t.name not in fitted or _eligible(fitted[t.name])][:FITTED]
     enough = max(least, PROMISING * eligible[0].evidence.gain) if eligible else least
     return [t.name for t in eligible if t.evidence.gain > enough and t.name not in fitted]
 
@@ -244,9 +245,17 @@ def check_each(
 
 
 def _can_be_accepted(trial: Trial, setting: Setting, total: float) -> bool:
+    return _eligible(trial) and earns_its_place(trial.evidence, setting, total)
+
+
+def _eligible(trial: Trial) -> bool:
+    """Whether the fit is believed; a declared datum must leave nothing else to explain.
+
+    A larger inertia, say, shrinks whatever error the predicted moment has.
+    """
     if trial.fit is None or not believed(trial.fit, trial.name):
         return False
-    return earns_its_place(trial.evidence, setting, total)
+    return trial.name not in DECLARED or not structured(trial.fit, WHITE_FOR_DATA)
 
 
 def earns_its_place(evidence: Evidence, setting: Setting, total: float) -> bool:

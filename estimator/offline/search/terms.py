@@ -84,7 +84,7 @@ class Rival:
         if not structured(current, WHITE_FOR_TERMS):
             return 0.0
         if not self.trials:
-            self.trials = search_terms(self.setting, tuple(sorted(self.setting.record.road)), base, self.progress)
+            self.trials = search_terms(self.setting, self.setting.found_road, base, self.progress)
         best = self.trials[0]
         if best.fit is None or not _earns_its_place(best.evidence, self.setting.record, 0.0):
             return 0.0
@@ -145,7 +145,7 @@ def _on_top(term: Term, setting: Setting, found: Search, progress: Progress) -> 
     assert term.fit is not None
     setting = term.added_to(setting)
     if not structured(term.fit, WHITE_FOR_TERMS):
-        road = tuple(sorted(setting.record.road))
+        road = setting.found_road
         gains = check_each(setting, road, term.fit, progress).gains
         return setting, Search(found.base, found.start, term.fit, road, found.rounds, gains)
     on_top = search(setting, progress, term.fit)

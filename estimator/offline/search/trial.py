@@ -69,9 +69,15 @@ class Setting:
     def model(self, names: Sequence[str]) -> SingleTrack:
         """The model with the named effects."""
         effects = tuple(e for e in all_candidates().values() if e.name in names)
-        sampling = sampling_effects(self.record.step, frozenset(names) | self.active_names)
-        always = self.extra + sampling + road_load(names, self.record.signals)
+        there = frozenset(names) | self.active_names
+        sampling = sampling_effects(self.record.step, there)
+        always = self.extra + sampling + road_load(there, self.record.signals)
         return SingleTrack(self.record.vehicle, self.layout, self.active + effects + always, self.prior, self.tyre_std)
+
+    @property
+    def found_road(self) -> tuple[str, ...]:
+        """Bank and grade that the laps show and no map declares, by name."""
+        return tuple(sorted(set(self.record.road) - self.active_names))
 
     @property
     def active_names(self) -> frozenset[str]:

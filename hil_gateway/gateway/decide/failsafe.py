@@ -2,7 +2,7 @@
 
 Every condition is a measure in seconds for which it has held (0: does not hold, infinite: holds); a row fires when
 its measure reaches the row's threshold. What fires latches: the action only rises until the gateway is
-armed again, and a request to arm is an edge that is answered at once or forgotten.
+armed again, and a request to arm is an edge that is answered in its period or dropped.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Counts of what was received on the wire, a bucket that forgives a rare wrong counter, and second senders."""
+"""Counts of what was received on the wire, a leaky bucket for wrong counters, and second senders."""
 
 from __future__ import annotations
 

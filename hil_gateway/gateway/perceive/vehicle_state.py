@@ -45,7 +45,7 @@ REQUIRED = ("imu", "wheel_speeds", "steering", "pedals", "powertrain", "vehicle"
 
 ACTUATOR_COMMANDS = ("brake_pressure_cmd", "accelerator_cmd", "steering_cmd", "gear_shift_cmd")
 FOREIGN_S = 1.0
-"""How long the voice of another computer is remembered."""
+"""How long a frame of another computer counts."""
 STUCK_FRAMES = 20
 """So many IMU or wheel frames (0.2 s) with the very same bytes while moving: the sensor hangs (noise changes the last
 bit of each; a sensor at 50 Hz repeats itself once)."""
@@ -54,14 +54,14 @@ SENSOR_DISAGREEMENT = 0.15
 MAP_RADIUS = 50e3
 """A position further from the origin is no position of this map, m (receivers report 0, 0 before their first fix)."""
 COUNTER_LEAK_NS = NS_PER_S // 10
-"""One wrong counter is forgiven every so often."""
+"""Time after which one wrong counter is forgotten."""
 COUNTER_FAULT = 5
 """Level of the leaky bucket that is a fault."""
 
 
 @dataclass(slots=True)
 class _Received:
-    """Last word of one message."""
+    """Newest frame of one message."""
 
     layout: FrameLayout
     limits: tuple[tuple[str, float, float], ...]

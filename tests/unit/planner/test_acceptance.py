@@ -12,7 +12,6 @@ import pytest
 from estimator.belief.revision import declared_revision, model_of, race_car_revision
 from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from estimator.model.tyre import front_and_rear
-from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.track.loading import load_track
 from planner.line.track import Reference
@@ -20,6 +19,7 @@ from planner.plan import acceptance
 from planner.plan.acceptance import Bounds, Check, Plan
 from planner.plan.checks import Roadside, bounds_of, plan_of
 from planner.plan.controller import Controller
+from planner.problem.brake_law import BrakeLaw
 from planner.problem.checked_motion import FORCES, CheckedMotion
 from planner.problem.load_rows import load_row
 from planner.problem.motion import NZ, extra_load
@@ -41,7 +41,7 @@ Case = tuple[Plan, Bounds, Check]
 @pytest.fixture
 def case(solved: tuple[Controller, Solution]) -> Case:
     controller, solution = solved
-    check = Check(controller.checked, controller.knowledge.theta, np.zeros(0))
+    check = Check(controller.checked, controller.knowledge.theta, np.zeros(0), 1.0)
     bounds = replace(bounds_of(controller.settings, controller.knowledge.load_max, 0.0), information=100.0)
     return plan_of(solution, Roadside(controller.reference.line)), bounds, check
 
@@ -126,11 +126,14 @@ def test_offset_is_measured_from_the_race_line(solved: tuple[Controller, Solutio
     np.testing.assert_allclose(plan["width_right"], line.width_right[index], atol=1e-9)
 
 
-def forces_of(model: SingleTrack, theta: np.ndarray, phi: np.ndarray, motion: np.ndarray) -> dict[str, np.ndarray]:
+def forces_of(
+    model: SingleTrack, theta: np.ndarray, phi: np.ndarray, motion: np.ndarray, brake_ratio: float = 1.0
+) -> dict[str, np.ndarray]:
     """`FORCES` as acceptance has them, (K,) each, at motions (6, K): `SIGNALS` and what the road adds."""
     names = (*SIGNALS, "extra_load")
     at, t, p = ca.SX.sym("at", len(names)), ca.SX.sym("t", len(theta)), ca.SX.sym("p", len(phi))
-    felt = CheckedMotion(model, literal_load=False).forces(dict(zip(names, ca.vertsplit(at), strict=True)), t, p)
+    checked = CheckedMotion(model, literal_load=False, brakes=BrakeLaw())
+    felt = checked.forces(dict(zip(names, ca.vertsplit(at), strict=True)), t, p, brake_ratio)
     values = ca.Function("felt", [at, t, p], [ca.vertcat(*(felt[name] for name in FORCES))])(motion, theta, phi)
     return dict(zip(FORCES, np.array(values), strict=True))
 
@@ -169,9 +172,10 @@ def some_motion(n: int) -> np.ndarray:
 
 def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks() -> None:
     """What braking and driving take from the lateral force is not counted as used."""
-    revised = model_of(race_car_revision("per_axle", Vehicle(), Powertrain()), Vehicle(), 1000.0)
+    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
     problem, theta = Problem(revised.model, Settings()), ca.DM(revised.theta)
     p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "load_max": [1, 1]}
+    p["brake_ratio"] = 1.2
     z = ca.SX.sym("z", NZ)
     terms = problem.evaluate(z, theta, p)
     shares = ca.vertcat(*(ca.hypot(getattr(terms, f"fx_{a}"), getattr(terms, f"fy_{a}")) / getattr(terms, f"peak_{a}")
@@ -184,8 +188,29 @@ def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks()
         assert steer == 0.0 or float(ca.mmin(share)) > 0.15, "tyres that work"
 
 
+def test_a_checked_plan_brakes_with_the_balance_of_the_planned_one() -> None:
+    """Written twice; beside another ratio of the pressures it is another force."""
+    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
+    problem, theta = Problem(revised.model, Settings()), ca.DM(revised.theta)
+    p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "brake_ratio": 0.8}
+    z = ca.SX.sym("z", NZ)
+    terms = problem.evaluate(z, theta, p)
+    planned = ca.Function("planned", [z], [terms.fx_f, terms.fx_r])
+    vx, drive = (a.ravel() for a in np.meshgrid([20.0, 45.0, 70.0], [-0.3, -0.1]))
+    still = np.zeros_like(vx)
+    expected = np.array([planned([0, 0, 0, v, 0, 0, 0, d, 0, v]) for v, d in zip(vx, drive, strict=True)]).squeeze()
+    checked, other = (
+        forces_of(
+            revised.model, revised.theta, revised.constants, np.array([vx, still, still, still, drive, still]), ratio
+        )
+        for ratio in (0.8, 1.0)
+    )
+    np.testing.assert_allclose(np.column_stack([checked["fx_f"], checked["fx_r"]]), expected, rtol=1e-6)
+    assert np.all(checked["fx_f"] > other["fx_f"] + 20.0), "less of the braking force in front, N"
+
+
 def test_a_crest_takes_from_both_axles_what_it_takes_from_the_weight() -> None:
-    revised = model_of(race_car_revision("per_axle", Vehicle(), Powertrain()), Vehicle(), 1000.0)
+    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
     motion = some_motion(50)
     felt = []
     for extra in (0.0, -0.4):

@@ -196,7 +196,7 @@ def test_load_rows_hold_at_every_sigma_point(controller: Controller) -> None:
         for theta in sigma_points(k.mean, k.covariance, indices, controller.settings.sigma_level).T:
             limits = [asked * theta[names.index(d)] for asked, d in zip(k.load_asked, ("df", "dr"), strict=True)]
             bounds = bounds_of(controller.settings, (limits[0], limits[1]), 0.0)
-            assert np.max(Check(controller.checked, theta, np.zeros(0))(plan, bounds).shares[row, 1:]) < 1.02
+            assert np.max(Check(controller.checked, theta, np.zeros(0), 1.0)(plan, bounds).shares[row, 1:]) < 1.02
     assert solution.du.shape == (NU, controller.settings.horizon)
 
 
