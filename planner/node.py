@@ -79,17 +79,20 @@ class Planner:
 
     def step(self, now_ns: int) -> Plan | None:
         """Plan from the newest estimate and publish; None while there has never been one."""
+        message = self._plan_and_publish(now_ns)
+        self._prepare(now_ns)
+        return message
+
+    def _plan_and_publish(self, now_ns: int) -> Plan | None:
         started = self._stopwatch()
-        self._take_in(now_ns)
+        self._record(self._applied.poll(now_ns), now_ns)
         start_ns = now_ns + round((self._config.planner.compute_s + self._config.planner.actuator_delay_s) * NS_PER_S)
         z0 = self._initial_state(now_ns, start_ns)
         decision = self._decide(z0, start_ns, started)
         if decision is None:
             return None
         self._plan = decision.plan
-        message = self._publish(decision, now_ns, started)
-        self._teller.step(now_ns, self.adoption.controller.reference.line, self.adoption.controller.clearance)
-        return message
+        return self._publish(decision, now_ns, started)
 
     def store_limits(self) -> None:
         """Write the load limits the next run may use, if a file is configured."""
@@ -100,9 +103,8 @@ class Planner:
         """Loads the next run may start from."""
         return self.adoption.held
 
-    def _take_in(self, now_ns: int) -> None:
-        """Everything that has arrived except the estimate."""
-        self._record(self._applied.poll(now_ns), now_ns)
+    def _prepare(self, now_ns: int) -> None:
+        """What the next plan starts from besides the estimate: after a plan, when there is time, and not before one."""
         seen = self._belief.latest.count, self._revision.latest.count
         belief, revision = self._belief.update(now_ns), self._revision.update(now_ns)
         if belief.count != seen[0] and belief.message is not None:
@@ -110,6 +112,9 @@ class Planner:
         if revision.count != seen[1] and revision.message is not None:
             self.adoption.offer(revision.message)
         self.adoption.advance()
+        self.adoption.catch_up()
+        if self._plan is not None:
+            self._teller.step(now_ns, self.adoption.controller.reference.line, self.adoption.controller.clearance)
 
     def _record(self, applied: list[Applied], now_ns: int) -> None:
         """What the gateway sent, on the own clock: the newest counts as just sent."""
@@ -263,6 +268,7 @@ class Planner:
             steer=_within(steer, -limits.steer, limits.steer), drive=drive,
             brake_balance=self.adoption.brake_balance(float(z[VX, 0]), drive),
         )  # fmt: skip
+        self._bus.publish(topics.COMMAND, command)
         rows = {"x": 0, "y": 1, "yaw": 2, "vx": VX, "s": S, "steer": STEER, "drive": DRIVE}
         message = Plan(
             stamp_ns=now_ns, seq=self._seq, state_stamp_ns=stamp, status=decision.status,
@@ -273,7 +279,6 @@ class Planner:
             solve_ms=(self._stopwatch() - started) / 1e6, information_gain=decision.gain,
         )  # fmt: skip
         self._seq += 1
-        self._bus.publish(topics.COMMAND, command)
         self._bus.publish(topics.PLAN, message)
         return message
 

@@ -74,7 +74,7 @@ class Adopted:
 
 
 class Adoption:
-    """The model in force; `offer` revisions and beliefs, call `advance` before every plan."""
+    """The model in force; `offer` revisions and beliefs, call `advance` and `catch_up` between two plans."""
 
     def __init__(
         self, config: Config, track: Track, settings: Settings, held: LoadLimits, revision: ModelRevision,
@@ -99,6 +99,8 @@ class Adoption:
         self.notes: list[str] = []
         """what was refused or rolled back, and why; newest last"""
         self._line: RaceLine | None = None
+        self._last: Reference | None = None
+        """made last, with the path of all of them"""
         self._asked = NOTHING_ASKED
         self.current = self._adopt(revision, build_functions)
 
@@ -150,7 +152,6 @@ class Adoption:
         self.controller.set_knowledge(knowledge)
         settled = (knowledge.load_max, knowledge.brake_ratio) == (before.load_max, before.brake_ratio)
         self._changed = not (settled and np.array_equal(knowledge.theta, current.revised.theta))
-        self._refresh_profile(current, knowledge)
 
     def watch(self, estimate: Estimate, s: float) -> None:
         """Where the car slides at progress `s`, ask for less at that place from now on."""
@@ -247,10 +248,12 @@ class Adoption:
             self.trust = Trust(len(self._line.s), self._line.length)
         self._line = self._line.with_envelope(envelope, self.trust.share)
         self._asked = knowledge.capacity
-        return Reference(self._line)
+        self._last = Reference(self._line, self._last)
+        return self._last
 
-    def _refresh_profile(self, current: Adopted, knowledge: TyreKnowledge) -> None:
-        """New speed profile on the same path when the usable grip has changed: tens of ms, beside the planner."""
+    def catch_up(self) -> None:
+        """New speed profile on the same path when the usable grip has changed: some ms, beside the planner."""
+        current, knowledge = self.current, self.controller.knowledge
         changes = [abs(now - then) / now for now, then in zip(knowledge.capacity, self._asked, strict=True)]
         if max(changes) < PROFILE_CHANGE or self._worker is not None:
             return

@@ -21,6 +21,10 @@ WINDOW = 15
 """points of the line either side of a hint among which the nearest is sought, some 30 m"""
 
 
+SPEED = slice(4, 6)
+"""rows of the speed limit and its slope among those of the road"""
+
+
 @dataclass(frozen=True)
 class ReferencePoint:
     """Reference path at positions `s`, arrays of one shape."""
@@ -34,21 +38,23 @@ class ReferencePoint:
 class Reference:
     """A race line with its speed limit on a uniform grid, addressed by unwrapped progress s (m, grows over laps)."""
 
-    def __init__(self, line: RaceLine) -> None:
+    def __init__(self, line: RaceLine, before: Reference | None = None) -> None:
+        """`before`: one made before, whose path is used again where it is the same and only speeds are new."""
         self.line = line
         self.length = line.length
-        n = len(line.s)
-        grid = np.append(line.s, line.length)
-        points = np.column_stack([line.x, line.y])
-        spline = CubicSpline(grid, np.vstack([points, points[:1]]), bc_type="periodic")
-        self._spacing = line.length / n
-        self._cubics = np.ascontiguousarray(spline.c[::-1].transpose(2, 0, 1).reshape(8, n))
-        speed = line.vx_profile
+        self._spacing = line.length / len(line.s)
+        same = before if before is not None and before.line.x is line.x else None
+        self._cubics: Array = same._cubics if same else _cubics(line)
+        self._road: Array = same._road.copy() if same else self._road_of(line)
+        self._road[SPEED] = line.vx_profile, self._slope(line.vx_profile)
+
+    def _road_of(self, line: RaceLine) -> Array:
+        """Rows of `stages`, speeds left open."""
         centre = 0.5 * (line.width_left - line.width_right)
         half_width = 0.5 * (line.width_left + line.width_right)
-        rows = [centre, self._slope(centre), half_width, self._slope(half_width), speed, self._slope(speed)]
+        rows = [centre, self._slope(centre), half_width, self._slope(half_width), *np.zeros((2, len(line.s)))]
         load = [np.cos(line.grade) * np.cos(line.bank) - 1.0, line.bend / GRAVITY, np.sin(line.bank) / GRAVITY]
-        self._road = np.vstack([*rows, line.grade, line.bank, line.track_s, *load])
+        return np.vstack([*rows, line.grade, line.bank, line.track_s, *load])
 
     def _slope(self, values: Array) -> Array:
         """Forward difference over one cell of the closed grid."""
@@ -108,3 +114,10 @@ class Reference:
             along = (dx * ahead_x + dy * ahead_y) / math.hypot(dx, dy)
             s += min(max(along, -self._spacing), self._spacing)
         return s
+
+
+def _cubics(line: RaceLine) -> Array:
+    """Coefficients of x then y by rising power, (8, n), of the periodic spline through the points of a line."""
+    grid, points = np.append(line.s, line.length), np.column_stack([line.x, line.y])
+    spline = CubicSpline(grid, np.vstack([points, points[:1]]), bc_type="periodic")
+    return np.ascontiguousarray(spline.c[::-1].transpose(2, 0, 1).reshape(8, len(line.s)))

@@ -21,12 +21,7 @@ RECOVERY_S = 1.5
 TOLERANCES: Mapping[str, float] = {
     "track": 0.10, "load": 0.05, "actuator": 1e-4, "rate": 1e-3, "state": 0.5, "information": 0.05, "dynamics": 1.0,
 }  # fmt: skip
-"""track m; load, rate, information as shares of their bound; actuator in its own unit (slip, rad); state m/s;
-dynamics in units of `DEFECT_SCALE`."""
-
-DEFECT_SCALE = np.array([0.5, 0.5, 0.05, 0.5, 0.5, 0.1])
-"""largest gap between a stage and the motion from the one before, m, m, rad, m/s, m/s, rad/s: one SQP iteration leaves
-a gap of second order"""
+"""in the units of `LIMITS`; dynamics in units of `DEFECT_SCALE`"""
 
 
 @dataclass(frozen=True)
@@ -59,26 +54,21 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Plan:
-    """A trajectory as it would be published, arrays (N+1,), with the track beside it.
+    """A trajectory of N+1 stages as it would be published, with the track beside it: `columns` (13, N+1), rows as
+    `checked_motion.COLUMNS`; the information of the first stage is 0."""
 
-    `offset` is the lateral distance from the reference line (m, positive left), `width_left`, `width_right` the
-    distances from that line to the edges, `extra_load` what the road adds to
-    the axle loads over the weight, `information` Delta I of each stage (first one unused).
-    """
+    columns: Array
 
-    x: Array
-    y: Array
-    yaw: Array
-    vx: Array
-    vy: Array
-    yaw_rate: Array
-    drive: Array
-    steer: Array
-    offset: Array
-    width_left: Array
-    width_right: Array
-    extra_load: Array
-    information: Array
+    def __getitem__(self, name: str) -> Array:
+        """One of `COLUMNS`, (N+1,)."""
+        return np.asarray(self.columns[COLUMNS.index(name)])
+
+    def changed(self, **columns: Array) -> Plan:
+        """The same plan with other values of some of `COLUMNS`."""
+        made = self.columns.copy(order="F")
+        for name, values in columns.items():
+            made[COLUMNS.index(name)] = values
+        return Plan(made)
 
 
 @dataclass(frozen=True)
@@ -86,7 +76,7 @@ class Findings:
     """What is found about the N+1 stages of a plan.
 
     `excess` (6, N+1): how far each stage is beyond each of `LIMITS`, in the units of `TOLERANCES`, <= 0 inside;
-    `shares` (2, N+1): load of the front and of the rear axle over its limit; `gaps` (6, N): between each stage and the
+    `shares` (2, N+1): load of the front and of the rear axle over its limit; `gaps` (N,): between each stage and the
     motion from the one before; `finite`: whether every number of the plan is one.
     """
 
@@ -107,31 +97,34 @@ class Check:
     def __call__(self, plan: Plan, bounds: Bounds) -> Findings:
         """Of one plan."""
         before, after, theta, phi, ratio, limits = self._function.inputs
-        for row, name in enumerate(COLUMNS):
-            after[row] = getattr(plan, name)
-        before[:, 0], before[:, 1:] = after[:, 0], after[:, :-1]
+        after[:], before[:, 0], before[:, 1:] = plan.columns, plan.columns[:, 0], plan.columns[:, :-1]
         theta[:], phi[:], ratio[:] = self._parameters
         limits[:, 0] = bounds.column
         self._function()
-        excess, shares, gaps = (output.copy() for output in self._function.outputs)
-        return Findings(excess, shares, gaps[:, 1:], bool(np.isfinite(after).all()))
+        found, rows = self._function.outputs[0].copy(), len(LIMITS)
+        return Findings(found[:rows], found[rows:-1], found[-1, 1:], bool(np.isfinite(after).all()))
 
 
 def violations(found: Findings, bounds: Bounds) -> list[str]:
     """Names of the limits a plan breaks, with the worst value and the stage; empty when it may be published."""
     if not found.finite:
         return ["not finite"]
-    excess, stages = found.excess, np.arange(1, found.excess.shape[1])
-    fade = np.maximum(0.0, 1.0 - bounds.dt / RECOVERY_S * stages)
-    tolerance = np.array([bounds.tolerances[name] for name in LIMITS])
-    over = excess[:, 1:] - tolerance[:, None] - np.maximum(excess[:, :2].max(axis=1), 0.0)[:, None] * fade
-    worst = over.argmax(axis=1)
-    broken = [
-        f"{name}: {excess[row, at + 1]:.3g} over at stage {at + 1}"
-        for row, (name, at) in enumerate(zip(LIMITS, worst.tolist(), strict=True))
-        if over[row, at] > 0.0
-    ]
-    gap = (np.abs(found.gaps) / DEFECT_SCALE[:, None]).max(axis=0)
-    if gap.max() > bounds.tolerances["dynamics"]:
-        broken.append(f"dynamics: gap {gap.max():.3g} at stage {int(gap.argmax()) + 1}")
+    most = [bounds.tolerances[name] for name in LIMITS]
+    largest = found.excess[:, 1:].max(axis=1).tolist()
+    broken = [] if all(x <= t for x, t in zip(largest, most, strict=True)) else _beyond(found.excess, bounds, most)
+    at = int(found.gaps.argmax())
+    if not found.gaps[at] <= bounds.tolerances["dynamics"]:
+        broken.append(f"dynamics: gap {found.gaps[at]:.3g} at stage {at + 1}")
     return broken
+
+
+def _beyond(excess: Array, bounds: Bounds, tolerances: list[float]) -> list[str]:
+    """Limits that are broken by more than what is left of the excess a plan begins with."""
+    fade = np.maximum(0.0, 1.0 - bounds.dt / RECOVERY_S * np.arange(1, excess.shape[1]))
+    begun = np.maximum(excess[:, :2].max(axis=1), 0.0)
+    over = excess[:, 1:] - np.array(tolerances)[:, None] - begun[:, None] * fade
+    return [
+        f"{name}: {excess[row, at + 1]:.3g} over at stage {at + 1}"
+        for row, (name, at) in enumerate(zip(LIMITS, over.argmax(axis=1).tolist(), strict=True))
+        if not over[row, at] <= 0.0
+    ]

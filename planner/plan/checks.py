@@ -6,7 +6,6 @@ Offsets and widths come from the race line by plain projection.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from estimator.belief.revision import RevisedModel
 from hil_gateway.car.vehicle import GRAVITY
@@ -16,6 +15,7 @@ from planner.line.raceline import RaceLine
 from planner.plan import acceptance
 from planner.plan.acceptance import Bounds, Check
 from planner.plan.controller import Controller
+from planner.problem.checked_motion import COLUMNS
 from planner.problem.motion import MOST_LIFT
 from planner.problem.settings import Settings
 from planner.solver.sqp import Solution
@@ -36,13 +36,15 @@ class PlanCheck:
         self._settings = settings
         self._for: tuple[RevisedModel, float] | None = None
         self._check: Check | None = None
+        self._roadside: Roadside | None = None
         self.first_loads, self.worst_load = (0.0, 0.0), 0.0
         self.first_gain = 0.0
 
     def __call__(self, controller: Controller, adopted: Adopted, solution: Solution) -> list[str]:
         """Limits the solution breaks, in words; empty when it may be published."""
         bounds = bounds_of(self._settings, controller.knowledge.load_max, float(solution.z[7, 0]))
-        found = self._with_parameters(controller, adopted)(plan_of(solution, controller.reference.line), bounds)
+        plan = plan_of(solution, self._beside(controller.reference.line))
+        found = self._with_parameters(controller, adopted)(plan, bounds)
         front, rear = found.shares[:, 0].tolist()
         self.first_loads, self.worst_load = (front, rear), float(found.shares[:, 1:].max())
         self.first_gain = float(solution.information[0])
@@ -56,6 +58,12 @@ class PlanCheck:
             self._check = Check(controller.checked, revised.theta, revised.phi_at(np.zeros(1))[:, 0], ratio)
         return self._check
 
+    def _beside(self, line: RaceLine) -> Roadside:
+        """Of the path in use, whose speed profile may be a new one."""
+        if self._roadside is None or line.x is not self._roadside.x:
+            self._roadside = Roadside(line)
+        return self._roadside
+
 
 def bounds_of(settings: Settings, load_max: tuple[float, float], drive: float) -> Bounds:
     """Limits of Eq. (4), (9), (10); `drive` is where the plan starts, which may still be outside its range."""
@@ -68,34 +76,39 @@ def bounds_of(settings: Settings, load_max: tuple[float, float], drive: float) -
     )  # fmt: skip
 
 
-def plan_of(solution: Solution, line: RaceLine) -> acceptance.Plan:
+class Roadside:
+    """Points of a race line's path with what is beside them."""
+
+    def __init__(self, line: RaceLine) -> None:
+        self.x, self.spacing = line.x, line.length / len(line.x)
+        cos, sin = np.cos(line.heading), np.sin(line.heading)
+        widths = [line.width_left, line.width_right]
+        slopes = [(np.roll(w, -1) - np.roll(w, 1)) / (2.0 * self.spacing) for w in widths]
+        load = [np.cos(line.grade) * np.cos(line.bank) - 1.0, line.bend / GRAVITY, np.sin(line.bank) / GRAVITY]
+        self._points = np.array([line.x, line.y, cos, sin, *widths, *slopes, *load])
+
+    def near(self, x: Array, y: Array, s: Array) -> Array:
+        """Rows of the nearest points (11, K) to points near progress `s`, all (K,).
+
+        x, y, cosine and sine of the heading, widths to the left and right and their slopes, and what the road adds to
+        the axle loads, over the weight: r0 + r1 vx^2 - r2 vx omega in three rows.
+        """
+        n = len(self.x)
+        first = np.round(s * (1.0 / self.spacing)).astype(np.intp) - WINDOW
+        around = self._points[:2].take((first[:, None] + AROUND) % n, axis=1)
+        nearest = ((x[:, None] - around[0]) ** 2 + (y[:, None] - around[1]) ** 2).argmin(axis=1)
+        return np.asarray(self._points.take((first + nearest) % n, axis=1))
+
+
+def plan_of(solution: Solution, roadside: Roadside) -> acceptance.Plan:
     """The solution beside the race line."""
     z = solution.z
-    offset, width_left, width_right, index = beside(z[0], z[1], z[6], line)
-    return acceptance.Plan(
-        x=z[0], y=z[1], yaw=z[2], vx=z[3], vy=z[4], yaw_rate=z[5], drive=z[7], steer=z[8], offset=offset,
-        width_left=width_left, width_right=width_right, extra_load=_extra_load(line, index, z[3], z[5]),
-        information=np.concatenate([[0.0], solution.information]),
-    )  # fmt: skip
-
-
-def _extra_load(line: RaceLine, index: npt.NDArray[np.intp], vx: Array, yaw_rate: Array) -> Array:
-    """What the road adds to the axle loads at points of the line, over the weight, (K,)."""
-    grade, bank, bend = line.grade[index], line.bank[index], line.bend[index]
-    added = np.cos(grade) * np.cos(bank) - 1.0 + vx * (vx * bend - yaw_rate * np.sin(bank)) / GRAVITY
-    return np.asarray(np.maximum(added, -MOST_LIFT))
-
-
-def beside(x: Array, y: Array, s: Array, line: RaceLine) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:
-    """Distance to the left of the line (m) of points (K,) near progress `s`, the line's distance to both edges, and
-    the nearest point of the line."""
-    n = len(line.s)
-    first = np.round(s * (n / line.length)).astype(np.intp) - WINDOW
-    index = (first[:, None] + AROUND) % n
-    nearest = ((x[:, None] - line.x.take(index)) ** 2 + (y[:, None] - line.y.take(index)) ** 2).argmin(axis=1)
-    i = (first + nearest) % n
-    dx, dy, heading = x - line.x.take(i), y - line.y.take(i), line.heading.take(i)
-    cos, sin = np.cos(heading), np.sin(heading)
-    cells = (cos * dx + sin * dy) * n / line.length
-    left, right = (w[i] + cells * 0.5 * (w[(i + 1) % n] - w[i - 1]) for w in (line.width_left, line.width_right))
-    return cos * dy - sin * dx, left, right, i
+    road = roadside.near(z[0], z[1], z[6])
+    (dx, dy), (cos, sin), (vx, yaw_rate) = z[:2] - road[:2], road[2:4], z[3:6:2]
+    columns = np.empty((len(COLUMNS), z.shape[1]), order="F")
+    columns[:6], columns[6:8] = z[:6], z[8:6:-1]
+    columns[8] = np.maximum(road[8] + vx * (vx * road[9] - yaw_rate * road[10]), -MOST_LIFT)
+    columns[9] = cos * dy - sin * dx
+    columns[10:12] = road[4:6] + (cos * dx + sin * dy) * road[6:8]
+    columns[12, 0], columns[12, 1:] = 0.0, solution.information
+    return acceptance.Plan(columns)

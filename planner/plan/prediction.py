@@ -52,7 +52,10 @@ class Actuators:
     def input_at(self, t_ns: int) -> Sent | None:
         """The command that acts at `t_ns`: the last one sent a dead time before; None before the first."""
         latest_ns = t_ns - self.delay_ns
-        return next((sent for sent in reversed(self._sent) if sent.at_ns <= latest_ns), None)
+        for sent in reversed(self._sent):
+            if sent.at_ns <= latest_ns:
+                return sent
+        return None
 
     def follow(self, drive: float, steer: float, t_ns: int, duration: float) -> tuple[float, float]:
         """Actuator positions `duration` s after `t_ns`, moving towards what acts at `t_ns`."""

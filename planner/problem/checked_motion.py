@@ -31,7 +31,13 @@ BOUNDS = (
 )  # fmt: skip
 """what a plan must keep to: see `plan.acceptance.Bounds`"""
 LIMITS = ("track", "load", "actuator", "rate", "state", "information")
-"""rows of `excess`"""
+"""how far a stage is beyond each limit, <= 0 inside: m; load, rate and information as shares of their bound; actuator
+in its own unit (slip, rad); state m/s"""
+FOUND = (*LIMITS, "share_front", "share_rear", "gap")
+"""beside that the load of both axles over its limit, Eq. (10), and the distance from a stage to the motion by Eq. (1)
+from the one before"""
+DEFECT_SCALE = (0.5, 0.5, 0.05, 0.5, 0.5, 0.1)
+"""largest such distance, m, m, rad, m/s, m/s, rad/s: one SQP iteration leaves a gap of second order"""
 FORCES = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r", "beyond_f", "beyond_r")
 """forces along and across both axles and the axle loads, N; how far C atan(B alpha) is beyond the peak, rad"""
 
@@ -56,12 +62,9 @@ class CheckedMotion:
     brakes: BrakeLaw
 
     def function(self, stages: int) -> ca.Function:
-        """(before, after, theta, phi, brake ratio, bounds) -> excess, share, gap of each of so many stages.
+        """(before, after, theta, phi, brake ratio, bounds) -> what is found at each of so many stages, rows `FOUND`.
 
-        Rows of `before` (the stage before) and `after` are `COLUMNS`, of `bounds` `BOUNDS`, of `excess` `LIMITS`:
-        how far a stage is beyond each limit, shares of load, rate and information, m, actuator in its own unit, m/s.
-        `share` (2,) are the loads of both axles over their limits; `gap` (6,) is the distance from the stage to the
-        motion by Eq. (1) from the one before. Gravity on grade and bank is left out: far below what counts as a gap.
+        Rows of `before` (the stage before) and `after` are `COLUMNS`, of `bounds` `BOUNDS`.
         """
         before, after = (ca.SX.sym(name, len(COLUMNS)) for name in ("before", "after"))
         theta, phi = ca.SX.sym("theta", len(self.model.tyre_table)), ca.SX.sym("phi", len(self.model.effect_table))
@@ -71,9 +74,9 @@ class CheckedMotion:
         parameters = theta, phi, ratio
         share = self._share(b, self.forces(b, *parameters), limit)
         gap = self._gap(a, b, limit["dt"], parameters)
-        results = [ca.densify(ca.vertcat(*r)) for r in (_excess(a, b, share, limit), share, ca.vertsplit(gap))]
+        result: Any = ca.densify(ca.vertcat(*_excess(a, b, share, limit), *share, gap))
         arguments: list[Any] = [before, after, *parameters, bounds]
-        one: Any = ca.Function("checked_stage", arguments, ca.cse(results))
+        one: Any = ca.Function("checked_stage", arguments, [ca.cse(result)])
         mapped: ca.Function = one.map("checked", "serial", stages, [2, 3, 4, 5], [])
         return mapped
 
@@ -107,8 +110,11 @@ class CheckedMotion:
         return shares
 
     def _gap(self, a: Mapping[str, Expr], b: Mapping[str, Expr], dt: Expr, parameters: tuple[Expr, Expr, Expr]) -> Expr:
-        """Hermite-Simpson defects; inputs run straight from stage to stage, `parameters` as `forces` takes them.
+        """Largest Hermite-Simpson defect, in units of `DEFECT_SCALE`; inputs run straight from stage to stage.
 
+        `parameters` as `forces` takes them.
+
+        Gravity on grade and bank is left out: far below what counts as a gap.
         Source: Hargraves & Paris, J. Guidance 10 (1987).
         """
         vehicle = self.model.vehicle
@@ -120,7 +126,7 @@ class CheckedMotion:
         slope = _motion(between, self.forces(between, *parameters), vehicle)
         gap = after - state - dt / 6 * (slopes[0] + 4 * slope + slopes[1])
         judged = ca.vertcat(1, 1, 1, 0, 1, 1) * (a["vx"] > MIN_DYNAMIC_SPEED) + ca.DM([0, 0, 0, 1, 0, 0])
-        return gap * judged
+        return ca.mmax(ca.fabs(gap * judged / ca.DM(DEFECT_SCALE)))
 
 
 def _declared_forces(vehicle: Vehicle, at: Mapping[str, Expr], tyres: Sequence[Curve], cx: Expr) -> Forces:

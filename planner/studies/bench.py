@@ -24,7 +24,7 @@ from planner.line.envelope import envelope_of
 from planner.line.raceline import RaceLine, raceline_for
 from planner.line.track import Reference
 from planner.plan import acceptance
-from planner.plan.checks import bounds_of, plan_of
+from planner.plan.checks import Roadside, bounds_of, plan_of
 from planner.plan.controller import Controller, TyreKnowledge
 from planner.problem.checked_motion import LIMITS
 from planner.problem.motion import NZ, PROGRESS, VX, S
@@ -169,9 +169,9 @@ def _note(run: Run, controller: Controller, z: Array, solution: Solution) -> Non
     knowledge = controller.knowledge
     phi = controller.phi_at(np.zeros(1))[:, 0]
     check = acceptance.Check(controller.checked, knowledge.theta, phi, knowledge.brake_ratio)
-    found = dict(zip(LIMITS, check(plan_of(solution, controller.reference.line), bounds).excess, strict=True))
+    found = check(plan_of(solution, Roadside(controller.reference.line)), bounds).excess
     for name, tolerance in EXECUTED_TOLERANCE.items():
-        run.violations[name] += bool(found[name][1] > tolerance)
+        run.violations[name] += bool(found[LIMITS.index(name), 1] > tolerance)
 
 
 def executed_gain(controller: Controller, measurement: ca.Function, z: Array) -> float:

@@ -20,8 +20,6 @@ from hil_gateway.bus.topics import APPLIED, BELIEF, ESTIMATE, MODEL_REVISION, To
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
-from planner.adoption.adoption import Adoption
-from planner.line.telling import LineTeller
 from planner.node import Planner
 from planner.plan.checks import PlanCheck
 from planner.plan.controller import Controller
@@ -34,13 +32,11 @@ HEARD = (APPLIED, BELIEF, ESTIMATE, MODEL_REVISION)
 """topics of the planner"""
 COLD = 40
 """plans at the start that do not count: cold starts"""
-WHOLE, REST = "whole plan", "rest"
+WHOLE, REST, BETWEEN = "whole plan", "rest", "between plans"
+"""the last is what prepares the next plan, after this one is published: not part of the whole"""
 PARTS: tuple[tuple[str, type, str], ...] = (
-    ("messages in", Planner, "_take_in"),
-    ("adoption", Adoption, "offer"),
-    ("adoption", Adoption, "offer_belief"),
-    ("adoption", Adoption, "advance"),
-    ("adoption", Adoption, "watch"),
+    (BETWEEN, Planner, "_prepare"),
+    ("applied commands", Planner, "_record"),
     ("predicted state", Planner, "_initial_state"),
     ("parameters", Controller, "shift"),
     ("parameters", Controller, "solve"),
@@ -48,7 +44,6 @@ PARTS: tuple[tuple[str, type, str], ...] = (
     ("information weight", Controller, "_weigh_information"),
     ("acceptance", PlanCheck, "__call__"),
     ("publishing", Planner, "_publish"),
-    ("publishing", LineTeller, "step"),
 )
 """name of a part, and a method whose time, without that of other parts inside it, belongs to it"""
 
@@ -172,7 +167,7 @@ def shares(times: PartTimes) -> list[dict[str, float | str]]:
     """Rows of a table: p50 and p99 of each part, ms, and its share of all the time; the whole plan first."""
     counted = times.plans[COLD:]
     names = dict.fromkeys([*(name for name, _, _ in PARTS), REST])
-    columns = {WHOLE: np.array([sum(plan.values()) for plan in counted]) / 1e6}
+    columns = {WHOLE: np.array([sum(plan.values()) - plan[BETWEEN] for plan in counted]) / 1e6}
     columns |= {name: np.array([plan.get(name, 0) for plan in counted]) / 1e6 for name in names}
     return [_row(name, values, float(columns[WHOLE].sum())) for name, values in columns.items()]
 

@@ -233,26 +233,25 @@ class Failsafe:
 
 def first_firing(inputs: Inputs) -> Row | None:
     """The strongest row whose measure has reached its threshold."""
-    firing = [row for row in TABLE if _fires(row, inputs)]
-    return max(firing, key=lambda row: _SEVERITY[row.action], default=None)
+    return max(_firing(inputs), key=lambda row: _SEVERITY[row.action], default=None)
 
 
 def first_firing_while_silent(inputs: Inputs) -> Row | None:
     """The first row that fires and acts on the ladder even while no commands are sent."""
-    acting = (row for row in TABLE if row.while_silent is not WhileSilent.NOTHING)
-    return next((row for row in acting if _fires(row, inputs)), None)
+    return next((row for row in _firing(inputs) if row.while_silent is not WhileSilent.NOTHING), None)
 
 
 def missing_for_arming(inputs: Inputs) -> tuple[str, ...]:
     """Why a request to arm would be refused now: every firing row, movement, mode."""
-    firing = tuple(row.cause for row in TABLE if _fires(row, inputs))
+    firing = tuple(row.cause for row in _firing(inputs))
     standing = () if inputs.standing else ("car_moving",)
     return firing + standing + (() if inputs.may_arm else ("mode",))
 
 
-def _fires(row: Row, inputs: Inputs) -> bool:
-    held = inputs.measures.get(row.measure, HOLDS)
-    return not held <= 0 and not held < row.threshold_s  # not-a-number fires
+def _firing(inputs: Inputs) -> list[Row]:
+    """Rows whose measure has held for long enough or is missing; not-a-number fires."""
+    held = inputs.measures.get
+    return [row for row in TABLE if not (s := held(row.measure, HOLDS)) <= 0 and not s < row.threshold_s]
 
 
 def table_markdown() -> str:

@@ -17,7 +17,7 @@ from hil_gateway.track.loading import load_track
 from planner.line.track import Reference
 from planner.plan import acceptance
 from planner.plan.acceptance import Bounds, Check, Plan
-from planner.plan.checks import beside, bounds_of, plan_of
+from planner.plan.checks import Roadside, bounds_of, plan_of
 from planner.plan.controller import Controller
 from planner.problem.brake_law import BrakeLaw
 from planner.problem.checked_motion import FORCES, CheckedMotion
@@ -43,7 +43,7 @@ def case(solved: tuple[Controller, Solution]) -> Case:
     controller, solution = solved
     check = Check(controller.checked, controller.knowledge.theta, np.zeros(0), 1.0)
     bounds = replace(bounds_of(controller.settings, controller.knowledge.load_max, 0.0), information=100.0)
-    return plan_of(solution, controller.reference.line), bounds, check
+    return plan_of(solution, Roadside(controller.reference.line)), bounds, check
 
 
 def violations(plan: Plan, bounds: Bounds, check: Check) -> list[str]:
@@ -75,9 +75,9 @@ def test_a_solution_is_accepted(case: Case) -> None:
 )
 def test_one_bad_entry_is_enough(case: Case, name: str, value: float, at: int, broken: str) -> None:
     plan, bounds, check = case
-    column = getattr(plan, name).copy()
+    column = plan[name].copy()
     column[at] = value
-    assert any(found.startswith(broken) for found in violations(replace(plan, **{name: column}), bounds, check))
+    assert any(found.startswith(broken) for found in violations(plan.changed(**{name: column}), bounds, check))
 
 
 def test_a_slide_is_refused_however_little_force_it_gives(
@@ -87,9 +87,9 @@ def test_a_slide_is_refused_however_little_force_it_gives(
     plan, bounds, check = case
     shares = []
     for sideways in (6.0, 12.0, 18.0):
-        slid = replace(plan, vy=np.full_like(plan.vy, sideways))
+        slid = plan.changed(vy=np.full_like(plan["vy"], sideways))
         shares.append(np.array([share[25] for share in check(slid, bounds).shares]))
-        slid = replace(plan, vy=np.where(np.arange(len(plan.vy)) == 25, sideways, plan.vy))
+        slid = plan.changed(vy=np.where(np.arange(len(plan["vy"])) == 25, sideways, plan["vy"]))
         assert any(found.startswith("load") for found in violations(slid, bounds, check))
     assert np.all(np.diff(shares, axis=0) > 0.0)
 
@@ -97,20 +97,20 @@ def test_a_slide_is_refused_however_little_force_it_gives(
 @pytest.mark.parametrize("name", ["x", "y", "yaw", "vx", "vy", "yaw_rate"])
 def test_a_plan_that_no_car_can_follow_is_refused(case: Case, name: str) -> None:
     plan, bounds, check = case
-    column = getattr(plan, name).copy()
+    column = plan[name].copy()
     column[20:] += {"yaw": 0.1, "yaw_rate": 0.2}.get(name, 1.0)
-    moved = replace(plan, **{name: column})
+    moved = plan.changed(**{name: column})
     found = violations(moved, bounds, check)
     assert any(f.startswith("dynamics") for f in found)
 
 
 def test_recovery_from_beyond_a_limit_must_lead_back(case: Case) -> None:
     plan, bounds, check = case
-    edge = plan.width_left - bounds.clearance
+    edge = plan["width_left"] - bounds.clearance
     back = edge + np.maximum(0.0, 0.5 - 0.05 * np.arange(len(edge)))
-    assert violations(replace(plan, offset=back), bounds, check) == []
+    assert violations(plan.changed(offset=back), bounds, check) == []
     stays = edge + 0.5
-    assert any(f.startswith("track") for f in violations(replace(plan, offset=stays), bounds, check))
+    assert any(f.startswith("track") for f in violations(plan.changed(offset=stays), bounds, check))
 
 
 def test_offset_is_measured_from_the_race_line(solved: tuple[Controller, Solution]) -> None:
@@ -118,10 +118,12 @@ def test_offset_is_measured_from_the_race_line(solved: tuple[Controller, Solutio
     index = np.arange(100, 140)
     x = line.x[index] - 2.0 * np.sin(line.heading[index])
     y = line.y[index] + 2.0 * np.cos(line.heading[index])
-    offset, left, right, _ = beside(x, y, line.s[index], line)
-    np.testing.assert_allclose(offset, 2.0, atol=1e-9)
-    np.testing.assert_allclose(left, line.width_left[index], atol=1e-9)
-    np.testing.assert_allclose(right, line.width_right[index], atol=1e-9)
+    z = np.zeros((NZ, len(index)))
+    z[0], z[1], z[6] = x, y, line.s[index]
+    plan = plan_of(replace(solved[1], z=z, information=np.zeros(len(index) - 1)), Roadside(line))
+    np.testing.assert_allclose(plan["offset"], 2.0, atol=1e-9)
+    np.testing.assert_allclose(plan["width_left"], line.width_left[index], atol=1e-9)
+    np.testing.assert_allclose(plan["width_right"], line.width_right[index], atol=1e-9)
 
 
 def forces_of(
@@ -231,7 +233,7 @@ def test_the_road_presses_on_a_checked_plan_as_on_the_planned_one(solved: tuple[
     z = solved[1].z.copy()
     z[0], z[1], z[6] = hilly.x[index], hilly.y[index], hilly.s[index]
     z[3], z[5] = np.linspace(20.0, 50.0, count), np.linspace(-0.4, 0.4, count)
-    checked = plan_of(replace(solved[1], z=z), hilly).extra_load
+    checked = plan_of(replace(solved[1], z=z), Roadside(hilly))["extra_load"]
     _, _, data = Reference(hilly).stages(hilly.s[index] + 1e-6)
     planned = [float(extra_load(data[9:12, k], z[3, k], z[5, k])) for k in range(count)]
     np.testing.assert_allclose(checked, planned, atol=4e-3)  # the plan's lower bound is smooth
