@@ -66,7 +66,7 @@ def measured(session: Path, seconds: float, folder: Path) -> dict[str, Any]:
         with Browser(folder / "profile", "1600,1000") as page:
             time.sleep(3.0)
             page.open(f"http://127.0.0.1:{port}/")
-            page.wait_for("document.querySelectorAll('.uplot').length > 3")
+            page.wait_for("document.querySelectorAll('.uplot').length > 3", 120.0)
             started_s, cpu_s = time.monotonic(), _cpu_s(server.pid)
             while (passed_s := time.monotonic() - started_s) < seconds:
                 rows.append((passed_s, _memory_mb(server.pid), page.evaluate(HEAP) / 1e6))

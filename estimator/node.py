@@ -23,6 +23,7 @@ from estimator.state.localisation import Localisation
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Alert, Belief, Estimate, VehicleState
+from hil_gateway.car.actuation import brake_balance
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
@@ -164,8 +165,9 @@ def _auxiliary(state: VehicleState, estimate: Estimate, track_position: float) -
     known = {
         "track_position": track_position, "t": state.stamp_ns / NS_PER_S, "yaw": estimate.yaw,
         "throttle": state.throttle, "brake": 0.5 * (state.brake_front + state.brake_rear) / FULL_BRAKE_PA,
-        "gear": float(state.gear), "engine_speed": state.engine_speed, "ax": state.ax - estimate.bias_ax,
-        "steer_rate": state.steer_rate, "extra_load": extra_load(state.az),
+        "brake_balance": brake_balance(state.brake_front, state.brake_rear),
+        "gear": float(state.gear), "engine_speed": state.engine_speed,
+        "ax": state.ax - estimate.bias_ax, "steer_rate": state.steer_rate, "extra_load": extra_load(state.az),
     }  # fmt: skip
     return np.array([known.get(name, 0.0) for name in AUXILIARY])
 

@@ -1,8 +1,8 @@
-"""Planner process: estimate, belief and model revision in; plan and command out, 20 times a second (Algorithm 1)."""
+"""The planner: estimate, belief and model revision in; plan and command out, 20 times a second (Algorithm 1)."""
 
 from __future__ import annotations
 
-import time
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.messages import Applied, Command, Estimate, Plan, PlanStatus
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
-from hil_gateway.process.clock import NS_PER_S, SystemClock
+from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.adoption.adoption import Adoption
@@ -73,23 +73,26 @@ class Planner:
         self._plan: Trajectory | None = None
         self._solution_start_ns: int | None = None
         self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
-        self._check = PlanCheck(self.settings, config.vehicle)
+        self._check = PlanCheck(self.settings)
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
         self._teller = LineTeller(bus)
 
     def step(self, now_ns: int) -> Plan | None:
         """Plan from the newest estimate and publish; None while there has never been one."""
+        message = self._plan_and_publish(now_ns)
+        self._prepare(now_ns)
+        return message
+
+    def _plan_and_publish(self, now_ns: int) -> Plan | None:
         started = self._stopwatch()
-        self._take_in(now_ns)
+        self._record(self._applied.poll(now_ns), now_ns)
         start_ns = now_ns + round((self._config.planner.compute_s + self._config.planner.actuator_delay_s) * NS_PER_S)
         z0 = self._initial_state(now_ns, start_ns)
         decision = self._decide(z0, start_ns, started)
         if decision is None:
             return None
         self._plan = decision.plan
-        message = self._publish(decision, now_ns, started)
-        self._teller.step(now_ns, self.adoption.controller.reference.line, self.adoption.controller.clearance)
-        return message
+        return self._publish(decision, now_ns, started)
 
     def store_limits(self) -> None:
         """Write the load limits the next run may use, if a file is configured."""
@@ -100,9 +103,8 @@ class Planner:
         """Loads the next run may start from."""
         return self.adoption.held
 
-    def _take_in(self, now_ns: int) -> None:
-        """Everything that has arrived except the estimate."""
-        self._record(self._applied.poll(now_ns), now_ns)
+    def _prepare(self, now_ns: int) -> None:
+        """What the next plan starts from besides the estimate: after a plan, when there is time, and not before one."""
         seen = self._belief.latest.count, self._revision.latest.count
         belief, revision = self._belief.update(now_ns), self._revision.update(now_ns)
         if belief.count != seen[0] and belief.message is not None:
@@ -110,6 +112,9 @@ class Planner:
         if revision.count != seen[1] and revision.message is not None:
             self.adoption.offer(revision.message)
         self.adoption.advance()
+        self.adoption.catch_up()
+        if self._plan is not None:
+            self._teller.step(now_ns, self.adoption.controller.reference.line, self.adoption.controller.clearance)
 
     def _record(self, applied: list[Applied], now_ns: int) -> None:
         """What the gateway sent, on the own clock: the newest counts as just sent."""
@@ -124,25 +129,26 @@ class Planner:
         if e is None or not latest.valid(now_ns) or latest.received_ns is None:
             return None
         car = np.array([e.x, e.y, e.yaw, e.vx, e.vy, e.yaw_rate])
-        if not (credible(car, self._track) and np.isfinite([e.drive, e.steer]).all()):
+        if not (credible(car, self._track) and math.isfinite(e.drive) and math.isfinite(e.steer)):
             return None
         controller = self.adoption.controller
         guess = controller.sqp.z
-        car[2] += 2 * np.pi * np.round((guess[2, 0] - car[2]) / (2 * np.pi))
+        car[2] += math.tau * round(float(guess[2, 0] - car[2]) / math.tau)
         measured_ns = latest.received_ns - round(self._config.planner.estimate_age_s * NS_PER_S)
         measured = Moment(measured_ns, car, e.drive, e.steer)
         then = predict(self._actuators, controller.advance, measured, start_ns)
         car, drive, steer = then.car, then.drive, then.steer
-        if not np.isfinite([*car, drive, steer]).all():  # no model of the plan may end the process
+        # no model of the plan may end the process
+        if not (np.isfinite(car).all() and math.isfinite(drive) and math.isfinite(steer)):
             return None
         hint = self._expected(start_ns)
         s = controller.reference.project(float(car[0]), float(car[1]), None if hint is None else float(hint[S]))
         self.adoption.watch(e, s)
         progress = float(car[3]) if hint is None else float(hint[PROGRESS])
         limits = self.settings.limits
-        return np.concatenate([
-            car, [s, np.clip(drive, limits.drive_min, limits.drive_max), np.clip(steer, -limits.steer, limits.steer),
-                  np.clip(progress, 0.0, limits.speed)],
+        return np.array([
+            *car.tolist(), s, _within(drive, limits.drive_min, limits.drive_max),
+            _within(steer, -limits.steer, limits.steer), _within(progress, 0.0, limits.speed),
         ])  # fmt: skip
 
     def _expected(self, start_ns: int) -> Array | None:
@@ -253,14 +259,16 @@ class Planner:
     def _publish(self, decision: Decision, now_ns: int, started: int) -> Plan:
         z, e, dt = decision.plan.z, self._estimate.latest.message, self.settings.dt
         stamp = e.state_stamp_ns if e is not None else 0
-        steer = self._actuators.lead(z[STEER, 0], z[STEER, 1], dt, self._actuators.steer_lag)
-        drive = self._actuators.lead(z[DRIVE, 0], z[DRIVE, 1], dt, self._actuators.drive_lag)
+        steer = self._actuators.lead(float(z[STEER, 0]), float(z[STEER, 1]), dt, self._actuators.steer_lag)
+        drive = self._actuators.lead(float(z[DRIVE, 0]), float(z[DRIVE, 1]), dt, self._actuators.drive_lag)
         limits = self.settings.limits
+        drive = _within(drive, limits.drive_min, limits.drive_max)
         command = Command(
             stamp_ns=now_ns, seq=self._seq, source="planner", state_stamp_ns=stamp,
-            steer=float(np.clip(steer, -limits.steer, limits.steer)),
-            drive=float(np.clip(drive, limits.drive_min, limits.drive_max)),
+            steer=_within(steer, -limits.steer, limits.steer), drive=drive,
+            brake_balance=self.adoption.brake_balance(float(z[VX, 0]), drive),
         )  # fmt: skip
+        self._bus.publish(topics.COMMAND, command)
         rows = {"x": 0, "y": 1, "yaw": 2, "vx": VX, "s": S, "steer": STEER, "drive": DRIVE}
         message = Plan(
             stamp_ns=now_ns, seq=self._seq, state_stamp_ns=stamp, status=decision.status,
@@ -271,9 +279,12 @@ class Planner:
             solve_ms=(self._stopwatch() - started) / 1e6, information_gain=decision.gain,
         )  # fmt: skip
         self._seq += 1
-        self._bus.publish(topics.COMMAND, command)
         self._bus.publish(topics.PLAN, message)
         return message
+
+
+def _within(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)
 
 
 def _declared_road(config: Config, track: Track) -> Track:
@@ -284,25 +295,3 @@ def _declared_road(config: Config, track: Track) -> Track:
 def _fits(plan: Trajectory, z0: Array | None) -> bool:
     """Whether a plan starts near the state, as far as that is known."""
     return z0 is None or float(np.hypot(*(plan.z[:2, 0] - z0[:2]))) < COLD_DISTANCE
-
-
-def run(config: Config) -> None:
-    """Plan at 20 Hz until asked to stop."""
-    from hil_gateway.bus.zenoh_bus import open_bus
-    from hil_gateway.process.lifecycle import SilenceNotice, stop_requested
-
-    stop, clock = stop_requested(), SystemClock()
-    bus = open_bus(config.zenoh, "planner")
-    planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
-    period_ns = round(config.planner.dt * NS_PER_S)
-    due_ns = clock.now_ns()
-    notice = SilenceNotice("estimate", config.zenoh.connect, due_ns)
-    try:
-        while not stop():
-            plan = planner.step(clock.now_ns())
-            notice.step(clock.now_ns(), received=plan is not None)
-            due_ns = max(due_ns + period_ns, clock.now_ns())
-            clock.sleep_until(due_ns)
-    finally:
-        planner.store_limits()
-        bus.close()

@@ -22,7 +22,6 @@ from estimator.model.profile import profile_basis
 from estimator.model.single_track import SingleTrack
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision
 from hil_gateway.bus.revision_file import read_revision
-from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config, EstimatorConfig
 from hil_gateway.process.arrays import Array
@@ -45,9 +44,9 @@ def declared_revision(layout: Layout, tyre: Mapping[str, float] | None = None) -
     return ModelRevision(stamp_ns=0, seq=0, revision=revision_id(layout, values), layout=layout, tyre=values)
 
 
-def race_car_revision(layout: Layout, vehicle: Vehicle, powertrain: Powertrain) -> ModelRevision:
+def race_car_revision(layout: Layout, vehicle: Vehicle) -> ModelRevision:
     """The declared race car: Eq. (1)-(3) with its declared effects, and how well all of it is known."""
-    tyre, declared = dict(DEFAULT_TYRE[layout]), declared_effects(vehicle, powertrain)
+    tyre, declared = dict(DEFAULT_TYRE[layout]), declared_effects(vehicle)
     effects = tuple(
         ActiveEffect(name=name, parameters={key: p.value for key, p in parameters.items()})
         for name, parameters in declared.items()
@@ -71,7 +70,7 @@ def starting_revision(config: Config, model: str) -> ModelRevision:
     layout = config.estimator.layout
     if config.declared_model == "paper":
         return declared_revision(layout)
-    return race_car_revision(layout, config.vehicle, config.powertrain)
+    return race_car_revision(layout, config.vehicle)
 
 
 def carried_over(revision: ModelRevision) -> ModelRevision:
@@ -117,6 +116,11 @@ class RevisedModel:
         for row, coefficients in self.profiles.items():
             phi[row] = profile_basis(track_position, self.lap_length, len(coefficients)) @ coefficients
         return phi
+
+    def constant(self, effect: str, parameter: str) -> float | None:
+        """One parameter of an effect that is the same all over the lap; None where the effect is not active."""
+        names = [(e.name, p.name) for e in self.model.effects for p in e.parameters]
+        return float(self.constants[names.index((effect, parameter))]) if (effect, parameter) in names else None
 
 
 def model_of(revision: ModelRevision, vehicle: Vehicle, lap_length: float) -> RevisedModel:

@@ -23,6 +23,15 @@ TYPICAL_STEPS = 45.0
 """Fits of a typical diagnosis: the bar approaches its end over about twice as many."""
 
 
+def _print_effects(wanted: bool) -> None:
+    """Print the catalogue and end."""
+    from estimator.model.catalogue_page import parameter_list
+
+    if wanted:
+        print(parameter_list())
+        raise typer.Exit
+
+
 @app.command()
 def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     sessions: Annotated[list[Path], typer.Argument(help="recorded .mcap or drive-log .csv files: one data set")],
@@ -32,6 +41,12 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     layout: Annotated[str, typer.Option(help="tyre parameters: per_axle or shared")] = "per_axle",
     out: Annotated[Path | None, typer.Option(help="folder for diagnosis.json, model.json and report.html")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+    effects: Annotated[
+        bool,
+        typer.Option(
+            "--effects", callback=_print_effects, is_eager=True, help="print the parameters of all effects and end"
+        ),
+    ] = False,
 ) -> None:
     """Find what the model does not explain, trace it to an effect, and show the error before and after."""
     # fits run in processes side by side: threads of the linear algebra would only get in their way

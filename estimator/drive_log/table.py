@@ -24,7 +24,7 @@ DERIVABLE = ("ax", "ay", "drive")
 """What is derived, and said so, where a log has it not."""
 
 OPTIONAL = (
-    "x", "y", "z", "yaw", "az", "lap", "throttle", "brake", "gear", "engine_speed",
+    "x", "y", "z", "yaw", "az", "lap", "throttle", "brake", "brake_balance", "gear", "engine_speed",
     "wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr",
 )  # fmt: skip
 

@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.belief.revision import model_of
+from estimator.drive_log.derived import BY_STATE_FILTER
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.learner.active import active_effects, parameter_std
 from estimator.learner.known_road import with_road
-from estimator.learner.rule import Errors, mean_ratio, why_not
+from estimator.learner.rule import NO_WORSE, Errors, mean_ratio, why_not
 from estimator.learner.taught import SPREAD, Laps, parameters_of, taught
 from estimator.model.declared_vehicle import DECLARED
 from estimator.model.effects import catalogue
@@ -106,7 +107,8 @@ def find(task: Task) -> Found:
         reason = why_not(errors["refit"], errors["in_force"], errors["found"]) if effects else NOTHING
         return Found(effects, _with_provenance(model, effects, errors, held_out), reason, errors)
 
-    return without_what_spoils(outcome(tuple(e.name for e in final if e.name not in known)), outcome)
+    whole = without_what_spoils(outcome(tuple(e.name for e in final if e.name not in known)), outcome)
+    return without_what_is_idle(whole, outcome)
 
 
 def without_what_spoils(whole: Found, outcome: Callable[[tuple[str, ...]], Found]) -> Found:
@@ -118,9 +120,31 @@ def without_what_spoils(whole: Found, outcome: Callable[[tuple[str, ...]], Found
     """
     left = whole
     while left.reason and len(left.effects) > 1:
-        fewer = [outcome(tuple(n for n in left.effects if n != name)) for name in left.effects]
-        left = min(fewer, key=lambda f: (bool(f.reason), mean_ratio(f.errors["refit"], f.errors["found"])))
+        left = min(_one_less(left, outcome), key=lambda f: (bool(f.reason), _ratio(f)))
     return whole if left.reason else left
+
+
+def without_what_is_idle(whole: Found, outcome: Callable[[tuple[str, ...]], Found]) -> Found:
+    """`whole` without effects that predict nothing: those without which it may be driven with and predicts as well.
+
+    A fit spends small effects of the sensors on what is left of the model's errors, and they change what the belief
+    makes of the others.
+    """
+    left = whole
+    while not left.reason and len(left.effects) > 1:
+        fewer = min(_one_less(left, outcome), key=lambda f: (bool(f.reason), _ratio(f)))
+        if fewer.reason or _ratio(fewer) > NO_WORSE * _ratio(left):
+            break
+        left = fewer
+    return left
+
+
+def _one_less(found: Found, outcome: Callable[[tuple[str, ...]], Found]) -> list[Found]:
+    return [outcome(tuple(n for n in found.effects if n != name)) for name in found.effects]
+
+
+def _ratio(found: Found) -> float:
+    return mean_ratio(found.errors["refit"], found.errors["found"])
 
 
 def judge(first: FirstLap) -> tuple[Errors, Errors]:
@@ -163,7 +187,7 @@ def _check_lap(task: Task, lap: int) -> None:
 
 def _record(task: Task, ground: Ground) -> Record:
     columns = {name: column for name, column in task.columns.items() if name not in SPREAD}
-    log = DriveLog(columns=columns, segment=segment_numbers(columns["t"]))
+    log = DriveLog(columns=columns, segment=segment_numbers(columns["t"]), derived=BY_STATE_FILTER)
     record = make_record(log, task.config.vehicle)
     return with_map_road(on_map(record, ground.track, ground.position), ground.track) if ground.mapped else record
 

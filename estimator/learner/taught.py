@@ -85,11 +85,15 @@ def samples(laps: Laps, revised: RevisedModel) -> Iterator[Sample]:
         yield Sample(signals[:, i], np.diag(spread[:, i]), z[:, i], aux[:, i], phi[:, i])
 
 
+FROM_LAPS = ("t", "yaw", "throttle", "brake_balance", "gear", "engine_speed", "ax", "extra_load")
+"""auxiliaries that the laps have as columns"""
+
+
 def _auxiliary(laps: Laps) -> Array:
     """(auxiliaries, n) in the order of `AUXILIARY`."""
     columns = laps.columns
     known = {
-        **{name: columns[name] for name in ("t", "yaw", "throttle", "gear", "engine_speed", "ax", "extra_load")},
+        **{name: columns[name] for name in FROM_LAPS},
         "track_position": laps.position, "brake": columns["brake"] / FULL_BRAKE_PA,
         "steer_rate": np.gradient(columns["steer"], columns["t"]),
     }  # fmt: skip

@@ -12,17 +12,10 @@ HEAD = """# Catalogue of effects
 
 Generated from `estimator/model/effects/` (`python -m estimator.model.catalogue_page > docs/effects.md`). Each effect
 is one file that identification, diagnosis and planner share; at its neutral parameters it changes nothing.
+`hil diagnose --effects` prints the parameters: unit, neutral value, prior, plausible range with its reason.
 
 | effect | what the declared model lacks | equation | told from its look-alikes by |
 | --- | --- | --- | --- |
-"""
-PARAMETERS = """
-## Parameters
-
-Outside its plausible range an effect is not named; the fit's own bounds are wider.
-
-| effect | parameter | unit | neutral | prior std | meaning | plausible |
-| --- | --- | --- | --- | --- | --- | --- |
 """
 NOTES = """
 Profiles are periodic cubic splines over the named signal. Effects with memory use the past of the signals on recorded
@@ -36,12 +29,14 @@ data and their first-order form in the planner.
 def page() -> str:
     """The whole page."""
     effects = list(catalogue().values())
-    rows = [_row(effect) for effect in effects]
-    parameters = [_parameter(f"`{e.name}`" if i == 0 else "", p) for e in effects for i, p in enumerate(e.parameters)]
-    return (
-        HEAD + "\n".join(rows) + "\n" + PARAMETERS + "\n".join(parameters) + "\n" + NOTES
-        + "\n".join(_sources(effects)) + "\n"
-    )  # fmt: skip
+    return HEAD + "\n".join(map(_row, effects)) + "\n" + NOTES + "\n".join(_sources(effects)) + "\n"
+
+
+def parameter_list() -> str:
+    """Every effect with its parameters, for a terminal."""
+    return "\n".join(
+        line for e in catalogue().values() for line in (f"{e.name}: {e.lacks}", *map(_parameter, e.parameters))
+    )
 
 
 def _row(effect: Effect) -> str:
@@ -57,15 +52,16 @@ def _notes(effect: Effect) -> str:
     return f" ({'; '.join(notes)})" if notes else ""
 
 
-def _parameter(effect: str, p: Parameter) -> str:
-    return f"| {effect} | `{p.name}` | {p.unit} | {p.prior:g} | {p.prior_std:g} | {p.description} | {_plausible(p)} |"
+def _parameter(p: Parameter) -> str:
+    unit = "" if p.unit == "1" else f", {p.unit}"
+    return f"  {p.name}{unit}: {p.description}; {_plausible(p)}; neutral {p.prior:g}, prior std {p.prior_std:g}"
 
 
 def _plausible(p: Parameter) -> str:
     if p.plausible is None:
-        return f"{p.lower:g} to {p.upper:g}, the bounds"
-    least = f", off neutral by {p.plausible.least:g}" if p.plausible.least else ""
-    return f"{p.plausible.lower:g} to {p.plausible.upper:g}{least}: {p.plausible.reason}"
+        return f"{p.lower:g} to {p.upper:g} (bounds of the fit)"
+    least = f", at least {p.plausible.least:g} off neutral" if p.plausible.least else ""
+    return f"{p.plausible.lower:g} to {p.plausible.upper:g}{least} ({p.plausible.reason})"
 
 
 def _sources(effects: list[Effect]) -> list[str]:

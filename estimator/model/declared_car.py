@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from estimator.model.parameters import DEFAULT_TYRE, Layout
-from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 
 AERO_STD = 0.10
@@ -25,6 +24,8 @@ ELLIPSE = (0.80, 0.15)
 Dynamics, ch. 3.3) a longitudinal force of half the peak takes 3 % of the lateral force at small slip angles and one of
 0.9 takes 30 %, as ellipses with 0.5 and 0.8 do; at the peak they have 0.95. Without it what an axle loses under power
 or brakes passes for load transfer that is not there"""
+BRAKE_SHARE = 0.5
+"""of the front axle at equal pressures: `Powertrain.brake_force_per_pa` is that of either axle"""
 BRAKE_SHARE_STD = 0.04
 """absolute, about 8 %: pads, discs and the bias valve"""
 BRAKE_GAIN_STD = 0.10
@@ -42,7 +43,7 @@ class DeclaredParameter:
     std: float
 
 
-def declared_effects(vehicle: Vehicle, powertrain: Powertrain) -> dict[str, dict[str, DeclaredParameter]]:
+def declared_effects(vehicle: Vehicle) -> dict[str, dict[str, DeclaredParameter]]:
     """Effects of the race car with nominal values: effect -> parameter -> value and how well it is known."""
     v, pressure = vehicle, 0.5 * vehicle.air_density
     drag, front, rear = (pressure * area for area in (v.drag_area, -v.lift_area_front, -v.lift_area_rear))
@@ -56,7 +57,7 @@ def declared_effects(vehicle: Vehicle, powertrain: Powertrain) -> dict[str, dict
         "load_sensitivity": {"k": DeclaredParameter(*LOAD_SENSITIVITY)},
         "combined_slip": {"k": DeclaredParameter(*ELLIPSE)},
         "front_brake": {
-            "share": DeclaredParameter(powertrain.brake_bias_front, BRAKE_SHARE_STD),
+            "share": DeclaredParameter(BRAKE_SHARE, BRAKE_SHARE_STD),
             "gain": DeclaredParameter(1.0, BRAKE_GAIN_STD),
         },
     }

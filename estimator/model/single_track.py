@@ -57,12 +57,13 @@ SIGNALS = ("vx", "vy", "yaw_rate", "steer", "drive")
 """Arguments every evaluation needs, in order."""
 
 AUXILIARY = (
-    "track_position", "t", "yaw", "throttle", "brake", "gear", "engine_speed", "ax", "steer_rate", "drive_rate",
-    "extra_load",
+    "track_position", "t", "yaw", "throttle", "brake", "brake_balance", "gear", "engine_speed", "ax", "steer_rate",
+    "drive_rate", "extra_load",
 )  # fmt: skip
 """Further signals an effect may ask for; a caller that has none leaves them out and gets the neutral value 0.
 
-`brake` is a share of full braking, `FULL_BRAKE_PA` or pedal 1; `extra_load` is what crests, dips and banks add to the
+`brake` is a share of full braking, `FULL_BRAKE_PA` or pedal 1; `brake_balance` the difference of front and rear
+pressure over their sum; `extra_load` is what crests, dips and banks add to the
 axle loads, over the weight."""
 
 FULL_BRAKE_PA = 6.0e6

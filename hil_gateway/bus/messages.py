@@ -22,6 +22,7 @@ Motion = Annotated[float, Field(ge=-1e4, le=1e4)]
 """a speed or rate as it is estimated"""
 Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
 Slip = Annotated[float, Field(ge=-100, le=100)]
+Balance = Annotated[float, Field(ge=-1, le=1)]
 Position = Annotated[float, Field(ge=-1e7, le=1e7)]
 Pressure = Annotated[float, Field(ge=-1e8, le=1e8)]
 Parameter = Annotated[float, Field(ge=-1e12, le=1e12)]
@@ -204,6 +205,9 @@ class Command(Message):
     state_stamp_ns: Stamp = Field(description="stamp of the VehicleState the plan started from, gateway clock")
     steer: Angle = Field(description="road-wheel angle, rad")
     drive: Slip = Field(description="slip ratio, positive drives, negative brakes")
+    brake_balance: Balance | None = Field(
+        default=None, description="front minus rear brake pressure over their sum; null: as declared"
+    )
 
 
 class OperatorAction(StrEnum):

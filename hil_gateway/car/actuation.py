@@ -1,8 +1,8 @@
 """Between what the planner asks for (road-wheel angle, slip-ratio drive d) and what the car's actuators take.
 
 Force wanted: F = C_x d with the declared C_x (Eq. 2). Positive F: accelerator = F over the full-throttle force in
-the gear; negative F: brake pressures p_f, p_r = bias F / k, (1 - bias) F / k. The inverse turns reported pedals
-into the equivalent d, which is what the estimator learns from.
+the gear; negative F: brake pressures p_f, p_r = (1 + b) / 2 F / k, (1 - b) / 2 F / k with the balance b. The inverse
+turns reported pedals into the equivalent d, which is what the estimator learns from.
 """
 
 from __future__ import annotations
@@ -11,6 +11,14 @@ from dataclasses import dataclass
 
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
+
+PRESSED = 1.0e5
+"""Pa, both circuits together: with less the brakes do nothing, and the noise of their sensors has no balance"""
+
+
+def brake_balance(front: float, rear: float) -> float:
+    """Difference of front and rear pressure (Pa) over their sum, -1..1; fades to 0 below `PRESSED`."""
+    return (front - rear) / max(front + rear, PRESSED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,22 +39,31 @@ class Actuation:
         self._vehicle = vehicle
         self._powertrain = powertrain
 
-    def to_actuators(self, steer: float, drive: float, gear: int, engine_speed: float, next_gear: int) -> Actuators:
-        """Command (rad, slip ratio) in the engaged `gear` at `engine_speed` (rad/s) to actuator positions."""
+    def to_actuators(  # noqa: PLR0917 - a command and the state of the car
+        self, steer: float, drive: float, gear: int, engine_speed: float, next_gear: int, balance: float | None = None
+    ) -> Actuators:
+        """Command (rad, slip ratio) in the engaged `gear` at `engine_speed` (rad/s) to actuator positions.
+
+        `balance` as `brake_balance`; None is the declared one.
+        """
         train = self._powertrain
         force = train.force_per_drive * drive
         available = train.drive_force(gear, engine_speed, self._vehicle.wheel_radius)
         accelerator = min(force / available, 1.0) if force > 0 and available > 0 else 0.0
-        front, rear = self.brake_pressures(max(-force, 0.0))
+        front, rear = self.brake_pressures(max(-force, 0.0), balance)
         return Actuators(self.to_steering_motor(steer), accelerator, front, rear, next_gear)
 
-    def brake_pressures(self, force: float) -> tuple[float, float]:
-        """Front and rear pressure (Pa) for a braking force (N >= 0), held to what the brakes take."""
+    def brake_pressures(self, force: float, balance: float | None = None) -> tuple[float, float]:
+        """Front and rear pressure (Pa) for a braking force (N >= 0), held to what the brakes take.
+
+        `balance` is held to `Powertrain.balances`: no command leaves an axle without brakes.
+        """
         train = self._powertrain
+        low, high = train.balances
+        declared = 2 * train.brake_bias_front - 1
+        share = 0.5 + 0.5 * (declared if balance is None else min(max(balance, low), high))
         total = force / train.brake_force_per_pa
-        front = min(total * train.brake_bias_front, train.brake_pressure_max)
-        rear = min(total * (1 - train.brake_bias_front), train.brake_pressure_max)
-        return front, rear
+        return min(total * share, train.brake_pressure_max), min(total * (1 - share), train.brake_pressure_max)
 
     def to_drive(self, actuators: Actuators, engine_speed: float, gear: int) -> float:
         """Equivalent slip-ratio drive command of reported or applied pedals in the engaged `gear`."""

@@ -24,6 +24,10 @@ GEARS_MAX = 6
 """largest `desired_gear` the car takes"""
 
 
+LEAST_BIAS = 0.1
+"""share of the pressure that is left to each axle: no axle may be without brakes"""
+
+
 class Powertrain(Model):
     """Declared numbers, SI. 473 hp at 6110 rpm, gears and final drive: AV-21/AV-24, public sources (docs/av24.md)."""
 
@@ -40,6 +44,9 @@ class Powertrain(Model):
     brake_force_per_pa: float = Field(default=1.8e-3, gt=0, lt=0.1, description="braking force of one axle, N per Pa")
     brake_bias_front: float = Field(
         default=0.54, ge=0.2, le=0.9, description="front share of the pressure; no axle may be without brakes"
+    )
+    brake_bias_range: float = Field(
+        default=0.12, ge=0, le=0.2, description="by which a command may move that share: tyres differ by a fifth"
     )
     brake_pressure_max: float = Field(default=6.0e6, ge=1.0e6, le=7.0e6, description="Pa")
     force_per_drive: float = Field(
@@ -67,6 +74,12 @@ class Powertrain(Model):
     def engine_speed_max(self) -> float:
         """End of the engine map, rad/s: no shift may turn the engine faster."""
         return self.engine_rpm[-1] * RPM
+
+    @property
+    def balances(self) -> tuple[float, float]:
+        """Least and largest `brake_balance` a command may ask for."""
+        low, high = (self.brake_bias_front + side * self.brake_bias_range for side in (-1, 1))
+        return 2 * max(low, LEAST_BIAS) - 1, 2 * min(high, 1 - LEAST_BIAS) - 1
 
     def engine_torque_at(self, engine_speed: float) -> float:
         """Full-throttle torque at `engine_speed` (rad/s), N m, linear between the points of the map."""

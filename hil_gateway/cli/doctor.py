@@ -7,7 +7,6 @@ import importlib.metadata
 import json
 import os
 import platform
-import resource
 import shutil
 import socket
 import subprocess
@@ -23,6 +22,7 @@ from hil_gateway.config import Config, load_config, origins
 from hil_gateway.process.cache import cache_directory
 from hil_gateway.process.errors import EXIT_FAILURE
 from hil_gateway.process.figures import print_json
+from hil_gateway.process.scheduling import PRIORITIES, permitted
 from hil_gateway.process.shipped import missing_files, template
 from hil_gateway.track.loading import shipped_tracks
 
@@ -212,9 +212,10 @@ def _cpus() -> Finding:
 
 
 def _real_time() -> Finding:
-    ok = os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_RTPRIO)[0] > 0
-    detail = "may be raised" if ok else "not permitted"
-    return Finding("real-time priority", ok, detail, "a car (not the demo)", "run by deploy/systemd, or ulimit -r 80")
+    without = [f"{name} ({priority})" for name, priority in PRIORITIES.items() if not permitted(name)]
+    detail = f"not permitted: {', '.join(without)}" if without else "may be raised"
+    remedy = f"run by deploy/systemd, or ulimit -r {max(PRIORITIES.values())}"
+    return Finding("real-time priority", not without, detail, "a car (not the demo)", remedy)
 
 
 def findings(config: Config) -> Iterator[Finding]:

@@ -6,7 +6,7 @@ It reads no clock and raises nothing but bugs.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from can_dbc.codec import load_codec
 from hil_gateway.bus import topics
@@ -18,17 +18,21 @@ from hil_gateway.car.states import CtState
 from hil_gateway.config import Config
 from hil_gateway.gateway.act.actor import Actor
 from hil_gateway.gateway.decide.conditions import Conditions
-from hil_gateway.gateway.decide.decision import Decision, decide
+from hil_gateway.gateway.decide.decision import Decision, Situation, decide
 from hil_gateway.gateway.decide.failsafe import Failsafe, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import caution_speed, flags_in_force, flags_received
 from hil_gateway.gateway.perceive.course import CourseReader
-from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning
+from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
 from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.monitors.monitors import Monitors
+from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.gateway.reporter import Reporter
 from hil_gateway.track.track import Track
+
+Measures = Mapping[str, float]
+"""name of a measure of the failsafe table -> seconds it has held"""
 
 
 class Gateway:
@@ -64,49 +68,75 @@ class Gateway:
 
     def step(self, now_ns: int) -> None:
         """One 10 ms period."""
-        before, gate = self.decision, self.inbox.gate
+        before = self.decision
+        state = self._read_car(now_ns, before)
+        self._read_bus(now_ns, before)
+        motion, pose, monitored = self._perceive(now_ns, state, before)
+        situation = self._decide(now_ns, state, monitored, before)
+        self._act(now_ns, state, motion, pose)
+        self._report(situation)
+
+    def _read_car(self, now_ns: int, before: Decision) -> VehicleState:
+        """Frames that have arrived, to the published vehicle state."""
         self.builder.take(self._link.receive(0.0), now_ns)
         state = self.builder.build(now_ns, before.race_control.ct_state, *flags_in_force(self.builder, now_ns))
         self._bus.publish(topics.VEHICLE_STATE, state)
+        return state
+
+    def _read_bus(self, now_ns: int, before: Decision) -> None:
+        """Commands, and the plan that a stop would follow."""
         self.inbox.read_commands(now_ns, before.failsafe.armed)
         if (plan := self.inbox.read_plan(now_ns)) is not None:
             self._actor.stopping.take_plan(plan, stopping=before.stopping)
-        fixes_fit, imu_wrong = self.monitors.fixes_fit, self.monitors.imu_wrong
+
+    def _perceive(self, now_ns: int, state: VehicleState, before: Decision) -> tuple[Motion, Pose | None, Measures]:
+        """How the car moves and where it is, by the sources that fit each other, and what the monitors measure."""
+        monitors = self.monitors
+        fixes_fitted, imu_was_wrong = monitors.fixes_fit, monitors.imu_wrong
         course = self._course.step(now_ns, self.builder.fixes)
-        motion = self.monitors.motion.step(now_ns, state, course if fixes_fit else None)
-        self.monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
-        self.monitors.position.scattered(now_ns, self._course.scatter_m)
+        motion = monitors.motion.step(now_ns, state, course if fixes_fitted else None)
+        monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
+        monitors.position.scattered(now_ns, self._course.scatter_m)
         estimate = self.inbox.read_estimate(now_ns)
-        self.monitors.heed(now_ns, state, self.inbox.estimate)
-        fixes_fit = self.monitors.fixes_fit
-        believed = estimate if self.monitors.estimate_fits else None
-        pose = self._dead_reckoning.step(now_ns, state, motion, believed, fixes_fit)
-        request = self.inbox.read_request(now_ns)
+        monitors.heed(now_ns, state, self.inbox.estimate)
+        believed = estimate if monitors.estimate_fits else None
+        pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
-        trusted = None if self.monitors.position.wrong and not imu_wrong else course
-        self.monitors.stopping = before.stopping
-        monitored = self.monitors.measures(now_ns, state, pose, commanded, trusted)
-        if course is not None and self.monitors.imu_wrong and not imu_wrong:
+        monitors.stopping = before.stopping
+        trusted = None if monitors.position.wrong and not imu_was_wrong else course
+        monitored = monitors.measures(now_ns, state, pose, commanded, trusted)
+        if course is not None and monitors.imu_wrong and not imu_was_wrong:
             self._dead_reckoning.restart(now_ns, course)
-        situation = self._conditions.situation(
-            now_ns, state, request, before, gate.age_s(now_ns), self.inbox.estimate, monitored
-        )
-        decision = self.decision = decide(situation, before)
+        return motion, pose, monitored
+
+    def _decide(self, now_ns: int, state: VehicleState, monitored: Measures, before: Decision) -> Situation:
+        """Failsafe and ladder of this period."""
+        request, age_s = self.inbox.read_request(now_ns), self.inbox.gate.age_s(now_ns)
+        situation = self._conditions.situation(now_ns, state, request, before, age_s, self.inbox.estimate, monitored)
+        self.decision = decide(situation, before)
         self.seen = state, situation.conditions
-        self._reporter.note_change(situation, before, decision, self.inbox.estimate.age_s(now_ns))
-        if decision.stopping and not before.stopping:
+        self._reporter.note_change(situation, before, self.decision, self.inbox.estimate.age_s(now_ns))
+        if self.decision.stopping and not before.stopping:
             self._actor.start_stop()
+        return situation
+
+    def _act(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None) -> None:
+        """Ladder and actuator commands on the wire, and what was sent on the bus."""
+        decision, command = self.decision, self.inbox.gate.newest
         self._actor.report_ladder(now_ns, decision.race_control.ct_state, flags_received(self.builder))
         self._actor.caution_speed = caution_speed(self.builder, self._caution_speed)
-        sent, limited = self._actor.step(now_ns, state, motion, decision, gate.newest, pose)
-        self._reporter.note_answer(now_ns, decision, gate.newest)
+        sent, limited = self._actor.step(now_ns, state, motion, decision, command, pose)
+        self._reporter.note_answer(now_ns, decision, command)
         self._bus.publish(topics.APPLIED, self._actor.applied(now_ns, self._seq, state, decision, sent, limited))
-        status = self._reporter.status(situation, decision, self.builder, self._link, self._actor)
+        self._seq += 1
+
+    def _report(self, situation: Situation) -> None:
+        """What is due more slowly: status and tyres."""
+        status = self._reporter.status(situation, self.decision, self.builder, self._link, self._actor)
         if status is not None:
             self._bus.publish(topics.GATEWAY_STATUS, status)
-        if (tyres := self._tyres.message(now_ns)) is not None:
+        if (tyres := self._tyres.message(situation.now_ns)) is not None:
             self._bus.publish(topics.TYRES, tyres)
-        self._seq += 1
 
     def shut_down(self, now_ns: int) -> None:
         """Say controlled shutdown on the wire; the car stops by itself when the commands end."""

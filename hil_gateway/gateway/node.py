@@ -43,7 +43,7 @@ def run(config: Config) -> None:
         raise
     gateway = Gateway(config, bus, link, track, describe_load)
     events, notify = EventLog(bus, to_journal), Notifier()
-    if not punctual():
+    if not punctual("gateway"):
         log.warning("real-time priority is not permitted: frames may leave some ms late while this computer is busy")
     gc.freeze()  # what start-up allocated is never collected: shorter pauses
     clock = SystemClock()

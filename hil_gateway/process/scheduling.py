@@ -5,12 +5,18 @@ from __future__ import annotations
 import ctypes
 import os
 import platform
+import resource
+from collections.abc import Mapping
 from pathlib import Path
 from struct import Struct
 
-REAL_TIME_PRIORITY = 10
+PRIORITIES: Mapping[str, int] = {"gateway": 80, "plant": 70, "estimator": 60, "planner": 40}
+"""process -> priority (sched(7), 1..99) where it is permitted, as in deploy/systemd: whoever sends by the millisecond
+comes first, whoever computes longest last, and the kernel's own threads (99) before all"""
 SLICE_NS = 100_000
 """shortest time slice the kernel grants: who asks for less at a time is let in sooner"""
+CAP_SYS_NICE = 23
+"""bit of <linux/capability.h>: any priority"""
 PR_SET_TIMERSLACK = 29
 SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
 """system call numbers; the C library has no function for it"""
@@ -18,12 +24,20 @@ SCHED_ATTR = Struct("=IIQiIQQQ")
 """struct sched_attr of <linux/sched/types.h>: size, policy, flags, nice, priority, runtime, deadline, period"""
 
 
-def real_time(pid: int) -> bool:
-    """Put every thread of a process before all ordinary work (SCHED_RR); False where the user may not.
+def permitted(name: str) -> bool:
+    """Whether this user may give the process `name` its priority."""
+    status = Path("/proc/self/status").read_text()
+    capabilities = int(status.partition("CapEff:")[2].split()[0], 16)
+    within = resource.getrlimit(resource.RLIMIT_RTPRIO)[0] >= PRIORITIES[name]
+    return within or bool(capabilities & 1 << CAP_SYS_NICE)
+
+
+def real_time(name: str, pid: int) -> bool:
+    """Put every thread of the process `name` before all ordinary work (SCHED_RR); False where the user may not.
 
     What it starts later runs as ordinary work again. Whoever gave it a real-time policy before knew better.
     """
-    policy, priority = os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(REAL_TIME_PRIORITY)
+    policy, priority = os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITIES[name])
     for task in Path(f"/proc/{pid}/task").glob("*"):
         try:
             if os.sched_getscheduler(int(task.name)) == os.SCHED_OTHER:
@@ -35,13 +49,15 @@ def real_time(pid: int) -> bool:
     return True
 
 
-def punctual() -> bool:
-    """Have this thread woken on time, whatever else the computer does; False where only a little could be done.
+def punctual(name: str) -> bool:
+    """Have this thread of the process `name` woken on time, whatever else the computer does.
+
+    False where only a little could be done.
 
     Without real-time priority there remain timers that are not put off to save wake-ups (prctl(2)) and a short time
     slice, for which the scheduler lets a thread in ahead of those that ask for a long one (since Linux 6.12).
     """
-    if real_time(os.getpid()):
+    if real_time(name, os.getpid()):
         return True
     libc = ctypes.CDLL(None)
     libc.prctl(PR_SET_TIMERSLACK, 1)

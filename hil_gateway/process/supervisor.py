@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hil_gateway.process.lifecycle import EVENT_LINE, PARENT_VARIABLE
-from hil_gateway.process.scheduling import real_time
+from hil_gateway.process.scheduling import PRIORITIES, real_time
 
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 NICENESS = -10
@@ -26,8 +26,8 @@ class ProcessSpec:
     """One process of the loop: `hil <name> run --config FILE`.
 
     Stage 0 starts first, the rest when the recorder listens, so that a recording begins before what it records.
-    `stops_last`: it has the end of the others to hear. Losing an `optional` one is no reason to end. `real_time`: it
-    must not wait for other work on the computer while the car drives; `beside`: it gives way to all of them.
+    `stops_last`: it has the end of the others to hear. Losing an `optional` one is no reason to end. `beside`: it gives
+    way to all of them.
     `arguments`: of this process alone.
     """
 
@@ -35,17 +35,16 @@ class ProcessSpec:
     stage: int = 1
     stops_last: bool = False
     optional: bool = False
-    real_time: bool = False
     beside: bool = False
     arguments: tuple[str, ...] = ()
 
 
 PROCESSES: tuple[ProcessSpec, ...] = (
-    ProcessSpec("gateway", stage=0, real_time=True),
+    ProcessSpec("gateway", stage=0),
     ProcessSpec("recorder", stage=0, stops_last=True),
-    ProcessSpec("plant", real_time=True),
-    ProcessSpec("estimator", real_time=True),
-    ProcessSpec("planner", real_time=True),
+    ProcessSpec("plant"),
+    ProcessSpec("estimator"),
+    ProcessSpec("planner"),
 )
 DASHBOARD = ProcessSpec("dashboard", optional=True)
 LEARNER = ProcessSpec("learner", optional=True, beside=True)
@@ -105,8 +104,8 @@ class Supervisor:
         Whatever they start later, a compiler for instance, runs as ordinary work again.
         """
         for spec in self._specs:
-            if spec.real_time and spec.name in self._running:
-                real_time(self._running[spec.name].pid)
+            if spec.name in PRIORITIES and spec.name in self._running:
+                real_time(spec.name, self._running[spec.name].pid)
 
     def command(self, spec: ProcessSpec) -> list[str]:
         """What is run for a process."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.bus.topics import ESTIMATE, PLAN, VEHICLE_STATE
+from hil_gateway.car.actuation import brake_balance
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
@@ -38,6 +39,7 @@ FROM_STATE: Mapping[str, Callable[[VehicleState], float]] = {
     "drive": lambda v: v.drive,
     "throttle": lambda v: v.throttle,
     "brake": lambda v: (v.brake_front + v.brake_rear) / 2,
+    "brake_balance": lambda v: brake_balance(v.brake_front, v.brake_rear),
     "wheel_speed_fl": lambda v: v.wheel_speed_fl,
     "wheel_speed_fr": lambda v: v.wheel_speed_fr,
     "wheel_speed_rl": lambda v: v.wheel_speed_rl,

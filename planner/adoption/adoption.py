@@ -26,6 +26,7 @@ from planner.line.envelope import envelope_of
 from planner.line.raceline import RaceLine, raceline_for
 from planner.line.track import Reference
 from planner.plan.controller import Controller, TyreKnowledge
+from planner.problem.brake_law import pressure_ratio
 from planner.problem.load_limits import SLEW, LoadLimits, judged_limits
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
@@ -73,7 +74,7 @@ class Adopted:
 
 
 class Adoption:
-    """The model in force; `offer` revisions and beliefs, call `advance` before every plan."""
+    """The model in force; `offer` revisions and beliefs, call `advance` and `catch_up` between two plans."""
 
     def __init__(
         self, config: Config, track: Track, settings: Settings, held: LoadLimits, revision: ModelRevision,
@@ -98,6 +99,8 @@ class Adoption:
         self.notes: list[str] = []
         """what was refused or rolled back, and why; newest last"""
         self._line: RaceLine | None = None
+        self._last: Reference | None = None
+        """made last, with the path of all of them"""
         self._asked = NOTHING_ASKED
         self.current = self._adopt(revision, build_functions)
 
@@ -105,6 +108,12 @@ class Adoption:
     def controller(self) -> Controller:
         """The controller to plan with."""
         return self.current.controller
+
+    def brake_balance(self, vx: float, drive: float) -> float | None:
+        """Of a command at speed `vx` (m/s); None where the model in force knows no front brakes."""
+        if self.current.revised.constant("front_brake", "share") is None:
+            return None
+        return float(self._settings.brakes.balance(vx, drive, self.controller.knowledge.brake_ratio))
 
     def offer(self, revision: ModelRevision) -> None:
         """Consider a revision from the estimator."""
@@ -141,14 +150,13 @@ class Adoption:
         current, before = self.current, self.controller.knowledge
         knowledge = self._knowledge(before, current.revised, current.tyre, current.revision)
         self.controller.set_knowledge(knowledge)
-        arrived = np.array_equal(knowledge.theta, current.revised.theta) and knowledge.load_max == before.load_max
-        self._changed = not arrived
-        self._refresh_profile(current, knowledge)
+        settled = (knowledge.load_max, knowledge.brake_ratio) == (before.load_max, before.brake_ratio)
+        self._changed = not (settled and np.array_equal(knowledge.theta, current.revised.theta))
 
     def watch(self, estimate: Estimate, s: float) -> None:
         """Where the car slides at progress `s`, ask for less at that place from now on."""
         current, knowledge = self.current, self.controller.knowledge
-        if self.trust.watch(slides(estimate, knowledge, self._config.vehicle, current.tyre.names), s):
+        if self.trust.watch(slides(estimate, knowledge, self._config.vehicle, current.tyre.axles), s):
             self._asked, self._changed = NOTHING_ASKED, True
 
     def judge(self, accepted: bool) -> None:
@@ -219,7 +227,11 @@ class Adoption:
         # a belief that has learnt of less grip tells at once, before the model in force follows
         expected = np.minimum(mean, target)
         asked = capacity(tyre.axles, expected, covariance, use=use, level=level, held=self.held.pair)
-        return TyreKnowledge(target, mean, covariance, tyre.prior_std, judged, (use, use), asked)
+        share = revised.constant("front_brake", "share")
+        ratio = 1.0 if share is None else pressure_ratio(asked, share)
+        if before is not None:
+            ratio = float(np.clip(ratio, before.brake_ratio * (1 - SLEW), before.brake_ratio * (1 + SLEW)))
+        return TyreKnowledge(target, mean, covariance, tyre.prior_std, judged, (use, use), asked, ratio)
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""
@@ -227,16 +239,21 @@ class Adoption:
         front, rear = (PROFILE_SHARE * asked / peak for asked, peak in zip(knowledge.capacity, peaks, strict=True))
         at_start = revised.phi_at(np.zeros(1))[:, 0]
         top = self._settings.limits.speed - 2.0
-        envelope = envelope_of(revised.model, list(knowledge.theta), list(at_start), use=(front, rear), max_speed=top)
+        envelope = envelope_of(
+            revised.model, list(knowledge.theta), list(at_start), use=(front, rear), max_speed=top,
+            brakes=(self._settings.brakes, knowledge.brake_ratio),
+        )  # fmt: skip
         if self._line is None:
             self._line = raceline_for(self._track, envelope, RACE_LINE_MARGIN)
             self.trust = Trust(len(self._line.s), self._line.length)
         self._line = self._line.with_envelope(envelope, self.trust.share)
         self._asked = knowledge.capacity
-        return Reference(self._line)
+        self._last = Reference(self._line, self._last)
+        return self._last
 
-    def _refresh_profile(self, current: Adopted, knowledge: TyreKnowledge) -> None:
-        """New speed profile on the same path when the usable grip has changed: tens of ms, beside the planner."""
+    def catch_up(self) -> None:
+        """New speed profile on the same path when the usable grip has changed: some ms, beside the planner."""
+        current, knowledge = self.current, self.controller.knowledge
         changes = [abs(now - then) / now for now, then in zip(knowledge.capacity, self._asked, strict=True)]
         if max(changes) < PROFILE_CHANGE or self._worker is not None:
             return

@@ -6,12 +6,15 @@ peak of its tyres, speeds before and after that place fall at once and come back
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from estimator.model.tyre import front_and_rear, slip_at_peak
+from estimator.model.tyre import slip_at_peak
 from hil_gateway.bus.messages import Estimate
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
+from planner.adoption.usable_grip import Axles
 from planner.plan.controller import TyreKnowledge
 
 LOSS = 0.1
@@ -61,16 +64,14 @@ class Trust:
         return bool((before < 1.0).any())
 
 
-def slides(estimate: Estimate, knowledge: TyreKnowledge, vehicle: Vehicle, names: tuple[str, ...]) -> bool:
+def slides(estimate: Estimate, knowledge: TyreKnowledge, vehicle: Vehicle, axles: Axles) -> bool:
     """Whether an axle is beyond the slip of its tyres' peak, by the estimated motion and the belief's mean."""
-    e, tyre = estimate, dict(zip(names, knowledge.mean.tolist(), strict=True))
+    e = estimate
     if e.vx < JUDGED_SPEED:
         return False
     slips = (
-        e.steer - np.arctan2(e.vy + vehicle.lf * e.yaw_rate, e.vx),
-        -np.arctan2(e.vy - vehicle.lr * e.yaw_rate, e.vx),
+        e.steer - math.atan2(e.vy + vehicle.lf * e.yaw_rate, e.vx),
+        -math.atan2(e.vy - vehicle.lr * e.yaw_rate, e.vx),
     )
-    axles = front_and_rear("shared" if "b" in tyre else "per_axle")
-    return any(
-        abs(slip) > slip_at_peak(*axle.of(tyre)[:2]) for slip, axle in zip(slips, axles, strict=True)
-    )  # fmt: skip
+    mean = knowledge.mean.tolist()
+    return any(abs(slip) > slip_at_peak(mean[b], mean[c]) for slip, (b, c, _) in zip(slips, axles, strict=True))

@@ -6,15 +6,15 @@ import numpy as np
 
 from estimator.model.tyre import normalised_force
 from hil_gateway.process.arrays import Array
-from planner.problem.infomax import sigma_points
+from planner.problem.infomax import principal_steps
 
 PROFILE_SHARE = 0.95
 """of what Eq. (10) leaves; the rest corrects errors"""
 MIN_CAPACITY = 0.3
 """over axle load; the car has to move. Asking for more than Eq. (10) leaves, bends were entered faster than plans could
 follow them"""
-SLIPS = np.linspace(0.0, 0.35, 176)
-"""slip angles among which the usable one is sought, rad"""
+MOST_SLIP = 0.35
+"""rad; beyond it no bend is driven, whatever a tyre still gives there"""
 
 Axles = tuple[tuple[int, int, int], tuple[int, int, int]]
 """positions of B, C and D in theta, of the front and of the rear axle"""
@@ -33,24 +33,25 @@ def capacity(
       profile that asks for more is not followed. Parameters that are only known together cost nothing where the force
       they give is known.
     """
-    both = []
-    for axle, shown in zip(axles, held, strict=True):
-        peak, spread = mean[axle[2]], float(np.sqrt(covariance[axle[2], axle[2]]))
-        borne = max(use * (peak - level * spread), min(shown, use * peak))
-        both.append(max(min(borne, _force_within(axle, mean, covariance, use, level)), MIN_CAPACITY))
-    return both[0], both[1]
+    rows = np.array(axles)
+    marginal = covariance[rows[:, :, None], rows[:, None, :]]
+    peak, spread = mean[rows[:, 2]], np.sqrt(marginal[:, 2, 2])
+    borne = np.maximum(use * (peak - level * spread), np.minimum(held, use * peak))
+    front, rear = np.maximum(np.minimum(borne, _force_within(mean[rows], marginal, use, level)), MIN_CAPACITY)
+    return float(front), float(rear)
 
 
-def _force_within(axle: tuple[int, int, int], mean: Array, covariance: Array, use: float, level: float) -> float:
-    """Largest force over axle load, by the mean, at slips where no choice of theta uses more than `use` of its peak."""
-    choices = np.column_stack([mean, sigma_points(mean, covariance, axle, level)])[list(axle)]
-    shares = lateral_shape(np.vstack([choices[:2], np.ones(choices.shape[1])]))
-    beyond = np.flatnonzero((shares > use).any(axis=1))
-    within = shares[: beyond[0] if len(beyond) else None, 0]
-    return float(within.max(initial=0.0) * mean[axle[2]])
+def _force_within(mean: Array, covariance: Array, use: float, level: float) -> Array:
+    """Largest force over axle load (2,), by the mean, at slips where no choice of theta uses more than `use` of its
+    peak; `mean` (2, 3) are B, C, D of both axles, `covariance` (2, 3, 3)."""
+    steps = principal_steps(covariance, level)
+    choices = mean[:, :, None] + np.concatenate([np.zeros_like(mean)[:, :, None], steps, -steps], axis=2)
+    b, c, _ = np.maximum(choices, 0.1 * mean[:, :, None]).transpose(1, 0, 2)
+    slip = np.minimum(slip_at_share(use, b, c).min(axis=1), MOST_SLIP)
+    return np.asarray(normalised_force(slip, *mean.T))
 
 
-def lateral_shape(tyre: Array) -> Array:
-    """Eq. (2) over the axle load at `SLIPS` for K tyres (B, C, D), shape (3, K) -> (len(SLIPS), K)."""
-    b, c, d = tyre
-    return np.asarray(normalised_force(SLIPS[:, None], b, c, d))
+def slip_at_share(use: float, b: Array, c: Array) -> Array:
+    """Slip angle where Eq. (2) reaches the share `use` of its peak: C atan(B alpha) = asin(use); inf where never."""
+    phase = np.arcsin(use) / c
+    return np.where(phase < 0.5 * np.pi, np.tan(np.minimum(phase, 0.5 * np.pi)) / b, np.inf)

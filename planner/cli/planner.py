@@ -5,6 +5,6 @@ from __future__ import annotations
 from hil_gateway.cli.process_app import process_app
 
 app = process_app(
-    "planner", "planner.node", "Infomax MPCC: plans and commands.",
+    "planner", "planner.process", "Infomax MPCC: plans and commands.",
     "Plan from the newest estimate and send commands until interrupted.",
 )  # fmt: skip

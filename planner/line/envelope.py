@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
+from threading import Lock
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -21,6 +22,8 @@ from estimator.model.parameters import Layout
 from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.compiled import compile_function
+from planner.problem.brake_law import BrakeLaw
 
 ENGINE_POWER = 473 * 745.7
 """W: 473 hp, and no more than that on any straight; what the wheels get is for the plan to find"""
@@ -34,6 +37,12 @@ SPEEDS = np.array([15.0, 30.0, 45.0, 60.0, 75.0])
 COMMANDS = np.concatenate([np.linspace(-0.5, 0.0, 401), np.linspace(0.00125, 0.3, 240)])
 """drive commands among which the largest that the tyres bear is sought, 60 N apart: half a percent of what they bear"""
 SLIPS = np.linspace(0.0, 0.35, 71)
+BLOCK = len(COMMANDS)
+"""points the compiled forces are evaluated at in one call"""
+
+
+Brakes = tuple[BrakeLaw, float]
+"""the law of the brakes with its ratio of the pressures"""
 
 
 @dataclass(frozen=True)
@@ -81,9 +90,13 @@ def envelope_of(
     *,
     use: tuple[float, float] = (0.9, 0.9),
     max_speed: float = 80.0,
+    brakes: Brakes | None = None,
 ) -> Envelope:
-    """Envelope of a model, using the shares `use` of the tyre forces of the front and of the rear axle."""
-    peaks, v = _peaks(model, theta, phi, use), model.vehicle
+    """Envelope of a model, using the shares `use` of the tyre forces of the front and of the rear axle.
+
+    `brakes` is how braking is split; None: as the model has it.
+    """
+    peaks, v = _peaks(model, theta, phi, use, brakes), model.vehicle
     lateral = np.minimum(use[0] * peaks.front * v.wheelbase / v.lr, use[1] * peaks.rear * v.wheelbase / v.lf) / v.mass
     return Envelope(
         lateral=_fit(lateral),
@@ -97,14 +110,16 @@ def envelope_of(
     )
 
 
-def _peaks(model: SingleTrack, theta: Sequence[float], phi: Sequence[float], use: tuple[float, float]) -> Peaks:
-    forces = _forces(model.vehicle, model.layout, tuple(effect.name for effect in model.effects))
+def _peaks(
+    model: SingleTrack, theta: Sequence[float], phi: Sequence[float], use: tuple[float, float], brakes: Brakes | None
+) -> Peaks:
+    law, ratio = brakes or (None, 1.0)
+    forces = _forces(model.vehicle, model.layout, tuple(effect.name for effect in model.effects), law)
 
     def table(speed: Array, slip: Array, command: Array) -> Array:
         zero = np.zeros_like(speed)
         signals = np.vstack([speed, -speed * np.tan(slip), zero, zero, command])
-        values: Any = forces(signals, list(theta), list(phi))
-        return np.array(values).reshape(5, len(SPEEDS), -1)
+        return forces(signals, theta, phi, ratio).reshape(5, len(SPEEDS), -1)
 
     v, command = (a.ravel() for a in np.meshgrid(SPEEDS, COMMANDS, indexing="ij"))
     along = table(v, np.zeros_like(v), command)
@@ -118,22 +133,44 @@ def _peaks(model: SingleTrack, theta: Sequence[float], phi: Sequence[float], use
     return Peaks(sideways[0].max(axis=1), sideways[1].max(axis=1), -felt.min(axis=1), felt.max(axis=1), coast)
 
 
+class _Forces:
+    """Lateral force of both axles, N, share of the peak used along, longitudinal m/s2: five rows."""
+
+    def __init__(self, function: ca.Function) -> None:
+        mapped: ca.Function = function.map("forces", "serial", BLOCK, [1, 2, 3], [])
+        self._function, self._lock = compile_function(mapped), Lock()
+
+    def __call__(self, signals: Array, theta: Sequence[float], phi: Sequence[float], ratio: float) -> Array:
+        """Of signals (5, K), in the order of `SIGNALS`, with the parameters of the model and the brakes' ratio."""
+        given, tyre, effects, brakes = self._function.inputs
+        blocks = []
+        with self._lock:
+            tyre[:, 0], effects[:, 0], brakes[:] = theta, phi, ratio
+            for first in range(0, signals.shape[1], BLOCK):
+                block = signals[:, first : first + BLOCK]
+                given[:, : block.shape[1]] = block
+                self._function()
+                blocks.append(self._function.outputs[0][:, : block.shape[1]].copy())
+        return np.hstack(blocks)
+
+
 @lru_cache(maxsize=4)
-def _forces(vehicle: Vehicle, layout: Layout, effects: tuple[str, ...]) -> ca.Function:
-    """(signals, theta, phi) -> lateral force of both axles, N, share of the peak used along, longitudinal m/s2."""
+def _forces(vehicle: Vehicle, layout: Layout, effects: tuple[str, ...], brakes: BrakeLaw | None) -> _Forces:
     model = SingleTrack(vehicle, layout, tuple(catalogue()[name] for name in effects))
     signals = ca.SX.sym("signals", len(SIGNALS))
     named = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
     theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
     parameters = [ca.vertsplit(p) if p.numel() else [] for p in (theta, phi)]
-    t = model.evaluate(Terms(model.vehicle, **named, aux=_Neutral()), *parameters)
-    arguments: Any = [signals, theta, phi]
+    ratio = ca.SX.sym("ratio")
+    aux = {"brake_balance": brakes.balance(named["vx"], named["drive"], ratio)} if brakes else {}
+    t = model.evaluate(Terms(model.vehicle, **named, aux=_Neutral(aux)), *parameters)
+    arguments: Any = [signals, theta, phi, ratio]
     outputs = ca.vertcat(t.fy_f, t.fy_r, t.fx_f / t.peak_f, t.fx_r / t.peak_r, t.imu_ax)
-    return ca.Function("forces", arguments, [ca.densify(outputs)])
+    return _Forces(ca.Function("forces_at", arguments, [ca.densify(outputs)]))
 
 
-class _Neutral(dict[str, float]):
-    """Every auxiliary signal at its neutral value."""
+class _Neutral(dict[str, Any]):
+    """Every other auxiliary signal at its neutral value."""
 
     def __missing__(self, key: str) -> float:
         return 0.0

@@ -17,6 +17,13 @@ from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from planner.line.raceline import RaceLine
 
+WINDOW = 15
+"""points of the line either side of a hint among which the nearest is sought, some 30 m"""
+
+
+SPEED = slice(4, 6)
+"""rows of the speed limit and its slope among those of the road"""
+
 
 @dataclass(frozen=True)
 class ReferencePoint:
@@ -31,21 +38,23 @@ class ReferencePoint:
 class Reference:
     """A race line with its speed limit on a uniform grid, addressed by unwrapped progress s (m, grows over laps)."""
 
-    def __init__(self, line: RaceLine) -> None:
+    def __init__(self, line: RaceLine, before: Reference | None = None) -> None:
+        """`before`: one made before, whose path is used again where it is the same and only speeds are new."""
         self.line = line
         self.length = line.length
-        n = len(line.s)
-        grid = np.append(line.s, line.length)
-        points = np.column_stack([line.x, line.y])
-        spline = CubicSpline(grid, np.vstack([points, points[:1]]), bc_type="periodic")
-        self._spacing = line.length / n
-        self._cubics = np.ascontiguousarray(spline.c[::-1].transpose(2, 0, 1).reshape(8, n))
-        speed = line.vx_profile
+        self._spacing = line.length / len(line.s)
+        same = before if before is not None and before.line.x is line.x else None
+        self._cubics: Array = same._cubics if same else _cubics(line)
+        self._road: Array = same._road.copy() if same else self._road_of(line)
+        self._road[SPEED] = line.vx_profile, self._slope(line.vx_profile)
+
+    def _road_of(self, line: RaceLine) -> Array:
+        """Rows of `stages`, speeds left open."""
         centre = 0.5 * (line.width_left - line.width_right)
         half_width = 0.5 * (line.width_left + line.width_right)
-        rows = [centre, self._slope(centre), half_width, self._slope(half_width), speed, self._slope(speed)]
+        rows = [centre, self._slope(centre), half_width, self._slope(half_width), *np.zeros((2, len(line.s)))]
         load = [np.cos(line.grade) * np.cos(line.bank) - 1.0, line.bend / GRAVITY, np.sin(line.bank) / GRAVITY]
-        self._road = np.vstack([*rows, line.grade, line.bank, line.track_s, *load])
+        return np.vstack([*rows, line.grade, line.bank, line.track_s, *load])
 
     def _slope(self, values: Array) -> Array:
         """Forward difference over one cell of the closed grid."""
@@ -65,7 +74,7 @@ class Reference:
         omega in three rows.
         """
         knot, index = self._cell(s)
-        return knot, self._cubics[:, index], self._road[:, index]
+        return knot, self._cubics.take(index, axis=1), self._road.take(index, axis=1)
 
     def at(self, s: Array) -> ReferencePoint:
         """Position, heading (rad, principal value) and curvature at s (K,)."""
@@ -88,10 +97,10 @@ class Reference:
         if hint is None:
             start = int(np.argmin((self.line.x - x) ** 2 + (self.line.y - y) ** 2)) * self._spacing
         else:
-            window = hint + self._spacing * np.arange(-15, 16)
-            index = (np.round(window / self._spacing) % n).astype(np.intp)
-            nearest = np.argmin((self.line.x[index] - x) ** 2 + (self.line.y[index] - y) ** 2)
-            start = float(np.round(window[nearest] / self._spacing) * self._spacing)
+            first = round(hint / self._spacing) - WINDOW
+            index = np.arange(first, first + 2 * WINDOW + 1) % n
+            distance = (self.line.x.take(index) - x) ** 2 + (self.line.y.take(index) - y) ** 2
+            start = (first + int(distance.argmin())) * self._spacing
         return self._refine(x, y, start)
 
     def _refine(self, x: float, y: float, s: float) -> float:
@@ -105,3 +114,10 @@ class Reference:
             along = (dx * ahead_x + dy * ahead_y) / math.hypot(dx, dy)
             s += min(max(along, -self._spacing), self._spacing)
         return s
+
+
+def _cubics(line: RaceLine) -> Array:
+    """Coefficients of x then y by rising power, (8, n), of the periodic spline through the points of a line."""
+    grid, points = np.append(line.s, line.length), np.column_stack([line.x, line.y])
+    spline = CubicSpline(grid, np.vstack([points, points[:1]]), bc_type="periodic")
+    return np.ascontiguousarray(spline.c[::-1].transpose(2, 0, 1).reshape(8, len(line.s)))

@@ -1,34 +1,28 @@
 """Prepares a solution for `acceptance`: the plan as it would be published, beside the track, with its bounds.
 
-Offsets and widths come from the race line by plain projection, forces from the equations of the declared model
-written out again in numpy, or, with active effects, from the model evaluated by CasADi's interpreter.
+Offsets and widths come from the race line by plain projection.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
-import casadi as ca
 import numpy as np
-import numpy.typing as npt
 
 from estimator.belief.revision import RevisedModel
-from estimator.model.single_track import SIGNALS, SingleTrack, Terms
-from estimator.model.tyre import front_and_rear
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
-from hil_gateway.process.compiled import CompiledFunction, compile_function
 from planner.adoption.adoption import Adopted
 from planner.line.raceline import RaceLine
 from planner.plan import acceptance
-from planner.plan.acceptance import AxleForces, Bounds, ForceModel
+from planner.plan.acceptance import Bounds, Check
 from planner.plan.controller import Controller
+from planner.problem.checked_motion import COLUMNS
 from planner.problem.motion import MOST_LIFT
 from planner.problem.settings import Settings
 from planner.solver.sqp import Solution
 
 WINDOW = 6
 """points of the race line either side of the predicted progress among which the nearest is sought"""
+AROUND = np.arange(2 * WINDOW + 1)
 
 
 class PlanCheck:
@@ -38,43 +32,37 @@ class PlanCheck:
     `first_gain` is Delta I of its first stage.
     """
 
-    def __init__(self, settings: Settings, vehicle: Vehicle) -> None:
-        self._settings, self._vehicle = settings, vehicle
-        self._model: RevisedModel | None = None
-        self._forces: ForceModel | None = None
-        self._built: tuple[tuple[str, ...], InterpretedForces] | None = None
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._for: tuple[RevisedModel, float] | None = None
+        self._check: Check | None = None
+        self._roadside: Roadside | None = None
         self.first_loads, self.worst_load = (0.0, 0.0), 0.0
         self.first_gain = 0.0
 
     def __call__(self, controller: Controller, adopted: Adopted, solution: Solution) -> list[str]:
         """Limits the solution breaks, in words; empty when it may be published."""
-        forces = self._force_model(adopted)
         bounds = bounds_of(self._settings, controller.knowledge.load_max, float(solution.z[7, 0]))
-        plan = plan_of(solution, controller.reference.line)
-        felt = acceptance.stage_forces(plan, forces)
-        loads = acceptance.shares_of(plan, bounds, felt)
-        self.first_loads = float(loads[0][0]), float(loads[1][0])
-        self.worst_load = float(max(share[1:].max() for share in loads))
+        plan = plan_of(solution, self._beside(controller.reference.line))
+        found = self._with_parameters(controller, adopted)(plan, bounds)
+        front, rear = found.shares[:, 0].tolist()
+        self.first_loads, self.worst_load = (front, rear), float(found.shares[:, 1:].max())
         self.first_gain = float(solution.information[0])
-        gaps = defects(plan, bounds.dt, forces, self._vehicle, felt)
-        return acceptance.violations(plan, bounds, forces, gaps, loads)
+        return acceptance.violations(found, bounds)
 
-    def _force_model(self, adopted: Adopted) -> ForceModel:
-        if self._forces is None or adopted.revised is not self._model:
-            self._model = adopted.revised
-            effects = adopted.revised.model.effects
-            self._forces = (
-                self._interpreted(adopted.revised.model).of(adopted.revised) if effects
-                else acceptance.declared_forces(self._vehicle, adopted.revision.tyre)
-            )  # fmt: skip
-        return self._forces
+    def _with_parameters(self, controller: Controller, adopted: Adopted) -> Check:
+        """With effect parameters at the start of the lap's profiles."""
+        revised, ratio = adopted.revised, controller.knowledge.brake_ratio
+        if self._check is None or self._for is None or self._for[0] is not revised or self._for[1] != ratio:
+            self._for = revised, ratio
+            self._check = Check(controller.checked, revised.theta, revised.phi_at(np.zeros(1))[:, 0], ratio)
+        return self._check
 
-    def _interpreted(self, model: SingleTrack) -> InterpretedForces:
-        """Built once for the effects of `model`: refined parameters are not worth 15 ms of a plan."""
-        effects = tuple(effect.name for effect in model.effects)
-        if self._built is None or self._built[0] != effects:
-            self._built = effects, InterpretedForces(model)
-        return self._built[1]
+    def _beside(self, line: RaceLine) -> Roadside:
+        """Of the path in use, whose speed profile may be a new one."""
+        if self._roadside is None or line.x is not self._roadside.x:
+            self._roadside = Roadside(line)
+        return self._roadside
 
 
 def bounds_of(settings: Settings, load_max: tuple[float, float], drive: float) -> Bounds:
@@ -84,127 +72,43 @@ def bounds_of(settings: Settings, load_max: tuple[float, float], drive: float) -
         dt=settings.dt, steer=limits.steer, steer_rate=limits.steer_rate,
         drive=(min(limits.drive_min, drive), max(limits.drive_max, drive)), drive_rate=limits.drive_rate,
         speed=limits.speed, load_max=load_max, clearance=limits.car_half_width,
-        literal_load=settings.load_limit == "literal", information=info.bound if info.weight > 0 else np.inf,
+        information=info.bound if info.weight > 0 else np.inf,
     )  # fmt: skip
 
 
-def plan_of(solution: Solution, line: RaceLine) -> acceptance.Plan:
+class Roadside:
+    """Points of a race line's path with what is beside them."""
+
+    def __init__(self, line: RaceLine) -> None:
+        self.x, self.spacing = line.x, line.length / len(line.x)
+        cos, sin = np.cos(line.heading), np.sin(line.heading)
+        widths = [line.width_left, line.width_right]
+        slopes = [(np.roll(w, -1) - np.roll(w, 1)) / (2.0 * self.spacing) for w in widths]
+        load = [np.cos(line.grade) * np.cos(line.bank) - 1.0, line.bend / GRAVITY, np.sin(line.bank) / GRAVITY]
+        self._points = np.array([line.x, line.y, cos, sin, *widths, *slopes, *load])
+
+    def near(self, x: Array, y: Array, s: Array) -> Array:
+        """Rows of the nearest points (11, K) to points near progress `s`, all (K,).
+
+        x, y, cosine and sine of the heading, widths to the left and right and their slopes, and what the road adds to
+        the axle loads, over the weight: r0 + r1 vx^2 - r2 vx omega in three rows.
+        """
+        n = len(self.x)
+        first = np.round(s * (1.0 / self.spacing)).astype(np.intp) - WINDOW
+        around = self._points[:2].take((first[:, None] + AROUND) % n, axis=1)
+        nearest = ((x[:, None] - around[0]) ** 2 + (y[:, None] - around[1]) ** 2).argmin(axis=1)
+        return np.asarray(self._points.take((first + nearest) % n, axis=1))
+
+
+def plan_of(solution: Solution, roadside: Roadside) -> acceptance.Plan:
     """The solution beside the race line."""
     z = solution.z
-    offset, width_left, width_right, index = beside(z[0], z[1], z[6], line)
-    return acceptance.Plan(
-        x=z[0], y=z[1], yaw=z[2], vx=z[3], vy=z[4], yaw_rate=z[5], drive=z[7], steer=z[8], offset=offset,
-        width_left=width_left, width_right=width_right, extra_load=_extra_load(line, index, z[3], z[5]),
-        information=np.concatenate([[0.0], solution.information]),
-    )  # fmt: skip
-
-
-def _extra_load(line: RaceLine, index: npt.NDArray[np.intp], vx: Array, yaw_rate: Array) -> Array:
-    """What the road adds to the axle loads at points of the line, over the weight, (K,)."""
-    grade, bank, bend = line.grade[index], line.bank[index], line.bend[index]
-    added = np.cos(grade) * np.cos(bank) - 1.0 + vx * (vx * bend - yaw_rate * np.sin(bank)) / GRAVITY
-    return np.asarray(np.maximum(added, -MOST_LIFT))
-
-
-def beside(x: Array, y: Array, s: Array, line: RaceLine) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:
-    """Distance to the left of the line (m) of points (K,) near progress `s`, the line's distance to both edges, and
-    the nearest point of the line."""
-    n = len(line.s)
-    around = np.round(s / line.length * n)[:, None] + np.arange(-WINDOW, WINDOW + 1)
-    index = (around % n).astype(np.intp)
-    dx, dy = x[:, None] - line.x[index], y[:, None] - line.y[index]
-    nearest = np.argmin(dx**2 + dy**2, axis=1)
-    rows = np.arange(len(x))
-    i, dx, dy = index[rows, nearest], dx[rows, nearest], dy[rows, nearest]
-    cos, sin = np.cos(line.heading[i]), np.sin(line.heading[i])
-    cells = (cos * dx + sin * dy) * n / line.length
-    left, right = (w[i] + cells * 0.5 * (w[(i + 1) % n] - w[i - 1]) for w in (line.width_left, line.width_right))
-    return cos * dy - sin * dx, left, right, i
-
-
-MIN_DYNAMIC_SPEED = 12.0
-"""m/s: below it the plan is kinematic and its lateral motion is not judged by Eq. (1)"""
-
-
-def defects(
-    plan: acceptance.Plan, dt: float, forces: ForceModel, vehicle: Vehicle, felt: AxleForces | None = None
-) -> Array:
-    """Gap (6, N) between each stage and the motion by Eq. (1) from the one before: Hermite-Simpson defects.
-
-    Inputs run straight from stage to stage; `felt` are the forces at the stages where they are known. Gravity on
-    grade and bank is left out: far below what counts as a gap.
-    Source: Hargraves & Paris, J. Guidance 10 (1987).
-    """
-    state = np.vstack([plan.x, plan.y, plan.yaw, plan.vx, plan.vy, plan.yaw_rate])
-    inputs = np.vstack([plan.steer, plan.drive, plan.extra_load])
-    slope = _motion(state, inputs[0], felt or acceptance.stage_forces(plan, forces), vehicle)
-    before, after, slope_before, slope_after = state[:, :-1], state[:, 1:], slope[:, :-1], slope[:, 1:]
-    middle = 0.5 * (before + after) + dt / 8 * (slope_before - slope_after)
-    steer, drive, extra = 0.5 * (inputs[:, :-1] + inputs[:, 1:])
-    between = forces(middle[3], middle[4], middle[5], steer, drive, extra_load=extra)
-    slope_middle = _motion(middle, steer, between, vehicle)
-    gap = after - before - dt / 6 * (slope_before + 4 * slope_middle + slope_after)
-    judged = before[3] > MIN_DYNAMIC_SPEED
-    gap[:3] *= judged
-    gap[4:] *= judged
-    return gap
-
-
-def _motion(state: Array, steer: Array, f: AxleForces, vehicle: Vehicle) -> Array:
-    """Eq. (1)."""
-    _, _, yaw, vx, vy, rate = state
-    (cos_yaw, cos_steer), (sin_yaw, sin_steer) = np.cos([yaw, steer]), np.sin([yaw, steer])
-    front_x = f.fx_f * cos_steer - f.fy_f * sin_steer
-    front_y = f.fy_f * cos_steer + f.fx_f * sin_steer
-    slope = np.empty_like(state)
-    slope[0] = vx * cos_yaw - vy * sin_yaw
-    slope[1] = vx * sin_yaw + vy * cos_yaw
-    slope[2] = rate
-    slope[3] = (f.fx_r + front_x) / vehicle.mass + vy * rate
-    slope[4] = (f.fy_r + front_y) / vehicle.mass - vx * rate
-    slope[5] = (front_y * vehicle.lf - f.fy_r * vehicle.lr) / vehicle.yaw_inertia
-    return slope
-
-
-class InterpretedForces:
-    """Axle forces of a model with effects, evaluated by CasADi's interpreter at the start of the lap's profiles."""
-
-    def __init__(self, model: SingleTrack) -> None:
-        """`model` gives layout and effects; parameters come with `of`."""
-        self._names = [p.name for p in model.tyre_table]
-        self._axles = front_and_rear(model.layout)
-        felt, theta = ca.SX.sym("felt", len(SIGNALS) + 1), ca.SX.sym("theta", len(self._names))
-        phi = ca.SX.sym("phi", len(model.effect_table))
-        *signals, extra = ca.vertsplit(felt)
-        named: dict[str, Any] = dict(zip(SIGNALS, signals, strict=True))
-        terms = Terms(model.vehicle, **named, aux={"extra_load": extra})
-        terms = model.evaluate(terms, ca.vertsplit(theta), ca.vertsplit(phi) if phi.numel() else [])
-        names = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r", "slip_f", "slip_r")
-        result = ca.densify(ca.vertcat(*(getattr(terms, n) for n in names)))
-        self._function = ca.Function("forces", [felt, theta, phi], [result])
-        self._at_once: dict[int, CompiledFunction] = {}
-
-    def of(self, revised: RevisedModel) -> ForceModel:
-        """With the parameters of a revision of this model."""
-        theta, phi = revised.theta, revised.phi_at(np.zeros(1))[:, 0]
-        rows = [list(axle.rows(self._names)[:2]) for axle in self._axles]
-        b, c = np.array([theta[row] for row in rows]).T[:, :, None]
-
-        def forces(
-            vx: Array, vy: Array, yaw_rate: Array, steer: Array, drive: Array, *, extra_load: Array | float = 0.0
-        ) -> AxleForces:
-            run = self._over(len(vx))
-            for row, values in enumerate((vx, vy, yaw_rate, steer, drive, extra_load)):
-                run.inputs[0][row] = values
-            run.inputs[1][:], run.inputs[2][:] = theta[:, None], phi[:, None]
-            run()
-            values = run.outputs[0].copy()
-            return AxleForces(*values[:6], *acceptance.beyond_peak(c * np.arctan(b * values[6:])))
-
-        return forces
-
-    def _over(self, stages: int) -> CompiledFunction:
-        """The function over so many stages, in CasADi's virtual machine."""
-        if stages not in self._at_once:
-            self._at_once[stages] = compile_function(self._function.map(stages), compiled=False)
-        return self._at_once[stages]
+    road = roadside.near(z[0], z[1], z[6])
+    (dx, dy), (cos, sin), (vx, yaw_rate) = z[:2] - road[:2], road[2:4], z[3:6:2]
+    columns = np.empty((len(COLUMNS), z.shape[1]), order="F")
+    columns[:6], columns[6:8] = z[:6], z[8:6:-1]
+    columns[8] = np.maximum(road[8] + vx * (vx * road[9] - yaw_rate * road[10]), -MOST_LIFT)
+    columns[9] = cos * dy - sin * dx
+    columns[10:12] = road[4:6] + (cos * dx + sin * dy) * road[6:8]
+    columns[12, 0], columns[12, 1:] = 0.0, solution.information
+    return acceptance.Plan(columns)

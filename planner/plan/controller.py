@@ -17,7 +17,7 @@ from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
 from planner.problem import infomax
 from planner.problem.motion import DRIVE, NU, PROGRESS, VX, S
-from planner.problem.mpcc import Problem
+from planner.problem.mpcc import ADVANCE_STEPS, Problem
 from planner.solver.functions import Functions
 from planner.solver.sqp import Solution, Sqp, Stopwatch
 
@@ -44,6 +44,8 @@ class TyreKnowledge:
     load_max: tuple[float, float]
     load_asked: tuple[float, float]
     capacity: tuple[float, float]
+    brake_ratio: float = 1.0
+    """front over rear brake pressure for equal axle loads (`brake_law.pressure_ratio`)"""
 
     @cached_property
     def spread(self) -> float:
@@ -68,7 +70,7 @@ class Controller:
     ) -> None:  # fmt: skip
         self.problem, self.settings = problem, problem.settings
         self.sqp = Sqp(problem, functions, backend)
-        self._advance = functions.advance
+        self._advance, self.checked = functions.advance, functions.checked
         self.phi_at = phi_at or _no_effects
         active = {effect.name for effect in problem.model.effects}
         # an effect learnt from data stands for grade or bank as they are felt: not both
@@ -77,6 +79,9 @@ class Controller:
         self.common = np.zeros(self.problem.common.size)
         self.stages = np.zeros((self.problem.stage.size, self.settings.horizon), order="F")
         self.set_knowledge(knowledge)
+        self.stages[problem.stage["progress"], :-1] = self.settings.weights.progress
+        # the last one would push v_s against the horizon's end: its weight stays 0
+        self.stages[problem.stage["learning"]] = infomax.patience(self.settings.dt, self.settings.horizon)
         # `advance` is asked before the first solve: a scale that is still 0 would divide by zero
         self.fill_stages(np.zeros(self.settings.horizon), np.zeros(self.settings.horizon), 0.0)
 
@@ -90,6 +95,7 @@ class Controller:
             "theta": k.theta,
             "lap": self.reference.length,
             "load_max": k.load_asked,
+            "brake_ratio": k.brake_ratio,
             "sigma_f": self._choices(front, level),
             "sigma_r": self._choices(rear, level),
             "information_theta": k.mean,
@@ -140,15 +146,11 @@ class Controller:
         """Stage parameters at predicted progress `s` (N,), speed `vx` (N,) and present drive command."""
         names, p = self.problem.stage, self.stages
         knot, cubics, road = self.reference.stages(s)
-        w = self.settings.weights
         p[names["s"]] = knot
         p[names["cubic_x"]], p[names["cubic_y"]] = cubics[:4], cubics[4:]
         p[names["centre"]] = road[:2]
         p[names["half_width"]] = np.maximum(road[2] + road[3] * (s - knot) - self.clearance, MIN_CORRIDOR)
         p[names["speed"]] = road[4:6]
-        p[names["progress"]] = w.progress
-        p[names["progress"], -1] = 0.0  # the last one would push v_s against the horizon's end
-        p[names["learning"]] = infomax.patience(self.settings.dt, len(s))
         p[names["drive_max"]] = self._drive_max(vx, drive)
         p[names["grade"]], p[names["bank"]] = road[6:8] * self._road_share
         p[names["road_load"]] = road[9:12]
@@ -185,14 +187,20 @@ class Controller:
             solution = self.solve(z0, stopwatch, 1)
         return solution
 
-    def advance(self, car: Array, drive: float, steer: float, duration: float) -> Array:
-        """The six car states (6,) after `duration` s with the inputs held, by the model of the plan."""
-        inputs = np.array([drive, steer])
-        values = (car, inputs, np.array([duration]), self.stages[:, 0], self.common)
-        for target, value in zip(self._advance.inputs, values, strict=True):
-            target[:, 0] = value
-        self._advance()
-        return self._advance.outputs[0][:, 0].copy()
+    def advance(self, car: Array, held: Array) -> Array:
+        """The six car states (6,) after steps with inputs held, by the model of the plan.
+
+        `held` (3, K) are drive, steer and duration (s) of each step.
+        """
+        start, steps, stages, common = self._advance.inputs
+        stages[:], common[:] = self.stages[:, :1], self.common[:, None]
+        for first in range(0, held.shape[1], ADVANCE_STEPS):
+            part = held[:, first : first + ADVANCE_STEPS]
+            start[:, 0], steps[:, : part.shape[1]] = car, part
+            steps[2, part.shape[1] :] = 0.0
+            self._advance()
+            car = self._advance.outputs[0][:, -1].copy()
+        return car
 
     def _along_reference(self, z0: Array) -> Array:
         """Trajectory (NZ, N+1) on the reference from the progress and speed of `z0`, gently towards the speed limit."""

@@ -52,7 +52,10 @@ class Actuators:
     def input_at(self, t_ns: int) -> Sent | None:
         """The command that acts at `t_ns`: the last one sent a dead time before; None before the first."""
         latest_ns = t_ns - self.delay_ns
-        return next((sent for sent in reversed(self._sent) if sent.at_ns <= latest_ns), None)
+        for sent in reversed(self._sent):
+            if sent.at_ns <= latest_ns:
+                return sent
+        return None
 
     def follow(self, drive: float, steer: float, t_ns: int, duration: float) -> tuple[float, float]:
         """Actuator positions `duration` s after `t_ns`, moving towards what acts at `t_ns`."""
@@ -78,22 +81,25 @@ class Moment:
     steer: float
 
 
-def predict(
-    actuators: Actuators, advance: Callable[[Array, float, float, float], Array], now: Moment, end_ns: int
-) -> Moment:
-    """The moment `end_ns` from `now`; `advance(car, drive, steer, duration)` moves the car with inputs held."""
-    while now.at_ns < end_ns:
-        step_ns = min(round(SUB_STEP_S * NS_PER_S), end_ns - now.at_ns)
+def predict(actuators: Actuators, advance: Callable[[Array, Array], Array], now: Moment, end_ns: int) -> Moment:
+    """The moment `end_ns` from `now`; `advance(car, held)` moves the car, (6,), with inputs held over each step.
+
+    `held` (3, K) are drive, steer and duration, s.
+    """
+    at_ns, drive, steer, held = now.at_ns, now.drive, now.steer, []
+    while at_ns < end_ns:
+        step_ns = min(round(SUB_STEP_S * NS_PER_S), end_ns - at_ns)
         duration = step_ns / NS_PER_S
-        drive, steer = actuators.follow(now.drive, now.steer, now.at_ns, duration)
-        car = advance(now.car, 0.5 * (drive + now.drive), 0.5 * (steer + now.steer), duration)
-        # a brake holds a standing car, it does not push it backwards
-        car[3] = max(car[3], 0.0)
-        now = Moment(now.at_ns + step_ns, car, drive, steer)
-    return now
+        before = drive, steer
+        drive, steer = actuators.follow(drive, steer, at_ns, duration)
+        held.append((0.5 * (drive + before[0]), 0.5 * (steer + before[1]), duration))
+        at_ns += step_ns
+    car = advance(now.car, np.array(held).T) if held else now.car
+    return Moment(at_ns, car, drive, steer)
 
 
 def credible(car: Array, track: Track) -> bool:
     """Whether a car (6,) can be in this state on or near a track; not where a number is none."""
     near = track.near(float(car[0]), float(car[1]))
-    return bool(near and np.isfinite(car).all() and (np.abs(car[3:]) < FASTEST).all())
+    # a comparison with what is no number is false
+    return bool(near and math.isfinite(car[2]) and (np.abs(car[3:]) < FASTEST).all())

@@ -62,13 +62,18 @@ def sigma_points(mean: Array, covariance: Array, indices: tuple[int, ...], level
     Returns shape (n_theta, 2 len(indices) + 1); the other parameters stay at the mean. Parameters keep to a tenth
     of their mean at least: a Gaussian reaches below zero, a tyre does not.
     """
-    rows = list(indices)
-    values, axes = np.linalg.eigh(covariance[np.ix_(rows, rows)])
-    steps = level * axes * np.sqrt(np.maximum(values, 0.0))
+    rows = np.array(indices)
+    steps = principal_steps(covariance[rows[:, None], rows], level)
     points = np.repeat(mean[:, None], 2 * len(rows) + 1, axis=1)
     points[rows, 1::2] += steps
     points[rows, 2::2] -= steps
     return np.maximum(points, 0.1 * mean[:, None])
+
+
+def principal_steps(covariance: Array, level: float) -> Array:
+    """`level` sigma along each principal axis, column after column, of covariances (..., k, k)."""
+    values, axes = np.linalg.eigh(covariance)
+    return np.asarray(level * axes * np.sqrt(np.maximum(values, 0.0))[..., None, :])
 
 
 def information_matrix(problem: StageModel, z: Expr, p: Mapping[str, Expr]) -> Expr:

@@ -15,6 +15,7 @@ from estimator.model.discretise import state_derivative
 from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
+from planner.problem.brake_law import BrakeLaw
 
 STATES = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "s", "drive", "steer", "progress")
 CONTROLS = ("drive_change", "steer_change", "progress_change")
@@ -36,16 +37,17 @@ HOLD_SPEED = 0.5
 
 
 def auxiliary(
-    model: SingleTrack, z: Sequence[Expr], du: Sequence[Expr], p: Mapping[str, Expr], dt: float
+    model: SingleTrack, brakes: BrakeLaw, z: Sequence[Expr], rates: Sequence[Expr], p: Mapping[str, Expr]
 ) -> dict[str, Expr]:
-    """Signals effects may need, as far as a plan knows them; the rest is neutral."""
+    """Signals effects may need, as far as a plan knows them; the rest is neutral. `rates` of drive and steer, 1/s."""
     lap = p["lap"]
     known = {
         "track_position": z[S] - lap * ca.floor(z[S] / lap),
         "yaw": z[2],
         "ax": p["theta"][0] * z[DRIVE] / model.vehicle.mass,
-        "steer_rate": du[1] / dt,
-        "drive_rate": du[0] / dt,
+        "steer_rate": rates[1],
+        "drive_rate": rates[0],
+        "brake_balance": brakes.balance(z[VX], z[DRIVE], p["brake_ratio"]),
         "extra_load": extra_load(p["road_load"], z[VX], z[5]),
     }
     return {name: known.get(name, 0.0) for name in AUXILIARY}
@@ -76,12 +78,13 @@ class Dynamics:
 
     model: SingleTrack
     dt: float
+    brakes: BrakeLaw
 
     def derivative(self, x: Expr, u: Expr, du: Expr, p: Mapping[str, Expr]) -> Expr:
         """d/dt of the seven car states for inputs u = [d, delta, v_s]."""
         z = ca.vertsplit(ca.vertcat(x, u))
         theta, phi = split(p["theta"]), split(p["phi"])
-        aux = auxiliary(self.model, z, ca.vertsplit(du), p, self.dt)
+        aux = auxiliary(self.model, self.brakes, z, ca.vertsplit(du / self.dt), p)
         car = state_derivative(self.model, z[:6], (z[STEER], z[DRIVE]), theta, phi, aux=aux)
         _, _, _, vx, vy, yaw_rate, _, _, steer, progress = z
         weight = dynamic_share(vx)

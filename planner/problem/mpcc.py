@@ -27,6 +27,8 @@ OUTPUTS = (
 """Blocks of `qp.StageQp`, in the order of the stage function; `info`, `info_hessian` follow."""
 
 
+ADVANCE_STEPS = 8
+"""steps of `advance_function`; a plan starts some six steps of 10 ms after the estimate it is made from"""
 ZONE_ROUNDING = 0.05
 """m over which the force of the edge zone sets in: an iteration sees it coming"""
 
@@ -203,14 +205,24 @@ class Problem(StageModel):
         mapped: ca.Function = one.map("information", "serial", self.settings.horizon, [1], [])
         return mapped
 
-    def advance_function(self) -> ca.Function:
-        """(car[6], inputs[2] = drive, steer, h, stage, common) -> car after h seconds with the inputs held."""
-        car, inputs, h = ca.SX.sym("car", 6), ca.SX.sym("inputs", 2), ca.SX.sym("h")
+    def held_step(self) -> ca.Function:
+        """(car[6], held[3] = drive, steer, s; stage, common) -> car after so many seconds with the inputs held.
+
+        A brake holds a standing car, it does not push it backwards.
+        """
+        car, held = ca.SX.sym("car", 6), ca.SX.sym("held", 3)
         _, _, stage, _, common, p = self._symbols()
-        u, still = ca.vertcat(inputs, 0.0), ca.DM.zeros(NU)
+        u, still = ca.vertcat(held[0], held[1], 0.0), ca.DM.zeros(NU)
 
         def f(x: Expr) -> Expr:
             return self.dynamics.derivative(ca.vertcat(x, p["s"]), u, still, p)[:6]
 
-        arguments: Any = [car, inputs, h, stage, common]
-        return ca.Function("advance", arguments, [rk4(f, car, h)])
+        after = rk4(f, car, held[2])
+        after[VX] = ca.if_else(after[VX] < 0.0, 0.0, after[VX])  # keeps what is no number, which a maximum would not
+        return ca.Function("held_step", [car, held, stage, common], [after])
+
+    def advance_function(self) -> ca.Function:
+        """`held_step` over K = `ADVANCE_STEPS` steps, all but the car given K times -> car (6, K) after each."""
+        one: Any = self.held_step()
+        steps: ca.Function = one.mapaccum("advance", ADVANCE_STEPS)
+        return steps

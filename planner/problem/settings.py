@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from estimator.model.measurement import MeasurementKind
 from hil_gateway.config import Config
+from planner.problem.brake_law import BrakeLaw
 
 LoadLimit = Literal["ellipse", "literal"]
 Convexification = Literal["abs", "projection"]
@@ -103,6 +104,7 @@ class Settings:
     slack: Slack = Slack()
     information: Information = Information()
     load_limit: LoadLimit = "ellipse"
+    brakes: BrakeLaw = field(default_factory=BrakeLaw)
     sigma_level: float = 2.0
     """Eq. (10) holds at the mean and at this many standard deviations along each principal axis of the belief"""
 
@@ -124,5 +126,6 @@ def settings_of(config: Config) -> Settings:
         dt=p.dt,
         information=information,
         load_limit=p.load_limit,
+        brakes=BrakeLaw(config.vehicle, config.powertrain),
         sigma_level=p.sigma_level,
     )

@@ -17,11 +17,11 @@ class StageModel:
 
     def __init__(self, model: SingleTrack, settings: Settings) -> None:
         self.model, self.settings = model, settings
-        self.dynamics = Dynamics(model, settings.dt)
+        self.dynamics = Dynamics(model, settings.dt, settings.brakes)
 
     def evaluate(self, z: Expr, theta: Expr, p: Mapping[str, Expr]) -> Terms:
         """Forces, loads and accelerations at state z (NZ,) for tyre parameters theta; SI, body frame."""
         parts = ca.vertsplit(z)
-        aux = auxiliary(self.model, parts, [0.0, 0.0, 0.0], p, self.settings.dt)
+        aux = auxiliary(self.model, self.settings.brakes, parts, [0.0, 0.0, 0.0], p)
         signals = (z[VX], z[4], z[5], z[STEER], z[DRIVE])
         return self.model.evaluate(Terms(self.model.vehicle, *signals, aux=aux), split(theta), split(p["phi"]))

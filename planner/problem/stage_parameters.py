@@ -45,7 +45,7 @@ def common_names(model: SingleTrack) -> Names:
     """Parameters shared by all stages.
 
     `sigma_f`, `sigma_r` are the choices of theta in Eq. (10) in columns: the one in force, then the sigma points;
-    `information_theta` is the belief's mean,
+    `brake_ratio` is that of `BrakeLaw.balance`, `information_theta` the belief's mean,
     `information_weight` W of Tr(W F), `trace_weight` the diagonal that makes it Tr(F) in prior-scaled parameters.
     """
     n = len(model.tyre_table)
@@ -55,6 +55,7 @@ def common_names(model: SingleTrack) -> Names:
             "theta": n,
             "lap": 1,
             "load_max": 2,
+            "brake_ratio": 1,
             "sigma_f": n * (2 * len(front) + 2),
             "sigma_r": n * (2 * len(rear) + 2),
             "information_theta": n,

@@ -25,6 +25,7 @@ from estimator.model.effects import catalogue
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from hil_gateway.car.vehicle import Vehicle
+from planner.problem.checked_motion import CheckedMotion
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Information, Limits, Settings, Slack, Weights
 from planner.solver.fixed import FixedHorizon, build_library
@@ -34,7 +35,8 @@ BUILD_TIMEOUT_S = 120.0
 
 @dataclass(frozen=True)
 class Functions:
-    """`horizon`: QP blocks of all stages; `step`: one interval of motion; `advance`: a short time with held inputs.
+    """`horizon`: QP blocks of all stages; `step`: one interval of motion; `advance`: a short time with held inputs;
+    `checked`: every limit of a plan once more (`CheckedMotion`).
 
     `information`: F_k of Eq. (7) of all stages, where the D-criterion needs it. `library`: the generated solver,
     where there is a compiler and it passed its self-test.
@@ -43,15 +45,19 @@ class Functions:
     horizon: CompiledFunction | FixedHorizon
     step: CompiledFunction
     advance: CompiledFunction
+    checked: CompiledFunction
     information: CompiledFunction | None = None
     library: Path | None = None
 
 
 def _symbolic(problem: Problem) -> dict[str, Any]:
     """All but the stage functions, which the generated solver brings."""
+    settings = problem.settings
+    checked = CheckedMotion(problem.model, settings.load_limit == "literal", settings.brakes)
     functions = {
         "step": problem.step_function(),
         "advance": problem.advance_function(),
+        "checked": checked.function(problem.settings.horizon + 1),
     }
     if problem.informative and problem.settings.information.criterion == "log_det":
         functions["information"] = problem.information_function()

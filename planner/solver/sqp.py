@@ -216,9 +216,10 @@ class Sqp:
         """Move the guess one interval on; the last interval holds the inputs."""
         last = self.propagate(self.z[:, -1], np.zeros(NU), stage, common)
         # new arrays: the old ones belong to the solution handed out
-        self.z = np.asfortranarray(np.column_stack([self.z[:, 1:], last]))
-        self.du = np.asfortranarray(np.column_stack([self.du[:, 1:], np.zeros(NU)]))
-        self.multiplier[:, :-1] = self.multiplier[:, 1:].copy()
+        z, du = np.empty_like(self.z, order="F"), np.zeros_like(self.du, order="F")
+        z[:, :-1], z[:, -1], du[:, :-1] = self.z[:, 1:], last, self.du[:, 1:]
+        self.z, self.du = z, du
+        self.multiplier[:, :-1] = self.multiplier[:, 1:]
         self.shift_multipliers()
 
     def solve_step(self, step: Step, stopwatch: Stopwatch) -> Solution:

@@ -24,8 +24,9 @@ from planner.line.envelope import envelope_of
 from planner.line.raceline import RaceLine, raceline_for
 from planner.line.track import Reference
 from planner.plan import acceptance
-from planner.plan.checks import bounds_of, plan_of
+from planner.plan.checks import Roadside, bounds_of, plan_of
 from planner.plan.controller import Controller, TyreKnowledge
+from planner.problem.checked_motion import LIMITS
 from planner.problem.motion import NZ, PROGRESS, VX, S
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
@@ -165,11 +166,12 @@ def _note(run: Run, controller: Controller, z: Array, solution: Solution) -> Non
     run.cost.append(stage_cost(controller, solution))
     settings = controller.settings
     bounds = replace(bounds_of(settings, controller.knowledge.load_max, float(z[7])), tolerances=EXECUTED_TOLERANCE)
-    tyre = {p.name: v for p, v in zip(controller.problem.model.tyre_table, controller.knowledge.theta, strict=True)}
-    forces = acceptance.declared_forces(controller.problem.model.vehicle, tyre)
-    found = acceptance.excesses(plan_of(solution, controller.reference.line), bounds, forces)
+    knowledge = controller.knowledge
+    phi = controller.phi_at(np.zeros(1))[:, 0]
+    check = acceptance.Check(controller.checked, knowledge.theta, phi, knowledge.brake_ratio)
+    found = check(plan_of(solution, Roadside(controller.reference.line)), bounds).excess
     for name, tolerance in EXECUTED_TOLERANCE.items():
-        run.violations[name] += bool(found[name][1] > tolerance)
+        run.violations[name] += bool(found[LIMITS.index(name), 1] > tolerance)
 
 
 def executed_gain(controller: Controller, measurement: ca.Function, z: Array) -> float:

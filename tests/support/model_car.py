@@ -43,7 +43,7 @@ class ModelCar:
         self._actuators = Actuators(config.planner)
         controller = self.planner.adoption.controller
         # the car keeps its physics when the planner's model changes
-        self._physics = controller.problem.advance_function()
+        self._physics = controller.problem.held_step()
         self._common, self._stage = controller.common.copy(), controller.stages[:, 0].copy()
         if controller.problem.model.effects:
             self._stage[controller.problem.stage["phi"]] = controller.phi_at(np.zeros(1))[:, 0]
@@ -81,9 +81,8 @@ class ModelCar:
             self._send(self.commands[-1])
         duration = TICK_NS / NS_PER_S
         self.drive, self.steer = self._actuators.follow(self.drive, self.steer, self.now_ns, duration)
-        inputs = np.array([self.drive, self.steer])
-        self.car = np.array(self._physics(self.car, inputs, duration, self._stage, self._common)).ravel()
-        self.car[3] = max(self.car[3], 0.0)
+        held = np.array([self.drive, self.steer, duration])
+        self.car = np.array(self._physics(self.car, held, self._stage, self._common)).ravel()
         self.cars.append(self.car.copy())
         return plan
 

@@ -84,6 +84,7 @@ def _logged(rows: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]
     columns = dict(zip(names, rows.T, strict=True))
     for name, std in NOISE.items():
         columns[name] = columns[name] + rng.normal(0.0, std, len(rows))
-    still = dict.fromkeys(("throttle", "brake", "gear", "engine_speed", "extra_load"), np.zeros(len(rows)))
+    names = ("throttle", "brake", "brake_balance", "gear", "engine_speed", "extra_load")
+    still = dict.fromkeys(names, np.zeros(len(rows)))
     spread = {f"std_{name}": np.full(len(rows), NOISE[name]) for name in ("vx", "vy", "yaw_rate")}
     return {**columns, **still, **spread}

@@ -162,6 +162,7 @@ class Rig:
         self.status: GatewayStatus | None = None
         self.seq = self.tick = 0
         self.steer = 0.0
+        self.brake_balance: float | None = None
         self.drive = 0.02
         self.planner_runs = True
         self.estimator_runs = True
@@ -228,7 +229,7 @@ class Rig:
         self.seq += 1
         return Command(
             stamp_ns=self.now_ns, seq=self.seq, source=source, state_stamp_ns=state_stamp_ns,
-            steer=self.steer, drive=self.drive,
+            steer=self.steer, drive=self.drive, brake_balance=self.brake_balance,
         )  # fmt: skip
 
     def estimate(self, state_stamp_ns: int) -> Estimate:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -161,6 +162,9 @@ PROMISES: tuple[Promise, ...] = (
 )
 
 
+_NUMBER = re.compile(r"\d(?:[\d,.]*\d)?")
+
+
 @dataclass
 class Evidence:
     """What the tests of one promise said."""
@@ -239,12 +243,31 @@ def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dic
 
 def _reached(name: str, figures: list[str], whole: dict[str, Any] | None, runs: list[str]) -> list[str]:
     """What was reached for one promise; what both runs say alike is said once."""
-    lines = ["", f"### {name}", "", *(f"- {_one_line(figure)}" for figure in figures or ["no figure"])]
-    if whole is None:
-        return lines
-    more = [figure for figure in whole["figures"] if figure not in figures] or ["the same"]
-    number = runs.index(whole["run"]) + 1
-    return [*lines, *(f"- long run {number}: {_one_line(figure)}" for figure in more)]
+    said = [_one_line(figure) for figure in figures] or ["no figure"]
+    if whole is not None:
+        run = f"long run {runs.index(whole['run']) + 1}"
+        more = [_one_line(figure) for figure in whole["figures"] if figure not in figures]
+        said = _together(said, more, run) if more else [*said, f"{run}: the same"]
+    return ["", f"### {name}", "", *(f"- {figure}" for figure in said)]
+
+
+def _together(usual: list[str], long: list[str], run: str) -> list[str]:
+    """Figures of both runs; where one number differs, that of the long run stands behind the usual one."""
+    beside = {figure: _only_difference(figure, long) for figure in usual}
+    rest = [figure for figure in long if figure not in {found for found, _ in beside.values()}]
+    said = [f"{figure} ({run}: {number})" if number else figure for figure, (_, number) in beside.items()]
+    return [*said, *(f"{run}: {figure}" for figure in rest)]
+
+
+def _only_difference(figure: str, others: list[str]) -> tuple[str, str]:
+    """The one of `others` that differs from `figure` in a single number, and that number; ("", "") without one."""
+    for other in others:
+        if _NUMBER.sub("", other) == _NUMBER.sub("", figure):
+            pairs = zip(_NUMBER.findall(figure), _NUMBER.findall(other), strict=True)
+            changed = [theirs for ours, theirs in pairs if ours != theirs]
+            if len(changed) == 1:
+                return other, changed[0]
+    return "", ""
 
 
 def as_json(evidence: dict[str, Evidence]) -> list[dict[str, object]]:

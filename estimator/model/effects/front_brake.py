@@ -1,4 +1,8 @@
-"""Front brakes: part of the braking force acts on the front axle, and braking has a gain of its own."""
+"""Front brakes: part of the braking force acts on the front axle, and braking has a gain of its own.
+
+Where the balance b of the pressures is reported, (p_f - p_r) / (p_f + p_r), axles share the force as their pressures
+times what each makes of it, and p is the share at equal pressures; elsewhere b is 0, and p that of the split there is.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +17,17 @@ SMOOTHING_FORCE = 20.0
 
 def _longitudinal(terms: Terms, share: Expr, gain: Expr) -> None:
     braking = smooth_negative_part(terms.fx_r, SMOOTHING_FORCE)
-    terms.fx_f = terms.fx_f + share * gain * braking
-    terms.fx_r = terms.fx_r + ((1.0 - share) * gain - 1.0) * braking
+    balance = terms.auxiliary("brake_balance")
+    front = (1.0 + balance) * share / (1.0 + balance * (2.0 * share - 1.0))
+    terms.fx_f = terms.fx_f + front * gain * braking
+    terms.fx_r = terms.fx_r + ((1.0 - front) * gain - 1.0) * braking
 
 
 EFFECT = Effect(
     name="front_brake",
     lacks="part of the braking force acts on the front axle",
-    equation="F_x,f = p q C_x min(d, 0); F_x,r = C_x max(d, 0) + (1 - p) q C_x min(d, 0)",
+    equation="F_x,f = s q C_x min(d, 0); F_x,r = C_x max(d, 0) + (1 - s) q C_x min(d, 0); "
+    "s = p (1 + b) / (1 + b (2 p - 1))",
     source="Gillespie, Fundamentals of Vehicle Dynamics, ch. 3 (brake proportioning)",
     parameters=(
         Parameter(
@@ -30,7 +37,7 @@ EFFECT = Effect(
             0.3,
             0.0,
             1.0,
-            "part of the braking force on the front axle",
+            "part of the braking force on the front axle, at equal pressures",
             Plausible(0.0, 0.95, "brake balance 0.5 to 0.65"),
         ),
         Parameter(

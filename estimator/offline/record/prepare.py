@@ -167,7 +167,7 @@ def spinning(log: DriveLog) -> NDArray[np.bool_]:
 
 
 def _auxiliary_of(log: DriveLog) -> dict[str, Array]:
-    names = ("yaw", "throttle", "brake", "gear", "engine_speed", "ax", "t")
+    names = ("yaw", "throttle", "brake", "brake_balance", "gear", "engine_speed", "ax", "t")
     return {name: brake_share(log[name]) if name == "brake" else log[name] for name in names if name in log}
 
 

@@ -11,7 +11,7 @@ from estimator.offline.search.trial import Setting, Trial
 from estimator.offline.search.whiteness import structured
 
 SMALLEST_SHARE = 0.02
-"""Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not worth a name."""
+"""Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not named."""
 RELATIVE_SHARE = 0.01
 """Least gain relative to everything accepted so far: less is the imperfect shape of an accepted effect."""
 WHITE_FOR_DATA = 1.3

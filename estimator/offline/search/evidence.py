@@ -34,7 +34,7 @@ class Evidence:
 
     @property
     def still_consistent(self) -> bool:
-        """The same for what was accepted before: easier to stay than to enter, or the search would waver."""
+        """The same for what was accepted before: a lower threshold than for acceptance, so that the search settles."""
         return self._significant(SIGNIFICANCE_TO_STAY) and self.in_both_halves
 
     @property

@@ -1,4 +1,4 @@
-"""Greedy search over the catalogue: what earns its place on laps it was not fitted to.
+"""Greedy search over the catalogue: effects that improve the prediction of laps they were not fitted to.
 
 Every candidate is fitted together with the tyre parameters and everything accepted so far. Its evidence is the
 gain in held-out log-likelihood, every stretch of 30 s predicted by a fit to all the others. One linearisation
@@ -18,6 +18,7 @@ from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search.acceptance import (
     SMALLEST_SHARE,
     can_be_accepted,
+    earns_its_place,
     eligible,
     stays,
     worth_a_name,

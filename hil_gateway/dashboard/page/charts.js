@@ -1,5 +1,5 @@
 // Strip charts over one time axis: uPlot, one cursor, zoom by dragging, the whole history of the server.
-import { byId, colour, known } from "./format.js";
+import { byId, colour, fixed, known } from "./format.js";
 
 const SHOWN_S = 60;
 const CHARTS = [
@@ -44,7 +44,7 @@ function makePlot(chart, limits, last) {
   const axis = { stroke: colour("quiet"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line") }, font: "12px system-ui, sans-serif" };
   const series = chart.series.map(([, label, stroke]) => ({
     label, stroke: colour(stroke), width: 1.5, spanGaps: false, points: { show: false },
-    value: (u, v) => (known(v) ? v.toFixed(2) : "–"),
+    value: (u, v) => fixed(v, 2),
   }));
   const bound = chart.limit ? limits[chart.limit] : null;
   const options = {
@@ -153,7 +153,14 @@ export function redraw() {
     const data = plot.chart.series.map(([name]) => columns[name].slice(Math.max(first - 1, 0), end + 1).map((v) => (v === null ? null : scale * v)));
     plot.setData([times, ...data], false);
     plot.setScale("x", { min: from, max: to });
+    if (!(plot.cursor.left >= 0)) plot.setLegend({ idx: newestShown(times, to) }, false); // no cursor: what is now
   }
+}
+
+function newestShown(times, to) {
+  let at = times.length - 1;
+  while (at > 0 && times[at] > to) at -= 1;
+  return at;
 }
 
 export const history = () => columns;

@@ -1,7 +1,7 @@
 // Numbers, times and small pieces of the document, the same everywhere on the page.
 export const byId = (id) => document.getElementById(id);
 export const known = (value) => value !== null && value !== undefined;
-export const fixed = (value, digits, unit = "") => (known(value) ? value.toFixed(digits) + (unit && ` ${unit}`) : "–");
+export const fixed = (value, digits, unit = "") => (known(value) ? value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1") + (unit && ` ${unit}`) : "–");
 export const short = (value) => (Math.abs(value) >= 1000 ? value.toFixed(0) : Number(value.toPrecision(3)).toString());
 export const words = (text) => text.replaceAll("_", " ");
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();

@@ -65,7 +65,7 @@ export function drawCurves(tyres, columns, from, to) {
   c.strokeStyle = colour("line");
   c.fillStyle = colour("quiet");
   for (let force = 0; force <= top; force += 0.5) line(c, [[left, y(force)], [size - 4, y(force)]], force.toFixed(1), 2, y(force) + 4);
-  for (let deg = 0; deg <= slip[slip.length - 1]; deg += 4) line(c, [[x(deg), bottom], [x(deg), 8]], `${deg}°`, x(deg) - 6, bottom + 14);
+  for (let deg = 0; deg <= slip[slip.length - 1]; deg += 4) line(c, [[x(deg), bottom], [x(deg), 8]], `${deg}°`, x(deg) - (x(deg) > size - 20 ? 16 : 6), bottom + 14);
   axle(c, x, y, slip, front, "accent");
   axle(c, x, y, slip, rear, "warn");
   rug(c, x, columns.slip_front, from, to, bottom, "accent");

@@ -26,7 +26,7 @@ from hil_gateway.track.track import Track
 CAUTION_S = 2.0
 """time constant with which the car approaches the caution speed"""
 CAUTION_DECELERATION = 3.0
-"""m/s2: nobody behind is surprised, and any tyre holds it beside cornering"""
+"""m/s2: mild for the cars behind, and any tyre holds it beside cornering"""
 
 
 class Actor:
@@ -103,12 +103,14 @@ class Actor:
         driving = decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
             return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S)
+        balance = None  # a stop brakes as declared, whatever the planner asked for before
         if driving and command is not None:
             steer, drive = command.steer, self._paced(command.drive, motion.speed, decision)
+            balance = command.brake_balance
         else:
             emergency = decision.action is FailsafeAction.EMERGENCY_STOP
             steer, drive = self.stopping.command(motion, pose, emergency)
-        wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear)
+        wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
         return Actuators(wanted.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)

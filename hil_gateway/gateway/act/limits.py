@@ -1,4 +1,4 @@
-"""The last gate before the wire: value and rate limits on the very integers that leave.
+"""Value and rate limits of the commands, on the raw integers that are packed into the frames.
 
 Working on raw integers makes the promise exact: what is checked here is packed as it is (`Codec.pack`). Values
 are the car's (`can_dbc/av24.toml`), rates the configuration's. Pure: the previous frame is an argument.

@@ -37,7 +37,7 @@ SLOWEST = 12.0
 BEYOND = 60.0
 """m the way is longer than braking as configured takes: bends leave less for braking"""
 LOST = 30.0
-"""m off the centre line: further away the track says nothing"""
+"""m off the centre line: farther away the track is not used"""
 STEEPEST = 0.5
 """slope of the way against the track at its beginning, at most: more is a wrong heading"""
 BEND_POINTS = 5

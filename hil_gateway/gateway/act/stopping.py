@@ -32,7 +32,7 @@ YAW_RATE_GAIN = 0.04
 to 2 1/s at 70 m/s when braking has moved the load forward: without K it weaves until it spins. 0.03 just holds such a
 car with steering that is 0.1 s late; 0.07 still steadies every car tried"""
 FAR_FROM_WAY = 1.5
-"""m: a car this far from its way is laid a new one: tyres, or the pose it was laid from, have not held"""
+"""m off its way at which a stop gets a new one: the tyres have not held, or the pose was wrong"""
 BEND_SHARE = 0.7
 """of the declared grip a bend ahead may need: the rest steers back to the path and brakes on in the bend"""
 

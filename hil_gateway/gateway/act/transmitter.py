@@ -1,4 +1,4 @@
-"""The only way out to the wire: declared identifiers and lengths, rolling counters, one frame of each a period.
+"""Transmission to the bus: declared identifiers and lengths only, rolling counters, one frame of each a period.
 
 There is no thread and no kernel timer behind the counters: when the process hangs they stop, and the car sees it.
 """

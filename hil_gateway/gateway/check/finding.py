@@ -8,7 +8,7 @@ from hil_gateway.process.model import Model
 
 
 class Verdict(StrEnum):
-    """How bad it is: `fail` stands in the way of driving, `warn` deserves a look, `info` only tells."""
+    """How bad it is: `fail` prevents driving, `warn` is to be examined, `info` is for information."""
 
     OK = "ok"
     INFO = "info"

@@ -1,4 +1,4 @@
-"""State of a CAN interface as the kernel tells it (`ip -details -statistics -json link show`)."""
+"""State of a CAN interface as the kernel reports it (`ip -details -statistics -json link show`)."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ CENTRE_MAX = np.radians(30.0)
 WHEEL_SPREAD = 0.25
 """Wheels of a car pushed around a bend differ by less, share of their mean."""
 YAW_SEEN, ACCELERATION_SEEN = 0.05, 0.3
-"""Turning and speeding up by less tells no sign, rad/s and m/s2."""
+"""Yaw rate and acceleration below which a sign is not judged, rad/s and m/s2."""
 POSITION_MAX_M = 20_000.0
 MIN_SAMPLES = 20
 

@@ -2,7 +2,7 @@
 
 Every condition is a measure in seconds for which it has held (0: does not hold, infinite: holds); a row fires when
 its measure reaches the row's threshold. What fires latches: the action only rises until the gateway is
-armed again, and a request to arm is an edge that is answered at once or forgotten.
+armed again, and a request to arm is an edge that is answered in its period or dropped.
 """
 
 from __future__ import annotations
@@ -233,37 +233,44 @@ class Failsafe:
 
 def first_firing(inputs: Inputs) -> Row | None:
     """The strongest row whose measure has reached its threshold."""
-    firing = [row for row in TABLE if _fires(row, inputs)]
-    return max(firing, key=lambda row: _SEVERITY[row.action], default=None)
+    return max(_firing(inputs), key=lambda row: _SEVERITY[row.action], default=None)
 
 
 def first_firing_while_silent(inputs: Inputs) -> Row | None:
     """The first row that fires and acts on the ladder even while no commands are sent."""
-    acting = (row for row in TABLE if row.while_silent is not WhileSilent.NOTHING)
-    return next((row for row in acting if _fires(row, inputs)), None)
+    return next((row for row in _firing(inputs) if row.while_silent is not WhileSilent.NOTHING), None)
 
 
 def missing_for_arming(inputs: Inputs) -> tuple[str, ...]:
     """Why a request to arm would be refused now: every firing row, movement, mode."""
-    firing = tuple(row.cause for row in TABLE if _fires(row, inputs))
+    firing = tuple(row.cause for row in _firing(inputs))
     standing = () if inputs.standing else ("car_moving",)
     return firing + standing + (() if inputs.may_arm else ("mode",))
 
 
-def _fires(row: Row, inputs: Inputs) -> bool:
-    held = inputs.measures.get(row.measure, HOLDS)
-    return not held <= 0 and not held < row.threshold_s  # not-a-number fires
+def _firing(inputs: Inputs) -> list[Row]:
+    """Rows whose measure has held for long enough or is missing; not-a-number fires."""
+    held = inputs.measures.get
+    return [row for row in TABLE if not (s := held(row.measure, HOLDS)) <= 0 and not s < row.threshold_s]
 
 
 def table_markdown() -> str:
-    """The table for the documentation, and below it when each action ends."""
-    lines = ["| cause | meaning | held for | action | while silent |", "| --- | --- | --- | --- | --- |"]
+    """The table for the documentation: rows in order of priority, under what they do and what ends it."""
+    ends = dict.fromkeys((row.action, row.clear) for row in TABLE)
+    return "\n\n".join(_part_markdown(action, clear) for action, clear in ends)
+
+
+def _part_markdown(action: FailsafeAction, clear: Clear) -> str:
+    rows = [row for row in TABLE if (row.action, row.clear) == (action, clear)]
+    silent = any(row.while_silent is not WhileSilent.NOTHING for row in rows)
+    heads = ["cause", "meaning", "held for", *(["while silent"] if silent else [])]
+    lines = [f"`{action.value}`; the car drives again when {clear.value}:", ""]
+    lines += [f"| {' | '.join(heads)} |", f"|{' --- |' * len(heads)}"]
     lines += [
-        f"| {row.cause} | {row.meaning} | {_held_for(row)} | {row.action.value} | {row.while_silent.value} |"
-        for row in TABLE
+        f"| {row.cause} | {row.meaning} | {_held_for(row)} |{f' {row.while_silent.value} |' if silent else ''}"
+        for row in rows
     ]
-    ends = dict.fromkeys(f"- After `{row.action.value}` the car drives again when {row.clear.value}." for row in TABLE)
-    return "\n".join([*lines, "", *ends])
+    return "\n".join(lines)
 
 
 def _held_for(row: Row) -> str:

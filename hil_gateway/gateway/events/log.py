@@ -19,7 +19,7 @@ from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.lifecycle import EVENT_LINE
 
 MOST_A_SECOND = 10
-"""entries of one kind: a bus that flutters must not fill the disk; what is left out is counted in the next entry"""
+"""entries of one kind: a fault that comes and goes must not fill the disk; the next entry counts the rest"""
 JOURNAL_LEVEL = {Severity.INFO: 6, Severity.WARNING: 4, Severity.STOP: 2}
 """syslog levels (sd-daemon(3)): informational, warning, critical"""
 

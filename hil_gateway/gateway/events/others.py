@@ -1,4 +1,4 @@
-"""What the other processes do, as far as their messages show it: who has gone quiet, what they learnt and adopted."""
+"""What the other processes do, by their messages: which have fallen silent, what they learnt and adopted."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from hil_gateway.process.figures import figure
 
 QUIET_S = 1.0
 """a process whose messages are older than this, or than their own deadline, is worth an entry: a single late message is
-the failsafe's business"""
+left to the failsafe"""
 WATCHED: dict[str, Topic[Any]] = {"estimator": BELIEF, "planner": PLAN, "recorder": RECORDER_STATUS}
 ALERTS_A_PERIOD, PROPOSALS_A_PERIOD = 8, 4
 REFINED_NS = 60 * NS_PER_S
-"""tyres are refined every few seconds while driving: an entry a minute says enough of that"""
+"""tyres are refined every few seconds while driving: one entry a minute is enough"""
 
 
 class OtherProcesses:

@@ -1,6 +1,6 @@
 """Where the car is while nobody estimates it.
 
-An estimate is carried on from the moment it speaks of by speed and yaw rate (substitutes of them where a sensor is
+An estimate is carried on from its own time on by speed and yaw rate (substitutes of them where a sensor is
 gone), and by the side slip that goes with the lateral force; position fixes, which reach the gateway without the
 estimator, pull the point back, so that errors cannot add up.
 """
@@ -31,9 +31,9 @@ SLIP_FROM = 8.0
 SLIP_LEARNT = 0.005
 """weight of an estimate: two seconds"""
 SLIP_MOST = 0.008
-"""rad per m/s2: a rear axle that gives up at 10 m/s2 with 0.08 rad"""
+"""rad per m/s2: a rear axle at its limit at 10 m/s2 and 0.08 rad"""
 LONGEST_S = 0.2
-"""longest time bridged at once: an estimate that names an older moment names a wrong one"""
+"""longest time bridged at once: an estimate with an older stamp is not used"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ class DeadReckoning:
         return self.pose
 
     def restart(self, now_ns: int, course: Course) -> None:
-        """Go on from the fixes alone: what has been reckoned so far was reckoned with a sensor that lies."""
+        """Go on from the fixes alone: what has been reckoned so far used a wrong sensor."""
         self.pose = Pose(course.x, course.y, course.course, course.speed)
         self._pose_ns, self._blind_m = now_ns, 0.0
 

@@ -1,4 +1,4 @@
-"""The newest position fix, and whether a row of them says that the car moves: a second opinion on the wheels."""
+"""The newest position fix, and whether a row of them says that the car moves: independent of the wheels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Counts of what was received on the wire, a bucket that forgives a rare wrong counter, and second senders."""
+"""Counts of what was received on the wire, a leaky bucket for wrong counters, and second senders."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ class LeakyBucket:
 
     def add(self, now_ns: int) -> None:
         """Count one error."""
-        self.drain(now_ns)
-        self.level = min(self.level + 1, self.highest)
+        level = self.drain(now_ns)
+        self.level = level + 1 if level < self.highest else self.highest
 
     def drain(self, now_ns: int) -> int:
         """Level at `now_ns`."""
         if self.level == 0 or now_ns < self._drained_ns:
             self._drained_ns = now_ns
             return self.level
-        leaked = (now_ns - self._drained_ns) // self.leak_ns
-        self.level = max(self.level - leaked, 0)
-        self._drained_ns += leaked * self.leak_ns
+        if leaked := (now_ns - self._drained_ns) // self.leak_ns:
+            self.level = max(self.level - leaked, 0)
+            self._drained_ns += leaked * self.leak_ns
         return self.level
 
 
@@ -72,7 +72,7 @@ class Senders:
         bucket.add(now_ns)
         if bucket.level >= self._most[identifier]:
             self.doubled.add(identifier)
-        else:
+        elif self.doubled:
             self.doubled.discard(identifier)
 
 

@@ -10,7 +10,7 @@ from hil_gateway.gateway.decide.command_gate import CommandGate
 
 COMMAND_QUEUE = 16
 OPERATOR_QUEUE = 1024
-"""Requests of a period that are all looked at: no flood of others pushes out the one to stop."""
+"""Requests of a period that are all looked at: a flood of others does not displace the one to stop."""
 ARMS_REMEMBERED = 4096
 """Requests to arm that are known again when they are delivered twice: a person makes some dozens a day. Beyond that
 the gateway has to be restarted to be armed; none is ever forgotten and taken again."""

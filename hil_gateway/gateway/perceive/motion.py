@@ -42,7 +42,7 @@ class Motion:
 class MotionReader:
     """Picks, every period, the best source that is valid.
 
-    Speed: the second fastest wheel (one sensor may lie either way), held against locking by what tyres can do; without
+    Speed: the second fastest wheel (one sensor may be wrong), held against locking by what tyres can do; without
     wheels that of the fixes, then the IMU carries it on. Yaw rate: the gyro; without it the turn rate of the fixes'
     course, then the rear wheels' difference (which braking falsifies), then v tan(delta) / L. Turn rates
     are late by half the time they span: steering since then is added.
@@ -108,5 +108,5 @@ def wheel_speeds(state: VehicleState) -> tuple[float, float, float, float]:
 
 
 def second_fastest(state: VehicleState) -> float:
-    """Speed of the second fastest wheel, m/s: one sensor may lie either way."""
+    """Speed of the second fastest wheel, m/s: one sensor may be wrong either way."""
     return sorted(wheel_speeds(state))[-2]

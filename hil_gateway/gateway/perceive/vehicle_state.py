@@ -45,7 +45,7 @@ REQUIRED = ("imu", "wheel_speeds", "steering", "pedals", "powertrain", "vehicle"
 
 ACTUATOR_COMMANDS = ("brake_pressure_cmd", "accelerator_cmd", "steering_cmd", "gear_shift_cmd")
 FOREIGN_S = 1.0
-"""How long the voice of another computer is remembered."""
+"""How long a frame of another computer counts."""
 STUCK_FRAMES = 20
 """So many IMU or wheel frames (0.2 s) with the very same bytes while moving: the sensor hangs (noise changes the last
 bit of each; a sensor at 50 Hz repeats itself once)."""
@@ -54,20 +54,22 @@ SENSOR_DISAGREEMENT = 0.15
 MAP_RADIUS = 50e3
 """A position further from the origin is no position of this map, m (receivers report 0, 0 before their first fix)."""
 COUNTER_LEAK_NS = NS_PER_S // 10
-"""One wrong counter is forgiven every so often."""
+"""Time after which one wrong counter is forgotten."""
 COUNTER_FAULT = 5
 """Level of the leaky bucket that is a fault."""
 
 
 @dataclass(slots=True)
 class _Received:
-    """Last word of one message."""
+    """Newest frame of one message."""
 
     layout: FrameLayout
     limits: tuple[tuple[str, float, float], ...]
     deadline_ns: int
     repeatable: bool
     """the same bytes again say the same again: no counter, no new fix, no sensor that may hang"""
+    watched: str
+    """name of the message where more is watched than its limits, "imu" for every IMU, else empty"""
     stamp_ns: int | None = None
     data: bytes | None = None
     plausible: bool = False
@@ -83,7 +85,9 @@ class VehicleStateBuilder:
         self._actuation = actuation
         self._map = LocalMap(config.origin)
         self._received = {
-            layout.id: _Received(layout, _limits(layout), round(layout.deadline_s * NS_PER_S), _repeatable(layout))
+            layout.id: _Received(
+                layout, _limits(layout), round(layout.deadline_s * NS_PER_S), _repeatable(layout), _watched(layout)
+            )
             for layout in codec.messages.values()
             if layout.direction == "car"
         }
@@ -184,8 +188,9 @@ class VehicleStateBuilder:
             return
         entry = self._received.get(frame.id)
         self.senders.add(frame.id, now_ns)
+        stamp_ns = frame.stamp_ns if frame.stamp_ns < now_ns else now_ns
         if entry is not None and entry.repeatable and frame.data == entry.data:
-            entry.stamp_ns = self._newest_ns = min(frame.stamp_ns, now_ns)
+            entry.stamp_ns = self._newest_ns = stamp_ns
             self.counts.implausible += not entry.plausible
             return
         values = self._codec.decode(frame.id, frame.data)
@@ -197,13 +202,13 @@ class VehicleStateBuilder:
             return
         self._check_counter(entry, values, now_ns)
         entry.repeats = entry.repeats + 1 if frame.data == entry.data else 0
-        entry.stamp_ns = self._newest_ns = min(frame.stamp_ns, now_ns)
+        entry.stamp_ns = self._newest_ns = stamp_ns
         entry.data = frame.data
         entry.plausible = self._plausible(entry, values)
         if not entry.plausible:
             self.counts.implausible += 1
-        elif entry.layout.name == "novatel_report":
-            self._take_position(entry, values, entry.stamp_ns)
+        elif entry.watched == "novatel_report":
+            self._take_position(entry, values, stamp_ns)
         else:
             self._signals.update(values)
 
@@ -245,12 +250,15 @@ class VehicleStateBuilder:
         for name, low, high in entry.limits:
             if not low <= values[name] <= high:
                 return False
-        if entry.layout.name == "steering_report_extd":
+        watched = entry.watched
+        if not watched:
+            return True
+        if watched == "steering_report_extd":
             apart = values["primary_steering_angle_fbk"] - values["secondary_steering_ang_fdbk"]
             return abs(apart) <= SENSOR_DISAGREEMENT
-        if entry.layout.name.startswith("imu_"):
+        if watched == "imu":
             return entry.repeats < STUCK_FRAMES or self._signals["wheel_speed_RL"] < MOVING
-        if entry.layout.name == "wheel_speed_report":
+        if watched == "wheel_speed_report":
             fastest = max(values.values())
             locked_or_dead = fastest < STANDSTILL and self.fixes.moving
             return not locked_or_dead and (entry.repeats < STUCK_FRAMES or fastest < MOVING)
@@ -258,13 +266,14 @@ class VehicleStateBuilder:
 
     def _health(self, entries: tuple[_Received, ...], now_ns: int) -> SourceHealth:
         """As old as its oldest message; valid when every message is in time, plausible and from one sender."""
-        valid, oldest_ns = True, now_ns
+        valid, oldest_ns, doubled = True, now_ns, self.senders.doubled
         for entry in entries:
-            if entry.stamp_ns is None:
+            stamp_ns = entry.stamp_ns
+            if stamp_ns is None:
                 return _NEVER_HEARD
-            in_time = now_ns - entry.stamp_ns <= entry.deadline_ns
-            valid = valid and entry.plausible and in_time and entry.layout.id not in self.senders.doubled
-            oldest_ns = min(oldest_ns, entry.stamp_ns)
+            in_time = now_ns - stamp_ns <= entry.deadline_ns
+            valid = valid and entry.plausible and in_time and not (doubled and entry.layout.id in doubled)
+            oldest_ns = min(oldest_ns, stamp_ns)
         return SourceHealth(age_s=(now_ns - oldest_ns) / NS_PER_S, valid=valid)
 
 
@@ -276,9 +285,13 @@ def _limits(layout: FrameLayout) -> tuple[tuple[str, float, float], ...]:
     return tuple((signal.si_name, *signal.si_limits) for signal in layout.signals if signal.si_limits is not None)
 
 
+def _watched(layout: FrameLayout) -> str:
+    name = "imu" if layout.name.startswith("imu_") else layout.name
+    return name if name in ("imu", "wheel_speed_report", "novatel_report", "steering_report_extd") else ""
+
+
 def _repeatable(layout: FrameLayout) -> bool:
-    watched = layout.name in ("novatel_report", "wheel_speed_report") or layout.name.startswith("imu_")
-    return layout.counter is None and not watched
+    return layout.counter is None and _watched(layout) in ("", "steering_report_extd")
 
 
 def _age_s(stamp_ns: int | None, now_ns: int) -> float:

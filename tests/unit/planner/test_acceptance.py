@@ -10,14 +10,17 @@ import numpy as np
 import pytest
 
 from estimator.belief.revision import declared_revision, model_of, race_car_revision
-from hil_gateway.car.powertrain import Powertrain
+from estimator.model.single_track import SIGNALS, SingleTrack, Terms
+from estimator.model.tyre import front_and_rear
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.track.loading import load_track
 from planner.line.track import Reference
 from planner.plan import acceptance
-from planner.plan.acceptance import Bounds, Plan, declared_forces, load_shares, violations
-from planner.plan.checks import InterpretedForces, beside, bounds_of, defects, plan_of
+from planner.plan.acceptance import Bounds, Check, Plan
+from planner.plan.checks import Roadside, bounds_of, plan_of
 from planner.plan.controller import Controller
+from planner.problem.brake_law import BrakeLaw
+from planner.problem.checked_motion import FORCES, CheckedMotion
 from planner.problem.load_rows import load_row
 from planner.problem.motion import NZ, extra_load
 from planner.problem.mpcc import Problem
@@ -32,17 +35,23 @@ def solved() -> tuple[Controller, Solution]:
     return controller, controller.cold_start(start_state(controller, 620.0), clock)
 
 
+Case = tuple[Plan, Bounds, Check]
+
+
 @pytest.fixture
-def case(solved: tuple[Controller, Solution]) -> tuple[Plan, Bounds, acceptance.ForceModel]:
+def case(solved: tuple[Controller, Solution]) -> Case:
     controller, solution = solved
-    tyre = {p.name: v for p, v in zip(controller.problem.model.tyre_table, controller.knowledge.theta, strict=True)}
+    check = Check(controller.checked, controller.knowledge.theta, np.zeros(0), 1.0)
     bounds = replace(bounds_of(controller.settings, controller.knowledge.load_max, 0.0), information=100.0)
-    return plan_of(solution, controller.reference.line), bounds, declared_forces(Vehicle(), tyre)
+    return plan_of(solution, Roadside(controller.reference.line)), bounds, check
 
 
-def test_a_solution_is_accepted(case: tuple[Plan, Bounds, acceptance.ForceModel]) -> None:
-    plan, bounds, forces = case
-    assert violations(plan, bounds, forces, defects(plan, bounds.dt, forces, Vehicle())) == []
+def violations(plan: Plan, bounds: Bounds, check: Check) -> list[str]:
+    return acceptance.violations(check(plan, bounds), bounds)
+
+
+def test_a_solution_is_accepted(case: Case) -> None:
+    assert violations(*case) == []
 
 
 @pytest.mark.promise("N4")
@@ -64,46 +73,44 @@ def test_a_solution_is_accepted(case: tuple[Plan, Bounds, acceptance.ForceModel]
         ("drive", np.inf, 3, "not finite"),
     ],
 )
-def test_one_bad_entry_is_enough(
-    case: tuple[Plan, Bounds, acceptance.ForceModel], name: str, value: float, at: int, broken: str
-) -> None:
-    plan, bounds, forces = case
-    column = getattr(plan, name).copy()
+def test_one_bad_entry_is_enough(case: Case, name: str, value: float, at: int, broken: str) -> None:
+    plan, bounds, check = case
+    column = plan[name].copy()
     column[at] = value
-    assert any(found.startswith(broken) for found in violations(replace(plan, **{name: column}), bounds, forces))
+    assert any(found.startswith(broken) for found in violations(plan.changed(**{name: column}), bounds, check))
 
 
 def test_a_slide_is_refused_however_little_force_it_gives(
-    case: tuple[Plan, Bounds, acceptance.ForceModel],
+    case: Case,
 ) -> None:
     """Beyond the peak Eq. (2) gives less and less force, so force alone would call a spin harmless."""
-    plan, bounds, forces = case
+    plan, bounds, check = case
     shares = []
     for sideways in (6.0, 12.0, 18.0):
-        slid = replace(plan, vy=np.full_like(plan.vy, sideways))
-        shares.append(np.array([share[25] for share in load_shares(slid, bounds, forces)]))
-        slid = replace(plan, vy=np.where(np.arange(len(plan.vy)) == 25, sideways, plan.vy))
-        assert any(found.startswith("load") for found in violations(slid, bounds, forces))
+        slid = plan.changed(vy=np.full_like(plan["vy"], sideways))
+        shares.append(np.array([share[25] for share in check(slid, bounds).shares]))
+        slid = plan.changed(vy=np.where(np.arange(len(plan["vy"])) == 25, sideways, plan["vy"]))
+        assert any(found.startswith("load") for found in violations(slid, bounds, check))
     assert np.all(np.diff(shares, axis=0) > 0.0)
 
 
 @pytest.mark.parametrize("name", ["x", "y", "yaw", "vx", "vy", "yaw_rate"])
-def test_a_plan_that_no_car_can_follow_is_refused(case: tuple[Plan, Bounds, acceptance.ForceModel], name: str) -> None:
-    plan, bounds, forces = case
-    column = getattr(plan, name).copy()
+def test_a_plan_that_no_car_can_follow_is_refused(case: Case, name: str) -> None:
+    plan, bounds, check = case
+    column = plan[name].copy()
     column[20:] += {"yaw": 0.1, "yaw_rate": 0.2}.get(name, 1.0)
-    moved = replace(plan, **{name: column})
-    found = violations(moved, bounds, forces, defects(moved, bounds.dt, forces, Vehicle()))
+    moved = plan.changed(**{name: column})
+    found = violations(moved, bounds, check)
     assert any(f.startswith("dynamics") for f in found)
 
 
-def test_recovery_from_beyond_a_limit_must_lead_back(case: tuple[Plan, Bounds, acceptance.ForceModel]) -> None:
-    plan, bounds, forces = case
-    edge = plan.width_left - bounds.clearance
+def test_recovery_from_beyond_a_limit_must_lead_back(case: Case) -> None:
+    plan, bounds, check = case
+    edge = plan["width_left"] - bounds.clearance
     back = edge + np.maximum(0.0, 0.5 - 0.05 * np.arange(len(edge)))
-    assert violations(replace(plan, offset=back), bounds, forces) == []
+    assert violations(plan.changed(offset=back), bounds, check) == []
     stays = edge + 0.5
-    assert any(f.startswith("track") for f in violations(replace(plan, offset=stays), bounds, forces))
+    assert any(f.startswith("track") for f in violations(plan.changed(offset=stays), bounds, check))
 
 
 def test_offset_is_measured_from_the_race_line(solved: tuple[Controller, Solution]) -> None:
@@ -111,39 +118,64 @@ def test_offset_is_measured_from_the_race_line(solved: tuple[Controller, Solutio
     index = np.arange(100, 140)
     x = line.x[index] - 2.0 * np.sin(line.heading[index])
     y = line.y[index] + 2.0 * np.cos(line.heading[index])
-    offset, left, right, _ = beside(x, y, line.s[index], line)
-    np.testing.assert_allclose(offset, 2.0, atol=1e-9)
-    np.testing.assert_allclose(left, line.width_left[index], atol=1e-9)
-    np.testing.assert_allclose(right, line.width_right[index], atol=1e-9)
+    z = np.zeros((NZ, len(index)))
+    z[0], z[1], z[6] = x, y, line.s[index]
+    plan = plan_of(replace(solved[1], z=z, information=np.zeros(len(index) - 1)), Roadside(line))
+    np.testing.assert_allclose(plan["offset"], 2.0, atol=1e-9)
+    np.testing.assert_allclose(plan["width_left"], line.width_left[index], atol=1e-9)
+    np.testing.assert_allclose(plan["width_right"], line.width_right[index], atol=1e-9)
 
 
-FORCES = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r", "beyond_f", "beyond_r")
+def forces_of(
+    model: SingleTrack, theta: np.ndarray, phi: np.ndarray, motion: np.ndarray, brake_ratio: float = 1.0
+) -> dict[str, np.ndarray]:
+    """`FORCES` as acceptance has them, (K,) each, at motions (6, K): `SIGNALS` and what the road adds."""
+    names = (*SIGNALS, "extra_load")
+    at, t, p = ca.SX.sym("at", len(names)), ca.SX.sym("t", len(theta)), ca.SX.sym("p", len(phi))
+    checked = CheckedMotion(model, literal_load=False, brakes=BrakeLaw())
+    felt = checked.forces(dict(zip(names, ca.vertsplit(at), strict=True)), t, p, brake_ratio)
+    values = ca.Function("felt", [at, t, p], [ca.vertcat(*(felt[name] for name in FORCES))])(motion, theta, phi)
+    return dict(zip(FORCES, np.array(values), strict=True))
+
+
+def model_forces(model: SingleTrack, theta: np.ndarray, motion: np.ndarray) -> dict[str, np.ndarray]:
+    """The same by the equations of the solver."""
+    signals = [ca.DM(row).T for row in motion]
+    terms = Terms(model.vehicle, **dict(zip(SIGNALS, signals, strict=False)), aux={"extra_load": signals[5]})
+    terms = model.evaluate(terms, theta.tolist())
+    found = {name: np.array(getattr(terms, name)).ravel() * np.ones(motion.shape[1]) for name in FORCES[:6]}
+    for axle, rows in zip(front_and_rear(model.layout), ("f", "r"), strict=True):
+        b, c, _ = theta[list(axle.rows([p.name for p in model.tyre_table]))]
+        phase = c * np.arctan(b * np.array(getattr(terms, f"slip_{rows}")).ravel())
+        found[f"beyond_{rows}"] = np.maximum(np.abs(phase) - np.pi / 2, 0.0)
+    return found
 
 
 def test_forces_agree_with_the_model_of_the_solver() -> None:
-    """Written twice, once in CasADi and once in numpy: the same physics, on crests and in dips too."""
+    """Written twice, for the solver and for acceptance: the same physics, on crests and in dips too."""
     revised = model_of(declared_revision("per_axle"), Vehicle(), 1000.0)
-    plain = declared_forces(Vehicle(), declared_revision("per_axle").tyre)
     motion = some_motion(200)
-    a, b = (f(*motion[:5], extra_load=motion[5]) for f in (plain, InterpretedForces(revised.model).of(revised)))
+    a = forces_of(revised.model, revised.theta, np.zeros(0), motion)
+    b = model_forces(revised.model, revised.theta, motion)
     for name in FORCES:
         atol = 1e-4 if "beyond" in name else 2.0
-        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-4, atol=atol)
-    assert np.max(a.beyond_f) > 0.05, "some slide"
+        np.testing.assert_allclose(a[name], b[name], rtol=1e-4, atol=atol)
+    assert np.max(a["beyond_f"]) > 0.05, "some slide"
 
 
-def some_motion(n: int) -> tuple[np.ndarray, ...]:
+def some_motion(n: int) -> np.ndarray:
     """vx, vy, yaw rate, steer, drive, extra load."""
     rng = np.random.default_rng(0)
     low, high = np.array([[15.0, -4.0, -0.6, -0.2, -0.3, -0.5], [70.0, 4.0, 0.6, 0.2, 0.1, 0.8]])
-    return tuple(rng.uniform(low[:, None], high[:, None], (6, n)))
+    return np.asarray(rng.uniform(low[:, None], high[:, None], (6, n)))
 
 
 def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks() -> None:
     """What braking and driving take from the lateral force is not counted as used."""
-    revised = model_of(race_car_revision("per_axle", Vehicle(), Powertrain()), Vehicle(), 1000.0)
+    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
     problem, theta = Problem(revised.model, Settings()), ca.DM(revised.theta)
     p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "load_max": [1, 1]}
+    p["brake_ratio"] = 1.2
     z = ca.SX.sym("z", NZ)
     terms = problem.evaluate(z, theta, p)
     shares = ca.vertcat(*(ca.hypot(getattr(terms, f"fx_{a}"), getattr(terms, f"fy_{a}")) / getattr(terms, f"peak_{a}")
@@ -156,12 +188,36 @@ def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks()
         assert steer == 0.0 or float(ca.mmin(share)) > 0.15, "tyres that work"
 
 
+def test_a_checked_plan_brakes_with_the_balance_of_the_planned_one() -> None:
+    """Written twice; beside another ratio of the pressures it is another force."""
+    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
+    problem, theta = Problem(revised.model, Settings()), ca.DM(revised.theta)
+    p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "brake_ratio": 0.8}
+    z = ca.SX.sym("z", NZ)
+    terms = problem.evaluate(z, theta, p)
+    planned = ca.Function("planned", [z], [terms.fx_f, terms.fx_r])
+    vx, drive = (a.ravel() for a in np.meshgrid([20.0, 45.0, 70.0], [-0.3, -0.1]))
+    still = np.zeros_like(vx)
+    expected = np.array([planned([0, 0, 0, v, 0, 0, 0, d, 0, v]) for v, d in zip(vx, drive, strict=True)]).squeeze()
+    checked, other = (
+        forces_of(
+            revised.model, revised.theta, revised.constants, np.array([vx, still, still, still, drive, still]), ratio
+        )
+        for ratio in (0.8, 1.0)
+    )
+    np.testing.assert_allclose(np.column_stack([checked["fx_f"], checked["fx_r"]]), expected, rtol=1e-6)
+    assert np.all(checked["fx_f"] > other["fx_f"] + 20.0), "less of the braking force in front, N"
+
+
 def test_a_crest_takes_from_both_axles_what_it_takes_from_the_weight() -> None:
-    revised = model_of(race_car_revision("per_axle", Vehicle(), Powertrain()), Vehicle(), 1000.0)
-    vx, vy, rate, steer, drive, _ = some_motion(50)
-    forces = InterpretedForces(revised.model).of(revised)
-    flat, crest = (forces(vx, vy, rate, steer, drive, extra_load=np.full(50, e)) for e in (0.0, -0.4))
-    taken = np.array([flat.load_f - crest.load_f, flat.load_r - crest.load_r])
+    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
+    motion = some_motion(50)
+    felt = []
+    for extra in (0.0, -0.4):
+        motion[5] = extra
+        felt.append(forces_of(revised.model, revised.theta, revised.constants, motion))
+    flat, crest = felt
+    taken = np.array([flat[name] - crest[name] for name in ("load_f", "load_r")])
     static = [[Vehicle().static_load_front], [Vehicle().static_load_rear]]
     np.testing.assert_allclose(taken, 0.4 * np.tile(static, 50), rtol=1e-6)
 
@@ -177,7 +233,7 @@ def test_the_road_presses_on_a_checked_plan_as_on_the_planned_one(solved: tuple[
     z = solved[1].z.copy()
     z[0], z[1], z[6] = hilly.x[index], hilly.y[index], hilly.s[index]
     z[3], z[5] = np.linspace(20.0, 50.0, count), np.linspace(-0.4, 0.4, count)
-    checked = plan_of(replace(solved[1], z=z), hilly).extra_load
+    checked = plan_of(replace(solved[1], z=z), Roadside(hilly))["extra_load"]
     _, _, data = Reference(hilly).stages(hilly.s[index] + 1e-6)
     planned = [float(extra_load(data[9:12, k], z[3, k], z[5, k])) for k in range(count)]
     np.testing.assert_allclose(checked, planned, atol=4e-3)  # the plan's lower bound is smooth

@@ -10,6 +10,8 @@ import pytest
 
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.track.loading import load_track
+from planner.plan.acceptance import Check
+from planner.plan.checks import Roadside, bounds_of, plan_of
 from planner.plan.controller import Controller
 from planner.problem import infomax
 from planner.problem.infomax import (
@@ -186,20 +188,15 @@ def test_sigma_points_reproduce_the_belief() -> None:
 
 
 def test_load_rows_hold_at_every_sigma_point(controller: Controller) -> None:
-    """Eq. (10) for each choice of theta, over its own peak, recomputed in numpy at each sigma point."""
-    from planner.plan.acceptance import declared_forces
-
+    """Eq. (10) for each choice of theta, over its own peak, by the equations of acceptance at each sigma point."""
     solution = controller.solve(controller.sqp.z[:, 0].copy(), clock, 10)
-    z, k = solution.z[:, 1:], controller.knowledge
+    plan, k = plan_of(solution, Roadside(controller.reference.line)), controller.knowledge
     names = [p.name for p in controller.problem.model.tyre_table]
-    for axle, indices in zip("fr", controller.problem.model.load_rows, strict=True):
+    for row, indices in enumerate(controller.problem.model.load_rows):
         for theta in sigma_points(k.mean, k.covariance, indices, controller.settings.sigma_level).T:
-            tyre = dict(zip(names, theta, strict=True))
-            forces = declared_forces(Vehicle(), tyre)(z[3], z[4], z[5], z[8], z[7])
-            load = np.hypot(getattr(forces, f"fx_{axle}"), getattr(forces, f"fy_{axle}"))
-            peak = theta[names.index(f"d{axle}")] * getattr(forces, f"load_{axle}")
-            limit = k.load_asked["fr".index(axle)] * peak
-            assert np.max(load / limit) < 1.02
+            limits = [asked * theta[names.index(d)] for asked, d in zip(k.load_asked, ("df", "dr"), strict=True)]
+            bounds = bounds_of(controller.settings, (limits[0], limits[1]), 0.0)
+            assert np.max(Check(controller.checked, theta, np.zeros(0), 1.0)(plan, bounds).shares[row, 1:]) < 1.02
     assert solution.du.shape == (NU, controller.settings.horizon)
 
 

@@ -171,12 +171,12 @@ def test_literal_load_limit_is_the_signed_sum_of_equation_10() -> None:
     solution = literal.cold_start(start_state(literal, 620.0), clock)
     assert solution.usable
     base = _blocks(literal, literal.sqp.z, literal.sqp.du)
-    from planner.plan.acceptance import declared_forces, load_shares
-    from planner.plan.checks import bounds_of, plan_of
+    from planner.plan.acceptance import Check
+    from planner.plan.checks import Roadside, bounds_of, plan_of
 
-    tyre = {p.name: v for p, v in zip(literal.problem.model.tyre_table, literal.knowledge.theta, strict=True)}
     bounds = bounds_of(literal.settings, literal.knowledge.load_max, 0.0)
-    front, _ = load_shares(plan_of(solution, literal.reference.line), bounds, declared_forces(Vehicle(), tyre))
+    check = Check(literal.checked, literal.knowledge.theta, np.zeros(0), 1.0)
+    front, _ = check(plan_of(solution, Roadside(literal.reference.line)), bounds).shares
     row = np.abs(1.0 - base["upper_row"][1])
     # the row holds at the worst sigma point, so it is never below the share at the mean
     assert np.all(row >= front[1:] - 0.02)

@@ -7,16 +7,20 @@ import math
 import numpy as np
 import pytest
 
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import PlannerConfig
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.loading import load_track
+from planner.plan.controller import Controller
 from planner.plan.prediction import Actuators, Moment, Sent, credible, predict
+from planner.problem.settings import Settings
+from planner.studies.bench import bench_controller
 
 MS = NS_PER_S // 1000
 
 
-def _still(car: np.ndarray, drive: float, steer: float, duration: float) -> np.ndarray:
-    return car + np.array([car[3] * duration, 0, 0, 0, 0, 0])
+def _still(car: np.ndarray, held: np.ndarray) -> np.ndarray:
+    return car + np.array([car[3] * held[2].sum(), 0, 0, 0, 0, 0])
 
 
 def test_a_command_acts_after_the_dead_time() -> None:
@@ -50,12 +54,35 @@ def test_lead_brings_the_lagging_actuator_where_the_plan_wants_it() -> None:
     assert actuators.follow(0.0, 0.02, 0, 0.05)[1] == pytest.approx(0.03, rel=1e-9)
 
 
-def test_braking_does_not_push_a_standing_car_backwards() -> None:
-    def brake(car: np.ndarray, drive: float, steer: float, duration: float) -> np.ndarray:
-        return car + np.array([0, 0, 0, -8.0 * duration, 0, 0])
+@pytest.fixture(scope="module")
+def controller() -> Controller:
+    return bench_controller(load_track(), Vehicle(), Settings())[0]
 
-    then = predict(Actuators(PlannerConfig()), brake, Moment(0, np.array([0, 0, 0, 0.1, 0, 0]), 0, 0), 100 * MS)
-    assert then.car[3] == 0.0
+
+def test_braking_does_not_push_a_standing_car_backwards(controller: Controller) -> None:
+    held = np.tile([[-0.3], [0.0], [0.01]], (1, 30))
+    for speed in (-0.1, 0.0, 0.05, 0.5):
+        car = controller.advance(np.array([0, 0, 0, speed, 0, 0]), held)
+        assert 0.0 <= car[3] < 0.01
+        assert -0.01 < car[0] < 0.1
+
+
+def test_a_long_prediction_is_many_short_ones(controller: Controller) -> None:
+    """However many steps one call of the compiled function takes."""
+    actuators = Actuators(PlannerConfig())
+    actuators.record(Sent(-NS_PER_S, 0.05, -0.1))
+    start = Moment(0, np.array([0, 0, 0.3, 30.0, 0.5, 0.1]), 0.0, 0.0)
+    at_once = predict(actuators, controller.advance, start, 205 * MS)
+    then = start
+    for end in (*range(10, 210, 10), 205):
+        then = predict(actuators, controller.advance, then, end * MS)
+    np.testing.assert_allclose(then.car, at_once.car, rtol=1e-9)
+    assert at_once.car[3] < 30.0
+
+
+def test_a_state_that_is_no_number_stays_none(controller: Controller) -> None:
+    held = np.array([[0.0], [0.0], [0.01]])
+    assert np.isnan(controller.advance(np.array([0, 0, 0, np.nan, 0, 0]), held)[3])
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from estimator.belief.revision import model_of, race_car_revision
 from estimator.model.declared_car import LOAD_SENSITIVITY
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.model.single_track import SingleTrack
-from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
@@ -38,7 +37,7 @@ def declared_envelope(**changes: float) -> Envelope:
 
 
 def race_car_envelope(use: float = 0.9) -> Envelope:
-    revised = model_of(race_car_revision("per_axle", Vehicle(), Powertrain()), Vehicle(), 1000.0)
+    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
     phi = revised.phi_at(np.zeros(1))[:, 0]
     return envelope_of(revised.model, list(revised.theta), list(phi), use=(use, use))
 

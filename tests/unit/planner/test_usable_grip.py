@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planner.adoption.usable_grip import MIN_CAPACITY, capacity, lateral_shape
+from estimator.model.tyre import normalised_force
+from planner.adoption.usable_grip import MIN_CAPACITY, MOST_SLIP, capacity
 from planner.problem.infomax import sigma_points
 
 AXLES = ((1, 2, 3), (4, 5, 6))
@@ -88,8 +89,9 @@ def test_within_the_profile_no_choice_of_theta_uses_more_than_its_share() -> Non
     covariance = np.diag((0.15 * THETA) ** 2)
     for axle, found in zip(AXLES, asked(covariance, 1.0, (2.0, 2.0)), strict=True):
         points = sigma_points(THETA, covariance, axle, 1.0)[list(axle)]
-        shares = lateral_shape(points) / points[2]
-        force = lateral_shape(THETA[list(axle)][:, None])[:, 0]
+        slips = np.linspace(0.0, MOST_SLIP, 1001)[:, None]
+        shares = normalised_force(slips, *points) / points[2]
+        force = normalised_force(slips[:, 0], *THETA[list(axle)])
         within = force[: int(np.argmax(force))] <= found + 1e-9
         assert shares[: int(within.sum())].max() <= USE + 1e-9
         assert found > 0.5 * THETA[axle[2]]

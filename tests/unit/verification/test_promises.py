@@ -91,6 +91,13 @@ def test_the_report_takes_the_worst_outcome_and_every_figure_once(tmp_path):
     assert len(as_json(evidence)) == len(PROMISES) == 28
 
 
+def test_a_long_run_that_differs_in_one_number_is_told_beside_the_usual_one():
+    usual = {promise.id: Evidence() for promise in PROMISES} | {"S1": Evidence({}, ["10 of 9.5 m", "1 a, 2 b", "same"])}
+    long = {"S1": {"verdict": "kept", "run": "Monday", "figures": ["1,000 of 9.5 m", "3 a, 4 b", "same"]}}
+    text = markdown(usual, "now", long)
+    assert "- 10 of 9.5 m (long run 1: 1,000)\n- 1 a, 2 b\n- same\n- long run 1: 3 a, 4 b\n" in text
+
+
 def test_what_passed_only_when_run_again_is_told(tmp_path):
     path = tmp_path / "figures.jsonl"
     outcomes = ("failed", "passed")

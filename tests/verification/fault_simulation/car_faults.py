@@ -139,7 +139,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         POSITION,
         (),
         math.inf,
-        "nothing on board is independent of one receiver over ten seconds: heading and wheel radius explain it",
+        "one receiver has no witness: heading and wheel radius explain it; what `marelli_gps_*` is worth is not known",
         _north(lambda m: 0.5 * m.t),
     ),
     CarFault("position 0.1 s late", POSITION, _FIX, 0.6, "way by wheels and gyro, above 30 m/s", None, delay_s=0.1),

@@ -1,1 +1,1 @@
-"""Sensors that lie and actuators that do not follow, by what other signals say; one small class each."""
+"""Monitors that find wrong sensors and actuators by the signals that contradict them; one small class each."""

@@ -53,17 +53,20 @@ class FollowingMonitor:
         full = len(self._commands) == WINDOW
         motor = state.steer * self._ratio
         steers = full and state.sources["steering"].valid
-        steers = steers and self._outside(motor, [c.steering_motor for c in self._commands], STEERING)
+        steers = steers and self._outside(motor, "steering_motor", STEERING)
         pedals = full and state.sources["pedals"].valid
         pedals = pedals and (
-            self._outside(state.brake_front, [c.brake_front for c in self._commands], BRAKES)
-            or self._outside(state.brake_rear, [c.brake_rear for c in self._commands], BRAKES)
-            or self._outside(state.accelerator, [c.accelerator for c in self._commands], ACCELERATOR)
+            self._outside(state.brake_front, "brake_front", BRAKES)
+            or self._outside(state.brake_rear, "brake_rear", BRAKES)
+            or self._outside(state.accelerator, "accelerator", ACCELERATOR)
         )
         return Follows(self._steering.update(steers, now_ns), self._pedals.update(pedals, now_ns))
 
-    @staticmethod
-    def _outside(reported: float, commands: list[float], tolerance: float) -> bool:
+    def _outside(self, reported: float, actuator: str, tolerance: float) -> bool:
+        newest: float = getattr(self._commands[-1], actuator)
+        if newest - tolerance <= reported <= newest + tolerance:
+            return False  # as it nearly always is: the others can only widen the range
+        commands = [getattr(command, actuator) for command in self._commands]
         return not min(commands) - tolerance <= reported <= max(commands) + tolerance
 
 
@@ -84,7 +87,15 @@ class AccelerationMonitor:
         self._commands.append(commanded)
         if len(self._commands) < WINDOW:
             return self._held.update(False, now_ns)
-        braking = min((c.brake_front + c.brake_rear) * self._per_pa for c in self._commands)
-        unbraked = braking > BRAKING and state.ax > -BRAKED_SHARE * min(braking, 2 * BRAKING)
-        closed = all(c.accelerator == 0.0 for c in self._commands)
-        return self._held.update(unbraked or (closed and state.ax > PUSHED), now_ns)
+        pushed = state.ax > PUSHED and all(c.accelerator == 0.0 for c in self._commands)
+        return self._held.update(pushed or self._unbraked(state.ax), now_ns)
+
+    def _unbraked(self, ax: float) -> bool:
+        if not self._braking(self._commands[-1]) > BRAKING:
+            return False
+        braking = min(map(self._braking, self._commands))
+        return braking > BRAKING and ax > -BRAKED_SHARE * min(braking, 2 * BRAKING)
+
+    def _braking(self, command: Actuators) -> float:
+        """Deceleration that is commanded, m/s2."""
+        return (command.brake_front + command.brake_rear) * self._per_pa

@@ -1,7 +1,7 @@
 """The IMU and the wheels against the course of the position fixes, which knows neither tyres nor wheels.
 
-Where IMU and course contradict each other, the difference of the wheels' speeds left and right is the third witness:
-what it lies nearer to is believed.
+Where IMU and course contradict each other, the difference of the wheels' speeds left and right decides:
+the one it lies nearer to is used.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Contradicted:
     acceleration: float
     wheels: float
     position: float
-    """the course contradicts the IMU, and the wheels side with the IMU"""
+    """the course contradicts the IMU, and the wheels agree with the IMU"""
 
 
 class CourseMonitor:

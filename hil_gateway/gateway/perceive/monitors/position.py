@@ -2,7 +2,7 @@
 
 A step, a receiver that repeats its last fix, a delay, noise of a lost correction service and a second sender all put
 fixes where the car cannot have gone; a ramp adds up. A drift below 12 % of the speed does not show: heading and rolling
-radius explain it, and nothing on board is independent of the one receiver.
+radius explain it. The second receiver of the DBC (`marelli_gps_*`) is not used: its accuracy and delay are not known.
 """
 
 from __future__ import annotations

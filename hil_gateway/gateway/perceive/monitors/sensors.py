@@ -18,7 +18,7 @@ JUDGED_FROM = 8.0
 """m/s: slower, differences of wheel speeds are within what parking manoeuvres and clutch make"""
 WHEEL_M_S, WHEEL_SHARE = 2.5, 0.15
 """a wheel further from the others than this (and their own differences in the tightest bend: 1.6 m of track at 1 rad/s)
-has a sensor that lies, or is locked or spinning"""
+has a wrong sensor, or is locked or spinning"""
 OTHERS_SHARE = 0.06
 """the other three agree within this and 1 m/s: else it is the car that moves so"""
 PEDAL_RATE = 0.3

@@ -9,7 +9,16 @@ import pytest
 from support.round_course import laps_of, write_course
 
 from estimator.belief.revision import starting_revision
-from estimator.learner.find import NOTHING, FirstLap, Found, Task, find, judge, without_what_spoils
+from estimator.learner.find import (
+    NOTHING,
+    FirstLap,
+    Found,
+    Task,
+    find,
+    judge,
+    without_what_is_idle,
+    without_what_spoils,
+)
 from estimator.learner.rule import regress, why_not
 from hil_gateway.config import Config, load_config
 from hil_gateway.process.errors import InputError
@@ -88,6 +97,23 @@ def test_an_effect_that_spoils_predictions_does_not_take_the_others_with_it(
     left = without_what_spoils(whole, outcome)
     assert left.effects == (tuple(kept.split()) or whole.effects)
     assert bool(left.reason) == (not kept)
+
+
+@pytest.mark.parametrize(
+    ("worth", "kept"),
+    [({"wind": 0.9, "drag": 0.9}, "wind drag"), ({"wind": 0.8, "drag": 0.995}, "wind"), ({"wind": 0.8}, "wind")],
+)
+def test_an_effect_without_which_predictions_are_as_good_is_left_out(
+    config: Config, worth: dict[str, float], kept: str
+) -> None:
+    start = starting_revision(config, "")
+
+    def outcome(effects: tuple[str, ...]) -> Found:
+        """Each effect takes its part off every error."""
+        errors = {name: value * np.prod([worth.get(e, 1.0) for e in effects]) for name, value in REFIT.items()}
+        return Found(effects, start, why_not(REFIT, REFIT, errors), {"refit": REFIT, "found": errors})
+
+    assert without_what_is_idle(outcome(("wind", "drag")), outcome).effects == tuple(kept.split())
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
@@ -213,6 +214,23 @@ def test_the_documented_catalogue_is_the_one_in_the_code() -> None:
     assert document.read_text() == page(), "python -m estimator.model.catalogue_page > docs/effects.md"
 
 
+def test_diagnose_prints_every_parameter_with_its_range_and_reason() -> None:
+    from estimator.cli.diagnose import app
+
+    printed = CliRunner().invoke(app, ["--effects"])
+    assert printed.exit_code == 0
+    for effect in catalogue().values():
+        block = printed.stdout.split(f"{effect.name}: {effect.lacks}\n")[1]
+        lines = block.splitlines()[: len(effect.parameters)]
+        for line, p in zip(lines, effect.parameters, strict=True):
+            low, high, reason = (
+                (p.plausible.lower, p.plausible.upper, p.plausible.reason) if p.plausible else (p.lower, p.upper, "fit")
+            )
+            assert line.startswith(f"  {p.name}")
+            assert f"{low:g} to {high:g}" in line
+            assert reason in line
+
+
 def test_engine_braking_switches_sample_by_sample_and_by_the_throttle_where_it_is_recorded() -> None:
     prepare = catalogue()["engine_braking"].prepare
     assert prepare is not None
@@ -238,3 +256,15 @@ def test_drive_is_missing_for_the_gap_after_a_change_of_gear_and_at_no_other_tim
         none, gap = (predict_with((effect,), (0.035,), {"shifting": s}, state)["ax"] for s in (0.0, 1.0))
         cx = SingleTrack(VEHICLE, "per_axle").tyre_table[0].prior
         assert gap - none == pytest.approx(cx * (force_left - drive) / VEHICLE.mass, abs=0.03)
+
+
+def test_axles_share_the_braking_force_as_their_pressures_times_what_each_makes_of_it() -> None:
+    """Front 4 MPa and rear 2 MPa on a car whose front brakes do 0.6 at equal pressures."""
+    front, rear = 4.0 * 0.6, 2.0 * 0.4
+    terms = Terms(VEHICLE, 40.0, 0.0, 0.0, 0.0, -0.2, aux={"brake_balance": (4.0 - 2.0) / (4.0 + 2.0)})
+    model = SingleTrack(VEHICLE, "per_axle", (catalogue()["front_brake"],))
+    model.evaluate(terms, [p.prior for p in model.tyre_table], (0.6, 1.1))
+    total = 1.1 * 0.2 * 50_000.0
+    assert [float(terms.fx_f), float(terms.fx_r)] == pytest.approx(
+        [-total * front / (front + rear), -total * rear / (front + rear)], rel=5e-3
+    )

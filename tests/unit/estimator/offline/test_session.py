@@ -93,7 +93,7 @@ def test_at_one_speed_rolling_resistance_is_not_told_from_drag(drives: dict[str,
     whole = make_record(log_of(drives["single"], **noisy), Vehicle())
     speed = whole.state_means[0].mean(axis=1)
     narrow = whole.select(np.abs(speed - np.median(speed)) < 0.6)
-    for record, told in ((some(whole, 2), True), (some(narrow, 1), False)):
+    for record, told in ((some(whole, 8), True), (some(narrow, 1), False)):
         setting = Setting(record, LAYOUT, PRIOR)
         start = fit_names(setting, (), None)
         fit = fit_names(setting, ["rolling_resistance"], start)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil_gateway.car.actuation import Actuation, Actuators
+from hil_gateway.car.actuation import Actuation, Actuators, brake_balance
 from hil_gateway.car.powertrain import RPM, GearChoice, Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import OriginConfig
@@ -52,6 +52,21 @@ def test_pressures_are_split_by_the_declared_bias_and_capped():
     assert half.accelerator == 0.0
     full = ACTUATION.to_actuators(0.0, -9.9, 3, 500.0, 3)
     assert full.brake_front == full.brake_rear == TRAIN.brake_pressure_max
+
+
+@given(st.floats(100.0, 12_000.0), st.floats(-1.0, 1.0))
+def test_a_commanded_balance_moves_pressure_between_the_axles_and_never_far_from_the_declared(force, balance):
+    declared, asked = ACTUATION.brake_pressures(force), ACTUATION.brake_pressures(force, balance)
+    assert sum(asked) == pytest.approx(sum(declared))
+    share = asked[0] / sum(asked)
+    assert 0.54 - 0.12 - 1e-9 <= share <= 0.54 + 0.12 + 1e-9
+    if 0.42 <= 0.5 + 0.5 * balance <= 0.66:
+        assert (asked[0] - asked[1]) / sum(asked) == pytest.approx(balance)
+
+
+def test_brakes_that_are_not_pressed_have_no_balance():
+    assert brake_balance(3e6, 2e6) == pytest.approx(0.2)
+    assert abs(brake_balance(900.0, -900.0)) < 0.02, "noise of two sensors"
 
 
 def test_neutral_drives_nothing():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.scripted_car import Rig
 
-from hil_gateway.bus.messages import PlanStatus
+from hil_gateway.bus.messages import FailsafeAction, PlanStatus
 from hil_gateway.car.vehicle import HALF_WIDTH, Vehicle
 from hil_gateway.gateway.act.stop_path import Path, plan_path, way_along
 from hil_gateway.gateway.act.stopping import Stopping
@@ -49,6 +49,26 @@ def test_a_plan_of_one_point_is_no_path(rig):
     standing = rig.plan(0).model_copy(update={"x": (1.0, 1.0, 1.0), "y": (2.0, 2.0, 2.0)})
     assert plan_path(standing) is None
     assert plan_path(standing.model_copy(update={"x": (), "y": ()})) is None
+
+
+def test_a_stop_without_the_planner_brakes_with_the_declared_balance(rig):
+    """Whatever balance was asked for before."""
+    rig.drive = 0.1
+    rig.drive_off(12.0)
+    rig.drive, rig.brake_balance = -0.1, -0.1
+    rig.run(0.2)
+    assert front_share(rig) == pytest.approx(0.45, abs=0.002)
+    rig.planner_runs = False
+    rig.run(0.5)
+    assert rig.action is not FailsafeAction.DRIVE
+    assert front_share(rig) == pytest.approx(0.54, abs=0.002)
+
+
+def front_share(rig: Rig) -> float:
+    """Of the brake pressures on the wire."""
+    front, rear = (rig.car.commands[f"{axle}_brake_pressure_cmd"] for axle in "FR")
+    assert rig.car.speed > 5.0
+    return front / (front + rear)
 
 
 def beside(track: Track, s: float, offset: float, turned: float, speed: float) -> Pose:

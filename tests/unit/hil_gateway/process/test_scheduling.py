@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+from hil_gateway.process.scheduling import PRIORITIES
 
 ROOT_ONLY = pytest.mark.skipif(os.geteuid() != 0, reason="only root may ask for real-time priority")
 ASK = (
@@ -15,7 +19,7 @@ ASK = (
     "{first};"
     "threading.Thread(target=threading.Event().wait, daemon=True).start();"
     "policy = lambda task: os.sched_getscheduler(int(task)) & ~os.SCHED_RESET_ON_FORK;"
-    "print(punctual(), *map(policy, os.listdir('/proc/self/task')), open('/proc/self/timerslack_ns').read())"
+    "print(punctual('planner'), *map(policy, os.listdir('/proc/self/task')), open('/proc/self/timerslack_ns').read())"
 )
 """the answer, the policy of the main and of a second thread, and the slack of timers, ns"""
 
@@ -34,6 +38,37 @@ def test_every_thread_gets_real_time_priority_where_it_is_permitted() -> None:
 def test_a_real_time_policy_given_by_somebody_else_is_kept() -> None:
     given = asked("os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(80))")
     assert given[:3] == ["True", str(os.SCHED_FIFO), str(os.SCHED_FIFO)]
+
+
+@ROOT_ONLY
+def test_the_gateway_comes_before_the_planner() -> None:
+    """Priorities as the kernel has them after each process has asked."""
+    ask = "import os, sys; from hil_gateway.process.scheduling import punctual; punctual(sys.argv[1]);"
+    ask += "print(os.sched_getparam(0).sched_priority)"
+    found = {
+        name: int(subprocess.run([sys.executable, "-c", ask, name], capture_output=True, text=True, check=True).stdout)
+        for name in ("gateway", "estimator", "planner")
+    }
+    assert found["gateway"] > found["estimator"] > found["planner"] > 0
+
+
+@pytest.mark.parametrize("first", ["pass", "os.geteuid() or os.setuid(65534)"])
+def test_what_is_said_to_be_permitted_is_what_the_kernel_permits(first: str) -> None:
+    """As this user, and as one without its rights."""
+    ask = f"import os; from hil_gateway.process.scheduling import permitted, punctual; {first};"
+    ask += "print(permitted('gateway'), punctual('gateway'))"
+    said, done = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout.split()
+    assert said == done
+
+
+def test_units_and_processes_that_ask_for_themselves_have_the_same_priorities() -> None:
+    units = Path(__file__).resolve().parents[4] / "deploy" / "systemd"
+    stated = {
+        unit.stem.removeprefix("hil-"): int(found[1])
+        for unit in units.glob("*.service")
+        if (found := re.search(r"^CPUSchedulingPriority=(\d+)$", unit.read_text(), re.MULTILINE))
+    }
+    assert stated == {name: PRIORITIES[name] for name in ("gateway", "estimator", "planner")}
 
 
 def test_without_permission_timers_are_exact_and_the_policy_is_the_usual_one() -> None:

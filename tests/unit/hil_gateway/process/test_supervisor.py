@@ -107,7 +107,7 @@ def test_processor_time_is_measured_per_process(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may ask for real-time priority")
 def test_only_what_drives_gets_real_time_priority(tmp_path: Path) -> None:
-    specs = (ProcessSpec("gateway", real_time=True), ProcessSpec("recorder"))
+    specs = (ProcessSpec("gateway"), ProcessSpec("recorder"))
     with Scripts(tmp_path, {"gateway": SLEEP, "recorder": SLEEP}, specs) as supervisor:
         supervisor.start(1)
         supervisor.wait_up()

@@ -1,0 +1,56 @@
+"""How a plan splits braking between the axles: by the loads they carry, the grip of each, and what its brakes do.
+
+Ideal distribution (Gillespie, Fundamentals of Vehicle Dynamics, ch. 3): each axle brakes in proportion to what its
+tyres bear, with a margin that lets the front axle reach its limit first: a car whose rear axle locks turns round.
+The law is one for the model a plan is made with, the speed profile and the command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from hil_gateway.car.powertrain import Powertrain
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Expr
+
+REAR_MARGIN = 1.1
+"""of what the front axle uses of its grip, over what the rear axle does: the engine, which the law leaves out, brakes
+the rear axle with 600 N, a tenth of what its brakes do at 13 kN"""
+SHARES = (0.2, 0.8)
+"""front share of the brakes' force at equal pressures that a belief may have"""
+MOST_MOVED = 0.9
+"""of the static rear load that braking takes off at most: a car on its nose needs another model"""
+
+
+@dataclass(frozen=True)
+class BrakeLaw:
+    """The law of one declared car; numbers or CasADi expressions."""
+
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    powertrain: Powertrain = field(default_factory=Powertrain)
+
+    def balance(self, vx: Expr, drive: Expr, ratio: Expr) -> Expr:
+        """Front minus rear pressure over their sum at speed `vx` (m/s) and command `drive` (slip ratio).
+
+        `ratio` is that of the pressures over that of the axle loads (`pressure_ratio`).
+        """
+        v = self.vehicle
+        braking = ca.fmax(-self.powertrain.force_per_drive * drive, 0.0)
+        moved = ca.fmin(v.cg_height / v.wheelbase * braking, MOST_MOVED * v.static_load_rear)
+        air = 0.5 * v.air_density * vx * vx
+        front = ratio * (v.static_load_front - air * v.lift_area_front + moved)
+        rear = v.static_load_rear - air * v.lift_area_rear - moved
+        low, high = self.powertrain.balances
+        return ca.fmin(ca.fmax((front - rear) / (front + rear), low), high)
+
+
+def pressure_ratio(usable: tuple[float, float], share: float) -> float:
+    """Front over rear pressure, for equal axle loads.
+
+    `usable` is the force over axle load (front, rear) that may be asked for, `share` that of the front axle in the
+    force of the brakes at equal pressures.
+    """
+    known = min(max(share, SHARES[0]), SHARES[1])
+    return REAR_MARGIN * usable[0] / usable[1] * (1.0 - known) / known

@@ -1,0 +1,36 @@
+"""The planner as a process: on the bus, on the clock of the computer, 20 times a second."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+from hil_gateway.bus.zenoh_bus import open_bus
+from hil_gateway.config import Config
+from hil_gateway.process.clock import NS_PER_S, SystemClock
+from hil_gateway.process.lifecycle import SilenceNotice, stop_requested
+from hil_gateway.process.scheduling import punctual
+from planner.node import Planner
+
+log = logging.getLogger(__name__)
+
+
+def run(config: Config) -> None:
+    """Plan at 20 Hz until asked to stop."""
+    stop, clock = stop_requested(), SystemClock()
+    bus = open_bus(config.zenoh, "planner")
+    planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
+    if not punctual("planner"):
+        log.warning("real-time priority is not permitted: plans may come late while this computer is busy")
+    period_ns = round(config.planner.dt * NS_PER_S)
+    due_ns = clock.now_ns()
+    notice = SilenceNotice("estimate", config.zenoh.connect, due_ns)
+    try:
+        while not stop():
+            plan = planner.step(clock.now_ns())
+            notice.step(clock.now_ns(), received=plan is not None)
+            due_ns = max(due_ns + period_ns, clock.now_ns())
+            clock.sleep_until(due_ns)
+    finally:
+        planner.store_limits()
+        bus.close()
