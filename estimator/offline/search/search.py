@@ -165,8 +165,9 @@ def search(
     progress: Callable[[str], None] = lambda _: None,
     warm: Fit | None = None,
     enough: Callable[[Fit, Fit], bool] = lambda base, current: False,
+    tell_apart: bool = True,
 ) -> Search:
-    """Run the search; `progress` is told which candidate is being tried.
+    """Run the search; `progress` is told which candidate is being tried; look-alikes are for a reader alone.
 
     `enough` is asked, with the declared and the current fit, whether to go on when two effects leave structure.
     """
@@ -184,7 +185,7 @@ def search(
     base = base if state.names else state.fit
     ordered = tuple(sorted(state.names, key=lambda n: -state.gains[n].gain))
     gains = {n: state.gains[n] for n in ordered}
-    return Search(base, start, state.fit, ordered, tuple(rounds), gains, state.look_alikes())
+    return Search(base, start, state.fit, ordered, tuple(rounds), gains, state.look_alikes() if tell_apart else {})
 
 
 def _with_road(
