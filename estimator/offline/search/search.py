@@ -239,9 +239,9 @@ def _round(setting: Setting, accepted: Sequence[str], current: Fit, progress: Ca
 
 def _promising(screened: Sequence[Trial], fitted: Mapping[str, Trial], least: float) -> list[str]:
     """What is to be fitted next: what cannot be accepted neither sets the bar nor takes the place of another."""
-    eligible = [t for t in screened if t.name not in fitted or eligible(fitted[t.name])][:FITTED]
-    enough = max(least, PROMISING * eligible[0].evidence.gain) if eligible else least
-    return [t.name for t in eligible if t.evidence.gain > enough and t.name not in fitted]
+    leading = [t for t in screened if t.name not in fitted or eligible(fitted[t.name])][:FITTED]
+    enough = max(least, PROMISING * leading[0].evidence.gain) if leading else least
+    return [t.name for t in leading if t.evidence.gain > enough and t.name not in fitted]
 
 
 def with_effects(names: tuple[str, ...]) -> Job:
