@@ -109,12 +109,6 @@ class Adoption:
         """The controller to plan with."""
         return self.current.controller
 
-    def brake_balance(self, vx: float, drive: float) -> float | None:
-        """Of a command at speed `vx` (m/s); None where the model in force knows no front brakes."""
-        if self.current.revised.constant("front_brake", "share") is None:
-            return None
-        return float(self._settings.brakes.balance(vx, drive, self.controller.knowledge.brake_ratio))
-
     def offer(self, revision: ModelRevision) -> None:
         """Consider a revision from the estimator."""
         self._foreign = _effects(revision) != _effects(self.current.revision)
@@ -227,8 +221,7 @@ class Adoption:
         # a belief that has learnt of less grip tells at once, before the model in force follows
         expected = np.minimum(mean, target)
         asked = capacity(tyre.axles, expected, covariance, use=use, level=level, held=self.held.pair)
-        share = revised.constant("front_brake", "share")
-        ratio = 1.0 if share is None else pressure_ratio(asked, share)
+        ratio = pressure_ratio(asked, revised.constant("front_brake", "share"))
         if before is not None:
             ratio = float(np.clip(ratio, before.brake_ratio * (1 - SLEW), before.brake_ratio * (1 + SLEW)))
         return TyreKnowledge(target, mean, covariance, tyre.prior_std, judged, (use, use), asked, ratio)

@@ -73,6 +73,7 @@ class Controller:
         self._advance, self.checked = functions.advance, functions.checked
         self.phi_at = phi_at or _no_effects
         active = {effect.name for effect in problem.model.effects}
+        self._brakes_in_front = "front_brake" in active
         # an effect learnt from data stands for grade or bank as they are felt: not both
         self._road_share = np.array([[float("road_grade" not in active)], [float("road_bank" not in active)]])
         self.reference = reference
@@ -141,6 +142,12 @@ class Controller:
         """Least distance of the car's centre from the edges of the track, m."""
         limits = self.settings.limits
         return limits.car_half_width + limits.track_margin + limits.exploring_margin * self.problem.informative
+
+    def brake_balance(self, vx: float, drive: float) -> float | None:
+        """Of a command `drive` at speed `vx` (m/s); None where the model knows no front brakes."""
+        if not self._brakes_in_front:
+            return None
+        return float(self.settings.brakes.balance(vx, drive, self.knowledge.brake_ratio))
 
     def fill_stages(self, s: Array, vx: Array, drive: float) -> None:
         """Stage parameters at predicted progress `s` (N,), speed `vx` (N,) and present drive command."""

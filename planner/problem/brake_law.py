@@ -46,11 +46,13 @@ class BrakeLaw:
         return ca.fmin(ca.fmax((front - rear) / (front + rear), low), high)
 
 
-def pressure_ratio(usable: tuple[float, float], share: float) -> float:
+def pressure_ratio(usable: tuple[float, float], share: float | None) -> float:
     """Front over rear pressure, for equal axle loads.
 
     `usable` is the force over axle load (front, rear) that may be asked for, `share` that of the front axle in the
-    force of the brakes at equal pressures.
+    force of the brakes at equal pressures; None where the model knows no front brakes, and has no use for a ratio.
     """
+    if share is None:
+        return 1.0
     known = min(max(share, SHARES[0]), SHARES[1])
     return REAR_MARGIN * usable[0] / usable[1] * (1.0 - known) / known

@@ -72,6 +72,7 @@ def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
                 "channels": list(blocks[name].effect.channels),
                 "share_of_residual": shares[name],
                 "alternatives": _alternatives(diagnosis, name),
+                "not_told_from": diagnosis.search.look_alikes.get(name, ""),
             }
             for name in diagnosis.accepted
             if name not in DECLARED

@@ -109,14 +109,18 @@ def parameter_words(name: str, parameter: dict[str, float | str]) -> str:
     return f"{name} {figure(float(parameter['value']))} ± {figure(float(parameter['std']), digits=2)}{unit}"
 
 
+def effect_words(entry: dict[str, Any]) -> str:
+    """'rolling_resistance (force 420 +- 2 N)', and what explains the drive as well in its place."""
+    sizes = ", ".join(parameter_words(n, p) for n, p in entry["parameters"].items())
+    other = entry["not_told_from"]
+    return f"{entry['name']} ({sizes})" + (f" or {other} in its place" if other else "")
+
+
 def verdict_sentence(summary: dict[str, Any]) -> str:
     """The result of a diagnosis in a sentence."""
     from estimator.model.effects import catalogue
 
-    found = [
-        f"{e['name']} ({', '.join(parameter_words(n, p) for n, p in e['parameters'].items())})"
-        for e in summary["effects"]
-    ]
+    found = [effect_words(entry) for entry in summary["effects"]]
     if summary["verdict"] == "none":
         return "The declared model, re-identified, explains this session down to its sensor noise: nothing is missing."
     wrong = [

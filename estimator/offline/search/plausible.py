@@ -11,6 +11,7 @@ from estimator.model.parameters import Parameter
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.input_timing import SAMPLED
+from estimator.offline.search.sensor_place import accelerometer_ahead
 
 LEAST_ERRORS = 3.0
 """Standard errors that one parameter at least must be off its neutral value: 99.7 % of a normal distribution."""
@@ -18,14 +19,18 @@ CONTRADICTED = 4.0
 """Standard errors by which two halves of the data may differ whatever their signs."""
 LEAST_STRETCHES = 4
 """of 30 s, for halves to be compared"""
+CONFIRMED_SHARE = 0.5
+"""of the accelerometer's place, by which kinematics may be off beyond their error: sensors differ in timing"""
 ON_BOUND = 1e-6
 """Share of a parameter's range within which it is on its bound: steps that would leave it end just there."""
 
 
 def believed(fit: Fit, name: str) -> bool:
-    """Whether an effect is more than the log's sampling, physically possible, there, and alike in both halves."""
+    """Whether an effect is more than the log's sampling, physically possible, there, alike in both halves, and not
+    contradicted by kinematics."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    return not _within_a_sample(fit, block) and possible(fit, block) and _there(fit, block) and _agrees(fit, block)
+    checks = (possible, _there, _agrees, _confirmed)
+    return not _within_a_sample(fit, block) and all(check(fit, block) for check in checks)
 
 
 def _within_a_sample(fit: Fit, block: Block) -> bool:
@@ -72,6 +77,20 @@ def _agrees(fit: Fit, block: Block) -> bool:
     same_sign = (off + first[rows]) * (off + second[rows]) > 0
     error = np.sqrt(np.maximum(np.diag(its + others)[rows], 0.0))
     return bool(np.any(same_sign | (np.abs(first - second)[rows] <= CONTRADICTED * error)))
+
+
+def _confirmed(fit: Fit, block: Block) -> bool:
+    """Whether the place of the accelerometer also shows where no tyre is in the equation, if sensors tell.
+
+    What steering or tyres lack turns with the car as well, and would be taken for a sensor away from its centre. An ay
+    sampled later than the yaw rate by half a step looks displaced by what the car travels in that time.
+    """
+    seen = accelerometer_ahead(fit.predictor.record) if block.effect.name == "imu_lever_arm" else None
+    if seen is None:
+        return True
+    ahead, record = float(fit.parameters[block.parameters][0]), fit.predictor.record
+    late = 0.5 * record.step * float(record.signals["vx"][record.rows].mean())
+    return abs(seen[0] - ahead) < max(LEAST_ERRORS * seen[1] + late, CONFIRMED_SHARE * abs(ahead))
 
 
 def _table(fit: Fit, block: Block) -> tuple[Parameter, ...]:

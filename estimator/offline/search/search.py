@@ -15,6 +15,14 @@ import numpy as np
 
 from estimator.model.declared_vehicle import DECLARED, all_candidates
 from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.search.acceptance import (
+    SMALLEST_SHARE,
+    can_be_accepted,
+    earns_its_place,
+    eligible,
+    stays,
+    worth_a_name,
+)
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.screening import open_candidates, screen
@@ -22,14 +30,10 @@ from estimator.offline.search.trial import Setting, Trial, fit_names
 from estimator.offline.search.whiteness import structured
 from estimator.offline.search.workers import Job, fit_each
 
-SMALLEST_SHARE = 0.02
-"""Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not named."""
-RELATIVE_SHARE = 0.01
-"""Least gain relative to everything accepted so far: less is the imperfect shape of an accepted effect."""
 WHITE = 1.1
 """The search ends when averages of the residual vary no more than so many times what white noise would."""
-WHITE_FOR_DATA = 1.3
-"""Declared data compete where averages of what they leave vary no more than so many times what white noise would."""
+SIMILAR = 0.5
+"""Share of an effect's gain from which on another in its place is fitted to the end: linearisations are that rough."""
 MAX_EFFECTS = 12
 LOOK_AHEAD = 2
 """So many effects may be added on their gain alone if then one follows that earns its place beside them."""
@@ -48,6 +52,7 @@ class Search:
     Attributes:
         base: the declared model; start: with the road that kinematics show; final: with all that is accepted.
         rounds: every round's trials; gains: of each accepted effect given the rest.
+        look_alikes: accepted effect -> another that explains the session as well in its place, where there is one.
     """
 
     base: Fit
@@ -56,6 +61,7 @@ class Search:
     accepted: tuple[str, ...]
     rounds: tuple[tuple[Trial, ...], ...]
     gains: Mapping[str, Evidence]
+    look_alikes: Mapping[str, str]
 
 
 @dataclass
@@ -77,7 +83,7 @@ class Greedy:
         while len(self.names) < MAX_EFFECTS and (not self.names or structured(self.fit, WHITE)):
             trials = _round(self.setting, self.names, self.fit, self.progress)
             self.rounds.append(tuple(trials))
-            chosen = [t for t in trials if _can_be_accepted(t, self.setting, self.total)]
+            chosen = [t for t in trials if can_be_accepted(t, self.setting, self.total)]
             if chosen:
                 unsure = 0
             else:
@@ -115,18 +121,33 @@ class Greedy:
         return False
 
     def _instead_of(self, name: str) -> Trial | None:
+        trial = self._rival(name, 1.0)
+        if trial is None:
+            return None
+        self.rounds.append((trial,))
+        return trial if can_be_accepted(trial, self.setting, 0.0) else None
+
+    def look_alikes(self) -> dict[str, str]:
+        """Accepted effect -> one believed in its place, over which its lead would not be worth a name."""
+        found: dict[str, str] = {}
+        for name in self.names:
+            rival = None if name in self.setting.found_road or name in DECLARED else self._rival(name, SIMILAR)
+            if rival is not None and rival.fit is not None and eligible(rival):
+                lead = compare(rival.fit.held_out(), self.fit.held_out(), rival.fit.normal.count)
+                found |= {} if earns_its_place(lead, self.setting, 0.0) else {name: rival.name}
+        return found
+
+    def _rival(self, name: str, share: float) -> Trial | None:
+        """What explains most in place of an effect, if by linearisation it gains this share of what the effect does."""
         assert self.checked is not None
         others, without = [n for n in self.names if n != name], self.checked.without[name]
         acts = set(all_candidates()[name].channels)
         rivals = [e for e in open_candidates(self.setting, others) if e.name != name and acts & set(e.channels)]
-        screened = screen(self.setting, others, without, self.progress, rivals)
-        best = next(iter(screened), None)
-        if best is None or best.evidence.gain < self.gains[name].gain:
+        best = next(iter(screen(self.setting, others, without, self.progress, rivals)), None)
+        if best is None or best.evidence.gain < share * self.gains[name].gain:
             return None
         done = fit_names(self.setting, [*others, best.name], without)
-        trial = Trial(best.name, compare(self.fit.held_out(), done.held_out(), done.normal.count), done)
-        self.rounds.append((trial,))
-        return trial if _can_be_accepted(trial, self.setting, 0.0) else None
+        return Trial(best.name, compare(self.fit.held_out(), done.held_out(), done.normal.count), done)
 
     @property
     def gains(self) -> Mapping[str, Evidence]:
@@ -144,8 +165,9 @@ def search(
     progress: Callable[[str], None] = lambda _: None,
     warm: Fit | None = None,
     enough: Callable[[Fit, Fit], bool] = lambda base, current: False,
+    tell_apart: bool = True,
 ) -> Search:
-    """Run the search; `progress` is told which candidate is being tried.
+    """Run the search; `progress` is told which candidate is being tried; look-alikes are for a reader alone.
 
     `enough` is asked, with the declared and the current fit, whether to go on when two effects leave structure.
     """
@@ -162,7 +184,8 @@ def search(
     # the way there and back may have led the declared model further
     base = base if state.names else state.fit
     ordered = tuple(sorted(state.names, key=lambda n: -state.gains[n].gain))
-    return Search(base, start, state.fit, ordered, tuple(rounds), {n: state.gains[n] for n in ordered})
+    gains = {n: state.gains[n] for n in ordered}
+    return Search(base, start, state.fit, ordered, tuple(rounds), gains, state.look_alikes() if tell_apart else {})
 
 
 def _with_road(
@@ -177,7 +200,7 @@ def _with_road(
 
 def _tentative(trials: Sequence[Trial], setting: Setting, total: float) -> list[Trial]:
     """The trial that gains most, though not on all stretches: another effect may hide it."""
-    fitted = [t for t in trials if _eligible(t)]
+    fitted = [t for t in trials if eligible(t)]
     return [t for t in fitted if worth_a_name(t.evidence, setting, total)][:1]
 
 
@@ -195,7 +218,7 @@ def _join(
         progress(" + ".join([*names, trial.name]))
         done = fit_names(setting, [*names, trial.name], current)
         evidence = compare(current.held_out(), done.held_out(), done.normal.count)
-        if _can_be_accepted(Trial(trial.name, evidence, done), setting, total):
+        if can_be_accepted(Trial(trial.name, evidence, done), setting, total):
             names, current = [*names, trial.name], done
             channels.add(channel)
     return names, current
@@ -216,9 +239,9 @@ def _round(setting: Setting, accepted: Sequence[str], current: Fit, progress: Ca
 
 def _promising(screened: Sequence[Trial], fitted: Mapping[str, Trial], least: float) -> list[str]:
     """What is to be fitted next: what cannot be accepted neither sets the bar nor takes the place of another."""
-    eligible = [t for t in screened if t.name not in fitted or _eligible(fitted[t.name])][:FITTED]
-    enough = max(least, PROMISING * eligible[0].evidence.gain) if eligible else least
-    return [t.name for t in eligible if t.evidence.gain > enough and t.name not in fitted]
+    leading = [t for t in screened if t.name not in fitted or eligible(fitted[t.name])][:FITTED]
+    enough = max(least, PROMISING * leading[0].evidence.gain) if leading else least
+    return [t.name for t in leading if t.evidence.gain > enough and t.name not in fitted]
 
 
 def with_effects(names: tuple[str, ...]) -> Job:
@@ -244,43 +267,13 @@ def check_each(
     return Checked(without, {name: compare(f.held_out(), after, count) for name, f in without.items()})
 
 
-def _can_be_accepted(trial: Trial, setting: Setting, total: float) -> bool:
-    return _eligible(trial) and earns_its_place(trial.evidence, setting, total)
-
-
-def _eligible(trial: Trial) -> bool:
-    """Whether the fit is believed; a declared datum must leave nothing else to explain.
-
-    A larger inertia, say, shrinks whatever error the predicted moment has.
-    """
-    if trial.fit is None or not believed(trial.fit, trial.name):
-        return False
-    return trial.name not in DECLARED or not structured(trial.fit, WHITE_FOR_DATA)
-
-
-def earns_its_place(evidence: Evidence, setting: Setting, total: float) -> bool:
-    """Worth a name, consistent over laps, and not the imperfect shape of what is already there."""
-    return worth_a_name(evidence, setting, total) and evidence.consistent
-
-
-def _stays(evidence: Evidence, setting: Setting) -> bool:
-    return worth_a_name(evidence, setting, 0.0) and evidence.still_consistent
-
-
-def worth_a_name(evidence: Evidence, setting: Setting, total: float) -> bool:
-    """Whether the gain is large enough, whatever its scatter."""
-    blocks, most = setting.record.rows.shape[0] * setting.record.rows.shape[1], int(np.argmax(evidence.channels))
-    enough = evidence.gain > max(SMALLEST_SHARE * blocks, RELATIVE_SHARE * total)
-    return bool(enough and evidence.channels[most] > setting.least[most])
-
-
 def _recheck(
     setting: Setting, accepted: list[str], current: Fit, progress: Callable[[str], None]
 ) -> tuple[list[str], Fit, Checked]:
     """Drop, one by one, what does not earn its place given the others, or what leaves others no plausible size."""
     while True:
         checked = check_each(setting, accepted, current, progress)
-        idle = [n for n in accepted if not _stays(checked.gains[n], setting)]
+        idle = [n for n in accepted if not stays(checked.gains[n], setting)]
         doubted = [n for n in accepted if not believed(current, n)]
         if not idle and not doubted:
             return accepted, current, checked

@@ -13,10 +13,11 @@ from dataclasses import dataclass, field, replace
 
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.record import Record
+from estimator.offline.search.acceptance import earns_its_place
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
-from estimator.offline.search.search import Search, check_each, earns_its_place, search
+from estimator.offline.search.search import Search, check_each, search
 from estimator.offline.search.trial import Setting, fit_names
 from estimator.offline.search.whiteness import structured
 
@@ -147,7 +148,7 @@ def _on_top(term: Term, setting: Setting, found: Search, progress: Progress) -> 
     if not structured(term.fit, WHITE_FOR_TERMS):
         road = setting.found_road
         gains = check_each(setting, road, term.fit, progress).gains
-        return setting, Search(found.base, found.start, term.fit, road, found.rounds, gains)
+        return setting, Search(found.base, found.start, term.fit, road, found.rounds, gains, {})
     on_top = search(setting, progress, term.fit)
     return setting, replace(on_top, base=found.base, start=found.start, rounds=(*found.rounds, *on_top.rounds))
 

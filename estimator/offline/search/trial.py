@@ -27,7 +27,7 @@ REWEIGHINGS, REWEIGH_ABOVE = 1, 0.1
 fit starts from what it found, so that a search adapts them further."""
 COMPARED = 8e-4
 """Fall of the deviance per block at which a fit that is only compared with others ends: 2 % of the least gain that
-counts (`search.SMALLEST_SHARE`)."""
+counts (`acceptance.SMALLEST_SHARE`)."""
 FIRST_DRIFT = 1.0
 """of the motion, before anything is fitted: the model is trusted little"""
 UNFITTED_SHARE = 0.02

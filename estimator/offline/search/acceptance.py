@@ -1,0 +1,50 @@
+"""What a trial must show to be accepted, and an accepted effect to stay."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.model.declared_vehicle import DECLARED
+from estimator.offline.search.evidence import Evidence
+from estimator.offline.search.plausible import believed
+from estimator.offline.search.trial import Setting, Trial
+from estimator.offline.search.whiteness import structured
+
+SMALLEST_SHARE = 0.02
+"""Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not named."""
+RELATIVE_SHARE = 0.01
+"""Least gain relative to everything accepted so far: less is the imperfect shape of an accepted effect."""
+WHITE_FOR_DATA = 1.3
+"""Declared data compete where averages of what they leave vary no more than so many times what white noise would."""
+
+
+def can_be_accepted(trial: Trial, setting: Setting, total: float) -> bool:
+    """Whether a fit to the end earns its name."""
+    return eligible(trial) and earns_its_place(trial.evidence, setting, total)
+
+
+def eligible(trial: Trial) -> bool:
+    """Whether the fit is believed; a declared datum must leave nothing else to explain.
+
+    A larger inertia, say, shrinks whatever error the predicted moment has.
+    """
+    if trial.fit is None or not believed(trial.fit, trial.name):
+        return False
+    return trial.name not in DECLARED or not structured(trial.fit, WHITE_FOR_DATA)
+
+
+def earns_its_place(evidence: Evidence, setting: Setting, total: float) -> bool:
+    """Worth a name, consistent over laps, and not the imperfect shape of what is already there."""
+    return worth_a_name(evidence, setting, total) and evidence.consistent
+
+
+def stays(evidence: Evidence, setting: Setting) -> bool:
+    """Whether what was accepted before still earns its name beside the others."""
+    return worth_a_name(evidence, setting, 0.0) and evidence.still_consistent
+
+
+def worth_a_name(evidence: Evidence, setting: Setting, total: float) -> bool:
+    """Whether the gain is large enough, whatever its scatter."""
+    blocks, most = setting.record.rows.shape[0] * setting.record.rows.shape[1], int(np.argmax(evidence.channels))
+    enough = evidence.gain > max(SMALLEST_SHARE * blocks, RELATIVE_SHARE * total)
+    return bool(enough and evidence.channels[most] > setting.least[most])

@@ -1,0 +1,64 @@
+"""Where the accelerometer lies, from kinematics alone, whatever tyres and steering do.
+
+d/dt vy + vx w - ay = -g sin(bank) - x dw/dt for a sensor x ahead of the centre of gravity. All of it passes the same
+smoothing kernel, so that the filter cancels: smoothing vy alone would look like a sensor that is displaced.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.offline.record.record import Record
+from estimator.offline.record.road import PRIOR_STD, SENSORS
+from estimator.offline.result.diagnosis_score import kernel, stretches
+from hil_gateway.car.vehicle import GRAVITY
+from hil_gateway.process.arrays import Array, Ints
+
+AX, AY, YAW_RATE, VX, VY = range(5)
+"""Rows of `record.MEASURED`."""
+
+
+def accelerometer_ahead(record: Record) -> tuple[float, float] | None:
+    """Metres that the accelerometer lies ahead of the centre of gravity, and their standard deviation.
+
+    None where ay, yaw rate or vy is no sensor of its own.
+    """
+    if not record.used[[AY, YAW_RATE, VY]].all():
+        return None
+    parts = [_equation(record, rows) for rows in stretches(np.sort(record.rows.ravel()), record.step)]
+    y, X = (np.concatenate(part) for part in zip(*parts, strict=True))
+    precision = np.zeros((X.shape[1],) * 2)
+    own = len(SENSORS)
+    precision[:own, :own] = np.diag([1.0 / std**2 for std in SENSORS.values()])
+    if "track_position" in record.bases:
+        precision[own:, own:] = record.bases["track_position"].precision(GRAVITY * PRIOR_STD)
+    variance = float(np.mean((y - X @ np.linalg.lstsq(X, y, rcond=None)[0]) ** 2))
+    covariance = np.linalg.inv(X.T @ X / variance + precision)
+    at = list(SENSORS).index("arm")
+    return -float((covariance @ X.T @ y)[at] / variance), float(np.sqrt(covariance[at, at]))
+
+
+def _equation(record: Record, rows: Ints) -> tuple[Array, Array]:
+    """Left side (n,) and columns (n, k) over one stretch, in the order of `SENSORS`, then the road's.
+
+    One row per half length of the kernel: closer ones say the same.
+    """
+    smooth, slope = kernel(record.step)
+    half = len(smooth) // 2
+    measured = record.measured[:, rows]
+
+    def smoothed(signal: Array) -> Array:
+        return np.convolve(signal, smooth, "valid")[::half]
+
+    def derivative(signal: Array) -> Array:
+        return np.convolve(signal, slope, "valid")[::half]
+
+    y = derivative(measured[VY]) + smoothed(measured[VX] * measured[YAW_RATE] - measured[AY])
+    turning = derivative(measured[YAW_RATE])
+    columns = [np.ones_like(y), *(smoothed(measured[i]) for i in (AY, AX)), turning,
+               smoothed(measured[YAW_RATE] ** 2), smoothed(measured[VX])]  # fmt: skip
+    X = np.stack(columns, axis=1)
+    if "track_position" not in record.bases:
+        return y, X
+    place = record.signals["track_position"][rows][half:-half][::half]
+    return y, np.concatenate([X, record.bases["track_position"].matrix(place)], axis=1)
