@@ -24,7 +24,10 @@ from estimator.model.compiled import (
 from estimator.model.effects import catalogue
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
+from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.model import Model
+from planner.problem.brake_law import BrakeLaw
 from planner.problem.checked_motion import CheckedMotion
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Information, Limits, Settings, Slack, Weights
@@ -101,7 +104,7 @@ def _describe(problem: Problem) -> str:
     return json.dumps({
         "vehicle": model.vehicle.model_dump(), "layout": model.layout, "effects": [e.name for e in model.effects],
         "tyre_prior": dict(model.tyre_prior) if model.tyre_prior else None, "settings": asdict(problem.settings),
-    })  # fmt: skip
+    }, default=Model.model_dump)  # fmt: skip
 
 
 def _restore(text: str) -> Problem:
@@ -109,6 +112,8 @@ def _restore(text: str) -> Problem:
     settings = data["settings"]
     for name, kind in (("weights", Weights), ("limits", Limits), ("slack", Slack), ("information", Information)):
         settings[name] = kind(**settings[name])
+    law = settings["brakes"]
+    settings["brakes"] = BrakeLaw(Vehicle(**law["vehicle"]), Powertrain(**law["powertrain"]))
     layout: Layout = data["layout"]
     effects = tuple(catalogue()[name] for name in data["effects"])
     model = SingleTrack(Vehicle(**data["vehicle"]), layout, effects, data["tyre_prior"])

@@ -68,7 +68,11 @@ def test_a_model_built_beside_the_planner_is_swapped_in_between_two_plans() -> N
     """As the process does it: a child process builds, every plan meanwhile and afterwards is fresh."""
     rig = ModelCar(planner_config(), background=True)
     rig.run(1.0)
-    new = revision_with(rig, None, ActiveEffect(name="aero_drag", parameters={"k": 0.6}))
+    effects = (
+        ActiveEffect(name="aero_drag", parameters={"k": 0.6}),
+        ActiveEffect(name="front_brake", parameters={"share": 0.5, "gain": 1.0}),
+    )
+    new = revision_with(rig, None, *effects)
     rig.bus.publish(topics.MODEL_REVISION, new)
     started = time.monotonic()
     while rig.plans[-1].revision != new.revision and time.monotonic() - started < 120.0:
