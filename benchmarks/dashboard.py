@@ -88,9 +88,9 @@ def measured(session: Path, seconds: float, folder: Path) -> dict[str, Any]:
 
 
 def _growth(rows: np.ndarray[Any, Any]) -> dict[str, float]:
-    """Server and browser memory, MB: the most in the second and the last quarter."""
+    """Memory of server and page, MB, in the second and the last quarter: the least, which is left after collections."""
     quarters = np.array_split(rows[:, 1:], 4)
-    second, last = quarters[1].max(axis=0), quarters[3].max(axis=0)
+    second, last = quarters[1].min(axis=0), quarters[3].min(axis=0)
     names = ("server_mb", "page_mb")
     figures = {f"{name}_second_quarter": round(float(value), 1) for name, value in zip(names, second, strict=True)}
     return figures | {f"{name}_last_quarter": round(float(value), 1) for name, value in zip(names, last, strict=True)}

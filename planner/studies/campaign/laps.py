@@ -65,7 +65,8 @@ def trials(seeds: Sequence[int], tracks: Sequence[str], laps: int, car: Path | N
     Raises:
         InputError: an unreadable car file.
     """
-    content = read_car(car).model_dump(mode="json") if car else None
+    # what is usual stays out: an event without an end lasts for ever, which no file can say
+    content = read_car(car).model_dump(mode="json", exclude_defaults=True) if car else None
     return [
         LapsTrial(seed, tracks[i % len(tracks)], laps, content, without=without).job() for i, seed in enumerate(seeds)
     ]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
+from hil_gateway.plant.car_file import read_car
 from planner.simulation.loop import LoopResult
 from planner.studies.campaign.laps import LapsTrial, figures, summarise, trials
 from planner.studies.campaign.run import Machines, drive_all, save
@@ -32,6 +34,18 @@ def test_a_stored_car_is_not_driven_again(tmp_path: Path) -> None:
     stored = {"settings": dict(job.settings), "seed": 5}
     save(tmp_path, job.name, stored)
     assert drive_all([job], tmp_path, Machines(1)) == [stored]
+
+
+def test_a_car_with_events_is_driven_as_its_file_says_and_once(tmp_path: Path) -> None:
+    """A wet stretch on every lap lasts for ever: infinity goes through the stored result too."""
+    file = tmp_path / "car.json"
+    wet = {"kind": "grip", "s": 300, "for_m": 200, "factor": 0.8}
+    events = [wet, {"kind": "brake_fade", "t": 60, "for_s": 6, "factor": 0.7}]
+    file.write_text(json.dumps({"mass": 800, "events": events}))
+    job = trials([5], ("oval",), 3, file, without=True)[0]
+    assert LapsTrial(**job.settings).simulated() == read_car(file)
+    save(tmp_path, job.name, {"settings": dict(job.settings), "seed": 5})
+    assert drive_all([job], tmp_path, Machines(1))[0]["seed"] == 5
 
 
 def test_the_median_counts_cars_that_drove_the_lap() -> None:

@@ -11,6 +11,7 @@ from support.practice_drives import PRIOR, record_of, shared_drives
 
 from estimator.drive_log.smoothing import wiener
 from estimator.drive_log.table import DriveLog
+from estimator.model.declared_vehicle import all_candidates
 from estimator.model.parameters import Layout
 from estimator.offline.diagnosis import held_out_in_turn
 from estimator.offline.predict.lateral_velocity import with_predicted_vy
@@ -88,13 +89,14 @@ def test_kinematics_tell_where_the_accelerometer_lies_whatever_the_tyres_do(
 
 
 def test_at_one_speed_rolling_resistance_is_not_told_from_drag(drives: dict[str, Any]) -> None:
+    others = frozenset(all_candidates()) - {"rolling_resistance", "aero_drag"}
     columns, rng = drives["single"].columns, np.random.default_rng(11)
     noisy = {n: columns[n] + rng.normal(0.0, s, len(columns["t"])) for n, s in (("ax", 3.0), ("vx", 0.6))}
     whole = make_record(log_of(drives["single"], **noisy), Vehicle())
     speed = whole.state_means[0].mean(axis=1)
     narrow = whole.select(np.abs(speed - np.median(speed)) < 0.6)
     for record, told in ((some(whole, 8), True), (some(narrow, 1), False)):
-        setting = Setting(record, LAYOUT, PRIOR)
+        setting = Setting(record, LAYOUT, PRIOR, untried=others)
         start = fit_names(setting, (), None)
         fit = fit_names(setting, ["rolling_resistance"], start)
         state = Greedy(setting, lambda _: None, lambda _a, _b: False, start, ["rolling_resistance"], fit, [])
