@@ -28,8 +28,9 @@ from planner.solver.sqp import Solution, Stopwatch
 
 MAX_SHIFT_S = 0.4
 """a shifted plan is used for this long at most; then the car is stopped"""
-EXTRA = (1.0, 1.0, 0.5, 0.0)
-"""share of q_I kept in each SQP iteration more for a plan that is not accepted or loads a tyre beyond `OVERLOAD`"""
+EXTRA = (1.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""share of q_I kept in each SQP iteration more for a plan that is not accepted or loads a tyre beyond `OVERLOAD`: where
+tyres are near their peak, full steps go to and fro, and half steps need some"""
 TIMID, BOLDER = 0.5, 0.025
 """share of q_I: times the one where a tyre already is at more than `OVERLOAD` of its limit, so that the car slides more
 than was planned; plus the other after every other plan"""
@@ -179,11 +180,13 @@ class Planner:
                 controller.shift()
             solution = controller.solve(z0, self._stopwatch, explore=self._boldness)
         found = self._judge(solution)
-        for kept in EXTRA:
+        for number, kept in enumerate(EXTRA):
             # another iteration straightens out a far stage beyond a curved limit; where exploring led there, less of it
             if not (found or self._overreaches()) or not solution.usable or self._late(started):
                 break
             self._boldness *= kept
+            if number > 0:
+                controller.sqp.halve_step()
             solution = controller.solve(z0, self._stopwatch, 1, explore=self._boldness)
             found = self._judge(solution)
         self._solution_start_ns = start_ns if solution.usable else None
@@ -215,8 +218,9 @@ class Planner:
 
     def _note_loads(self) -> None:
         limits = self.adoption.controller.knowledge.load_max
-        for held, share, limit in zip(self._held, self._check.first_loads, limits, strict=True):
-            # the share of a sliding tyre goes on beyond its peak, what it bears does not
+        for held, share, limit in zip(self._held, self._check.first_across, limits, strict=True):
+            # across alone: a start from rest says nothing of bends; the share of a sliding tyre goes on beyond its
+            # peak, what it bears does not
             held.push(min(share, 1.0 / self._config.planner.load_use) * limit)
         before = self.adoption.held
         self.adoption.held = LoadLimits(

@@ -76,12 +76,14 @@ class Findings:
     """What is found about the N+1 stages of a plan.
 
     `excess` (6, N+1): how far each stage is beyond each of `LIMITS`, in the units of `TOLERANCES`, <= 0 inside;
-    `shares` (2, N+1): load of the front and of the rear axle over its limit; `gaps` (N,): between each stage and the
-    motion from the one before; `finite`: whether every number of the plan is one.
+    `shares` (2, N+1): load of the front and of the rear axle over its limit, `across` (2, N+1): their lateral part;
+    `gaps` (N,): between each stage and the motion from the one before; `finite`: whether every number of the plan is
+    one.
     """
 
     excess: Array
     shares: Array
+    across: Array
     gaps: Array
     finite: bool
 
@@ -102,7 +104,8 @@ class Check:
         limits[:, 0] = bounds.column
         self._function()
         found, rows = self._function.outputs[0].copy(), len(LIMITS)
-        return Findings(found[:rows], found[rows:-1], found[-1, 1:], bool(np.isfinite(after).all()))
+        finite = bool(np.isfinite(after).all())
+        return Findings(found[:rows], found[rows : rows + 2], found[rows + 2 : rows + 4], found[-1, 1:], finite)
 
 
 def violations(found: Findings, bounds: Bounds) -> list[str]:

@@ -28,8 +28,8 @@ AROUND = np.arange(2 * WINDOW + 1)
 class PlanCheck:
     """Checks solutions of one planner.
 
-    `first_loads` are the shares of the load limits at the plan's start, `worst_load` the largest share after it,
-    `first_gain` is Delta I of its first stage.
+    `first_loads` are the shares of the load limits at the plan's start, `first_across` their lateral part, `worst_load`
+    the largest share after it, `first_gain` is Delta I of its first stage.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -37,7 +37,7 @@ class PlanCheck:
         self._for: tuple[RevisedModel, float] | None = None
         self._check: Check | None = None
         self._roadside: Roadside | None = None
-        self.first_loads, self.worst_load = (0.0, 0.0), 0.0
+        self.first_loads, self.first_across, self.worst_load = (0.0, 0.0), (0.0, 0.0), 0.0
         self.first_gain = 0.0
 
     def __call__(self, controller: Controller, adopted: Adopted, solution: Solution) -> list[str]:
@@ -47,6 +47,7 @@ class PlanCheck:
         found = self._with_parameters(controller, adopted)(plan, bounds)
         front, rear = found.shares[:, 0].tolist()
         self.first_loads, self.worst_load = (front, rear), float(found.shares[:, 1:].max())
+        self.first_across = float(found.across[0, 0]), float(found.across[1, 0])
         self.first_gain = float(solution.information[0])
         return acceptance.violations(found, bounds)
 
@@ -85,13 +86,14 @@ class Roadside:
         widths = [line.width_left, line.width_right]
         slopes = [(np.roll(w, -1) - np.roll(w, 1)) / (2.0 * self.spacing) for w in widths]
         load = [np.cos(line.grade) * np.cos(line.bank) - 1.0, line.bend / GRAVITY, np.sin(line.bank) / GRAVITY]
-        self._points = np.array([line.x, line.y, cos, sin, *widths, *slopes, *load])
+        gravity = [-GRAVITY * np.sin(line.grade), -GRAVITY * np.sin(line.bank)]
+        self._points = np.array([line.x, line.y, cos, sin, *widths, *slopes, *load, *gravity])
 
     def near(self, x: Array, y: Array, s: Array) -> Array:
-        """Rows of the nearest points (11, K) to points near progress `s`, all (K,).
+        """Rows of the nearest points (13, K) to points near progress `s`, all (K,).
 
         x, y, cosine and sine of the heading, widths to the left and right and their slopes, and what the road adds to
-        the axle loads, over the weight: r0 + r1 vx^2 - r2 vx omega in three rows.
+        the axle loads, over the weight: r0 + r1 vx^2 - r2 vx omega in three rows; gravity along and across, m/s2.
         """
         n = len(self.x)
         first = np.round(s * (1.0 / self.spacing)).astype(np.intp) - WINDOW
@@ -111,4 +113,5 @@ def plan_of(solution: Solution, roadside: Roadside) -> acceptance.Plan:
     columns[9] = cos * dy - sin * dx
     columns[10:12] = road[4:6] + (cos * dx + sin * dy) * road[6:8]
     columns[12, 0], columns[12, 1:] = 0.0, solution.information
+    columns[13:15] = road[11:13]
     return acceptance.Plan(columns)

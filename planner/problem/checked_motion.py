@@ -21,10 +21,10 @@ from planner.problem.brake_law import BrakeLaw
 
 COLUMNS = (
     "x", "y", "yaw", "vx", "vy", "yaw_rate", "steer", "drive", "extra_load", "offset", "width_left", "width_right",
-    "information",
+    "information", "gravity_x", "gravity_y",
 )  # fmt: skip
 """of a stage, SI: motion and inputs; what the road adds to the axle loads, over the weight; distance to the left of the
-reference line, and from that line to the edges; Delta I"""
+reference line, and from that line to the edges; Delta I; what grade and bank pull along and across the car, m/s2"""
 BOUNDS = (
     "dt", "steer", "steer_rate", "drive_low", "drive_high", "drive_rate", "speed", "load_front", "load_rear",
     "clearance", "information",
@@ -33,13 +33,17 @@ BOUNDS = (
 LIMITS = ("track", "load", "actuator", "rate", "state", "information")
 """how far a stage is beyond each limit, <= 0 inside: m; load, rate and information as shares of their bound; actuator
 in its own unit (slip, rad); state m/s"""
-FOUND = (*LIMITS, "share_front", "share_rear", "gap")
-"""beside that the load of both axles over its limit, Eq. (10), and the distance from a stage to the motion by Eq. (1)
-from the one before"""
+FOUND = (*LIMITS, "share_front", "share_rear", "across_front", "across_rear", "gap")
+"""beside that the load of both axles over its limit, Eq. (10), its lateral part alone, and the distance from a stage to
+the motion by Eq. (1) from the one before"""
+HELD = ("steer", "drive", "extra_load", "gravity_x", "gravity_y")
+"""what runs straight from stage to stage"""
 DEFECT_SCALE = (0.5, 0.5, 0.05, 0.5, 0.5, 0.1)
 """largest such distance, m, m, rad, m/s, m/s, rad/s: one SQP iteration leaves a gap of second order"""
-FORCES = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r", "beyond_f", "beyond_r")
-"""forces along and across both axles and the axle loads, N; how far C atan(B alpha) is beyond the peak, rad"""
+BODY = ("body_x", "body_y", "body_yaw")
+FORCES = ("fx_f", "fy_f", "load_f", "fx_r", "fy_r", "load_r", *BODY, "beyond_f", "beyond_r")
+"""forces along and across both axles and the axle loads, N; what acts on the body, N and N m; how far C atan(B alpha)
+is beyond the peak, rad"""
 
 Forces = dict[str, Expr]
 Curve = tuple[Expr, ...]
@@ -72,9 +76,9 @@ class CheckedMotion:
         a, b = (dict(zip(COLUMNS, ca.vertsplit(column), strict=True)) for column in (before, after))
         limit = dict(zip(BOUNDS, ca.vertsplit(bounds), strict=True))
         parameters = theta, phi, ratio
-        share = self._share(b, self.forces(b, *parameters), limit)
+        share, across = self._share(b, self.forces(b, *parameters), limit)
         gap = self._gap(a, b, limit["dt"], parameters)
-        result: Any = ca.densify(ca.vertcat(*_excess(a, b, share, limit), *share, gap))
+        result: Any = ca.densify(ca.vertcat(*_excess(a, b, share, limit), *share, *across, gap))
         arguments: list[Any] = [before, after, *parameters, bounds]
         one: Any = ca.Function("checked_stage", arguments, [ca.cse(result)])
         mapped: ca.Function = one.map("checked", "serial", stages, [2, 3, 4, 5], [])
@@ -94,34 +98,35 @@ class CheckedMotion:
             _beyond_peak(c * ca.atan(b * slip))
             for (b, c, _), slip in zip(tyres, (terms.slip_f, terms.slip_r), strict=True)
         ]
-        return {name: getattr(terms, name) for name in FORCES[:6]} | dict(zip(FORCES[6:], beyond, strict=True))
+        felt = {name: getattr(terms, name) for name in FORCES[:-2]}
+        return felt | dict(zip(FORCES[-2:], beyond, strict=True))
 
-    def _share(self, at: Mapping[str, Expr], f: Mapping[str, Expr], limit: Mapping[str, Expr]) -> list[Expr]:
-        """Load of the front and of the rear axle over its limit, Eq. (10).
+    def _share(
+        self, at: Mapping[str, Expr], f: Mapping[str, Expr], limit: Mapping[str, Expr]
+    ) -> tuple[list[Expr], list[Expr]]:
+        """Load of the front and of the rear axle over its limit, Eq. (10), and its lateral part alone.
 
         Beyond the peak the force falls and a share goes on rising: a slide is no way to keep to a limit.
         """
         dynamic = ca.fmin(ca.fmax((at["vx"] - KINEMATIC_SPEED) / KINEMATIC_WIDTH, 0.0), 1.0)
-        shares = []
+        shares, lateral = [], []
         for axle, most in (("f", limit["load_front"]), ("r", limit["load_rear"])):
             along, across = f[f"fx_{axle}"], dynamic * f[f"fy_{axle}"]
             force = ca.fabs(along + across) if self.literal_load else ca.sqrt(along**2 + across**2)
             shares.append(force / (most * f[f"load_{axle}"]) + dynamic * f[f"beyond_{axle}"])
-        return shares
+            lateral.append(ca.fabs(across) / (most * f[f"load_{axle}"]))
+        return shares, lateral
 
     def _gap(self, a: Mapping[str, Expr], b: Mapping[str, Expr], dt: Expr, parameters: tuple[Expr, Expr, Expr]) -> Expr:
         """Largest Hermite-Simpson defect, in units of `DEFECT_SCALE`; inputs run straight from stage to stage.
 
-        `parameters` as `forces` takes them.
-
-        Gravity on grade and bank is left out: far below what counts as a gap.
-        Source: Hargraves & Paris, J. Guidance 10 (1987).
+        `parameters` as `forces` takes them. Source: Hargraves & Paris, J. Guidance 10 (1987).
         """
         vehicle = self.model.vehicle
         state, after = (ca.vertcat(*(at[name] for name in COLUMNS[:6])) for at in (a, b))
         slopes = [_motion(at, self.forces(at, *parameters), vehicle) for at in (a, b)]
         middle = 0.5 * (state + after) + dt / 8 * (slopes[0] - slopes[1])
-        held = {name: 0.5 * (a[name] + b[name]) for name in ("steer", "drive", "extra_load")}
+        held = {name: 0.5 * (a[name] + b[name]) for name in HELD}
         between = dict(zip(COLUMNS[:6], ca.vertsplit(middle), strict=True)) | held
         slope = _motion(between, self.forces(between, *parameters), vehicle)
         gap = after - state - dt / 6 * (slopes[0] + 4 * slope + slopes[1])
@@ -131,7 +136,7 @@ class CheckedMotion:
 
 def _declared_forces(vehicle: Vehicle, at: Mapping[str, Expr], tyres: Sequence[Curve], cx: Expr) -> Forces:
     """Eq. (2) and (3) of the declared model."""
-    forces: Forces = {"fx_f": ca.SX(0.0), "fx_r": cx * at["drive"]}
+    forces: Forces = {"fx_f": ca.SX(0.0), "fx_r": cx * at["drive"], **dict.fromkeys(BODY, ca.SX(0.0))}
     axles = (
         ("f", at["steer"], vehicle.lf, vehicle.static_load_front),
         ("r", 0.0, -vehicle.lr, vehicle.static_load_rear),
@@ -180,7 +185,7 @@ def _motion(at: Mapping[str, Expr], f: Mapping[str, Expr], vehicle: Vehicle) -> 
         vx * cos_yaw - vy * sin_yaw,
         vx * sin_yaw + vy * cos_yaw,
         rate,
-        (f["fx_r"] + front_x) / vehicle.mass + vy * rate,
-        (f["fy_r"] + front_y) / vehicle.mass - vx * rate,
-        (front_y * vehicle.lf - f["fy_r"] * vehicle.lr) / vehicle.yaw_inertia,
+        (f["fx_r"] + front_x + f["body_x"]) / vehicle.mass + vy * rate + at["gravity_x"],
+        (f["fy_r"] + front_y + f["body_y"]) / vehicle.mass - vx * rate + at["gravity_y"],
+        (front_y * vehicle.lf - f["fy_r"] * vehicle.lr + f["body_yaw"]) / vehicle.yaw_inertia,
     )

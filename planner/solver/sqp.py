@@ -91,6 +91,8 @@ class Sqp:
         self._solver = make_qp_solver(self.qp, "auto" if backend == "fixed" else backend)
         self.z, self.du = np.zeros((NZ, self.N + 1), order="F"), np.zeros((NU, self.N), order="F")
         self.multiplier = np.zeros((len(problem.rows), self.N), order="F")
+        self._from = self.z, self.du
+        """the guess the last solve began from"""
         self._loads = [problem.rows.index(name) for name in ("load_front", "load_rear")]
         self._bounds = np.array(problem.change_bounds())[:, None]
         self._project = projected(problem)
@@ -133,6 +135,7 @@ class Sqp:
         """
         start = _Iterate(self.z.copy(order="F"), self.du.copy(order="F"), self.multiplier.copy(order="F"))
         start.z[:, 0] = z0
+        self._from = start.z.copy(order="F"), start.du.copy(order="F")
         if self.observer is not None:
             guess = (start.z.copy(order="F"), start.du.copy(order="F"), start.multiplier.copy(order="F"))
             self.observer(Step(*guess, z0.copy(), stages.copy(order="F"), common.copy(), iterations))
@@ -232,6 +235,11 @@ class Sqp:
         """Those the generated solver starts from, one interval on; for the next recorded step."""
         if self._fixed is not None:
             self._fixed.shift()
+
+    def halve_step(self) -> None:
+        """Take half of the last solve's step: full steps from two guesses may lead to each other for ever."""
+        z, du = self._from
+        self.z, self.du = 0.5 * (self.z + z), 0.5 * (self.du + du)
 
     def set_guess(self, z: Array, du: Array) -> None:
         """Start from another trajectory (cold start, new model)."""

@@ -20,7 +20,7 @@ from planner.plan.acceptance import Bounds, Check, Plan
 from planner.plan.checks import Roadside, bounds_of, plan_of
 from planner.plan.controller import Controller
 from planner.problem.brake_law import BrakeLaw
-from planner.problem.checked_motion import FORCES, CheckedMotion
+from planner.problem.checked_motion import COLUMNS, FORCES, CheckedMotion
 from planner.problem.load_rows import load_row
 from planner.problem.motion import NZ, extra_load
 from planner.problem.mpcc import Problem
@@ -143,7 +143,7 @@ def model_forces(model: SingleTrack, theta: np.ndarray, motion: np.ndarray) -> d
     signals = [ca.DM(row).T for row in motion]
     terms = Terms(model.vehicle, **dict(zip(SIGNALS, signals, strict=False)), aux={"extra_load": signals[5]})
     terms = model.evaluate(terms, theta.tolist())
-    found = {name: np.array(getattr(terms, name)).ravel() * np.ones(motion.shape[1]) for name in FORCES[:6]}
+    found = {name: np.array(getattr(terms, name)).ravel() * np.ones(motion.shape[1]) for name in FORCES[:-2]}
     for axle, rows in zip(front_and_rear(model.layout), ("f", "r"), strict=True):
         b, c, _ = theta[list(axle.rows([p.name for p in model.tyre_table]))]
         phase = c * np.arctan(b * np.array(getattr(terms, f"slip_{rows}")).ravel())
@@ -238,3 +238,21 @@ def test_the_road_presses_on_a_checked_plan_as_on_the_planned_one(solved: tuple[
     planned = [float(extra_load(data[9:12, k], z[3, k], z[5, k])) for k in range(count)]
     np.testing.assert_allclose(checked, planned, atol=4e-3)  # the plan's lower bound is smooth
     assert np.ptp(checked) > 0.5, "a road that presses"
+
+
+@pytest.mark.parametrize(("felt", "gap"), [(1.0, 0.0), (0.0, 0.44)])
+def test_a_checked_plan_is_slowed_by_the_air_and_pulled_by_the_road(felt: float, gap: float) -> None:
+    """Straight ahead without drive at 80 m/s, uphill on a bank, by hand: F = k v^2, g sin(grade), g sin(bank)."""
+    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
+    dt, vx, gravity_x, gravity_y = 0.05, 80.0, -9.81 * np.sin(0.02), -9.81 * np.sin(0.35)
+    slower = (revised.constant("aero_drag", "k") * vx**2 / Vehicle().mass - gravity_x) * dt
+    columns = {name: np.zeros(2) for name in COLUMNS}
+    columns["vx"], columns["vy"] = np.array([vx, vx - felt * slower]), np.array([0.0, felt * gravity_y * dt])
+    columns["x"] = np.array([0.0, (vx - 0.5 * felt * slower) * dt])
+    columns["y"] = np.array([0.0, 0.5 * columns["vy"][1] * dt])
+    columns["gravity_x"], columns["gravity_y"] = np.full(2, gravity_x), np.full(2, gravity_y)
+    pair = np.array(list(columns.values()))
+    function = CheckedMotion(revised.model, literal_load=False, brakes=BrakeLaw()).function(1)
+    bounds = Bounds(dt, 0.3, 1.0, (-0.5, 0.3), 1.0, 100.0, (1.3, 1.3), 1.0, 1.0)
+    found = np.array(function(pair[:, 0], pair[:, 1], revised.theta, revised.constants, 1.0, bounds.column)).ravel()
+    assert found[-1] == pytest.approx(gap, abs=0.06), "of the largest gap that is accepted"

@@ -180,3 +180,16 @@ def test_literal_load_limit_is_the_signed_sum_of_equation_10() -> None:
     row = np.abs(1.0 - base["upper_row"][1])
     # the row holds at the worst sigma point, so it is never below the share at the mean
     assert np.all(row >= front[1:] - 0.02)
+
+
+def test_half_of_a_step_lies_between_the_guess_and_the_solution(controller: Controller) -> None:
+    sqp, z0 = controller.sqp, controller.sqp.z[:, 0].copy()
+    z0[4] += 0.3
+    before, du = sqp.z.copy(), sqp.du.copy()
+    before[:, 0] = z0
+    solution = controller.solve(z0, lambda: 0, 1)
+    assert solution.usable
+    sqp.halve_step()
+    np.testing.assert_allclose(sqp.z, 0.5 * (before + solution.z))
+    np.testing.assert_allclose(sqp.du, 0.5 * (du + solution.du))
+    np.testing.assert_array_equal(sqp.z[:, 0], z0)

@@ -32,6 +32,9 @@ FORCE = 5.0
 """m/s2 lateral specific force may differ from v r: side slip that builds up (4.0), bias and noise (1.0)"""
 STEERED = (0.3, 1.3)
 """yaw rate over v tan(delta) / L: from heavy understeer at top speed to slight oversteer"""
+OVERSTEER = 0.001
+"""rad of rear over front slip angle a m/s2 of lateral force: a car whose rear tyres are a third weaker than its front
+ones takes a bend of 2.5 g with the wheels straight ahead (0.018 rad)"""
 
 
 class WheelMonitor:
@@ -87,6 +90,8 @@ class GyroMonitor:
         steered = speed * math.tan(state.steer) / car.wheelbase
         front = (state.wheel_speed_fr - state.wheel_speed_fl) / (car.track_front * math.cos(state.steer))
         low, high = sorted(share * steered for share in STEERED)
+        oversteer = OVERSTEER * ay * speed / car.wheelbase
+        low, high = low + min(oversteer, 0.0), high + max(oversteer, 0.0)
         forced, slack = ay / max(speed, JUDGED_FROM), FORCE / max(speed, JUDGED_FROM)
         wheels = [(by_wheels - gyro) / (GYRO_RAD_S + GYRO_SHARE * abs(by_wheels)) for by_wheels in (front, rear)]
         above = [(low - gyro) / GYRO_RAD_S, (forced - gyro) / slack]

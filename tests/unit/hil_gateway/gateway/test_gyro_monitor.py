@@ -1,0 +1,45 @@
+"""The gyro is outvoted where it lies, and not by a car that oversteers."""
+
+from __future__ import annotations
+
+import pytest
+from support.scripted_car import Rig
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.gateway.perceive.monitors.sensors import GyroMonitor
+
+SPEED, LATERAL = 67.0, 24.5
+TURN = LATERAL / SPEED
+"""m/s, m/s2 and rad/s of a bend of 2.5 g"""
+
+
+def in_a_bend(steer: float, gyro: float) -> VehicleState:
+    """Front wheels show the whole of the turn."""
+    rig = Rig()
+    rig.run(0.05)
+    half = 0.5 * Vehicle().track_front * TURN
+    return rig.gateway.seen[0].model_copy(
+        update={
+            "steer": steer, "yaw_rate": gyro, "ay": LATERAL, "drive": 0.05,
+            "wheel_speed_fl": SPEED - half, "wheel_speed_fr": SPEED + half,
+        }
+    )  # fmt: skip
+
+
+def outvoted_s(state: VehicleState, rear: float) -> float:
+    """`rear`: the turn by the rear wheels; those that slide show too little."""
+    monitor, held_s = GyroMonitor(Vehicle()), 0.0
+    for tick in range(100):
+        held_s = monitor.step(tick * 10_000_000, state, SPEED, rear, LATERAL, stopping=False)
+    return held_s
+
+
+@pytest.mark.parametrize("steer", [0.0, -0.002, 0.002])
+def test_a_car_that_oversteers_through_a_bend_with_straight_wheels_keeps_its_gyro(steer: float) -> None:
+    assert outvoted_s(in_a_bend(steer, TURN + 0.1), 0.3 * TURN) == 0.0
+
+
+@pytest.mark.parametrize("offset", [0.3, -0.3])
+def test_a_gyro_that_is_off_by_0_3_rad_s_is_outvoted_in_the_same_bend(offset: float) -> None:
+    assert outvoted_s(in_a_bend(0.004, TURN + offset), TURN) > 0.9
