@@ -19,7 +19,6 @@ from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout,
 from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
-from estimator.offline.search.screening import SCREENING_STRIDE
 from estimator.offline.search.search import Search, search
 from estimator.offline.search.terms import Outcome, Rival, with_terms
 from estimator.offline.search.trial import Setting, Trial, fit_names
@@ -125,16 +124,13 @@ def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
 
 HELD_OUT_WINDOWS = 15
 """Stretches of so many windows (30 s) are held out in turn: shorter than a lap, so that what depends on time is
-predicted from before and after, and long enough to be independent of each other."""
-LEAST_STRETCHES = 8
-"""Of a short log there are so many all the same: a standard error from n stretches is itself good to 1 / sqrt(2 n - 2),
-a quarter from eight and half from three; none is so short that screening would miss it."""
+predicted from before and after, and long enough to be independent of each other. A short log has few: in stretches of
+7 s the errors depend on each other, and what they share passes for an effect."""
 
 
 def held_out_in_turn(windows: int) -> Ints:
     """(windows,) number of the stretch that each window of the laps learnt from belongs to."""
-    stretches = max(-(-windows // HELD_OUT_WINDOWS), min(LEAST_STRETCHES, windows // SCREENING_STRIDE), 1)
-    return np.arange(windows, dtype=np.int64) * stretches // windows
+    return np.arange(windows, dtype=np.int64) // HELD_OUT_WINDOWS
 
 
 def _models(setting: Setting, outcome: Outcome) -> dict[str, Model]:

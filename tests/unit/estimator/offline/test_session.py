@@ -13,7 +13,6 @@ from estimator.drive_log.smoothing import wiener
 from estimator.drive_log.table import DriveLog
 from estimator.model.declared_vehicle import all_candidates
 from estimator.model.parameters import Layout
-from estimator.offline.diagnosis import held_out_in_turn
 from estimator.offline.predict.lateral_velocity import with_predicted_vy
 from estimator.offline.record.map_road import record_on_map
 from estimator.offline.record.record import Record, make_record
@@ -38,9 +37,9 @@ def log_of(drive: Any, **changed: np.ndarray) -> DriveLog:
 
 
 def some(record: Record, every: int) -> Record:
-    """Part of the windows, held out in turn."""
+    """Part of the windows, held out in eight stretches."""
     part = record.select(np.arange(record.windows) % every == 0)
-    return replace(part, lap=held_out_in_turn(part.windows))
+    return replace(part, lap=np.arange(part.windows) * 8 // part.windows)
 
 
 def test_a_vertical_accelerometer_tells_the_axle_loads_and_leaves_no_bank_to_guess_them_by(
@@ -103,13 +102,6 @@ def test_at_one_speed_rolling_resistance_is_not_told_from_drag(drives: dict[str,
         state.recheck()
         assert state.names == ["rolling_resistance"]
         assert state.look_alikes() == ({} if told else {"rolling_resistance": "aero_drag"})
-
-
-@pytest.mark.parametrize(("windows", "stretches"), [(13, 4), (42, 8), (300, 20)])
-def test_a_short_log_is_held_out_in_eight_stretches_that_screening_does_not_miss(windows: int, stretches: int) -> None:
-    sizes = np.bincount(held_out_in_turn(windows))
-    assert len(sizes) == stretches
-    assert 3 <= sizes.min() <= sizes.max() <= 15
 
 
 def test_a_map_of_another_track_is_refused_in_one_line(drives: dict[str, Any]) -> None:
