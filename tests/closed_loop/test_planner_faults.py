@@ -95,7 +95,7 @@ class Stalls:
         return self.now
 
 
-FAULTY_RUNS = volume(3, 40)
+FAULTY_RUNS = volume(2, 40)
 
 
 @pytest.mark.parametrize("seed", range(FAULTY_RUNS))

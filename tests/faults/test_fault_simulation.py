@@ -15,7 +15,7 @@ from verification.fault_simulation.faults import Kind, draw
 
 from hil_gateway.process.clock import NS_PER_S
 
-SEEDS = volume(40, 5000)
+SEEDS = volume(24, 5000)
 
 TESTS = Path(__file__).parents[1]
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(TESTS)}
