@@ -8,12 +8,18 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
+
+if TYPE_CHECKING:
+    from estimator.drive_log.table import DriveLog
+    from estimator.offline.record.record import Record
+    from hil_gateway.car.vehicle import Vehicle
+    from hil_gateway.track.track import Track
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -51,12 +57,8 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     """Find what the model does not explain, trace it to an effect, and show the error before and after."""
     # fits run in processes side by side: threads of the linear algebra would only get in their way
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from estimator.drive_log.health import examine
-    from estimator.drive_log.table import read_logs
     from estimator.offline.diagnosis import diagnose as run
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
-    from estimator.offline.record.map_road import record_on_map
-    from estimator.offline.record.record import make_record
     from estimator.offline.report.diagnosis_result import as_json as to_json
     from estimator.offline.report.diagnosis_result import as_revision, write
     from hil_gateway.process.errors import InputError
@@ -68,18 +70,13 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
         raise InputError(f"--layout {layout}: must be per_axle or shared")
     car = read_vehicle(vehicle)
     prior = read_tyre_prior(tyre, layout, car)  # type: ignore[arg-type]
-    known = None if track is None else load_track(track)
+    known = None if track is None else (track, load_track(track))
     with _progress() as progress:
         progress("reading")
-        health = examine(read_logs(sessions), car)
-        log = health.log
-        processes = os.cpu_count() or 1
-        record = make_record(log, car, health.doubtful)
-        if known is not None:
-            record = record_on_map(record, log, known, str(track))
-        result = run(record, layout, prior, progress, processes)  # type: ignore[arg-type]
+        record, log, health = _read(sessions, car, known)
+        result = run(record, layout, prior, progress, os.cpu_count() or 1)  # type: ignore[arg-type]
         revision = as_revision(result, layout, tuple(log.sources.values()))
-        summary: dict[str, Any] = {"health": [f.description for f in health.findings]}
+        summary: dict[str, Any] = {"health": health}
         summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))
         if out is not None:
             progress("writing the report")
@@ -91,6 +88,20 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
         print_json(summary)
     else:
         _print(summary)
+
+
+def _read(sessions: list[Path], car: Vehicle, known: tuple[str, Track] | None) -> tuple[Record, DriveLog, list[str]]:
+    """What is fitted, the log it comes from, and the defects found in that; `known`: name and map of the track."""
+    from estimator.drive_log.health import examine
+    from estimator.drive_log.table import read_logs
+    from estimator.offline.record.map_road import record_on_map
+    from estimator.offline.record.record import make_record
+
+    health = examine(read_logs(sessions), car)
+    record = make_record(health.log, car, health.doubtful)
+    if known is not None:
+        record = record_on_map(record, health.log, known[1], known[0])
+    return record, health.log, [finding.description for finding in health.findings]
 
 
 @contextmanager

@@ -256,3 +256,12 @@ def test_a_checked_plan_is_slowed_by_the_air_and_pulled_by_the_road(felt: float,
     bounds = Bounds(dt, 0.3, 1.0, (-0.5, 0.3), 1.0, 100.0, (1.3, 1.3), 1.0, 1.0)
     found = np.array(function(pair[:, 0], pair[:, 1], revised.theta, revised.constants, 1.0, bounds.column)).ravel()
     assert found[-1] == pytest.approx(gap, abs=0.06), "of the largest gap that is accepted"
+
+
+def test_a_start_on_a_straight_says_nothing_of_the_grip_in_bends(case: Case) -> None:
+    plan, bounds, check = case
+    zero, count = np.zeros_like(plan["vx"]), len(plan["vx"])
+    straight = plan.changed(vy=zero, yaw_rate=zero, steer=zero, drive=np.full(count, 0.1), vx=np.full(count, 20.0))
+    found = check(straight, bounds)
+    assert found.shares[1].min() > 0.3, "the drive loads the rear axle"
+    np.testing.assert_allclose(found.across, 0.0, atol=1e-9)
