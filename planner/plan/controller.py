@@ -46,6 +46,8 @@ class TyreKnowledge:
     capacity: tuple[float, float]
     brake_ratio: float = 1.0
     """front over rear brake pressure for equal axle loads (`brake_law.pressure_ratio`)"""
+    delivered: tuple[float, float] = (1.0, 1.0)
+    """share of their believed peak that front and rear tyres deliver now; in all the above already"""
 
     @cached_property
     def spread(self) -> float:
