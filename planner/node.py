@@ -254,8 +254,9 @@ class Planner:
 
     def _stopping(self) -> Stopping:
         controller, vehicle = self.adoption.controller, self._config.vehicle
-        grip, force = min(controller.knowledge.load_max), float(controller.knowledge.theta[0])
-        braking = BRAKE_SHARE * controller.knowledge.load_max[1] * vehicle.static_load_rear / vehicle.mass
+        front, rear = controller.knowledge.load_left
+        grip, force = min(front, rear), float(controller.knowledge.theta[0])
+        braking = BRAKE_SHARE * rear * vehicle.static_load_rear / vehicle.mass
         return Stopping(
             lambda z, du: controller.sqp.propagate(z, du, controller.stages[:, 0], controller.common),
             controller.reference, self.settings.limits, self.settings.dt, vehicle, braking, grip, force,

@@ -229,10 +229,11 @@ class Adoption:
             mean, covariance = target, stated
         else:
             mean, covariance = target, np.diag(tyre.prior_std**2)
-        target, mean, covariance = factors * target, factors * mean, covariance * np.outer(factors, factors)
         use, level = self._config.planner.load_use, self._settings.sigma_level
         peaks = [d for _, _, d in tyre.axles]
+        # by the tyres as they last: a plan that gets by with what a sudden loss leaves may ask for all of it
         judged = judged_limits(use, target[peaks], before.load_max if before else None)
+        target, mean, covariance = factors * target, factors * mean, covariance * np.outer(factors, factors)
         # a belief that has learnt of less grip tells at once, before the model in force follows
         expected = np.minimum(mean, target)
         asked = capacity(tyre.axles, expected, covariance, use=use, level=level, held=self.held.pair)
