@@ -7,6 +7,7 @@ and yaw acceleration, by Eq. (1) turned round: the force of an axle across, and 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import casadi as ca
@@ -29,7 +30,7 @@ BRAKING_N = 4000.0
 ROLLING = 0.06
 """slip of braked wheels up to which their tyres hold what the brakes give: half of the slip at the peak"""
 LOCKING = 0.12
-"""slip beyond the peak of the tyres along the wheel: what is missing there, the road does not give"""
+"""slip beyond the peak of the tyres along the wheel: what they give there, both axles together, is all there is"""
 
 
 LEAST_SPEED = 8.0
@@ -68,10 +69,13 @@ class Delivery:
         inputs[0][:, 0], inputs[1][:, 0], inputs[2][:, 0] = sample.signals, sample.aux, theta
         inputs[3][:, 0] = sample.phi
         self._function()
-        motion, forces, least = np.split(self._function.outputs[0][:, 0], [3, 6])
-        expected = np.where(np.abs(forces) > least, forces, 0.0)
-        measured = expected + self._missing(sample.z - motion)
-        self._rows.append(np.concatenate([expected, measured, [wheel_slip < ROLLING, wheel_slip > LOCKING]]))
+        motion, forces, peaks = np.split(self._function.outputs[0][:, 0], [3, 6])
+        least = np.array([*(TELLING * peaks), BRAKING_N])
+        measured = forces + self._missing(sample.z - motion)
+        front, rear, along = measured.tolist()
+        whole = math.hypot(front + rear, along) / float(peaks.sum())
+        tells = np.where(np.abs(forces) > least, forces, 0.0)
+        self._rows.append(np.array([*tells, *measured, whole, wheel_slip < ROLLING, wheel_slip > LOCKING]))
 
     def _missing(self, left: Array) -> Array:
         """Forces, N, of front and rear axle across and of both along that `left` of the measurement come to."""
@@ -84,20 +88,20 @@ class Delivery:
         if len(self._rows) < WINDOW:
             return None
         rows = np.array(self._rows)
+        if rows[:, 8].any():
+            held = float(rows[:, 6].mean())  # no slip angle is known well where wheels give no speed
+            return Delivered(front=held, rear=held, brakes=None)
         expected, measured = rows[:, :3], rows[:, 3:6]
-        rolling, locking = bool(rows[:, 6].all()), bool(rows[:, 7].all())
-        told = (expected != 0.0).all(axis=0)
         shares = (expected * measured).sum(axis=0) / np.maximum((expected**2).sum(axis=0), 1.0)
-        front, rear, along = (float(share) if tells else None for share, tells in zip(shares, told, strict=True))
-        if along is not None and locking:
-            front, rear = (along if across is None else min(across, along) for across in (front, rear))
-        brakes = along if rolling else None
+        told = (expected != 0.0).all(axis=0)
+        told[2] &= bool(rows[:, 7].all())
+        front, rear, brakes = (float(share) if tells else None for share, tells in zip(shares, told, strict=True))
         return None if front is rear is brakes is None else Delivered(front=front, rear=rear, brakes=brakes)
 
 
 def _expected(model: SingleTrack) -> ca.Function:
-    """(signals, aux, theta, phi) to a_x, a_y and yaw acceleration; F_yf, F_yr and, braking, F_x of both axles; and what
-    these must exceed to tell anything, all N."""
+    """(signals, aux, theta, phi) to a_x, a_y and yaw acceleration; F_yf, F_yr and, braking, F_x of both axles; peaks of
+    front and rear axle, all N."""
     signals, aux = ca.SX.sym("signals", len(SIGNALS)), ca.SX.sym("aux", len(AUXILIARY))
     theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
     named = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
@@ -105,6 +109,5 @@ def _expected(model: SingleTrack) -> ca.Function:
     effects = ca.vertsplit(phi) if phi.numel() else []
     t = model.evaluate(Terms(model.vehicle, **named, aux=auxiliary), ca.vertsplit(theta), effects)
     forces = ca.vertcat(t.fy_f, t.fy_r, ca.fmin(t.fx_f + t.fx_r, 0.0))
-    least = ca.vertcat(TELLING * t.peak_f, TELLING * t.peak_r, BRAKING_N)
-    rows = ca.vertcat(t.imu_ax, t.imu_ay, t.yaw_acc, forces, least)
+    rows = ca.vertcat(t.imu_ax, t.imu_ay, t.yaw_acc, forces, t.peak_f, t.peak_r)
     return ca.Function("expected", [signals, aux, theta, phi], [ca.densify(rows)])

@@ -15,8 +15,10 @@ from planner.problem.load_limits import SLEW
 
 USUAL = 0.87
 """share down to which model errors explain what is missing: a healthy car at its limit delivers 0.88 to 1.13"""
-LEAST = 0.3
-"""share that is believed at least: a car without any grip or brakes is not one that plans can be made for"""
+USUAL_BRAKES = 0.8
+"""the same of the brakes, whose force is late where a stop begins; a share in between is driven through"""
+LEAST = 0.5
+"""share that is believed at least: a wet road or an axle with a flat tyre gives more"""
 
 
 class DeliveredNow:
@@ -32,8 +34,8 @@ class DeliveredNow:
             return False
         before = self.tyres, self.brakes
         front, rear = self.tyres
-        self.tyres = _follow(front, seen.front), _follow(rear, seen.rear)
-        self.brakes = _follow(self.brakes, seen.brakes)
+        self.tyres = _follow(front, seen.front, USUAL), _follow(rear, seen.rear, USUAL)
+        self.brakes = _follow(self.brakes, seen.brakes, USUAL_BRAKES)
         return (self.tyres, self.brakes) != before
 
     def acting(self, drive: float) -> float:
@@ -45,11 +47,11 @@ class DeliveredNow:
         return drive / self.brakes if drive < 0.0 else drive
 
 
-def _follow(share: float, seen: float | None) -> float:
-    """Down at once, up by `SLEW`; nothing seen, nothing changes."""
+def _follow(share: float, seen: float | None, usual: float) -> float:
+    """Down at once, up by `SLEW`, all where more than is `usual` is seen; nothing seen, nothing changes."""
     if seen is None:
         return share
-    present = 1.0 if seen > USUAL else max(seen, LEAST)
+    present = 1.0 if seen > usual else max(seen, LEAST)
     return min(present, share * (1.0 + SLEW))
 
 
