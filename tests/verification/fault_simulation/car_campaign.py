@@ -31,7 +31,7 @@ PAIRS_PER_FAULT_RUN = 4
 SECOND_AFTER_S = 1.0
 """from the beginning of a stop to the second fault of a pair"""
 PHYSICS = "physics"
-"""no stop keeps the car on the road, not even one from the first moment of the fault on by the true state"""
+"""no stop keeps the car on the road, not even one from the first effect of the fault on by the true state"""
 UNNOTICED = "unnoticed"
 """a stop would have kept it on the road, and none began"""
 LATE = "late"
@@ -120,6 +120,8 @@ class Run:
     def why_off(self, result: FaultResult) -> str:
         """Why the car of `result` left the road, by the plant alone."""
         self._begin(self.faults[0])
+        while not self.injector.shows and not self._stopping:
+            self.loop.step()
         if best_stop(self.loop.plant, self.config, self.faults[0].actuate).margin_m < 0.0:
             return PHYSICS
         if result.noticed_s is None:

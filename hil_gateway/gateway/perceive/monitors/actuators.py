@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -68,6 +69,38 @@ class FollowingMonitor:
             return False  # as it nearly always is: the others can only widen the range
         commands = [getattr(command, actuator) for command in self._commands]
         return not min(commands) - tolerance <= reported <= max(commands) + tolerance
+
+
+TURNS = 0.3
+"""of v tan(delta) / L: the yaw rate of heavy understeer at top speed"""
+
+
+class ReversedMonitor:
+    """Steering that goes to the other side than its command: the sensor says so, and the car turns that way.
+
+    Steering that is late or stuck never moves away from its command, and a sensor with a wrong sign is contradicted
+    by the gyro.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._reported: deque[float] = deque(maxlen=WINDOW)
+        self.found = False
+        """until the car stands"""
+
+    def step(self, state: VehicleState, speed: float, commanded: Actuators | None, outside: bool) -> None:
+        """`outside`: the reported angle is outside of the commands of the last 0.4 s; once a period."""
+        motor = state.steer * self._vehicle.steering_ratio
+        self._reported.append(motor)
+        self.found = self.found and speed > 0.0
+        if commanded is None or not outside or speed < JUDGED_FROM:
+            return
+        side = 1.0 if commanded.steering_motor > 0.0 else -1.0
+        went = side * (self._reported[0] - motor) > STEERING
+        mirrored = side * motor < 0.0 and abs(motor + commanded.steering_motor) < STEERING
+        turns = -side * state.yaw_rate > TURNS * speed * abs(math.tan(state.steer)) / self._vehicle.wheelbase
+        imu = state.sources["imu"].valid
+        self.found = self.found or (went and mirrored and turns and imu)
 
 
 class AccelerationMonitor:
