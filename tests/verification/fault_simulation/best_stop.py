@@ -12,7 +12,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -120,19 +120,26 @@ def _margin(
     plant: Plant, config: Config, driver: Callable[[], Driver], actuate: Callable[[Commands, Commands], Commands] | None
 ) -> float:
     """Drives the plant's car, its engine cut, until it stands or is far off the road."""
-    drive = driver()
+    drive, side = driver(), _side(actuate)
     car, referee, limits = plant.car, plant.referee, Limits(load_codec(), config.gateway.limits)
     on_wire, did = limits.resting(car["steer"] * config.vehicle.steering_ratio), plant.obeyed
     referee.worst_margin_m = math.inf
     until_s = car.time_s + STANDS_WITHIN_S
     while car.time_s < until_s and not car.standing and referee.worst_margin_m > -FAR_OFF:
-        on_wire, _ = limits.apply(drive(), on_wire)
+        wanted = drive()
+        on_wire, _ = limits.apply(replace(wanted, steering_motor=side * wanted.steering_motor), on_wire)
         asked = _commands(limits.to_actuators(on_wire), config)
         did = asked if actuate is None else actuate(asked, did)
         for _ in range(CONTROLLER_STEPS):
             car.step(did, engine_running=False)
         referee.step(car.time_s)
     return referee.worst_margin_m
+
+
+def _side(actuate: Callable[[Commands, Commands], Commands] | None) -> float:
+    """-1 where the steering goes to the other side than it is asked to: a stop that knows asks for the other side."""
+    asked = Commands(steer=0.1)
+    return -1.0 if actuate is not None and actuate(asked, asked).steer < 0.0 else 1.0
 
 
 def _commands(actuators: Actuators, config: Config) -> Commands:

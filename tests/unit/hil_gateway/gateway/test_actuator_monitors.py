@@ -1,4 +1,4 @@
-"""Steering that goes to the other side is told from steering that is late, stuck or wrongly reported."""
+"""Steering that goes to the other side, or stands still, is told from steering that is late or wrongly reported."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from support.scripted_car import Rig
 
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.gateway.perceive.monitors.actuators import ReversedMonitor
+from hil_gateway.gateway.perceive.monitors.actuators import FollowingMonitor, ReversedMonitor
 
 SPEED = 40.0
 CAR = Vehicle()
@@ -69,3 +69,34 @@ def test_steering_that_is_late_slow_or_stuck_is_not_taken_for_reversed(turned: M
 
 def test_a_steering_sensor_with_the_wrong_sign_does_not_reverse_the_steering() -> None:
     assert not finds(reversed_steering, late)
+
+
+def noticed_s(reported: Motor) -> float:
+    """Time from when a slow bend begins (10 deg/s at the motor, up to 7 deg) until the steering counts as stuck."""
+    rig = Rig()
+    rig.run(0.05)
+    state, monitor = rig.gateway.seen[0], FollowingMonitor(CAR)
+    for tick in range(-100, 200):
+        commanded = Actuators(bend(tick), 0.0, 0.0, 0.0, 6)
+        steer = round(reported(tick) / STEP_RAD) * STEP_RAD / CAR.steering_ratio
+        follows = monitor.step((tick + 101) * 10_000_000, state.model_copy(update={"steer": steer}), commanded)
+        if follows.steering > 0.0:
+            return 0.01 * tick
+    return math.inf
+
+
+STEP_RAD = math.radians(0.5)
+"""resolution of the sensor"""
+
+
+def bend(tick: int) -> float:
+    return math.radians(min(max(0.1 * tick, 0.0), 7.0))
+
+
+def test_steering_that_stands_still_in_a_slow_bend_is_noticed_within_half_a_second() -> None:
+    assert noticed_s(lambda tick: 0.0) <= 0.5
+
+
+@pytest.mark.parametrize("offset_deg", [-5.0, 0.0, 5.0])
+def test_steering_that_follows_late_and_with_an_offset_is_not_stuck(offset_deg: float) -> None:
+    assert noticed_s(lambda tick: bend(tick - LATE) + math.radians(offset_deg)) == math.inf
