@@ -14,7 +14,7 @@ from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.config import Config
 from hil_gateway.plant.car_file import SimulatedCar
 from planner.simulation.loop import Loop
-from verification.fault_simulation.best_stop import best_stop, in_a_copy
+from verification.fault_simulation.best_stop import Best, best_stop, in_a_copy
 from verification.fault_simulation.car_fault_injection import SimulatedFault
 from verification.fault_simulation.car_faults import CAR_FAULTS, CarFault
 
@@ -61,6 +61,8 @@ class FaultResult:
     """the same until the stop began"""
     why: str = ""
     """why it left the road; empty where it did not"""
+    best: str = ""
+    """the stop that would have kept it there, where there is one"""
 
     @property
     def pair(self) -> bool:
@@ -117,20 +119,25 @@ class Run:
         margin = referee.worst_margin_m
         return asdict(FaultResult(name, begin_s, speed, noticed_s, cause, standing, margin, before))
 
-    def why_off(self, result: FaultResult) -> str:
-        """Why the car of `result` left the road, by the plant alone."""
+    def why_off(self, result: FaultResult) -> dict[str, str]:
+        """Why the car of `result` left the road, by the plant alone, and the stop that would not have."""
         self._begin(self.faults[0])
         while not self.injector.shows and not self._stopping:
             self.loop.step()
-        if best_stop(self.loop.plant, self.config, self.faults[0].actuate).margin_m < 0.0:
-            return PHYSICS
+        best = self._best_stop()
+        if best.margin_m < 0.0:
+            return {"why": PHYSICS}
         if result.noticed_s is None:
-            return UNNOTICED
+            return {"why": UNNOTICED, "best": best.stop}
         while not self._stopping:
             self.loop.step()
-        in_time = result.margin_unnoticed_m >= 0.0
-        in_time = in_time and best_stop(self.loop.plant, self.config, self.faults[0].actuate).margin_m >= 0.0
-        return STOP if in_time else LATE
+        from_then_on = self._best_stop()
+        if result.margin_unnoticed_m >= 0.0 and from_then_on.margin_m >= 0.0:
+            return {"why": STOP, "best": from_then_on.stop}
+        return {"why": LATE, "best": best.stop}
+
+    def _best_stop(self) -> Best:
+        return best_stop(self.loop.plant, self.config, self.faults[0].actuate)
 
     @property
     def _stopping(self) -> bool:
@@ -157,7 +164,7 @@ def campaign(  # noqa: PLR0917 - what a campaign is
         for number, pair in list(enumerate(faults))[point % shares :: shares]:
             run = Run(loop, config, injector, pair, 1000 * point + number)
             result = FaultResult(**in_a_copy(run.simulate))
-            yield result if result.margin_m >= 0.0 else replace(result, why=in_a_copy(partial(run.why_off, result)))
+            yield result if result.margin_m >= 0.0 else replace(result, **in_a_copy(partial(run.why_off, result)))
 
 
 def run_campaign(points: int, seed: int = 0) -> dict[str, Any]:
