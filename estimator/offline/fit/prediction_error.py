@@ -155,7 +155,7 @@ def _descended(point: Point, iterations: int, least: float, settled: float) -> t
     damping, relief = 1e-4, RELIEF
     for _ in range(iterations):
         trial, fall = coordinates.damped_step(normal, point.parameters, damping)
-        if fall < settled:
+        if 0.0 <= fall < settled:  # a step that its bounds cut short may be predicted to climb
             break
         tried = Point.at(predictor, trial, point.noise)
         new = tried.normal()
