@@ -98,10 +98,9 @@ def accumulate(error: Array, sensitivity: WindowColumns, lap: Ints) -> tuple[Arr
     by_window = sensitivity.values.transpose(1, 2, 0, 3)
     products = by_window.swapaxes(2, 3) @ by_window
     pulls = (by_window.swapaxes(2, 3) @ error.transpose(1, 0, 2)[..., None])[..., 0]
-    squares = np.array([np.bincount(lap, row, laps) for row in (error**2).sum(axis=2)], np.float64)
-    gradient, hessian = np.zeros((laps, p, 5)), np.zeros((laps, p, p, 5))
-    for w, number in enumerate(lap.tolist()):
-        own = places[w]
-        gradient[number, own] += pulls[w].T
-        hessian[number, own[:, None], own] += products[w].transpose(1, 2, 0)
-    return squares, gradient.transpose(2, 0, 1).copy(), hessian.transpose(3, 0, 1, 2).copy()
+    squares = np.array([np.bincount(lap, row, laps) for row in (error**2).sum(axis=2)])
+    entry = lap[:, None] * p + places
+    pair = (entry[:, :, None] * p + places[:, None]).ravel()
+    gradient = [np.bincount(entry.ravel(), pulls[:, c].ravel(), laps * p) for c in range(5)]
+    hessian = [np.bincount(pair, products[:, c].ravel(), laps * p * p) for c in range(5)]
+    return squares, np.reshape(gradient, (5, laps, p)), np.reshape(hessian, (5, laps, p, p))
