@@ -103,27 +103,28 @@ class ReversedMonitor:
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
         self._reported: deque[float] = deque(maxlen=WINDOW)
-        self._asked: deque[float] = deque(maxlen=ANSWER)
+        self._asked: deque[float] = deque(maxlen=WINDOW)
         self.found = False
         """until the car stands"""
 
-    def step(self, state: VehicleState, speed: float, commanded: Actuators | None, outside: bool) -> None:
-        """`outside`: the reported angle is outside of the commands of the last 0.4 s; once a period."""
-        motor = state.steer * self._vehicle.steering_ratio
-        self._reported.append(motor)
+    def step(self, state: VehicleState, speed: float, commanded: Actuators | None) -> None:
+        """`commanded` stands on the wire, None while the car does not obey; once a period."""
         self.found = self.found and speed > 0.0
         if commanded is None:
             self._asked.clear()
+            self._reported.clear()
             return
+        motor = state.steer * self._vehicle.steering_ratio
         self._asked.append(commanded.steering_motor)
-        if not outside or speed < JUDGED_FROM:
-            return
+        self._reported.append(motor)
         side = 1.0 if commanded.steering_motor > 0.0 else -1.0
         went = side * (self._reported[0] - motor) > STEERING
-        mirrored = side * motor < 0.0 and min(self._asked) - STEERING < -motor < max(self._asked) + STEERING
-        turns = -side * state.yaw_rate > TURNS * speed * abs(math.tan(state.steer)) / self._vehicle.wheelbase
-        imu = state.sources["imu"].valid
-        self.found = self.found or (went and mirrored and turns and imu)
+        if went and side * motor < 0.0 and speed > JUDGED_FROM and state.sources["imu"].valid:
+            asked = list(self._asked)
+            outside = not min(asked) - STEERING <= motor <= max(asked) + STEERING
+            mirrored = min(asked[-ANSWER:]) - STEERING < -motor < max(asked[-ANSWER:]) + STEERING
+            turns = -side * state.yaw_rate > TURNS * speed * abs(math.tan(state.steer)) / self._vehicle.wheelbase
+            self.found = self.found or (outside and mirrored and turns)
 
 
 class AccelerationMonitor:
