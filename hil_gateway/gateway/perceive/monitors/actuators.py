@@ -19,8 +19,8 @@ STILL = 0.009
 """rad at the motor (0.5 deg) within which a steering sensor stays that does not move"""
 ASKED = 0.05
 """rad at the motor (3 deg) of change in its command after which steering that works has moved, whatever its offset"""
-ANSWER = 15
-"""periods within which steering need not have answered yet"""
+ANSWER = 20
+"""periods (0.2 s) within which steering need not have answered yet: twice its delay, lag and the way of its report"""
 ACCELERATOR = 0.12
 BRAKES = 0.7e6
 """Pa: 12 % of full pressure, the scatter of pads and lines"""
