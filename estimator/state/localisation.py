@@ -13,7 +13,7 @@ from math import cos, hypot, sin
 
 import numpy as np
 
-from estimator.state.filter_steps import BIAS_AY, BIAS_YAW_RATE, STATES, VX, VY, YAW
+from estimator.state.filter_steps import BIAS_YAW_RATE, STATES, VX, VY, YAW
 from estimator.state.state_filter import Imu, StateFilter, course
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
@@ -101,7 +101,7 @@ class Localisation:
             f.update_standstill(self._imu(state))
         elif _fresh(state, "wheel_speeds"):
             f.update_wheel_speeds(front, rear, state.steer, state.drive)
-            f.update_rear_slip(state.ay - float(f.mean[BIAS_AY]))
+            f.update_rear_slip(f.specific_force(state.ax, state.ay)[1])
         if fix is not None:
             accepted = f.update_position(*fix) is not None
             self._refused = 0 if accepted else self._refused + 1
@@ -140,13 +140,14 @@ class Localisation:
 
     def _estimate(self, state: VehicleState, seq: int) -> Estimate:
         f = self.filter
-        x, y, yaw, vx, vy, bax, bay, br, *_ = f.mean.tolist()
+        x, y, yaw, vx, vy, _, _, br, *_ = f.mean.tolist()
+        fx, fy = f.specific_force(state.ax, state.ay)
         std = f.std().tolist()
         valid = self._started and not self._lost and state.valid and max(std[0], std[1]) < MAX_POSITION_STD
         return Estimate(
             stamp_ns=state.stamp_ns, seq=seq, state_stamp_ns=state.stamp_ns, valid=valid,
             x=x, y=y, yaw=yaw, vx=vx, vy=vy, yaw_rate=f.yaw_rate,
-            bias_ax=bax, bias_ay=bay, bias_yaw_rate=br,
+            bias_ax=state.ax - fx, bias_ay=state.ay - fy, bias_yaw_rate=br,
             std=(*std[:5], f.yaw_rate_std, *std[5:8]),
             steer=state.steer, drive=state.drive, innovations_rejected=f.rejected,
         )  # fmt: skip

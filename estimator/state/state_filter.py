@@ -7,6 +7,7 @@ The IMU drives the prediction, so the filter does not depend on the tyre model i
     bias_ax, bias_ay, bias_yaw_rate    IMU biases, m/s2 and rad/s
     wheel_scale                    (indicated wheel speed) / (true) - 1: rolling radius
     slope_share                    share of the declared track map's grade and bank that is real
+    imu_turn                       angle of the IMU about the vertical axis, rad
 
 The yaw rate is the bias-corrected gyro. Gravity on grade and bank comes from the declared track map, which may be
 wrong as a whole (a flat road under a hilly map): the share of it that is real is estimated too. Every measurement is
@@ -16,13 +17,22 @@ gated by its normalised innovation squared (Bar-Shalom, Estimation with Applicat
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, isfinite, sqrt
+from math import atan2, cos, isfinite, sin, sqrt
 
 import numpy as np
 
 from estimator.model.compiled import CompiledFunction
 from estimator.state import filter_steps
-from estimator.state.filter_steps import BIAS_YAW_RATE, STATES, FilterNoise, step_function
+from estimator.state.filter_steps import (
+    BIAS_AX,
+    BIAS_AY,
+    BIAS_YAW_RATE,
+    IMU_TURN,
+    STATES,
+    FilterNoise,
+    levelled,
+    step_function,
+)
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 
@@ -56,12 +66,12 @@ class StateFilter:
     def initialise(self, x: float, y: float, yaw: float, vx: float = 0.0, yaw_std: float | None = None) -> None:
         """Start at a position fix with a heading that may be wrong by `yaw_std` (default: `initial_yaw`)."""
         n = self.noise
-        self.mean = np.array([x, y, yaw, vx, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+        self.mean = np.array([x, y, yaw, vx, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
         yaw_std = n.initial_yaw if yaw_std is None else yaw_std
         std = np.array([
             n.initial_position, n.initial_position, yaw_std, n.initial_speed, n.initial_speed + 0.1 * abs(vx),
             n.initial_bias_accel, n.initial_bias_accel, n.initial_bias_yaw_rate, n.initial_wheel_scale,
-            n.initial_slope_share,
+            n.initial_slope_share, n.initial_imu_turn,
         ])  # fmt: skip
         self.covariance = np.diag(std**2)
 
@@ -87,8 +97,14 @@ class StateFilter:
         """Wheels at rest: no velocity, no yaw rate; the gyro and the accelerometers show their biases."""
         self._apply(self._standstill, imu.ax, imu.ay, imu.yaw_rate, imu.gravity_x, imu.gravity_y)
 
+    def specific_force(self, ax: float, ay: float) -> tuple[float, float]:
+        """Of the car, along its axes, m/s2, from what the accelerometers read."""
+        m = self.mean
+        fx, fy = levelled(ax - m[BIAS_AX], ay - m[BIAS_AY], cos(m[IMU_TURN]), sin(m[IMU_TURN]))
+        return float(fx), float(fy)
+
     def std(self) -> Array:
-        """Standard deviations of `STATES`, shape (10,)."""
+        """Standard deviations of `STATES`, shape (11,)."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
     @property

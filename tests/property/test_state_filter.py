@@ -33,14 +33,15 @@ class Drive:
         accel_std = np.hypot(noise.accel, noise.accel_model)
         walk = np.array([
             noise.bias_accel_walk, noise.bias_accel_walk, noise.bias_yaw_rate_walk,
-            noise.wheel_scale_walk, noise.slope_share_walk,
+            noise.wheel_scale_walk, noise.slope_share_walk, noise.imu_turn_walk,
         ]) * np.sqrt(DT)  # fmt: skip
         start = initial_std()[5:]
-        drift = rng.normal(0, start) + np.cumsum(rng.normal(0, walk, (n + 1, 5)), axis=0)
+        drift = rng.normal(0, start) + np.cumsum(rng.normal(0, walk, (n + 1, 6)), axis=0)
         drift[:, 4] += 1.0
         # an inertial unit reports increments: the mean over the sample
         self.imu = np.column_stack([(0.5 * (s[1:] + s[:-1])).reshape(n, FINE).mean(axis=1) for s in (ax, ay, rate)])
-        self.imu[:, :2] -= self.gravity[1:] * drift[:-1, 4:]
+        self.imu[:, :2] -= self.gravity[1:] * drift[:-1, 4:5]
+        self.imu[:, :2] = self._turned(self.imu[:, :2], drift[:-1, 5])
         self.imu += drift[:-1, :3] + rng.normal(0, [accel_std, accel_std, noise.yaw_rate], (n, 3))
         self.truth = np.column_stack([a[::FINE] for a in (x, y, yaw, self.vx, self.vy)] + [drift])
         late = noise.position_delay * self.truth[:, VX] * rng.normal(0, 1, n + 1)
@@ -48,6 +49,12 @@ class Drive:
         self.fixes = self.truth[:, :2] + rng.normal(0, noise.position, (n + 1, 2)) + late[:, None] * way
         self.wheels = self.truth[:, [VX, VX]] * (1 + self.truth[:, [8, 8]])
         self.wheels = self.wheels + rng.normal(0, noise.wheel_speed, (n + 1, 2))
+
+    @staticmethod
+    def _turned(force: np.ndarray, left: np.ndarray) -> np.ndarray:
+        """As a unit feels it that is turned to the left."""
+        c, s = np.cos(left), np.sin(left)
+        return np.column_stack([c * force[:, 0] + s * force[:, 1], c * force[:, 1] - s * force[:, 0]])
 
     @staticmethod
     def _waves(rng: np.random.Generator, t: np.ndarray, size: float, top_hz: float) -> np.ndarray:
@@ -64,7 +71,7 @@ def initial_std() -> np.ndarray:
     return np.array([
         n.initial_position, n.initial_position, n.initial_yaw, n.initial_speed, n.initial_speed,
         n.initial_bias_accel, n.initial_bias_accel, n.initial_bias_yaw_rate, n.initial_wheel_scale,
-        n.initial_slope_share,
+        n.initial_slope_share, n.initial_imu_turn,
     ])  # fmt: skip
 
 
@@ -72,7 +79,7 @@ def started(drive: Drive, rng: np.random.Generator) -> StateFilter:
     f = StateFilter(Vehicle())
     f.covariance = np.diag(initial_std() ** 2)
     f.mean = drive.truth[0] + rng.normal(0, initial_std())
-    f.mean[5:] = [0.0, 0.0, 0.0, 0.0, 1.0]
+    f.mean[5:] = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
     return f
 
 
