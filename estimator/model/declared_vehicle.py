@@ -44,7 +44,13 @@ YAW_INERTIA = Effect(
     source="Eq. (1)",
     parameters=(
         Parameter(
-            "factor", "1", 1.0, 0.2, 0.4, 2.5, "true over declared yaw inertia",
+            "factor",
+            "1",
+            1.0,
+            0.2,
+            0.4,
+            2.5,
+            "true over declared yaw inertia",
             Plausible(0.5, 2.0, "same kind of car; a swing test is good to 5 %", 0.05),
         ),
     ),

@@ -40,7 +40,7 @@ def delayed(t: Array, signal: Array, delay: float) -> Array:
 
 
 def relaxed(t: Array, signal: Array, time_constant: Array) -> Array:
-    """First-order lag of `signal`, shape (n,), with a time constant, s, that may change from sample to sample.
+    """First-order lag of one or more signals (..., n), with a time constant, s, that may change from sample to sample.
 
     The input is taken as linear between samples (exact for a ramp), so the result does not depend on the rate.
     """
@@ -48,17 +48,17 @@ def relaxed(t: Array, signal: Array, time_constant: Array) -> Array:
     decay = np.exp(-ratio)
     slope_gain = np.where(ratio > 1e-6, 1.0 - (1.0 - decay) / np.maximum(ratio, 1e-12), 0.5 * ratio)
     # y[i] = decay y[i-1] + (1 - decay) u[i-1] + slope_gain (u[i] - u[i-1])
-    drive = (1.0 - decay) * signal[:-1] + slope_gain * np.diff(signal)
-    return _recursion(signal[0], decay, drive)
+    drive = (1.0 - decay) * signal[..., :-1] + slope_gain * np.diff(signal)
+    return _recursion(signal[..., :1], decay, drive)
 
 
-def _recursion(first: float, decay: Array, drive: Array) -> Array:
+def _recursion(first: Array, decay: Array, drive: Array) -> Array:
     """y[0] = first, y[i+1] = decay[i] y[i] + drive[i]; a linear scan that doubles its reach every pass."""
     gain = np.concatenate(([1.0], decay))
-    value = np.concatenate(([first], drive))
+    value = np.concatenate((first, drive), axis=-1)
     reach = 1
-    while reach < len(value) and np.max(np.abs(gain[reach:])) > 1e-14:
-        value = np.concatenate((value[:reach], value[reach:] + gain[reach:] * value[:-reach]))
-        gain = np.concatenate((gain[:reach], gain[reach:] * gain[:-reach]))
+    while reach < len(gain) and np.max(np.abs(gain[reach:])) > 1e-14:
+        value[..., reach:] += gain[reach:] * value[..., :-reach]
+        gain[reach:] *= gain[:-reach]
         reach *= 2
     return value

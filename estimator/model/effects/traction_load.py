@@ -27,9 +27,11 @@ EFFECT = Effect(
             0.0,
             0.5,
             0.0,
-            1.5,
+            3.0,
             "relative gain of C_x per relative gain of load",
-            Plausible(0.0, 1.4, "in proportion to the load 1"),
+            Plausible(
+                0.0, 2.0, "1 in proportion to the load; more where K_xk / F_z grows with it: positive p_Kx2, p_Kx3"
+            ),
         ),
     ),
     channels=("ax", "vx_dot"),

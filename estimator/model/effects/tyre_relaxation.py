@@ -30,11 +30,10 @@ def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[f
     vx, vy, rate = signals["vx"], signals["vy"], signals["yaw_rate"]
     speed = np.maximum(vx, SLOWEST)
     steer = signals["steer"] + signals.get("steer_shift", 0.0)
-    slips = {
-        "relaxation_f": steer - np.arctan((vy + vehicle.lf * rate) / speed),
-        "relaxation_r": -np.arctan((vy - vehicle.lr * rate) / speed),
-    }
-    return {name: relaxed(signals["t"], slip, parameters[0] / speed) - slip for name, slip in slips.items()}
+    front, rear = steer - np.arctan((vy + vehicle.lf * rate) / speed), -np.arctan((vy - vehicle.lr * rate) / speed)
+    slips = np.stack([front, rear])
+    lag = relaxed(signals["t"], slips, parameters[0] / speed) - slips
+    return dict(zip(("relaxation_f", "relaxation_r"), lag, strict=True))
 
 
 EFFECT = Effect(

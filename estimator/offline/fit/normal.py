@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from estimator.offline.record.window_columns import WindowColumns
 from hil_gateway.process.arrays import Array, Ints
 
 RIDGE = 1e-10
@@ -72,46 +73,34 @@ class Normal:
             found.append((_solve(precision, pull + self.prior_pull), np.linalg.pinv(precision, hermitian=True)))
         return found
 
-    def squares_after(self, step: Array, lap: int | None = None) -> Array:
-        """(5, laps) or (5,) squares after `step`, by the quadratic."""
-        which = slice(None) if lap is None else slice(lap, lap + 1)
-        change = -2 * self.gradient[:, which] @ step + np.einsum(
-            "i,clij,j->cl", step, self.hessian[:, which], step, optimize=True
-        )
-        out: Array = np.maximum(self.squares[:, which] + change, 0.0)
-        return out if lap is None else out[:, 0]
-
     def held_out(self, variance: Array) -> Array:
         """(5, laps) squares of each lap predicted by a fit to all the others."""
-        total, pull = self.precision(variance), self.pull(variance)
-        out = np.empty_like(self.squares)
-        for lap in range(self.squares.shape[1]):
-            own = np.einsum("cij,c->ij", self.hessian[:, lap], 1 / variance)
-            own_pull = np.einsum("ci,c->i", self.gradient[:, lap], 1 / variance)
-            out[:, lap] = self.squares_after(_solve(total - own, pull - own_pull), lap)
-        return out
+        own, pulls = np.einsum("clij,c->lij", self.hessian, 1 / variance), self.gradient.T @ (1 / variance)
+        steps = _solve(self.precision(variance) - own, self.pull(variance) - pulls.T)
+        along = (self.hessian @ steps[:, :, None])[..., 0] - 2.0 * self.gradient
+        return np.asarray(np.maximum(self.squares + (along * steps).sum(axis=2), 0.0))
 
 
 def _solve(precision: Array, pull: Array) -> Array:
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    scaled = precision * scale[:, None] * scale + RIDGE * np.eye(len(pull))
-    step: Array = np.linalg.solve(scaled, pull * scale) * scale
+    """(..., p) solutions of one or more systems (..., p, p)."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(precision, axis1=-2, axis2=-1), 1e-300))
+    scaled = precision * scale[..., :, None] * scale[..., None, :] + RIDGE * np.eye(pull.shape[-1])
+    step: Array = np.linalg.solve(scaled, (pull * scale)[..., None])[..., 0] * scale
     return step
 
 
-def accumulate(error: Array, jacobian: Array, lap: Ints) -> tuple[Array, Array, Array]:
-    """Squares, gradient and hessian per channel and lap from residual (5, w, b) and sensitivity (5, p, w, b).
+def accumulate(error: Array, sensitivity: WindowColumns, lap: Ints) -> tuple[Array, Array, Array]:
+    """Squares, gradient and hessian per channel and lap from the residual (5, w, b) and its sensitivity.
 
-    The predictor leaves the parameters of one block side by side in memory: rows of a product are taken in that order.
+    Every window adds the products of its own columns.
     """
-    laps, p = int(lap.max()) + 1, jacobian.shape[1]
-    by_block, residual = jacobian.transpose(0, 3, 2, 1), error.transpose(0, 2, 1)
-    squares, gradient, hessian = np.zeros((5, laps)), np.zeros((5, laps, p)), np.zeros((5, laps, p, p))
-    for number in range(laps):
-        own = lap == number
-        for c in range(5):
-            j, e = by_block[c][:, own].reshape(-1, p), residual[c][:, own].ravel()
-            squares[c, number] = e @ e
-            gradient[c, number] = e @ j
-            hessian[c, number] = j.T @ j
-    return squares, gradient, hessian
+    laps, p, places = int(lap.max()) + 1, sensitivity.size, sensitivity.parameters
+    by_window = sensitivity.values.transpose(1, 2, 0, 3)
+    products = by_window.swapaxes(2, 3) @ by_window
+    pulls = (by_window.swapaxes(2, 3) @ error.transpose(1, 0, 2)[..., None])[..., 0]
+    squares = np.array([np.bincount(lap, row, laps) for row in (error**2).sum(axis=2)])
+    entry = lap[:, None] * p + places
+    pair = (entry[:, :, None] * p + places[:, None]).ravel()
+    gradient = [np.bincount(entry.ravel(), pulls[:, c].ravel(), laps * p) for c in range(5)]
+    hessian = [np.bincount(pair, products[:, c].ravel(), laps * p * p) for c in range(5)]
+    return squares, np.reshape(gradient, (5, laps, p)), np.reshape(hessian, (5, laps, p, p))

@@ -7,7 +7,7 @@ outweigh the others. Normal equations are kept per held-out group: leaving one o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,11 +16,18 @@ from estimator.offline.fit.steps import Coordinates
 from estimator.offline.predict.linearised import Linearised, linearised
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import Noise, likeliest
+from estimator.offline.record.record import Record
+from estimator.offline.record.window_columns import WindowColumns
 from hil_gateway.process.arrays import Array
 
 MAX_ITERATIONS = 14
 CONVERGED = 0.3, 1e-4
 """A step that lowers the deviance by less, absolutely or relative to all it was lowered by, ends the fit."""
+SETTLED = 0.01
+"""Predicted fall of the deviance below which a fit that is reported has ended: no parameter would move by more than a
+tenth of its standard deviation."""
+REWEIGH_ABOVE = 0.1
+"""A fit goes on with the deviations that its residuals show if these changed by more than a tenth."""
 RELIEF = 10.0
 """by which damping falls after a good step; its root after each step that was too long"""
 
@@ -51,39 +58,66 @@ class Fit:
         """(5,) standard deviation of the residuals of each channel."""
         return np.sqrt(self.normal.variance)
 
-    def new_noise(self) -> Noise:
-        """The noise that the residuals show."""
-        at = evaluate(self.predictor, self.parameters, self.noise)
-        deviation = np.maximum(self.deviation / at.innovations.scale, self.predictor.record.block_noise)
-
-        def deviance(noise: Noise) -> float:
-            error, _ = at.error_under(noise)
-            return float(np.log(np.mean(error[at.record.used] ** 2, axis=(1, 2))).sum())
-
-        return likeliest(Noise(deviation, self.noise.drift), at.record.used, deviance)
-
     def held_out(self) -> Array:
         """(5, laps) sum of squared residuals of each lap, predicted by a fit to all the others."""
         return self.normal.held_out(self.normal.variance)
 
 
-def evaluate(predictor: Predictor, parameters: Array, noise: Noise) -> Linearised:
-    """Residual and sensitivity of the measured signals."""
-    return linearised(predictor.record, *predictor.linearise(parameters), noise)
+@dataclass(frozen=True)
+class Point:
+    """A model linearised at some parameters (p,): what it leaves under one noise, and its columns under any."""
+
+    predictor: Predictor
+    parameters: Array
+    noise: Noise
+    left: Linearised
+    columns: WindowColumns
+
+    @classmethod
+    def at(cls, predictor: Predictor, parameters: Array, noise: Noise) -> Point:
+        """Evaluate the model there."""
+        values, state_by, columns = predictor.linearise(parameters)
+        left = linearised(predictor.record, values, state_by, noise)
+        return cls(predictor, parameters, noise, left, columns)
+
+    @property
+    def sensitivity(self) -> WindowColumns:
+        """Of the measured signals, whitened."""
+        return self.left.sensitivity(self.columns)
+
+    def normal(self) -> Normal:
+        """Normal equations."""
+        record, predictor = self.predictor.record, self.predictor
+        precision = predictor.prior_precision
+        return Normal(
+            *accumulate(self.left.error, self.sensitivity, record.lap), residual_counts(record),
+            precision, -precision @ (self.parameters - predictor.prior), record.block_noise**2,
+        )  # fmt: skip
+
+    def under(self, noise: Noise) -> Point:
+        """The same with other noise."""
+        return replace(self, noise=noise, left=self.left.under(noise))
+
+    def likeliest_noise(self, deviation: Array) -> Noise:
+        """The noise that the residuals show; `deviation` (5,) of the whitened ones."""
+        used = self.predictor.record.used
+        white = np.maximum(deviation / self.left.innovations.scale, self.predictor.record.block_noise)
+
+        def deviance(noise: Noise) -> float:
+            error, _ = self.left.error_under(noise)
+            return float(np.log(np.mean(error[used] ** 2, axis=(1, 2))).sum())
+
+        return likeliest(Noise(white, self.noise.drift), used, deviance)
 
 
-def normal_at(predictor: Predictor, parameters: Array, noise: Noise) -> tuple[Normal, Linearised]:
-    """Normal equations at `parameters`."""
-    record = predictor.record
-    laps = int(record.lap.max()) + 1
-    count = np.array([np.count_nonzero(record.lap == lap) for lap in range(laps)]) * float(record.rows.shape[1])
-    precision = predictor.prior_precision
-    at = evaluate(predictor, parameters, noise)
-    normal = Normal(
-        *accumulate(at.error, at.sensitivity, record.lap), count,
-        precision, -precision @ (parameters - predictor.prior), record.block_noise**2,
-    )  # fmt: skip
-    return normal, at
+def residual_counts(record: Record) -> Array:
+    """(laps,) residuals of a channel in each group that is held out together."""
+    return np.asarray(np.bincount(record.lap).astype(np.float64) * record.rows.shape[1])
+
+
+def residual(predictor: Predictor, parameters: Array, noise: Noise) -> Array:
+    """(5, windows, blocks) what the model leaves of the measured signals, whitened."""
+    return linearised(predictor.record, *predictor.linearise_motion(parameters), noise).error
 
 
 def fit(
@@ -91,23 +125,41 @@ def fit(
     start: Array,
     noise: Noise | None = None,
     iterations: int = MAX_ITERATIONS,
+    *,
     least: float = CONVERGED[0],
+    settled: float = SETTLED,
+    reweighings: int = 0,
 ) -> Fit:
     """Fit all parameters from `start`; `noise` weighs the channels, default: that of the sensors.
 
-    A step that lowers the deviance by less than `least` is the last.
+    A step that lowers the deviance by less than `least` is the last; one that would by less than `settled` is not made.
+    At the end the noise is estimated from the residuals up to `reweighings` times, and the fit goes on from there.
     """
     noise = noise or Noise.white(predictor.record.block_noise)
-    lower, upper = predictor.bounds
-    at = np.clip(start, lower, upper)
-    coordinates = Coordinates.of([p.name for p in predictor.model.tyre_table], lower, upper)
-    normal, _ = normal_at(predictor, at, noise)
-    first = best = _objective(predictor, normal, at)
+    point = Point.at(predictor, np.clip(start, *predictor.bounds), noise)
+    point, normal = _descended(point, iterations, least, settled)
+    for _ in range(reweighings):
+        found = point.likeliest_noise(np.sqrt(normal.variance))
+        if found.close_to(point.noise, REWEIGH_ABOVE):
+            break
+        point, normal = _descended(point.under(found), iterations, least, settled)
+    return Fit(predictor, point.parameters, normal, point.noise)
+
+
+def _descended(point: Point, iterations: int, least: float, settled: float) -> tuple[Point, Normal]:
+    """The minimum from `point` on, and the normal equations there."""
+    predictor = point.predictor
+    coordinates = Coordinates.of([p.name for p in predictor.model.tyre_table], *predictor.bounds)
+    normal = point.normal()
+    first = best = _objective(point, normal)
     damping, relief = 1e-4, RELIEF
     for _ in range(iterations):
-        trial = coordinates.damped_step(normal, at, damping)
-        new, _ = normal_at(predictor, trial, noise)
-        value = _objective(predictor, new, trial)
+        trial, fall = coordinates.damped_step(normal, point.parameters, damping)
+        if 0.0 <= fall < settled:  # a step that its bounds cut short may be predicted to climb
+            break
+        tried = Point.at(predictor, trial, point.noise)
+        new = tried.normal()
+        value = _objective(tried, new)
         if not np.isfinite(value) or value > best:
             if value < best + least:
                 break
@@ -116,15 +168,15 @@ def fit(
                 break
             continue
         gained, best, damping = best - value, value, damping / relief
-        at, normal = trial, new
+        point, normal = tried, new
         if gained < least + CONVERGED[1] * (first - best):
             break
-    return Fit(predictor, at, normal, noise)
+    return point, normal
 
 
-def _objective(predictor: Predictor, normal: Normal, at: Array) -> float:
+def _objective(point: Point, normal: Normal) -> float:
     """Minus twice the log posterior, up to a constant."""
-    off = at - predictor.prior
+    off = point.parameters - point.predictor.prior
     variance, count = normal.variance, normal.count.sum()
     data = (normal.squares.sum(1) / variance + count * np.log(variance)).sum()
     return float(data + off @ normal.prior @ off)

@@ -43,8 +43,11 @@ class Coordinates:
         places = tuple((tyre.index(f"b{a}"), tyre.index(f"c{a}"), tyre.index(f"d{a}")) for a in axles)
         return cls(places, scales, lower, upper)
 
-    def damped_step(self, normal: Normal, at: Array, damping: float) -> Array:
-        """Next parameters: a Levenberg-Marquardt step in which what would leave its bounds goes just there."""
+    def damped_step(self, normal: Normal, at: Array, damping: float) -> tuple[Array, float]:
+        """Next parameters, and the fall of the deviance that the quadratic predicts.
+
+        A Levenberg-Marquardt step in which what would leave its bounds goes just there.
+        """
         tangent = self._tangent(at)
         total = tangent.T @ normal.precision(normal.variance) @ tangent
         pull = tangent.T @ normal.pull(normal.variance)
@@ -58,7 +61,7 @@ class Coordinates:
                 break
             step[outside] = np.clip(step, low, high)[outside]
             free &= ~outside
-        return np.clip(self._advance(at, step), self.lower, self.upper)
+        return np.clip(self._advance(at, step), self.lower, self.upper), float(step @ (2.0 * pull - total @ step))
 
     def _tangent(self, at: Array) -> Array:
         """(p, p) derivative of the parameters by the step coordinates."""

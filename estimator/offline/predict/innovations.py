@@ -27,6 +27,8 @@ START_ERRORS = 2.0
 UNKNOWN_START = np.array([1.0, 0.5, 0.1])
 """The same for a state whose sensor is not used: m/s, m/s, rad/s."""
 NOT_MEASURED = 1e12
+FROM_CHANNELS = [0, 1, 2, 6, 7, 5, 3, 4]
+"""Columns of a step for the state error and the channels (ax, ay, d/dt of yaw rate, vx, vy)."""
 
 
 @dataclass(frozen=True)
@@ -45,20 +47,16 @@ class Innovations:
     @classmethod
     def make(cls, record: Record, propagator: Propagator, forces_by: Array, noise: Noise) -> Innovations:
         """Gains of all blocks; `forces_by` (2, 3, windows, blocks) are the derivatives of ax, ay by the states."""
-        H, G, A, gain = (
-            np.moveaxis(m, 1, 0)
-            for m in (propagator.mean_decay, propagator.mean_gain, propagator.decay, propagator.gain)
-        )
-        F = np.moveaxis(forces_by, (0, 1, 2, 3), (2, 3, 1, 0))
+        H, A, G = (_by_block(m) for m in (propagator.mean_decay, propagator.decay, propagator.mean_gain))
+        F = forces_by.swapaxes(2, 3)
         variance = np.where(record.used, noise.deviation**2, NOT_MEASURED)
         gains, relative, after = _riccati(record, H, A, variance[STATE_ROWS], noise)
-        K, T = _joint(H, gains)
-        felt = F @ H
-        relative_forces = 1.0 + np.einsum("bwij,bwjk,bwik->bwi", felt, after, felt) / variance[:2]
-        ratio = np.concatenate([relative_forces, relative[..., [2, 0, 1]]], axis=-1)
-        scale = np.exp(0.5 * np.mean(np.log(ratio), axis=(0, 1)))
-        weight = scale / np.sqrt(ratio) * record.used
-        return cls(_maps((H, G, A, gain), F, (K, T), weight), scale)
+        felt = _product(F, H)
+        relative_forces = 1.0 + (_product(felt, after) * felt).sum(axis=1) / variance[:2, None, None]
+        ratio = np.concatenate([relative_forces, relative[[2, 0, 1]]])
+        scale = np.exp(0.5 * np.mean(np.log(ratio), axis=(1, 2)))
+        weight = scale[:, None, None] / np.sqrt(ratio) * record.used[:, None, None]
+        return cls(_maps((H, G, A), F, gains, weight), scale)
 
     def run(self, inputs: Array) -> Array:
         """(blocks, windows, 5, k) whitened innovations of `inputs` (blocks, windows, 11, k).
@@ -74,22 +72,49 @@ class Innovations:
                 inputs[b + 1, :, :3] = result[:, 5:]
         return out
 
+    def run_columns(self, columns: Array, moved: Array) -> Array:
+        """(blocks, windows, 5, c) whitened innovations of derivatives (blocks, windows, 5, c) of the channels.
+
+        `moved` (3,): change of the error of yaw rate, vx, vy over a block for a unit of its channel.
+        """
+        blocks, windows, _, c = columns.shape
+        step = self.step[..., FROM_CHANNELS] * np.concatenate([np.ones(5), moved])
+        out, inputs, result = np.empty_like(columns), np.zeros((windows, 8, c)), np.empty((windows, 8, c))
+        for b in range(blocks):
+            inputs[:, 3:] = columns[b]
+            np.matmul(step[b], inputs, out=result)
+            out[b], inputs[:, :3] = result[:, :5], result[:, 5:]
+        return out
+
+
+def _by_block(matrices: Array) -> Array:
+    """(3, 3, blocks, windows) from (windows, blocks, 3, 3): products are several times faster with samples last."""
+    return np.ascontiguousarray(matrices.transpose(2, 3, 1, 0))
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Matrix products of (i, j, blocks, windows) by (j, k, blocks, windows)."""
+    return np.asarray(np.einsum("ijbw,jkbw->ikbw", a, b))
+
 
 def _riccati(record: Record, H: Array, A: Array, variance: Array, noise: Noise) -> tuple[Array, Array, Array]:
-    """Gain of each motion signal in turn (b, w, 3 signals, 3), its innovation variance over the noise's, covariance."""
-    blocks, windows = H.shape[:2]
-    gains, relative, after = np.empty((blocks, windows, 3, 3)), np.empty((blocks, windows, 3)), np.empty_like(H)
-    walk = np.diag((record.used * noise.drift * noise.deviation**2)[STATE_ROWS])
-    P = np.broadcast_to(np.diag(_start(record, noise) ** 2), (windows, 3, 3)).copy()
+    """Gain of each motion signal in turn (3, 3 signals, b, w), its innovation variance (3, b, w) over the noise's,
+    covariance (3, 3, b, w)."""
+    blocks, windows = H.shape[2:]
+    gains, relative, after = np.empty_like(H), np.empty((3, blocks, windows)), np.empty_like(H)
+    walk = np.diag((record.used * noise.drift * noise.deviation**2)[STATE_ROWS])[:, :, None]
+    P = np.broadcast_to(np.diag(_start(record, noise) ** 2)[:, :, None], (3, 3, windows))
     for b in range(blocks):
         for i in range(3):
-            row = H[b, :, i]
-            seen = np.einsum("wij,wj->wi", P, row)
-            innovation = np.einsum("wi,wi->w", row, seen) + variance[i]
-            gains[b, :, i], relative[b, :, i] = seen / innovation[:, None], innovation / variance[i]
-            P = P - gains[b, :, i, :, None] * seen[:, None]
-        after[b] = P
-        P = A[b] @ P @ A[b].swapaxes(1, 2) + walk
+            row = H[i, :, b]
+            seen = (P * row).sum(axis=1)
+            innovation = (seen * row).sum(axis=0) + variance[i]
+            gain = seen / innovation
+            gains[:, i, b], relative[i, b] = gain, innovation / variance[i]
+            P = P - gain[:, None] * seen
+        after[:, :, b] = P
+        step = A[:, :, b]
+        P = np.einsum("ijw,ljw->ilw", np.einsum("ijw,jkw->ikw", step, P), step) + walk
     return gains, relative, after
 
 
@@ -103,32 +128,30 @@ def _start(record: Record, noise: Noise) -> Array:
 
 
 def _joint(H: Array, gains: Array) -> tuple[Array, Array]:
-    """Gain (b, w, 3, 3) by the three residuals together, and the unit triangular map that makes them independent."""
-    K = gains.swapaxes(2, 3)
-    L = H @ K
-    T = np.broadcast_to(np.eye(3), L.shape).copy()
-    T[..., 1, 0], T[..., 2, 1] = -L[..., 1, 0], -L[..., 2, 1]
-    T[..., 2, 0] = L[..., 2, 1] * L[..., 1, 0] - L[..., 2, 0]
-    return K @ T, T
+    """Gain (3, 3, b, w) by the three residuals together, and the unit triangular map that makes them independent."""
+    L = _product(H, gains)
+    T = np.broadcast_to(np.eye(3)[:, :, None, None], L.shape).copy()
+    T[1, 0], T[2, 1] = -L[1, 0], -L[2, 1]
+    T[2, 0] = L[2, 1] * L[1, 0] - L[2, 0]
+    return _product(gains, T), T
 
 
-def _maps(block: tuple[Array, Array, Array, Array], F: Array, joint: tuple[Array, Array], weight: Array) -> Array:
-    """`Innovations.step` from the block's exponentials, force derivatives, gains and weights."""
-    (H, G, A, gain), (K, T) = block, joint
-    shape, identity = H.shape[:2], np.broadcast_to(np.eye(3), H.shape)
-    # maps from [error (3), change (3), measured less predicted (ax, ay, vx, vy, yaw rate)]
-    residual = np.zeros((*shape, 3, 11))
-    residual[..., :3], residual[..., 3:6], residual[..., 8:] = -H, -G, identity
-    predicted, following = np.zeros_like(residual), np.zeros_like(residual)
-    predicted[..., :3], predicted[..., 3:6] = H, G
-    following[..., :3], following[..., 3:6] = A, gain
-    correction = K @ residual
-    mean = predicted + H @ correction
-    step = np.empty((*shape, 8, 11))
-    step[..., :2, :] = -F @ mean
-    step[..., 0, 6] += 1.0
-    step[..., 1, 7] += 1.0
-    step[..., [3, 4, 2], :] = T @ residual
-    step[..., :5, :] *= weight[..., None]
-    step[..., 5:, :] = following + A @ correction
-    return step
+def _maps(motion: tuple[Array, Array, Array], F: Array, gains: Array, weight: Array) -> Array:
+    """`Innovations.step` from the block's exponentials, force derivatives, gains and weights (5, b, w).
+
+    With the residual r = m - H e - G g of the motion (m: measured less predicted, e: state error, g: its change over
+    the block) the mean error is H e + G g + H K r and the next one A e + H g + A K r.
+    """
+    H, G, A = motion
+    K, T = _joint(H, gains)
+    AK = _product(A, K)
+    corrected = _product(F, _product(H, K))
+    felt = F - corrected
+    step = np.zeros((8, 11, *H.shape[2:]))
+    step[:2, :3], step[:2, 3:6], step[:2, 8:] = -_product(felt, H), -_product(felt, G), -corrected
+    step[0, 6], step[1, 7] = 1.0, 1.0
+    by_signal = np.concatenate([-_product(T, H), -_product(T, G), T], axis=1)
+    step[[3, 4, 2], :6], step[[3, 4, 2], 8:] = by_signal[:, :6], by_signal[:, 6:]
+    step[:5] *= weight[:, None]
+    step[5:, :3], step[5:, 3:6], step[5:, 8:] = A - _product(AK, H), H - _product(AK, G), AK
+    return np.ascontiguousarray(step.transpose(2, 3, 0, 1))

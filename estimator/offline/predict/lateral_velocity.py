@@ -46,6 +46,5 @@ def _correction(record: Record, rows: Ints, model: SingleTrack, parameters: Arra
     size = record.rows.shape[2]
     blocks = rows[: len(rows) // size * size].reshape(1, -1, size)
     one = replace(record, rows=blocks, lap=np.zeros(1, np.int64))
-    values, state_by, jacobian = Predictor(model, one).linearise(parameters)
-    at_edges = linearised(one, values, state_by, jacobian[:, :0], noise).state_errors[:, 0, VY]
+    at_edges = linearised(one, *Predictor(model, one).linearise_motion(parameters), noise).state_errors[:, 0, VY]
     return np.interp(rows, blocks[0, :, 0], at_edges)

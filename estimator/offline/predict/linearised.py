@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from estimator.offline.predict.innovations import STATE_ROWS, VY_ROW, YAW_RATE_R
 from estimator.offline.predict.propagate import MOTION, Propagator
 from estimator.offline.record.noise import Noise
 from estimator.offline.record.record import Record
+from estimator.offline.record.window_columns import WindowColumns
 from hil_gateway.process.arrays import Array
 
 
@@ -18,10 +19,9 @@ class Linearised:
     """What a model leaves of the measured signals around one set of parameters.
 
     Attributes:
-        error: (5, windows, blocks) whitened residual of the measured signals.
-        sensitivity: (5, p, windows, blocks) of the predictions by the parameters, whitened alike.
         propagator, forces_by: the motion, and the derivatives (2, 3, windows, blocks) of ax, ay by the states.
-        inputs: (blocks, windows, 11, 1 + p) of the predictor, see `Innovations`.
+        inputs: (blocks, windows, 11, 1) of the predictor, see `Innovations`.
+        error: (5, windows, blocks) whitened residual of the measured signals.
     """
 
     record: Record
@@ -30,29 +30,37 @@ class Linearised:
     innovations: Innovations
     inputs: Array
     error: Array
-    sensitivity: Array
 
     @property
     def state_errors(self) -> Array:
         """(blocks, windows, 3) predicted less smoothed vx, vy, yaw rate where each block begins."""
         return self.inputs[:, :, :3, 0]
 
-    def sensitivity_by(self, jacobian: Array) -> Array:
-        """(5, k, windows, blocks) by k further parameters, from the predictions' derivatives `jacobian` by them."""
-        return _whitened(self.innovations, _effects(self.record, jacobian))
+    def sensitivity(self, columns: WindowColumns) -> WindowColumns:
+        """Of the predictions by parameters, whitened like the residual, from the `columns` of the model."""
+        known = _lateral_is_known(self.record)
+        felt = np.array([known, True, known]) * -self.record.block_step
+        return replace(columns, values=self.innovations.run_columns(columns.values, felt))
 
     def error_under(self, noise: Noise) -> tuple[Array, Array]:
         """Residual (5, windows, blocks) as it would be with other noise, and the scale of its whitening (5,)."""
         innovations = Innovations.make(self.record, self.propagator, self.forces_by, noise)
-        return np.moveaxis(innovations.run(self.inputs[..., :1].copy())[..., 0], 2, 0), innovations.scale
+        return _residual(innovations, self.inputs.copy()), innovations.scale
+
+    def under(self, noise: Noise) -> Linearised:
+        """The same with other noise."""
+        innovations = Innovations.make(self.record, self.propagator, self.forces_by, noise)
+        inputs = self.inputs.copy()
+        error = _residual(innovations, inputs)
+        return replace(self, innovations=innovations, inputs=inputs, error=error)
 
 
-def linearised(record: Record, values: Array, state_by: Array, jacobian: Array, noise: Noise) -> Linearised:
-    """Residual and sensitivity of the measured signals.
+def linearised(record: Record, values: Array, state_by: Array, noise: Noise) -> Linearised:
+    """Residual of the measured signals, and what their sensitivities are whitened with.
 
     Args:
         record: the windows.
-        values, state_by, jacobian: predictions and derivatives as `Predictor.linearise` gives them.
+        values, state_by: predictions and their derivatives by the states, as `Predictor.linearise` gives them.
         noise: of the measured signals and of the motion.
     """
     if not _lateral_is_known(record):
@@ -61,14 +69,14 @@ def linearised(record: Record, values: Array, state_by: Array, jacobian: Array, 
     propagator = Propagator.make(state_by, record.block_step)
     forces_by = state_by[:2]
     innovations = Innovations.make(record, propagator, forces_by, noise)
-    inputs = np.concatenate([_errors(record, values), _effects(record, jacobian)], axis=-1)
-    out = _whitened(innovations, inputs)
-    return Linearised(record, propagator, forces_by, innovations, inputs, out[:, 0], out[:, 1:])
+    inputs = _errors(record, values)
+    error = _residual(innovations, inputs)
+    return Linearised(record, propagator, forces_by, innovations, inputs, error)
 
 
-def _whitened(innovations: Innovations, inputs: Array) -> Array:
-    """(5, k, windows, blocks) innovations of `inputs` (blocks, windows, 11, k)."""
-    return np.moveaxis(innovations.run(inputs), (0, 1, 2, 3), (3, 2, 0, 1))
+def _residual(innovations: Innovations, inputs: Array) -> Array:
+    """(5, windows, blocks) innovations of `inputs` (blocks, windows, 11, 1)."""
+    return np.ascontiguousarray(innovations.run(inputs)[..., 0].transpose(2, 1, 0))
 
 
 def _errors(record: Record, values: Array) -> Array:
@@ -80,21 +88,7 @@ def _errors(record: Record, values: Array) -> Array:
     inputs[:, :, 3:6, 0] = defect.transpose(2, 1, 0)
     inputs[:, :, 6:8, 0] = (measured[:2] - values[:2]).transpose(2, 1, 0)
     inputs[:, :, 8:, 0] = (measured[STATE_ROWS] - record.state_means).transpose(2, 1, 0)
-    return _without_lateral(record, inputs)
-
-
-def _effects(record: Record, jacobian: Array) -> Array:
-    """(blocks, windows, 11, k): the same less what a unit of each of k parameters adds."""
-    windows, blocks = record.rows.shape[:2]
-    inputs = np.zeros((blocks, windows, 11, jacobian.shape[1]))
-    inputs[:, :, 3:6] = np.moveaxis(jacobian[list(MOTION)] * -record.block_step, (0, 1, 2, 3), (2, 3, 1, 0))
-    inputs[:, :, 6:8] = np.moveaxis(jacobian[:2], (0, 1, 2, 3), (2, 3, 1, 0))
-    return _without_lateral(record, inputs)
-
-
-def _without_lateral(record: Record, inputs: Array) -> Array:
-    """The same where vy and yaw rate are inputs, as recorded."""
-    if not _lateral_is_known(record):
+    if not _lateral_is_known(record):  # vy and yaw rate are inputs, as recorded
         inputs[:, :, 4:6] = 0.0
     return inputs
 

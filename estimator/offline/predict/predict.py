@@ -18,6 +18,7 @@ from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import AUXILIARY, CHANNELS, SIGNALS, SingleTrack, Terms
 from estimator.offline.record.record import Record
+from estimator.offline.record.window_columns import WindowBasis, WindowColumns
 from hil_gateway.process.arrays import Array, Expr
 
 
@@ -123,6 +124,12 @@ class Predictor:
         return Columns(ca.Function("values", [inputs, theta], [ca.densify(out)], {"cse": True}))
 
     @cached_property
+    def _by_states(self) -> Columns:
+        inputs, theta, out, by = self._expressions
+        full = ca.vertcat(out, ca.vec(ca.densify(ca.jacobian(out, by[:STATES]))))
+        return Columns(ca.Function("by_states", [inputs, theta], [ca.densify(full)], {"cse": True}))
+
+    @cached_property
     def _derivatives(self) -> Columns:
         inputs, theta, out, by = self._expressions
         full = ca.vertcat(out, ca.vec(ca.densify(ca.jacobian(out, by))))
@@ -161,14 +168,6 @@ class Predictor:
         rows = [record.thin(record.signals[n]) if n in record.signals else zero for n in others]
         return np.stack([*record.state_means, *rows]).reshape(STATES + len(rows), -1)
 
-    @cached_property
-    def _bases(self) -> dict[str, Array]:
-        record = self.record
-        return {
-            b.effect.name: record.bases[b.effect.profile].matrix(record.thin(record.signals[b.effect.profile]).ravel())
-            for b in self._profiles
-        }
-
     def inputs(self, parameters: Array) -> Array:
         """(k, windows * blocks) everything the model is evaluated at, states first."""
         rows = [self._plain_inputs]
@@ -180,7 +179,7 @@ class Predictor:
             signals |= made
             memory |= made
         rows.extend(self.record.thin(memory[n]).reshape(1, -1) for n in self._memory_names)
-        rows.extend((self._bases[b.effect.name] @ parameters[b.parameters])[None] for b in self._profiles)
+        rows.extend(self._basis(b).at(parameters[b.parameters])[None] for b in self._profiles)
         return np.concatenate(rows)
 
     def _theta(self, parameters: Array) -> Array:
@@ -194,25 +193,38 @@ class Predictor:
         """(5, windows, blocks) predictions, motion channels as derivatives."""
         return self._values(self.inputs(parameters), self._theta(parameters)).reshape(5, *self.record.rows.shape[:2])
 
-    def linearise(self, parameters: Array) -> tuple[Array, Array, Array]:
-        """Predictions (5, windows, blocks), derivatives by states (5, 3, ...) and by parameters (5, p, ...)."""
+    def linearise_motion(self, parameters: Array) -> tuple[Array, Array]:
+        """Predictions (5, windows, blocks) and their derivatives by the states (5, 3, windows, blocks)."""
+        out = self._by_states(self.inputs(parameters), self._theta(parameters))
+        c, shape = len(CHANNELS), self.record.rows.shape[:2]
+        return out[:c].reshape(c, *shape), out[c:].reshape(STATES, c, *shape).swapaxes(0, 1)
+
+    def linearise(self, parameters: Array) -> tuple[Array, Array, WindowColumns]:
+        """The same, and the derivatives by the parameters."""
         out = self._derivatives(self.inputs(parameters), self._theta(parameters))
         c, shape = len(CHANNELS), self.record.rows.shape[:2]
-        values, by = out[:c], out[c:].reshape(-1, c, out.shape[1]).swapaxes(0, 1)
-        jacobian = np.zeros((c, self.size, out.shape[1]))
-        columns = [*range(len(self.model.tyre_table)), *self._points]
-        jacobian[:, columns] = by[:, STATES : STATES + len(columns)]
-        for k, block in enumerate(self._profiles):
-            at_point = by[:, STATES + len(columns) + k]
-            jacobian[:, block.parameters] = at_point[:, None, :] * self._bases[block.effect.name].T
-        jacobian = jacobian.reshape(c, self.size, *shape)
-        values = values.reshape(c, *shape)
+        values, by = out[:c].reshape(c, *shape), out[c:].reshape(-1, c, *shape)
+        points = [*range(len(self.model.tyre_table)), *self._points]
+        by_points, by_profiles = by[STATES : STATES + len(points)], by[STATES + len(points) :]
         for block in self._memory:
             for i in range(block.parameters.start, block.parameters.stop):
                 step = MEMORY_STEP * self.table[i].prior_std
-                jacobian[:, i] = (self.predict(parameters + step * np.eye(self.size)[i]) - values) / step
-        jacobian[:, self._unseen] = 0.0
-        return values, by[:, :STATES].reshape(c, STATES, *shape), jacobian
+                by_points[points.index(i)] = (self.predict(parameters + step * np.eye(self.size)[i]) - values) / step
+        by_points[self._unseen] = 0.0
+        return values, by[:STATES].swapaxes(0, 1), self._columns(points, by_points, by_profiles)
+
+    def _columns(self, points: Sequence[int], by_points: Array, by_profiles: Array) -> WindowColumns:
+        """Derivatives from those by parameters at `points` and by the values of profiles, (k, 5, windows, blocks)."""
+        constant = np.broadcast_to(np.array(points, dtype=np.int64), (self.record.windows, len(points)))
+        values, parameters = [by_points.transpose(3, 2, 1, 0)], [constant]
+        for block, unit in zip(self._profiles, by_profiles, strict=True):
+            own = self._basis(block).times(unit.transpose(2, 1, 0))
+            values.append(own.values)
+            parameters.append(block.parameters.start + own.parameters)
+        return WindowColumns(np.concatenate(values, axis=3), np.concatenate(parameters, axis=1), self.size)
+
+    def _basis(self, block: Block) -> WindowBasis:
+        return self.record.basis_over_windows(block.effect.profile)
 
 
 STATES = 3

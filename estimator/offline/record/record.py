@@ -25,6 +25,7 @@ from estimator.model.single_track import AUXILIARY
 from estimator.offline.record.laps import lap_numbers, scored_laps, track_position
 from estimator.offline.record.prepare import smoothed_velocity
 from estimator.offline.record.reported_inputs import without_noise
+from estimator.offline.record.window_columns import WindowBasis
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Ints
 from hil_gateway.process.errors import InputError
@@ -116,6 +117,17 @@ class Record:
     def state_means(self) -> Array:
         """(3, windows, blocks) block means of the smoothed vx, vy, yaw rate."""
         return np.stack([self.thin(self.signals[n]) for n in STATES])
+
+    def basis_over_windows(self, name: str) -> WindowBasis:
+        """The basis of a profile over the windows."""
+        if name not in self._over_windows:
+            matrix = self.bases[name].matrix(self.thin(self.signals[name]).ravel())
+            self._over_windows[name] = WindowBasis.of(matrix, self.windows)
+        return self._over_windows[name]
+
+    @cached_property
+    def _over_windows(self) -> dict[str, WindowBasis]:
+        return {}
 
     @cached_property
     def state_edges(self) -> Array:

@@ -12,7 +12,7 @@ from estimator.belief.revision import revision_id
 from estimator.model.declared_vehicle import DECLARED
 from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis, alternatives
-from estimator.offline.fit.prediction_error import evaluate
+from estimator.offline.fit.prediction_error import Point
 from estimator.offline.predict.places import PLACES
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.input_timing import SAMPLED
@@ -42,8 +42,9 @@ def standard_deviations(diagnosis: Diagnosis) -> Array:
     """(p,) of the final parameters: the largest of the ideal, and those robust to correlation within 2 s and 30 s."""
     fit = diagnosis.fit
     covariance = fit.covariance
-    at = evaluate(fit.predictor, fit.parameters, fit.noise)
-    scores = np.einsum("cpwb,cwb->pw", at.sensitivity, at.error / fit.normal.variance[:, None, None], optimize=True)
+    at = Point.at(fit.predictor, fit.parameters, fit.noise)
+    weighted = at.left.error / fit.normal.variance[:, None, None]
+    scores = np.einsum("cpwb,cwb->pw", at.sensitivity.dense, weighted, optimize=True)
     within = np.diag(covariance @ (scores @ scores.T) @ covariance)
     variance = np.maximum(np.maximum(np.diag(covariance), within), fit.slow_variance)
     for block in fit.predictor.blocks:

@@ -93,7 +93,7 @@ def noise_floor(record: Record, rows: Ints, model: SingleTrack, parameters: Arra
 
 def _noise_through_states(record: Record, model: SingleTrack, parameters: Array) -> Array:
     """(5,) RMS of the error in the predictions that the error of the smoothed states causes."""
-    _, by_states, _ = Predictor(model, record).linearise(parameters)
+    _, by_states = Predictor(model, record).linearise_motion(parameters)
     squares = np.mean(by_states**2, axis=(2, 3)) @ record.state_error**2
     return np.asarray(np.sqrt(squares))
 

@@ -16,11 +16,12 @@ import numpy as np
 from estimator.model.basis import FEW_VALUES, Basis
 from estimator.model.effects.base import Effect
 from estimator.offline.fit.normal import Normal, accumulate
-from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.fit.prediction_error import Fit, residual_counts
 from estimator.offline.predict.linearised import Linearised, linearised
 from estimator.offline.predict.places import PLACES, term_effect
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record
+from estimator.offline.record.window_columns import WindowBasis, WindowColumns
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.trial import Setting, warm_start
 from estimator.offline.search.workers import Job, fit_each
@@ -35,7 +36,6 @@ SCREENING_STRIDE = 4
 FITTED = 4
 REFINED = 8
 """So many of the best terms have their knots moved in the screening; those that are fitted once more on all windows."""
-COLUMNS_AT_ONCE = 160
 
 
 @dataclass(frozen=True)
@@ -86,16 +86,15 @@ class _Screening:
 
     Attributes:
         predictor: of the model, on all windows or part of them; stride: of how many one is used; current: its fit.
-        values, state_by, jacobian: predictions, derivatives by states and by the parameters of the model.
-        units: (5, places, windows, blocks) derivatives by a unit at each of `PLACES`.
+        left: residual of the model; sensitivity: by its parameters.
+        units: (blocks, windows, 5, places) derivatives by a unit at each of `PLACES`.
     """
 
     predictor: Predictor
     stride: int
     current: Fit
-    values: Array
-    state_by: Array
-    jacobian: Array
+    left: Linearised
+    sensitivity: WindowColumns
     units: Array
 
     @classmethod
@@ -110,84 +109,72 @@ class _Screening:
         points = tuple(replace(term_effect(place, "t"), profile="", name=place) for place in PLACES)
         wide = Predictor(replace(model, effects=(*model.effects, *points)), record)
         start = warm_start(wide, wide.start([p.prior for p in model.tyre_table]), current)
-        values, state_by, jacobian = wide.linearise(start)
-        size = len(current.parameters)
-        return cls(Predictor(model, record), stride, current, values, state_by, jacobian[:, :size], jacobian[:, size:])
+        values, state_by, columns = wide.linearise(start)
+        left = linearised(record, values, state_by, current.noise)
+        own, units = columns.split(len(current.parameters))
+        return cls(Predictor(model, record), stride, current, left, left.sensitivity(own), units.values)
 
     def terms(self) -> list[Term]:
         """Predicted evidence of every place and signal, best first; the best with moved knots."""
-        record, before = self.predictor.record, self._before
+        record = self.predictor.record
         found = []
         for signal in explanatory(record):
             basis = record.bases[signal]
-            for places in _groups(basis.size):
-                columns = self._columns(places, basis)
-                for place, own in zip(places, np.split(columns, len(places), axis=1), strict=True):
-                    evidence, _ = self._evidence(self._with(place, basis, own), before)
-                    found.append(Term(place, signal, basis, evidence))
+            for place, own in zip(PLACES, self._columns(tuple(PLACES), basis), strict=True):
+                evidence, _ = self._evidence(self._with(place, basis, own))
+                found.append(Term(place, signal, basis, evidence))
         found.sort(key=lambda t: -t.evidence.gain)
         found[:REFINED] = [self.refined(term) for term in found[:REFINED]]
         return sorted(found, key=lambda t: -t.evidence.gain)
 
     @cached_property
-    def _model(self) -> Linearised:
-        """The model alone."""
-        return linearised(self.predictor.record, self.values, self.state_by, self.jacobian, self.current.noise)
-
-    @cached_property
     def _before(self) -> Array:
         """(5, laps) held-out squares of the model alone."""
-        normal = self._accumulated(self._model.sensitivity, self.current.normal.prior)
+        normal = self._accumulated(self.sensitivity, self.current.normal.prior)
         return normal.held_out(self.current.normal.variance)
 
     def refined(self, term: Term) -> Term:
         """The term with its knots where it changes, if that gains."""
-        basis, before = term.basis, self._before
+        basis = term.basis
         if len(basis.knots) and basis.size <= FEW_VALUES:
             return term
         record = self.predictor.record
-        evidence, coefficients = self._evidence(self._normal(term.place, basis), before)
+        evidence, coefficients = self._evidence(self._normal(term.place, basis))
         term = replace(term, evidence=evidence)
         driven = record.signals[term.signal][record.rows].ravel()
         basis = basis.moved(coefficients[-basis.size :], driven)
-        evidence, _ = self._evidence(self._normal(term.place, basis), before)
+        evidence, _ = self._evidence(self._normal(term.place, basis))
         return replace(term, basis=basis, evidence=evidence) if evidence.gain > term.evidence.gain else term
 
-    def _evidence(self, normal: Normal, before: Array) -> tuple[Evidence, Array]:
+    def _evidence(self, normal: Normal) -> tuple[Evidence, Array]:
         """Predicted evidence over the model alone, and the step of all parameters."""
         variance = self.current.normal.variance
         after = normal.held_out(variance)
-        return compare(before, after, normal.count * self.stride), normal.step(variance)
+        return compare(self._before, after, normal.count * self.stride), normal.step(variance)
 
-    def _columns(self, places: Sequence[str], basis: Basis) -> Array:
-        """(5, places * coefficients, windows, blocks) sensitivity by one signal's term at each of `places`."""
-        record, shape = self.predictor.record, self.values.shape[1:]
+    def _columns(self, places: Sequence[str], basis: Basis) -> list[WindowColumns]:
+        """Sensitivity by one signal's term at each of `places`."""
+        record = self.predictor.record
         matrix = basis.matrix(record.thin(record.signals[basis.signal]).ravel())
-        units = self.units[:, [list(PLACES).index(p) for p in places]].reshape(5, len(places), 1, -1)
-        return self._model.sensitivity_by((units * matrix.T).reshape(5, -1, *shape))
+        windowed = WindowBasis.of(matrix, record.windows)
+        chosen = [list(PLACES).index(place) for place in places]
+        return [self.left.sensitivity(windowed.times(self.units[..., i])) for i in chosen]
 
     def _normal(self, place: str, basis: Basis) -> Normal:
         """Normal equations of the model and a term."""
-        return self._with(place, basis, self._columns((place,), basis))
+        (own,) = self._columns((place,), basis)
+        return self._with(place, basis, own)
 
-    def _with(self, place: str, basis: Basis, own: Array) -> Normal:
-        """The same from the sensitivity (5, coefficients, windows, blocks) by the term."""
+    def _with(self, place: str, basis: Basis, own: WindowColumns) -> Normal:
+        """The same from the sensitivity by the term."""
         size = len(self.current.parameters)
         prior = np.zeros((size + basis.size,) * 2)
         prior[:size, :size], prior[size:, size:] = self.current.normal.prior, basis.precision(PLACES[place].std)
-        return self._accumulated(np.concatenate([self._model.sensitivity, own], axis=1), prior)
+        return self._accumulated(self.sensitivity.beside(own), prior)
 
-    def _accumulated(self, sensitivity: Array, prior: Array) -> Normal:
+    def _accumulated(self, sensitivity: WindowColumns, prior: Array) -> Normal:
         record, size = self.predictor.record, len(self.current.parameters)
-        laps = int(record.lap.max()) + 1
-        count = np.array([np.count_nonzero(record.lap == lap) for lap in range(laps)]) * float(record.rows.shape[1])
         pull = np.zeros(len(prior))
         pull[:size] = -self.current.normal.prior @ (self.current.parameters - self.predictor.prior)
-        sums = accumulate(self._model.error, sensitivity, record.lap)
-        return Normal(*sums, count, prior, pull, record.block_noise**2)
-
-
-def _groups(size: int) -> list[tuple[str, ...]]:
-    """Places handled in one go, so that no more than about `COLUMNS_AT_ONCE` sensitivities are held at once."""
-    names, most = tuple(PLACES), max(1, COLUMNS_AT_ONCE // size)
-    return [names[i : i + most] for i in range(0, len(names), most)]
+        sums = accumulate(self.left.error, sensitivity, record.lap)
+        return Normal(*sums, residual_counts(record), prior, pull, record.block_noise**2)

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.model.declared_vehicle import all_candidates
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
-from estimator.offline.fit.prediction_error import Fit, normal_at
+from estimator.offline.fit.prediction_error import Fit, Point
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record, available
 from estimator.offline.search.evidence import compare
@@ -65,7 +65,7 @@ def _thinned(setting: Setting, current: Fit) -> tuple[Setting, Fit]:
     _, number = np.unique(setting.record.lap[chosen], return_inverse=True)
     record = replace(current.predictor.record.select(chosen), lap=number.astype(np.int64))
     predictor = Predictor(current.predictor.model, record)
-    normal, _ = normal_at(predictor, current.parameters, current.noise)
+    normal = Point.at(predictor, current.parameters, current.noise).normal()
     return replace(setting, record=record), Fit(predictor, current.parameters, normal, current.noise)
 
 
@@ -77,7 +77,7 @@ def _screen_together(
     wide = replace(model, effects=(*model.effects, *effects))
     predictor = Predictor(wide, current.predictor.record)
     at = warm_start(predictor, predictor.start([p.prior for p in wide.tyre_table]), current)
-    normal, _ = normal_at(predictor, at, current.noise)
+    normal = Point.at(predictor, at, current.noise).normal()
     base = [i for i in range(predictor.size) if i < len(wide.tyre_table)]
     places = {b.effect.name: range(b.parameters.start, b.parameters.stop) for b in predictor.blocks}
     for block in current.predictor.blocks:

@@ -13,7 +13,7 @@ from estimator.model.declared_vehicle import all_candidates
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
-from estimator.offline.fit.prediction_error import CONVERGED, MAX_ITERATIONS, Fit, fit
+from estimator.offline.fit.prediction_error import CONVERGED, MAX_ITERATIONS, SETTLED, Fit, fit
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.input_timing import sampling_effects
 from estimator.offline.record.noise import MOTION_ROWS, Noise
@@ -22,9 +22,9 @@ from estimator.offline.record.road_load import road_load
 from estimator.offline.search.evidence import Evidence
 from hil_gateway.process.arrays import Array
 
-REWEIGHINGS, REWEIGH_ABOVE = 1, 0.1
-"""A fit is repeated so many times with its own residual deviations, if these changed by more than a tenth; the next
-fit starts from what it found, so that a search adapts them further."""
+REWEIGHINGS = 1
+"""A fit goes on so many times with its own residual deviations; the next fit starts from what it found, so that a
+search adapts them further."""
 COMPARED = 8e-4
 """Fall of the deviance per block at which a fit that is only compared with others ends: 2 % of the least gain that
 counts (`acceptance.SMALLEST_SHARE`)."""
@@ -106,14 +106,8 @@ def fit_names(
     noise = _first_noise(setting.record) if warm is None else warm.noise
     blocks = setting.record.rows.shape[0] * setting.record.rows.shape[1]
     least = CONVERGED[0] if exact else max(CONVERGED[0], COMPARED * blocks)
-    done = fit(predictor, start, noise, MAX_ITERATIONS if iterations is None else iterations, least)
-    for _ in range(REWEIGHINGS if iterations is None else 0):
-        found = done.new_noise()
-        if found.close_to(noise, REWEIGH_ABOVE):
-            break
-        noise = found
-        done = fit(done.predictor, done.parameters, noise, MAX_ITERATIONS, least)
-    return done
+    most, again = (MAX_ITERATIONS, REWEIGHINGS) if iterations is None else (iterations, 0)
+    return fit(predictor, start, noise, most, least=least, settled=SETTLED if exact else least, reweighings=again)
 
 
 def _first_noise(record: Record) -> Noise:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.offline.fit.normal import TINY
-from estimator.offline.fit.prediction_error import Fit, evaluate
+from estimator.offline.fit.prediction_error import Fit, residual
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import Noise
 from hil_gateway.process.arrays import Array
@@ -16,7 +16,7 @@ SLOW_BLOCKS = 5
 
 def slow_ratio(predictor: Predictor, parameters: Array, deviation: Array) -> Array:
     """(5,) variance of averages of the residual over 0.2 s, relative to what it would be for white noise."""
-    error = evaluate(predictor, parameters, Noise.white(deviation)).error
+    error = residual(predictor, parameters, Noise.white(deviation))
     blocks = error.shape[2] // SLOW_BLOCKS * SLOW_BLOCKS
     averages = error[:, :, :blocks].reshape(*error.shape[:2], -1, SLOW_BLOCKS).mean(axis=3)
     ratio: Array = SLOW_BLOCKS * np.mean(averages**2, axis=(1, 2)) / np.maximum(np.mean(error**2, axis=(1, 2)), TINY)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -14,6 +15,12 @@ WINDOW = 40
 """commands (0.4 s) among which the position must lie: delay (40 ms) and five time constants of the slowest actuator"""
 STEERING = 0.14
 """rad at the motor (8 deg; 0.5 deg at the wheels): play, offset and noise of the sensor, overshoot"""
+STILL = 0.009
+"""rad at the motor (0.5 deg) within which a steering sensor stays that does not move"""
+ASKED = 0.05
+"""rad at the motor (3 deg) of change in its command after which steering that works has moved, whatever its offset"""
+STILL_WINDOW, ANSWER = 65, 15
+"""periods over which it has not moved, and of those the last, within which it need not have answered yet"""
 ACCELERATOR = 0.12
 BRAKES = 0.7e6
 """Pa: 12 % of full pressure, the scatter of pads and lines"""
@@ -42,18 +49,23 @@ class FollowingMonitor:
     def __init__(self, vehicle: Vehicle) -> None:
         self._ratio = vehicle.steering_ratio
         self._commands: deque[Actuators] = deque(maxlen=WINDOW)
+        self._asked: deque[float] = deque(maxlen=STILL_WINDOW)
+        self._reported: deque[float] = deque(maxlen=STILL_WINDOW)
         self._steering, self._pedals = Held(), Held()
 
     def step(self, now_ns: int, state: VehicleState, commanded: Actuators | None) -> Follows:
         """`commanded` is what stands on the wire; None while nothing is sent or the car does not obey."""
         if commanded is None:
-            self._commands.clear()
+            for kept in (self._commands, self._asked, self._reported):
+                kept.clear()
         else:
             self._commands.append(commanded)
+            self._asked.append(commanded.steering_motor)
+            self._reported.append(state.steer * self._ratio)
         full = len(self._commands) == WINDOW
         motor = state.steer * self._ratio
         steers = full and state.sources["steering"].valid
-        steers = steers and self._outside(motor, "steering_motor", STEERING)
+        steers = steers and (self._outside(motor, "steering_motor", STEERING) or self._stands_still())
         pedals = full and state.sources["pedals"].valid
         pedals = pedals and (
             self._outside(state.brake_front, "brake_front", BRAKES)
@@ -62,12 +74,56 @@ class FollowingMonitor:
         )
         return Follows(self._steering.update(steers, now_ns), self._pedals.update(pedals, now_ns))
 
+    def _stands_still(self) -> bool:
+        """Whether the steering has not moved although it was asked to."""
+        if len(self._reported) < STILL_WINDOW or max(self._reported) - min(self._reported) > STILL:
+            return False
+        asked = list(self._asked)[:-ANSWER]
+        return max(asked) - min(asked) > ASKED
+
     def _outside(self, reported: float, actuator: str, tolerance: float) -> bool:
         newest: float = getattr(self._commands[-1], actuator)
         if newest - tolerance <= reported <= newest + tolerance:
             return False  # as it nearly always is: the others can only widen the range
         commands = [getattr(command, actuator) for command in self._commands]
         return not min(commands) - tolerance <= reported <= max(commands) + tolerance
+
+
+TURNS = 0.3
+"""of v tan(delta) / L: the yaw rate of heavy understeer at top speed"""
+
+
+class ReversedMonitor:
+    """Steering that goes to the other side than its command: the sensor says so, and the car turns that way.
+
+    Steering that is late or stuck never moves away from its command, and a sensor with a wrong sign is contradicted
+    by the gyro.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._reported: deque[float] = deque(maxlen=WINDOW)
+        self._asked: deque[float] = deque(maxlen=ANSWER)
+        self.found = False
+        """until the car stands"""
+
+    def step(self, state: VehicleState, speed: float, commanded: Actuators | None, outside: bool) -> None:
+        """`outside`: the reported angle is outside of the commands of the last 0.4 s; once a period."""
+        motor = state.steer * self._vehicle.steering_ratio
+        self._reported.append(motor)
+        self.found = self.found and speed > 0.0
+        if commanded is None:
+            self._asked.clear()
+            return
+        self._asked.append(commanded.steering_motor)
+        if not outside or speed < JUDGED_FROM:
+            return
+        side = 1.0 if commanded.steering_motor > 0.0 else -1.0
+        went = side * (self._reported[0] - motor) > STEERING
+        mirrored = side * motor < 0.0 and min(self._asked) - STEERING < -motor < max(self._asked) + STEERING
+        turns = -side * state.yaw_rate > TURNS * speed * abs(math.tan(state.steer)) / self._vehicle.wheelbase
+        imu = state.sources["imu"].valid
+        self.found = self.found or (went and mirrored and turns and imu)
 
 
 class AccelerationMonitor:

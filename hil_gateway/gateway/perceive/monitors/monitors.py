@@ -9,7 +9,7 @@ from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor
+from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
 from hil_gateway.gateway.perceive.monitors.course import CourseMonitor
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
@@ -31,7 +31,7 @@ class Monitors:
 
     def __init__(self, config: Config, track: Track | None) -> None:
         vehicle = config.vehicle
-        self.motion = MotionReader(vehicle)
+        self.motion = MotionReader(vehicle, config.powertrain.brake_force_per_pa)
         self.position = PositionMonitor()
         self._wheels = WheelMonitor(vehicle)
         self._gyro = GyroMonitor(vehicle)
@@ -39,6 +39,7 @@ class Monitors:
         self._course = CourseMonitor()
         self._speed_change = SpeedChangeMonitor()
         self._following = FollowingMonitor(vehicle)
+        self._reversed = ReversedMonitor(vehicle)
         self._acceleration = AccelerationMonitor(vehicle, config.powertrain.brake_force_per_pa)
         self.imu_wrong = self.imu_suspect = self.wheels_wrong = False
         self.stopping = False
@@ -58,6 +59,11 @@ class Monitors:
     def estimate_fits(self) -> bool:
         """Whether nothing that an estimate is made of is contradicted."""
         return self.fixes_fit and not self.imu_suspect and not self.wheels_wrong
+
+    @property
+    def steering_reversed(self) -> bool:
+        """Whether the steering goes to the other side than its command."""
+        return self._reversed.found
 
     @property
     def shares(self) -> dict[str, float]:
@@ -82,6 +88,7 @@ class Monitors:
         imu, wheels = state.sources["imu"].valid, state.sources["wheel_speeds"].valid
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
         follows = self._following.step(now_ns, state, obeyed)
+        self._reversed.step(state, speed, obeyed, outside=follows.steering > 0.0)
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         rear = self.motion.rear_yaw_rate(state, speed)
         ay = state.ay - (0.0 if self._road is None else self._road.gravity_across)

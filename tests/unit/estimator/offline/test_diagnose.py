@@ -22,7 +22,7 @@ from estimator.model.effects import catalogue
 from estimator.model.single_track import SingleTrack
 from estimator.offline.diagnosis import Diagnosis, diagnose
 from estimator.offline.fit.normal import Normal
-from estimator.offline.fit.prediction_error import evaluate, fit
+from estimator.offline.fit.prediction_error import Point, fit, residual
 from estimator.offline.fit.steps import Coordinates
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.laps import scored_laps
@@ -141,7 +141,7 @@ def test_a_step_of_a_parameter_over_decades_stays_within_half_of_it(wanted: floa
         ones, wanted * np.ones((5, 1, 1)), np.ones((5, 1, 1, 1)), np.ones(1), np.zeros((1, 1)), np.zeros(1), ones[:, 0]
     )
     coordinates = Coordinates.of([], np.array([500.0]), np.array([1e7]))
-    (stepped,) = coordinates.damped_step(normal, np.array([9000.0]), 1e-4)
+    (stepped,), _ = coordinates.damped_step(normal, np.array([9000.0]), 1e-4)
     assert 0.5 < stepped / 9000.0 < 1.5
     assert (stepped > 9000.0) == (wanted > 0.0)
 
@@ -258,11 +258,11 @@ def test_sensitivities_agree_with_finite_differences(drives: dict[str, Any]) -> 
     at[7], at[9] = 0.3, 0.04
     noise = Noise.white(record.block_noise)
     # about measured states the residual is small, so the projection and the exponential may be taken as constant
-    jacobian = evaluate(predictor, at, noise).sensitivity
+    jacobian = Point.at(predictor, at, noise).sensitivity.dense
     for i in (0, 1, 7, 8, 9, 12):
         step = 1e-3 * predictor.table[i].prior_std * np.eye(len(at))[i]
-        ahead = evaluate(predictor, at + step, noise).error
-        behind = evaluate(predictor, at - step, noise).error
+        ahead = residual(predictor, at + step, noise)
+        behind = residual(predictor, at - step, noise)
         numeric = -(ahead - behind) / (2 * step[i])
         scale = np.abs(numeric).max()
         assert np.sqrt(np.mean((jacobian[:, i] - numeric) ** 2)) < 0.05 * scale, predictor.table[i].name
