@@ -249,7 +249,11 @@ class Adoption:
         at_start = revised.phi_at(np.zeros(1))[:, 0]
         top = self._settings.limits.speed - 2.0
         envelope = envelope_of(
-            revised.model, list(knowledge.theta), list(at_start), use=(front, rear), max_speed=top,
+            revised.model,
+            list(knowledge.theta),
+            list(at_start),
+            use=(front, rear),
+            max_speed=top,
             brakes=(self._settings.brakes, knowledge.brake_ratio),
         ).braked(self.delivered.brakes * self._config.powertrain.hardest_braking / self._config.vehicle.mass)
         if self._line is None:

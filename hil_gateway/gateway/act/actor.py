@@ -111,7 +111,8 @@ class Actor:
             balance = command.brake_balance
         else:
             emergency = decision.action is FailsafeAction.EMERGENCY_STOP
-            steer, drive = self.stopping.command(motion, pose, emergency)
+            steers = decision.failsafe.cause != "steering_stuck" or self.steering_reversed
+            steer, drive = self.stopping.command(motion, pose, emergency, steers)
             steer = -steer if self.steering_reversed else steer
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
         if driving or road_speed(state) >= STANDSTILL or not state.valid:

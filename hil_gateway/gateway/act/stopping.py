@@ -71,8 +71,11 @@ class Stopping:
         """A stop begins; without a path the present angle is held."""
         self._steer, self._path = steer, None
 
-    def command(self, motion: Motion, pose: Pose | None, emergency: bool) -> tuple[float, float]:
-        """Road-wheel angle (rad) and slip-ratio drive (negative) of this period."""
+    def command(self, motion: Motion, pose: Pose | None, emergency: bool, steers: bool = True) -> tuple[float, float]:
+        """Road-wheel angle (rad) and slip-ratio drive (negative) of this period.
+
+        A car that no longer `steers` brakes with all the grip beside the lateral force it has.
+        """
         config = self._config
         if self._path is None or (pose is not None and self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
             self._path = self._way(pose)
@@ -80,9 +83,12 @@ class Stopping:
         if self._path is not None and pose is not None:
             self._steer = self._pursue(self._path, pose, motion)
         wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
+        lateral = abs(motion.ay)
         if self._path is not None and pose is not None:
             wanted = max(wanted, self._for_bends(self._path, pose, motion.speed))
-        force = self._vehicle.mass * min(wanted, self._grip_left(motion))
+            lateral = max(lateral, self._for_way(self._path, pose, motion.speed)) if steers else lateral
+        left = self._grip_left(motion.speed, lateral)
+        force = self._vehicle.mass * (min(wanted, left) if steers else left)
         return self._steer, -force / self._force_per_drive
 
     def _way(self, pose: Pose | None) -> Path | None:
@@ -111,16 +117,25 @@ class Stopping:
         v^2 of a bend with curvature k: mu (m g + c v^2) = m k v^2, with the declared grip mu and downforce c.
         """
         grip, lift = BEND_SHARE * self._grip, self._config.downforce / self._vehicle.mass
-        nearest = int(np.argmin((path.x - pose.x) ** 2 + (path.y - pose.y) ** 2))
+        nearest = path.nearest(pose.x, pose.y)
         distance = path.s[nearest + 1 :] - path.s[nearest]
         allowed = grip * GRAVITY / np.maximum(self._bends[nearest + 1 :] - grip * lift, 1e-4)
         needed = (speed**2 - allowed) / (2.0 * np.maximum(distance, speed * LOOK_AHEAD_S))
         return float(needed.max(initial=0.0))
 
-    def _grip_left(self, motion: Motion) -> float:
-        """Deceleration the friction circle leaves beside the present lateral force, m/s2."""
-        grip = self._grip * (GRAVITY + self._config.downforce * motion.speed**2 / self._vehicle.mass)
-        return math.sqrt(max(grip**2 - motion.ay**2, (0.3 * grip) ** 2))
+    def _for_way(self, path: Path, pose: Pose, speed: float) -> float:
+        """Lateral force of the way where the car is, m/s2."""
+        return float(self._bends[path.nearest(pose.x, pose.y)]) * speed**2
+
+    def _grip_left(self, speed: float, lateral: float) -> float:
+        """Deceleration the friction circle leaves beside a lateral force, m/s2.
+
+        That of the way counts, too: front tyres that are braked past their grip turn the car less, and by the force
+        that is left it would seem to need none.
+        """
+        weight = GRAVITY + self._config.downforce * speed**2 / self._vehicle.mass
+        grip = self._grip * weight
+        return math.sqrt(max(grip**2 - lateral**2, (0.3 * grip) ** 2))
 
     @property
     def _grip(self) -> float:

@@ -52,7 +52,7 @@ def read_cases(path: Path) -> Cases:
         raise InputError(f"{path}: {place} = {first['input']!r}: {first['msg'].lower()}") from None
     for name, events in {"the file": tuple(cases), **cases}.items():
         if not events:
-            raise InputError(f"{path}: {name} holds nothing; write {{\"NAME\": [EVENT, ...]}}")
+            raise InputError(f'{path}: {name} holds nothing; write {{"NAME": [EVENT, ...]}}')
     if UNDISTURBED in cases:
         raise InputError(f"{path}: {UNDISTURBED}: the name of the drive without events; choose another")
     if (latest := _latest(cases)) > LONGEST_S:

@@ -167,10 +167,10 @@ def campaign(  # noqa: PLR0917 - what a campaign is
             yield result if result.margin_m >= 0.0 else replace(result, **in_a_copy(partial(run.why_off, result)))
 
 
-def run_campaign(points: int, seed: int = 0) -> dict[str, Any]:
+def run_campaign(points: int, tracks: Sequence[str] = TRACKS, seed: int = 0) -> dict[str, Any]:
     """Every fault from `points` places of every track, and so many pairs; the report of `hil verify --car-faults`."""
     results: list[FaultResult] = []
-    for track in TRACKS:
+    for track in tracks:
         pairs_drawn = pairs(seed, PAIRS_PER_FAULT_RUN * points)
         for result in campaign(track, points, SPACING_S, (*SINGLE, *pairs_drawn)):
             results.append(result)

@@ -13,6 +13,7 @@ from typing import Any
 from can_dbc.codec import Fault, load_codec
 from hil_gateway.can_link import Frame
 from hil_gateway.plant.car import Commands
+from hil_gateway.plant.events import PunctureEvent
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import NS_PER_S
 from planner.simulation.loop import Faults
@@ -79,7 +80,9 @@ class SimulatedFault(Faults):
         self._injected.append(Injected(fault, now_ns, seed))
         if fault.actuate is not None:
             self._break_actuators(plant, fault.actuate)
-        self.shows = self.shows or bool(fault.messages)
+        if fault.flat:
+            plant.car.happens(PunctureEvent(kind="puncture", t=0.0, wheel=fault.flat))
+        self.shows = self.shows or fault.actuate is None
 
     def frames(self, now_ns: int, receiver: str, frames: list[Frame]) -> list[Frame]:
         if receiver == "gateway":

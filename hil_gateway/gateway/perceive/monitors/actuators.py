@@ -19,8 +19,8 @@ STILL = 0.009
 """rad at the motor (0.5 deg) within which a steering sensor stays that does not move"""
 ASKED = 0.05
 """rad at the motor (3 deg) of change in its command after which steering that works has moved, whatever its offset"""
-STILL_WINDOW, ANSWER = 65, 15
-"""periods over which it has not moved, and of those the last, within which it need not have answered yet"""
+ANSWER = 20
+"""periods (0.2 s) within which steering need not have answered yet: twice its delay, lag and the way of its report"""
 ACCELERATOR = 0.12
 BRAKES = 0.7e6
 """Pa: 12 % of full pressure, the scatter of pads and lines"""
@@ -43,29 +43,54 @@ class Follows:
     pedals: float
 
 
+class _StandingSteering:
+    """Steering that has not moved since some moment, although its commands from then on asked it to."""
+
+    def __init__(self) -> None:
+        self._low = self._high = math.nan
+        self._unanswered: deque[float] = deque()
+        self._least, self._most = math.inf, -math.inf
+        """of the commands since then that had time to be answered"""
+
+    def step(self, reported: float, asked: float) -> None:
+        """Angles at the motor, rad; once a period."""
+        self._low, self._high = min(self._low, reported), max(self._high, reported)
+        if not self._high - self._low <= STILL:
+            self._low = self._high = reported
+            self._unanswered.clear()
+            self._least, self._most = math.inf, -math.inf
+        self._unanswered.append(asked)
+        if len(self._unanswered) > ANSWER:
+            answered = self._unanswered.popleft()
+            self._least, self._most = min(self._least, answered), max(self._most, answered)
+
+    @property
+    def found(self) -> bool:
+        """Whether it stands still against its commands."""
+        return self._most - self._least > ASKED
+
+
 class FollowingMonitor:
     """Reported positions within the commands of the last 0.4 s; reports that are invalid say nothing of actuators."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._ratio = vehicle.steering_ratio
         self._commands: deque[Actuators] = deque(maxlen=WINDOW)
-        self._asked: deque[float] = deque(maxlen=STILL_WINDOW)
-        self._reported: deque[float] = deque(maxlen=STILL_WINDOW)
+        self._standing = _StandingSteering()
         self._steering, self._pedals = Held(), Held()
 
     def step(self, now_ns: int, state: VehicleState, commanded: Actuators | None) -> Follows:
         """`commanded` is what stands on the wire; None while nothing is sent or the car does not obey."""
         if commanded is None:
-            for kept in (self._commands, self._asked, self._reported):
-                kept.clear()
+            self._commands.clear()
+            self._standing = _StandingSteering()
         else:
             self._commands.append(commanded)
-            self._asked.append(commanded.steering_motor)
-            self._reported.append(state.steer * self._ratio)
+            self._standing.step(state.steer * self._ratio, commanded.steering_motor)
         full = len(self._commands) == WINDOW
         motor = state.steer * self._ratio
         steers = full and state.sources["steering"].valid
-        steers = steers and (self._outside(motor, "steering_motor", STEERING) or self._stands_still())
+        steers = steers and (self._outside(motor, "steering_motor", STEERING) or self._standing.found)
         pedals = full and state.sources["pedals"].valid
         pedals = pedals and (
             self._outside(state.brake_front, "brake_front", BRAKES)
@@ -73,13 +98,6 @@ class FollowingMonitor:
             or self._outside(state.accelerator, "accelerator", ACCELERATOR)
         )
         return Follows(self._steering.update(steers, now_ns), self._pedals.update(pedals, now_ns))
-
-    def _stands_still(self) -> bool:
-        """Whether the steering has not moved although it was asked to."""
-        if len(self._reported) < STILL_WINDOW or max(self._reported) - min(self._reported) > STILL:
-            return False
-        asked = list(self._asked)[:-ANSWER]
-        return max(asked) - min(asked) > ASKED
 
     def _outside(self, reported: float, actuator: str, tolerance: float) -> bool:
         newest: float = getattr(self._commands[-1], actuator)
@@ -103,27 +121,28 @@ class ReversedMonitor:
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
         self._reported: deque[float] = deque(maxlen=WINDOW)
-        self._asked: deque[float] = deque(maxlen=ANSWER)
+        self._asked: deque[float] = deque(maxlen=WINDOW)
         self.found = False
         """until the car stands"""
 
-    def step(self, state: VehicleState, speed: float, commanded: Actuators | None, outside: bool) -> None:
-        """`outside`: the reported angle is outside of the commands of the last 0.4 s; once a period."""
-        motor = state.steer * self._vehicle.steering_ratio
-        self._reported.append(motor)
+    def step(self, state: VehicleState, speed: float, commanded: Actuators | None) -> None:
+        """`commanded` stands on the wire, None while the car does not obey; once a period."""
         self.found = self.found and speed > 0.0
         if commanded is None:
             self._asked.clear()
+            self._reported.clear()
             return
+        motor = state.steer * self._vehicle.steering_ratio
         self._asked.append(commanded.steering_motor)
-        if not outside or speed < JUDGED_FROM:
-            return
+        self._reported.append(motor)
         side = 1.0 if commanded.steering_motor > 0.0 else -1.0
         went = side * (self._reported[0] - motor) > STEERING
-        mirrored = side * motor < 0.0 and min(self._asked) - STEERING < -motor < max(self._asked) + STEERING
-        turns = -side * state.yaw_rate > TURNS * speed * abs(math.tan(state.steer)) / self._vehicle.wheelbase
-        imu = state.sources["imu"].valid
-        self.found = self.found or (went and mirrored and turns and imu)
+        if went and side * motor < 0.0 and speed > JUDGED_FROM and state.sources["imu"].valid:
+            asked = list(self._asked)
+            outside = not min(asked) - STEERING <= motor <= max(asked) + STEERING
+            mirrored = min(asked[-ANSWER:]) - STEERING < -motor < max(asked[-ANSWER:]) + STEERING
+            turns = -side * state.yaw_rate > TURNS * speed * abs(math.tan(state.steer)) / self._vehicle.wheelbase
+            self.found = self.found or (outside and mirrored and turns)
 
 
 class AccelerationMonitor:

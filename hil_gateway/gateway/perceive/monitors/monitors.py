@@ -25,6 +25,9 @@ IMU_MEASURES = ("yaw_rate_wrong", "acceleration_wrong", "commands_unanswered")
 IMU_WRONG_S = 0.1
 """s of contradiction after which the IMU is replaced by wheels and steering"""
 
+STEERS = (SysState.DRIVING, SysState.EMERGENCY)
+"""in which the car follows steering commands"""
+
 
 class Monitors:
     """One of each; `measures` gives measure -> seconds it has held."""
@@ -88,7 +91,7 @@ class Monitors:
         imu, wheels = state.sources["imu"].valid, state.sources["wheel_speeds"].valid
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
         follows = self._following.step(now_ns, state, obeyed)
-        self._reversed.step(state, speed, obeyed, outside=follows.steering > 0.0)
+        self._reversed.step(state, speed, commanded if state.sys_state in STEERS else None)
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         rear = self.motion.rear_yaw_rate(state, speed)
         ay = state.ay - (0.0 if self._road is None else self._road.gravity_across)

@@ -232,3 +232,27 @@ def test_braking_leaves_the_grip_a_bend_needs(rig):
     _, bend = stopping().command(motion(20.0, ay=11.0), HERE, emergency=True)
     _, beyond = stopping().command(motion(20.0, ay=40.0), HERE, emergency=True)
     assert straight < bend < beyond < 0
+
+
+def on_a_circle(rig: Rig) -> tuple[Stopping, Pose]:
+    """A stop on a way that bends with 80 m of radius, from its beginning."""
+    radius, angles = 80.0, np.linspace(0.0, 1.5, 1501)
+    x, y = radius * np.sin(angles), radius * (1 - np.cos(angles))
+    stop = stopping()
+    stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(x), "y": tuple(y)}), stopping=False)
+    stop.start(0.0)
+    return stop, Pose(8.0, 0.4, 0.1, 30.0)
+
+
+def test_front_tyres_that_slide_under_the_brakes_get_the_grip_their_bend_needs(rig):
+    """The car has hardly any lateral force, and its way needs 11 m/s2: brakes do not take what steering lacks."""
+    stop, pose = on_a_circle(rig)
+    _, sliding = stop.command(motion(30.0, ay=2.0), pose, emergency=True)
+    _, holding = stop.command(motion(30.0, ay=30.0**2 / 80.0), pose, emergency=True)
+    assert sliding == pytest.approx(holding, rel=0.05)
+
+
+def test_a_car_that_no_longer_steers_is_braked_with_all_its_grip(rig):
+    stop, pose = on_a_circle(rig)
+    steering = [stop.command(motion(30.0, ay=2.0), pose, emergency=True, steers=steers)[1] for steers in (True, False)]
+    assert steering[1] < 1.2 * steering[0]
