@@ -102,7 +102,7 @@ class Gateway:
         monitors.heed(now_ns, state, self.inbox.estimate)
         believed = estimate if monitors.estimate_fits else None
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit)
-        monitors.stopping = before.stopping
+        monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
         trusted = None if monitors.position.wrong and not imu_was_wrong else course
         monitored = monitors.measures(now_ns, state, pose, commanded, trusted)
         if course is not None and monitors.imu_wrong and not imu_was_wrong:
@@ -123,6 +123,7 @@ class Gateway:
     def _act(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None) -> None:
         """Ladder and actuator commands on the wire, and what was sent on the bus."""
         decision, command = self.decision, self.inbox.gate.newest
+        self._actor.stopping.flat = self._tyres.flat
         self._actor.report_ladder(now_ns, decision.race_control.ct_state, flags_received(self.builder))
         self._actor.steering_reversed = self.monitors.steering_reversed
         self._actor.caution_speed = caution_speed(self.builder, self._caution_speed)

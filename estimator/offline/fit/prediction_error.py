@@ -24,8 +24,8 @@ MAX_ITERATIONS = 14
 CONVERGED = 0.3, 1e-4
 """A step that lowers the deviance by less, absolutely or relative to all it was lowered by, ends the fit."""
 SETTLED = 0.01
-"""Predicted fall of the deviance below which a fit that is reported has ended: no parameter would move by more than a
-tenth of its standard deviation."""
+"""Predicted fall of the deviance below which a step is not made: no parameter would move by more than a tenth of its
+standard deviation."""
 REWEIGH_ABOVE = 0.1
 """A fit goes on with the deviations that its residuals show if these changed by more than a tenth."""
 RELIEF = 10.0
@@ -127,26 +127,25 @@ def fit(
     iterations: int = MAX_ITERATIONS,
     *,
     least: float = CONVERGED[0],
-    settled: float = SETTLED,
     reweighings: int = 0,
 ) -> Fit:
     """Fit all parameters from `start`; `noise` weighs the channels, default: that of the sensors.
 
-    A step that lowers the deviance by less than `least` is the last; one that would by less than `settled` is not made.
+    A step that lowers the deviance by less than `least` is the last.
     At the end the noise is estimated from the residuals up to `reweighings` times, and the fit goes on from there.
     """
     noise = noise or Noise.white(predictor.record.block_noise)
     point = Point.at(predictor, np.clip(start, *predictor.bounds), noise)
-    point, normal = _descended(point, iterations, least, settled)
+    point, normal = _descended(point, iterations, least)
     for _ in range(reweighings):
         found = point.likeliest_noise(np.sqrt(normal.variance))
         if found.close_to(point.noise, REWEIGH_ABOVE):
             break
-        point, normal = _descended(point.under(found), iterations, least, settled)
+        point, normal = _descended(point.under(found), iterations, least)
     return Fit(predictor, point.parameters, normal, point.noise)
 
 
-def _descended(point: Point, iterations: int, least: float, settled: float) -> tuple[Point, Normal]:
+def _descended(point: Point, iterations: int, least: float) -> tuple[Point, Normal]:
     """The minimum from `point` on, and the normal equations there."""
     predictor = point.predictor
     coordinates = Coordinates.of([p.name for p in predictor.model.tyre_table], *predictor.bounds)
@@ -155,7 +154,7 @@ def _descended(point: Point, iterations: int, least: float, settled: float) -> t
     damping, relief = 1e-4, RELIEF
     for _ in range(iterations):
         trial, fall = coordinates.damped_step(normal, point.parameters, damping)
-        if 0.0 <= fall < settled:  # a step that its bounds cut short may be predicted to climb
+        if 0.0 <= fall < SETTLED:  # a step that its bounds cut short may be predicted to climb
             break
         tried = Point.at(predictor, trial, point.noise)
         new = tried.normal()

@@ -13,7 +13,7 @@ from estimator.model.declared_vehicle import all_candidates
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
-from estimator.offline.fit.prediction_error import CONVERGED, MAX_ITERATIONS, SETTLED, Fit, fit
+from estimator.offline.fit.prediction_error import CONVERGED, MAX_ITERATIONS, Fit, fit
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.input_timing import sampling_effects
 from estimator.offline.record.noise import MOTION_ROWS, Noise
@@ -107,7 +107,7 @@ def fit_names(
     blocks = setting.record.rows.shape[0] * setting.record.rows.shape[1]
     least = CONVERGED[0] if exact else max(CONVERGED[0], COMPARED * blocks)
     most, again = (MAX_ITERATIONS, REWEIGHINGS) if iterations is None else (iterations, 0)
-    return fit(predictor, start, noise, most, least=least, settled=SETTLED if exact else least, reweighings=again)
+    return fit(predictor, start, noise, most, least=least, reweighings=again)
 
 
 def _first_noise(record: Record) -> Noise:

@@ -25,7 +25,7 @@ def test_every_car_drives_the_committed_cases_and_once_without() -> None:
     jobs = trials([7, 8], ("oval", "tri_oval"), read_cases(CASES))
     assert len(jobs) == 2 * (1 + len(json.loads(CASES.read_text())))
     assert jobs[0].name == f"event-007-oval-{UNDISTURBED}"
-    assert {job.settings["seconds"] for job in jobs} == {128 + AFTER_S}, "all last as long: distances are compared"
+    assert {job.settings["seconds"] for job in jobs} == {106 + AFTER_S}, "all last as long: distances are compared"
 
 
 def test_a_case_goes_through_its_stored_result_and_is_not_driven_again(tmp_path: Path) -> None:

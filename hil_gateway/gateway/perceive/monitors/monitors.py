@@ -54,6 +54,8 @@ class Monitors:
         self.imu_wrong = self.imu_suspect = self.wheels_wrong = False
         self.stopping = False
         """whether the car is being stopped already"""
+        self.flat = False
+        """whether a tyre is reported flat: its wheel turns at another speed, and pulls to its side"""
         self._without_wheels, self._without_imu = Held(), Held()
         """a source that is not believed any more stops the car, whatever it says from then on"""
         self._road = None if track is None else RoadMonitor(track)
@@ -105,7 +107,8 @@ class Monitors:
         self.position.contradicted(contradicted.position)
         changes = self._speed_change.step(now_ns, state, speed) if imu and wheels else 0.0
         lateral = self._lateral.step(now_ns, state, speed, ay) if imu and wheels else 0.0
-        turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if imu and wheels else 0.0
+        compared = imu and wheels and not self.flat
+        turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if compared else 0.0
         measures = {
             "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,

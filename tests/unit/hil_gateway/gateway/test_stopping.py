@@ -71,6 +71,22 @@ def front_share(rig: Rig) -> float:
     return front / (front + rear)
 
 
+def test_a_flat_tyre_leaves_less_for_braking_beside_cornering():
+    sound, flat = stopping(load_track("oval")), stopping(load_track("oval"))
+    flat.flat = True
+    here = beside(load_track("oval"), 10.0, 0.0, 0.0, 40.0)
+    drives = [stop.command(motion(40.0, ay=12.0), here, True)[1] for stop in (sound, flat)]
+    assert drives[0] < drives[1] < 0.0
+
+
+def test_a_flat_tyre_steers_harder_against_a_wrong_yaw_rate():
+    track = load_track("oval")
+    turning, here = Motion(speed=40.0, yaw_rate=0.4, ay=0.0), beside(track, 10.0, 0.0, 0.0, 40.0)
+    sound, flat = stopping(track), stopping(track)
+    flat.flat = True
+    assert flat.command(turning, here, False)[0] < sound.command(turning, here, False)[0]
+
+
 def beside(track: Track, s: float, offset: float, turned: float, speed: float) -> Pose:
     """A car `offset` (m) left of the centre line that points `turned` (rad) to the left of the track."""
     p = track.at(s)
