@@ -243,7 +243,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         "latitude and longitude swapped", POSITION, ("position_lost", *_FIX), 1.1, "no place of the map", _turned_map
     ),
     CarFault(
-        "wheel speeds front and rear swapped", WHEELS, (), math.inf, "slip of one axle is small: harmless",
+        "wheel speeds front and rear swapped", WHEELS, (), math.inf, "slip of one axle is small, but misleads the estimate: 1.2 m off the road in one of the bends tried",
         _axles_swapped,
     ),
     CarFault(
