@@ -28,6 +28,9 @@ CAUTION_S = 2.0
 CAUTION_DECELERATION = 3.0
 """m/s2: mild for the cars behind, and any tyre holds it beside cornering"""
 
+HARD = ("tyre_flat",)
+"""causes for which a controlled stop brakes as an emergency does: with less grip every bend ahead is too fast"""
+
 
 class Actor:
     """Actuators of the car: holds what stands on the wire and the path to stop on."""
@@ -110,7 +113,7 @@ class Actor:
             steer, drive = command.steer, self._paced(command.drive, motion.speed, decision)
             balance = command.brake_balance
         else:
-            emergency = decision.action is FailsafeAction.EMERGENCY_STOP
+            emergency = decision.action is FailsafeAction.EMERGENCY_STOP or decision.failsafe.cause in HARD
             steers = decision.failsafe.cause != "steering_stuck" or self.steering_reversed
             steer, drive = self.stopping.command(motion, pose, emergency, steers)
             steer = -steer if self.steering_reversed else steer

@@ -14,7 +14,13 @@ from hil_gateway.gateway.perceive.monitors.course import CourseMonitor
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
-from hil_gateway.gateway.perceive.monitors.sensors import GyroMonitor, LateralMonitor, SpeedChangeMonitor, WheelMonitor
+from hil_gateway.gateway.perceive.monitors.sensors import (
+    GyroMonitor,
+    LateralMonitor,
+    LockedWheels,
+    SpeedChangeMonitor,
+    WheelMonitor,
+)
 from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.track.track import Track
@@ -41,6 +47,7 @@ class Monitors:
         self._lateral = LateralMonitor()
         self._course = CourseMonitor()
         self._speed_change = SpeedChangeMonitor()
+        self._locked = LockedWheels(config)
         self._following = FollowingMonitor(vehicle)
         self._reversed = ReversedMonitor(vehicle)
         self._acceleration = AccelerationMonitor(vehicle, config.powertrain.brake_force_per_pa)
@@ -114,7 +121,9 @@ class Monitors:
             "off_road": off,
             "wrong_way": against,
         }
-        self._distrust(measures, wheels=changes > 0.0 and contradicted.wheels > 0.0, fixes=course is not None)
+        locked = self._locked.step(state, speed)
+        slipping = changes > 0.0 and contradicted.wheels > 0.0 and not locked
+        self._distrust(measures, slipping, fixes=course is not None)
         distrusted = {
             "wheel_speed_wrong": self._without_wheels.update(self.wheels_wrong, now_ns),
             "yaw_rate_wrong": self._without_imu.update(self.imu_wrong, now_ns) + IMU_WRONG_S * self.imu_wrong,

@@ -6,7 +6,8 @@ import math
 from collections import deque
 
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.motion import Motion, wheel_speeds
 from hil_gateway.process.clock import NS_PER_S
@@ -132,6 +133,23 @@ class SpeedChangeMonitor:
             bound = SPEED_CHANGE + SPEED_CHANGE_SHARE * self._speeds[0]
             self.share = abs(self._speeds[-1] - self._speeds[0] - by_imu) / bound
         return self._held.update(self.share > 1.0, now_ns)
+
+
+class LockedWheels:
+    """Whether wheels may have slipped away from the car's speed: brakes that pressed harder than the tyres' declared
+    grip takes within the last half second."""
+
+    def __init__(self, config: Config) -> None:
+        self._grip, self._lift = config.gateway.stop.lateral_grip, config.gateway.stop.downforce / config.vehicle.mass
+        self._per_pa = config.powertrain.brake_force_per_pa / config.vehicle.mass
+        self._since = SPEED_WINDOW
+        """periods"""
+
+    def step(self, state: VehicleState, speed: float) -> bool:
+        """Once a period."""
+        braking = (state.brake_front + state.brake_rear) * self._per_pa
+        self._since = 0 if braking > self._grip * (GRAVITY + self._lift * speed**2) else self._since + 1
+        return self._since < SPEED_WINDOW
 
 
 ROLL_S = 0.05

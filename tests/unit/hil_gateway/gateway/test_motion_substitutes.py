@@ -10,7 +10,7 @@ from support.scripted_car import Rig
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.monitors.sensors import SpeedChangeMonitor
+from hil_gateway.gateway.perceive.monitors.sensors import LockedWheels, SpeedChangeMonitor
 from hil_gateway.gateway.perceive.motion import MotionReader
 
 PERIOD_NS = 10_000_000
@@ -66,3 +66,15 @@ def test_wheels_that_all_lose_a_fifth_of_their_speed_at_once_are_named_within_0_
         speed = 40.0 if tick < 70 else max(40.0 - 0.35 * (tick - 70), 40.0 * share)
         held_s = monitor.step(tick * PERIOD_NS, state.model_copy(update={"ax": 0.0}), speed)
     assert (held_s > 0.0) is named
+
+
+@pytest.mark.parametrize(("deceleration", "locked"), [(12.0, False), (25.0, True)])
+def test_wheels_that_brakes_beyond_the_grip_lock_are_not_taken_for_wrong_sensors(
+    deceleration: float, locked: bool
+) -> None:
+    """Not while they are pressed, nor for half a second after."""
+    watch, half_pa = LockedWheels(CONFIG), 0.5 * deceleration * CAR.mass / PER_PA
+    braked = driving(40.0, 0.0, sources=True).model_copy(update={"brake_front": half_pa, "brake_rear": half_pa})
+    released = braked.model_copy(update={"brake_front": 0.0, "brake_rear": 0.0})
+    assert [watch.step(state, 40.0) for state in (braked, *[released] * 49)] == [locked] * 50
+    assert not watch.step(released, 40.0)

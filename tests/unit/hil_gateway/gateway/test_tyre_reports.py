@@ -9,6 +9,7 @@ from support.scripted_car import Rig
 
 from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.bus.topics import TYRES
+from hil_gateway.config import Config
 
 WHEELS = ("FL", "FR", "RL", "RR")
 SOUND_MBAR, FLAT_MBAR = 2600.0, 1050.0
@@ -40,6 +41,19 @@ def test_a_puncture_of_any_tyre_stops_the_car_within_half_a_second(wheel: str) -
     pressures[wheel] = FLAT_MBAR
     rig.run(0.5)
     assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "tyre_flat")
+
+
+def test_a_stop_with_a_flat_tyre_brakes_as_hard_as_an_emergency() -> None:
+    pressures = dict.fromkeys(WHEELS, SOUND_MBAR)
+    rig = reporting(lambda tick: pressures)
+    rig.drive = 0.1
+    rig.drive_off(12.0)
+    pressures["FL"] = FLAT_MBAR
+    rig.run(0.5)
+    config = Config()
+    pressed_pa = 1e3 * sum(rig.car.commands[f"{axle}_brake_pressure_cmd"] for axle in "FR")
+    deceleration = pressed_pa * config.powertrain.brake_force_per_pa / config.vehicle.mass
+    assert deceleration > 0.9 * config.gateway.stop.emergency_deceleration
 
 
 @pytest.mark.parametrize(
