@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from estimator.belief.delivery import wheel_slip
 from estimator.belief.in_use import ModelInUse, Succession
 from estimator.belief.revision import RevisedModel, RevisionPolicy, starting_revision
 from estimator.belief.tyre_belief import Sample, TyreBelief
@@ -88,11 +89,15 @@ class Estimator:
     def _take(self, state: VehicleState) -> None:
         if (following := self._succession.take(state.stamp_ns)) is not None:
             self._use(following)
-        estimate = self.localisation.step(state, self._seq)
+        delivered = self.model.delivery.now()
+        estimate = self.localisation.step(state, self._seq).model_copy(update={"delivered": delivered})
         self._seq += 1
         self._bus.publish(topics.ESTIMATE, estimate)
         if (sample := self._window.push(state, estimate, self.localisation)) is not None:
             self.learn(sample, state.stamp_ns)
+            self._compare(sample, wheel_slip(state, estimate.vx))
+        else:
+            self.model.delivery.clear()
         if state.stamp_ns >= self._belief_due_ns:
             self._belief_due_ns = state.stamp_ns + BELIEF_PERIOD_NS
             self._bus.publish(topics.BELIEF, belief_message(self.model, state.stamp_ns, self._belief_seq))
@@ -105,13 +110,21 @@ class Estimator:
 
     def learn(self, sample: Sample, stamp_ns: int) -> None:
         """Watch the model with the belief held so far, then let the sample teach."""
-        mean, tyres = self.belief.mean, self.belief.tyres
-        if self.belief.with_effects:
-            sample = replace(sample, phi=mean[tyres:])
-        for finding in self.model.monitor.push(sample, mean[:tyres], stamp_ns):
+        sample, tyres = self._believed(sample)
+        for finding in self.model.monitor.push(sample, tyres, stamp_ns):
             self._bus.publish(topics.ALERT, Alert(stamp_ns=stamp_ns, seq=self._alert_seq, **asdict(finding)))
             self._alert_seq += 1
         self.belief.update(in_kind(sample, self.belief.settings.kind, self.belief.model.vehicle))
+
+    def _compare(self, sample: Sample, slip: float) -> None:
+        """What tyres and brakes deliver now; `slip` of the wheels as `wheel_slip` says."""
+        sample, tyres = self._believed(sample)
+        self.model.delivery.push(sample, tyres, slip)
+
+    def _believed(self, sample: Sample) -> tuple[Sample, Array]:
+        """The sample with the effects, and the tyre parameters, that are now believed."""
+        mean, tyres = self.belief.mean, self.belief.tyres
+        return replace(sample, phi=mean[tyres:]) if self.belief.with_effects else sample, mean[:tyres]
 
 
 def in_kind(sample: Sample, kind: MeasurementKind, vehicle: Vehicle) -> Sample:

@@ -121,7 +121,7 @@ class Planner:
         """What the gateway sent, on the own clock: the newest counts as just sent."""
         for message in applied:
             age_ns = applied[-1].stamp_ns - message.stamp_ns
-            self._actuators.record(Sent(now_ns - age_ns, message.steer, message.drive))
+            self._actuators.record(Sent(now_ns - age_ns, message.steer, self.adoption.delivered.acting(message.drive)))
 
     def _initial_state(self, now_ns: int, start_ns: int) -> Array | None:
         """z at `start_ns` predicted from the newest estimate; None where that is missing, stale or not credible."""
@@ -132,11 +132,12 @@ class Planner:
         car = np.array([e.x, e.y, e.yaw, e.vx, e.vy, e.yaw_rate])
         if not (credible(car, self._track) and math.isfinite(e.drive) and math.isfinite(e.steer)):
             return None
+        self.adoption.feel(e.delivered)
         controller = self.adoption.controller
         guess = controller.sqp.z
         car[2] += math.tau * round(float(guess[2, 0] - car[2]) / math.tau)
         measured_ns = latest.received_ns - round(self._config.planner.estimate_age_s * NS_PER_S)
-        measured = Moment(measured_ns, car, e.drive, e.steer)
+        measured = Moment(measured_ns, car, self.adoption.delivered.acting(e.drive), e.steer)
         then = predict(self._actuators, controller.advance, measured, start_ns)
         car, drive, steer = then.car, then.drive, then.steer
         # no model of the plan may end the process
@@ -253,8 +254,9 @@ class Planner:
 
     def _stopping(self) -> Stopping:
         controller, vehicle = self.adoption.controller, self._config.vehicle
-        grip, force = min(controller.knowledge.load_max), float(controller.knowledge.theta[0])
-        braking = BRAKE_SHARE * controller.knowledge.load_max[1] * vehicle.static_load_rear / vehicle.mass
+        front, rear = controller.knowledge.load_left
+        grip, force = min(front, rear), float(controller.knowledge.theta[0])
+        braking = BRAKE_SHARE * rear * vehicle.static_load_rear / vehicle.mass
         return Stopping(
             lambda z, du: controller.sqp.propagate(z, du, controller.stages[:, 0], controller.common),
             controller.reference, self.settings.limits, self.settings.dt, vehicle, braking, grip, force,
@@ -265,11 +267,12 @@ class Planner:
         stamp = e.state_stamp_ns if e is not None else 0
         steer = self._actuators.lead(float(z[STEER, 0]), float(z[STEER, 1]), dt, self._actuators.steer_lag)
         drive = self._actuators.lead(float(z[DRIVE, 0]), float(z[DRIVE, 1]), dt, self._actuators.drive_lag)
-        limits = self.settings.limits
+        limits, train = self.settings.limits, self._config.powertrain
         drive = _within(drive, limits.drive_min, limits.drive_max)
+        sent = max(self.adoption.delivered.sent(drive), -train.hardest_braking / train.force_per_drive)
         command = Command(
             stamp_ns=now_ns, seq=self._seq, source="planner", state_stamp_ns=stamp,
-            steer=_within(steer, -limits.steer, limits.steer), drive=drive,
+            steer=_within(steer, -limits.steer, limits.steer), drive=sent,
             brake_balance=self.adoption.controller.brake_balance(float(z[VX, 0]), drive),
         )  # fmt: skip
         self._bus.publish(topics.COMMAND, command)

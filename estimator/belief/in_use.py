@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.belief.delivery import Delivery
 from estimator.belief.monitor import ResidualMonitor
 from estimator.belief.relinearised import RelinearisedBelief
 from estimator.belief.revision import RevisedModel, RevisionPolicy, learns_effects, model_of, unusable
@@ -31,6 +32,7 @@ class ModelInUse:
     belief: TyreBelief
     policy: RevisionPolicy
     monitor: ResidualMonitor
+    delivery: Delivery
 
     @classmethod
     def of(cls, config: Config, revision: ModelRevision, lap_length: float) -> ModelInUse:
@@ -41,7 +43,8 @@ class ModelInUse:
         belief = belief_class(revised.model, BeliefSettings(kind=config.estimator.measurement), effects)
         if revision.covariance:
             belief.set_covariance(np.array(revision.covariance))
-        return cls(revised, belief, RevisionPolicy(config.estimator, revision), ResidualMonitor(revised.model))
+        policy, model = RevisionPolicy(config.estimator, revision), revised.model
+        return cls(revised, belief, policy, ResidualMonitor(model), Delivery(model))
 
 
 class Succession:

@@ -17,10 +17,11 @@ from estimator.drive_log.derived import BY_STATE_FILTER
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.learner.active import active_effects, parameter_std
 from estimator.learner.known_road import with_road
-from estimator.learner.rule import NO_WORSE, Errors, mean_ratio, why_not
+from estimator.learner.rule import IDLE, Errors, mean_ratio, why_not
 from estimator.learner.taught import SPREAD, Laps, parameters_of, taught
 from estimator.model.declared_vehicle import DECLARED
 from estimator.model.effects import catalogue
+from estimator.model.effects.base import Effect
 from estimator.offline.diagnosis import held_out_in_turn
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.map_road import ROAD, on_map, projected, road_effects, with_map_road
@@ -36,7 +37,7 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
-UNTRIED = frozenset({*DECLARED, "imu_bias", "grip_drift", "brake_pressure", "total_slip"})
+UNTRIED = frozenset({*DECLARED, "imu_bias", "speed_scale", "grip_drift", "brake_pressure", "total_slip"})
 """what a running loop cannot have: vehicle data, which are declared; what the state filter estimates itself; what needs
 the time since the start of the log or the brakes' pressure, which no plan knows"""
 LEAST_LAPS = 3
@@ -133,7 +134,7 @@ def without_what_is_idle(whole: Found, outcome: Callable[[tuple[str, ...]], Foun
     left = whole
     while not left.reason and len(left.effects) > 1:
         fewer = min(_one_less(left, outcome), key=lambda f: (bool(f.reason), _ratio(f)))
-        if fewer.reason or _ratio(fewer) > NO_WORSE * _ratio(left):
+        if fewer.reason or _ratio(fewer) > IDLE * _ratio(left):
             break
         left = fewer
     return left
@@ -202,10 +203,16 @@ def _setting(task: Task, train: Record, ground: Ground) -> Setting:
 
 
 def _effects(fit: Fit, ground: Ground) -> list[ActiveEffect]:
-    """Effects of a fit that a model may have, with their values."""
+    """Effects of a fit that a model to drive with may have, with their values."""
     left_out = {*ROAD} if ground.mapped else set[str]()
-    blocks = [b for b in fit.predictor.blocks if b.effect.name in catalogue() and b.effect.name not in left_out]
+    known = {name for name, effect in catalogue().items() if moves_the_car(effect)}
+    blocks = [b for b in fit.predictor.blocks if b.effect.name in known - left_out]
     return [parameters_of(b.effect.name, fit.parameters[b.parameters]) for b in blocks]
+
+
+def moves_the_car(effect: Effect) -> bool:
+    """Not so the mounting of an accelerometer: fitted, so that nothing else stands in for it, and not driven with."""
+    return not effect.hooks.keys() <= {"SENSOR"}
 
 
 def _taught(effects: list[ActiveEffect], task: Task, ground: Ground) -> ModelRevision:

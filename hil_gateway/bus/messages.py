@@ -12,6 +12,7 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from hil_gateway.bus.delivered import Delivered
 from hil_gateway.process.model import Model
 
 # Bounds far outside what a car can do: a number that has lost its meaning is refused where it arrives, and what
@@ -113,6 +114,7 @@ class Estimate(Message):
     steer: Angle = Field(description="road-wheel angle as the car reports it, rad")
     drive: Slip = Field(description="slip-ratio drive command equivalent to the reported pedals")
     innovations_rejected: int = Field(ge=0, description="measurements gated out since start")
+    delivered: Delivered | None = Field(default=None, description="what tyres and brakes give of what is believed")
 
 
 class Belief(Message):

@@ -76,6 +76,12 @@ class Powertrain(Model):
         return self.engine_rpm[-1] * RPM
 
     @property
+    def hardest_braking(self) -> float:
+        """Force of both axles, N, with the greater of the declared pressures at its limit."""
+        share = max(self.brake_bias_front, 1.0 - self.brake_bias_front)
+        return self.brake_pressure_max * self.brake_force_per_pa / share
+
+    @property
     def balances(self) -> tuple[float, float]:
         """Least and largest `brake_balance` a command may ask for."""
         low, high = (self.brake_bias_front + side * self.brake_bias_range for side in (-1, 1))

@@ -94,15 +94,15 @@ class Gateway:
         monitors = self.monitors
         fixes_fitted, imu_was_wrong = monitors.fixes_fit, monitors.imu_wrong
         course = self._course.step(now_ns, self.builder.fixes)
-        motion = monitors.motion.step(now_ns, state, course if fixes_fitted else None)
+        commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
+        motion = monitors.motion.step(now_ns, state, course if fixes_fitted else None, commanded)
         monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
         monitors.position.scattered(now_ns, self._course.scatter_m)
         estimate = self.inbox.read_estimate(now_ns)
         monitors.heed(now_ns, state, self.inbox.estimate)
         believed = estimate if monitors.estimate_fits else None
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit)
-        commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
-        monitors.stopping = before.stopping
+        monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
         trusted = None if monitors.position.wrong and not imu_was_wrong else course
         monitored = monitors.measures(now_ns, state, pose, commanded, trusted)
         if course is not None and monitors.imu_wrong and not imu_was_wrong:
@@ -123,7 +123,9 @@ class Gateway:
     def _act(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None) -> None:
         """Ladder and actuator commands on the wire, and what was sent on the bus."""
         decision, command = self.decision, self.inbox.gate.newest
+        self._actor.stopping.flat = self._tyres.flat
         self._actor.report_ladder(now_ns, decision.race_control.ct_state, flags_received(self.builder))
+        self._actor.steering_reversed = self.monitors.steering_reversed
         self._actor.caution_speed = caution_speed(self.builder, self._caution_speed)
         sent, limited = self._actor.step(now_ns, state, motion, decision, command, pose)
         self._reporter.note_answer(now_ns, decision, command)

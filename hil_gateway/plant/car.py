@@ -123,6 +123,10 @@ class Car:
         """Per wheel (fl, fr, rl, rr) 0 (sound) to 1 (without air)."""
         return self._disturbed.flats
 
+    def happens(self, event: Event) -> None:
+        """One more event, beside those the car was made with."""
+        self._events = (*self._events, event)
+
     def step(self, commands: Commands, engine_running: bool) -> None:
         """Advance by one millisecond under the commands as they arrive at the actuators."""
         state = self._state

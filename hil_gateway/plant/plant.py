@@ -10,7 +10,7 @@ from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.topics import TRUTH
 from hil_gateway.can_link import CanLink
 from hil_gateway.config import Config, PlantConfig
-from hil_gateway.plant.car import STEP_S, Car
+from hil_gateway.plant.car import STEP_S, Car, Commands
 from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.controller.ladder import AT_REST, MARELLI_KILL, SysState, VehicleController
 from hil_gateway.plant.controller.receive import CommandReceiver
@@ -85,6 +85,11 @@ class Plant:
         self._reached_ns: int | None = None
         self._obeyed, self._engine_running = AT_REST, False
         self._truth_ns = 0
+
+    @property
+    def obeyed(self) -> Commands:
+        """What the actuators get."""
+        return self._obeyed
 
     def step(self, now_ns: int) -> None:
         """Advance to `now_ns` (monotonic, ns) in whole milliseconds."""

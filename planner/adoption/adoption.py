@@ -8,18 +8,20 @@ that makes plans fail soon after is rolled back and not tried again.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimator.belief.revision import RevisedModel, model_of, tyre_covariance
-from estimator.model.effects import catalogue
 from estimator.model.tyre import front_and_rear
+from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import Belief, Estimate, ModelRevision
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
+from planner.adoption.delivered import DeliveredNow, grip_factors
+from planner.adoption.plausible import implausible, near
 from planner.adoption.trust import Trust, slides
 from planner.adoption.usable_grip import PROFILE_SHARE, Axles, capacity
 from planner.line.envelope import envelope_of
@@ -32,8 +34,6 @@ from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
 from planner.solver.functions import Functions, build_functions, build_in_child
 
-PLAUSIBLE = 2.5
-"""factor between tyre parameters beyond which a revision or a belief is taken for a fault"""
 PROFILE_CHANGE = 0.01
 """relative change of usable grip that is worth a new speed profile"""
 NOTHING_ASKED = (0.0, 0.0)
@@ -96,6 +96,7 @@ class Adoption:
         self._new_reference: Reference | None = None
         self._changed = True
         self._probation = self._failures = 0
+        self.delivered = DeliveredNow()
         self.notes: list[str] = []
         """what was refused or rolled back, and why; newest last"""
         self._line: RaceLine | None = None
@@ -130,7 +131,7 @@ class Adoption:
         """Use a belief for Eq. (7) and (10), if it fits the model and is not far from it."""
         if self._foreign:
             return  # tyres beside other effects are other tyres
-        if belief.names == self.current.tyre.names and _near(belief.mean, self.current.revised.theta):
+        if belief.names == self.current.tyre.names and near(belief.mean, self.current.revised.theta):
             self._belief, self._changed = belief, True
 
     def advance(self) -> None:
@@ -145,7 +146,18 @@ class Adoption:
         knowledge = self._knowledge(before, current.revised, current.tyre, current.revision)
         self.controller.set_knowledge(knowledge)
         settled = (knowledge.load_max, knowledge.brake_ratio) == (before.load_max, before.brake_ratio)
-        self._changed = not (settled and np.array_equal(knowledge.theta, current.revised.theta))
+        factors = grip_factors(current.tyre.axles, knowledge.delivered, len(knowledge.theta))
+        self._changed = not (settled and np.array_equal(knowledge.theta, factors * current.revised.theta))
+
+    def feel(self, delivered: Delivered | None) -> None:
+        """Plan at once with what tyres and brakes deliver now; Eq. (1) to (3) alone explain too little to tell."""
+        if self._config.declared_model == "paper":
+            return
+        brakes = self.delivered.brakes
+        if self.delivered.take(delivered):
+            self._changed = True
+            self._asked = self._asked if self.delivered.brakes == brakes else NOTHING_ASKED
+            self.advance()
 
     def watch(self, estimate: Estimate, s: float) -> None:
         """Where the car slides at progress `s`, ask for less at that place from now on."""
@@ -205,9 +217,11 @@ class Adoption:
         self, before: TyreKnowledge | None, revised: RevisedModel, tyre: TyreNames, revision: ModelRevision
     ) -> TyreKnowledge:
         """Tyre parameters one slew step from those `before` towards the revision, with the newest belief."""
-        target = revised.theta
+        target, delivered = revised.theta, self.delivered.tyres
+        factors = grip_factors(tyre.axles, delivered, len(target))
         if before is not None and len(before.theta) == len(target):
-            target = np.clip(target, before.theta * (1 - SLEW), before.theta * (1 + SLEW))
+            lasting = before.theta / grip_factors(tyre.axles, before.delivered, len(target))
+            target = np.clip(target, lasting * (1 - SLEW), lasting * (1 + SLEW))
         belief = self._belief if before is not None else None  # a model being built has its own tyres
         if belief is not None and belief.names == tyre.names:
             mean, covariance = np.array(belief.mean), np.array(belief.covariance)
@@ -217,14 +231,16 @@ class Adoption:
             mean, covariance = target, np.diag(tyre.prior_std**2)
         use, level = self._config.planner.load_use, self._settings.sigma_level
         peaks = [d for _, _, d in tyre.axles]
+        # by the tyres as they last: a plan that gets by with what a sudden loss leaves may ask for all of it
         judged = judged_limits(use, target[peaks], before.load_max if before else None)
+        target, mean, covariance = factors * target, factors * mean, covariance * np.outer(factors, factors)
         # a belief that has learnt of less grip tells at once, before the model in force follows
         expected = np.minimum(mean, target)
         asked = capacity(tyre.axles, expected, covariance, use=use, level=level, held=self.held.pair)
         ratio = pressure_ratio(asked, revised.constant("front_brake", "share"))
         if before is not None:
             ratio = float(np.clip(ratio, before.brake_ratio * (1 - SLEW), before.brake_ratio * (1 + SLEW)))
-        return TyreKnowledge(target, mean, covariance, tyre.prior_std, judged, (use, use), asked, ratio)
+        return TyreKnowledge(target, mean, covariance, tyre.prior_std, judged, (use, use), asked, ratio, delivered)
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""
@@ -233,9 +249,13 @@ class Adoption:
         at_start = revised.phi_at(np.zeros(1))[:, 0]
         top = self._settings.limits.speed - 2.0
         envelope = envelope_of(
-            revised.model, list(knowledge.theta), list(at_start), use=(front, rear), max_speed=top,
+            revised.model,
+            list(knowledge.theta),
+            list(at_start),
+            use=(front, rear),
+            max_speed=top,
             brakes=(self._settings.brakes, knowledge.brake_ratio),
-        )  # fmt: skip
+        ).braked(self.delivered.brakes * self._config.powertrain.hardest_braking / self._config.vehicle.mass)
         if self._line is None:
             self._line = raceline_for(self._track, envelope, RACE_LINE_MARGIN)
             self.trust = Trust(len(self._line.s), self._line.length)
@@ -273,24 +293,3 @@ class Adoption:
 
 def _effects(revision: ModelRevision) -> Effects:
     return tuple(effect.name for effect in revision.effects)
-
-
-def implausible(revision: ModelRevision, start: ModelRevision) -> str:
-    """Why a revision must not be driven with, given the one the run started from; empty when it may."""
-    if revision.layout != start.layout:
-        return f"layout {revision.layout} is not the planner's {start.layout}"
-    if unknown := [e.name for e in revision.effects if e.name not in catalogue()]:
-        return f"effect {unknown[0]} is unknown"
-    if revision.tyre.keys() != start.tyre.keys():
-        odd = sorted(revision.tyre.keys() ^ start.tyre.keys())[0]
-        return f"tyre parameter {odd} is missing or unknown; layout {start.layout} has {', '.join(start.tyre)}"
-    for name, value in revision.tyre.items():
-        if not _near((value,), (start.tyre[name],)):
-            return f"tyre parameter {name} = {value:.4g} is far from the {start.tyre[name]:.4g} the run started with"
-    return ""
-
-
-def _near(values: Sequence[float], references: Sequence[float] | Array) -> bool:
-    """Whether all values are finite and within a factor `PLAUSIBLE` of their positive references."""
-    ratios = np.asarray(values) / np.asarray(references)
-    return bool(np.all(np.isfinite(ratios)) and np.all((ratios < PLAUSIBLE) & (ratios > 1 / PLAUSIBLE)))

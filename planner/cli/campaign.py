@@ -1,5 +1,5 @@
 """`hil campaign`: `learn` (infomax), `diagnose` (effects of the simulated car), `closed` (drive, diagnose, drive),
-`laps` (lap times of cars nobody has driven, over their own limit)."""
+`laps` (lap times of cars nobody has driven, over their own limit), `explore` (how soon that limit is known)."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
 from planner.cli.campaign_closed import closed
 from planner.cli.campaign_diagnose import RESULTS, diagnose
+from planner.cli.campaign_explore import explore
 from planner.cli.campaign_laps import laps as campaign_laps
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ app = typer.Typer(no_args_is_help=True, help="Long comparisons over seeds.")
 app.command()(diagnose)
 app.command()(closed)
 app.command("laps")(campaign_laps)
+app.command()(explore)
 
 
 @app.callback()

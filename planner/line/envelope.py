@@ -9,7 +9,7 @@ level ground (`normal_share`). c2 is downforce; the form is exact for the model'
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from threading import Lock
 from typing import Any, NamedTuple
@@ -67,6 +67,11 @@ class Envelope:
     def at(self, pair: tuple[float, float], v: Array) -> Array:
         """Value of one of the pairs at speed `v` on level ground."""
         return np.asarray(pair[0] + pair[1] * v * v)
+
+    def braked(self, most: float) -> Envelope:
+        """The same with brakes that shed `most` m/s2 at any speed."""
+        c0, c2 = self.brake
+        return replace(self, brake=(min(c0, most), min(c2, max(most - c0, 0.0) / self.max_speed**2)))
 
     def key(self) -> str:
         """Content, for caches."""

@@ -46,6 +46,13 @@ class TyreKnowledge:
     capacity: tuple[float, float]
     brake_ratio: float = 1.0
     """front over rear brake pressure for equal axle loads (`brake_law.pressure_ratio`)"""
+    delivered: tuple[float, float] = (1.0, 1.0)
+    """share of their believed peak that front and rear tyres deliver now: in all the above but `load_max`"""
+
+    @property
+    def load_left(self) -> tuple[float, float]:
+        """F-bar of what front and rear tyres deliver now."""
+        return self.load_max[0] * self.delivered[0], self.load_max[1] * self.delivered[1]
 
     @cached_property
     def spread(self) -> float:

@@ -8,7 +8,7 @@ from hil_gateway.config import Config
 
 EXPLORING: dict[str, Any] = {
     # at 60 plans that explore outgrow what an iteration follows: 2 of 280 are refused on the model's own car, at 30 one
-    "information_weight": 30.0,
+    "information_weight": 3.0,
     "information_criterion": "log_det",
     "information_bound": 1000.0,
     # IMU measurements do not separate over the axles: the exact Hessian, projected

@@ -19,6 +19,7 @@ from hil_gateway.process.errors import EXIT_FAILURE, InputError
 from hil_gateway.process.figures import lines, print_json
 from hil_gateway.process.writable import check_file
 from hil_gateway.session.files.format import software_version
+from hil_gateway.track.loading import load_track
 from verification import mutation as mutation_run
 from verification.promises import PROMISES, as_json, keep_long, markdown, read_evidence
 
@@ -42,6 +43,7 @@ def verify(  # noqa: PLR0917 (options are passed by name)
     seeds: Annotated[int | None, typer.Option(help="run so many seeds of the fault simulation")] = None,
     healthy: Annotated[float | None, typer.Option(help="drive so many hours without a fault")] = None,
     car_faults: Annotated[int | None, typer.Option(help="every fault of the car from so many places a track")] = None,
+    tracks: Annotated[str, typer.Option(help="of those two: names or CSV files, comma-separated; else three")] = "",
     mutation: Annotated[bool, typer.Option("--mutation", help="mutate limits, failsafe and codec")] = False,
     gathered: Annotated[Path | None, typer.Option("--from", help="only report what a test run wrote here")] = None,
     page: Annotated[Path | None, typer.Option(help="write the page of promises here: docs/promises.md")] = None,
@@ -50,12 +52,13 @@ def verify(  # noqa: PLR0917 (options are passed by name)
     if page is not None:
         _check_page(page, whole=not (long or only or mutation) and seed is None and seeds is None)
     _check_numbers(only, seed, seeds, healthy, car_faults, gathered)
+    places = _checked_tracks(tracks, wanted=healthy is not None or car_faults is not None)
     if seed is not None or seeds is not None:
         report = _simulate(seed, seeds or 0)
     elif healthy is not None:
-        report = _drive_healthy(healthy)
+        report = _drive_healthy(healthy, places)
     elif car_faults is not None:
-        report = _break_cars(car_faults)
+        report = _break_cars(car_faults, places)
     elif mutation:
         report = mutation_run.run(ROOT)
     else:
@@ -83,6 +86,16 @@ def _check_numbers(  # noqa: PLR0917 - the options
         raise InputError(f"{gathered}: no such file; --from takes what a test run wrote to HIL_PROMISE_FIGURES")
 
 
+def _checked_tracks(tracks: str, wanted: bool) -> dict[str, Any]:
+    """Keyword of a campaign: the tracks, each of which can be loaded; nothing for its own ones."""
+    if tracks and not wanted:
+        raise InputError(f"--tracks {tracks}: only --healthy and --car-faults drive; leave it out")
+    names = [name for name in tracks.split(",") if name]
+    for name in names:
+        load_track(name)
+    return {"tracks": tuple(names)} if names else {}
+
+
 def _check_page(page: Path, whole: bool) -> None:
     """Refuse, before any test has run, a page that could not be written or would leave promises out."""
     if not whole:
@@ -100,23 +113,23 @@ def _simulate(seed: int | None, count: int) -> dict[str, Any]:
     return {**{key: getattr(result, key) for key in result.__dataclass_fields__}, "ok": not result.broken}
 
 
-def _drive_healthy(hours: float) -> dict[str, Any]:
+def _drive_healthy(hours: float, tracks: dict[str, Any]) -> dict[str, Any]:
     """Random cars without a fault, one after the other; how far each has come goes to standard error."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     campaign = importlib.import_module("verification.fault_simulation.healthy")  # after the thread limit is set
     results = []
-    for result in campaign.drives(3600.0 * hours):
+    for result in campaign.drives(3600.0 * hours, **tracks):
         results.append(result)
         typer.echo(f"{result.track}, car {result.car}: {result.seconds:.0f} s, {result.stops or 'no stop'}", err=True)
     report: dict[str, Any] = campaign.summary(results)
     return {**report, "ok": not report["false_stops"]}
 
 
-def _break_cars(places: int) -> dict[str, Any]:
+def _break_cars(places: int, tracks: dict[str, Any]) -> dict[str, Any]:
     """Faults of sensors, actuators, power and bus; those that leave the road go to standard error as they come."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     campaign = importlib.import_module("verification.fault_simulation.car_campaign")  # after the thread limit is set
-    report: dict[str, Any] = campaign.run_campaign(places)
+    report: dict[str, Any] = campaign.run_campaign(places, **tracks)
     return report
 
 

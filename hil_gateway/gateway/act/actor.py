@@ -40,6 +40,8 @@ class Actor:
         self._mass_per_force = config.vehicle.mass / config.powertrain.force_per_drive
         self.caution_speed = config.gateway.caution_speed
         """m/s, under yellow flags"""
+        self.steering_reversed = False
+        """whether the steering goes to the other side than its command: a stop then asks for the other side"""
         self._gears = GearChoice(config.powertrain, config.vehicle.wheel_radius)
         self._limits = Limits(codec, config.gateway.limits)
         self._transmitter = Transmitter(codec, link, config.gateway.vehicle_number)
@@ -109,7 +111,9 @@ class Actor:
             balance = command.brake_balance
         else:
             emergency = decision.action is FailsafeAction.EMERGENCY_STOP
-            steer, drive = self.stopping.command(motion, pose, emergency)
+            steers = decision.failsafe.cause != "steering_stuck" or self.steering_reversed
+            steer, drive = self.stopping.command(motion, pose, emergency, steers)
+            steer = -steer if self.steering_reversed else steer
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted

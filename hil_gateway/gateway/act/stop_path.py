@@ -54,10 +54,13 @@ class Path:
     y: Array
     s: Array
 
+    def nearest(self, x: float, y: float) -> int:
+        """Vertex nearest to (x, y)."""
+        return int(np.argmin((self.x - x) ** 2 + (self.y - y) ** 2))
+
     def ahead(self, x: float, y: float, distance: float) -> tuple[float, float]:
         """Point `distance` along the path from the vertex nearest to (x, y); its last point beyond the end."""
-        nearest = int(np.argmin((self.x - x) ** 2 + (self.y - y) ** 2))
-        target = self.s[nearest] + distance
+        target = self.s[self.nearest(x, y)] + distance
         return float(np.interp(target, self.s, self.x)), float(np.interp(target, self.s, self.y))
 
     def distance(self, x: float, y: float) -> float:

@@ -31,6 +31,11 @@ YAW_RATE_GAIN = 0.04
 """K, rad of steering per rad/s. A car with more grip in front than behind turns the faster the faster it turns, at up
 to 2 1/s at 70 m/s when braking has moved the load forward: without K it weaves until it spins. 0.03 just holds such a
 car with steering that is 0.1 s late; 0.07 still steadies every car tried"""
+FLAT_YAW_RATE_GAIN = 0.07
+"""K with a flat tyre: with 0.04 the simulated race car spins on straights at 50 m/s when a rear tyre is flat, with 0.08
+it does not, with 0.14 it weaves until it spins"""
+FLAT_GRIP = 0.7
+"""share of the declared grip with a flat tyre: it bears less than half, and its axle carries half of the car"""
 FAR_FROM_WAY = 1.5
 """m off its way at which a stop gets a new one: the tyres have not held, or the pose was wrong"""
 BEND_SHARE = 0.7
@@ -49,6 +54,8 @@ class Stopping:
         self._path: Path | None = None
         self._bends: Array = np.zeros(0)
         self._steer = 0.0
+        self.flat = False
+        """whether a tyre is flat"""
 
     def take_plan(self, plan: Plan, stopping: bool) -> None:
         """Keep a fresh solution as the path to stop on; what the planner falls back to is no better.
@@ -64,8 +71,11 @@ class Stopping:
         """A stop begins; without a path the present angle is held."""
         self._steer, self._path = steer, None
 
-    def command(self, motion: Motion, pose: Pose | None, emergency: bool) -> tuple[float, float]:
-        """Road-wheel angle (rad) and slip-ratio drive (negative) of this period."""
+    def command(self, motion: Motion, pose: Pose | None, emergency: bool, steers: bool = True) -> tuple[float, float]:
+        """Road-wheel angle (rad) and slip-ratio drive (negative) of this period.
+
+        A car that no longer `steers` brakes with all the grip beside the lateral force it has.
+        """
         config = self._config
         if self._path is None or (pose is not None and self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
             self._path = self._way(pose)
@@ -73,9 +83,12 @@ class Stopping:
         if self._path is not None and pose is not None:
             self._steer = self._pursue(self._path, pose, motion)
         wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
+        lateral = abs(motion.ay)
         if self._path is not None and pose is not None:
             wanted = max(wanted, self._for_bends(self._path, pose, motion.speed))
-        force = self._vehicle.mass * min(wanted, self._grip_left(motion))
+            lateral = max(lateral, self._for_way(self._path, pose, motion.speed)) if steers else lateral
+        left = self._grip_left(motion.speed, lateral)
+        force = self._vehicle.mass * (min(wanted, left) if steers else left)
         return self._steer, -force / self._force_per_drive
 
     def _way(self, pose: Pose | None) -> Path | None:
@@ -95,23 +108,36 @@ class Stopping:
         distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_MIN)
         curvature = 2 * math.sin(angle) / distance
         too_slow = motion.speed * curvature - motion.yaw_rate if motion.by_gyro else 0.0  # a substitute is late
-        return math.atan(self._vehicle.wheelbase * curvature) + YAW_RATE_GAIN * too_slow
+        gain = FLAT_YAW_RATE_GAIN if self.flat else YAW_RATE_GAIN
+        return math.atan(self._vehicle.wheelbase * curvature) + gain * too_slow
 
     def _for_bends(self, path: Path, pose: Pose, speed: float) -> float:
         """Deceleration after which no bend ahead needs more than `BEND_SHARE` of the declared grip, m/s2.
 
         v^2 of a bend with curvature k: mu (m g + c v^2) = m k v^2, with the declared grip mu and downforce c.
         """
-        grip, lift = BEND_SHARE * self._config.lateral_grip, self._config.downforce / self._vehicle.mass
-        nearest = int(np.argmin((path.x - pose.x) ** 2 + (path.y - pose.y) ** 2))
+        grip, lift = BEND_SHARE * self._grip, self._config.downforce / self._vehicle.mass
+        nearest = path.nearest(pose.x, pose.y)
         distance = path.s[nearest + 1 :] - path.s[nearest]
         allowed = grip * GRAVITY / np.maximum(self._bends[nearest + 1 :] - grip * lift, 1e-4)
         needed = (speed**2 - allowed) / (2.0 * np.maximum(distance, speed * LOOK_AHEAD_S))
         return float(needed.max(initial=0.0))
 
-    def _grip_left(self, motion: Motion) -> float:
-        """Deceleration the friction circle leaves beside the present lateral force, m/s2."""
-        config = self._config
-        weight = GRAVITY + config.downforce * motion.speed**2 / self._vehicle.mass
-        grip = config.lateral_grip * weight
-        return math.sqrt(max(grip**2 - motion.ay**2, (0.3 * grip) ** 2))
+    def _for_way(self, path: Path, pose: Pose, speed: float) -> float:
+        """Lateral force of the way where the car is, m/s2."""
+        return float(self._bends[path.nearest(pose.x, pose.y)]) * speed**2
+
+    def _grip_left(self, speed: float, lateral: float) -> float:
+        """Deceleration the friction circle leaves beside a lateral force, m/s2.
+
+        That of the way counts, too: front tyres that are braked past their grip turn the car less, and by the force
+        that is left it would seem to need none.
+        """
+        weight = GRAVITY + self._config.downforce * speed**2 / self._vehicle.mass
+        grip = self._grip * weight
+        return math.sqrt(max(grip**2 - lateral**2, (0.3 * grip) ** 2))
+
+    @property
+    def _grip(self) -> float:
+        """Lateral specific force that the tyres hold, g."""
+        return self._config.lateral_grip * (FLAT_GRIP if self.flat else 1.0)

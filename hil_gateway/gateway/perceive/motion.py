@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from hil_gateway.bus.messages import VehicleState
+from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.process.clock import NS_PER_S
@@ -19,8 +20,12 @@ LEARNING_FROM = 10.0
 """m/s from which that difference shows"""
 COURSE_WINDOW = 38
 """periods: the time the fixes behind a course span, and half a fix"""
-STEERED_SHARE = 0.6
-"""of what steering has added since the middle of that time, in yaw rate: understeer at speed"""
+UNDERSTEER = 1e-3
+"""rad per m/s2 of lateral force before anything has been learnt: a racing car at moderate lateral force"""
+UNDERSTEER_LEARNT = 0.005
+"""weight of a period: two seconds"""
+UNDERSTEER_MOST = 2e-3
+"""rad per m/s2 of lateral force: a car that turns at 80 m/s a fifth of what its steering angle means"""
 TURNS_IN_S = 1.5e-3
 """s per m/s of speed after which the yaw rate follows the steering angle: yaw inertia over the damping of both axles"""
 LONGEST_S = 0.1
@@ -44,12 +49,17 @@ class MotionReader:
 
     Speed: the second fastest wheel (one sensor may be wrong), held against locking by what tyres can do; without
     wheels that of the fixes, then the IMU carries it on. Yaw rate: the gyro; without it the turn rate of the fixes'
-    course, then the rear wheels' difference (which braking falsifies), then v tan(delta) / L. Turn rates
-    are late by half the time they span: steering since then is added.
+    course, then the rear wheels' difference (which braking falsifies), then v tan(delta) / (L + K v^2) with the
+    understeer K that the gyro has taught. Turn rates are late by half the time they span: steering since then is added.
+    Where nothing reports any more, what stands on the wire is taken for done.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, brake_force_per_pa: float) -> None:
         self._vehicle = vehicle
+        self._per_pa = brake_force_per_pa / vehicle.mass
+        self._drag = 0.5 * vehicle.air_density * vehicle.drag_area / vehicle.mass
+        self._angles, self._forces = UNDERSTEER, 1.0
+        """sums of a_y times the steering angle beyond that of a slow car, and of a_y^2, lately"""
         self._mismatch = 0.0
         """(right - left) / (track v) on a straight, 1/m"""
         self._last_ns: int | None = None
@@ -59,15 +69,19 @@ class MotionReader:
         self.believe_imu = self.believe_wheels = True
         """false when other sensors contradict them"""
 
-    def step(self, now_ns: int, state: VehicleState, course: Course | None = None) -> Motion:
-        """Motion at `now_ns`; once a period. `course` is that of the position fixes, where they are believed."""
+    def step(
+        self, now_ns: int, state: VehicleState, course: Course | None = None, commanded: Actuators | None = None
+    ) -> Motion:
+        """Motion at `now_ns`; once a period. `course` is that of the position fixes, where they are believed;
+        `commanded` stands on the wire, None where nothing is sent."""
         dt = 0.0 if self._last_ns is None else min(max((now_ns - self._last_ns) / NS_PER_S, 0.0), LONGEST_S)
         self._last_ns = now_ns
         imu = state.sources["imu"].valid and self.believe_imu
         wheels = state.sources["wheel_speeds"].valid and self.believe_wheels
-        speed = self._speed(state, imu, wheels, dt, course)
-        steers = state.sources["steering"].valid
-        steered = speed * math.tan(state.steer) / self._vehicle.wheelbase if steers else 0.0
+        speed = self._speed(state, imu, wheels, dt, course, commanded)
+        steered = self._steered_rate(state, speed, commanded)
+        if imu and wheels and speed > LEARNING_FROM:
+            self._learn_understeer(state, speed)
         before = self._steered[-1] if self._steered else steered
         self._steered.append(before + dt / (dt + TURNS_IN_S * speed + 1e-9) * (steered - before))
         yaw_rate = state.yaw_rate if imu else self._without_gyro(state, speed, wheels, course)
@@ -86,16 +100,40 @@ class MotionReader:
         """Yaw rate the rear wheels' difference means, rad/s."""
         return self._rear_difference(state) - self._mismatch * speed
 
-    def _speed(self, state: VehicleState, imu: bool, wheels: bool, dt: float, course: Course | None) -> float:
+    def _steered_rate(self, state: VehicleState, speed: float, commanded: Actuators | None) -> float:
+        """Yaw rate that the steering angle comes to, by its sensor or else its command, rad/s."""
+        steer = state.steer
+        if not state.sources["steering"].valid:
+            steer = 0.0 if commanded is None else commanded.steering_motor / self._vehicle.steering_ratio
+        understeer = min(max(self._angles / max(self._forces, 1.0), 0.0), UNDERSTEER_MOST)
+        return speed * math.tan(steer) / (self._vehicle.wheelbase + understeer * speed**2)
+
+    def _learn_understeer(self, state: VehicleState, speed: float) -> None:
+        """Steering angle beyond L r / v a m/s2 of lateral force; least squares over the last two seconds."""
+        beyond = math.tan(state.steer) - self._vehicle.wheelbase * state.yaw_rate / speed
+        self._angles += UNDERSTEER_LEARNT * (beyond * state.ay - self._angles)
+        self._forces += UNDERSTEER_LEARNT * (state.ay**2 - self._forces)
+
+    def _speed(  # noqa: PLR0917 - what it is taken from
+        self, state: VehicleState, imu: bool, wheels: bool, dt: float, course: Course | None,
+        commanded: Actuators | None,
+    ) -> float:  # fmt: skip
         if wheels:
             return max(second_fastest(state), self.motion.speed - DECELERATION_MAX * dt)
         if course is not None:
             return course.speed
-        return max(self.motion.speed + (state.ax if imu else 0.0) * dt, 0.0)
+        gain = state.ax if imu else -self._braking(commanded)
+        return max(self.motion.speed + gain * dt, 0.0)
+
+    def _braking(self, commanded: Actuators | None) -> float:
+        """Deceleration by the brakes that are asked for and by drag, m/s2; 0 where nothing is sent."""
+        if commanded is None or commanded.accelerator > 0.0:
+            return 0.0
+        return (commanded.brake_front + commanded.brake_rear) * self._per_pa + self._drag * self.motion.speed**2
 
     def _without_gyro(self, state: VehicleState, speed: float, wheels: bool, course: Course | None) -> float:
         if course is not None:
-            return course.turn_rate + STEERED_SHARE * (self._steered[-1] - sum(self._steered) / len(self._steered))
+            return course.turn_rate + self._steered[-1] - sum(self._steered) / len(self._steered)
         return self.rear_yaw_rate(state, speed) if wheels else self._steered[-1]
 
     def _rear_difference(self, state: VehicleState) -> float:

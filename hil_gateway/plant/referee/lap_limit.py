@@ -9,22 +9,27 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.plant.physics.parameters import PlantParameters
 from hil_gateway.plant.referee.limit_envelope import TOP_SPEED, Envelope, NoEquilibriumError, measure_envelope
 from hil_gateway.plant.referee.limit_line import NoLineError, fastest_line
 from hil_gateway.plant.referee.limit_profile import fastest_profile, lap_time
 from hil_gateway.plant.referee.referee import HALF_WIDTH_M
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.cache import cache_directory
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.track import Track
 
 VERSION = 1
 """of the method; part of the cache key"""
+SHAPE = ("x", "y", "width_left", "width_right", "grade", "bank")
+"""what of a track the time depends on"""
 REDUCED_GRIP = 0.9
 """share of the friction at which the second time is given"""
 METHOD = (
@@ -48,15 +53,37 @@ def lap_limit(parameters: PlantParameters, track: Track, grip: float = 1.0) -> L
     Raises:
         InputError: a car that cannot be balanced, or a track without a minimum-time line.
     """
-    path = cache_directory() / f"limit-{_key(parameters, track, grip)}.json"
+    key = _key(parameters, grip, *(getattr(track, name) for name in SHAPE))
+    return LapLimit(**_remembered(f"limit-{key}", lambda: asdict(_compute(parameters, track, grip))))
+
+
+def lateral_limit(parameters: PlantParameters, speeds: Sequence[float]) -> Array:
+    """Largest lateral force over mass of a car on level ground without wind, m/s2, mean of both sides, shape (n,).
+
+    Raises:
+        NoEquilibriumError: a car that cannot be balanced.
+    """
+
+    def measured() -> dict[str, Any]:
+        v = np.array(speeds)
+        envelope, calm, normal = measure_envelope(parameters), np.zeros_like(v), np.full_like(v, GRAVITY)
+        sides = [envelope.peak(np.full(v.shape, left), calm, v, normal) for left in (False, True)]
+        return {"lateral": np.mean(sides, axis=0).tolist()}
+
+    return np.array(_remembered(f"lateral-{_key(parameters, 1.0, np.array(speeds))}", measured)["lateral"])
+
+
+def _remembered(name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """From the cache where it is there, else computed and put there."""
+    path = cache_directory() / f"{name}.json"
     try:
-        return LapLimit(**json.loads(path.read_text()))
+        return dict(json.loads(path.read_text()))
     except (OSError, ValueError, TypeError):
-        limit = _compute(parameters, track, grip)
+        found = compute()
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.with_suffix(f".{id(limit)}").write_text(json.dumps(asdict(limit)))
-    path.with_suffix(f".{id(limit)}").replace(path)
-    return limit
+    path.with_suffix(f".{id(found)}").write_text(json.dumps(found))
+    path.with_suffix(f".{id(found)}").replace(path)
+    return found
 
 
 def _compute(parameters: PlantParameters, track: Track, grip: float) -> LapLimit:
@@ -69,12 +96,12 @@ def _compute(parameters: PlantParameters, track: Track, grip: float) -> LapLimit
     return LapLimit(round(lap_time(speed, path.step), 3), round(float(speed.max()), 2))
 
 
-def _key(parameters: PlantParameters, track: Track, grip: float) -> str:
-    """Content of everything the time depends on."""
+def _key(parameters: PlantParameters, grip: float, *arrays: Array) -> str:
+    """Content of everything a result depends on."""
     car_and_road = parameters.car, parameters.road, parameters.gears, parameters.final_drive
     digest = hashlib.sha256(repr((VERSION, METHOD, grip, car_and_road)).encode())
-    for name in ("x", "y", "width_left", "width_right", "grade", "bank"):
-        digest.update(np.ascontiguousarray(getattr(track, name)).tobytes())
+    for values in arrays:
+        digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()[:32]
 
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import random
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.config import Config
 from hil_gateway.plant.car_file import SimulatedCar
 from planner.simulation.loop import Loop
+from verification.fault_simulation.best_stop import Best, best_stop, in_a_copy
 from verification.fault_simulation.car_fault_injection import SimulatedFault
 from verification.fault_simulation.car_faults import CAR_FAULTS, CarFault
 
@@ -30,6 +30,14 @@ PAIRS_PER_FAULT_RUN = 4
 """pairs a place"""
 SECOND_AFTER_S = 1.0
 """from the beginning of a stop to the second fault of a pair"""
+PHYSICS = "physics"
+"""no stop keeps the car on the road, not even one from the first effect of the fault on by the true state"""
+UNNOTICED = "unnoticed"
+"""a stop would have kept it on the road, and none began"""
+LATE = "late"
+"""none of those that begin when the fault is noticed"""
+STOP = "stop"
+"""one of those would have, but not the gateway's"""
 
 
 Pair = tuple[CarFault, ...]
@@ -51,6 +59,10 @@ class FaultResult:
     """least distance of a wheel to the edge from the fault on, by the referee; negative: off the road"""
     margin_unnoticed_m: float
     """the same until the stop began"""
+    why: str = ""
+    """why it left the road; empty where it did not"""
+    best: str = ""
+    """the stop that would have kept it there, where there is one"""
 
     @property
     def pair(self) -> bool:
@@ -75,25 +87,64 @@ def pairs(seed: int, count: int) -> list[Pair]:
     return drawn
 
 
-def simulate(loop: Loop, injector: SimulatedFault, faults: Pair, seed: int) -> FaultResult:
-    """From the loop's present state until the car stands, or nothing has happened for `WATCHED_S`."""
-    referee, begin_s, speed = loop.plant.referee, loop.elapsed_s, loop.plant.car["vx"]
-    waiting = list(faults)
-    referee.worst_margin_m = math.inf
-    injector.begin(waiting.pop(0), loop.plant, loop.clock.now_ns(), seed)
-    noticed_s, before = None, math.inf
-    while loop.elapsed_s < begin_s + STANDS_WITHIN_S and not loop.plant.car.standing:
-        loop.step()
-        since_s = loop.elapsed_s - begin_s
-        if noticed_s is None and loop.gateway.failsafe.action is not FailsafeAction.DRIVE:
-            noticed_s, before = since_s, referee.worst_margin_m
-        if noticed_s is None and since_s > WATCHED_S:
-            break
-        if waiting and noticed_s is not None and since_s > noticed_s + SECOND_AFTER_S:
-            injector.begin(waiting.pop(0), loop.plant, loop.clock.now_ns(), seed)
-    standing, cause = bool(loop.plant.car.standing), loop.gateway.failsafe.cause
-    name = THEN.join(fault.name for fault in faults)
-    return FaultResult(name, begin_s, speed, noticed_s, cause, standing, referee.worst_margin_m, before)
+@dataclass
+class Run:
+    """One fault, or a pair of them, from the loop's present state on; each method needs a copy of the loop."""
+
+    loop: Loop
+    config: Config
+    injector: SimulatedFault
+    faults: Pair
+    seed: int
+
+    def simulate(self) -> dict[str, Any]:
+        """A `FaultResult`, until the car stands, or nothing has happened for `WATCHED_S`."""
+        loop, referee = self.loop, self.loop.plant.referee
+        begin_s, speed = loop.elapsed_s, loop.plant.car["vx"]
+        waiting = list(self.faults)
+        referee.worst_margin_m = math.inf
+        self._begin(waiting.pop(0))
+        noticed_s, before = None, math.inf
+        while loop.elapsed_s < begin_s + STANDS_WITHIN_S and not loop.plant.car.standing:
+            loop.step()
+            since_s = loop.elapsed_s - begin_s
+            if noticed_s is None and self._stopping:
+                noticed_s, before = since_s, referee.worst_margin_m
+            if noticed_s is None and since_s > WATCHED_S:
+                break
+            if waiting and noticed_s is not None and since_s > noticed_s + SECOND_AFTER_S:
+                self._begin(waiting.pop(0))
+        standing, cause = bool(loop.plant.car.standing), loop.gateway.failsafe.cause
+        name = THEN.join(fault.name for fault in self.faults)
+        margin = referee.worst_margin_m
+        return asdict(FaultResult(name, begin_s, speed, noticed_s, cause, standing, margin, before))
+
+    def why_off(self, result: FaultResult) -> dict[str, str]:
+        """Why the car of `result` left the road, by the plant alone, and the stop that would not have."""
+        self._begin(self.faults[0])
+        while not self.injector.shows and not self._stopping:
+            self.loop.step()
+        best = self._best_stop()
+        if best.margin_m < 0.0:
+            return {"why": PHYSICS}
+        if result.noticed_s is None:
+            return {"why": UNNOTICED, "best": best.stop}
+        while not self._stopping:
+            self.loop.step()
+        from_then_on = self._best_stop()
+        if result.margin_unnoticed_m >= 0.0 and from_then_on.margin_m >= 0.0:
+            return {"why": STOP, "best": from_then_on.stop}
+        return {"why": LATE, "best": best.stop}
+
+    def _best_stop(self) -> Best:
+        return best_stop(self.loop.plant, self.config, self.faults[0].actuate)
+
+    @property
+    def _stopping(self) -> bool:
+        return self.loop.gateway.failsafe.action is not FailsafeAction.DRIVE
+
+    def _begin(self, fault: CarFault) -> None:
+        self.injector.begin(fault, self.loop.plant, self.loop.clock.now_ns(), self.seed)
 
 
 def campaign(  # noqa: PLR0917 - what a campaign is
@@ -111,13 +162,15 @@ def campaign(  # noqa: PLR0917 - what a campaign is
         while loop.elapsed_s < until_s:
             loop.step()
         for number, pair in list(enumerate(faults))[point % shares :: shares]:
-            yield FaultResult(**_in_a_copy(loop, injector, pair, 1000 * point + number))
+            run = Run(loop, config, injector, pair, 1000 * point + number)
+            result = FaultResult(**in_a_copy(run.simulate))
+            yield result if result.margin_m >= 0.0 else replace(result, **in_a_copy(partial(run.why_off, result)))
 
 
-def run_campaign(points: int, seed: int = 0) -> dict[str, Any]:
+def run_campaign(points: int, tracks: Sequence[str] = TRACKS, seed: int = 0) -> dict[str, Any]:
     """Every fault from `points` places of every track, and so many pairs; the report of `hil verify --car-faults`."""
     results: list[FaultResult] = []
-    for track in TRACKS:
+    for track in tracks:
         pairs_drawn = pairs(seed, PAIRS_PER_FAULT_RUN * points)
         for result in campaign(track, points, SPACING_S, (*SINGLE, *pairs_drawn)):
             results.append(result)
@@ -136,25 +189,6 @@ def summary(results: Sequence[FaultResult]) -> dict[str, Any]:
             "faults": len(chosen),
             "stops": len(stops),
             "off the road unnoticed": [f"{r.fault}, {r.speed:.0f} m/s" for r in chosen if r.harmful],
-            "stops off the road": [f"{r.fault}, {r.speed:.0f} m/s: {-r.margin_m:.1f} m" for r in off],
+            "stops off the road": [f"{r.fault}, {r.speed:.0f} m/s: {-r.margin_m:.1f} m, {r.why}" for r in off],
         }
     return report
-
-
-def _in_a_copy(loop: Loop, injector: SimulatedFault, faults: Pair, seed: int) -> dict[str, Any]:
-    reader, writer = os.pipe()
-    if not (pid := os.fork()):
-        status = 1
-        try:
-            os.write(writer, json.dumps(asdict(simulate(loop, injector, faults, seed))).encode())
-            status = 0
-        finally:
-            os._exit(status)
-    os.close(writer)
-    with os.fdopen(reader) as pipe:
-        text = pipe.read()
-    os.waitpid(pid, 0)
-    if not text:
-        raise RuntimeError(f"the copy that simulated {[fault.name for fault in faults]} died")
-    content: dict[str, Any] = json.loads(text)
-    return content

@@ -6,17 +6,22 @@ The car reports truthfully what its actuators then do.
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 from can_dbc.codec import Fault, load_codec
 from hil_gateway.can_link import Frame
 from hil_gateway.plant.car import Commands
+from hil_gateway.plant.events import PunctureEvent
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import NS_PER_S
 from planner.simulation.loop import Faults
 from verification.fault_simulation.car_faults import Alter, CarFault, Memory
+
+STEER_RAD, BRAKES_PA, THROTTLE = 2e-3, 1e5, 0.05
+"""what an actuator that works may be away from its command: play of the steering (1.7 deg at the motor), the pressure
+at which brakes begin to bite, play of the pedal"""
 
 
 class Injected:
@@ -66,12 +71,18 @@ class SimulatedFault(Faults):
 
     def __init__(self) -> None:
         self._injected: list[Injected] = []
+        self.shows = False
+        """whether a fault has had an effect: what is reported is changed from the first moment on, an actuator may have
+        done what it was asked for"""
 
     def begin(self, fault: CarFault, plant: Plant, now_ns: int, seed: int) -> None:
         """From now on."""
         self._injected.append(Injected(fault, now_ns, seed))
         if fault.actuate is not None:
-            _break_actuators(plant, fault)
+            self._break_actuators(plant, fault.actuate)
+        if fault.flat:
+            plant.car.happens(PunctureEvent(kind="puncture", t=0.0, wheel=fault.flat))
+        self.shows = self.shows or fault.actuate is None
 
     def frames(self, now_ns: int, receiver: str, frames: list[Frame]) -> list[Frame]:
         if receiver == "gateway":
@@ -79,15 +90,21 @@ class SimulatedFault(Faults):
                 frames = injected.frames(now_ns, frames)
         return frames
 
+    def _break_actuators(self, plant: Any, actuate: Callable[[Commands, Commands], Commands]) -> None:
+        """Put an actuator fault between the vehicle controller and the car."""
+        obeyed, did = plant.controller.obeyed, list[Commands]()
 
-def _break_actuators(plant: Any, fault: CarFault) -> None:
-    """Put an actuator fault between the vehicle controller and the car."""
-    obeyed, did = plant.controller.obeyed, list[Commands]()
+        def broken(t_ns: int, received: Any) -> Commands:
+            asked = obeyed(t_ns, received)
+            did[:] = [actuate(asked, did[0] if did else asked)]
+            self.shows = self.shows or _differ(asked, did[0])
+            return did[0]
 
-    def broken(t_ns: int, received: Any) -> Commands:
-        asked = obeyed(t_ns, received)
-        assert fault.actuate is not None
-        did[:] = [fault.actuate(asked, did[0] if did else asked)]
-        return did[0]
+        plant.controller.obeyed = broken
 
-    plant.controller.obeyed = broken
+
+def _differ(asked: Commands, did: Commands) -> bool:
+    """Whether an actuator does clearly something else."""
+    brakes = abs(asked.brake_front - did.brake_front) + abs(asked.brake_rear - did.brake_rear)
+    throttle, steer = abs(asked.throttle - did.throttle), abs(asked.steer - did.steer)
+    return brakes > BRAKES_PA or throttle > THROTTLE or steer > STEER_RAD

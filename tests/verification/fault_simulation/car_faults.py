@@ -6,6 +6,7 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from can_dbc.codec import load_codec
 from hil_gateway.plant.car import Commands
@@ -40,7 +41,7 @@ class CarFault:
 
     name: str
     messages: tuple[str, ...]
-    """CAN messages it changes; none: an actuator"""
+    """CAN messages it changes; none: an actuator, or a tyre"""
     noticed_by: tuple[str, ...]
     """rows of the failsafe table, any of which is right; none: harmless or not to be noticed, see `why`"""
     within_s: float
@@ -53,6 +54,8 @@ class CarFault:
     """a second sender at double rate, which says this"""
     actuate: Callable[[Commands, Commands], Commands] | None = None
     """(asked, what they did in the period before) to what the actuators do, once in 10 ms"""
+    flat: Literal["", "fl", "fr", "rl", "rr"] = ""
+    """a tyre that loses its air"""
 
 
 def _lost(values: Values, memory: Memory) -> None:
@@ -121,6 +124,7 @@ _MOTION = (
     "off_road",
 )
 _FIX = ("position_wrong", "estimate_invalid")
+_FLAT = ("tyre_flat", "wheel_speed_wrong", "off_road")
 
 CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault("position missing", POSITION, ("position_lost",), 1.1, "its age", _lost),
@@ -212,7 +216,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         (),
         ("steering_stuck", "off_road"),
         3.0,
-        "its command, once it differs by 8 deg",
+        "its command, once it differs by 8 deg, or has moved by 3 while the steering stood still",
         actuate=lambda asked, before: replace(asked, steer=before.steer),
     ),
     CarFault(
@@ -253,7 +257,8 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         _scaled(-1.0, *ANGLES),
     ),
     CarFault(
-        "steering reversed", (), ("steering_stuck", "off_road"), 3.0, "its command, once it is 4 deg",
+        "steering reversed", (), ("steering_stuck", "off_road"), 3.0,
+        "its command, once it is 4 deg; where the yaw rate confirms it the stop steers to the other side",
         actuate=lambda asked, before: replace(asked, steer=-asked.steer),
     ),
     CarFault(
@@ -282,11 +287,16 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         "steering and pedals against their commands",
         actuate=lambda asked, before: replace(asked, steer=before.steer, throttle=0.0, brake_front=0.0, brake_rear=0.0),
     ),
-    CarFault("nothing arrives from the bus", EVERYTHING, ("can_silent",), 0.2, "silence", _lost),
+    CarFault(
+        "nothing arrives from the bus", EVERYTHING, ("can_silent",), 0.2, "silence; the stop goes by its own commands",
+        _lost,
+    ),
     CarFault("drive-by-wire node silent", DRIVE_BY_WIRE, ("state_invalid",), 0.2, "age of its reports", _lost),
     CarFault(
         "every frame 0.1 s late", EVERYTHING, ("can_silent",), 0.2, "silence, while they wait", delay_s=0.1
     ),
+    CarFault("front left tyre flat", (), _FLAT, 0.6, "its pressure", flat="fl"),
+    CarFault("rear right tyre flat", (), _FLAT, 0.6, "its pressure", flat="rr"),
 )  # fmt: skip
 
 

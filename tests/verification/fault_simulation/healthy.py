@@ -6,7 +6,7 @@ after which it stops the car. Bounds are set by these figures.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from hil_gateway.config import Config
@@ -52,7 +52,6 @@ def drive(track: str, seed: int, seconds: float = DRIVE_S) -> HealthyDrive:
     settings = {
         "track": track,
         "plant": {"seed": seed},
-        "planner": {"horizon": 20},
         "estimator": {"learn": seed % 2 == 1},
     }
     loop, result = Loop(Config.model_validate(settings), simulated=random_car(seed)), HealthyDrive(track, seed)
@@ -68,11 +67,11 @@ def drive(track: str, seed: int, seconds: float = DRIVE_S) -> HealthyDrive:
     return result
 
 
-def drives(seconds: float) -> Iterator[HealthyDrive]:
-    """One car after the other, on the tracks in turn, until they have driven so long in all."""
+def drives(seconds: float, tracks: Sequence[str] = TRACKS) -> Iterator[HealthyDrive]:
+    """One car after the other, on the tracks (names or files) in turn, until they have driven so long in all."""
     driven, seed = 0.0, 0
     while driven < seconds:
-        yield (result := drive(TRACKS[seed % len(TRACKS)], seed, min(DRIVE_S, seconds - driven)))
+        yield (result := drive(tracks[seed % len(tracks)], seed, min(DRIVE_S, seconds - driven)))
         driven, seed = driven + max(result.seconds, 1.0), seed + 1
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -14,6 +15,12 @@ WINDOW = 40
 """commands (0.4 s) among which the position must lie: delay (40 ms) and five time constants of the slowest actuator"""
 STEERING = 0.14
 """rad at the motor (8 deg; 0.5 deg at the wheels): play, offset and noise of the sensor, overshoot"""
+STILL = 0.009
+"""rad at the motor (0.5 deg) within which a steering sensor stays that does not move"""
+ASKED = 0.05
+"""rad at the motor (3 deg) of change in its command after which steering that works has moved, whatever its offset"""
+ANSWER = 20
+"""periods (0.2 s) within which steering need not have answered yet: twice its delay, lag and the way of its report"""
 ACCELERATOR = 0.12
 BRAKES = 0.7e6
 """Pa: 12 % of full pressure, the scatter of pads and lines"""
@@ -36,24 +43,54 @@ class Follows:
     pedals: float
 
 
+class _StandingSteering:
+    """Steering that has not moved since some moment, although its commands from then on asked it to."""
+
+    def __init__(self) -> None:
+        self._low = self._high = math.nan
+        self._unanswered: deque[float] = deque()
+        self._least, self._most = math.inf, -math.inf
+        """of the commands since then that had time to be answered"""
+
+    def step(self, reported: float, asked: float) -> None:
+        """Angles at the motor, rad; once a period."""
+        self._low, self._high = min(self._low, reported), max(self._high, reported)
+        if not self._high - self._low <= STILL:
+            self._low = self._high = reported
+            self._unanswered.clear()
+            self._least, self._most = math.inf, -math.inf
+        self._unanswered.append(asked)
+        if len(self._unanswered) > ANSWER:
+            answered = self._unanswered.popleft()
+            self._least, self._most = min(self._least, answered), max(self._most, answered)
+
+    @property
+    def found(self) -> bool:
+        """Whether it stands still against its commands."""
+        return self._most - self._least > ASKED
+
+
 class FollowingMonitor:
     """Reported positions within the commands of the last 0.4 s; reports that are invalid say nothing of actuators."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._ratio = vehicle.steering_ratio
         self._commands: deque[Actuators] = deque(maxlen=WINDOW)
+        self._standing = _StandingSteering()
         self._steering, self._pedals = Held(), Held()
 
     def step(self, now_ns: int, state: VehicleState, commanded: Actuators | None) -> Follows:
         """`commanded` is what stands on the wire; None while nothing is sent or the car does not obey."""
         if commanded is None:
             self._commands.clear()
+            self._standing = _StandingSteering()
         else:
             self._commands.append(commanded)
+            self._standing.step(state.steer * self._ratio, commanded.steering_motor)
         full = len(self._commands) == WINDOW
         motor = state.steer * self._ratio
         steers = full and state.sources["steering"].valid
-        steers = steers and self._outside(motor, "steering_motor", STEERING)
+        steers = steers and (self._outside(motor, "steering_motor", STEERING) or self._standing.found)
         pedals = full and state.sources["pedals"].valid
         pedals = pedals and (
             self._outside(state.brake_front, "brake_front", BRAKES)
@@ -68,6 +105,44 @@ class FollowingMonitor:
             return False  # as it nearly always is: the others can only widen the range
         commands = [getattr(command, actuator) for command in self._commands]
         return not min(commands) - tolerance <= reported <= max(commands) + tolerance
+
+
+TURNS = 0.3
+"""of v tan(delta) / L: the yaw rate of heavy understeer at top speed"""
+
+
+class ReversedMonitor:
+    """Steering that goes to the other side than its command: the sensor says so, and the car turns that way.
+
+    Steering that is late or stuck never moves away from its command, and a sensor with a wrong sign is contradicted
+    by the gyro.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._reported: deque[float] = deque(maxlen=WINDOW)
+        self._asked: deque[float] = deque(maxlen=WINDOW)
+        self.found = False
+        """until the car stands"""
+
+    def step(self, state: VehicleState, speed: float, commanded: Actuators | None) -> None:
+        """`commanded` stands on the wire, None while the car does not obey; once a period."""
+        self.found = self.found and speed > 0.0
+        if commanded is None:
+            self._asked.clear()
+            self._reported.clear()
+            return
+        motor = state.steer * self._vehicle.steering_ratio
+        self._asked.append(commanded.steering_motor)
+        self._reported.append(motor)
+        side = 1.0 if commanded.steering_motor > 0.0 else -1.0
+        went = side * (self._reported[0] - motor) > STEERING
+        if went and side * motor < 0.0 and speed > JUDGED_FROM and state.sources["imu"].valid:
+            asked = list(self._asked)
+            outside = not min(asked) - STEERING <= motor <= max(asked) + STEERING
+            mirrored = min(asked[-ANSWER:]) - STEERING < -motor < max(asked[-ANSWER:]) + STEERING
+            turns = -side * state.yaw_rate > TURNS * speed * abs(math.tan(state.steer)) / self._vehicle.wheelbase
+            self.found = self.found or (outside and mirrored and turns)
 
 
 class AccelerationMonitor:

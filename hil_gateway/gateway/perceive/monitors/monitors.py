@@ -9,7 +9,7 @@ from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor
+from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
 from hil_gateway.gateway.perceive.monitors.course import CourseMonitor
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
@@ -25,13 +25,16 @@ IMU_MEASURES = ("yaw_rate_wrong", "acceleration_wrong", "commands_unanswered")
 IMU_WRONG_S = 0.1
 """s of contradiction after which the IMU is replaced by wheels and steering"""
 
+STEERS = (SysState.DRIVING, SysState.EMERGENCY)
+"""in which the car follows steering commands"""
+
 
 class Monitors:
     """One of each; `measures` gives measure -> seconds it has held."""
 
     def __init__(self, config: Config, track: Track | None) -> None:
         vehicle = config.vehicle
-        self.motion = MotionReader(vehicle)
+        self.motion = MotionReader(vehicle, config.powertrain.brake_force_per_pa)
         self.position = PositionMonitor()
         self._wheels = WheelMonitor(vehicle)
         self._gyro = GyroMonitor(vehicle)
@@ -39,10 +42,13 @@ class Monitors:
         self._course = CourseMonitor()
         self._speed_change = SpeedChangeMonitor()
         self._following = FollowingMonitor(vehicle)
+        self._reversed = ReversedMonitor(vehicle)
         self._acceleration = AccelerationMonitor(vehicle, config.powertrain.brake_force_per_pa)
         self.imu_wrong = self.imu_suspect = self.wheels_wrong = False
         self.stopping = False
         """whether the car is being stopped already"""
+        self.flat = False
+        """whether a tyre is reported flat: its wheel turns at another speed, and pulls to its side"""
         self._without_wheels, self._without_imu = Held(), Held()
         """a source that is not believed any more stops the car, whatever it says from then on"""
         self._road = None if track is None else RoadMonitor(track)
@@ -56,6 +62,11 @@ class Monitors:
     def estimate_fits(self) -> bool:
         """Whether nothing that an estimate is made of is contradicted."""
         return self.fixes_fit and not self.imu_suspect and not self.wheels_wrong
+
+    @property
+    def steering_reversed(self) -> bool:
+        """Whether the steering goes to the other side than its command."""
+        return self._reversed.found
 
     @property
     def shares(self) -> dict[str, float]:
@@ -80,6 +91,7 @@ class Monitors:
         imu, wheels = state.sources["imu"].valid, state.sources["wheel_speeds"].valid
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
         follows = self._following.step(now_ns, state, obeyed)
+        self._reversed.step(state, speed, commanded if state.sys_state in STEERS else None)
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         rear = self.motion.rear_yaw_rate(state, speed)
         ay = state.ay - (0.0 if self._road is None else self._road.gravity_across)
@@ -88,7 +100,8 @@ class Monitors:
         self.position.contradicted(contradicted.position)
         changes = self._speed_change.step(now_ns, state, speed) if imu and wheels else 0.0
         lateral = self._lateral.step(now_ns, state, speed, ay) if imu and wheels else 0.0
-        turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if imu and wheels else 0.0
+        compared = imu and wheels and not self.flat
+        turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if compared else 0.0
         measures = {
             "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,

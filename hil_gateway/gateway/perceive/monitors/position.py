@@ -119,19 +119,35 @@ class PositionMonitor:
         self._way_m += way
 
     def _judge(self, x: float, y: float, motion: Motion, pose: Pose) -> None:
-        if self._reference is None or self._agrees(x, y, motion.speed):
+        if self._reference is None:
+            self._reference, self._way_m = (x, y, pose.yaw), 0.0
+            return
+        along, across = self._beside(x, y)
+        if self._agrees(along, across, motion.speed):
             self._level = max(self._level - FORGIVEN, 0.0)
-            yaw = pose.yaw if self._reference is None or self._level <= 0.0 else self._reference[2]
-            self._reference, self._way_m = (x, y, yaw), 0.0
+            self._take(along, across, pose)
         else:
             self._level = min(self._level + 1.0, WRONG)
         self.wrong = self.wrong or self._level >= WRONG
 
-    def _agrees(self, x: float, y: float, speed: float) -> bool:
+    def _beside(self, x: float, y: float) -> tuple[float, float]:
+        """How far a fix lies ahead and to the left of the place carried on, m."""
         assert self._reference is not None
         x0, y0, yaw = self._reference
         cos, sin = math.cos(yaw), math.sin(yaw)
-        along, across = cos * (x - x0) + sin * (y - y0), cos * (y - y0) - sin * (x - x0)
+        return cos * (x - x0) + sin * (y - y0), cos * (y - y0) - sin * (x - x0)
+
+    def _take(self, along: float, across: float, pose: Pose) -> None:
+        """Go on from an agreeing fix, but not from its lateness: the next one, in time, would lead too far."""
+        assert self._reference is not None
+        x, y, yaw = self._reference
+        most = TOLERANCE_M + ALONG * self._way_m
+        along = max(-most, min(along, most))
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        yaw = pose.yaw if self._level <= 0.0 else yaw
+        self._reference, self._way_m = (x + cos * along - sin * across, y + sin * along + cos * across, yaw), 0.0
+
+    def _agrees(self, along: float, across: float, speed: float) -> bool:
         longest = TOLERANCE_M + ALONG * self._way_m + JITTER_S * speed
         if self._way_m > TOLERANCE_M:
             self._aside += AVERAGED * (max(-1.0, min(across / self._way_m, 1.0)) - self._aside)

@@ -16,10 +16,12 @@ from estimator.learner.find import (
     Task,
     find,
     judge,
+    moves_the_car,
     without_what_is_idle,
     without_what_spoils,
 )
 from estimator.learner.rule import regress, why_not
+from estimator.model.effects import catalogue
 from hil_gateway.config import Config, load_config
 from hil_gateway.process.errors import InputError
 
@@ -114,6 +116,14 @@ def test_an_effect_without_which_predictions_are_as_good_is_left_out(
         return Found(effects, start, why_not(REFIT, REFIT, errors), {"refit": REFIT, "found": errors})
 
     assert without_what_is_idle(outcome(("wind", "drag")), outcome).effects == tuple(kept.split())
+
+
+@pytest.mark.parametrize(
+    ("name", "moves"),
+    [("imu_lever_arm", False), ("imu_misalignment", False), ("engine_braking", True), ("steer_scale", True)],
+)
+def test_the_mounting_of_an_accelerometer_is_nothing_to_drive_with(name: str, moves: bool) -> None:
+    assert moves_the_car(catalogue()[name]) is moves
 
 
 @pytest.mark.parametrize(

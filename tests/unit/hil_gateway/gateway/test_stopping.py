@@ -71,6 +71,22 @@ def front_share(rig: Rig) -> float:
     return front / (front + rear)
 
 
+def test_a_flat_tyre_leaves_less_for_braking_beside_cornering():
+    sound, flat = stopping(load_track("oval")), stopping(load_track("oval"))
+    flat.flat = True
+    here = beside(load_track("oval"), 10.0, 0.0, 0.0, 40.0)
+    drives = [stop.command(motion(40.0, ay=12.0), here, True)[1] for stop in (sound, flat)]
+    assert drives[0] < drives[1] < 0.0
+
+
+def test_a_flat_tyre_steers_harder_against_a_wrong_yaw_rate():
+    track = load_track("oval")
+    turning, here = Motion(speed=40.0, yaw_rate=0.4, ay=0.0), beside(track, 10.0, 0.0, 0.0, 40.0)
+    sound, flat = stopping(track), stopping(track)
+    flat.flat = True
+    assert flat.command(turning, here, False)[0] < sound.command(turning, here, False)[0]
+
+
 def beside(track: Track, s: float, offset: float, turned: float, speed: float) -> Pose:
     """A car `offset` (m) left of the centre line that points `turned` (rad) to the left of the track."""
     p = track.at(s)
@@ -216,3 +232,27 @@ def test_braking_leaves_the_grip_a_bend_needs(rig):
     _, bend = stopping().command(motion(20.0, ay=11.0), HERE, emergency=True)
     _, beyond = stopping().command(motion(20.0, ay=40.0), HERE, emergency=True)
     assert straight < bend < beyond < 0
+
+
+def on_a_circle(rig: Rig) -> tuple[Stopping, Pose]:
+    """A stop on a way that bends with 80 m of radius, from its beginning."""
+    radius, angles = 80.0, np.linspace(0.0, 1.5, 1501)
+    x, y = radius * np.sin(angles), radius * (1 - np.cos(angles))
+    stop = stopping()
+    stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(x), "y": tuple(y)}), stopping=False)
+    stop.start(0.0)
+    return stop, Pose(8.0, 0.4, 0.1, 30.0)
+
+
+def test_front_tyres_that_slide_under_the_brakes_get_the_grip_their_bend_needs(rig):
+    """The car has hardly any lateral force, and its way needs 11 m/s2: brakes do not take what steering lacks."""
+    stop, pose = on_a_circle(rig)
+    _, sliding = stop.command(motion(30.0, ay=2.0), pose, emergency=True)
+    _, holding = stop.command(motion(30.0, ay=30.0**2 / 80.0), pose, emergency=True)
+    assert sliding == pytest.approx(holding, rel=0.05)
+
+
+def test_a_car_that_no_longer_steers_is_braked_with_all_its_grip(rig):
+    stop, pose = on_a_circle(rig)
+    steering = [stop.command(motion(30.0, ay=2.0), pose, emergency=True, steers=steers)[1] for steers in (True, False)]
+    assert steering[1] < 1.2 * steering[0]

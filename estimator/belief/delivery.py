@@ -1,0 +1,113 @@
+"""What tyres and brakes deliver now of the force the model in use expects of them: a wet road, a flat tyre, hot brakes.
+
+The belief takes in over seconds what lasts; this looks at the last tenth of a second, by least squares through the
+origin of the measured force on the expected one. Measured is what the model expects plus what is left of specific force
+and yaw acceleration, by Eq. (1) turned round: the force of an axle across, and that of both along while braking.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import casadi as ca
+import numpy as np
+
+from estimator.belief.tyre_belief import PLAUSIBLE, Sample
+from estimator.model.compiled import compile_function
+from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
+from hil_gateway.bus.delivered import Delivered
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.process.arrays import Array
+
+WINDOW = 10
+"""samples, 0.1 s: longer, a car at 60 m/s is out of the bend before it is known; shorter, noise of the yaw
+acceleration is several percent of an axle's force"""
+TELLING = 0.5
+"""share of its peak an axle is expected to bear, at least: errors of small forces are large shares"""
+BRAKING_N = 4000.0
+"""expected of the brakes at least, as `TELLING`: half of a stop at 1 g"""
+ROLLING = 0.06
+"""slip of braked wheels up to which their tyres hold what the brakes give: half of the slip at the peak"""
+LOCKING = 0.12
+"""slip beyond the peak of the tyres along the wheel: what they give there, both axles together, is all there is"""
+
+
+LEAST_SPEED = 8.0
+"""m/s, as the belief's gate: slower, slips are noise"""
+
+
+def wheel_slip(state: VehicleState, vx: float) -> float:
+    """Slip against the road, 1 at standstill of the wheels, of the axle that turns slowest; `vx` m/s."""
+    front = 0.5 * (state.wheel_speed_fl + state.wheel_speed_fr)
+    rear = 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
+    return 1.0 - min(front, rear) / max(vx, LEAST_SPEED)
+
+
+class Delivery:
+    """`push` every belief sample; `now` says what the last `WINDOW` of them tell."""
+
+    def __init__(self, model: SingleTrack) -> None:
+        self._vehicle = model.vehicle
+        self._function = compile_function(_expected(model), compiled=False)
+        self._rows: deque[Array] = deque(maxlen=WINDOW)
+
+    def clear(self) -> None:
+        """Samples are missing."""
+        self._rows.clear()
+
+    def push(self, sample: Sample, theta: Array, wheel_slip: float) -> None:
+        """Take in one sample of kind `imu_yaw` with the tyre parameters now believed.
+
+        `wheel_slip` is that of the axle whose wheels turn slowest against the road.
+        """
+        slow = sample.signals[0] < LEAST_SPEED
+        if slow or not all(abs(value) < PLAUSIBLE for value in (*sample.z.tolist(), *sample.signals.tolist())):
+            self.clear()
+            return
+        inputs = self._function.inputs
+        inputs[0][:, 0], inputs[1][:, 0], inputs[2][:, 0] = sample.signals, sample.aux, theta
+        inputs[3][:, 0] = sample.phi
+        self._function()
+        motion, forces, peaks = np.split(self._function.outputs[0][:, 0], [3, 6])
+        least = np.array([*(TELLING * peaks), BRAKING_N])
+        measured = forces + self._missing(sample.z - motion)
+        front, rear, along = measured.tolist()
+        whole = math.hypot(front + rear, along) / float(peaks.sum())
+        tells = np.where(np.abs(forces) > least, forces, 0.0)
+        self._rows.append(np.array([*tells, *measured, whole, wheel_slip < ROLLING, wheel_slip > LOCKING]))
+
+    def _missing(self, left: Array) -> Array:
+        """Forces, N, of front and rear axle across and of both along that `left` of the measurement come to."""
+        v, (ax, ay, yaw_acc) = self._vehicle, left.tolist()
+        front = (v.mass * v.lr * ay + v.yaw_inertia * yaw_acc) / v.wheelbase
+        return np.array([front, v.mass * ay - front, v.mass * ax])
+
+    def now(self) -> Delivered | None:
+        """Shares of the last `WINDOW` samples; None where nothing tells."""
+        if len(self._rows) < WINDOW:
+            return None
+        rows = np.array(self._rows)
+        if rows[:, 8].any():
+            held = float(rows[:, 6].mean())  # no slip angle is known well where wheels give no speed
+            return Delivered(front=held, rear=held, brakes=None)
+        expected, measured = rows[:, :3], rows[:, 3:6]
+        shares = (expected * measured).sum(axis=0) / np.maximum((expected**2).sum(axis=0), 1.0)
+        told = (expected != 0.0).all(axis=0)
+        told[2] &= bool(rows[:, 7].all())
+        front, rear, brakes = (float(share) if tells else None for share, tells in zip(shares, told, strict=True))
+        return None if front is rear is brakes is None else Delivered(front=front, rear=rear, brakes=brakes)
+
+
+def _expected(model: SingleTrack) -> ca.Function:
+    """(signals, aux, theta, phi) to a_x, a_y and yaw acceleration; F_yf, F_yr and, braking, F_x of both axles; peaks of
+    front and rear axle, all N."""
+    signals, aux = ca.SX.sym("signals", len(SIGNALS)), ca.SX.sym("aux", len(AUXILIARY))
+    theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
+    named = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
+    auxiliary = dict(zip(AUXILIARY, ca.vertsplit(aux), strict=True))
+    effects = ca.vertsplit(phi) if phi.numel() else []
+    t = model.evaluate(Terms(model.vehicle, **named, aux=auxiliary), ca.vertsplit(theta), effects)
+    forces = ca.vertcat(t.fy_f, t.fy_r, ca.fmin(t.fx_f + t.fx_r, 0.0))
+    rows = ca.vertcat(t.imu_ax, t.imu_ay, t.yaw_acc, forces, t.peak_f, t.peak_r)
+    return ca.Function("expected", [signals, aux, theta, phi], [ca.densify(rows)])

@@ -1,0 +1,75 @@
+"""What tyres and brakes deliver is known within a tenth of a second, axle by axle, and only where they are used."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from support.measurement_evaluation import MeasurementEvaluation
+
+from estimator.belief.delivery import WINDOW, Delivery
+from estimator.belief.tyre_belief import Sample
+from estimator.model.single_track import AUXILIARY, SingleTrack
+from hil_gateway.bus.delivered import Delivered
+from hil_gateway.car.vehicle import Vehicle
+
+MODEL = SingleTrack(Vehicle(), "per_axle")
+NAMES = [p.name for p in MODEL.tyre_table]
+BELIEVED = np.array([p.prior for p in MODEL.tyre_table])
+NO_AUX = np.zeros(len(AUXILIARY))
+EVALUATION = MeasurementEvaluation(MODEL, "imu_yaw")
+
+
+def sample(slip: float, drive: float = 0.0, **shares: float) -> Sample:
+    """Both axles at `slip` in a bend at 40 m/s, of a car with these `shares` of its believed parameters."""
+    v, vx, yaw_rate = MODEL.vehicle, 40.0, 0.35
+    vy = v.lr * yaw_rate - vx * np.tan(slip)
+    signals = np.array([vx, vy, yaw_rate, slip + np.arctan((vy + v.lf * yaw_rate) / vx), drive])
+    true = BELIEVED * np.array([shares.get(name, 1.0) for name in NAMES])
+    return Sample(signals, np.zeros((3, 3)), EVALUATION(signals, NO_AUX, true)[0], NO_AUX)
+
+
+def seen(taken: Sample, samples: int = WINDOW, wheel_slip: float = 0.0) -> Delivered | None:
+    delivery = Delivery(MODEL)
+    for _ in range(samples):
+        delivery.push(taken, BELIEVED, wheel_slip)
+    return delivery.now()
+
+
+def test_a_wet_road_is_known_after_a_tenth_of_a_second() -> None:
+    wet = sample(0.06, df=0.8, dr=0.8)
+    assert seen(wet, WINDOW - 1) is None
+    found = seen(wet)
+    assert found is not None
+    assert (found.front, found.rear) == (pytest.approx(0.8, abs=0.01), pytest.approx(0.8, abs=0.01))
+
+
+@pytest.mark.parametrize(("weak", "front", "rear"), [("df", 0.6, 1.0), ("dr", 1.0, 0.6)])
+def test_a_weak_axle_is_told_from_the_other(weak: str, front: float, rear: float) -> None:
+    found = seen(sample(0.06, **{weak: 0.6}))
+    assert found is not None
+    assert (found.front, found.rear) == (pytest.approx(front, abs=0.02), pytest.approx(rear, abs=0.02))
+
+
+def test_weak_brakes_are_no_weak_tyres() -> None:
+    found = seen(sample(0.0, drive=-0.2, cx=0.7))
+    assert found is not None
+    assert (found.front, found.rear, found.brakes) == (None, None, pytest.approx(0.7, abs=0.01))
+
+
+def test_locked_wheels_tell_of_the_road_and_not_of_the_brakes() -> None:
+    found = seen(sample(0.0, drive=-0.2, cx=0.7), wheel_slip=0.3)
+    assert found is not None
+    assert found.brakes is None
+    assert found.front == found.rear
+
+
+def test_a_car_that_hardly_uses_its_tyres_tells_nothing() -> None:
+    assert seen(sample(0.01, df=0.5, dr=0.5, drive=-0.05)) is None
+
+
+def test_what_is_no_number_tells_nothing() -> None:
+    broken: Any = sample(0.06)
+    broken.z[1] = np.nan
+    assert seen(broken) is None

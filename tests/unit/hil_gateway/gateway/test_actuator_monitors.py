@@ -1,0 +1,101 @@
+"""Steering that goes to the other side, or stands still, is told from steering that is late or wrongly reported."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from support.scripted_car import Rig
+
+from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.gateway.perceive.monitors.actuators import FollowingMonitor, ReversedMonitor
+
+SPEED = 40.0
+CAR = Vehicle()
+LATE = 8
+"""periods from a command to its position"""
+LATE_SLOW_RAD = 0.008
+"""a period at the motor: steering that has become slow"""
+
+Motor = Callable[[int], float]
+
+
+def chicane(tick: int) -> float:
+    """Commanded angle of the motor, rad: a bend to the left, then one to the right."""
+    return 0.35 if tick < 100 else max(0.35 - 0.03 * (tick - 100), -0.35)
+
+
+def reversed_steering(tick: int) -> float:
+    since = max(tick - LATE, 0)
+    return chicane(since) if tick < 60 else max(0.35 - 0.05 * (tick - 60), -0.35) if tick < 75 else -chicane(since)
+
+
+def late(tick: int) -> float:
+    return chicane(max(tick - LATE, 0))
+
+
+def slow(tick: int) -> float:
+    return 0.35 if tick < 100 else max(0.35 - LATE_SLOW_RAD * (tick - 100), -0.35)
+
+
+def stuck(tick: int) -> float:
+    return 0.35
+
+
+def finds(reported: Motor, turned: Motor) -> bool:
+    """`reported` and true angle of the motor; the yaw rate is that of a car that understeers by half."""
+    rig = Rig()
+    rig.run(0.05)
+    state, monitor = rig.gateway.seen[0], ReversedMonitor(CAR)
+    for tick in range(200):
+        steer, true = reported(tick) / CAR.steering_ratio, turned(tick) / CAR.steering_ratio
+        yaw_rate = 0.5 * SPEED * math.tan(true) / CAR.wheelbase
+        commanded = Actuators(chicane(tick), 0.0, 0.0, 0.0, 3)
+        monitor.step(state.model_copy(update={"steer": steer, "yaw_rate": yaw_rate}), SPEED, commanded)
+    return monitor.found
+
+
+def test_reversed_steering_is_told() -> None:
+    assert finds(reversed_steering, reversed_steering)
+
+
+@pytest.mark.parametrize("turned", [late, slow, stuck])
+def test_steering_that_is_late_slow_or_stuck_is_not_taken_for_reversed(turned: Motor) -> None:
+    assert not finds(turned, turned)
+
+
+def test_a_steering_sensor_with_the_wrong_sign_does_not_reverse_the_steering() -> None:
+    assert not finds(reversed_steering, late)
+
+
+def noticed_s(reported: Motor) -> float:
+    """Time from when a slow bend begins (10 deg/s at the motor, up to 7 deg) until the steering counts as stuck."""
+    rig = Rig()
+    rig.run(0.05)
+    state, monitor = rig.gateway.seen[0], FollowingMonitor(CAR)
+    for tick in range(-100, 200):
+        commanded = Actuators(bend(tick), 0.0, 0.0, 0.0, 6)
+        steer = round(reported(tick) / STEP_RAD) * STEP_RAD / CAR.steering_ratio
+        follows = monitor.step((tick + 101) * 10_000_000, state.model_copy(update={"steer": steer}), commanded)
+        if follows.steering > 0.0:
+            return 0.01 * tick
+    return math.inf
+
+
+STEP_RAD = math.radians(0.5)
+"""resolution of the sensor"""
+
+
+def bend(tick: int) -> float:
+    return math.radians(min(max(0.1 * tick, 0.0), 7.0))
+
+
+def test_steering_that_stands_still_in_a_slow_bend_is_noticed_within_half_a_second() -> None:
+    assert noticed_s(lambda tick: 0.0) <= 0.5
+
+
+@pytest.mark.parametrize("offset_deg", [-5.0, 0.0, 5.0])
+def test_steering_that_follows_late_and_with_an_offset_is_not_stuck(offset_deg: float) -> None:
+    assert noticed_s(lambda tick: bend(tick - LATE) + math.radians(offset_deg)) == math.inf

@@ -1,0 +1,61 @@
+"""Late fixes are forgiven; fixes where the car cannot be are not."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from support.scripted_car import Rig
+
+from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
+from hil_gateway.gateway.perceive.motion import Motion
+
+PERIOD_S, FIX_S = 0.01, 0.05
+SECONDS = 10.0
+Place = Callable[[float, float], float]
+"""m along a straight that the receiver says, of the time (s) and the place (m)"""
+
+
+def judged(speed: float, decelerating: float, says: Place, late_s: float = 0.0) -> PositionMonitor:
+    """A car on a straight whose wheels say the truth, a fix every 50 ms, of which every thirteenth comes late."""
+    rig = Rig()
+    rig.run(0.05)
+    state, noise = rig.gateway.seen[0], np.random.default_rng(5)
+    monitor, x, seq, coming = PositionMonitor(), 0.0, state.position_seq, deque[tuple[float, float]]()
+    for tick in range(round(SECONDS / PERIOD_S)):
+        t = tick * PERIOD_S
+        now = max(speed - decelerating * t, 12.0)
+        x += now * PERIOD_S
+        if tick % round(FIX_S / PERIOD_S) == 0:
+            late = round(t / FIX_S) % 13 == 7
+            coming.append((t + late * late_s, says(t, x) + noise.normal(0.0, 0.02)))
+        while coming and coming[0][0] <= t:
+            seq += 1
+            place = {"position_x": coming.popleft()[1], "position_y": noise.normal(0.0, 0.02)}
+            state = state.model_copy(update={"position_seq": seq, **place})
+        monitor.step(round(t * 1e9), state, Motion(speed=now), Pose(x, 0.0, 0.0, now))
+    return monitor
+
+
+@pytest.mark.parametrize("speed", [30.0, 60.0, 80.0])
+@pytest.mark.parametrize("decelerating", [0.0, 15.0])
+@pytest.mark.parametrize("late_s", [0.02, 0.03, 0.04, 0.08])
+def test_single_late_fixes_stop_no_car(speed: float, decelerating: float, late_s: float) -> None:
+    assert not judged(speed, decelerating, lambda t, x: x, late_s).wrong
+
+
+@pytest.mark.parametrize("speed", [30.0, 60.0, 80.0])
+@pytest.mark.parametrize(
+    "says",
+    [
+        pytest.param(lambda t, x: x + 4.0 * (t > 5.0), id="leads by 4 m"),
+        pytest.param(lambda t, x: x - 4.0 * (t > 5.0), id="falls back by 4 m"),
+        pytest.param(lambda t, x: min(x, 100.0), id="repeats its last"),
+        pytest.param(lambda t, x: x - 0.2 * x * (t > 5.0), id="falls behind by a fifth"),
+    ],
+)
+def test_fixes_where_the_car_cannot_be_are_wrong(speed: float, says: Place) -> None:
+    assert judged(speed, 0.0, says).wrong

@@ -1,0 +1,64 @@
+"""What the car fails to deliver is taken off plans at once, and comes back slowly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil_gateway.bus.delivered import Delivered
+from planner.adoption.delivered import LEAST, USUAL, DeliveredNow, grip_factors
+from planner.problem.load_limits import SLEW
+
+
+def told(front: float | None = None, rear: float | None = None, brakes: float | None = None) -> Delivered:
+    return Delivered(front=front, rear=rear, brakes=brakes)
+
+
+def test_a_loss_counts_at_once_and_for_its_axle_only() -> None:
+    now = DeliveredNow()
+    assert now.take(told(front=0.75))
+    assert now.tyres == (0.75, 1.0)
+
+
+def test_model_errors_are_no_loss() -> None:
+    now = DeliveredNow()
+    assert not now.take(told(front=USUAL + 0.01, rear=1.1, brakes=0.85))
+    assert (now.tyres, now.brakes) == ((1.0, 1.0), 1.0)
+
+
+def test_what_is_no_longer_used_stays_as_it_was_seen_last() -> None:
+    now = DeliveredNow()
+    now.take(told(rear=0.7))
+    assert not now.take(None)
+    assert not now.take(told(front=1.0))
+    assert now.tyres == (1.0, 0.7)
+
+
+def test_grip_comes_back_as_fast_as_parameters_may_change() -> None:
+    now = DeliveredNow()
+    now.take(told(front=0.8))
+    now.take(told(front=1.0))
+    assert now.tyres[0] == pytest.approx(0.8 * (1.0 + SLEW))
+    for _ in range(30):
+        now.take(told(front=1.0))
+    assert now.tyres[0] == 1.0
+
+
+def test_a_wild_reading_leaves_grip_to_steer_with() -> None:
+    now = DeliveredNow()
+    now.take(told(front=-2.0, rear=0.0))
+    assert now.tyres == (LEAST, LEAST)
+
+
+def test_faded_brakes_are_pressed_harder_for_the_same_force() -> None:
+    now = DeliveredNow()
+    now.take(told(brakes=0.7))
+    assert now.acting(now.sent(-0.2)) == pytest.approx(-0.2)
+    assert now.sent(-0.2) == pytest.approx(-0.2 / 0.7)
+    assert now.sent(0.1) == now.acting(0.1) == 0.1
+
+
+def test_grip_is_taken_off_the_peaks_alone() -> None:
+    per_axle = ((1, 2, 3), (4, 5, 6))
+    assert grip_factors(per_axle, (0.8, 0.9), 7).tolist() == [1, 1, 1, 0.8, 1, 1, 0.9]
+    assert np.array_equal(grip_factors(((1, 2, 3),) * 2, (0.8, 0.9), 4), [1, 1, 1, 0.8])
