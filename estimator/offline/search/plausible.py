@@ -83,14 +83,17 @@ def _confirmed(fit: Fit, block: Block) -> bool:
     """Whether the place of the accelerometer also shows where no tyre is in the equation, if sensors tell.
 
     What steering or tyres lack turns with the car as well, and would be taken for a sensor away from its centre. An ay
-    sampled later than the yaw rate by half a step looks displaced by what the car travels in that time.
+    sampled later than the yaw rate by half a step looks displaced by what the car travels in that time. Where no
+    kinematics tell, it must be more than the car travels in a whole step.
     """
-    seen = accelerometer_ahead(fit.predictor.record) if block.effect.name == "imu_lever_arm" else None
-    if seen is None:
+    if block.effect.name != "imu_lever_arm":
         return True
-    ahead, record = float(fit.parameters[block.parameters][0]), fit.predictor.record
-    late = 0.5 * record.step * float(record.signals["vx"][record.rows].mean())
-    return abs(seen[0] - ahead) < max(LEAST_ERRORS * seen[1] + late, CONFIRMED_SHARE * abs(ahead))
+    place, record = fit.parameters[block.parameters], fit.predictor.record
+    ahead, travelled = float(place[0]), record.step * float(record.signals["vx"][record.rows].mean())
+    seen = accelerometer_ahead(record)
+    if seen is None:
+        return bool(np.max(np.abs(place)) > travelled)
+    return abs(seen[0] - ahead) < max(LEAST_ERRORS * seen[1] + 0.5 * travelled, CONFIRMED_SHARE * abs(ahead))
 
 
 def _table(fit: Fit, block: Block) -> tuple[Parameter, ...]:

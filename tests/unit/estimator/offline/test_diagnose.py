@@ -238,6 +238,18 @@ def test_a_delay_within_a_sample_is_no_effect(drives: dict[str, Any]) -> None:
     assert not believed(fit_names(setting, ["steer_delay"], None), "steer_delay")
 
 
+def test_a_sensor_place_without_kinematics_must_exceed_what_the_car_travels_in_a_sample(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    record = record.select(np.arange(record.windows) % 12 == 0)
+    record = replace(record, lap=np.arange(record.windows) // 4, used=np.array([True, True, True, True, False]))
+    done = fit_names(Setting(record, "per_axle", PRIOR), ["imu_lever_arm"], None)
+    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "imu_lever_arm")
+    for place, named in ((0.1, False), (0.8, True)):
+        parameters = done.parameters.copy()
+        parameters[row : row + 2] = place, 0.0
+        assert believed(replace(done, parameters=parameters), "imu_lever_arm") == named
+
+
 def test_windows_in_which_the_car_has_spun_are_left_out(drives: dict[str, Any]) -> None:
     drive = drives["none"]
     spun = np.abs(drive.columns["t"] - 100.0) < 1.0
