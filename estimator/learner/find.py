@@ -37,7 +37,9 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
-UNTRIED = frozenset({*DECLARED, "imu_bias", "speed_scale", "grip_drift", "brake_pressure", "total_slip"})
+UNTRIED = frozenset({
+    *DECLARED, "imu_bias", "imu_misalignment", "speed_scale", "grip_drift", "brake_pressure", "total_slip",
+})  # fmt: skip
 """what a running loop cannot have: vehicle data, which are declared; what the state filter estimates itself; what needs
 the time since the start of the log or the brakes' pressure, which no plan knows"""
 LEAST_LAPS = 3
