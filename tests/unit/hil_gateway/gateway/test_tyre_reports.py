@@ -9,7 +9,9 @@ from support.scripted_car import Rig
 
 from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.bus.topics import TYRES
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import Config
+from hil_gateway.gateway.act.stopping import FLAT_GRIP
 
 WHEELS = ("FL", "FR", "RL", "RR")
 SOUND_MBAR, FLAT_MBAR = 2600.0, 1050.0
@@ -43,7 +45,7 @@ def test_a_puncture_of_any_tyre_stops_the_car_within_half_a_second(wheel: str) -
     assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "tyre_flat")
 
 
-def test_a_stop_with_a_flat_tyre_brakes_as_hard_as_an_emergency() -> None:
+def test_a_stop_with_a_flat_tyre_brakes_with_all_that_it_leaves() -> None:
     pressures = dict.fromkeys(WHEELS, SOUND_MBAR)
     rig = reporting(lambda tick: pressures)
     rig.drive = 0.1
@@ -53,7 +55,8 @@ def test_a_stop_with_a_flat_tyre_brakes_as_hard_as_an_emergency() -> None:
     config = Config()
     pressed_pa = 1e3 * sum(rig.car.commands[f"{axle}_brake_pressure_cmd"] for axle in "FR")
     deceleration = pressed_pa * config.powertrain.brake_force_per_pa / config.vehicle.mass
-    assert deceleration > 0.9 * config.gateway.stop.emergency_deceleration
+    assert deceleration > FLAT_GRIP * config.gateway.stop.lateral_grip * GRAVITY
+    assert deceleration > 1.4 * config.gateway.stop.controlled_deceleration
 
 
 @pytest.mark.parametrize(
