@@ -53,10 +53,13 @@ def test_a_car_standing_against_the_track_is_found_by_its_course(oval: Track) ->
     """Heading is first taken from the track; motion the other way must turn it round, not confuse it."""
     bench, car = Bench(oval), Car(oval, s=2000.0)
     states = [car.state() for _ in range(600)]
+    turned = ("yaw_rate", "ax", "ay", "steer")
     back = [
-        s.model_copy(update={"stamp_ns": START_NS + i * DT_NS, "seq": i, "position_seq": i + 1})
+        s.model_copy(update={
+            "stamp_ns": START_NS + i * DT_NS, "seq": i, "position_seq": i + 1, **{n: -getattr(s, n) for n in turned}
+        })
         for i, s in enumerate(reversed(states))
-    ]
+    ]  # fmt: skip
     last = bench.feed(*back)[-1]
     heading = oval.at(2000.0).heading + np.pi
     assert last.valid
