@@ -42,8 +42,8 @@ class Collector:
         self._waiting: OrderedDict[int, VehicleState] = OrderedDict()
         self._laps: dict[int, list[tuple[float, ...]]] = {}
         self._began_ns: dict[int, int] = {}
-        self.stamp_ns = 0
-        """of the newest vehicle state"""
+        self.stamp_ns = self._added_ns = 0
+        """of the newest vehicle state, and of the newest row"""
         self.plan: Plan | None = None
 
     @property
@@ -91,7 +91,10 @@ class Collector:
                 del self._laps[old], self._began_ns[old]
 
     def _add(self, state: VehicleState, estimate: Estimate) -> None:
-        """One row, of the lap that had begun at its stamp."""
+        """One row, of the lap that had begun at its stamp; a state without new frames has the stamp of the last."""
+        if state.stamp_ns <= self._added_ns:
+            return
+        self._added_ns = state.stamp_ns
         lap = max((n for n, began in self._began_ns.items() if began <= state.stamp_ns), default=min(self._laps))
         if len(self._laps[lap]) < MOST_ROWS:
             self._laps[lap].append(_row(state, estimate))

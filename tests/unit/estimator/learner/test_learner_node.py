@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from estimator.belief.revision import declared_revision, revision_id
@@ -81,6 +82,16 @@ class Bench:
     def alert(self) -> None:
         alert = Alert(stamp_ns=self.now_ns, seq=1, channel="ax", condition="driving", strength=4.0)
         self.bus.publish(topics.ALERT, alert)
+
+
+def test_a_state_without_new_frames_is_no_second_row() -> None:
+    bench = Bench()
+    for _ in range(ROWS_A_LAP):
+        bench.now_ns += 10_000_000
+        bench.moment()
+        bench.moment()
+    bench.drive(2)
+    assert (np.diff(bench.learner._laps.columns()["t"]) > 0.0).all()
 
 
 def plan_of(stamp_ns: int, lap: int, model: ModelRevision) -> Plan:
