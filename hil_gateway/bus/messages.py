@@ -97,7 +97,11 @@ class VehicleState(Message):
 
 
 class Estimate(Message):
-    """Filtered vehicle state at the centre of gravity (100 Hz)."""
+    """Filtered vehicle state at the centre of gravity (100 Hz).
+
+    `bias_ax`, `bias_ay`: all that is to be taken off what the accelerometers read, for bias and for the turn of their
+    axes.
+    """
 
     state_stamp_ns: Stamp = Field(description="stamp of the VehicleState this answers, gateway clock")
     valid: bool

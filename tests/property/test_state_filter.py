@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from support.promise_figures import record_figure
 
-from estimator.state.filter_steps import STATES, VX, VY, YAW, FilterNoise
+from estimator.state.filter_steps import BIAS_AX, BIAS_AY, IMU_TURN, STATES, VX, VY, YAW, FilterNoise
 from estimator.state.state_filter import Imu, StateFilter
 from hil_gateway.car.vehicle import Vehicle
 
@@ -119,6 +119,22 @@ def test_state_filter_is_consistent_over_400_runs_with_known_truth() -> None:
     figure = f"{of_nees}; NIS {mean:.4f} in {nis_low:.4f} to {nis_high:.4f}"
     within = inside >= 0.85 and low < nees[:, -1].mean() < high and nis_low < mean < nis_high
     record_figure("N3", f"state filter, {runs} unseen runs: {figure}", missed=not within)
+
+
+@pytest.mark.parametrize("turn", [-0.03, 0.03])
+def test_a_turned_imu_is_found_and_its_forces_are_turned_back(turn: float) -> None:
+    rng = np.random.default_rng(7)
+    drive = Drive(rng, 30.0)
+    straight = Drive._turned(drive.imu[:, :2], -drive.truth[:-1, IMU_TURN])
+    drive.imu[:, :2] = Drive._turned(straight, np.full(len(straight), turn))
+    f = started(drive, rng)
+    for k in range(1, len(drive.truth)):
+        step(f, drive, k)
+    assert f.std()[IMU_TURN] < 0.5 * NOISE.initial_imu_turn
+    assert abs(f.mean[IMU_TURN] - turn) < 3.0 * f.std()[IMU_TURN]
+    felt = np.array([2.0, -25.0])
+    back = Drive._turned((felt - f.mean[[BIAS_AX, BIAS_AY]])[None], np.array([-f.mean[IMU_TURN]]))[0]
+    assert f.specific_force(*felt) == pytest.approx(tuple(back))
 
 
 def test_covariance_stays_symmetric_and_psd_over_a_long_drive() -> None:

@@ -34,6 +34,15 @@ def reporting(mbar: Readings) -> Rig:
     return rig
 
 
+def driving(seconds: float) -> tuple[Rig, dict[str, float]]:
+    """A car after `seconds` of driving on sound tyres, and the pressures it goes on to report."""
+    pressures = dict.fromkeys(WHEELS, SOUND_MBAR)
+    rig = reporting(lambda tick: pressures)
+    rig.drive = 0.1
+    rig.drive_off(seconds)
+    return rig, pressures
+
+
 @pytest.mark.parametrize("wheel", WHEELS)
 def test_a_puncture_of_any_tyre_stops_the_car_within_half_a_second(wheel: str) -> None:
     pressures = dict.fromkeys(WHEELS, SOUND_MBAR)
@@ -46,10 +55,7 @@ def test_a_puncture_of_any_tyre_stops_the_car_within_half_a_second(wheel: str) -
 
 
 def test_a_stop_with_a_flat_tyre_brakes_with_all_that_it_leaves() -> None:
-    pressures = dict.fromkeys(WHEELS, SOUND_MBAR)
-    rig = reporting(lambda tick: pressures)
-    rig.drive = 0.1
-    rig.drive_off(12.0)
+    rig, pressures = driving(12.0)
     pressures["FL"] = FLAT_MBAR
     rig.run(0.5)
     config = Config()
@@ -100,10 +106,7 @@ def test_temperatures_and_pressures_are_published_and_what_is_not_reported_is_nu
 def pulling_to_its_side(left_rear: float) -> Rig:
     """A car at speed whose left rear tyre reports another pressure, and a tenth of a second later whose left wheels
     turn slower, with a force to their side and no yaw rate yet."""
-    pressures = dict.fromkeys(WHEELS, SOUND_MBAR)
-    rig = reporting(lambda tick: pressures)
-    rig.drive = 0.1
-    rig.drive_off(6.0)
+    rig, pressures = driving(6.0)
     pressures["RL"] = left_rear
     rig.run(0.1)
 
