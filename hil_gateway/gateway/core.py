@@ -66,6 +66,11 @@ class Gateway:
         """What the failsafe has decided."""
         return self.decision.failsafe
 
+    @property
+    def late(self) -> str:
+        """Who was late, where that is why the car is being stopped."""
+        return self._reporter.late
+
     def step(self, now_ns: int) -> None:
         """One 10 ms period."""
         before = self.decision
