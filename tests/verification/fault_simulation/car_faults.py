@@ -243,8 +243,8 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         "latitude and longitude swapped", POSITION, ("position_lost", *_FIX), 1.1, "no place of the map", _turned_map
     ),
     CarFault(
-        "wheel speeds front and rear swapped", WHEELS, (), math.inf,
-        "slip misleads the estimate: 1.2 m off the road in a bend tried", _axles_swapped,
+        "wheel speeds front and rear swapped", WHEELS, ("wheel_speed_wrong",), 6.0,
+        "slip of the driven wheels, when next driven", _axles_swapped,
     ),
     CarFault(
         "second sender of wheel speeds", WHEELS, ("sender_doubled", "wheel_speed_wrong", *_MOTION, "state_invalid"),

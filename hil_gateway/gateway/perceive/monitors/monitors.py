@@ -15,6 +15,7 @@ from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.gateway.perceive.monitors.sensors import (
+    AxleMonitor,
     GyroMonitor,
     LateralMonitor,
     LockedWheels,
@@ -43,6 +44,7 @@ class Monitors:
         self.motion = MotionReader(vehicle, config.powertrain.brake_force_per_pa)
         self.position = PositionMonitor()
         self._wheels = WheelMonitor(vehicle)
+        self._axles = AxleMonitor(config)
         self._gyro = GyroMonitor(vehicle)
         self._lateral = LateralMonitor()
         self._course = CourseMonitor()
@@ -109,10 +111,12 @@ class Monitors:
         lateral = self._lateral.step(now_ns, state, speed, ay) if imu and wheels else 0.0
         compared = imu and wheels and not self.flat
         turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if compared else 0.0
+        swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
+        one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
         measures = {
             "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,
-            "wheel_speed_wrong": self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0,
+            "wheel_speed_wrong": max(one_differs, swapped),
             "yaw_rate_wrong": max(turns, contradicted.yaw_rate),
             "acceleration_wrong": max(changes, lateral, contradicted.acceleration),
             "steering_stuck": follows.steering,
