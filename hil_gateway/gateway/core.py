@@ -106,6 +106,8 @@ class Gateway:
         estimate = self.inbox.read_estimate(now_ns)
         monitors.heed(now_ns, state, self.inbox.estimate)
         believed = estimate if monitors.estimate_fits else None
+        if believed is not None and not before.stopping:
+            monitors.motion.teach(now_ns, state, believed)
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit)
         monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
         trusted = None if monitors.position.wrong and not imu_was_wrong else course

@@ -28,8 +28,11 @@ CAUTION_S = 2.0
 CAUTION_DECELERATION = 3.0
 """m/s2: mild for the cars behind, and any tyre holds it beside cornering"""
 
-HARD = ("tyre_flat",)
-"""causes for which a controlled stop brakes as an emergency does: with less grip every bend ahead is too fast"""
+HARD = ("tyre_flat", "position_wrong", "position_lost")
+"""causes for which a controlled stop brakes as an emergency does: with less grip every bend ahead is too fast, and the
+longer a car goes without fixes, the further it is from where it takes itself to be"""
+UNBRAKED = ("pedals_stuck", "commands_unanswered")
+"""causes for which the brakes, or some of them, may not work"""
 
 
 class Actor:
@@ -115,7 +118,8 @@ class Actor:
         else:
             emergency = decision.action is FailsafeAction.EMERGENCY_STOP or decision.failsafe.cause in HARD
             steers = decision.failsafe.cause != "steering_stuck" or self.steering_reversed
-            steer, drive = self.stopping.command(motion, pose, emergency, steers)
+            brakes = decision.failsafe.cause not in UNBRAKED
+            steer, drive = self.stopping.command(motion, pose, emergency, steers, brakes)
             steer = -steer if self.steering_reversed else steer
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
