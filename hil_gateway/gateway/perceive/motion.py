@@ -125,6 +125,11 @@ class MotionReader:
         """Of an IMU that is not believed the force still counts where it is the larger: brakes leave grip for it."""
         return max(by_course, state.ay if state.sources["imu"].valid else 0.0, key=abs)
 
+    @property
+    def steered(self) -> float:
+        """Yaw rate that the steering angle comes to by now, rad/s."""
+        return self._steered[-1] if self._steered else 0.0
+
     def rear_yaw_rate(self, state: VehicleState, speed: float) -> float:
         """Yaw rate the rear wheels' difference means, rad/s."""
         return self._rear_difference(state) - self._mismatch * speed

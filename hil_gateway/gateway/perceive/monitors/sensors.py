@@ -155,6 +155,48 @@ class GyroMonitor:
         return self._held.update(self.share > 1.0, now_ns)
 
 
+STILL_WINDOW = 80
+"""periods (0.8 s): a car follows its steering within a third of that"""
+STILL_MEAN = 8
+"""periods whose mean is compared: noise of gyro and wheel speeds"""
+TURNED = 0.08
+"""rad/s by which the yaw rate has changed, by steering and front wheels both"""
+STILL_SHARE = 0.25
+"""of that change which gyro and lateral force show at least: 0.56 was the least on healthy drives"""
+
+
+class StillMonitor:
+    """An IMU that does not move while steering and front wheels both say that the car turns otherwise than before.
+
+    It may say the right thing still: a value that hangs is wrong by little at first.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._track = vehicle.track_front
+        self._means = tuple((deque[float](maxlen=STILL_MEAN), deque[float](maxlen=STILL_WINDOW)) for _ in range(4))
+        self._held = Held()
+
+    def step(self, now_ns: int, state: VehicleState, speed: float, steered: float, ay: float) -> float:
+        """Seconds it has stood still; `steered` is the yaw rate that the steering comes to, rad/s, `ay` the lateral
+        specific force without gravity, m/s2."""
+        if speed < JUDGED_FROM:
+            for kept, means in self._means:
+                kept.clear()
+                means.clear()
+            return self._held.update(False, now_ns)
+        wheels = (state.wheel_speed_fr - state.wheel_speed_fl) / (self._track * math.cos(state.steer))
+        by = [self._range(i, rate) for i, rate in enumerate((steered, wheels, state.yaw_rate, ay / speed))]
+        turned, felt = min(by[:2]), max(by[2:])
+        return self._held.update(turned > TURNED and felt < STILL_SHARE * turned, now_ns)
+
+    def _range(self, of: int, rate: float) -> float:
+        """By how much the means of a signal have changed in the window, rad/s; 0 until it is full."""
+        kept, means = self._means[of]
+        kept.append(rate)
+        means.append(sum(kept) / len(kept))
+        return max(means) - min(means) if len(means) == STILL_WINDOW else 0.0
+
+
 SPEED_WINDOW = 50
 """periods (0.5 s) over which wheels and IMU must agree on the change of speed"""
 SPEED_CHANGE, SPEED_CHANGE_SHARE = 1.0, 0.11
