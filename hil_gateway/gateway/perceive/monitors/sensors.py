@@ -170,8 +170,8 @@ STILL_SHARE = 0.25
 class StillMonitor:
     """An IMU that does not move while steering and front wheels both say that the car turns otherwise than before.
 
-    It may say the right thing still: a value that hangs is wrong by little at first. Where tyres may slide, more steering
-    is no more turning: only changes within what they surely hold count.
+    It may say the right thing still: a value that hangs is wrong by little at first. Where tyres may slide, more
+    steering is no more turning: only changes within what they surely hold count.
     """
 
     def __init__(self, config: Config) -> None:
