@@ -167,7 +167,7 @@ def _forces(vehicle: Vehicle, layout: Layout, effects: tuple[str, ...], brakes: 
     theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
     parameters = [ca.vertsplit(p) if p.numel() else [] for p in (theta, phi)]
     ratio = ca.SX.sym("ratio")
-    aux = {"brake_balance": brakes.balance(named["vx"], named["drive"], ratio)} if brakes else {}
+    aux = {"brake_balance": brakes.balance(named["vx"], named["drive"], ratio, 0.0)} if brakes else {}
     t = model.evaluate(Terms(model.vehicle, **named, aux=_Neutral(aux)), *parameters)
     arguments: Any = [signals, theta, phi, ratio]
     outputs = ca.vertcat(t.fy_f, t.fy_r, t.fx_f / t.peak_f, t.fx_r / t.peak_r, t.imu_ax)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
 from planner.problem import infomax
-from planner.problem.motion import DRIVE, NU, PROGRESS, VX, S
+from planner.problem.motion import DRIVE, NU, PROGRESS, VX, S, extra_load
 from planner.problem.mpcc import ADVANCE_STEPS, Problem
 from planner.solver.functions import Functions
 from planner.solver.sqp import Solution, Sqp, Stopwatch
@@ -150,11 +150,13 @@ class Controller:
         limits = self.settings.limits
         return limits.car_half_width + limits.track_margin + limits.exploring_margin * self.problem.informative
 
-    def brake_balance(self, vx: float, drive: float) -> float | None:
-        """Of a command `drive` at speed `vx` (m/s); None where the model knows no front brakes."""
+    def brake_balance(self, z: Array, drive: float) -> float | None:
+        """Of a command `drive` in state `z` (NZ,); None where the model knows no front brakes."""
         if not self._brakes_in_front:
             return None
-        return float(self.settings.brakes.balance(vx, drive, self.knowledge.brake_ratio))
+        road = self.reference.stages(z[S : S + 1])[2][9:12, 0]
+        extra = float(extra_load(road, float(z[VX]), float(z[5])))
+        return float(self.settings.brakes.balance(float(z[VX]), drive, self.knowledge.brake_ratio, extra))
 
     def fill_stages(self, s: Array, vx: Array, drive: float) -> None:
         """Stage parameters at predicted progress `s` (N,), speed `vx` (N,) and present drive command."""
