@@ -52,6 +52,7 @@ MAIN = {
     "aero_drag": "k", "rolling_resistance": "force", "load_transfer": "height", "combined_slip": "k",
     "drive_saturation": "force", "front_brake": "share", "engine_braking": "force", "steer_offset": "offset",
     "steer_delay": "delay", "drive_delay": "delay", "tyre_relaxation": "length", "grip_drift": "rate",
+    "steer_play": "gap",
     "imu_misalignment": "angle", "imu_lever_arm": "x", "yaw_damping": "k", "turn_asymmetry": "k",
     "load_sensitivity": "k", "road_grade": "rms", "road_bank": "rms",
 }  # fmt: skip

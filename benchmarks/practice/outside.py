@@ -33,7 +33,6 @@ EFFECTS: dict[str, tuple[tuple[float, float, bool], set[str], set[str]]] = {
     "right_push": ((400.0, 1200.0, True), LATERAL, {"turn_direction"}),
     "throttle_yaw": ((300.0, 900.0, True), {"yaw_acc"}, {"drive", "throttle"}),
     "diff_lock": ((600.0, 1800.0, False), {"yaw_acc"}, {"vx", "yaw_rate", "turn_direction", "ay", "steer"}),
-    "steer_play": ((0.004, 0.01, False), LATERAL, {"steer_rate", "steer"}),
     "channel_force": ((300.0, 800.0, True), FORWARD, {"flap"}),
     "turn_drag": ((300.0, 800.0, True), FORWARD, {"turn_direction"}),
     "mud": ((500.0, 1500.0, False), FORWARD, {"track_position"}),
