@@ -141,8 +141,7 @@ class Stopping:
         That of the way counts, too: front tyres that are braked past their grip turn the car less, and by the force
         that is left it would seem to need none.
         """
-        weight = GRAVITY + self._config.downforce * speed**2 / self._vehicle.mass
-        grip = self._grip * weight
+        grip = self._config.grip(self._vehicle.mass, speed) * (FLAT_GRIP if self.flat else 1.0)
         return math.sqrt(max(grip**2 - lateral**2, (0.3 * grip) ** 2))
 
     @property

@@ -11,8 +11,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
-from hil_gateway.car.vehicle import GRAVITY, HALF_WIDTH, Vehicle
+from hil_gateway.car.vehicle import HALF_WIDTH, Vehicle
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import UNDERSTEER, Motion
 from hil_gateway.gateway.settings import StopConfig
@@ -53,7 +54,8 @@ class StuckSteering:
     """Whether to lock the wheels, once a period; `start` with a stop."""
 
     def __init__(self, vehicle: Vehicle, config: StopConfig, track: Track | None) -> None:
-        self._vehicle, self._config, self._track = vehicle, config, track
+        self._vehicle, self._track = vehicle, track
+        self._grip = partial(config.grip, vehicle.mass)
         self.start()
 
     def start(self) -> None:
@@ -117,8 +119,3 @@ class StuckSteering:
             speed -= STEP_S * way.deceleration(speed)
             s, lateral = track.project(x, y, s)
         return least
-
-    def _grip(self, speed: float) -> float:
-        """Deceleration that all of the declared grip makes, m/s2."""
-        config = self._config
-        return config.lateral_grip * (GRAVITY + config.downforce * speed**2 / self._vehicle.mass)

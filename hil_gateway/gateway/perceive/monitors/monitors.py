@@ -47,7 +47,7 @@ class Monitors:
         self._wheels = WheelMonitor(vehicle)
         self._axles = AxleMonitor(config)
         self._gyro = GyroMonitor(vehicle)
-        self._still = StillMonitor(vehicle)
+        self._still = StillMonitor(config)
         self._lateral = LateralMonitor()
         self._course = CourseMonitor()
         self._speed_change = SpeedChangeMonitor()

@@ -6,7 +6,7 @@ import math
 from collections import deque
 
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.motion import Motion, wheel_speeds
@@ -161,6 +161,8 @@ STILL_MEAN = 8
 """periods whose mean is compared: noise of gyro and wheel speeds"""
 TURNED = 0.08
 """rad/s by which the yaw rate has changed, by steering and front wheels both"""
+HELD_SHARE = 0.7
+"""of the declared grip that tyres hold without sliding"""
 STILL_SHARE = 0.25
 """of that change which gyro and lateral force show at least: 0.56 was the least on healthy drives"""
 
@@ -168,11 +170,12 @@ STILL_SHARE = 0.25
 class StillMonitor:
     """An IMU that does not move while steering and front wheels both say that the car turns otherwise than before.
 
-    It may say the right thing still: a value that hangs is wrong by little at first.
+    It may say the right thing still: a value that hangs is wrong by little at first. Where tyres may slide, more
+    steering is no more turning: only changes within what they surely hold count.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._track = vehicle.track_front
+    def __init__(self, config: Config) -> None:
+        self._stop, self._mass, self._track = config.gateway.stop, config.vehicle.mass, config.vehicle.track_front
         self._means = tuple((deque[float](maxlen=STILL_MEAN), deque[float](maxlen=STILL_WINDOW)) for _ in range(4))
         self._held = Held()
 
@@ -185,7 +188,9 @@ class StillMonitor:
                 means.clear()
             return self._held.update(False, now_ns)
         wheels = (state.wheel_speed_fr - state.wheel_speed_fl) / (self._track * math.cos(state.steer))
-        by = [self._range(i, rate) for i, rate in enumerate((steered, wheels, state.yaw_rate, ay / speed))]
+        most = HELD_SHARE * self._stop.grip(self._mass, speed) / speed
+        rates = (min(max(steered, -most), most), min(max(wheels, -most), most), state.yaw_rate, ay / speed)
+        by = [self._range(i, rate) for i, rate in enumerate(rates)]
         turned, felt = min(by[:2]), max(by[2:])
         return self._held.update(turned > TURNED and felt < STILL_SHARE * turned, now_ns)
 
@@ -232,7 +237,7 @@ class LockedWheels:
     grip takes within the last half second."""
 
     def __init__(self, config: Config) -> None:
-        self._grip, self._lift = config.gateway.stop.lateral_grip, config.gateway.stop.downforce / config.vehicle.mass
+        self._stop, self._mass = config.gateway.stop, config.vehicle.mass
         self._per_pa = config.powertrain.brake_force_per_pa / config.vehicle.mass
         self._since = SPEED_WINDOW
         """periods"""
@@ -240,7 +245,7 @@ class LockedWheels:
     def step(self, state: VehicleState, speed: float) -> bool:
         """Once a period."""
         braking = (state.brake_front + state.brake_rear) * self._per_pa
-        self._since = 0 if braking > self._grip * (GRAVITY + self._lift * speed**2) else self._since + 1
+        self._since = 0 if braking > self._stop.grip(self._mass, speed) else self._since + 1
         return self._since < SPEED_WINDOW
 
 

@@ -9,10 +9,10 @@ from collections.abc import Callable
 import pytest
 from support.scripted_car import Rig
 
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.sensors import StillMonitor
 
-CAR, SPEED = Vehicle(), 60.0
+CONFIG, SPEED = Config(), 60.0
 BEND = 0.25
 """rad/s"""
 TURNS_IN = 50
@@ -30,13 +30,23 @@ def straight(tick: int) -> float:
     return 0.0
 
 
+def steady(tick: int) -> float:
+    """As much as the tyres hold."""
+    return 0.36
+
+
+def tightened(tick: int) -> float:
+    """More steering on front tyres that slide, rad/s, and as much of the front wheels' difference."""
+    return 0.36 + bend(tick)
+
+
 def found_s(gyro: Rate, front: Rate = bend, steered: Rate = bend) -> float:
     """Time from turning in until the IMU counts as standing still; every signal has noise."""
     rig, noise = Rig(), random.Random(1)
     rig.run(0.05)
-    state, monitor = rig.gateway.seen[0], StillMonitor(CAR)
+    state, monitor = rig.gateway.seen[0], StillMonitor(CONFIG)
     for tick in range(-200, 300):
-        half = 0.5 * CAR.track_front * (front(tick) + noise.gauss(0, 0.02))
+        half = 0.5 * CONFIG.vehicle.track_front * (front(tick) + noise.gauss(0, 0.02))
         changes = {"wheel_speed_fl": SPEED - half, "wheel_speed_fr": SPEED + half, "steer": 0.0}
         changes["yaw_rate"] = gyro(tick) + noise.gauss(0, 0.01)
         ay = SPEED * gyro(tick) + noise.gauss(0, 0.1)
@@ -60,3 +70,11 @@ def test_a_car_that_does_not_follow_its_steering_or_whose_wheels_slip_has_no_wro
     front: Rate, steered: Rate
 ) -> None:
     assert found_s(straight, front, steered) == math.inf
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_car_that_is_steered_more_than_its_tyres_hold_has_no_wrong_imu(sense: float) -> None:
+    def more(tick: int) -> float:
+        return sense * tightened(tick)
+
+    assert found_s(lambda tick: sense * steady(tick), more, more) == math.inf
