@@ -1,6 +1,10 @@
 """Campaign over practice drives: every effect by seeds, confusion matrix, sizes, error removed.
 
     python -P benchmarks/diagnose.py [--seeds N] [--first-seed N] [--only NAME ...] [--pairs] [--json FILE]
+    python -P benchmarks/diagnose.py --cases benchmarks/diagnose_cases.json
+
+A list of cases may ask for several effects, another course, number of laps or rate of the log, and for a vehicle file
+with wrong numbers: `{"effects": [], "seed": 1, "course": "oval", "laps": 5, "rate_hz": 50, "wrong": {"lf": 0.9}}`.
 
 The drives come from `practice/`, whose equations are independent of the estimator's model. A single effect
 counts as right when it is named first, as alone when nothing else is named; outside the catalogue the verdict
@@ -16,9 +20,9 @@ import sys
 import time
 import zlib
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +36,7 @@ from estimator.offline.report.diagnosis_result import as_json
 from hil_gateway.car.vehicle import Vehicle
 
 sys.path.append(str(Path(__file__).parent))
-from practice import COLUMNS, OUTSIDE, SIZES, Drive, draw_size, simulate
+from practice import COLUMNS, LAPS, OUTSIDE, SIZES, Drive, draw_size, simulate
 
 BATCH = 48
 """Drives simulated side by side."""
@@ -48,6 +52,7 @@ MAIN = {
     "aero_drag": "k", "rolling_resistance": "force", "load_transfer": "height", "combined_slip": "k",
     "drive_saturation": "force", "front_brake": "share", "engine_braking": "force", "steer_offset": "offset",
     "steer_delay": "delay", "drive_delay": "delay", "tyre_relaxation": "length", "grip_drift": "rate",
+    "steer_play": "gap",
     "imu_misalignment": "angle", "imu_lever_arm": "x", "yaw_damping": "k", "turn_asymmetry": "k",
     "load_sensitivity": "k", "road_grade": "rms", "road_bank": "rms",
 }  # fmt: skip
@@ -57,19 +62,40 @@ FACTORS = {"steer_scale": "scale", "speed_scale": "scale"}
 
 
 @dataclass(frozen=True)
-class Case:
-    """One diagnosed drive."""
+class Wanted:
+    """A drive to be simulated and diagnosed; `wrong`: factors on numbers of the vehicle file."""
 
     effects: dict[str, float]
     seed: int
+    course: str = "road"
+    laps: int = LAPS
+    rate_hz: float = 100.0
+    wrong: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def batch(self) -> tuple[str, int, float]:
+        """Drives for which this is the same are simulated side by side."""
+        return self.course, self.laps, self.rate_hz
+
+
+@dataclass(frozen=True)
+class Case:
+    """One diagnosed drive."""
+
+    wanted: Wanted
     result: dict[str, Any]
     seconds: float
     """of processor time"""
 
     @property
+    def effects(self) -> dict[str, float]:
+        """Simulated effects and their sizes."""
+        return self.wanted.effects
+
+    @property
     def label(self) -> str:
         """What was simulated."""
-        return " + ".join(sorted(self.effects)) or "none"
+        return " + ".join((*sorted(self.effects), *(f"wrong {name}" for name in self.wanted.wrong))) or "none"
 
     @property
     def named(self) -> list[str]:
@@ -85,6 +111,9 @@ class Case:
     def right(self) -> bool:
         """Whether the verdict is the right one."""
         wanted = self.ids
+        if self.wanted.wrong:
+            corrected = {datum["name"] for datum in self.result["vehicle"]}
+            return corrected == set(self.wanted.wrong) and wanted <= set(self.named)
         if not wanted:
             return bool(self.result["verdict"] == "none")
         if outside := wanted & set(OUTSIDE):
@@ -119,28 +148,41 @@ class Case:
         return float((worst["refit"] - worst["with_effects"]) / max(worst["refit"] - worst["noise_floor"], 1e-9))
 
 
-def run(drive: Drive) -> Case:
+def run(wanted: Wanted, drive: Drive) -> Case:
     """Diagnose one drive."""
     np.seterr(all="ignore")
     start = time.process_time()
     extra = tuple(name for name in COLUMNS if name in drive.columns)
     log = DriveLog(drive.columns, np.zeros(len(drive.columns["t"]), np.int64), extra=extra)
     prior = {"cx": 50000.0, "bf": 9.0, "cf": 1.35, "df": 1.3567, "br": 10.0, "cr": 1.4, "dr": 1.3392}
-    log = examine(log, Vehicle()).log
-    result = as_json(diagnose(make_record(log, Vehicle()), "per_axle", prior), "", "")
-    return Case(drive.effects, drive.seed, result, time.process_time() - start)
+    right = Vehicle()
+    vehicle = right.model_copy(update={name: getattr(right, name) * k for name, k in wanted.wrong.items()})
+    health = examine(log, vehicle)
+    result = as_json(diagnose(make_record(health.log, vehicle, health.doubtful), "per_axle", prior), "", "")
+    return Case(wanted, result, time.process_time() - start)
 
 
-def cases_of(names: list[str], first_seed: int, seeds: int, pairs: bool) -> list[tuple[dict[str, float], int]]:
+def cases_of(names: list[str], first_seed: int, seeds: int, pairs: bool) -> list[Wanted]:
     """Effects and seed of every drive of the campaign; those of a name do not depend on which others are run."""
     groups = [() if name == "none" else (name,) for name in names]
     cases = []
     for group, seed in itertools.product([*groups, *(PAIRS if pairs else ())], range(first_seed, first_seed + seeds)):
-        own = seed * 1000 + zlib.crc32(" ".join(group).encode()) % 1000
-        rng = np.random.default_rng(own)
-        needed = NEEDS_ANOTHER.get(group[0], {}) if len(group) == 1 else {}
-        cases.append(({name: draw_size(name, rng) for name in group} | needed, own))
+        cases.append(Wanted(*drawn(group, seed)))
     return cases
+
+
+def drawn(group: Sequence[str], seed: int) -> tuple[dict[str, float], int]:
+    """Effects with sizes, and the seed of the drive."""
+    own = seed * 1000 + zlib.crc32(" ".join(group).encode()) % 1000
+    rng = np.random.default_rng(own)
+    needed = NEEDS_ANOTHER.get(group[0], {}) if len(group) == 1 else {}
+    return {name: draw_size(name, rng) for name in group} | needed, own
+
+
+def listed(path: Path) -> list[Wanted]:
+    """The cases of a file."""
+    cases = json.loads(path.read_text())["cases"]
+    return [Wanted(*drawn(case.pop("effects"), case.pop("seed")), **case) for case in cases]
 
 
 def report(cases: list[Case]) -> None:
@@ -184,17 +226,26 @@ def line(case: Case) -> str:
     size = case.size_error()
     said = [*case.named, *(f"{u['signal']} in {u['channel']}" for u in case.result["unexplained"])]
     return (
-        f"{'alone' if case.alone else 'right' if case.right else 'WRONG'} {case.label} {case.effects} seed {case.seed}:"
+        f"{'alone' if case.alone else 'right' if case.right else 'WRONG'} {case.label} {case.effects}"
+        f" seed {case.wanted.seed} {case.wanted.batch}:"
         f" {said or case.result['verdict']}, size off {f'{size[0]:.1%} {size[1]:.1f} sd' if size else '-'},"
         f" removed {case.removed():.2f}, {case.seconds:.0f} s"
     )  # fmt: skip
 
 
-def drives(wanted: Sequence[tuple[dict[str, float], int]]) -> Iterator[Drive]:
+def row(case: Case) -> dict[str, Any]:
+    """A finished case for the JSON file."""
+    asked = {"label": case.label, "effects": case.effects, "seed": case.wanted.seed, "batch": case.wanted.batch}
+    return asked | {"right": case.right, "alone": case.alone, "seconds": case.seconds, "result": case.result}
+
+
+def drives(wanted: Sequence[Wanted]) -> Iterator[Drive]:
     """Simulate in batches, in order."""
-    for start in range(0, len(wanted), BATCH):
-        batch = wanted[start : start + BATCH]
-        yield from simulate([effects for effects, _ in batch], [seed for _, seed in batch])
+    for (course, laps, rate_hz), group in itertools.groupby(wanted, lambda w: w.batch):
+        alike = list(group)
+        for start in range(0, len(alike), BATCH):
+            effects, seeds = zip(*((w.effects, w.seed) for w in alike[start : start + BATCH]), strict=True)
+            yield from simulate(effects, seeds, laps, course=course, log_step=1.0 / rate_hz)
 
 
 def main() -> None:
@@ -206,16 +257,17 @@ def main() -> None:
     parser.add_argument("--pairs", action="store_true")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path, help="written anew after every case")
+    parser.add_argument("--cases", type=Path, help="a list of cases instead")
     arguments = parser.parse_args()
-    wanted = cases_of(arguments.only, arguments.first_seed, arguments.seeds, arguments.pairs)
+    of_options = arguments.only, arguments.first_seed, arguments.seeds, arguments.pairs
+    wanted = listed(arguments.cases) if arguments.cases else cases_of(*of_options)
     done: list[Case] = []
     with ProcessPoolExecutor(arguments.workers) as pool:
-        for case in pool.map(run, drives(wanted)):
+        for case in pool.map(run, wanted, drives(wanted)):
             done.append(case)
             print(f"{len(done)}/{len(wanted)} {line(case)}", file=sys.stderr, flush=True)
             if arguments.json:
-                rows = [{"effects": c.effects, "seed": c.seed, "right": c.right, "result": c.result} for c in done]
-                arguments.json.write_text(json.dumps(rows))
+                arguments.json.write_text(json.dumps([row(case) for case in done]))
     report(done)
 
 

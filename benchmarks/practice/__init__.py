@@ -1,7 +1,7 @@
 """Practice drives whose equations are not the estimator's, for tests and campaigns."""
 
 from .car import OUTSIDE, SIZES, draw_size
-from .drive import Drive, simulate
+from .drive import LAPS, Drive, simulate
 from .outside import COLUMNS
 
-__all__ = ["COLUMNS", "OUTSIDE", "SIZES", "Drive", "draw_size", "simulate"]
+__all__ = ["COLUMNS", "LAPS", "OUTSIDE", "SIZES", "Drive", "draw_size", "simulate"]

@@ -37,6 +37,7 @@ SIZES: dict[str, tuple[float, float, bool]] = {
     "steer_offset": (0.003, 0.01, True),
     "steer_scale": (0.05, 0.12, True),
     "steer_delay": (0.03, 0.1, False),
+    "steer_play": (0.004, 0.01, False),
     "drive_delay": (0.05, 0.2, False),
     "tyre_relaxation": (0.3, 1.0, False),
     "grip_drift": (1e-4, 2.5e-4, True),

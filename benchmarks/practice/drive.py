@@ -22,7 +22,7 @@ NOISE = {
     "x": 0.02, "y": 0.02, "yaw": 0.001, "vx": 0.02, "vy": 0.02, "yaw_rate": 0.003, "ax": 0.15, "ay": 0.15,
 }  # fmt: skip
 LOG_STEP = 0.01
-"""s; the drives are logged at 100 Hz."""
+"""s; the drives are logged at 100 Hz unless asked otherwise."""
 HISTORY = 64
 """Steps of past actuation that delays can reach back to."""
 LONGEST_S = 1500.0
@@ -88,6 +88,22 @@ def _course(rng: np.random.Generator) -> tuple[float, Array, Array, Array, Array
             return length, curvature, x, y, heading[3:-3]
 
 
+def _oval(rng: np.random.Generator) -> tuple[float, Array, Array, Array, Array]:
+    """A flat oval of two straights and two equal left turns, whose curvature comes and goes over 5 % of the lap."""
+    length, turning = rng.uniform(2400.0, 4000.0), rng.uniform(0.4, 0.55)
+    share = np.arange(STATIONS) / STATIONS
+    inside = (np.abs((share % 0.5) - 0.25) < 0.25 * turning).astype(float)
+    kernel = np.hanning(STATIONS // 20)
+    shape = np.real(np.fft.ifft(np.fft.fft(inside) * np.abs(np.fft.fft(kernel / kernel.sum(), STATIONS))))
+    ds = length / STATIONS
+    curvature = shape * 2 * np.pi / (shape.sum() * ds)
+    heading = np.cumsum(curvature) * ds
+    return length, curvature, np.cumsum(np.cos(heading)) * ds, np.cumsum(np.sin(heading)) * ds, heading
+
+
+COURSES = {"road": _course, "oval": _oval}
+
+
 def _speed_profiles(tracks: _Tracks, laps: int) -> Array:
     """(laps, drives, STATIONS) reference speed: corner limit, then what can be braked and accelerated to.
 
@@ -108,17 +124,24 @@ def _speed_profiles(tracks: _Tracks, laps: int) -> Array:
 
 
 def simulate(
-    effects: Sequence[Mapping[str, float]], seeds: Sequence[int], laps: int = LAPS, step: float = 0.005
+    effects: Sequence[Mapping[str, float]],
+    seeds: Sequence[int],
+    laps: int = LAPS,
+    step: float = 0.005,
+    *,
+    course: str = "road",
+    log_step: float = LOG_STEP,
 ) -> list[Drive]:
-    """Drive every car for `laps` laps of its own course, integrated at `step` s (a divisor of 10 ms)."""
+    """Drive every car for `laps` laps of its own course, integrated at `step` s (a divisor of 10 ms and `log_step`)."""
     generators = [np.random.default_rng(seed) for seed in seeds]
-    courses = [_course(rng) for rng in generators]
+    courses = [COURSES[course](rng) for rng in generators]
     tracks = _Tracks(*(np.array(column) for column in zip(*courses, strict=True)))
     careful = [any(name.startswith(CAREFUL) for name in own) for own in effects]
     reference = _speed_profiles(tracks, laps) * np.where(careful, CAREFUL_PACE, 1.0)[:, None]
     car = Car(effects, seeds)
-    raw = _drive(car, tracks, reference, laps, step)
-    return [_logged(raw, i, car, Drive({}, dict(effects[i]), seeds[i]), laps) for i in range(len(effects))]
+    raw = _drive(car, tracks, reference, step, log_step=log_step)
+    bare = [Drive({}, dict(own), seed) for own, seed in zip(effects, seeds, strict=True)]
+    return [_logged(raw, i, car, drive, laps, log_step=log_step) for i, drive in enumerate(bare)]
 
 
 @dataclass
@@ -216,15 +239,15 @@ class _Fleet:
         self.tick += 1
 
 
-def _drive(car: Car, tracks: _Tracks, reference: Array, laps: int, step: float) -> dict[str, Array]:
+def _drive(car: Car, tracks: _Tracks, reference: Array, step: float, *, log_step: float) -> dict[str, Array]:
     """Integrate all cars until the slowest has finished; (samples, drives) arrays."""
-    fleet = _Fleet(car, tracks, reference, step)
+    fleet, laps = _Fleet(car, tracks, reference, step), len(reference)
     names = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "ax", "ay", "steer", "drive", "lap", "yaw_acc")
     log: dict[str, list[Array]] = {k: [] for k in (*names, *outside.COLUMNS)}
     while np.min(fleet.state[0]) < laps and fleet.tick * step < LONGEST_S:
         fleet.act()
         first = fleet.rates(fleet.state)
-        if fleet.tick % round(LOG_STEP / step) == 0:
+        if fleet.tick % round(log_step / step) == 0:
             share, _, _, yaw, vx, vy, rate, *_ = fleet.state
             lap = share.astype(int).astype(float)
             values = (
@@ -237,7 +260,7 @@ def _drive(car: Car, tracks: _Tracks, reference: Array, laps: int, step: float) 
     return {key: np.array(values) for key, values in log.items()}
 
 
-def _logged(raw: Mapping[str, Array], i: int, car: Car, drive: Drive, laps: int) -> Drive:
+def _logged(raw: Mapping[str, Array], i: int, car: Car, drive: Drive, laps: int, *, log_step: float) -> Drive:
     """What the sensors of drive `i` report: mounting errors, then white noise."""
     effects, seed = drive.effects, drive.seed
     rng = np.random.default_rng([seed, 77])
@@ -256,7 +279,7 @@ def _logged(raw: Mapping[str, Array], i: int, car: Car, drive: Drive, laps: int)
     ax, ay = ax * np.cos(angle) + ay * np.sin(angle), ay * np.cos(angle) - ax * np.sin(angle)
     bias = effects.get("imu_bias", 0.0)
     columns["ax"] = ax + bias * (car.axis[i] == 0)
-    t: Array = np.arange(stop, dtype=float) * LOG_STEP
+    t: Array = np.arange(stop, dtype=float) * log_step
     own = {name: size[i] for name, size in car.size.items()}
     columns["ay"] = outside.sensed(own, ay, columns["vx"], t, car.local.moment[i]) + bias * (car.axis[i] == 1)
     columns["yaw_rate"] += effects.get("imu_bias/yaw_rate", 0.0)

@@ -33,10 +33,11 @@ EFFECTS: dict[str, tuple[tuple[float, float, bool], set[str], set[str]]] = {
     "right_push": ((400.0, 1200.0, True), LATERAL, {"turn_direction"}),
     "throttle_yaw": ((300.0, 900.0, True), {"yaw_acc"}, {"drive", "throttle"}),
     "diff_lock": ((600.0, 1800.0, False), {"yaw_acc"}, {"vx", "yaw_rate", "turn_direction", "ay", "steer"}),
-    "steer_play": ((0.004, 0.01, False), LATERAL, {"steer_rate", "steer"}),
     "channel_force": ((300.0, 800.0, True), FORWARD, {"flap"}),
     "turn_drag": ((300.0, 800.0, True), FORWARD, {"turn_direction"}),
     "mud": ((500.0, 1500.0, False), FORWARD, {"track_position"}),
+    "pulses": ((400.0, 900.0, True), FORWARD, {"t"}),
+    "gusts": ((800.0, 1500.0, True), LATERAL, {"t"}),
     "damage_drag": ((0.3, 0.8, False), FORWARD, {"t"}),
     "drag_stall": ((0.2, 0.5, False), FORWARD, {"vx"}),
     "brake_fade": ((0.15, 0.3, False), FORWARD, {"t", "drive"}),
@@ -59,6 +60,10 @@ class Local:
     def inside(self, share: Array, width: float) -> Array:
         """Whether the car is in the stretch."""
         return np.asarray(((share - self.stretch) % 1.0) < width)
+
+    def recurring(self, t: float, share: float, times: float) -> Array:
+        """Whether what comes back so many times before `moment`, each time for a `share` of that, is there."""
+        return np.asarray((t * times / self.moment) % 1.0 < share)
 
 
 @dataclass(frozen=True)
@@ -95,12 +100,14 @@ def forward_force(s: Sizes, at: Motion, local: Local) -> Array:
     """Force along the car, N."""
     air = s["drag_stall"] * above(at.vx, 38.0, 1.0) - s["damage_drag"] * (at.t > local.moment)
     against = s["mud"] * local.inside(at.share, 0.04) + s["turn_drag"] * (at.rate * at.vx > 1.0)
-    return np.asarray(s["channel_force"] * at.flap - against + air * at.vx**2)
+    pulse = s["pulses"] * local.recurring(at.t, 0.4, 10.0)
+    return np.asarray(s["channel_force"] * at.flap + pulse - against + air * at.vx**2)
 
 
 def side_force(s: Sizes, at: Motion, local: Local) -> Array:
     """Force across the car, N."""
     stretch = s["gust"] * local.inside(at.share, 0.07) + s["kerb"] * local.inside(at.share, 0.025)
+    stretch = stretch + s["gusts"] * local.recurring(at.t, 0.04, 8.0)
     return np.asarray(stretch + s["right_push"] * (at.rate < -0.02))
 
 

@@ -1,4 +1,4 @@
-"""Signals that depend on the past: pure delay and first-order lag on recorded, possibly irregular, samples."""
+"""Signals that depend on the past: pure delay, first-order lag and play on recorded, possibly irregular, samples."""
 
 from __future__ import annotations
 
@@ -50,6 +50,24 @@ def relaxed(t: Array, signal: Array, time_constant: Array) -> Array:
     # y[i] = decay y[i-1] + (1 - decay) u[i-1] + slope_gain (u[i] - u[i-1])
     drive = (1.0 - decay) * signal[..., :-1] + slope_gain * np.diff(signal)
     return _recursion(signal[..., :1], decay, drive)
+
+
+def after_play(signal: Array, gap: float) -> Array:
+    """What follows a signal (n,) across a `gap`, in its unit: y[i] = y[i-1], moved to within half a gap of signal[i].
+
+    It starts in the middle of the gap. A sequence of limits is one pair of limits, so that a scan doubles its reach.
+    """
+    low, high = signal - 0.5 * gap, signal + 0.5 * gap
+    low[:1] = high[:1] = signal[:1]
+    reach = 1
+    while reach < len(signal):
+        earlier = low[:-reach].copy(), high[:-reach].copy()
+        own = low[reach:].copy(), high[reach:].copy()
+        low[reach:], high[reach:] = (np.minimum(np.maximum(limit, own[0]), own[1]) for limit in earlier)
+        if np.array_equal(low, high):
+            break
+        reach *= 2
+    return low
 
 
 def _recursion(first: Array, decay: Array, drive: Array) -> Array:

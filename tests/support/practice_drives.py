@@ -38,13 +38,14 @@ EFFECTS: dict[str, tuple[int, dict[str, float]]] = {
     "hilly": (42, {"road_bank": 0.06, "road_grade": 0.04}),
     "nothing": (51, {}),
     "much": (52, {"aero_downforce": 1.5, "combined_slip": 1.0, "yaw_damping": 2000.0}),
+    "play": (61, {"steer_play": 0.006}),
 }
 """name -> seed and effects of the drives that tests share"""
 LAPS = 4
 
 
 def shared_drives(factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """The drives of `EFFECTS`, of four laps, side by side: eight take as long as one."""
+    """The drives of `EFFECTS`, of four laps, side by side: nine take as long as one."""
     module = practice()
 
     def make() -> list[Any]:

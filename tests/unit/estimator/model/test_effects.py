@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
-from estimator.model.memory import delayed, relaxed
+from estimator.model.memory import after_play, delayed, relaxed
 from estimator.model.profile import profile_basis, profile_value
 from estimator.model.single_track import CHANNELS, SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
@@ -25,7 +25,7 @@ IDS = {
     "load_sensitivity", "combined_slip", "drive_saturation", "front_brake", "engine_braking", "steer_offset",
     "steer_scale", "steer_delay", "drive_delay", "tyre_relaxation", "grip_drift", "imu_misalignment",
     "imu_lever_arm", "imu_bias", "speed_scale", "wind", "yaw_damping", "turn_asymmetry",
-    "brake_pressure", "traction_loss", "traction_load", "total_slip", "gear_shift",
+    "brake_pressure", "traction_loss", "traction_load", "total_slip", "gear_shift", "steer_play",
 }  # fmt: skip
 MIRROR_BREAKING = {
     "steer_offset", "imu_misalignment", "imu_lever_arm", "imu_bias", "wind", "turn_asymmetry", "road_bank",
@@ -72,8 +72,12 @@ BESIDE = {"load_sensitivity": (("load_transfer", 0.3),), "traction_load": (("loa
 """effects (with one parameter) without which another does not show: loads must move"""
 VISIBLE = {"load_sensitivity": (0.3,), "traction_load": (1.0,)}
 """a size that shows, where the start of a fit is the neutral value"""
-PAST = {"tyre_relaxation": {"relaxation_f": -0.004, "relaxation_r": -0.003}, "gear_shift": {"shifting": 1.0}}
-"""what an effect with memory makes of the past: slip angles grow in the middle of turning in, a gear changes"""
+PAST = {
+    "tyre_relaxation": {"relaxation_f": -0.004, "relaxation_r": -0.003},
+    "gear_shift": {"shifting": 1.0},
+    "steer_play": {"steer_lost": -0.0015},
+}
+"""what an effect with memory makes of the past: in the middle of turning in; a gear changes"""
 
 
 PULLING = {"gear_shift": {"drive": 0.04}}
@@ -193,6 +197,18 @@ def test_delay_and_relaxation_follow_their_definitions() -> None:
     tau = 0.2
     expected = (np.sin(2 * t) - 2 * tau * np.cos(2 * t) + 2 * tau * np.exp(-t / tau)) / (1 + 4 * tau**2)
     np.testing.assert_allclose(relaxed(t, wave, np.full(len(t), tau)), expected, atol=2e-4)
+
+
+def test_wheels_with_play_follow_the_angle_one_sample_after_the_other() -> None:
+    rng = np.random.default_rng(4)
+    angle, gap = np.cumsum(rng.normal(0.0, 0.3e-3, 5000)), 0.006
+    wheels, followed = angle[0], np.empty_like(angle)
+    for i, asked in enumerate(angle):
+        wheels = min(max(wheels, asked - gap / 2), asked + gap / 2)
+        followed[i] = wheels
+    np.testing.assert_allclose(after_play(angle, gap), followed, rtol=0, atol=1e-15)
+    assert 0.2 * gap < np.abs(followed - angle).mean() < 0.5 * gap
+    np.testing.assert_array_equal(after_play(angle, 0.0), angle)
 
 
 def test_profile_is_periodic_and_the_same_in_numbers_and_symbols() -> None:

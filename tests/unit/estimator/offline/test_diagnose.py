@@ -238,6 +238,19 @@ def test_a_delay_within_a_sample_is_no_effect(drives: dict[str, Any]) -> None:
     assert not believed(fit_names(setting, ["steer_delay"], None), "steer_delay")
 
 
+@pytest.mark.parametrize(("drive", "there"), [("play", True), ("none", False)])
+def test_play_in_the_steering_is_found_where_it_is_with_its_size(
+    drives: dict[str, Any], drive: str, there: bool
+) -> None:
+    record = record_of(drives[drive])
+    record = record.select(np.arange(record.windows) % 12 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
+    done = fit_names(setting, ["steer_play"], None)
+    assert believed(done, "steer_play") == there
+    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "steer_play")
+    assert done.parameters[row] == pytest.approx(drives[drive].effects.get("steer_play", 0.0), abs=3e-4)
+
+
 def test_a_sensor_place_without_kinematics_must_exceed_what_the_car_travels_in_a_sample(drives: dict[str, Any]) -> None:
     record = record_of(drives["none"])
     record = record.select(np.arange(record.windows) % 12 == 0)
