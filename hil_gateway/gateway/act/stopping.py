@@ -1,9 +1,9 @@
 """Stopping without the planner: steering that keeps the car on the road, braking within the grip left.
 
 Steering is pure pursuit (Coulter, CMU-RI-TR-92-01): curvature k = 2 sin(alpha) / l towards the point a look-ahead
-distance l along the path, delta = atan(L k + U v^2 k0) + K (v k - r) with the measured yaw rate r, a share U of the
-understeer and the curvature k0 of the path; alpha is taken from the direction in which the rear axle goes on such a
-path. The path is the way along the track with the least lateral force from where the car is when the stop begins;
+distance l along the path, delta = atan(L k + U v^2 k0) + K (v k - r) with the measured yaw rate r, the understeer U
+under the brakes and the curvature k0 of the path; alpha is taken from the direction in which the rear axle goes on such
+a path. The path is the way along the track with the least lateral force from where the car is when the stop begins;
 without a track the last good plan.
 Braking is as hard as configured, and harder where a bend ahead on that path would be entered too fast.
 """
@@ -18,7 +18,7 @@ from hil_gateway.bus.messages import Plan, PlanStatus
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.gateway.act.stop_path import Path, plan_path, way_along
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
 from hil_gateway.gateway.settings import StopConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
@@ -33,8 +33,6 @@ YAW_RATE_GAIN = 0.04
 """K, rad of steering per rad/s. A car with more grip in front than behind turns the faster the faster it turns, at up
 to 2 1/s at 70 m/s when braking has moved the load forward: without K it weaves until it spins. 0.03 just holds such a
 car with steering that is 0.1 s late; 0.07 still steadies every car tried"""
-UNDERSTEER_SHARE = 0.5
-"""of the understeer learnt that is steered for: K adds about as much; with all of it stops swing wider at 80 m/s"""
 YIELDS_FROM = 2.0
 """m/s2 of lateral force from which slip a m/s2 is more than noise"""
 FLAT_YAW_RATE_GAIN = 0.07
@@ -128,7 +126,7 @@ class Stopping:
         curvature = 2 * math.sin(angle) / distance
         too_slow = motion.speed * curvature - motion.yaw_rate if motion.by_gyro else 0.0  # a substitute is late
         gain = FLAT_YAW_RATE_GAIN if self.flat else YAW_RATE_GAIN
-        understeer = UNDERSTEER_SHARE * motion.understeer * motion.speed**2 * bend
+        understeer = BRAKED_UNDERSTEER * motion.understeer * motion.speed**2 * bend
         return math.atan(self._vehicle.wheelbase * curvature + understeer) + gain * too_slow
 
     def _rear_slip(self, pose: Pose, motion: Motion, curvature: float) -> float:

@@ -26,6 +26,8 @@ UNDERSTEER_LEARNT = 0.005
 """weight of a period: two seconds"""
 UNDERSTEER_MOST = 2e-3
 """rad per m/s2 of lateral force: a car that turns at 80 m/s a fifth of what its steering angle means"""
+BRAKED_UNDERSTEER = 0.5
+"""of the understeer is left under the brakes: they load the front axle, and it was learnt mostly under power"""
 TURNS_IN_S = 1.5e-3
 """s per m/s of speed after which the yaw rate follows the steering angle: yaw inertia over the damping of both axles"""
 BRAKE_SLIP = 0.0025
@@ -142,7 +144,8 @@ class MotionReader:
         steer = state.steer
         if not state.sources["steering"].valid:
             steer = 0.0 if commanded is None else commanded.steering_motor / self._vehicle.steering_ratio
-        return speed * math.tan(steer) / (self._vehicle.wheelbase + self._understeer * speed**2)
+        left = BRAKED_UNDERSTEER if self._braked(state, commanded) > BRAKED else 1.0
+        return speed * math.tan(steer) / (self._vehicle.wheelbase + left * self._understeer * speed**2)
 
     @property
     def _understeer(self) -> float:
@@ -159,9 +162,8 @@ class MotionReader:
         commanded: Actuators | None,
     ) -> float:  # fmt: skip
         if wheels:
-            reported = state.sources["pedals"].valid
-            braking = self._pressed(state) if reported else self._braking(commanded)
-            by_wheels = self._second_fastest(state) * (1.0 + self._radii + self._brake_slip * braking)
+            slip = self._brake_slip * self._braked(state, commanded)
+            by_wheels = self._second_fastest(state) * (1.0 + self._radii + slip)
             return max(by_wheels, self.motion.speed - DECELERATION_MAX * dt)
         if course is not None:
             return course.speed
@@ -178,6 +180,10 @@ class MotionReader:
             ahead += car.wheelbase * turn * math.sin(state.steer) / self.motion.speed
         fl, fr, rl, rr = wheel_speeds(state)
         return max(sorted((fl / ahead + front, fr / ahead - front, rl + rear, rr - rear))[-2], 0.0)
+
+    def _braked(self, state: VehicleState, commanded: Actuators | None) -> float:
+        """Deceleration by the brakes as they are reported, else as they are asked for, m/s2."""
+        return self._pressed(state) if state.sources["pedals"].valid else self._braking(commanded)
 
     def _pressed(self, state: VehicleState) -> float:
         """Deceleration by the brakes as they are reported, m/s2."""

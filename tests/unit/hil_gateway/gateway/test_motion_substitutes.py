@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from support.scripted_car import Rig
@@ -59,6 +60,18 @@ def test_with_nothing_reported_the_car_turns_as_its_understeer_has_been_learnt(s
     now_ns = run(reader, driving(speed, steer, sources=True), 6.0, 0, bend)
     run(reader, driving(speed, steer, sources=False), 0.5, now_ns, bend)
     assert reader.motion.yaw_rate == pytest.approx(15.0 / speed, rel=0.06)
+
+
+def test_with_nothing_reported_the_brakes_take_half_of_the_understeer() -> None:
+    speed, steer = 60.0, 15.0 / 60.0**2 * (CAR.wheelbase + UNDERSTEER * 60.0**2)
+    reader, half_pa = MotionReader(CAR, PER_PA), 0.5 * 6.0 * CAR.mass / PER_PA
+    rolling = Actuators(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 6)
+    now_ns = run(reader, driving(speed, steer, sources=True), 6.0, 0, rolling)
+    run(reader, driving(speed, steer, sources=False), 0.5, now_ns, replace(
+        rolling, accelerator=0.0, brake_front=half_pa, brake_rear=half_pa
+    ))  # fmt: skip
+    turns = reader.motion.speed * math.tan(steer) / (CAR.wheelbase + 0.5 * UNDERSTEER * reader.motion.speed**2)
+    assert reader.motion.yaw_rate == pytest.approx(turns, rel=0.06)
 
 
 def slipping(speed: float, deceleration: float, slip: float, radii: float) -> VehicleState:
