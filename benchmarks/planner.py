@@ -32,7 +32,7 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import load_config
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
-from planner.plan.exploring import KEEPING_UP, exploring
+from planner.plan.exploring import exploring
 from planner.problem.settings import Information, Settings
 from planner.solver.functions import build_functions
 from planner.solver.sqp import Sqp
@@ -89,8 +89,7 @@ def whole_plan(track: Track, seconds: float) -> list[dict[str, Any]]:
 
     The paper's, because that is the car that explores on its course: the declared race car does not yet.
     """
-    keeping_up = {f"estimator.{name}": value for name, value in KEEPING_UP.items()}
-    paper = load_config(None, {"plant.base": "paper", "declared_model": "paper", **keeping_up})
+    paper = load_config(None, {"plant.base": "paper", "declared_model": "paper"})
     rows = []
     for name, config in (("driving", load_config()), ("exploring", exploring(paper))):
         times, _ = replay(config, track, recorded_drive(config, seconds), clock)

@@ -72,8 +72,8 @@ class EstimatorConfig(Model):
     learn: bool = Field(default=True, description="publish model revisions as the belief moves")
     relinearise: bool = Field(default=True, description="linearise Eq. (8) again over a history, once a second")
     revision_hysteresis: float = Field(default=0.02, gt=0, description="smallest relative change worth publishing")
-    revision_max_step: float = Field(default=0.05, gt=0, description="largest relative change of a parameter at once")
-    revision_min_samples: int = Field(default=500, ge=1, description="samples before the first change")
+    revision_max_step: float = Field(default=0.2, gt=0, description="largest relative change of a parameter at once")
+    revision_min_samples: int = Field(default=200, ge=1, description="samples before the first change")
     revision_bounds: tuple[float, float] = Field(
         default=(0.5, 2.0), description="published tyre parameters over the starting ones"
     )

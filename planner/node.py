@@ -273,7 +273,7 @@ class Planner:
         command = Command(
             stamp_ns=now_ns, seq=self._seq, source="planner", state_stamp_ns=stamp,
             steer=_within(steer, -limits.steer, limits.steer), drive=sent,
-            brake_balance=self.adoption.controller.brake_balance(float(z[VX, 0]), drive),
+            brake_balance=self.adoption.controller.brake_balance(z[:, 0], drive),
         )  # fmt: skip
         self._bus.publish(topics.COMMAND, command)
         rows = {"x": 0, "y": 1, "yaw": 2, "vx": VX, "s": S, "steer": STEER, "drive": DRIVE}

@@ -18,7 +18,16 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
 
 STATES = (
-    "x", "y", "yaw", "vx", "vy", "bias_ax", "bias_ay", "bias_yaw_rate", "wheel_scale", "slope_share",
+    "x",
+    "y",
+    "yaw",
+    "vx",
+    "vy",
+    "bias_ax",
+    "bias_ay",
+    "bias_yaw_rate",
+    "wheel_scale",
+    "slope_share",
     "imu_turn",
 )
 X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, SLOPE_SHARE, IMU_TURN = range(11)

@@ -66,6 +66,11 @@ class Gateway:
         """What the failsafe has decided."""
         return self.decision.failsafe
 
+    @property
+    def late(self) -> str:
+        """Who was late, where that is why the car is being stopped."""
+        return self._reporter.late
+
     def step(self, now_ns: int) -> None:
         """One 10 ms period."""
         before = self.decision
@@ -101,6 +106,8 @@ class Gateway:
         estimate = self.inbox.read_estimate(now_ns)
         monitors.heed(now_ns, state, self.inbox.estimate)
         believed = estimate if monitors.estimate_fits else None
+        if believed is not None and not before.stopping:
+            monitors.motion.teach(now_ns, state, believed)
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit)
         monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
         trusted = None if monitors.position.wrong and not imu_was_wrong else course

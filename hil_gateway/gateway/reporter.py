@@ -11,7 +11,7 @@ from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import missing_for_arming
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.held_up import who_was_late
+from hil_gateway.process.held_up import LatelyLate, who_was_late
 from hil_gateway.process.rolling import Rolling
 
 STATUS_PERIOD_NS = NS_PER_S // 10
@@ -27,17 +27,20 @@ class Reporter:
         self._mode, self._load = mode, load
         self._latency_ms = Rolling(LATENCY_WINDOW)
         self._answered_seq: int | None = None
+        self._lately = LatelyLate()
+        self.late = ""
+        """who was late, where that is why the car is being stopped"""
         self._detail = ""
         self._due_ns = 0
         self._seq = 0
 
     def note_change(self, situation: Situation, before: Decision, after: Decision, estimate_age_s: float) -> None:
-        """Who was late and how busy the computer is, where that is why the car is being stopped."""
+        """Who was late and how busy the computer is, where that is why the car is being stopped; once a period."""
+        self._lately.note({**situation.conditions.measures, "estimate_age": estimate_age_s})
         if after.action is before.action:
             return
-        ages = {**situation.conditions.measures, "estimate_age": estimate_age_s}
-        late = who_was_late(after.failsafe.cause, ages)
-        self._detail = "; ".join(filter(None, (late, self._load()))) if late else ""
+        self.late = who_was_late(after.failsafe.cause, self._lately.longest)
+        self._detail = "; ".join(filter(None, (self.late, self._load()))) if self.late else ""
 
     def note_answer(self, now_ns: int, decision: Decision, command: Command | None) -> None:
         """CAN report in to the first command frame that answers it."""

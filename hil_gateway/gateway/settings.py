@@ -6,6 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.model import Model
 
 
@@ -35,6 +36,10 @@ class StopConfig(Model):
     hold_pressure: float = Field(
         default=2.0e6, ge=5.0e5, le=6.0e6, description="brake pressure at standstill, Pa; 0.25 MPa hold on a 10 % grade"
     )
+
+    def grip(self, mass: float, speed: float) -> float:
+        """Specific force that the declared grip of the tyres makes at `speed` (m/s) of a car of `mass` (kg), m/s2."""
+        return self.lateral_grip * (GRAVITY + self.downforce * speed**2 / mass)
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:

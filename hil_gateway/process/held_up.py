@@ -7,6 +7,7 @@ The gateway sees when each link of the loop last spoke; the kernel knows how lon
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,10 +37,30 @@ CHAIN = (
     Link("planner", "command_age", "no command", 0.075),  # one and a half plans of 50 ms
 )
 """in the order of the data: who is late makes those behind it late"""
+LATELY = 20
+"""periods of the gateway (0.2 s): a row of lateness has held for up to 0.1 s when it fires, and what it waits for is
+one or two periods behind whoever was late"""
+
+
+class LatelyLate:
+    """The longest each link has been silent within the last `LATELY` periods: whoever was late may speak again when
+    the stop begins."""
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[float, ...]] = deque(maxlen=LATELY)
+
+    def note(self, measures: Mapping[str, float]) -> None:
+        """Silence of each link in this period, s, by the names in `CHAIN`; once a period."""
+        self._kept.append(tuple(measures.get(link.measure, 0.0) for link in CHAIN))
+
+    @property
+    def longest(self) -> dict[str, float]:
+        """Measure -> s."""
+        return {link.measure: max(held) for link, held in zip(CHAIN, zip(*self._kept, strict=True), strict=True)}
 
 
 def who_was_late(cause: str, measures: Mapping[str, float]) -> str:
-    """The links that had not spoken for longer than usual when a stop for `cause` began; empty: it was not lateness.
+    """The links that had not spoken for longer than usual before a stop for `cause` began; empty: it was not lateness.
 
     `measures` in seconds, by the names in `CHAIN`; one that has never spoken (infinite) is not late but absent.
     """

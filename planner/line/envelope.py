@@ -1,9 +1,9 @@
 """What the current model says the car can do at each speed: the g-g-v diagram the race line is made with.
 
-Quasi-steady, each axle within a friction ellipse: in steady cornering they share the lateral force by their distance
-from the centre of gravity, the drive goes to the axles the model sends it to. What a tyre can give grows with the load
-the road puts on it: a limit is n c0 + c2 v^2 with n the acceleration the road gives the car, over gravity, 1 on
-level ground (`normal_share`). c2 is downforce; the form is exact for the model's downforce, load transfer and drag.
+Quasi-steady, each axle within a friction ellipse of its own: in steady cornering they share the lateral force by their
+distance from the centre of gravity, the drive goes to the axles the model sends it to. What a tyre can give grows with
+the load the road puts on it: a limit is n c0 + c2 v^2 with n the acceleration the road gives the car, over gravity, 1
+on level ground (`normal_share`). c2 is downforce; the form is exact for the model's downforce, load transfer and drag.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import compile_function
+from planner.line.left_along import SPEEDS, Table, left_along
 from planner.problem.brake_law import BrakeLaw
 
 ENGINE_POWER = 473 * 745.7
@@ -32,8 +33,6 @@ MAX_TRACTION = 8000.0
 MAX_STEER = 0.279
 MIN_NORMAL = 0.2
 """share of gravity that is left on a crest at least: a car that takes off needs another model"""
-SPEEDS = np.array([15.0, 30.0, 45.0, 60.0, 75.0])
-"""m/s"""
 COMMANDS = np.concatenate([np.linspace(-0.5, 0.0, 401), np.linspace(0.00125, 0.3, 240)])
 """drive commands among which the largest that the tyres bear is sought, 60 N apart: half a percent of what they bear"""
 SLIPS = np.linspace(0.0, 0.35, 71)
@@ -55,6 +54,10 @@ class Envelope:
     """specific braking force of the tyres"""
     drive: tuple[float, float]
     """specific driving force the tyres can put down"""
+    brake_left: Table
+    """share of `brake` that cornering leaves"""
+    drive_left: Table
+    """share of `drive` that cornering leaves"""
     drag: tuple[float, float]
     """deceleration when coasting, whatever n is"""
     power: float
@@ -79,13 +82,15 @@ class Envelope:
 
 
 class Peaks(NamedTuple):
-    """Of a model at `SPEEDS`: most lateral force of the axles, N; braking, driving and coasting, m/s2."""
+    """Of a model at `SPEEDS`, m/s2: most lateral specific force in steady cornering; braking, driving and coasting; and
+    what cornering leaves of braking and driving."""
 
-    front: Array
-    rear: Array
+    lateral: Array
     brake: Array
     drive: Array
     coast: Array
+    brake_left: Table
+    drive_left: Table
 
 
 def envelope_of(
@@ -102,11 +107,12 @@ def envelope_of(
     `brakes` is how braking is split; None: as the model has it.
     """
     peaks, v = _peaks(model, theta, phi, use, brakes), model.vehicle
-    lateral = np.minimum(use[0] * peaks.front * v.wheelbase / v.lr, use[1] * peaks.rear * v.wheelbase / v.lf) / v.mass
     return Envelope(
-        lateral=_fit(lateral),
+        lateral=_fit(peaks.lateral),
         brake=_fit(peaks.brake),
         drive=_fit(peaks.drive),
+        brake_left=peaks.brake_left,
+        drive_left=peaks.drive_left,
         drag=_fit(np.maximum(peaks.coast, _declared_drag(v))),
         power=ENGINE_POWER / v.mass,
         traction=MAX_TRACTION / v.mass,
@@ -121,25 +127,50 @@ def _peaks(
     law, ratio = brakes or (None, 1.0)
     forces = _forces(model.vehicle, model.layout, tuple(effect.name for effect in model.effects), law)
 
-    def table(speed: Array, slip: Array, command: Array) -> Array:
-        zero = np.zeros_like(speed)
-        signals = np.vstack([speed, -speed * np.tan(slip), zero, zero, command])
-        return forces(signals, theta, phi, ratio).reshape(5, len(SPEEDS), -1)
+    def table(slips: Array, commands: Array) -> Array:
+        """At `SPEEDS` and every one of `commands` (K,) or (speeds, K), with the slip angle beside it."""
+        speed, command = np.broadcast_arrays(SPEEDS[:, None], commands)
+        slip, zero = np.broadcast_to(slips, speed.shape), np.zeros(speed.size)
+        signals = np.vstack([speed.ravel(), -(speed * np.tan(slip)).ravel(), zero, zero, command.ravel()])
+        return forces(signals, theta, phi, ratio).reshape(7, len(SPEEDS), -1)
 
-    v, command = (a.ravel() for a in np.meshgrid(SPEEDS, COMMANDS, indexing="ij"))
-    along = table(v, np.zeros_like(v), command)
+    along = table(np.zeros_like(COMMANDS), COMMANDS)
     coast = -along[4, :, np.flatnonzero(COMMANDS == 0.0)[0]]
-    v, slip = (a.ravel() for a in np.meshgrid(SPEEDS, SLIPS, indexing="ij"))
     # steady: driven against drag, which would put load on the front axle when coasting
     steady = np.clip(coast, 0.0, None) * model.vehicle.mass / theta[0]
-    sideways = table(v, slip, np.repeat(steady, len(SLIPS)))
-    borne = (np.abs(along[2]) <= use[0]) & (np.abs(along[3]) <= use[1])
-    felt = np.where(borne, along[4] + coast[:, None], 0.0)
-    return Peaks(sideways[0].max(axis=1), sideways[1].max(axis=1), -felt.min(axis=1), felt.max(axis=1), coast)
+    sideways = table(SLIPS, np.repeat(steady[:, None], len(SLIPS), axis=1))[:2].max(axis=2)
+    lateral = _lateral(model.vehicle, use[0] * sideways[0], use[1] * sideways[1])
+    (brake, brake_left), (drive, drive_left) = _along(model.vehicle, along, coast, steady, use)
+    return Peaks(lateral, brake, drive, coast, brake_left, drive_left)
+
+
+def _along(
+    vehicle: Vehicle, along: Array, coast: Array, steady: Array, use: tuple[float, float]
+) -> list[tuple[Array, Table]]:
+    """Most specific force of braking, and of driving, m/s2, at `SPEEDS`, and what cornering leaves of it.
+
+    `along` are the rows of `_Forces` at all `COMMANDS`, `coast` (m/s2) and `steady` the command that holds the speed.
+    """
+    shares = np.minimum(np.abs(along[2:4]) / np.array(use)[:, None, None], 1.0)
+    felt = np.where((shares < 1.0).all(axis=0), along[4] + coast[:, None], 0.0)
+    front, rear = np.sqrt(1.0 - shares**2) * along[5:] * np.array(use)[:, None, None]
+    across = _lateral(vehicle, front, rear)
+    held = np.array([np.interp(d, COMMANDS, row) for d, row in zip(steady, across, strict=True)])
+    ways = []
+    for way, part in ((-1.0, COMMANDS <= 0.0), (1.0, COMMANDS >= 0.0)):
+        outwards = np.flatnonzero(part)[:: int(way)]
+        force = np.maximum.accumulate(np.maximum(way * felt[:, outwards], 0.0), axis=1)
+        ways.append((force[:, -1], left_along(force, across[:, outwards], held)))
+    return ways
+
+
+def _lateral(vehicle: Vehicle, front: Array, rear: Array) -> Array:
+    """Specific force across that axles with the forces `front` and `rear`, N, hold in steady cornering, m/s2."""
+    return np.asarray(np.minimum(front / vehicle.lr, rear / vehicle.lf) * vehicle.wheelbase / vehicle.mass)
 
 
 class _Forces:
-    """Lateral force of both axles, N, share of the peak used along, longitudinal m/s2: five rows."""
+    """Of front and rear axle: lateral force, N, share of the peak used along; longitudinal m/s2; peaks, N: 7 rows."""
 
     def __init__(self, function: ca.Function) -> None:
         mapped: ca.Function = function.map("forces", "serial", BLOCK, [1, 2, 3], [])
@@ -167,10 +198,10 @@ def _forces(vehicle: Vehicle, layout: Layout, effects: tuple[str, ...], brakes: 
     theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))
     parameters = [ca.vertsplit(p) if p.numel() else [] for p in (theta, phi)]
     ratio = ca.SX.sym("ratio")
-    aux = {"brake_balance": brakes.balance(named["vx"], named["drive"], ratio)} if brakes else {}
+    aux = {"brake_balance": brakes.balance(named["vx"], named["drive"], ratio, 0.0)} if brakes else {}
     t = model.evaluate(Terms(model.vehicle, **named, aux=_Neutral(aux)), *parameters)
     arguments: Any = [signals, theta, phi, ratio]
-    outputs = ca.vertcat(t.fy_f, t.fy_r, t.fx_f / t.peak_f, t.fx_r / t.peak_r, t.imu_ax)
+    outputs = ca.vertcat(t.fy_f, t.fy_r, t.fx_f / t.peak_f, t.fx_r / t.peak_r, t.imu_ax, t.peak_f, t.peak_r)
     return _Forces(ca.Function("forces_at", arguments, [ca.densify(outputs)]))
 
 

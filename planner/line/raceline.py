@@ -32,7 +32,7 @@ BEND_LENGTH = 6.0
 """m over which the vertical curve is taken: two wheelbases, which a car cannot feel finer than"""
 LINE_SPACING = 2.0
 """m between points of the finished line"""
-VERSION = 2
+VERSION = 3
 """of the method; part of the cache key"""
 
 

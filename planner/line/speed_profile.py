@@ -1,7 +1,8 @@
 """Fastest speed along a given closed path within an envelope: forward-backward pass.
 
 Cornering speed first, then what the engine can reach going forwards and what the brakes can shed going backwards, each
-on the friction ellipse with grade, bank and vertical curve (Kapania, Subosits & Gerdes 2016). All in specific forces.
+within what cornering leaves, with grade, bank and vertical curve (Kapania, Subosits & Gerdes 2016). All in specific
+forces.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import CompiledFunction, compile_function
 from planner.line.envelope import MIN_NORMAL, Envelope, normal_share
+from planner.line.left_along import SHARES, SPEEDS, interpolated
 
 
 @dataclass(frozen=True)
@@ -83,11 +85,12 @@ def _backwards() -> ca.Function:
 
 
 def _grip(step: Mapping[str, Any], way: str) -> Any:
-    """Specific force that cornering leaves on the friction ellipse, m/s2."""
+    """Specific force that cornering leaves, m/s2."""
     u, trust = step["u"], step["trust"]
     normal = ca.fmax(step["level"] + step["dip"] * u, MIN_NORMAL)
     used = (u * step["kappa"] + step["across"]) / (trust * (normal * step["lateral0"] + step["lateral2"] * u))
-    return trust * (normal * step[f"{way}0"] + step[f"{way}2"] * u) * ca.sqrt(ca.fmax(1.0 - used**2, 0.0))
+    left = interpolated(step[f"{way}_left"], ca.sqrt(u), ca.fabs(used))
+    return trust * (normal * step[f"{way}0"] + step[f"{way}2"] * u) * left
 
 
 def _drag(step: Mapping[str, Any]) -> Any:
@@ -98,6 +101,8 @@ ENVELOPE = (
     "lateral0", "lateral2", "brake0", "brake2", "drive0", "drive2", "drag0", "drag2", "traction", "power",
 )  # fmt: skip
 """what a pass needs of an envelope, in the order of `_numbers`"""
+LEFT = ("brake_left", "drive_left")
+"""its tables, flat, after them"""
 ROAD = ("limit", "kappa", "uphill", "across", "level", "dip", "trust")
 """limit of speed squared here, and of the neighbour: curvature, gravity along and across, axle load over the weight as
 level + dip v^2, share of the envelope that may be used"""
@@ -105,16 +110,18 @@ level + dip v^2, share of the envelope that may be used"""
 
 def _numbers(envelope: Envelope) -> Array:
     e = envelope
-    return np.array([*e.lateral, *e.brake, *e.drive, *e.drag, e.traction, e.power])
+    numbers = [*e.lateral, *e.brake, *e.drive, *e.drag, e.traction, e.power]
+    return np.concatenate([numbers, np.ravel(e.brake_left), np.ravel(e.drive_left)])
 
 
 def _symbols() -> dict[str, Any]:
-    """Speed squared `u` at the neighbour, twice the distance, `ROAD` and `ENVELOPE`."""
-    return {name: ca.SX.sym(name) for name in ("u", "doubled", *ROAD, *ENVELOPE)}
+    """Speed squared `u` at the neighbour, twice the distance, `ROAD`, `ENVELOPE` and `LEFT`."""
+    numbers = {name: ca.SX.sym(name) for name in ("u", "doubled", *ROAD, *ENVELOPE)}
+    return numbers | {name: ca.SX.sym(name, len(SPEEDS) * len(SHARES)) for name in LEFT}
 
 
 def _point(name: str, value: Any, step: Mapping[str, Any]) -> ca.Function:
-    road, envelope = (ca.vertcat(*(step[n] for n in names)) for names in (ROAD, ENVELOPE))
+    road, envelope = (ca.vertcat(*(step[n] for n in names)) for names in (ROAD, (*ENVELOPE, *LEFT)))
     return ca.Function(name, [step["u"], road, step["doubled"], envelope], [value])
 
 

@@ -13,10 +13,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from estimator.model.tyre import front_and_rear
 from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
 from planner.problem import infomax
-from planner.problem.motion import DRIVE, NU, PROGRESS, VX, S
+from planner.problem.motion import DRIVE, NU, PROGRESS, VX, S, extra_load
 from planner.problem.mpcc import ADVANCE_STEPS, Problem
 from planner.solver.functions import Functions
 from planner.solver.sqp import Solution, Sqp, Stopwatch
@@ -97,15 +98,13 @@ class Controller:
         """Take over tyre parameters, belief and load limits; no recompilation."""
         self.knowledge = knowledge
         k, names, info = knowledge, self.problem.common, self.settings.information
-        front, rear = self.problem.model.load_rows
-        level = self.settings.sigma_level
         values: dict[str, npt.ArrayLike] = {
             "theta": k.theta,
             "lap": self.reference.length,
             "load_max": k.load_asked,
             "brake_ratio": k.brake_ratio,
-            "sigma_f": self._choices(front, level),
-            "sigma_r": self._choices(rear, level),
+            "sigma_f": self._choices(0),
+            "sigma_r": self._choices(1),
             "information_theta": k.mean,
             "trace_weight": k.prior_std**2,
             "q_information": info.weight,
@@ -113,11 +112,15 @@ class Controller:
         for name, value in values.items():
             self.common[names[name]] = value
 
-    def _choices(self, indices: tuple[int, ...], level: float) -> Array:
-        """theta in force and the sigma points of one axle's parameters, column after column."""
-        k = self.knowledge
+    def _choices(self, axle: int) -> Array:
+        """theta in force, then the sigma points of the parameters of the front (0) or rear axle (1) and the one with
+        the least peak force, column after column."""
+        k, model, level = self.knowledge, self.problem.model, self.settings.sigma_level
+        indices = model.load_rows[axle]
+        *_, peak = front_and_rear(model.layout)[axle].rows([p.name for p in model.tyre_table])
         points = infomax.sigma_points(k.mean, k.covariance, indices, level)
-        return np.column_stack([k.theta, points]).ravel(order="F")
+        weakest = infomax.least_of(k.mean, k.covariance, indices, peak, level)
+        return np.column_stack([k.theta, points, weakest]).ravel(order="F")
 
     def _weigh_information(self, speed: float, share: float = 1.0) -> None:
         """q_I at this speed, what exploring leaves of the load limits, and W of Tr(W F).
@@ -150,11 +153,13 @@ class Controller:
         limits = self.settings.limits
         return limits.car_half_width + limits.track_margin + limits.exploring_margin * self.problem.informative
 
-    def brake_balance(self, vx: float, drive: float) -> float | None:
-        """Of a command `drive` at speed `vx` (m/s); None where the model knows no front brakes."""
+    def brake_balance(self, z: Array, drive: float) -> float | None:
+        """Of a command `drive` in state `z` (NZ,); None where the model knows no front brakes."""
         if not self._brakes_in_front:
             return None
-        return float(self.settings.brakes.balance(vx, drive, self.knowledge.brake_ratio))
+        road = self.reference.stages(z[S : S + 1])[2][9:12, 0]
+        extra = float(extra_load(road, float(z[VX]), float(z[5])))
+        return float(self.settings.brakes.balance(float(z[VX]), drive, self.knowledge.brake_ratio, extra))
 
     def fill_stages(self, s: Array, vx: Array, drive: float) -> None:
         """Stage parameters at predicted progress `s` (N,), speed `vx` (N,) and present drive command."""

@@ -16,10 +16,6 @@ EXPLORING: dict[str, Any] = {
 }
 """section `planner` of the configuration; chosen on cars of the campaign that its report leaves out"""
 
-KEEPING_UP = {"revision_min_samples": 200, "revision_max_step": 0.2}
-"""section `estimator`: the model in force follows the belief within two or three seconds. Who explores with a rear axle
-believed a third stiffer than it is spins"""
-
 
 def exploring(config: Config, **changes: Any) -> Config:
     """`config` with `EXPLORING` and `changes` in its planner section."""

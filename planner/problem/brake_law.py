@@ -31,17 +31,19 @@ class BrakeLaw:
     vehicle: Vehicle = field(default_factory=Vehicle)
     powertrain: Powertrain = field(default_factory=Powertrain)
 
-    def balance(self, vx: Expr, drive: Expr, ratio: Expr) -> Expr:
+    def balance(self, vx: Expr, drive: Expr, ratio: Expr, extra_load: Expr) -> Expr:
         """Front minus rear pressure over their sum at speed `vx` (m/s) and command `drive` (slip ratio).
 
-        `ratio` is that of the pressures over that of the axle loads (`pressure_ratio`).
+        `ratio` is that of the pressures over that of the axle loads (`pressure_ratio`), `extra_load` what crests, dips
+        and banks add to the axle loads, over the weight.
         """
         v = self.vehicle
+        static_front, static_rear = ((1.0 + extra_load) * load for load in (v.static_load_front, v.static_load_rear))
         braking = ca.fmax(-self.powertrain.force_per_drive * drive, 0.0)
-        moved = ca.fmin(v.cg_height / v.wheelbase * braking, MOST_MOVED * v.static_load_rear)
+        moved = ca.fmin(v.cg_height / v.wheelbase * braking, MOST_MOVED * static_rear)
         air = 0.5 * v.air_density * vx * vx
-        front = ratio * (v.static_load_front - air * v.lift_area_front + moved)
-        rear = v.static_load_rear - air * v.lift_area_rear - moved
+        front = ratio * (static_front - air * v.lift_area_front + moved)
+        rear = static_rear - air * v.lift_area_rear - moved
         low, high = self.powertrain.balances
         return ca.fmin(ca.fmax((front - rear) / (front + rear), low), high)
 

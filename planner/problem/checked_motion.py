@@ -90,7 +90,7 @@ class CheckedMotion:
         tyres = [axle.of(named) for axle in front_and_rear(self.model.layout)]
         if not self.model.effects:
             return _declared_forces(self.model.vehicle, at, tyres, named["cx"])
-        balance = self.brakes.balance(at["vx"], at["drive"], brake_ratio)
+        balance = self.brakes.balance(at["vx"], at["drive"], brake_ratio, at["extra_load"])
         aux = {"extra_load": at["extra_load"], "brake_balance": balance}
         terms = Terms(self.model.vehicle, **{name: at[name] for name in SIGNALS}, aux=aux)
         terms = self.model.evaluate(terms, ca.vertsplit(theta), ca.vertsplit(phi) if phi.numel() else [])

@@ -70,6 +70,18 @@ def sigma_points(mean: Array, covariance: Array, indices: tuple[int, ...], level
     return np.maximum(points, 0.1 * mean[:, None])
 
 
+def least_of(mean: Array, covariance: Array, indices: tuple[int, ...], which: int, level: float) -> Array:
+    """Where parameter `which` is `level` sigma below its mean, and the others of `indices` are likeliest then, (n,).
+
+    Of all choices within `level` sigma the one with the least of that parameter: what sets a force by this parameter
+    alone, as braking or driving straight on is by D, sees less of its spread along each single principal axis.
+    """
+    rows, point = np.array(indices), mean.copy()
+    if (variance := float(covariance[which, which])) > 0.0:
+        point[rows] -= level * covariance[rows, which] / np.sqrt(variance)
+    return np.maximum(point, 0.1 * mean)
+
+
 def principal_steps(covariance: Array, level: float) -> Array:
     """`level` sigma along each principal axis, column after column, of covariances (..., k, k)."""
     values, axes = np.linalg.eigh(covariance)

@@ -40,15 +40,15 @@ def auxiliary(
     model: SingleTrack, brakes: BrakeLaw, z: Sequence[Expr], rates: Sequence[Expr], p: Mapping[str, Expr]
 ) -> dict[str, Expr]:
     """Signals effects may need, as far as a plan knows them; the rest is neutral. `rates` of drive and steer, 1/s."""
-    lap = p["lap"]
+    lap, extra = p["lap"], extra_load(p["road_load"], z[VX], z[5])
     known = {
         "track_position": z[S] - lap * ca.floor(z[S] / lap),
         "yaw": z[2],
         "ax": p["theta"][0] * z[DRIVE] / model.vehicle.mass,
         "steer_rate": rates[1],
         "drive_rate": rates[0],
-        "brake_balance": brakes.balance(z[VX], z[DRIVE], p["brake_ratio"]),
-        "extra_load": extra_load(p["road_load"], z[VX], z[5]),
+        "brake_balance": brakes.balance(z[VX], z[DRIVE], p["brake_ratio"], extra),
+        "extra_load": extra,
     }
     return {name: known.get(name, 0.0) for name in AUXILIARY}
 

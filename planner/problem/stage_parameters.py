@@ -44,7 +44,8 @@ def stage_names(model: SingleTrack) -> Names:
 def common_names(model: SingleTrack) -> Names:
     """Parameters shared by all stages.
 
-    `sigma_f`, `sigma_r` are the choices of theta in Eq. (10) in columns: the one in force, then the sigma points;
+    `sigma_f`, `sigma_r` are the choices of theta in Eq. (10) in columns: the one in force, then the sigma points,
+    then the one with the least peak force;
     `brake_ratio` is that of `BrakeLaw.balance`, `information_theta` the belief's mean,
     `information_weight` W of Tr(W F), `trace_weight` the diagonal that makes it Tr(F) in prior-scaled parameters.
     """
@@ -56,8 +57,8 @@ def common_names(model: SingleTrack) -> Names:
             "lap": 1,
             "load_max": 2,
             "brake_ratio": 1,
-            "sigma_f": n * (2 * len(front) + 2),
-            "sigma_r": n * (2 * len(rear) + 2),
+            "sigma_f": n * (2 * len(front) + 3),
+            "sigma_r": n * (2 * len(rear) + 3),
             "information_theta": n,
             "information_weight": n * n,
             "trace_weight": n,

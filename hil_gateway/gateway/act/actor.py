@@ -14,6 +14,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.act import actuator_test
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.gateway.act.stopping import Stopping
+from hil_gateway.gateway.act.stuck_steering import StuckSteering
 from hil_gateway.gateway.act.transmitter import Transmitter
 from hil_gateway.gateway.decide.decision import Decision
 from hil_gateway.gateway.decide.ladder_inputs import Flags
@@ -28,8 +29,11 @@ CAUTION_S = 2.0
 CAUTION_DECELERATION = 3.0
 """m/s2: mild for the cars behind, and any tyre holds it beside cornering"""
 
-HARD = ("tyre_flat",)
-"""causes for which a controlled stop brakes as an emergency does: with less grip every bend ahead is too fast"""
+HARD = ("tyre_flat", "position_wrong", "position_lost")
+"""causes for which a controlled stop brakes as an emergency does: with less grip every bend ahead is too fast, and the
+longer a car goes without fixes, the further it is from where it takes itself to be"""
+UNBRAKED = ("pedals_stuck", "commands_unanswered")
+"""causes for which the brakes, or some of them, may not work"""
 
 
 class Actor:
@@ -50,6 +54,7 @@ class Actor:
         self._transmitter = Transmitter(codec, link, config.gateway.vehicle_number)
         self._on_wire = self._limits.resting(0.0)
         self.stopping = Stopping(config.vehicle, config.gateway.stop, config.powertrain.force_per_drive, track)
+        self._stuck = StuckSteering(config.vehicle, config.gateway.stop, track)
         self.sent = self.limited = 0
 
     @property
@@ -70,6 +75,7 @@ class Actor:
     def start_stop(self) -> None:
         """A stop begins: the angle on the wire is where steering goes on from."""
         self.stopping.start(self._actuation.to_steer(self.on_wire.steering_motor))
+        self._stuck.start()
 
     def step(  # noqa: PLR0917 - a period
         self,
@@ -113,14 +119,23 @@ class Actor:
             steer, drive = command.steer, self._paced(command.drive, motion.speed, decision)
             balance = command.brake_balance
         else:
-            emergency = decision.action is FailsafeAction.EMERGENCY_STOP or decision.failsafe.cause in HARD
-            steers = decision.failsafe.cause != "steering_stuck" or self.steering_reversed
-            steer, drive = self.stopping.command(motion, pose, emergency, steers)
-            steer = -steer if self.steering_reversed else steer
+            steer, drive = self._stop(state, motion, decision, pose)
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
         return Actuators(wanted.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
+
+    def _stop(self, state: VehicleState, motion: Motion, decision: Decision, pose: Pose | None) -> tuple[float, float]:
+        """Road-wheel angle (rad) and slip-ratio drive command of a stop."""
+        cause = decision.failsafe.cause
+        emergency = decision.action is FailsafeAction.EMERGENCY_STOP or cause in HARD
+        steers = cause != "steering_stuck" or self.steering_reversed
+        steer, drive = self.stopping.command(motion, pose, emergency, steers, brakes=cause not in UNBRAKED)
+        if not steers:
+            asked = self._actuation.to_steer(self.on_wire.steering_motor)
+            sliding = self._stuck.deceleration(motion, pose, state.steer, asked)
+            drive = drive if sliding is None else -self._mass_per_force * sliding
+        return (-steer if self.steering_reversed else steer), drive
 
     def _paced(self, drive: float, speed: float, decision: Decision) -> float:
         """Slip-ratio drive command of which no more is left, under yellow flags, than leads to the caution speed."""

@@ -38,6 +38,8 @@ FLAT_GRIP = 0.7
 """share of the declared grip with a flat tyre: it bears less than half, and its axle carries half of the car"""
 FAR_FROM_WAY = 1.5
 """m off its way at which a stop gets a new one: the tyres have not held, or the pose was wrong"""
+ROLLS_OUT = 2.0
+"""m/s2 by which a car without brakes slows down: drag at 55 m/s; a slower one leaves its way a little to the inside"""
 BEND_SHARE = 0.7
 """of the declared grip a bend ahead may need: the rest steers back to the path and brakes on in the bend"""
 
@@ -56,6 +58,7 @@ class Stopping:
         self._steer = 0.0
         self.flat = False
         """whether a tyre is flat"""
+        self._brakes = True
 
     def take_plan(self, plan: Plan, stopping: bool) -> None:
         """Keep a fresh solution as the path to stop on; what the planner falls back to is no better.
@@ -69,14 +72,19 @@ class Stopping:
 
     def start(self, steer: float) -> None:
         """A stop begins; without a path the present angle is held."""
-        self._steer, self._path = steer, None
+        self._steer, self._path, self._brakes = steer, None, True
 
-    def command(self, motion: Motion, pose: Pose | None, emergency: bool, steers: bool = True) -> tuple[float, float]:
+    def command(
+        self, motion: Motion, pose: Pose | None, emergency: bool, steers: bool = True, brakes: bool = True
+    ) -> tuple[float, float]:
         """Road-wheel angle (rad) and slip-ratio drive (negative) of this period.
 
-        A car that no longer `steers` brakes with all the grip beside the lateral force it has.
+        A car that no longer `steers` brakes with all the grip beside the lateral force it has; one whose `brakes` do
+        not follow takes the way of a car that rolls out.
         """
         config = self._config
+        if self._brakes and not brakes:
+            self._brakes, self._path = False, None
         if self._path is None or (pose is not None and self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
             self._path = self._way(pose)
             self._bends = self._path.bends() if self._path is not None else np.zeros(0)
@@ -95,7 +103,7 @@ class Stopping:
         """The way of this stop."""
         way = None
         if self._track is not None and pose is not None:
-            way = way_along(self._track, pose, self._config.controlled_deceleration)
+            way = way_along(self._track, pose, self._config.controlled_deceleration if self._brakes else ROLLS_OUT)
         return way or (plan_path(self._plan) if self._plan is not None else None)
 
     def _pursue(self, path: Path, pose: Pose, motion: Motion) -> float:
@@ -133,8 +141,7 @@ class Stopping:
         That of the way counts, too: front tyres that are braked past their grip turn the car less, and by the force
         that is left it would seem to need none.
         """
-        weight = GRAVITY + self._config.downforce * speed**2 / self._vehicle.mass
-        grip = self._grip * weight
+        grip = self._config.grip(self._vehicle.mass, speed) * (FLAT_GRIP if self.flat else 1.0)
         return math.sqrt(max(grip**2 - lateral**2, (0.3 * grip) ** 2))
 
     @property

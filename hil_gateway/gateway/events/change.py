@@ -20,7 +20,6 @@ from hil_gateway.car.states import (
 )
 from hil_gateway.gateway.check.arming import EXPLANATION
 from hil_gateway.gateway.decide.failsafe import TABLE, Failsafe, Inputs, missing_for_arming
-from hil_gateway.process.held_up import who_was_late
 
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 ROWS = {row.cause: row for row in TABLE}
@@ -54,12 +53,16 @@ class Seen:
     vehicle_flag: int = VehicleFlag.NONE
     bus_state: str = "error_active"
     inputs: Inputs | None = None
+    late: str = ""
+    """who was late, where that is why the car is being stopped"""
 
     @classmethod
-    def of(cls, failsafe: Failsafe, ct_state: CtState, state: VehicleState, inputs: Inputs, bus_state: str) -> Seen:
+    def of(  # noqa: PLR0917 - what a period shows
+        cls, failsafe: Failsafe, ct_state: CtState, state: VehicleState, inputs: Inputs, bus_state: str, late: str
+    ) -> Seen:
         """What the gateway's newest period shows."""
         flags = state.track_flag, state.vehicle_flag
-        return cls(failsafe, ct_state, state.sys_state, *flags, bus_state, inputs)
+        return cls(failsafe, ct_state, state.sys_state, *flags, bus_state, inputs, late)
 
 
 def changes(before: Seen, after: Seen) -> Iterator[Change]:
@@ -93,7 +96,7 @@ def _failsafe(before: Failsafe, after: Seen) -> Change:
         held = inputs.measures.get(row.measure, math.inf) if row and inputs else math.inf
         measured = held if row and row.threshold_s > 0 and math.isfinite(held) else None
         limit = None if measured is None or row is None else row.threshold_s
-        text = _why(now.cause, inputs)
+        text = _why(now.cause, after.late)
         return Change(
             EventKind.FAILSAFE, before.action, now.action, text, Severity.STOP, now.cause, measured, limit,
             "" if measured is None else "s",
@@ -103,8 +106,7 @@ def _failsafe(before: Failsafe, after: Seen) -> Change:
     return Change(EventKind.ARMING, before.action, now.action, text)
 
 
-def _why(cause: str, inputs: Inputs | None) -> str:
-    late = who_was_late(cause, inputs.measures) if inputs else ""
+def _why(cause: str, late: str) -> str:
     words = EXPLANATION.get(cause) or CAUSES_OF_OTHERS.get(cause, cause)
     return f"{words} ({late})" if late else words
 

@@ -39,7 +39,8 @@ class EventLog:
         """Publish and write down what is different since the last call."""
         found: list[Change] = []
         if gateway.seen is not None:
-            seen = Seen.of(gateway.failsafe, gateway.decision.race_control.ct_state, *gateway.seen, bus_state)
+            ct_state = gateway.decision.race_control.ct_state
+            seen = Seen.of(gateway.failsafe, ct_state, *gateway.seen, bus_state, gateway.late)
             found, self._seen = list(changes(self._seen, seen)), seen
         for change in chain(found, self._others.step(now_ns)):
             self._publish(now_ns, change)

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from hil_gateway.bus.messages import VehicleState
+from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.perceive.course import Course
@@ -28,6 +28,19 @@ UNDERSTEER_MOST = 2e-3
 """rad per m/s2 of lateral force: a car that turns at 80 m/s a fifth of what its steering angle means"""
 TURNS_IN_S = 1.5e-3
 """s per m/s of speed after which the yaw rate follows the steering angle: yaw inertia over the damping of both axles"""
+BRAKE_SLIP = 0.0025
+"""slip of the second fastest wheel a m/s2 of braking before anything has been learnt: slicks under a car of 1.5 g of
+downforce; in 300 m of braking it adds up to several metres"""
+BRAKE_SLIP_MOST = 0.006
+"""of tyres half as stiff"""
+RADII_MOST = 0.03
+"""that rolling radii may differ from the declared one: pressure, wear, growth with speed"""
+ROLLING, BRAKED = 0.5, 3.0
+"""m/s2 by the brakes below which wheels roll, and above which their slip shows"""
+CLOSED = 0.02
+"""accelerator"""
+SPEED_LEARNT = 0.01
+"""weight of a period: one second"""
 LONGEST_S = 0.1
 """longest period that is integrated, s"""
 
@@ -47,10 +60,11 @@ class Motion:
 class MotionReader:
     """Picks, every period, the best source that is valid.
 
-    Speed: the second fastest wheel (one sensor may be wrong), held against locking by what tyres can do; without
-    wheels that of the fixes, then the IMU carries it on. Yaw rate: the gyro; without it the turn rate of the fixes'
-    course, then the rear wheels' difference (which braking falsifies), then v tan(delta) / (L + K v^2) with the
-    understeer K that the gyro has taught. Turn rates are late by half the time they span: steering since then is added.
+    Speed: the second fastest wheel (one sensor may be wrong), at the centre of gravity and with the slip that estimates
+    have taught, held against locking by what tyres can do; without wheels that of the fixes, then the IMU carries it
+    on. Yaw rate: the gyro; without it the turn rate of the fixes' course, then the rear wheels' difference (which
+    braking falsifies), then v tan(delta) / (L + K v^2) with the understeer K that the gyro has taught. Turn rates are
+    late by half the time they span: steering since then is added.
     Where nothing reports any more, what stands on the wire is taken for done.
     """
 
@@ -62,6 +76,8 @@ class MotionReader:
         """sums of a_y times the steering angle beyond that of a slow car, and of a_y^2, lately"""
         self._mismatch = 0.0
         """(right - left) / (track v) on a straight, 1/m"""
+        self._radii, self._brake_slip = 0.0, BRAKE_SLIP
+        """speed over that of the second fastest wheel less 1: while it rolls, and a m/s2 of braking on top of it"""
         self._last_ns: int | None = None
         self._steered: deque[float] = deque(maxlen=COURSE_WINDOW)
         """v tan(delta) / L of the periods a course spans, rad/s"""
@@ -91,10 +107,28 @@ class MotionReader:
         self.motion = Motion(speed, yaw_rate, state.ay if imu else self._most_force(state, speed * yaw_rate), imu)
         return self.motion
 
+    def teach(self, now_ns: int, state: VehicleState, estimate: Estimate) -> None:
+        """How much faster than its wheels the car goes, by an estimate that fits everything else; once a period."""
+        wheel = self._second_fastest(state)
+        if wheel < LEARNING_FROM or not state.valid:
+            return
+        speed = estimate.vx + state.ax * (now_ns - estimate.state_stamp_ns) / NS_PER_S
+        faster, braking = speed / wheel - 1.0, self._pressed(state)
+        if braking < ROLLING and state.accelerator < CLOSED:
+            self._radii += SPEED_LEARNT * (min(max(faster, -RADII_MOST), RADII_MOST) - self._radii)
+        elif braking > BRAKED:
+            slip = min(max((faster - self._radii) / braking, 0.0), BRAKE_SLIP_MOST)
+            self._brake_slip += SPEED_LEARNT * (slip - self._brake_slip)
+
     @staticmethod
     def _most_force(state: VehicleState, by_course: float) -> float:
         """Of an IMU that is not believed the force still counts where it is the larger: brakes leave grip for it."""
         return max(by_course, state.ay if state.sources["imu"].valid else 0.0, key=abs)
+
+    @property
+    def steered(self) -> float:
+        """Yaw rate that the steering angle comes to by now, rad/s."""
+        return self._steered[-1] if self._steered else 0.0
 
     def rear_yaw_rate(self, state: VehicleState, speed: float) -> float:
         """Yaw rate the rear wheels' difference means, rad/s."""
@@ -119,11 +153,29 @@ class MotionReader:
         commanded: Actuators | None,
     ) -> float:  # fmt: skip
         if wheels:
-            return max(second_fastest(state), self.motion.speed - DECELERATION_MAX * dt)
+            reported = state.sources["pedals"].valid
+            braking = self._pressed(state) if reported else self._braking(commanded)
+            by_wheels = self._second_fastest(state) * (1.0 + self._radii + self._brake_slip * braking)
+            return max(by_wheels, self.motion.speed - DECELERATION_MAX * dt)
         if course is not None:
             return course.speed
         gain = state.ax if imu else -self._braking(commanded)
         return max(self.motion.speed + gain * dt, 0.0)
+
+    def _second_fastest(self, state: VehicleState) -> float:
+        """Speed of the second fastest wheel at the centre of gravity, m/s: in a bend outer wheels go further, and front
+        wheels as far as their axle."""
+        car, turn = self._vehicle, self.motion.yaw_rate
+        front, rear = 0.5 * car.track_front * turn, 0.5 * car.track_rear * turn
+        ahead = math.cos(state.steer)
+        if self.motion.speed > LEARNING_FROM:
+            ahead += car.wheelbase * turn * math.sin(state.steer) / self.motion.speed
+        fl, fr, rl, rr = wheel_speeds(state)
+        return max(sorted((fl / ahead + front, fr / ahead - front, rl + rear, rr - rear))[-2], 0.0)
+
+    def _pressed(self, state: VehicleState) -> float:
+        """Deceleration by the brakes as they are reported, m/s2."""
+        return (state.brake_front + state.brake_rear) * self._per_pa
 
     def _braking(self, commanded: Actuators | None) -> float:
         """Deceleration by the brakes that are asked for and by drag, m/s2; 0 where nothing is sent."""

@@ -34,7 +34,7 @@ from hil_gateway.config import Config, load_config
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 from planner.node import Planner
-from planner.plan.exploring import EXPLORING, KEEPING_UP, exploring
+from planner.plan.exploring import EXPLORING, exploring
 from planner.problem.load_limits import LoadLimits, store_limits
 from planner.simulation.loop import START_NS, Loop, LoopResult
 from planner.studies.campaign.driving import ADDED_SIGNAL, ExcitedBus, FixedEstimator, RecordingEstimator
@@ -105,7 +105,6 @@ def trial_config(trial: Trial, settings: CampaignSettings) -> Config:
         "declared_model": "paper",
         "plant.seed": 100 * trial.seed + (*METHODS, *AFTERWARDS, KNOWN).index(trial.method),
         **{f"plant.car.{name}": value for name, value in true_tyre(trial.seed, settings).items()},
-        **{f"estimator.{name}": value for name, value in KEEPING_UP.items()},
     }
     config = load_config(None, overrides)
     if trial.method != "infomax":

@@ -146,7 +146,7 @@ def test_revision_moves_by_bounded_steps_and_stays_within_bounds() -> None:
     policy = RevisionPolicy(EstimatorConfig(), declared_revision("per_axle"))
     believing = Believing(scaled(2.9), samples=10_000)
     values = [policy.current.tyre["df"], *(policy.message(believing, k, k).tyre["df"] for k in range(60))]
-    assert max(b / a for a, b in pairwise(values)) <= 1.05 + 1e-9
+    assert max(b / a for a, b in pairwise(values)) <= 1.2 + 1e-9
     assert values[-1] <= 2.0 * values[0]
     assert values[-1] > 1.8 * values[0]
 

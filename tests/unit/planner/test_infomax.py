@@ -21,6 +21,7 @@ from planner.problem.infomax import (
     PATIENCE_S,
     caution,
     independent_samples,
+    least_of,
     patience,
     project,
     relative_spread,
@@ -173,6 +174,20 @@ def test_d_criterion_weight_is_the_gradient_of_log_det() -> None:
     assert np.trace(W @ dF) == pytest.approx(difference, rel=1e-4)
 
 
+def test_no_choice_within_the_stated_sigma_has_less_peak_than_the_least() -> None:
+    rng, level, indices = np.random.default_rng(5), 2.0, (1, 2, 3)
+    mean, root = rng.uniform(2.0, 3.0, 5), 0.05 * rng.standard_normal((5, 5))
+    covariance = root @ root.T
+    least = least_of(mean, covariance, indices, 3, level)
+    marginal, away = covariance[1:4, 1:4], least[1:4] - mean[1:4]
+    assert np.sqrt(away @ np.linalg.solve(marginal, away)) == pytest.approx(level)
+    directions = rng.standard_normal((3, 2000))
+    choices = mean[1:4, None] + level * np.linalg.cholesky(marginal) @ (directions / np.linalg.norm(directions, axis=0))
+    assert least[3] <= choices[2].min()
+    assert least[3] < sigma_points(mean, covariance, indices, level)[3].min() - 0.01, "no single axis goes as far"
+    np.testing.assert_array_equal(least[[0, 4]], mean[[0, 4]])
+
+
 def test_sigma_points_reproduce_the_belief() -> None:
     rng = np.random.default_rng(2)
     mean = rng.uniform(1.0, 2.0, 7)
@@ -191,9 +206,11 @@ def test_load_rows_hold_at_every_sigma_point(controller: Controller) -> None:
     """Eq. (10) for each choice of theta, over its own peak, by the equations of acceptance at each sigma point."""
     solution = controller.solve(controller.sqp.z[:, 0].copy(), clock, 10)
     plan, k = plan_of(solution, Roadside(controller.reference.line)), controller.knowledge
+    level = controller.settings.sigma_level
     names = [p.name for p in controller.problem.model.tyre_table]
     for row, indices in enumerate(controller.problem.model.load_rows):
-        for theta in sigma_points(k.mean, k.covariance, indices, controller.settings.sigma_level).T:
+        weakest = least_of(k.mean, k.covariance, indices, names.index(("df", "dr")[row]), level)
+        for theta in (*sigma_points(k.mean, k.covariance, indices, level).T, weakest):
             limits = [asked * theta[names.index(d)] for asked, d in zip(k.load_asked, ("df", "dr"), strict=True)]
             bounds = bounds_of(controller.settings, (limits[0], limits[1]), 0.0)
             assert np.max(Check(controller.checked, theta, np.zeros(0), 1.0)(plan, bounds).shares[row, 1:]) < 1.02

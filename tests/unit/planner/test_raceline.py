@@ -16,6 +16,7 @@ from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.line.envelope import MIN_NORMAL, Envelope, envelope_of, normal_share, required_lateral
+from planner.line.left_along import SHARES, SPEEDS
 from planner.line.raceline import RaceLine, centre_line, compute_raceline, raceline_for
 from planner.line.speed_profile import RoadPath, cornering_speed, lap_time_of, speed_profile
 
@@ -146,6 +147,31 @@ def test_a_bank_is_never_worth_more_than_on_an_incline(bank: float) -> None:
     incline = np.sqrt(GRAVITY * radius * helped / (np.cos(bank) - mu * np.sin(bank)))
     found = cornering_speed(circle(radius, -bank), envelope)
     assert np.all((found > 0.99 * incline) & (found <= incline))
+
+
+@pytest.mark.parametrize("df", [0.8, 2.0])
+def test_each_axle_keeps_to_an_ellipse_of_its_own(df: float) -> None:
+    """Eq. (1) drives and brakes with the rear axle: what is left is the ellipse of that axle, whichever is weaker."""
+    car, envelope = Vehicle(), declared_envelope(df=df)
+    front, rear = df * car.static_load_front / car.lr, TYRE["dr"] * car.static_load_rear / car.lf
+    used_behind = SHARES * min(front / rear, 1.0)
+    for table in (envelope.brake_left, envelope.drive_left):
+        left = np.sqrt(1.0 - used_behind**2)
+        np.testing.assert_allclose(np.array(table), np.repeat(left[None], len(SPEEDS), axis=0), atol=0.01)
+
+
+def test_braking_leaves_more_to_a_car_whose_front_axle_gives_way_first() -> None:
+    """Braking loads the front axle: at nine tenths of its bends such a car has more left than one ellipse gives it, and
+    one whose rear axle does has less, up to 45 m/s: faster, that axle works against the air in any bend."""
+    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
+    phi, at = list(revised.phi_at(np.zeros(1))[:, 0]), int(np.argmin(np.abs(SHARES - 0.9)))
+    left = {
+        use: np.array(envelope_of(revised.model, list(revised.theta), phi, use=use).brake_left)[:3, at]
+        for use in ((0.7, 0.95), (0.95, 0.7))
+    }
+    one_ellipse = np.sqrt(1.0 - 0.9**2)
+    assert np.all(left[0.7, 0.95] > one_ellipse)
+    assert np.all(left[0.95, 0.7] < one_ellipse)
 
 
 def test_a_crest_slows_a_turn_and_a_dip_quickens_it_by_what_they_do_to_the_load() -> None:

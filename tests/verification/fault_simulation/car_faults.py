@@ -159,7 +159,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     ),
     CarFault("IMU missing", IMU, ("state_invalid",), 0.15, "its age", _lost),
     CarFault("IMU frozen", IMU, ("state_invalid",), 0.35, "noise changes the last bit of every frame", _frozen),
-    CarFault("IMU constant with dither", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _dithering),
+    CarFault("IMU constant with dither", IMU, _MOTION, 6.0, "steering and front wheels, when they turn", _dithering),
     CarFault("IMU near zero", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _scaled(0.02, *INERTIAL)),
     CarFault("IMU sign flipped", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _scaled(-1.0, *INERTIAL)),
     CarFault(
@@ -243,8 +243,8 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         "latitude and longitude swapped", POSITION, ("position_lost", *_FIX), 1.1, "no place of the map", _turned_map
     ),
     CarFault(
-        "wheel speeds front and rear swapped", WHEELS, (), math.inf,
-        "slip misleads the estimate: 1.2 m off the road in a bend tried", _axles_swapped,
+        "wheel speeds front and rear swapped", WHEELS, ("wheel_speed_wrong",), 6.0,
+        "slip of the driven wheels, when next driven", _axles_swapped,
     ),
     CarFault(
         "second sender of wheel speeds", WHEELS, ("sender_doubled", "wheel_speed_wrong", *_MOTION, "state_invalid"),

@@ -15,10 +15,12 @@ from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.gateway.perceive.monitors.sensors import (
+    AxleMonitor,
     GyroMonitor,
     LateralMonitor,
     LockedWheels,
     SpeedChangeMonitor,
+    StillMonitor,
     WheelMonitor,
 )
 from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
@@ -43,7 +45,9 @@ class Monitors:
         self.motion = MotionReader(vehicle, config.powertrain.brake_force_per_pa)
         self.position = PositionMonitor()
         self._wheels = WheelMonitor(vehicle)
+        self._axles = AxleMonitor(config)
         self._gyro = GyroMonitor(vehicle)
+        self._still = StillMonitor(config)
         self._lateral = LateralMonitor()
         self._course = CourseMonitor()
         self._speed_change = SpeedChangeMonitor()
@@ -109,11 +113,15 @@ class Monitors:
         lateral = self._lateral.step(now_ns, state, speed, ay) if imu and wheels else 0.0
         compared = imu and wheels and not self.flat
         turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if compared else 0.0
+        steered = self.motion.steered
+        hangs = self._still.step(now_ns, state, speed, steered, ay) if compared and not self.stopping else 0.0
+        swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
+        one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
         measures = {
             "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,
-            "wheel_speed_wrong": self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0,
-            "yaw_rate_wrong": max(turns, contradicted.yaw_rate),
+            "wheel_speed_wrong": max(one_differs, swapped),
+            "yaw_rate_wrong": max(turns, hangs, contradicted.yaw_rate),
             "acceleration_wrong": max(changes, lateral, contradicted.acceleration),
             "steering_stuck": follows.steering,
             "pedals_stuck": follows.pedals,

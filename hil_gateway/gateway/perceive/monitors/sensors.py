@@ -1,4 +1,4 @@
-"""Wheel speeds against each other, the gyro against wheels and steering, the IMU against the commanded force."""
+"""Wheels and axles against each other, the gyro against wheels and steering, the IMU against the commanded force."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections import deque
 
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.motion import Motion, wheel_speeds
@@ -68,6 +68,56 @@ class WheelMonitor:
         return False
 
 
+DRIVEN = 2.0
+"""m/s2 by the engine from which the driven wheels' slip shows beside the noise of wheel speeds"""
+DRIVE_SLIP = 0.0015
+"""slip of the driven wheels a m/s2: a quarter of what slicks do (slip stiffness of 25 times the load on the axle that
+carries 58 % of the car: 0.006); racing tyres twice as stiff do twice that"""
+RADII = 0.03
+"""that rolling radii front and rear may differ by: pressure, wear, growth with speed"""
+ROLLING = 0.5
+"""m/s2 by engine or brakes below which all wheels roll"""
+ROLLED_S = 0.5
+"""s of rolling in which the radii's ratio is learnt"""
+SLIPPED_S = 0.1
+"""time constant, s: noise of the wheel speeds (0.3 % of a sample)"""
+
+
+class AxleMonitor:
+    """Rear wheels, which the engine drives, turn faster than front wheels under power: else the axles are swapped.
+
+    Front wheels roll on a path of their own in a bend: v cos(delta) + L r sin(delta) at the speed v of the rear axle.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._vehicle = car = config.vehicle
+        self._per_drive = config.powertrain.force_per_drive / car.mass
+        self._drag = 0.5 * car.air_density * car.drag_area / car.mass
+        self._radii = self._slip = 0.0
+        """rear over front wheels' speed less 1: rolling, and lately"""
+        self._held = Held()
+
+    def step(self, now_ns: int, state: VehicleState, speed: float) -> float:
+        """Seconds the driven wheels have turned slower."""
+        if speed < JUDGED_FROM:
+            self._slip = self._radii
+            return self._held.update(False, now_ns)
+        driven = self._per_drive * state.drive
+        faster = self._rear_over_front(state) - 1.0
+        if abs(driven) < ROLLING:
+            self._radii += PERIOD_S / ROLLED_S * (min(max(faster, -RADII), RADII) - self._radii)
+        self._slip += PERIOD_S / (SLIPPED_S + PERIOD_S) * (faster - self._slip)
+        pushed = min(driven, state.ax + self._drag * speed**2)
+        swapped = pushed > DRIVEN and self._slip - self._radii < -DRIVE_SLIP * pushed
+        return self._held.update(swapped, now_ns)
+
+    def _rear_over_front(self, state: VehicleState) -> float:
+        rear = 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
+        front = 0.5 * (state.wheel_speed_fl + state.wheel_speed_fr)
+        path = rear * math.cos(state.steer) + self._vehicle.wheelbase * state.yaw_rate * math.sin(state.steer)
+        return path / max(front, 1.0)
+
+
 class GyroMonitor:
     """The gyro outvoted by three of front wheels, rear wheels, steering and lateral force, all on one side of it.
 
@@ -105,6 +155,53 @@ class GyroMonitor:
         return self._held.update(self.share > 1.0, now_ns)
 
 
+STILL_WINDOW = 80
+"""periods (0.8 s): a car follows its steering within a third of that"""
+STILL_MEAN = 8
+"""periods whose mean is compared: noise of gyro and wheel speeds"""
+TURNED = 0.08
+"""rad/s by which the yaw rate has changed, by steering and front wheels both"""
+HELD_SHARE = 0.7
+"""of the declared grip that tyres hold without sliding"""
+STILL_SHARE = 0.25
+"""of that change which gyro and lateral force show at least: 0.56 was the least on healthy drives"""
+
+
+class StillMonitor:
+    """An IMU that does not move while steering and front wheels both say that the car turns otherwise than before.
+
+    It may say the right thing still: a value that hangs is wrong by little at first. Where tyres may slide, more
+    steering is no more turning: only changes within what they surely hold count.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._stop, self._mass, self._track = config.gateway.stop, config.vehicle.mass, config.vehicle.track_front
+        self._means = tuple((deque[float](maxlen=STILL_MEAN), deque[float](maxlen=STILL_WINDOW)) for _ in range(4))
+        self._held = Held()
+
+    def step(self, now_ns: int, state: VehicleState, speed: float, steered: float, ay: float) -> float:
+        """Seconds it has stood still; `steered` is the yaw rate that the steering comes to, rad/s, `ay` the lateral
+        specific force without gravity, m/s2."""
+        if speed < JUDGED_FROM:
+            for kept, means in self._means:
+                kept.clear()
+                means.clear()
+            return self._held.update(False, now_ns)
+        wheels = (state.wheel_speed_fr - state.wheel_speed_fl) / (self._track * math.cos(state.steer))
+        most = HELD_SHARE * self._stop.grip(self._mass, speed) / speed
+        rates = (min(max(steered, -most), most), min(max(wheels, -most), most), state.yaw_rate, ay / speed)
+        by = [self._range(i, rate) for i, rate in enumerate(rates)]
+        turned, felt = min(by[:2]), max(by[2:])
+        return self._held.update(turned > TURNED and felt < STILL_SHARE * turned, now_ns)
+
+    def _range(self, of: int, rate: float) -> float:
+        """By how much the means of a signal have changed in the window, rad/s; 0 until it is full."""
+        kept, means = self._means[of]
+        kept.append(rate)
+        means.append(sum(kept) / len(kept))
+        return max(means) - min(means) if len(means) == STILL_WINDOW else 0.0
+
+
 SPEED_WINDOW = 50
 """periods (0.5 s) over which wheels and IMU must agree on the change of speed"""
 SPEED_CHANGE, SPEED_CHANGE_SHARE = 1.0, 0.11
@@ -140,7 +237,7 @@ class LockedWheels:
     grip takes within the last half second."""
 
     def __init__(self, config: Config) -> None:
-        self._grip, self._lift = config.gateway.stop.lateral_grip, config.gateway.stop.downforce / config.vehicle.mass
+        self._stop, self._mass = config.gateway.stop, config.vehicle.mass
         self._per_pa = config.powertrain.brake_force_per_pa / config.vehicle.mass
         self._since = SPEED_WINDOW
         """periods"""
@@ -148,7 +245,7 @@ class LockedWheels:
     def step(self, state: VehicleState, speed: float) -> bool:
         """Once a period."""
         braking = (state.brake_front + state.brake_rear) * self._per_pa
-        self._since = 0 if braking > self._grip * (GRAVITY + self._lift * speed**2) else self._since + 1
+        self._since = 0 if braking > self._stop.grip(self._mass, speed) else self._since + 1
         return self._since < SPEED_WINDOW
 
 

@@ -73,6 +73,15 @@ def test_a_revision_carries_what_was_learnt_of_effects_by_small_steps() -> None:
     assert drags[-1] == pytest.approx(float(made.mean[7]), rel=0.03)
 
 
+def test_the_planner_hears_of_a_rear_axle_a_third_softer_within_three_seconds() -> None:
+    made = belief()
+    made.samples, row = 200, made.names.index("br")
+    made.deviation[row] = -made.prior[row] / 3.0 / made.scale[row]
+    policy = RevisionPolicy(EstimatorConfig(), START)
+    told = [policy.message(made, i, i).tyre["br"] for i in range(3)]  # one a second
+    assert told[-1] == pytest.approx(made.prior[row] * 2.0 / 3.0, rel=0.01)
+
+
 def test_a_belief_without_effects_leaves_a_revisions_effects_alone() -> None:
     fixed = START.model_copy(update={"covariance": ()})
     assert not learns_effects(fixed)

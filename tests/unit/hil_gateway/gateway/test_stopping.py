@@ -256,3 +256,19 @@ def test_a_car_that_no_longer_steers_is_braked_with_all_its_grip(rig):
     stop, pose = on_a_circle(rig)
     steering = [stop.command(motion(30.0, ay=2.0), pose, emergency=True, steers=steers)[1] for steers in (True, False)]
     assert steering[1] < 1.2 * steering[0]
+
+
+def test_a_stop_without_brakes_takes_a_way_on_which_a_car_that_rolls_out_needs_less_lateral_force():
+    """From the straight before a bend, at 45 m/s."""
+    track = load_track("road_course")
+    bend = float(track.s[np.argmax(np.abs(track.curvature))])
+    here, forces = beside(track, bend - 80.0, 2.0, 0.0, 45.0), []
+    for brakes in (True, False):
+        stop = stopping(track)
+        stop.start(0.0)
+        stop.command(motion(45.0), here, True, brakes=brakes)
+        assert stop._path is not None
+        speed2 = np.maximum(45.0**2 - 2 * 2.0 * stop._path.s, 0.0)
+        near = stop._path.s < 160.0
+        forces.append(float((speed2 * stop._bends)[near].max()))
+    assert forces[1] < 0.97 * forces[0]

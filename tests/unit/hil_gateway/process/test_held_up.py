@@ -41,6 +41,20 @@ def test_a_stop_for_lateness_names_who_was_held_up_for_how_long(part: str, cause
     assert "load 5, 7 tasks ready on 2 processors: end other programs" in rig.status.detail
 
 
+def test_a_car_held_up_for_90_ms_is_named_although_it_speaks_again_when_the_stop_begins() -> None:
+    rig = Rig()
+    rig.drive_off()
+    rig.car.reports = False
+    rig.run(0.05)
+    rig.estimate_valid = False  # a filter whose input is too old
+    rig.run(0.04)
+    rig.car.reports = True
+    rig.run(0.2)
+    assert rig.cause == "estimate_invalid"
+    assert rig.status is not None
+    assert re.search(r"^car or plant held up: no CAN frame for [89]0 ms", rig.status.detail), rig.status.detail
+
+
 def test_a_stop_for_another_reason_says_nothing_of_lateness() -> None:
     rig = Rig()
     rig.drive_off()

@@ -1,0 +1,121 @@
+"""Brakes as the steering that is left: what a car does whose steering stands still.
+
+While its wheels roll, it goes on along its arc. Tyres that slide push against the motion, whichever way they point:
+with locked wheels the car goes straight on. Ways that roll on for a while and then slide are reckoned to where the car
+stands, and the wheels are locked when to do so now keeps furthest inside of the road. A sliding car cannot be told from
+its wheels any more: it slides until it stands.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from hil_gateway.car.vehicle import HALF_WIDTH, Vehicle
+from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.motion import UNDERSTEER, Motion
+from hil_gateway.gateway.settings import StopConfig
+from hil_gateway.track.track import Track
+
+STEP_S = 0.1
+SLIDES_AFTER_S = (0.0, 0.2, 0.4, 0.8, 1.6, math.inf)
+"""s of rolling before the slide: the ways that are compared"""
+SLIDING = 0.8
+"""of the grip that tyres have when they slide on dry asphalt"""
+LOCKING = 1.5
+"""times the grip that brakes ask for to lock every wheel"""
+ROLLING_SHARE = 0.3
+"""of the grip at least that is braked with beside a lateral force"""
+BETTER_M = 0.5
+"""that sliding must keep further inside than rolling on: error of both reckonings"""
+CLEAR_M = 1.0
+"""inside of the edge, with which rolling on is good enough"""
+LOST_M = -10.0
+"""how far off the road does not matter any more"""
+JUDGED_S = 0.1
+"""time constant of the comparison of yaw rates: as long as a car takes to answer its steering"""
+APART = 0.03
+"""rad/s that the reported angle must explain the yaw rate better than the commanded one: ten times the gyro's noise"""
+PERIOD_S = 0.01
+"""of the gateway"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """Curvature (1/m) and deceleration (m/s2) at a speed."""
+
+    curvature: Callable[[float], float]
+    deceleration: Callable[[float], float]
+
+
+class StuckSteering:
+    """Whether to lock the wheels, once a period; `start` with a stop."""
+
+    def __init__(self, vehicle: Vehicle, config: StopConfig, track: Track | None) -> None:
+        self._vehicle, self._track = vehicle, track
+        self._grip = partial(config.grip, vehicle.mass)
+        self.start()
+
+    def start(self) -> None:
+        """A stop begins."""
+        self._reported_off = self._asked_off = 0.0
+        """of the yaw rate from what the reported and the commanded angle come to, lately, rad/s"""
+        self._locks = False
+
+    def deceleration(self, motion: Motion, pose: Pose | None, reported: float, asked: float) -> float | None:
+        """What to ask of the brakes to slide straight on, m/s2; None where rolling on is better, or the car steers.
+
+        `reported` and `asked` are road-wheel angles, rad: where the yaw rate follows what is asked, it is the report
+        that is wrong.
+        """
+        stands_still = self._stands_still(motion, reported, asked)
+        if pose is not None and self._track is not None and stands_still and not self._locks:
+            slides, rolls = self._ways(motion, reported)
+            margins = [self._margin(self._track, pose, rolls, slides, after_s) for after_s in SLIDES_AFTER_S]
+            best = max(margins) == margins[0]
+            self._locks = best and margins[-1] < CLEAR_M and margins[0] > margins[-1] + BETTER_M
+        return LOCKING * self._grip(motion.speed) if self._locks else None
+
+    def _stands_still(self, motion: Motion, reported: float, asked: float) -> bool:
+        """Whether the car turns as the steering reports and not as it is asked to."""
+        share = PERIOD_S / (JUDGED_S + PERIOD_S)
+        path = self._vehicle.wheelbase + UNDERSTEER * motion.speed**2
+        by_report, by_command = (motion.speed * math.tan(angle) / path for angle in (reported, asked))
+        self._reported_off += share * (abs(motion.yaw_rate - by_report) - self._reported_off)
+        self._asked_off += share * (abs(motion.yaw_rate - by_command) - self._asked_off)
+        return motion.by_gyro and self._reported_off + APART < self._asked_off
+
+    def _ways(self, motion: Motion, steer: float) -> tuple[_Way, _Way]:
+        """Sliding straight on, and rolling on along an arc that becomes tighter as understeer goes with the speed."""
+        length, now = self._vehicle.wheelbase, motion.yaw_rate / max(motion.speed, 1.0)
+        gradient = (math.tan(steer) / now - length) / max(motion.speed, 1.0) ** 2 if abs(now) > 1e-4 else UNDERSTEER
+        understeer = min(max(gradient, 0.0), 2.0 * UNDERSTEER)
+
+        def arc(speed: float) -> float:
+            return math.tan(steer) / (length + understeer * speed**2)
+
+        def left(speed: float) -> float:
+            grip, lateral = self._grip(speed), arc(speed) * speed**2
+            return math.sqrt(max(grip**2 - lateral**2, (ROLLING_SHARE * grip) ** 2))
+
+        return _Way(lambda speed: 0.0, lambda speed: SLIDING * self._grip(speed)), _Way(arc, left)
+
+    @staticmethod
+    def _margin(track: Track, pose: Pose, rolls: _Way, slides: _Way, slides_after_s: float) -> float:
+        """Least distance of a wheel to the edge until the car stands, m, negative off the road."""
+        x, y, course, speed = pose.x, pose.y, pose.yaw + pose.slip, pose.speed
+        s, lateral = track.project(x, y)
+        least, since_s = math.inf, 0.0
+        while speed > 0.0 and least > LOST_M:
+            i = min(int(s / track.length * len(track.s)), len(track.s) - 1)
+            edge = float(track.width_left[i] if lateral > 0 else track.width_right[i])
+            least = min(least, edge - HALF_WIDTH - abs(lateral))
+            way = rolls if since_s < slides_after_s else slides
+            since_s += STEP_S
+            course += STEP_S * speed * way.curvature(speed)
+            x, y = x + STEP_S * speed * math.cos(course), y + STEP_S * speed * math.sin(course)
+            speed -= STEP_S * way.deceleration(speed)
+            s, lateral = track.project(x, y, s)
+        return least

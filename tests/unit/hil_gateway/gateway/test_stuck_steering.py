@@ -1,0 +1,54 @@
+"""With steering that stands still the wheels are locked where sliding straight on keeps to the road, and only there."""
+
+from __future__ import annotations
+
+import math
+
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.gateway.act.stuck_steering import StuckSteering
+from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.motion import UNDERSTEER, Motion
+from hil_gateway.gateway.settings import StopConfig
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
+
+CAR, SPEED = Vehicle(), 60.0
+OVAL = load_track("oval")
+LONGEST_STRAIGHT = max(
+    (s for s in range(0, int(OVAL.length), 5)),
+    key=lambda s: next(d for d in range(0, 2000, 5) if abs(OVAL.at(s + d).curvature) > 1e-4),
+)
+"""where the longest straight of the track begins, m"""
+BEND = 1.0 / 200.0
+
+
+def angle(curvature: float) -> float:
+    """Road-wheel angle with which the car drives this curvature, rad."""
+    return math.atan(curvature * (CAR.wheelbase + UNDERSTEER * SPEED**2))
+
+
+def slides(track: Track | None, curvature: float, reported: float, asked: float) -> list[float]:
+    """What is asked of the brakes in 0.3 s at the beginning of the straight, m/s2; the car drives `curvature`."""
+    p = OVAL.at(LONGEST_STRAIGHT)
+    pose, stuck = Pose(float(p.x), float(p.y), float(p.heading), SPEED), StuckSteering(CAR, StopConfig(), track)
+    motion = Motion(SPEED, SPEED * curvature, SPEED**2 * curvature)
+    asks = [stuck.deceleration(motion, pose, reported, asked) for _ in range(30)]
+    return [asked for asked in asks if asked is not None]
+
+
+def test_steering_that_stands_still_in_a_bend_that_ends_makes_the_car_slide_straight_on() -> None:
+    asks = slides(OVAL, BEND, angle(BEND), angle(-BEND))
+    assert len(asks) > 10
+    assert min(asks) > StopConfig().lateral_grip * GRAVITY, "every wheel locks"
+
+
+def test_a_car_whose_steering_follows_while_its_sensor_hangs_goes_on_steering() -> None:
+    assert not slides(OVAL, BEND, angle(-BEND), angle(BEND))
+
+
+def test_a_car_that_goes_straight_on_a_straight_rolls() -> None:
+    assert not slides(OVAL, 0.0, 0.0, angle(BEND))
+
+
+def test_without_a_track_nobody_knows_where_to_slide() -> None:
+    assert not slides(None, BEND, angle(BEND), angle(-BEND))
