@@ -19,7 +19,7 @@ LEAST = 0.7
 """of lateral over longitudinal friction that is believed"""
 CORNERING = 0.5
 """share of the lateral peak at which the inner wheel has lost its part of the difference"""
-ACROSS = np.linspace(0.0, 1.0, 101)
+ACROSS = np.sin(np.linspace(0.0, 0.5 * np.pi, 101))
 
 
 def along_share(model: SingleTrack, phi: Expr) -> Expr:
