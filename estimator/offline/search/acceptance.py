@@ -53,14 +53,14 @@ def worth_a_name(evidence: Evidence, setting: Setting, total: float) -> bool:
     return bool(enough and evidence.channels[most] > setting.least[most])
 
 
-def explains_more_than_it_leaves(before: Fit, after: Fit, channel: int) -> bool:
-    """Whether what `after` has more than `before` takes out more of an accelerometer's variance than is left beyond
-    noise.
+def explain_more_than_is_left(before: Fit, after: Fit, final: Fit, channel: int) -> bool:
+    """Whether what `after` has more than `before` takes out more of an accelerometer's variance than `final` leaves
+    beyond noise.
 
     Where most has another cause, what gains may stand in for part of that: a force that comes and goes has a mean,
     which any force of the catalogue with the same sign takes out. Velocities do not tell: a filter follows them.
     """
     if channel not in ACCELEROMETERS:
         return True
-    was, left = float(before.normal.variance[channel]), float(after.normal.variance[channel])
-    return was - left > left - (BEYOND_NOISE * float(after.predictor.record.block_noise[channel])) ** 2
+    was, now, left = (float(fit.normal.variance[channel]) for fit in (before, after, final))
+    return was - now > left - (BEYOND_NOISE * float(final.predictor.record.block_noise[channel])) ** 2
