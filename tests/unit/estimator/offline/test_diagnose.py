@@ -306,6 +306,17 @@ def test_a_sensor_place_without_kinematics_must_exceed_what_the_car_travels_in_a
         assert believed(replace(done, parameters=parameters), "imu_lever_arm") == named
 
 
+def test_a_grade_that_ends_the_lap_at_another_height_is_not_believed(drives: dict[str, Any]) -> None:
+    record = record_of(drives["hilly"])
+    record = record.select(np.arange(record.windows) % 4 == 0)
+    record = replace(record, lap=np.arange(record.windows) // 8)
+    done = fit_names(Setting(record, "per_axle", PRIOR), ["road_bank", "road_grade"], None)
+    assert believed(done, "road_grade")
+    parameters = done.parameters.copy()
+    parameters[next(b.parameters for b in done.predictor.blocks if b.effect.name == "road_grade")] -= 0.04
+    assert not believed(replace(done, parameters=parameters), "road_grade")
+
+
 def test_windows_in_which_the_car_has_spun_are_left_out(drives: dict[str, Any]) -> None:
     drive = drives["none"]
     spun = np.abs(drive.columns["t"] - 100.0) < 1.0
