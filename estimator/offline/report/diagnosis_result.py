@@ -13,14 +13,11 @@ from estimator.model.declared_vehicle import DECLARED
 from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis, alternatives
 from estimator.offline.fit.prediction_error import Point
-from estimator.offline.predict.places import PLACES
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.input_timing import SAMPLED
-from estimator.offline.report.words import CHANNEL_NAMES, NAMES, describe, follows_turn_direction, span_words
+from estimator.offline.report.unexplained import unexplained
 from estimator.offline.result.diagnosis_score import HORIZON_S, rmse
 from estimator.offline.result.handover import tempered
-from estimator.offline.result.leftover import Leftover
-from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.terms import WHITE_FOR_TERMS
 from estimator.offline.search.whiteness import structured
@@ -32,10 +29,6 @@ SYSTEMATIC = 0.02
 every stated std. Of 23 practice drives, one an effect, front brake, drive delay and lever arm were 2 to 5 % off;
 the figure was chosen on these."""
 ALTERNATIVES = 4
-NEARLY = 0.8
-"""A signal whose term gains more than this share of the accepted one's is an alternative."""
-SMALLEST_CHANNEL_SHARE = 0.1
-"""A channel is named when the empirical term removes more than this of its squared residual."""
 
 
 def standard_deviations(diagnosis: Diagnosis) -> Array:
@@ -176,53 +169,6 @@ def _shares(diagnosis: Diagnosis) -> dict[str, float]:
     return {n: round(g / whole, 4) for n, g in gains.items()}
 
 
-def unexplained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Channels in which an empirical term is needed, strongest first, with what it depends on and where it acts.
-
-    A term that hardly changes a channel says nothing of what is left there.
-    """
-    tried = [entry for term in diagnosis.terms for entry in _by_term(diagnosis, term)]
-    tried.sort(key=lambda e: -float(e["share_of_residual"]))
-    entries = [e for e in tried if e["share_of_residual"] > SMALLEST_CHANNEL_SHARE]
-    if not diagnosis.leftover:
-        entries = entries or tried[:1]
-    named = {e["channel"] for e in entries}
-    left = [_left(left) for left in diagnosis.leftover if left.channel not in named]
-    return entries + sorted(left, key=lambda e: -float(e["share_of_residual"]))
-
-
-def _by_term(diagnosis: Diagnosis, term: Term) -> list[dict[str, Any]]:
-    """What a term explains, for each channel that it acts on."""
-    block = next(b for b in diagnosis.fit.predictor.blocks if b.effect.name == term.effect.name)
-    coefficients = diagnosis.fit.parameters[block.parameters]
-    values = diagnosis.record.signals[term.signal][diagnosis.record.rows].ravel()
-    where, signal = describe(term.basis, values, coefficients), term.signal
-    if follows_turn_direction(term.basis, values, coefficients):
-        signal = "turn_direction"
-    what = f"{PLACES[term.place].words} as a function of {NAMES.get(signal, signal)}"
-    entries = []
-    for channel in term.effect.channels:
-        before, after = (diagnosis.channels[channel][m] for m in ("catalogue", "with_effects"))
-        entries.append({
-            "channel": channel, "signal": signal, "share_of_residual": round(max(0.0, 1.0 - (after / before) ** 2), 4),
-            "description": f"{CHANNEL_NAMES[channel]}: {what}; acts at {where}",
-            "empirical": True, "term": term.effect.name, "alternatives": _other_causes(diagnosis, term),
-        })  # fmt: skip
-    return entries
-
-
-def _left(left: Leftover) -> dict[str, Any]:
-    """A channel whose residual is more than noise, though no term earned its place."""
-    where = span_words(left.signal, left.spans, *left.reach)
-    laps = " in the scored laps only" if left.only_scored else ""
-    size = f"{left.ratio:.2g} times the noise is left{laps}"
-    return {
-        "channel": left.channel, "signal": left.signal, "share_of_residual": round(left.share, 4),
-        "description": f"{CHANNEL_NAMES[left.channel]}: {size}, most at {where}",
-        "empirical": False, "spans": [list(span) for span in left.spans], "alternatives": [],
-    }  # fmt: skip
-
-
 def _vehicle(diagnosis: Diagnosis, std: Array) -> list[dict[str, Any]]:
     """Declared vehicle data that were found wrong, where nothing else is left to explain.
 
@@ -241,13 +187,6 @@ def _vehicle(diagnosis: Diagnosis, std: Array) -> list[dict[str, Any]]:
             "std": abs(datum.found(car, value + error) - found), "unit": datum.unit,
         })  # fmt: skip
     return out
-
-
-def _other_causes(diagnosis: Diagnosis, term: Term) -> list[dict[str, float | str]]:
-    """Other signals on which a term explains nearly as much: the drive does not tell them apart."""
-    others = [t for t in diagnosis.term_trials if t.fit and t.signal != term.signal]
-    shares = {t.signal: t.evidence.gain / term.evidence.gain for t in reversed(others)}
-    return [{"signal": n, "gain": round(g, 3)} for n, g in shares.items() if NEARLY < g < 1.0]
 
 
 def as_revision(diagnosis: Diagnosis, layout: str, sessions: tuple[str, ...]) -> ModelRevision:

@@ -15,8 +15,8 @@ RELATIVE_SHARE = 0.01
 """Least gain relative to everything accepted so far: less is the imperfect shape of an accepted effect."""
 BEYOND_NOISE = 1.25
 """RMS over the noise floor: 56 % more variance than noise; the true model stays within 3 % on practice drives."""
-ACCELEROMETERS = (0, 1)
-"""rows of ax and ay"""
+ACCELEROMETER = {0: 0, 1: 1, 3: 0, 4: 1}
+"""Row of ax or ay for what shows in it or in the velocity along it."""
 WHITE_FOR_DATA = 1.3
 """Declared data compete where averages of what they leave vary no more than so many times what white noise would."""
 
@@ -53,14 +53,15 @@ def worth_a_name(evidence: Evidence, setting: Setting, total: float) -> bool:
     return bool(enough and evidence.channels[most] > setting.least[most])
 
 
-def explains_more_than_it_leaves(before: Fit, after: Fit, channel: int) -> bool:
-    """Whether what `after` has more than `before` takes out more of an accelerometer's variance than is left beyond
-    noise.
+def explain_more_than_is_left(before: Fit, after: Fit, final: Fit, channel: int) -> bool:
+    """Whether what `after` has more than `before` takes out more of the accelerometer's variance than `final` leaves
+    beyond noise.
 
     Where most has another cause, what gains may stand in for part of that: a force that comes and goes has a mean,
     which any force of the catalogue with the same sign takes out. Velocities do not tell: a filter follows them.
     """
-    if channel not in ACCELEROMETERS:
+    row, record = ACCELEROMETER.get(channel), final.predictor.record
+    if row is None or not record.used[row]:
         return True
-    was, left = float(before.normal.variance[channel]), float(after.normal.variance[channel])
-    return was - left > left - (BEYOND_NOISE * float(after.predictor.record.block_noise[channel])) ** 2
+    was, now, left = (float(fit.normal.variance[row]) for fit in (before, after, final))
+    return was - now > left - (BEYOND_NOISE * float(record.block_noise[row])) ** 2

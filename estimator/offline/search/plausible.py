@@ -21,6 +21,8 @@ LEAST_STRETCHES = 4
 """of 30 s, for halves to be compared"""
 CONFIRMED_SHARE = 0.5
 """of the accelerometer's place, by which kinematics may be off beyond their error: sensors differ in timing"""
+LEVEL = 0.01
+"""rad; mean grade beyond which a lap does not end at the height where it began: 10 m a km"""
 ON_BOUND = 1e-6
 """Share of a parameter's range within which it is on its bound: steps that would leave it end just there."""
 
@@ -29,7 +31,7 @@ def believed(fit: Fit, name: str) -> bool:
     """Whether an effect is more than the log's sampling, physically possible, there, alike in both halves, and not
     contradicted by kinematics."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    checks = (possible, _there, _agrees, _confirmed)
+    checks = (possible, _there, _agrees, _confirmed, _level)
     return not _within_a_sample(fit, block) and all(check(fit, block) for check in checks)
 
 
@@ -94,6 +96,15 @@ def _confirmed(fit: Fit, block: Block) -> bool:
     if seen is None:
         return bool(np.max(np.abs(place)) > travelled)
     return abs(seen[0] - ahead) < max(LEAST_ERRORS * seen[1] + 0.5 * travelled, CONFIRMED_SHARE * abs(ahead))
+
+
+def _level(fit: Fit, block: Block) -> bool:
+    """Whether a grade ends the lap at the height where it began: with few laps a force passes for a slope."""
+    if block.effect.name != "road_grade":
+        return True
+    basis = fit.predictor.record.bases[block.effect.profile]
+    at = np.linspace(0.0, basis.period, 4 * basis.size, endpoint=False)
+    return abs(float(np.mean(basis.matrix(at) @ fit.parameters[block.parameters]))) < LEVEL
 
 
 def _table(fit: Fit, block: Block) -> tuple[Parameter, ...]:

@@ -28,10 +28,11 @@ from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.laps import scored_laps
 from estimator.offline.record.noise import Noise
 from estimator.offline.report.diagnosis_result import as_json, as_revision
+from estimator.offline.report.unexplained import unexplained
 from estimator.offline.report.words import describe, follows_turn_direction
 from estimator.offline.result.diagnosis_score import kernel
-from estimator.offline.result.leftover import leftovers
-from estimator.offline.search.acceptance import explains_more_than_it_leaves
+from estimator.offline.result.leftover import Leftover, leftovers
+from estimator.offline.search.acceptance import explain_more_than_is_left
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.search import Greedy
@@ -168,6 +169,18 @@ def test_effect_outside_the_catalogue_is_unexplained_and_located(diagnosed: Call
     assert row["refit"] - row["with_effects"] > 0.6 * (row["refit"] - row["noise_floor"])
 
 
+def test_what_is_left_comes_before_a_term_that_explains_less_of_it(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("outside")
+    left = (Leftover("ay", 4.0, False, "t", ((100.0, 120.0),), (0.0, 370.0)),)
+    for after, first in ((0.5, "t"), (0.2, "track_position")):
+        channels = {
+            c: {**row, "catalogue": 0.6, "with_effects": after, "noise_floor": 0.15}
+            for c, row in found.channels.items()
+        }
+        said = unexplained(replace(found, leftover=left, channels=channels))
+        assert next(u["signal"] for u in said if u["channel"] == "ay") == first
+
+
 def test_test_laps_are_kept_from_every_fit(diagnosed: Callable[[str], Diagnosis]) -> None:
     found = diagnosed("single")
     assert not set(found.train_laps) & set(found.test_laps)
@@ -253,7 +266,7 @@ def test_what_takes_out_the_mean_of_a_force_that_comes_and_goes_explains_less_th
     done = fit_names(setting, [effect], start)
     gain = compare(start.held_out(), done.held_out(), done.normal.count)
     assert gain.gain > 0.02 * record.rows.shape[0] * record.rows.shape[1], "worth a name by its gain alone"
-    assert explains_more_than_it_leaves(start, done, gain.channel) == there
+    assert explain_more_than_is_left(start, done, done, gain.channel) == there
 
 
 def test_what_comes_and_goes_is_said_of_time(diagnosed: Callable[[str], Diagnosis]) -> None:
@@ -291,6 +304,17 @@ def test_a_sensor_place_without_kinematics_must_exceed_what_the_car_travels_in_a
         parameters = done.parameters.copy()
         parameters[row : row + 2] = place, 0.0
         assert believed(replace(done, parameters=parameters), "imu_lever_arm") == named
+
+
+def test_a_grade_that_ends_the_lap_at_another_height_is_not_believed(drives: dict[str, Any]) -> None:
+    record = record_of(drives["hilly"])
+    record = record.select(np.arange(record.windows) % 4 == 0)
+    record = replace(record, lap=np.arange(record.windows) // 8)
+    done = fit_names(Setting(record, "per_axle", PRIOR), ["road_bank", "road_grade"], None)
+    assert believed(done, "road_grade")
+    parameters = done.parameters.copy()
+    parameters[next(b.parameters for b in done.predictor.blocks if b.effect.name == "road_grade")] -= 0.04
+    assert not believed(replace(done, parameters=parameters), "road_grade")
 
 
 def test_windows_in_which_the_car_has_spun_are_left_out(drives: dict[str, Any]) -> None:

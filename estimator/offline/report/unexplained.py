@@ -1,0 +1,80 @@
+"""What a diagnosis leaves unexplained: by channel, what it depends on, where it acts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from estimator.offline.diagnosis import Diagnosis
+from estimator.offline.predict.places import PLACES
+from estimator.offline.report.words import CHANNEL_NAMES, NAMES, describe, follows_turn_direction, span_words
+from estimator.offline.result.leftover import Leftover
+from estimator.offline.search.acceptance import BEYOND_NOISE
+from estimator.offline.search.empirical import Term
+
+NEARLY = 0.8
+"""A signal whose term gains more than this share of the accepted one's is an alternative."""
+SMALLEST_CHANNEL_SHARE = 0.1
+"""A channel is named when the empirical term removes more than this of its squared residual."""
+
+
+def unexplained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Channels in which an empirical term is needed, strongest first, with what it depends on and where it acts.
+
+    A term that hardly changes a channel says nothing of what is left there; one that leaves more than it explains comes
+    after what is left.
+    """
+    tried = [entry for term in diagnosis.terms for entry in _by_term(diagnosis, term)]
+    tried.sort(key=lambda e: -float(e["share_of_residual"]))
+    entries = [e for e in tried if e["share_of_residual"] > SMALLEST_CHANNEL_SHARE]
+    left = sorted((_left(left) for left in diagnosis.leftover), key=lambda e: -float(e["share_of_residual"]))
+    if not left:
+        return entries or tried[:1]
+    named = {e["channel"] for e in entries}
+    first = [e for e in left if e["channel"] in named and _leaves_more(diagnosis.channels[e["channel"]])]
+    return first + entries + [e for e in left if e["channel"] not in named]
+
+
+def _leaves_more(channel: Mapping[str, float]) -> bool:
+    """Whether the empirical terms leave more of a channel beyond noise than they explain, by its errors."""
+    before, after, floor = (channel[name] for name in ("catalogue", "with_effects", "noise_floor"))
+    return before**2 - after**2 < after**2 - (BEYOND_NOISE * floor) ** 2
+
+
+def _by_term(diagnosis: Diagnosis, term: Term) -> list[dict[str, Any]]:
+    """What a term explains, for each channel that it acts on."""
+    block = next(b for b in diagnosis.fit.predictor.blocks if b.effect.name == term.effect.name)
+    coefficients = diagnosis.fit.parameters[block.parameters]
+    values = diagnosis.record.signals[term.signal][diagnosis.record.rows].ravel()
+    where, signal = describe(term.basis, values, coefficients), term.signal
+    if follows_turn_direction(term.basis, values, coefficients):
+        signal = "turn_direction"
+    what = f"{PLACES[term.place].words} as a function of {NAMES.get(signal, signal)}"
+    entries = []
+    for channel in term.effect.channels:
+        before, after = (diagnosis.channels[channel][m] for m in ("catalogue", "with_effects"))
+        entries.append({
+            "channel": channel, "signal": signal, "share_of_residual": round(max(0.0, 1.0 - (after / before) ** 2), 4),
+            "description": f"{CHANNEL_NAMES[channel]}: {what}; acts at {where}",
+            "empirical": True, "term": term.effect.name, "alternatives": _other_causes(diagnosis, term),
+        })  # fmt: skip
+    return entries
+
+
+def _left(left: Leftover) -> dict[str, Any]:
+    """A channel whose residual is more than noise, though no term earned its place."""
+    where = span_words(left.signal, left.spans, *left.reach)
+    laps = " in the scored laps only" if left.only_scored else ""
+    size = f"{left.ratio:.2g} times the noise is left{laps}"
+    return {
+        "channel": left.channel, "signal": left.signal, "share_of_residual": round(left.share, 4),
+        "description": f"{CHANNEL_NAMES[left.channel]}: {size}, most at {where}",
+        "empirical": False, "spans": [list(span) for span in left.spans], "alternatives": [],
+    }  # fmt: skip
+
+
+def _other_causes(diagnosis: Diagnosis, term: Term) -> list[dict[str, float | str]]:
+    """Other signals on which a term explains nearly as much: the drive does not tell them apart."""
+    others = [t for t in diagnosis.term_trials if t.fit and t.signal != term.signal]
+    shares = {t.signal: t.evidence.gain / term.evidence.gain for t in reversed(others)}
+    return [{"signal": n, "gain": round(g, 3)} for n, g in shares.items() if NEARLY < g < 1.0]
