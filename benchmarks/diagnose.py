@@ -179,9 +179,9 @@ def drawn(group: Sequence[str], seed: int) -> tuple[dict[str, float], int]:
     return {name: draw_size(name, rng) for name in group} | needed, own
 
 
-def listed(path: Path) -> list[Wanted]:
-    """The cases of a file."""
-    cases = json.loads(path.read_text())["cases"]
+def listed(path: Path, key: str) -> list[Wanted]:
+    """The cases of a list in a file."""
+    cases = json.loads(path.read_text())[key]
     return [Wanted(*drawn(case.pop("effects"), case.pop("seed")), **case) for case in cases]
 
 
@@ -257,10 +257,11 @@ def main() -> None:
     parser.add_argument("--pairs", action="store_true")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path, help="written anew after every case")
-    parser.add_argument("--cases", type=Path, help="a list of cases instead")
+    parser.add_argument("--cases", type=Path, help="a file with lists of cases instead")
+    parser.add_argument("--list", default="cases", help="which of them")
     arguments = parser.parse_args()
     of_options = arguments.only, arguments.first_seed, arguments.seeds, arguments.pairs
-    wanted = listed(arguments.cases) if arguments.cases else cases_of(*of_options)
+    wanted = listed(arguments.cases, arguments.list) if arguments.cases else cases_of(*of_options)
     done: list[Case] = []
     with ProcessPoolExecutor(arguments.workers) as pool:
         for case in pool.map(run, wanted, drives(wanted)):

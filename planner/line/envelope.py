@@ -25,6 +25,7 @@ from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import compile_function
 from planner.line.left_along import SPEEDS, Table, left_along
 from planner.problem.brake_law import BrakeLaw
+from planner.problem.friction import along_share, left_across
 
 ENGINE_POWER = 473 * 745.7
 """W: 473 hp, and no more than that on any straight; what the wheels get is for the plan to find"""
@@ -140,21 +141,29 @@ def _peaks(
     steady = np.clip(coast, 0.0, None) * model.vehicle.mass / theta[0]
     sideways = table(SLIPS, np.repeat(steady[:, None], len(SLIPS), axis=1))[:2].max(axis=2)
     lateral = _lateral(model.vehicle, use[0] * sideways[0], use[1] * sideways[1])
-    (brake, brake_left), (drive, drive_left) = _along(model.vehicle, along, coast, steady, use)
+    felt, front, rear = _borne(along, coast, use, float(along_share(model, phi)))
+    (brake, brake_left), (drive, drive_left) = _along(felt, _lateral(model.vehicle, front, rear), steady)
     return Peaks(lateral, brake, drive, coast, brake_left, drive_left)
 
 
-def _along(
-    vehicle: Vehicle, along: Array, coast: Array, steady: Array, use: tuple[float, float]
-) -> list[tuple[Array, Table]]:
+def _borne(along: Array, coast: Array, use: tuple[float, float], counts: float) -> tuple[Array, Array, Array]:
+    """Of the rows of `_Forces` at all `COMMANDS`: acceleration by a command, m/s2, 0 where an axle does not bear it,
+    and the forces across that front and rear axle bear beside it, N.
+
+    `coast` in m/s2, `counts` what a force along does on a straight (`along_share`).
+    """
+    within = np.array(use)[:, None, None]
+    shares = np.abs(along[2:4]) / within
+    felt = np.where((counts * shares < 1.0).all(axis=0), along[4] + coast[:, None], 0.0)
+    front, rear = left_across(counts, shares) * along[5:] * within
+    return felt, front, rear
+
+
+def _along(felt: Array, across: Array, steady: Array) -> list[tuple[Array, Table]]:
     """Most specific force of braking, and of driving, m/s2, at `SPEEDS`, and what cornering leaves of it.
 
-    `along` are the rows of `_Forces` at all `COMMANDS`, `coast` (m/s2) and `steady` the command that holds the speed.
+    `felt` and `across` in m/s2 at `SPEEDS` and `COMMANDS`, `steady` the commands that hold the speeds.
     """
-    shares = np.minimum(np.abs(along[2:4]) / np.array(use)[:, None, None], 1.0)
-    felt = np.where((shares < 1.0).all(axis=0), along[4] + coast[:, None], 0.0)
-    front, rear = np.sqrt(1.0 - shares**2) * along[5:] * np.array(use)[:, None, None]
-    across = _lateral(vehicle, front, rear)
     held = np.array([np.interp(d, COMMANDS, row) for d, row in zip(steady, across, strict=True)])
     ways = []
     for way, part in ((-1.0, COMMANDS <= 0.0), (1.0, COMMANDS >= 0.0)):

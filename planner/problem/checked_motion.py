@@ -18,6 +18,7 @@ from estimator.model.tyre import front_and_rear
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
 from planner.problem.brake_law import BrakeLaw
+from planner.problem.friction import along_share, counted
 
 COLUMNS = (
     "x", "y", "yaw", "vx", "vy", "yaw_rate", "steer", "drive", "extra_load", "offset", "width_left", "width_right",
@@ -76,7 +77,7 @@ class CheckedMotion:
         a, b = (dict(zip(COLUMNS, ca.vertsplit(column), strict=True)) for column in (before, after))
         limit = dict(zip(BOUNDS, ca.vertsplit(bounds), strict=True))
         parameters = theta, phi, ratio
-        share, across = self._share(b, self.forces(b, *parameters), limit)
+        share, across = self._share(b, self.forces(b, *parameters), limit, along_share(self.model, phi))
         gap = self._gap(a, b, limit["dt"], parameters)
         result: Any = ca.densify(ca.vertcat(*_excess(a, b, share, limit), *share, *across, gap))
         arguments: list[Any] = [before, after, *parameters, bounds]
@@ -102,7 +103,7 @@ class CheckedMotion:
         return felt | dict(zip(FORCES[-2:], beyond, strict=True))
 
     def _share(
-        self, at: Mapping[str, Expr], f: Mapping[str, Expr], limit: Mapping[str, Expr]
+        self, at: Mapping[str, Expr], f: Mapping[str, Expr], limit: Mapping[str, Expr], share: Expr
     ) -> tuple[list[Expr], list[Expr]]:
         """Load of the front and of the rear axle over its limit, Eq. (10), and its lateral part alone.
 
@@ -111,7 +112,8 @@ class CheckedMotion:
         dynamic = ca.fmin(ca.fmax((at["vx"] - KINEMATIC_SPEED) / KINEMATIC_WIDTH, 0.0), 1.0)
         shares, lateral = [], []
         for axle, most in (("f", limit["load_front"]), ("r", limit["load_rear"])):
-            along, across = f[f"fx_{axle}"], dynamic * f[f"fy_{axle}"]
+            across = dynamic * f[f"fy_{axle}"]
+            along = counted(share, across / (most * f[f"load_{axle}"])) * f[f"fx_{axle}"]
             force = ca.fabs(along + across) if self.literal_load else ca.sqrt(along**2 + across**2)
             shares.append(force / (most * f[f"load_{axle}"]) + dynamic * f[f"beyond_{axle}"])
             lateral.append(ca.fabs(across) / (most * f[f"load_{axle}"]))

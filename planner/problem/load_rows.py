@@ -16,6 +16,7 @@ import casadi as ca
 from estimator.model.single_track import Terms
 from estimator.model.tyre import front_and_rear
 from hil_gateway.process.arrays import Expr
+from planner.problem.friction import along_share, counted
 from planner.problem.motion import NZ, VX, dynamic_share
 from planner.problem.stage_model import StageModel
 
@@ -46,7 +47,8 @@ def load_row(problem: StageModel, axle: str, z: Expr, theta: Expr, p: Mapping[st
     bound = p["load_max"]["fr".index(axle)] * getattr(terms, f"peak_{axle}")
     # driven kinematically, a car has no slip angles to limit
     across = dynamic_share(z[VX]) * getattr(terms, f"across_{axle}") * _lateral_share(problem, axle, terms, theta)
-    forces = ca.vertcat(getattr(terms, f"fx_{axle}") / bound, across / p["load_max"]["fr".index(axle)])
+    counts = counted(along_share(problem.model, p["phi"]), across)
+    forces = ca.vertcat(counts * getattr(terms, f"fx_{axle}") / bound, across / p["load_max"]["fr".index(axle)])
     slopes: Any = ca.jacobian(forces, z)
     if problem.settings.load_limit == "literal":
         ones = ca.DM([[1.0, 1.0]])

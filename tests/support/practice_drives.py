@@ -39,13 +39,14 @@ EFFECTS: dict[str, tuple[int, dict[str, float]]] = {
     "nothing": (51, {}),
     "much": (52, {"aero_downforce": 1.5, "combined_slip": 1.0, "yaw_damping": 2000.0}),
     "play": (61, {"steer_play": 0.006}),
+    "pulses": (62, {"pulses": 600.0}),
 }
 """name -> seed and effects of the drives that tests share"""
 LAPS = 4
 
 
 def shared_drives(factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """The drives of `EFFECTS`, of four laps, side by side: nine take as long as one."""
+    """The drives of `EFFECTS`, of four laps, side by side: ten take as long as one."""
     module = practice()
 
     def make() -> list[Any]:

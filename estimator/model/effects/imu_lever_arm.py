@@ -28,7 +28,7 @@ EFFECT = Effect(
             -5.0,
             5.0,
             "sensor ahead of the centre of gravity",
-            Plausible(-3.5, 3.5, "inside the car"),
+            Plausible(-3.5, 3.5, "inside the car; a centre of gravity is known to 0.1 m", 0.1),
         ),
         Parameter(
             "y",
@@ -38,7 +38,7 @@ EFFECT = Effect(
             -3.0,
             3.0,
             "sensor to the left of the centre of gravity",
-            Plausible(-1.5, 1.5, "inside the car"),
+            Plausible(-1.5, 1.5, "inside the car; the middle of a car is known to 0.05 m", 0.05),
         ),
     ),
     channels=("ax", "ay"),

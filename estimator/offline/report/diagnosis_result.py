@@ -177,28 +177,38 @@ def _shares(diagnosis: Diagnosis) -> dict[str, float]:
 
 
 def unexplained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Channels in which an empirical term is needed, strongest first, with what it depends on and where it acts."""
-    entries = []
-    blocks = {b.effect.name: b for b in diagnosis.fit.predictor.blocks}
-    for term in diagnosis.terms:
-        coefficients = diagnosis.fit.parameters[blocks[term.effect.name].parameters]
-        values = diagnosis.record.signals[term.signal][diagnosis.record.rows].ravel()
-        where, signal = describe(term.basis, values, coefficients), term.signal
-        if follows_turn_direction(term.basis, values, coefficients):
-            signal = "turn_direction"
-        what = f"{PLACES[term.place].words} as a function of {NAMES.get(signal, signal)}"
-        for channel in term.effect.channels:
-            before, after = (diagnosis.channels[channel][m] for m in ("catalogue", "with_effects"))
-            share = max(0.0, 1.0 - (after / before) ** 2)
-            if share > SMALLEST_CHANNEL_SHARE or channel == term.effect.channels[0]:
-                entries.append({
-                    "channel": channel, "signal": signal, "share_of_residual": round(share, 4),
-                    "description": f"{CHANNEL_NAMES[channel]}: {what}; acts at {where}",
-                    "empirical": True, "term": term.effect.name, "alternatives": _other_causes(diagnosis, term),
-                })  # fmt: skip
+    """Channels in which an empirical term is needed, strongest first, with what it depends on and where it acts.
+
+    A term that hardly changes a channel says nothing of what is left there.
+    """
+    tried = [entry for term in diagnosis.terms for entry in _by_term(diagnosis, term)]
+    tried.sort(key=lambda e: -float(e["share_of_residual"]))
+    entries = [e for e in tried if e["share_of_residual"] > SMALLEST_CHANNEL_SHARE]
+    if not diagnosis.leftover:
+        entries = entries or tried[:1]
     named = {e["channel"] for e in entries}
-    entries += [_left(left) for left in diagnosis.leftover if left.channel not in named]
-    return sorted(entries, key=lambda e: (not e["empirical"], -float(e["share_of_residual"])))
+    left = [_left(left) for left in diagnosis.leftover if left.channel not in named]
+    return entries + sorted(left, key=lambda e: -float(e["share_of_residual"]))
+
+
+def _by_term(diagnosis: Diagnosis, term: Term) -> list[dict[str, Any]]:
+    """What a term explains, for each channel that it acts on."""
+    block = next(b for b in diagnosis.fit.predictor.blocks if b.effect.name == term.effect.name)
+    coefficients = diagnosis.fit.parameters[block.parameters]
+    values = diagnosis.record.signals[term.signal][diagnosis.record.rows].ravel()
+    where, signal = describe(term.basis, values, coefficients), term.signal
+    if follows_turn_direction(term.basis, values, coefficients):
+        signal = "turn_direction"
+    what = f"{PLACES[term.place].words} as a function of {NAMES.get(signal, signal)}"
+    entries = []
+    for channel in term.effect.channels:
+        before, after = (diagnosis.channels[channel][m] for m in ("catalogue", "with_effects"))
+        entries.append({
+            "channel": channel, "signal": signal, "share_of_residual": round(max(0.0, 1.0 - (after / before) ** 2), 4),
+            "description": f"{CHANNEL_NAMES[channel]}: {what}; acts at {where}",
+            "empirical": True, "term": term.effect.name, "alternatives": _other_causes(diagnosis, term),
+        })  # fmt: skip
+    return entries
 
 
 def _left(left: Leftover) -> dict[str, Any]:

@@ -13,17 +13,20 @@ import numpy as np
 from estimator.model.single_track import CHANNELS, SingleTrack
 from estimator.offline.record.record import Record
 from estimator.offline.result.diagnosis_score import channel_residuals
+from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.empirical import explanatory
 from hil_gateway.process.arrays import Array, Ints
 
-BEYOND_NOISE = 1.25
-"""RMS over the noise floor: 56 % more variance than noise; the true model stays within 3 % on practice drives."""
 AVERAGED_S = 0.2
 """Residuals are averaged so long before anything is sought in them: noise that is white falls, structure stays."""
 BINS = 40
 """of each signal, with equally many samples; over time of equal length"""
 EXPLAINS = 0.15
 """Share of the averages' variance that a signal must explain to be named; below, track position or time say where."""
+SHORT_S = 5.0
+"""Stretches of time that show what comes and goes: shorter than that, corners and pedals come and go."""
+TIMES_OVER = 2.0
+"""They follow whatever varies slowly, and are the cause where they explain so many times what any signal does."""
 ACTIVE = 0.5
 """Share of the strongest bin's mean square from which on a bin counts."""
 
@@ -81,11 +84,20 @@ def _where(
     middle = rows[:count].reshape(-1, size)[:, size // 2]
     groups = {n: _groups(record.signals[n][middle], n) for n in explanatory(record)}
     shares = {n: _explained(mean, g) for n, g in groups.items()}
-    signal = max(shares, key=lambda n: shares[n])
-    if shares[signal] < EXPLAINS:
+    signal, short = max(shares, key=lambda n: shares[n]), _stretches(record.signals["t"][middle])
+    if _explained(mean, short) > max(EXPLAINS, TIMES_OVER * shares[signal]):
+        signal, groups["t"] = "t", short
+    elif shares[signal] < EXPLAINS:
+        groups["t"] = short
         signal = max((n for n in ("track_position", "t") if n in groups), key=lambda n: _explained(mean**2, groups[n]))
     values = record.signals[signal][middle]
     return signal, _spans(values, groups[signal], mean**2), (float(values.min()), float(values.max()))
+
+
+def _stretches(t: Array) -> Ints:
+    """(n,) number of the short stretch of time."""
+    number: Ints = np.floor((t - t.min()) / SHORT_S).astype(np.int64)
+    return number
 
 
 def _groups(values: Array, signal: str) -> Ints:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from estimator.model.declared_vehicle import DECLARED
+from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.trial import Setting, Trial
@@ -14,6 +13,10 @@ SMALLEST_SHARE = 0.02
 """Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not named."""
 RELATIVE_SHARE = 0.01
 """Least gain relative to everything accepted so far: less is the imperfect shape of an accepted effect."""
+BEYOND_NOISE = 1.25
+"""RMS over the noise floor: 56 % more variance than noise; the true model stays within 3 % on practice drives."""
+ACCELEROMETERS = (0, 1)
+"""rows of ax and ay"""
 WHITE_FOR_DATA = 1.3
 """Declared data compete where averages of what they leave vary no more than so many times what white noise would."""
 
@@ -45,6 +48,19 @@ def stays(evidence: Evidence, setting: Setting) -> bool:
 
 def worth_a_name(evidence: Evidence, setting: Setting, total: float) -> bool:
     """Whether the gain is large enough, whatever its scatter."""
-    blocks, most = setting.record.rows.shape[0] * setting.record.rows.shape[1], int(np.argmax(evidence.channels))
+    blocks, most = setting.record.rows.shape[0] * setting.record.rows.shape[1], evidence.channel
     enough = evidence.gain > max(SMALLEST_SHARE * blocks, RELATIVE_SHARE * total)
     return bool(enough and evidence.channels[most] > setting.least[most])
+
+
+def explains_more_than_it_leaves(before: Fit, after: Fit, channel: int) -> bool:
+    """Whether what `after` has more than `before` takes out more of an accelerometer's variance than is left beyond
+    noise.
+
+    Where most has another cause, what gains may stand in for part of that: a force that comes and goes has a mean,
+    which any force of the catalogue with the same sign takes out. Velocities do not tell: a filter follows them.
+    """
+    if channel not in ACCELEROMETERS:
+        return True
+    was, left = float(before.normal.variance[channel]), float(after.normal.variance[channel])
+    return was - left > left - (BEYOND_NOISE * float(after.predictor.record.block_noise[channel])) ** 2

@@ -28,6 +28,11 @@ class Evidence:
     laps: Array
 
     @property
+    def channel(self) -> int:
+        """Row of the channel that gains most."""
+        return int(np.argmax(self.channels))
+
+    @property
     def consistent(self) -> bool:
         """Whether the gain per stretch is positive beyond its scatter, and in either half of the time."""
         return self._significant(SIGNIFICANCE) and self.in_both_halves

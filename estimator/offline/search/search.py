@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from estimator.model.declared_vehicle import DECLARED, all_candidates
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search.acceptance import (
@@ -210,9 +208,9 @@ def _join(
     """The best trial, and with it those that mainly act on other channels and still earn their place beside it."""
     names, current = [*accepted, chosen[0].name], chosen[0].fit
     assert current is not None
-    channels = {int(np.argmax(chosen[0].evidence.channels))}
+    channels = {chosen[0].evidence.channel}
     for trial in chosen[1:]:
-        channel = int(np.argmax(trial.evidence.channels))
+        channel = trial.evidence.channel
         if channel in channels or len(names) >= MAX_EFFECTS or not structured(current, WHITE):
             continue
         progress(" + ".join([*names, trial.name]))

@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 
+from estimator.model.declared_vehicle import DECLARED
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.record import Record
-from estimator.offline.search.acceptance import earns_its_place
+from estimator.offline.search.acceptance import earns_its_place, explains_more_than_it_leaves
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
@@ -77,8 +78,10 @@ class Rival:
         ratio = self._ratio(base, current)
         if ratio < SINGLE_TERM_GAIN:
             return False
-        fit = self.trials[0].fit
-        return ratio > OUTWEIGHS or (fit is not None and not structured(fit, WHITE_WITH_ONE_TERM))
+        best, fit = self.trials[0], self.trials[0].fit
+        if fit is None or not explains_more_than_it_leaves(base, fit, best.evidence.channel):
+            return False
+        return ratio > OUTWEIGHS or not structured(fit, WHITE_WITH_ONE_TERM)
 
     def _ratio(self, base: Fit, current: Fit) -> float:
         """What it gains relative to what `current` gains over `base`; 0 where `current` leaves no structure."""
@@ -114,12 +117,28 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
             break
         term, setting, gains, current = chosen
         terms.append(term)
+    gains, current = _without_stand_ins(setting, found.start, gains, current, progress)
     ordered = tuple(sorted(gains, key=lambda n: -gains[n].gain))
     return Outcome(setting, found, ordered, gains, tuple(terms), current, tuple(tried))
 
 
 def _can_be_added(term: Term, setting: Setting, start: Fit, current: Fit) -> bool:
-    return term.fit is not None and _earns_its_place(term.evidence, setting.record, _total_gain(start, current))
+    if term.fit is None or not explains_more_than_it_leaves(current, term.fit, term.evidence.channel):
+        return False
+    return _earns_its_place(term.evidence, setting.record, _total_gain(start, current))
+
+
+def _without_stand_ins(
+    setting: Setting, start: Fit, gains: Mapping[str, Evidence], fit: Fit, progress: Progress
+) -> tuple[Mapping[str, Evidence], Fit]:
+    """Remove the effects of an accelerometer's channel in which more is left unexplained than is explained."""
+    of_car = [name for name in gains if name not in (*setting.found_road, *DECLARED)]
+    stand_ins = [n for n in of_car if not explains_more_than_it_leaves(start, fit, gains[n].channel)]
+    if not stand_ins:
+        return gains, fit
+    kept = [name for name in gains if name not in stand_ins]
+    fit = fit_names(setting, kept, fit)
+    return check_each(setting, kept, fit, progress).gains, fit
 
 
 def _joined(

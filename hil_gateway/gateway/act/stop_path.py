@@ -70,11 +70,11 @@ class Path:
         share = np.clip(along, 0.0, 1.0)
         return float(np.hypot(self.x[:-1] + share * dx - x, self.y[:-1] + share * dy - y).min())
 
-    def bends(self) -> Array:
-        """Curvature without sign at every point, averaged over `BEND_POINTS`, 1/m."""
+    def curvature(self) -> Array:
+        """At every point, positive to the left, averaged over `BEND_POINTS`, 1/m."""
         heading = np.unwrap(np.arctan2(np.gradient(self.y, self.s), np.gradient(self.x, self.s)))
         average = np.ones(BEND_POINTS) / BEND_POINTS
-        return np.asarray(np.abs(np.convolve(np.gradient(heading, self.s), average, mode="same")[: len(self.s)]))
+        return np.asarray(np.convolve(np.gradient(heading, self.s), average, mode="same")[: len(self.s)])
 
 
 def polyline(points: Array) -> Path | None:

@@ -1,8 +1,10 @@
 """Stopping without the planner: steering that keeps the car on the road, braking within the grip left.
 
 Steering is pure pursuit (Coulter, CMU-RI-TR-92-01): curvature k = 2 sin(alpha) / l towards the point a look-ahead
-distance l along the path, delta = atan(L k) + K (v k - r) with the measured yaw rate r. The path is the way along the
-track with the least lateral force from where the car is when the stop begins; without a track the last good plan.
+distance l along the path, delta = atan(L k + U v^2 k0) + K (v k - r) with the measured yaw rate r, a share U of the
+understeer and the curvature k0 of the path; alpha is taken from the direction in which the rear axle goes on such a
+path. The path is the way along the track with the least lateral force from where the car is when the stop begins;
+without a track the last good plan.
 Braking is as hard as configured, and harder where a bend ahead on that path would be entered too fast.
 """
 
@@ -31,6 +33,10 @@ YAW_RATE_GAIN = 0.04
 """K, rad of steering per rad/s. A car with more grip in front than behind turns the faster the faster it turns, at up
 to 2 1/s at 70 m/s when braking has moved the load forward: without K it weaves until it spins. 0.03 just holds such a
 car with steering that is 0.1 s late; 0.07 still steadies every car tried"""
+UNDERSTEER_SHARE = 0.5
+"""of the understeer learnt that is steered for: K adds about as much; with all of it stops swing wider at 80 m/s"""
+YIELDS_FROM = 2.0
+"""m/s2 of lateral force from which slip a m/s2 is more than noise"""
 FLAT_YAW_RATE_GAIN = 0.07
 """K with a flat tyre: with 0.04 the simulated race car spins on straights at 50 m/s when a rear tyre is flat, with 0.08
 it does not, with 0.14 it weaves until it spins"""
@@ -54,11 +60,14 @@ class Stopping:
         self._track = track
         self._plan: Plan | None = None
         self._path: Path | None = None
+        self._curvature: Array = np.zeros(0)
         self._bends: Array = np.zeros(0)
         self._steer = 0.0
         self.flat = False
         """whether a tyre is flat"""
         self._brakes = True
+        self._yields = 0.0
+        """slip angle of the rear axle, rad a m/s2 of lateral force; negative: the nose points to the inside"""
 
     def take_plan(self, plan: Plan, stopping: bool) -> None:
         """Keep a fresh solution as the path to stop on; what the planner falls back to is no better.
@@ -87,7 +96,8 @@ class Stopping:
             self._brakes, self._path = False, None
         if self._path is None or (pose is not None and self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
             self._path = self._way(pose)
-            self._bends = self._path.bends() if self._path is not None else np.zeros(0)
+            self._curvature = self._path.curvature() if self._path is not None else np.zeros(0)
+            self._bends = np.abs(self._curvature)
         if self._path is not None and pose is not None:
             self._steer = self._pursue(self._path, pose, motion)
         wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
@@ -112,12 +122,23 @@ class Stopping:
         late_s = 0.0 if motion.by_gyro else LATE_HEADING_S
         look_ahead = max(LOOK_AHEAD_MIN, (LOOK_AHEAD_S + late_s) * pose.speed)
         x, y = path.ahead(rear_x, rear_y, look_ahead)
-        angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw
+        bend = float(self._curvature[path.nearest(rear_x, rear_y)])
+        angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw - self._rear_slip(pose, motion, bend)
         distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_MIN)
         curvature = 2 * math.sin(angle) / distance
         too_slow = motion.speed * curvature - motion.yaw_rate if motion.by_gyro else 0.0  # a substitute is late
         gain = FLAT_YAW_RATE_GAIN if self.flat else YAW_RATE_GAIN
-        return math.atan(self._vehicle.wheelbase * curvature) + gain * too_slow
+        understeer = UNDERSTEER_SHARE * motion.understeer * motion.speed**2 * bend
+        return math.atan(self._vehicle.wheelbase * curvature + understeer) + gain * too_slow
+
+    def _rear_slip(self, pose: Pose, motion: Motion, curvature: float) -> float:
+        """Angle from where the car points to where its rear axle goes on a path of this curvature, rad.
+
+        As much a m/s2 of lateral force as now: answered to the slip itself, a car that oversteers weaves.
+        """
+        if pose.slip and abs(motion.ay) > YIELDS_FROM:
+            self._yields = (pose.slip - self._vehicle.lr * motion.yaw_rate / motion.speed) / motion.ay
+        return self._yields * motion.speed**2 * curvature
 
     def _for_bends(self, path: Path, pose: Pose, speed: float) -> float:
         """Deceleration after which no bend ahead needs more than `BEND_SHARE` of the declared grip, m/s2.

@@ -55,6 +55,8 @@ class Motion:
     ay: float = 0.0
     by_gyro: bool = True
     """whether the yaw rate is the gyro's; a substitute drifts, and fixes correct the heading"""
+    understeer: float = 0.0
+    """rad of steering angle a m/s2 of lateral force, as the gyro has taught it"""
 
 
 class MotionReader:
@@ -104,7 +106,8 @@ class MotionReader:
         if imu and wheels and speed > LEARNING_FROM:
             error = (self._rear_difference(state) - state.yaw_rate) / speed - self._mismatch
             self._mismatch += min(dt / MISMATCH_S, 1.0) * error
-        self.motion = Motion(speed, yaw_rate, state.ay if imu else self._most_force(state, speed * yaw_rate), imu)
+        force = state.ay if imu else self._most_force(state, speed * yaw_rate)
+        self.motion = Motion(speed, yaw_rate, force, imu, self._understeer)
         return self.motion
 
     def teach(self, now_ns: int, state: VehicleState, estimate: Estimate) -> None:
@@ -139,8 +142,11 @@ class MotionReader:
         steer = state.steer
         if not state.sources["steering"].valid:
             steer = 0.0 if commanded is None else commanded.steering_motor / self._vehicle.steering_ratio
-        understeer = min(max(self._angles / max(self._forces, 1.0), 0.0), UNDERSTEER_MOST)
-        return speed * math.tan(steer) / (self._vehicle.wheelbase + understeer * speed**2)
+        return speed * math.tan(steer) / (self._vehicle.wheelbase + self._understeer * speed**2)
+
+    @property
+    def _understeer(self) -> float:
+        return min(max(self._angles / max(self._forces, 1.0), 0.0), UNDERSTEER_MOST)
 
     def _learn_understeer(self, state: VehicleState, speed: float) -> None:
         """Steering angle beyond L r / v a m/s2 of lateral force; least squares over the last two seconds."""

@@ -161,8 +161,8 @@ STILL_MEAN = 8
 """periods whose mean is compared: noise of gyro and wheel speeds"""
 TURNED = 0.08
 """rad/s by which the yaw rate has changed, by steering and front wheels both"""
-HELD_SHARE = 0.7
-"""of the declared grip that tyres hold without sliding"""
+HELD_SHARE = 0.3
+"""of the declared grip that tyres hold without sliding, also on a wet road"""
 STILL_SHARE = 0.25
 """of that change which gyro and lateral force show at least: 0.56 was the least on healthy drives"""
 
@@ -170,8 +170,8 @@ STILL_SHARE = 0.25
 class StillMonitor:
     """An IMU that does not move while steering and front wheels both say that the car turns otherwise than before.
 
-    It may say the right thing still: a value that hangs is wrong by little at first. Where tyres may slide, more
-    steering is no more turning: only changes within what they surely hold count.
+    It may say the right thing still: a value that hangs is wrong by little at first. Tyres that slide turn the car no
+    more than before: only changes within what they surely hold, or within the force that is felt, count.
     """
 
     def __init__(self, config: Config) -> None:
@@ -188,7 +188,7 @@ class StillMonitor:
                 means.clear()
             return self._held.update(False, now_ns)
         wheels = (state.wheel_speed_fr - state.wheel_speed_fl) / (self._track * math.cos(state.steer))
-        most = HELD_SHARE * self._stop.grip(self._mass, speed) / speed
+        most = max(HELD_SHARE * self._stop.grip(self._mass, speed), abs(ay)) / speed
         rates = (min(max(steered, -most), most), min(max(wheels, -most), most), state.yaw_rate, ay / speed)
         by = [self._range(i, rate) for i, rate in enumerate(rates)]
         turned, felt = min(by[:2]), max(by[2:])

@@ -31,6 +31,8 @@ from estimator.offline.report.diagnosis_result import as_json, as_revision
 from estimator.offline.report.words import describe, follows_turn_direction
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.result.leftover import leftovers
+from estimator.offline.search.acceptance import explains_more_than_it_leaves
+from estimator.offline.search.evidence import compare
 from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.search import Greedy
 from estimator.offline.search.trial import Setting, fit_names
@@ -236,6 +238,34 @@ def test_a_delay_within_a_sample_is_no_effect(drives: dict[str, Any]) -> None:
     record = record.select(np.arange(record.windows) % 12 == 0)
     setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
     assert not believed(fit_names(setting, ["steer_delay"], None), "steer_delay")
+
+
+@pytest.mark.parametrize(
+    ("drive", "effect", "there"), [("pulses", "front_brake", False), ("single", "rolling_resistance", True)]
+)
+def test_what_takes_out_the_mean_of_a_force_that_comes_and_goes_explains_less_than_it_leaves(
+    drives: dict[str, Any], drive: str, effect: str, there: bool
+) -> None:
+    record = record_of(drives[drive])
+    record = record.select(np.arange(record.windows) % 4 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
+    start = fit_names(setting, (), None)
+    done = fit_names(setting, [effect], start)
+    gain = compare(start.held_out(), done.held_out(), done.normal.count)
+    assert gain.gain > 0.02 * record.rows.shape[0] * record.rows.shape[1], "worth a name by its gain alone"
+    assert explains_more_than_it_leaves(start, done, gain.channel) == there
+
+
+def test_what_comes_and_goes_is_said_of_time(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("none")
+    best, measured, t = found.models["with_effects"], found.record.measured.copy(), found.record.signals["t"]
+    begins = np.cumsum(np.random.default_rng(3).uniform(15.0, 45.0, 14))
+    measured[1] += 1.2 * np.any((t > begins[:, None]) & (t < begins[:, None] + 1.5), axis=0)
+    floor = {c: row["noise_floor"] for c, row in found.channels.items()}
+    changed = replace(found.record, measured=measured)
+    (left,) = leftovers(changed, found.test_rows, best.model, best.parameters, floor)
+    assert (left.channel, left.signal) == ("ay", "t")
+    assert all(np.any((begins > a - 5.0) & (begins < b + 5.0)) for a, b in left.spans)
 
 
 @pytest.mark.parametrize(("drive", "there"), [("play", True), ("none", False)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -128,7 +129,7 @@ def test_the_way_of_a_stop_needs_less_lateral_force_than_the_middle_of_the_road(
     path = way_along(track, pose, 6.0)
     speed2 = np.maximum(45.0**2 - 12.0 * path.s, 144.0)
     middle = np.abs(track.at(900.0 + path.s).curvature)
-    assert (path.bends() * speed2).max() < 0.8 * (middle * speed2).max()
+    assert (np.abs(path.curvature()) * speed2).max() < 0.8 * (middle * speed2).max()
 
 
 def test_far_from_the_track_there_is_no_way_along_it():
@@ -272,3 +273,21 @@ def test_a_stop_without_brakes_takes_a_way_on_which_a_car_that_rolls_out_needs_l
         near = stop._path.s < 160.0
         forces.append(float((speed2 * stop._bends)[near].max()))
     assert forces[1] < 0.97 * forces[0]
+
+
+def test_a_stop_at_speed_steers_by_where_the_car_goes_not_by_where_it_points(rig):
+    """Its nose points 0.04 rad to the inside of the bend it drives: that is no reason to steer less."""
+    turning = Motion(30.0, 30.0 / 80.0, 30.0**2 / 80.0)
+    slip, steers = VEHICLE.lr * turning.yaw_rate / turning.speed - 0.04, []
+    for nose, going in ((0.0, 0.0), (0.04, slip), (0.04, 0.0)):
+        stop, pose = on_a_circle(rig)
+        steers.append(stop.command(turning, replace(pose, yaw=pose.yaw + nose, slip=going), emergency=False)[0])
+    assert steers[1] == pytest.approx(steers[0], abs=4e-3)
+    assert steers[2] < steers[0] - 0.01
+
+
+def test_a_stop_steers_more_with_a_car_that_understeers(rig):
+    stop, pose = on_a_circle(rig)
+    steady = Motion(30.0, 30.0 / 80.0, 30.0**2 / 80.0)
+    plain, pushing = (stop.command(replace(steady, understeer=k), pose, emergency=False)[0] for k in (0.0, 1e-3))
+    assert pushing > plain + 0.3 * 1e-3 * steady.ay

@@ -1,0 +1,42 @@
+"""How much of a tyre's force along the wheels counts beside the force across: the shape of the friction ellipse.
+
+Tyres bear more along than across: the load of an axle stays on both wheels while it brakes straight on, and slicks grip
+better that way. In a bend the inner wheel, braked as hard as the outer one, has less load and locks first. So the
+difference counts on a straight, and is gone where an axle is cornering.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from estimator.model.single_track import SingleTrack
+from hil_gateway.process.arrays import Array, Expr
+
+BELIEVED = 0.5
+"""of the difference that combined slip shows: it is felt beside cornering, the peak along the wheels never"""
+LEAST = 0.7
+"""of lateral over longitudinal friction that is believed"""
+CORNERING = 0.5
+"""share of the lateral peak at which the inner wheel has lost its part of the difference"""
+ACROSS = np.sin(np.linspace(0.0, 0.5 * np.pi, 101))
+
+
+def along_share(model: SingleTrack, phi: Expr) -> Expr:
+    """What a force along counts on a straight, of what it would on a circle; 1 where no combined slip is modelled."""
+    names = [(effect.name, parameter.name) for effect in model.effects for parameter in effect.parameters]
+    if ("combined_slip", "k") not in names:
+        return 1.0
+    k = phi[names.index(("combined_slip", "k"))]
+    return 1.0 - BELIEVED * (1.0 - ca.fmin(ca.fmax(k, LEAST), 1.0))
+
+
+def counted(share: Expr, across: Expr) -> Expr:
+    """The same beside a lateral force of `across` times the peak."""
+    return share + (1.0 - share) * ca.fmin((across / CORNERING) ** 2, 1.0)
+
+
+def left_across(share: float, along: Array) -> Array:
+    """Share of the lateral peak that is left beside forces `along`, times the peak: sqrt(1 - x^2) on a circle."""
+    most = np.sqrt(1.0 - ACROSS**2) / np.array([float(counted(share, w)) for w in ACROSS])
+    return np.asarray(np.interp(along, most[::-1], ACROSS[::-1]))
