@@ -150,12 +150,12 @@ def _borne(along: Array, coast: Array, use: tuple[float, float], counts: float) 
     """Of the rows of `_Forces` at all `COMMANDS`: acceleration by a command, m/s2, 0 where an axle does not bear it,
     and the forces across that front and rear axle bear beside it, N.
 
-    `coast` in m/s2, `counts` what a force along does on a straight (`along_share`).
+    `coast` in m/s2, `counts` what braking does on a straight (`along_share`).
     """
-    within = np.array(use)[:, None, None]
+    within, brakes = np.array(use)[:, None, None], COMMANDS < 0.0
     shares = np.abs(along[2:4]) / within
-    felt = np.where((counts * shares < 1.0).all(axis=0), along[4] + coast[:, None], 0.0)
-    front, rear = left_across(counts, shares) * along[5:] * within
+    felt = np.where((np.where(brakes, counts, 1.0) * shares < 1.0).all(axis=0), along[4] + coast[:, None], 0.0)
+    front, rear = np.where(brakes, left_across(counts, shares), left_across(1.0, shares)) * along[5:] * within
     return felt, front, rear
 
 

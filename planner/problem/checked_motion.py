@@ -113,7 +113,8 @@ class CheckedMotion:
         shares, lateral = [], []
         for axle, most in (("f", limit["load_front"]), ("r", limit["load_rear"])):
             across = dynamic * f[f"fy_{axle}"]
-            along = counted(share, across / (most * f[f"load_{axle}"])) * f[f"fx_{axle}"]
+            along = f[f"fx_{axle}"]
+            along = counted(share, across / (most * f[f"load_{axle}"]), along) * along
             force = ca.fabs(along + across) if self.literal_load else ca.sqrt(along**2 + across**2)
             shares.append(force / (most * f[f"load_{axle}"]) + dynamic * f[f"beyond_{axle}"])
             lateral.append(ca.fabs(across) / (most * f[f"load_{axle}"]))

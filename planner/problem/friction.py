@@ -2,7 +2,8 @@
 
 Tyres bear more along than across: the load of an axle stays on both wheels while it brakes straight on, and slicks grip
 better that way. In a bend the inner wheel, braked as hard as the outer one, has less load and locks first. So the
-difference counts on a straight, and is gone where an axle is cornering.
+difference counts while braking on a straight, and is gone where an axle is cornering. It does not count for traction: a
+driven axle at its peak is what turns a car round.
 """
 
 from __future__ import annotations
@@ -19,11 +20,13 @@ LEAST = 0.7
 """of lateral over longitudinal friction that is believed"""
 CORNERING = 0.5
 """share of the lateral peak at which the inner wheel has lost its part of the difference"""
+SWITCH = 300.0
+"""N of force between braking and driving"""
 ACROSS = np.sin(np.linspace(0.0, 0.5 * np.pi, 101))
 
 
 def along_share(model: SingleTrack, phi: Expr) -> Expr:
-    """What a force along counts on a straight, of what it would on a circle; 1 where no combined slip is modelled."""
+    """What braking counts on a straight, of what it would on a circle; 1 where no combined slip is modelled."""
     names = [(effect.name, parameter.name) for effect in model.effects for parameter in effect.parameters]
     if ("combined_slip", "k") not in names:
         return 1.0
@@ -31,12 +34,14 @@ def along_share(model: SingleTrack, phi: Expr) -> Expr:
     return 1.0 - BELIEVED * (1.0 - ca.fmin(ca.fmax(k, LEAST), 1.0))
 
 
-def counted(share: Expr, across: Expr) -> Expr:
-    """The same beside a lateral force of `across` times the peak."""
-    return share + (1.0 - share) * ca.fmin((across / CORNERING) ** 2, 1.0)
+def counted(share: Expr, across: Expr, force: Expr) -> Expr:
+    """What a `force` along, N, negative when braking, counts beside one of `across` times the peak."""
+    straight = 1.0 - ca.fmin((across / CORNERING) ** 2, 1.0)
+    return 1.0 - (1.0 - share) * straight * 0.5 * (1.0 - ca.tanh(force / SWITCH))
 
 
 def left_across(share: float, along: Array) -> Array:
-    """Share of the lateral peak that is left beside forces `along`, times the peak: sqrt(1 - x^2) on a circle."""
-    most = np.sqrt(1.0 - ACROSS**2) / np.array([float(counted(share, w)) for w in ACROSS])
+    """Share of the lateral peak that is left beside braking forces `along`, times the peak: sqrt(1 - x^2) on a circle,
+    which a `share` of 1 is."""
+    most = np.sqrt(1.0 - ACROSS**2) / np.array([float(counted(share, w, -np.inf)) for w in ACROSS])
     return np.asarray(np.interp(along, most[::-1], ACROSS[::-1]))

@@ -47,8 +47,9 @@ def load_row(problem: StageModel, axle: str, z: Expr, theta: Expr, p: Mapping[st
     bound = p["load_max"]["fr".index(axle)] * getattr(terms, f"peak_{axle}")
     # driven kinematically, a car has no slip angles to limit
     across = dynamic_share(z[VX]) * getattr(terms, f"across_{axle}") * _lateral_share(problem, axle, terms, theta)
-    counts = counted(along_share(problem.model, p["phi"]), across)
-    forces = ca.vertcat(counts * getattr(terms, f"fx_{axle}") / bound, across / p["load_max"]["fr".index(axle)])
+    along = getattr(terms, f"fx_{axle}")
+    along = counted(along_share(problem.model, p["phi"]), across, along) * along
+    forces = ca.vertcat(along / bound, across / p["load_max"]["fr".index(axle)])
     slopes: Any = ca.jacobian(forces, z)
     if problem.settings.load_limit == "literal":
         ones = ca.DM([[1.0, 1.0]])

@@ -172,7 +172,7 @@ def some_motion(n: int) -> np.ndarray:
 
 def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks() -> None:
     """What braking and driving take from the lateral force is not counted as used; the declared combined slip of 0.8
-    takes a tenth off a force along, and nothing from half of the lateral peak on."""
+    takes a tenth off a braking force, and nothing from half of the lateral peak on."""
     revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
     problem, theta = Problem(revised.model, Settings()), ca.DM(revised.theta)
     p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "load_max": [1, 1]}
@@ -183,7 +183,8 @@ def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks()
         ca.vertcat(*(getattr(terms, f"{force}_{a}") / getattr(terms, f"peak_{a}") for a in "fr"))
         for force in ("fx", "fy")
     )
-    shares = ca.hypot((0.9 + 0.1 * ca.fmin((2.0 * across) ** 2, 1.0)) * along, across)
+    taken_off = 0.1 * (along < 0.0) * (1.0 - ca.fmin((2.0 * across) ** 2, 1.0))
+    shares = ca.hypot((1.0 - taken_off) * along, across)
     rows = ca.vertcat(*(load_row(problem, a, z, theta, p).value for a in "fr"))
     compare = ca.Function("compare", [z], [rows, shares])
     for steer, drive in itertools.product((0.0, 0.02, 0.035), (-0.3, -0.15, 0.0, 0.12)):

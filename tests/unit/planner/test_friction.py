@@ -24,7 +24,7 @@ def _share(k: float) -> float:
 def test_what_is_left_across_is_on_the_ellipse(share: float) -> None:
     along = LOADS[1.0 / share >= LOADS]
     across = left_across(share, along)
-    used = [np.hypot(float(counted(share, w)) * x, w) for x, w in zip(along, across, strict=True)]
+    used = [np.hypot(float(counted(share, w, -1e4)) * x, w) for x, w in zip(along, across, strict=True)]
     assert np.max(np.abs(np.array(used) - 1.0)) < 2e-3
     assert np.all(np.diff(across) < 0.0)
 
@@ -34,7 +34,12 @@ def test_no_force_is_left_across_beside_more_than_the_peak_along() -> None:
 
 
 def test_in_a_bend_the_ellipse_is_a_circle() -> None:
-    assert [float(counted(0.85, w)) for w in (0.5, 0.8, 1.0)] == [1.0, 1.0, 1.0]
+    assert [float(counted(0.85, w, -1e4)) for w in (0.5, 0.8, 1.0)] == [1.0, 1.0, 1.0]
+
+
+def test_traction_never_counts_for_less_than_on_a_circle() -> None:
+    assert [float(counted(0.85, w, 3000.0)) for w in (0.0, 0.3)] == pytest.approx([1.0, 1.0])
+    assert float(counted(0.85, 0.0, -3000.0)) == pytest.approx(0.85)
 
 
 def test_a_model_that_does_not_tell_the_two_apart_has_a_circle() -> None:
