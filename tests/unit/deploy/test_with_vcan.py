@@ -83,7 +83,8 @@ def test_numbers_of_a_guest_are_those_of_the_host() -> None:
     """Vector registers survive the guest's switches between its processes: residual of an inverted 200 x 200 matrix."""
     which_or_skip()
     code = "import numpy as np; a = np.random.default_rng(1).normal(size=(200, 200));"
-    code += "print(abs(a @ np.linalg.inv(a) - np.eye(200)).max())"
+    # one write a process: number and newline apart, another process may come between them
+    code += "print(f'{abs(a @ np.linalg.inv(a) - np.eye(200)).max()}\\n', end='')"
     crowd = 'for _ in 1 2 3; do "$0" -c "$1" & done; wait'
     result = run("bash", "-c", crowd, sys.executable, code, OMP_NUM_THREADS="1")
     assert result.returncode == 0

@@ -73,7 +73,7 @@ def test_a_model_that_learning_cannot_go_on_from_is_refused(oval: Track, change:
 
 
 def test_a_parameter_that_starts_at_nothing_moves_by_its_spread() -> None:
-    policy = RevisionPolicy(EstimatorConfig(), with_offset(std=0.01))
+    policy = RevisionPolicy(EstimatorConfig(revision_max_step=0.05), with_offset(std=0.01))
     mean = np.array([*declared_revision("per_axle").tyre.values(), -0.004])
     believing: Any = SimpleNamespace(mean=mean, covariance=np.eye(len(mean)), samples=10_000)
     offsets = [policy.message(believing, k, k).effects[0].parameters["offset"] for k in range(20)]
