@@ -1,4 +1,4 @@
-"""The last word on a plan: every constraint checked again by code that shares nothing with the solver.
+"""The last word on a plan: every constraint checked again by equations apart from the solver's.
 
 The equations are those of `planner.problem.checked_motion`. A plan is judged by what it asks of the car from the next
 stage on; where the car already is beyond a limit (a disturbance, a mismatch of the model), a plan is let through only

@@ -2,7 +2,8 @@
 
 Eq. (1) to (5) and (10) once more on purpose, apart from the equations of the solver: a check that shared them would
 share their mistakes. The motion is judged by another integrator, Hermite-Simpson. With active effects the axle forces
-are those of the model; without them Eq. (2) and (3) are written again too.
+are those of the model; without them Eq. (2) and (3) are written again too. Two laws are the plan's own, because they
+say what a limit is: the brake balance (`brake_law`) and what a force along counts (`friction`).
 """
 
 from __future__ import annotations

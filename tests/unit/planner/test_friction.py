@@ -11,7 +11,7 @@ from estimator.model.single_track import SingleTrack
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.plant.physics.parameters import CarParameters
 from hil_gateway.plant.physics.tyre import Curve, magic_formula
-from planner.problem.friction import BELIEVED, along_share, counted, left_across
+from planner.problem.friction import along_share, counted, left_across
 
 LOADS = np.linspace(0.0, 1.05, 22)
 
@@ -48,7 +48,7 @@ def test_a_model_that_does_not_tell_the_two_apart_has_a_circle() -> None:
 
 
 def test_half_of_what_combined_slip_shows_is_believed() -> None:
-    assert _share(0.8) == pytest.approx(1.0 - BELIEVED * 0.2)
+    assert _share(0.8) == pytest.approx(0.9)
 
 
 @pytest.mark.parametrize("k", [0.80, 0.87])
