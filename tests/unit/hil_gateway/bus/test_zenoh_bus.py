@@ -98,10 +98,11 @@ def test_a_new_sender_name_in_every_message_takes_no_memory(config):
         heard = hub.subscribe(topics.OPERATOR, depth=256)
         exchange(other, heard)
         tracemalloc.start()
-        taken = 0
-        for number in range(2000):
+        taken = number = 0
+        while taken <= 1000 and number < 20_000:  # a busy computer drops some
             other.publish(topics.OPERATOR, message(0).model_copy(update={"source": f"{number:064d}"}))
-            taken += len(heard.poll(0)) if number % 50 == 49 else 0
+            number += 1
+            taken += len(heard.poll(0)) if number % 50 == 0 else 0
         time.sleep(0.2)  # what is still under way is no name that is kept
         heard.poll(0)
         bus_only = tracemalloc.Filter(True, "*/zenoh_bus.py")
@@ -111,7 +112,7 @@ def test_a_new_sender_name_in_every_message_takes_no_memory(config):
         hub.close()
         other.close()
     assert taken > 1000
-    assert kept < 50_000, "2,000 names of 64 characters are 230 kB"
+    assert kept < 50_000, "1,000 names of 64 characters are 115 kB"
 
 
 @pytest.mark.parametrize(
