@@ -1,6 +1,6 @@
 """Laps of cars with one effect more than their data sheet knows, over the least lap time of that very car.
 
-    python benchmarks/undeclared.py [--tracks DIR] [--seeds 830,831]
+    python -P benchmarks/undeclared.py [--tracks DIR] [--seeds 830,831]
 
 Cars, tracks, laps and effects are those of `laps_cases.json`; one line of JSON a car, as soon as it is through. Every
 figure comes from the plant and the referee; nothing that drives hears of the car.
