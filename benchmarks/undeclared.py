@@ -1,0 +1,51 @@
+"""Laps of cars with one effect more than their data sheet knows, over the least lap time of that very car.
+
+    python -P benchmarks/undeclared.py [--tracks DIR] [--seeds 830,831]
+
+Cars, tracks, laps and effects are those of `laps_cases.json`; one line of JSON a car, as soon as it is through. Every
+figure comes from the plant and the referee; nothing that drives hears of the car.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from hil_gateway.config import load_config
+from hil_gateway.plant.car_file import random_car
+from hil_gateway.plant.referee.lap_limit import lap_limit
+from hil_gateway.track.loading import load_track
+from planner.simulation.loop import Loop
+from planner.studies.campaign.laps import SLOWEST, START_S, figures
+
+CASES = Path(__file__).with_name("laps_cases.json")
+
+
+def drive(case: dict[str, Any], tracks: Path) -> dict[str, Any]:
+    """Drive one case, learning on."""
+    seed, laps = case["seed"], case["laps"]
+    path = str(tracks / case["track"]) if case["track"].endswith(".csv") else case["track"]
+    car, track = random_car(seed).model_copy(update={"effects": case["effects"]}), load_track(path)
+    limit_s = lap_limit(car.parameters(), track).limit_s
+    loop = Loop(load_config(None, {"track": path, "plant.seed": seed}), track=track, simulated=car)
+    result = loop.run(laps=laps, time_limit_s=laps * SLOWEST * limit_s + START_S)
+    return {**case, "limit_s": round(limit_s, 3), **figures(result, limit_s)}
+
+
+def main() -> None:
+    """Print a line a car."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--tracks", type=Path, default=Path(), help="folder of the track files")
+    parser.add_argument("--seeds", default="", help="these cars alone, with commas")
+    asked = parser.parse_args()
+    cases = json.loads(CASES.read_text())["undeclared"]["cars"]
+    wanted = {int(seed) for seed in asked.seeds.split(",") if seed} or {case["seed"] for case in cases}
+    for case in cases:
+        if case["seed"] in wanted:
+            print(json.dumps(drive(case, asked.tracks)), flush=True)
+
+
+if __name__ == "__main__":
+    main()
