@@ -46,7 +46,7 @@ def test_a_gyro_that_is_off_by_0_3_rad_s_is_outvoted_in_the_same_bend(offset: fl
 
 
 def braking_into_a_bend(gyro: float) -> VehicleState:
-    """At 72 m/s with front tyres near their peak: the wheels are turned far in, and the inner ones slip under brakes."""
+    """At 72 m/s with front tyres near their peak: wheels turned far in, and the inner ones slip."""
     return in_a_bend(0.0436, gyro).model_copy(update={"ay": 19.1, "drive": -0.075})
 
 
