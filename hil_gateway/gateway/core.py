@@ -110,8 +110,7 @@ class Gateway:
             monitors.motion.teach(now_ns, state, believed)
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit)
         monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
-        trusted = None if monitors.position.wrong and not imu_was_wrong else course
-        monitored = monitors.measures(now_ns, state, pose, commanded, trusted)
+        monitored = monitors.measures(now_ns, state, pose, commanded, course)
         if course is not None and monitors.imu_wrong and not imu_was_wrong:
             self._dead_reckoning.restart(now_ns, course)
         return motion, pose, monitored

@@ -20,6 +20,9 @@ LATERAL = 7.0
 SPEED_SHARE = 0.14
 """of the course's speed: slip of all wheels, unequal rolling radii, lag of the course"""
 
+OUTVOTED = 0.12
+"""rad/s between gyro and course from which steering and wheels are asked who is right: four deviations of the course"""
+
 
 @dataclass(frozen=True, slots=True)
 class Contradicted:
@@ -75,3 +78,24 @@ class CourseMonitor:
             self._wheels.update(bool(self._over("speed")), now_ns),
             self._position.update(sides_with_imu and bool(self._over("turn", "lateral")), now_ns),
         )
+
+
+class TurnWitness:
+    """Whether steering and wheels both side with the course of the fixes, and not with the gyro.
+
+    A fix beside the way that gyro and wheels have reckoned says that one of them is wrong, not which: a step, a ramp or
+    a delay of positions has no steering and no wheels with it.
+    """
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[float, float, float]] = deque(maxlen=COURSE_WINDOW)
+
+    def step(self, gyro: float, wheels: float, steered: float, course: Course | None) -> bool:
+        """Yaw rates of one period by three sources, rad/s; a course is there once a window is full."""
+        self._kept.append((gyro, wheels, steered))
+        if course is None:
+            return False
+        gyro, wheels, steered = (sum(rates) / len(self._kept) for rates in zip(*self._kept, strict=True))
+        turn = course.turn_rate
+        with_course = all(abs(by - turn) < abs(by - gyro) for by in (wheels, steered))
+        return with_course and abs(gyro - turn) > OUTVOTED
