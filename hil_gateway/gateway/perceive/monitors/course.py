@@ -35,6 +35,18 @@ class Contradicted:
     """the course contradicts the IMU, and the wheels agree with the IMU"""
 
 
+class SteadyCourse:
+    """A course that fixes have had for a whole window: fixes that scatter lie on one curve by chance now and then."""
+
+    def __init__(self) -> None:
+        self._periods = 0
+
+    def step(self, course: Course | None) -> Course | None:
+        """`course`, once there was one in every period of a window."""
+        self._periods = 0 if course is None else self._periods + 1
+        return course if self._periods >= COURSE_WINDOW else None
+
+
 class CourseMonitor:
     """Means of gyro and lateral specific force, and the speed of the wheels, against turn rate and speed."""
 
@@ -90,12 +102,12 @@ class TurnWitness:
     def __init__(self) -> None:
         self._kept: deque[tuple[float, float, float]] = deque(maxlen=COURSE_WINDOW)
 
-    def step(self, gyro: float, wheels: float, steered: float, course: Course | None) -> bool:
-        """Yaw rates of one period by three sources, rad/s; a course is there once a window is full."""
-        self._kept.append((gyro, wheels, steered))
+    def step(self, rates: tuple[float, float, float], course: Course | None) -> bool:
+        """Yaw rates by gyro, wheels and steering in one period, rad/s; `course` where fixes have not fitted them."""
+        self._kept.append(rates)
         if course is None:
             return False
-        gyro, wheels, steered = (sum(rates) / len(self._kept) for rates in zip(*self._kept, strict=True))
+        gyro, wheels, steered = (sum(kept) / len(self._kept) for kept in zip(*self._kept, strict=True))
         turn = course.turn_rate
         with_course = all(abs(by - turn) < abs(by - gyro) for by in (wheels, steered))
         return with_course and abs(gyro - turn) > OUTVOTED

@@ -10,7 +10,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
-from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, TurnWitness
+from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
@@ -49,6 +49,7 @@ class Monitors:
         self._gyro = GyroMonitor(vehicle)
         self._still = StillMonitor(config)
         self._lateral = LateralMonitor()
+        self._steady = SteadyCourse()
         self._course = CourseMonitor()
         self._witness = TurnWitness()
         self._speed_change = SpeedChangeMonitor()
@@ -107,7 +108,8 @@ class Monitors:
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         rear = self.motion.rear_yaw_rate(state, speed)
         ay = state.ay - (0.0 if self._road is None else self._road.gravity_across)
-        trusted = None if self.position.wrong and not self.imu_wrong else course
+        steady = self._steady.step(course)
+        trusted = None if self.position.wrong and not self.imu_wrong else steady
         known = trusted if imu and wheels else None
         contradicted = self._course.step(now_ns, (state.yaw_rate, ay), second_fastest(state), rear, known)
         self.position.contradicted(contradicted.position)
@@ -116,8 +118,8 @@ class Monitors:
         compared = imu and wheels and not self.flat
         turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if compared else 0.0
         steered = self.motion.steered
-        asked = course if compared and self.position.suspect else None
-        outvoted = self._witness.step(state.yaw_rate, rear, steered, asked)
+        unfitted = steady if compared and self.position.suspect else None
+        outvoted = self._witness.step((state.yaw_rate, rear, steered), unfitted)
         hangs = self._still.step(now_ns, state, speed, steered, ay) if compared and not self.stopping else 0.0
         swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0

@@ -11,7 +11,7 @@ from support.scripted_car import Rig
 from hil_gateway.gateway.perceive.course import Course, CourseReader
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
 from hil_gateway.gateway.perceive.fixes import Fixes
-from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, TurnWitness
+from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.motion import Motion
 
@@ -98,8 +98,16 @@ def test_a_gyro_is_blamed_for_fixes_that_do_not_fit_where_steering_and_wheels_si
     gyro, wheels, steered, outvoted
 ):
     witness, course = TurnWitness(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0)
-    assert [witness.step(gyro, wheels, steered, course) for _ in range(40)][-1] is outvoted
-    assert not witness.step(gyro, wheels, steered, None), "without fixes nobody is asked"
+    rates = gyro, wheels, steered
+    assert [witness.step(rates, course) for _ in range(40)][-1] is outvoted
+    assert not witness.step(rates, None), "fixes fit, or there are none"
+
+
+def test_fixes_that_lie_on_a_curve_by_chance_judge_no_sensor():
+    steady, course = SteadyCourse(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0)
+    assert [steady.step(course) for _ in range(60)][-1] is course
+    steady.step(None)
+    assert not any(steady.step(course) for _ in range(30))
 
 
 def test_a_reckoning_that_restarts_goes_on_from_the_fixes(rig):
