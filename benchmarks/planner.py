@@ -47,6 +47,8 @@ CONVERGED_ITERATIONS = 15
 SELDOM = 20
 """steps between two that the slow solvers are given"""
 PLAN_SECONDS = 8.0
+PAUSE_S = 0.04
+"""between plans, as in a drive: what a plan needs is no longer in the processor's caches"""
 HPIPM_SHARE = 20
 """HPIPM is given one in so many of the disturbed QPs, the first ones: it takes ten times as long"""
 
@@ -87,13 +89,17 @@ def disturbed_qps(track: Track, steps: int, count: int) -> list[dict[str, Any]]:
 def whole_plan(track: Track, seconds: float) -> list[dict[str, Any]]:
     """Duration of a plan from messages to messages and of its parts: driving as shipped, and exploring the paper's car.
 
+    Once plan after plan, and once with pauses as in a drive.
+
     The paper's, because that is the car that explores on its course: the declared race car does not yet.
     """
     paper = load_config(None, {"plant.base": "paper", "declared_model": "paper"})
     rows = []
     for name, config in (("driving", load_config()), ("exploring", exploring(paper))):
-        times, _ = replay(config, track, recorded_drive(config, seconds), clock)
-        rows += [{"plan": name, **row} for row in shares(times)]
+        drive = recorded_drive(config, seconds)
+        for title, pause_s in ((name, 0.0), (f"{name}, after pauses", PAUSE_S)):
+            times, _ = replay(config, track, drive, clock, pause_s)
+            rows += [{"plan": title, **row} for row in shares(times)]
     return rows
 
 

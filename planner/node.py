@@ -37,7 +37,7 @@ than was planned; plus the other after every other plan"""
 OVERLOAD = 1.02
 COLD_GAP_S = 0.3
 COLD_DISTANCE = 5.0
-"""a state this far (m) from the plan, or a pause this long, starts the solver afresh"""
+"""a state this far (m) from the plan, or a guess this old, starts the solver afresh"""
 BRAKE_SHARE = 0.6
 """of the rear load limit a stop plan uses for braking; the rest is left for cornering"""
 
@@ -72,7 +72,7 @@ class Planner:
         self._applied = bus.subscribe(topics.APPLIED, depth=50)
         self._actuators = Actuators(p)
         self._plan: Trajectory | None = None
-        self._solution_start_ns: int | None = None
+        self._guess_start_ns: int | None = None
         self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
         self._check = PlanCheck(self.settings)
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
@@ -114,6 +114,9 @@ class Planner:
             self.adoption.offer(revision.message)
         self.adoption.advance()
         self.adoption.catch_up()
+        if self._guess_start_ns is not None and self._guess_start_ns == self._fresh_ns:
+            self.adoption.controller.prepare()
+            self._guess_start_ns += round(self.settings.dt * NS_PER_S)
         if self._plan is not None:
             self._teller.step(now_ns, self.adoption.controller.reference.line, self.adoption.controller.clearance)
 
@@ -190,7 +193,7 @@ class Planner:
                 controller.sqp.halve_step()
             solution = controller.solve(z0, self._stopwatch, 1, explore=self._boldness)
             found = self._judge(solution)
-        self._solution_start_ns = start_ns if solution.usable else None
+        self._guess_start_ns = start_ns if solution.usable else None
         if found:
             return found
         if self._late(started):
@@ -229,11 +232,11 @@ class Planner:
         )  # fmt: skip
 
     def _intervals_since(self, start_ns: int) -> int:
-        assert self._solution_start_ns is not None
-        return max(0, round((start_ns - self._solution_start_ns) / (self.settings.dt * NS_PER_S)))
+        assert self._guess_start_ns is not None
+        return max(0, round((start_ns - self._guess_start_ns) / (self.settings.dt * NS_PER_S)))
 
     def _is_cold(self, z0: Array, start_ns: int) -> bool:
-        if self._solution_start_ns is None or start_ns - self._solution_start_ns > COLD_GAP_S * NS_PER_S:
+        if self._guess_start_ns is None or start_ns - self._guess_start_ns > COLD_GAP_S * NS_PER_S:
             return True
         expected = self._expected(start_ns)
         return expected is None or float(np.hypot(*(expected[:2] - z0[:2]))) > COLD_DISTANCE

@@ -9,7 +9,7 @@ from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S, SystemClock
 from hil_gateway.process.lifecycle import SilenceNotice, stop_requested
-from hil_gateway.process.scheduling import punctual
+from hil_gateway.process.scheduling import punctual, use_large_pages
 from planner.node import Planner
 
 log = logging.getLogger(__name__)
@@ -22,6 +22,7 @@ def run(config: Config) -> None:
     planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
     if not punctual("planner"):
         log.warning("real-time priority is not permitted: plans may come late while this computer is busy")
+    use_large_pages()
     period_ns = round(config.planner.dt * NS_PER_S)
     due_ns = clock.now_ns()
     notice = SilenceNotice("estimate", config.zenoh.connect, due_ns)

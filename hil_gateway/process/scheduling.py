@@ -1,4 +1,7 @@
-"""Being on time: real-time priority where the user may ask for it, else what an ordinary process can have."""
+"""Being on time: real-time priority where the user may ask for it, else what an ordinary process can have.
+
+Also memory in large pages, so that a process that sleeps between its periods finds it again sooner.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import ctypes
 import os
 import platform
 import resource
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from struct import Struct
 
@@ -22,6 +25,10 @@ SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
 """system call numbers; the C library has no function for it"""
 SCHED_ATTR = Struct("=IIQiIQQQ")
 """struct sched_attr of <linux/sched/types.h>: size, policy, flags, nice, priority, runtime, deadline, period"""
+LARGE_PAGE = 2 << 20
+"""bytes: one entry of the page table for 512 ordinary pages, on x86_64 and on aarch64 with pages of 4 KiB"""
+MADV_COLLAPSE = 25
+"""madvise(2), since Linux 6.1: put a range into large pages now"""
 
 
 def permitted(name: str) -> bool:
@@ -66,3 +73,24 @@ def punctual(name: str) -> bool:
         nice = os.getpriority(os.PRIO_PROCESS, 0)
         libc.syscall(number, 0, SCHED_ATTR.pack(SCHED_ATTR.size, os.SCHED_OTHER, 0, nice, 0, SLICE_NS, 0, 0), 0)
     return False
+
+
+def use_large_pages() -> int:
+    """Put the memory that this process has by now into large pages; bytes moved, 0 where the kernel cannot.
+
+    A process that sleeps 40 ms finds nothing of it in the processor's caches; with large pages it looks up fewer
+    addresses. Call it once, at the end of the start: each page is copied.
+    """
+    libc = ctypes.CDLL(None)
+    pages = [ctypes.c_void_p(at) for at in _whole_pages(Path("/proc/self/maps").read_text())]
+    moved = [libc.madvise(page, ctypes.c_size_t(LARGE_PAGE), MADV_COLLAPSE) == 0 for page in pages]
+    return LARGE_PAGE * moved.count(True)
+
+
+def _whole_pages(maps: str) -> Iterator[int]:
+    """Addresses of large pages that lie within writable memory without a file, of /proc/PID/maps (proc(5))."""
+    for line in maps.splitlines():
+        where, rights, _, _, inode, *name = line.split(maxsplit=5)
+        if rights == "rw-p" and inode == "0" and (not name or name == ["[heap]"]):
+            first, end = (int(address, 16) for address in where.split("-"))
+            yield from range(-(-first // LARGE_PAGE) * LARGE_PAGE, end - LARGE_PAGE + 1, LARGE_PAGE)

@@ -91,8 +91,10 @@ class Controller:
         self.stages[problem.stage["progress"], :-1] = self.settings.weights.progress
         # the last one would push v_s against the horizon's end: its weight stays 0
         self.stages[problem.stage["learning"]] = infomax.patience(self.settings.dt, self.settings.horizon)
+        self._filled: tuple[Array, Reference, PhiAt] | None = None
+        """what the stage parameters were filled for"""
         # `advance` is asked before the first solve: a scale that is still 0 would divide by zero
-        self.fill_stages(np.zeros(self.settings.horizon), np.zeros(self.settings.horizon), 0.0)
+        self.fill_stages(0.0)
 
     def set_knowledge(self, knowledge: TyreKnowledge) -> None:
         """Take over tyre parameters, belief and load limits; no recompilation."""
@@ -161,20 +163,28 @@ class Controller:
         extra = float(extra_load(road, float(z[VX]), float(z[5])))
         return float(self.settings.brakes.balance(float(z[VX]), drive, self.knowledge.brake_ratio, extra))
 
-    def fill_stages(self, s: Array, vx: Array, drive: float) -> None:
-        """Stage parameters at predicted progress `s` (N,), speed `vx` (N,) and present drive command."""
-        names, p = self.problem.stage, self.stages
+    def fill_stages(self, drive: float) -> None:
+        """Stage parameters along the guess, at the present drive command."""
+        self._fill_along_guess()
+        self.stages[self.problem.stage["drive_max"]] = self._drive_max(self.sqp.z[VX, 1:], drive)
+
+    def _fill_along_guess(self) -> None:
+        """Those that the guess alone decides, if not done yet."""
+        along = self.sqp.z, self.reference, self.phi_at
+        if self._filled is not None and all(a is b for a, b in zip(self._filled, along, strict=True)):
+            return
+        names, p, s = self.problem.stage, self.stages, along[0][S, 1:]
         knot, cubics, road = self.reference.stages(s)
         p[names["s"]] = knot
         p[names["cubic_x"]], p[names["cubic_y"]] = cubics[:4], cubics[4:]
         p[names["centre"]] = road[:2]
         p[names["half_width"]] = np.maximum(road[2] + road[3] * (s - knot) - self.clearance, MIN_CORRIDOR)
         p[names["speed"]] = road[4:6]
-        p[names["drive_max"]] = self._drive_max(vx, drive)
         p[names["grade"]], p[names["bank"]] = road[6:8] * self._road_share
         p[names["road_load"]] = road[9:12]
         if self.problem.model.effects:
             p[names["phi"]] = self.phi_at(road[8])
+        self._filled = along
 
     def _drive_max(self, vx: Array, drive: float) -> Array:
         """Upper drive limit of each stage, 1: engine power at the predicted speed, within reach from `drive`."""
@@ -187,14 +197,21 @@ class Controller:
         self, z0: Array, stopwatch: Stopwatch, iterations: int | None = None, *, explore: float = 1.0
     ) -> Solution:  # fmt: skip
         """Solution from state `z0` (NZ,), warm-started from the held guess, with the share `explore` of q_I."""
-        guess = self.sqp.z
-        self.fill_stages(guess[S, 1:], guess[VX, 1:], float(z0[DRIVE]))
+        self.fill_stages(float(z0[DRIVE]))
         self._weigh_information(float(z0[VX]), explore)
         return self.sqp.solve(z0, self.stages, self.common, iterations or self.settings.iterations, stopwatch)
 
     def shift(self) -> None:
         """Move the guess one interval on."""
         self.sqp.shift(self.stages[:, -1], self.common)
+
+    def prepare(self) -> None:
+        """What the next solve starts from as far as it does not depend on its state: an interval on, with parameters.
+
+        Preparation phase of the real-time iteration (Diehl et al. 2005).
+        """
+        self.shift()
+        self._fill_along_guess()
 
     def cold_start(self, z0: Array, stopwatch: Stopwatch) -> Solution:
         """Solve without a previous solution: a guess along the reference, iterated."""

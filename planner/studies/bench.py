@@ -150,7 +150,7 @@ def _compare(nlp: ReferenceNlp, controller: Controller, z: Array, k: int, run: R
         return
     guess = controller.sqp.z.copy()
     guess[:, 0] = z
-    controller.fill_stages(guess[S, 1:], guess[VX, 1:], float(z[7]))
+    controller.fill_stages(float(z[7]))
     result = nlp.solve(z, guess, controller.sqp.du.copy(), clock)
     if k % IPOPT_EVERY == IPOPT_EVERY - 1 and result.converged:
         run.ipopt_ns.append(result.solve_ns)

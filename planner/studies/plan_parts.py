@@ -6,6 +6,7 @@ drive gives the same plans, whatever they cost.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -146,8 +147,13 @@ def _all_timed(times: PartTimes) -> Iterator[None]:
         yield
 
 
-def replay(config: Config, track: Track, steps: Sequence[Step], stopwatch: Stopwatch) -> tuple[PartTimes, list[Plan]]:
-    """Durations of the parts of every plan, and the plans, of a planner that hears a recorded drive."""
+def replay(
+    config: Config, track: Track, steps: Sequence[Step], stopwatch: Stopwatch, pause_s: float = 0.0
+) -> tuple[PartTimes, list[Plan]]:
+    """Durations of the parts of every plan, and the plans, of a planner that hears a recorded drive.
+
+    `pause_s` before each plan leaves caches to others, as in a drive.
+    """
     bus, times, plans = BytesBus(), PartTimes(stopwatch), []
     planner = Planner(config, bus, track)
     with _all_timed(times):
@@ -156,6 +162,7 @@ def replay(config: Config, track: Track, steps: Sequence[Step], stopwatch: Stopw
             for topic, payload in recorded.messages:
                 bus.deliver(topic, payload)
             times.plans.append({})
+            time.sleep(pause_s)
             if plan := step(recorded.now_ns):
                 plans.append(plan)
             else:

@@ -74,3 +74,23 @@ def test_units_and_processes_that_ask_for_themselves_have_the_same_priorities() 
 def test_without_permission_timers_are_exact_and_the_policy_is_the_usual_one() -> None:
     first = "resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0)); os.geteuid() or os.setuid(65534)"
     assert asked(first) == ["False", str(os.SCHED_OTHER), str(os.SCHED_OTHER), "1"]
+
+
+@pytest.mark.skipif(
+    not Path("/sys/kernel/mm/transparent_hugepage/enabled").exists()
+    or tuple(map(int, re.findall(r"\d+", os.uname().release)[:2])) < (6, 1),
+    reason="this kernel puts no memory into large pages when asked",
+)
+def test_memory_is_in_large_pages_where_the_kernel_can() -> None:
+    """The kernel's own account of the process, before and after."""
+    ask = (
+        "import re; from pathlib import Path; from hil_gateway.process.scheduling import use_large_pages;"
+        "held = bytearray(b'x') * (32 << 20);"
+        "large = lambda: int(re.search(r'AnonHugePages: +([0-9]+)', Path('/proc/self/smaps_rollup').read_text())[1]);"
+        "print(large() << 10, use_large_pages(), large() << 10, held.count(b'x') == 32 << 20)"
+    )
+    out = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout.split()
+    before, moved, after = map(int, out[:3])
+    assert after - before >= 16 << 20
+    assert moved >= after - before
+    assert out[3] == "True"
