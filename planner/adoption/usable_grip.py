@@ -21,7 +21,8 @@ Axles = tuple[tuple[int, int, int], tuple[int, int, int]]
 
 
 def capacity(
-    axles: Axles, mean: Array, covariance: Array, *, use: float, level: float, held: tuple[float, float]
+    axles: Axles, mean: Array, covariance: Array, *, use: float, level: float, held: tuple[float, float],
+    more: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[float, float]:
     """Force over axle load (front, rear) that may be asked of the tyres when a bend is entered.
 
@@ -37,6 +38,8 @@ def capacity(
     marginal = covariance[rows[:, :, None], rows[:, None, :]]
     peak, spread = mean[rows[:, 2]], np.sqrt(marginal[:, 2, 2])
     borne = np.maximum(use * (peak - level * spread), np.minimum(held, use * peak))
+    import os
+    borne = np.maximum(borne, np.minimum(more, use * (peak - float(os.environ.get("SIG", "1")) * spread)))
     front, rear = np.maximum(np.minimum(borne, _force_within(mean[rows], marginal, use, level)), MIN_CAPACITY)
     return float(front), float(rear)
 
