@@ -25,6 +25,7 @@ from hil_gateway.gateway.perceive.course import CourseReader
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
 from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.monitors.monitors import Monitors
+from hil_gateway.gateway.perceive.monitors.receivers import OtherReceivers
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
@@ -51,6 +52,7 @@ class Gateway:
         self.monitors = Monitors(config, track)
         self._dead_reckoning = DeadReckoning(config.vehicle.lr)
         self._course = CourseReader()
+        self._receivers = OtherReceivers(config.origin)
         self._tyres = TyreReports(self.builder)
         self._conditions = Conditions(self.builder, self._tyres, config.gateway.mode)
         self.decision = Decision()
@@ -103,6 +105,7 @@ class Gateway:
         motion = monitors.motion.step(now_ns, state, course if fixes_fitted else None, commanded)
         monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
         monitors.position.scattered(now_ns, self._course.scatter_m)
+        monitors.position.outvoted(self._receivers.step(now_ns, self.builder, motion.speed))
         estimate = self.inbox.read_estimate(now_ns)
         monitors.heed(now_ns, state, self.inbox.estimate)
         believed = estimate if monitors.estimate_fits else None
@@ -110,8 +113,7 @@ class Gateway:
             monitors.motion.teach(now_ns, state, believed)
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit)
         monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
-        trusted = None if monitors.position.wrong and not imu_was_wrong else course
-        monitored = monitors.measures(now_ns, state, pose, commanded, trusted)
+        monitored = monitors.measures(now_ns, state, pose, commanded, course)
         if course is not None and monitors.imu_wrong and not imu_was_wrong:
             self._dead_reckoning.restart(now_ns, course)
         return motion, pose, monitored

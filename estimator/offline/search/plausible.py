@@ -11,6 +11,7 @@ from estimator.model.parameters import Parameter
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.input_timing import SAMPLED
+from estimator.offline.record.road import LEAST_ANGLE
 from estimator.offline.search.sensor_place import accelerometer_ahead
 
 LEAST_ERRORS = 3.0
@@ -23,6 +24,8 @@ CONFIRMED_SHARE = 0.5
 """of the accelerometer's place, by which kinematics may be off beyond their error: sensors differ in timing"""
 LEVEL = 0.01
 """rad; mean grade beyond which a lap does not end at the height where it began: 10 m a km"""
+LOWEST = 0.04
+"""Height of the centre of gravity over the wheelbase: half of that of the flattest cars, open-wheel ones (0.08)"""
 ON_BOUND = 1e-6
 """Share of a parameter's range within which it is on its bound: steps that would leave it end just there."""
 
@@ -31,7 +34,7 @@ def believed(fit: Fit, name: str) -> bool:
     """Whether an effect is more than the log's sampling, physically possible, there, alike in both halves, and not
     contradicted by kinematics."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    checks = (possible, _there, _agrees, _confirmed, _level)
+    checks = (possible, _there, _agrees, _confirmed, _a_road, _high_enough)
     return not _within_a_sample(fit, block) and all(check(fit, block) for check in checks)
 
 
@@ -98,13 +101,25 @@ def _confirmed(fit: Fit, block: Block) -> bool:
     return abs(seen[0] - ahead) < max(LEAST_ERRORS * seen[1] + 0.5 * travelled, CONFIRMED_SHARE * abs(ahead))
 
 
-def _level(fit: Fit, block: Block) -> bool:
-    """Whether a grade ends the lap at the height where it began: with few laps a force passes for a slope."""
-    if block.effect.name != "road_grade":
+def _a_road(fit: Fit, block: Block) -> bool:
+    """Whether a bank or grade is more than what repeats on a flat course, and ends the lap at the height it began.
+
+    With few laps a force passes for a slope, and with many the springs do.
+    """
+    if block.effect.name not in ("road_bank", "road_grade"):
         return True
     basis = fit.predictor.record.bases[block.effect.profile]
     at = np.linspace(0.0, basis.period, 4 * basis.size, endpoint=False)
-    return abs(float(np.mean(basis.matrix(at) @ fit.parameters[block.parameters]))) < LEVEL
+    angle = basis.matrix(at) @ fit.parameters[block.parameters]
+    level = block.effect.name != "road_grade" or abs(float(angle.mean())) < LEVEL
+    return level and float(np.ptp(angle)) > 2.0 * LEAST_ANGLE
+
+
+def _high_enough(fit: Fit, block: Block) -> bool:
+    """Whether load transfer has the height of a car: a smaller one is what another effect leaves of it."""
+    if block.effect.name != "load_transfer":
+        return True
+    return float(fit.parameters[block.parameters][0]) > LOWEST * fit.predictor.record.vehicle.wheelbase
 
 
 def _table(fit: Fit, block: Block) -> tuple[Parameter, ...]:

@@ -104,7 +104,7 @@ class Greedy:
 
     def recheck(self) -> None:
         """Drop what no longer earns its place."""
-        self.names, self.fit, self.checked = _recheck(self.setting, self.names, self.fit, self.progress)
+        self.names, self.fit, self.checked = recheck(self.setting, self.names, self.fit, self.progress)
 
     def exchange(self) -> bool:
         """Replace one effect by a candidate that explains more in its place; whether there was one."""
@@ -265,7 +265,7 @@ def check_each(
     return Checked(without, {name: compare(f.held_out(), after, count) for name, f in without.items()})
 
 
-def _recheck(
+def recheck(
     setting: Setting, accepted: list[str], current: Fit, progress: Callable[[str], None]
 ) -> tuple[list[str], Fit, Checked]:
     """Drop, one by one, what does not earn its place given the others, or what leaves others no plausible size."""

@@ -18,7 +18,7 @@ from estimator.offline.search.acceptance import earns_its_place, explain_more_th
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
-from estimator.offline.search.search import Search, check_each, search
+from estimator.offline.search.search import Search, check_each, recheck, search
 from estimator.offline.search.trial import Setting, fit_names
 from estimator.offline.search.whiteness import structured
 
@@ -161,9 +161,8 @@ def _on_top(term: Term, setting: Setting, found: Search, progress: Progress) -> 
     assert term.fit is not None
     setting = term.added_to(setting)
     if not structured(term.fit, WHITE_FOR_TERMS):
-        road = setting.found_road
-        gains = check_each(setting, road, term.fit, progress).gains
-        return setting, Search(found.base, found.start, term.fit, road, found.rounds, gains, {})
+        road, fit, checked = recheck(setting, list(setting.found_road), term.fit, progress)
+        return setting, Search(found.base, found.start, fit, tuple(road), found.rounds, checked.gains, {})
     on_top = search(setting, progress, term.fit)
     return setting, replace(on_top, base=found.base, start=found.start, rounds=(*found.rounds, *on_top.rounds))
 

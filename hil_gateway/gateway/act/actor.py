@@ -111,6 +111,7 @@ class Actor:
         pose: Pose | None,
     ) -> Actuators:
         gear = self._gears.step(now_ns, motion.speed, state.engine_speed, state.gear)
+        self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor))
         driving = decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
             return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S)
@@ -129,11 +130,10 @@ class Actor:
         """Road-wheel angle (rad) and slip-ratio drive command of a stop."""
         cause = decision.failsafe.cause
         emergency = decision.action is FailsafeAction.EMERGENCY_STOP or cause in HARD
-        steers = cause != "steering_stuck" or self.steering_reversed
+        steers = cause != "steering_stuck" or self.steering_reversed or self._stuck.steers(motion)
         steer, drive = self.stopping.command(motion, pose, emergency, steers, brakes=cause not in UNBRAKED)
         if not steers:
-            asked = self._actuation.to_steer(self.on_wire.steering_motor)
-            sliding = self._stuck.deceleration(motion, pose, state.steer, asked)
+            sliding = self._stuck.deceleration(motion, pose)
             drive = drive if sliding is None else -self._mass_per_force * sliding
         return (-steer if self.steering_reversed else steer), drive
 

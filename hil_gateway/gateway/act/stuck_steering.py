@@ -9,9 +9,12 @@ its wheels any more: it slides until it stands.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+
+import numpy as np
 
 from hil_gateway.car.vehicle import HALF_WIDTH, Vehicle
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
@@ -40,6 +43,14 @@ APART = 0.03
 """rad/s that the reported angle must explain the yaw rate better than the commanded one: ten times the gyro's noise"""
 PERIOD_S = 0.01
 """of the gateway"""
+WATCHED = 40
+"""periods (0.4 s) in which a report must have moved as the command has"""
+LATE = 10
+"""periods (0.1 s) that a report is behind its command: delay, lag of the motor, its own way"""
+ASKED = 0.0015
+"""rad at the road wheel (1.3 deg at the motor), root mean square, of a command that moves beyond play and noise"""
+MOVED_SHARE = 0.5
+"""of its command that a report shows at least; steering an eighth as fast as the motor shows a quarter of a swerve"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,36 +67,50 @@ class StuckSteering:
     def __init__(self, vehicle: Vehicle, config: StopConfig, track: Track | None) -> None:
         self._vehicle, self._track = vehicle, track
         self._grip = partial(config.grip, vehicle.mass)
+        self._angles: deque[tuple[float, float]] = deque(maxlen=WATCHED)
+        """reported and asked, rad"""
         self.start()
 
     def start(self) -> None:
         """A stop begins."""
         self._reported_off = self._asked_off = 0.0
         """of the yaw rate from what the reported and the commanded angle come to, lately, rad/s"""
-        self._locks = False
+        self._locks = self._moves = False
 
-    def deceleration(self, motion: Motion, pose: Pose | None, reported: float, asked: float) -> float | None:
-        """What to ask of the brakes to slide straight on, m/s2; None where rolling on is better, or the car steers.
+    def watch(self, reported: float, asked: float) -> None:
+        """Road-wheel angles of a period, rad; in every period, so that a stop begins with what is known."""
+        self._angles.append((reported, asked))
 
-        `reported` and `asked` are road-wheel angles, rad: where the yaw rate follows what is asked, it is the report
-        that is wrong.
+    def steers(self, motion: Motion) -> bool:
+        """Whether the steering works after all, and only its report is wrong; once a period of a stop.
+
+        A report that moves as the command does comes from steering that moves, whatever its offset; and one that hangs
+        is contradicted by a car that turns as it is asked to.
         """
-        stands_still = self._stands_still(motion, reported, asked)
+        reported, asked = np.array(self._angles)[LATE:, 0], np.array(self._angles)[:-LATE, 1]
+        if asked.size and asked.std() > ASKED:
+            share = np.mean((asked - asked.mean()) * (reported - reported.mean())) / asked.var()
+            self._moves = bool(share > MOVED_SHARE)
+        self._compare(motion, *self._angles[-1])
+        return not self._locks and (self._moves or (motion.by_gyro and self._asked_off + APART < self._reported_off))
+
+    def deceleration(self, motion: Motion, pose: Pose | None) -> float | None:
+        """What to ask of the brakes to slide straight on, m/s2; None where rolling on is better; after `steers`."""
+        stands_still = motion.by_gyro and self._reported_off + APART < self._asked_off
         if pose is not None and self._track is not None and stands_still and not self._locks:
-            slides, rolls = self._ways(motion, reported)
+            slides, rolls = self._ways(motion, self._angles[-1][0])
             margins = [self._margin(self._track, pose, rolls, slides, after_s) for after_s in SLIDES_AFTER_S]
             best = max(margins) == margins[0]
             self._locks = best and margins[-1] < CLEAR_M and margins[0] > margins[-1] + BETTER_M
         return LOCKING * self._grip(motion.speed) if self._locks else None
 
-    def _stands_still(self, motion: Motion, reported: float, asked: float) -> bool:
-        """Whether the car turns as the steering reports and not as it is asked to."""
+    def _compare(self, motion: Motion, reported: float, asked: float) -> None:
+        """The car's yaw rate with what the reported and the commanded angle come to."""
         share = PERIOD_S / (JUDGED_S + PERIOD_S)
         path = self._vehicle.wheelbase + UNDERSTEER * motion.speed**2
         by_report, by_command = (motion.speed * math.tan(angle) / path for angle in (reported, asked))
         self._reported_off += share * (abs(motion.yaw_rate - by_report) - self._reported_off)
         self._asked_off += share * (abs(motion.yaw_rate - by_command) - self._asked_off)
-        return motion.by_gyro and self._reported_off + APART < self._asked_off
 
     def _ways(self, motion: Motion, steer: float) -> tuple[_Way, _Way]:
         """Sliding straight on, and rolling on along an arc that becomes tighter as understeer goes with the speed."""

@@ -71,7 +71,8 @@ class MotionReader:
     on. Yaw rate: the gyro; without it the turn rate of the fixes' course, then the rear wheels' difference (which
     braking falsifies), then v tan(delta) / (L + K v^2) with the understeer K that the gyro has taught. Turn rates are
     late by half the time they span: steering since then is added.
-    Where nothing reports any more, what stands on the wire is taken for done.
+    Lateral force without an IMU: by that yaw rate, or by the steering where that is more, which is not late: brakes
+    leave grip for it. Where nothing reports any more, what stands on the wire is taken for done.
     """
 
     def __init__(self, vehicle: Vehicle, brake_force_per_pa: float) -> None:
@@ -110,7 +111,7 @@ class MotionReader:
         if imu and wheels and speed > LEARNING_FROM:
             error = (self._rear_difference(state) - state.yaw_rate) / speed - self._mismatch
             self._mismatch += min(dt / MISMATCH_S, 1.0) * error
-        force = state.ay if imu else self._most_force(state, speed * yaw_rate)
+        force = state.ay if imu else speed * max(yaw_rate, self._steered[-1], key=abs)
         self.motion = Motion(speed, yaw_rate, force, imu, self._understeer)
         return self.motion
 
@@ -126,11 +127,6 @@ class MotionReader:
         elif braking > BRAKED:
             slip = min(max((faster - self._radii) / braking, 0.0), BRAKE_SLIP_MOST)
             self._brake_slip += SPEED_LEARNT * (slip - self._brake_slip)
-
-    @staticmethod
-    def _most_force(state: VehicleState, by_course: float) -> float:
-        """Of an IMU that is not believed the force still counts where it is the larger: brakes leave grip for it."""
-        return max(by_course, state.ay if state.sources["imu"].valid else 0.0, key=abs)
 
     @property
     def steered(self) -> float:

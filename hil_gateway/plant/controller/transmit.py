@@ -11,7 +11,7 @@ from can_dbc.database import Message
 from hil_gateway.can_link import CanLink
 from hil_gateway.plant.car import Car
 from hil_gateway.plant.controller.ladder import Received, SysState, VehicleController
-from hil_gateway.plant.controller.sensors import Sensors
+from hil_gateway.plant.controller.sensors import Sensors, StandaloneReceiver
 from hil_gateway.plant.referee.referee import Referee
 from hil_gateway.process.clock import NS_PER_S
 
@@ -113,11 +113,11 @@ class Transmitter:
             "pt_report_2": self._fluids,
             "pt_report_3": self._torque,
             "diagnostic_report": self._diagnostics,
-            "novatel_report": lambda: self._position("novatel_lat", "novatel_long"),
+            "novatel_report": partial(_position, self._sensors, "novatel_lat", "novatel_long"),
             "mylaps_report_1": self._mylaps,
-            "mylaps_report_2": lambda: self._degrees("Latitude", "Longitude"),
+            "mylaps_report_2": partial(_position, self._sensors.mylaps, "Latitude", "Longitude"),
             "marelli_report_1": self._marelli,
-            "marelli_report_2": lambda: self._degrees("marelli_gps_lat", "marelli_gps_long"),
+            "marelli_report_2": partial(_position, self._sensors.marelli, "marelli_gps_lat", "marelli_gps_long"),
             "base_to_car_summary": self._base,
             **{f"Tire_Pressure_{wheel}": partial(self._tyre_pressure, wheel, i) for i, wheel in enumerate(WHEELS)},
             "base_to_car_timing": self._timing,
@@ -231,14 +231,6 @@ class Transmitter:
         lost = float(not self._race_control.beating)
         return {**self._healthy, "est5_motec_comms_loss": silent, "adlink_hb_lost": silent, "rc_lost": lost}
 
-    def _position(self, latitude: str, longitude: str) -> Values:
-        return dict(zip((latitude, longitude), self._sensors.position(), strict=True))
-
-    def _degrees(self, latitude: str, longitude: str) -> Values:
-        """These two declare no unit in the DBC: their numbers are degrees."""
-        values = self._sensors.position()
-        return {name: 57.29577951308232 * value for name, value in zip((latitude, longitude), values, strict=True)}
-
     def _mylaps(self) -> Values:
         return {"mylaps_speed": abs(self._car["vx"]), "mylaps_heading": self._car["yaw"]}
 
@@ -278,3 +270,8 @@ def _resting(name: str, unit: str) -> float:
     if unit == "degC":
         return 80.0 if "Tire" in name else AMBIENT_C
     return 100.0e3 if name == "intake_manifold_press_kPa" else 0.0
+
+
+def _position(receiver: Sensors | StandaloneReceiver, latitude: str, longitude: str) -> Values:
+    """A reading of a receiver, rad."""
+    return dict(zip((latitude, longitude), receiver.position(), strict=True))

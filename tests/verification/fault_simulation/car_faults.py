@@ -141,16 +141,16 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault(
         "position drifts by 0.5 m/s",
         POSITION,
-        (),
-        math.inf,
-        "one receiver has no witness: heading and wheel radius explain it; what `marelli_gps_*` is worth is not known",
+        (*_FIX, "off_road"),
+        6.0,
+        "two other receivers (`marelli_gps_*`, MyLaps), once it leads aside",
         _north(lambda m: 0.5 * m.t),
     ),
     CarFault("position 0.1 s late", POSITION, _FIX, 0.6, "way by wheels and gyro, above 30 m/s", None, delay_s=0.1),
     CarFault("position 0.3 s late", POSITION, _FIX, 0.8, "way by wheels and gyro", None, delay_s=0.3),
     CarFault("position 0.5 s late", POSITION, _FIX, 1.0, "way by wheels and gyro", None, delay_s=0.5),
     CarFault(
-        "position noisy by 1 m", POSITION, _FIX, 1.5, "way by wheels and gyro, scatter",
+        "position noisy by 1 m", POSITION, _FIX, 4.0, "way by wheels and gyro, scatter across it",
         _north(lambda m: m.rng.gauss(0, 1.0))
     ),
     CarFault(

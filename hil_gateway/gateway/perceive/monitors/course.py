@@ -20,6 +20,9 @@ LATERAL = 7.0
 SPEED_SHARE = 0.14
 """of the course's speed: slip of all wheels, unequal rolling radii, lag of the course"""
 
+OUTVOTED = 0.12
+"""rad/s between gyro and course from which steering and wheels are asked who is right: four deviations of the course"""
+
 
 @dataclass(frozen=True, slots=True)
 class Contradicted:
@@ -30,6 +33,18 @@ class Contradicted:
     wheels: float
     position: float
     """the course contradicts the IMU, and the wheels agree with the IMU"""
+
+
+class SteadyCourse:
+    """A course that fixes have had for a whole window: fixes that scatter lie on one curve by chance now and then."""
+
+    def __init__(self) -> None:
+        self._periods = 0
+
+    def step(self, course: Course | None) -> Course | None:
+        """`course`, once there was one in every period of a window."""
+        self._periods = 0 if course is None else self._periods + 1
+        return course if self._periods >= COURSE_WINDOW else None
 
 
 class CourseMonitor:
@@ -75,3 +90,24 @@ class CourseMonitor:
             self._wheels.update(bool(self._over("speed")), now_ns),
             self._position.update(sides_with_imu and bool(self._over("turn", "lateral")), now_ns),
         )
+
+
+class TurnWitness:
+    """Whether steering and wheels both side with the course of the fixes, and not with the gyro.
+
+    A fix beside the way that gyro and wheels have reckoned says that one of them is wrong, not which: a step, a ramp or
+    a delay of positions has no steering and no wheels with it.
+    """
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[float, float, float]] = deque(maxlen=COURSE_WINDOW)
+
+    def step(self, rates: tuple[float, float, float], course: Course | None) -> bool:
+        """Yaw rates by gyro, wheels and steering in one period, rad/s; `course` where fixes have not fitted them."""
+        self._kept.append(rates)
+        if course is None:
+            return False
+        gyro, wheels, steered = (sum(kept) / len(self._kept) for kept in zip(*self._kept, strict=True))
+        turn = course.turn_rate
+        with_course = all(abs(by - turn) < abs(by - gyro) for by in (wheels, steered))
+        return with_course and abs(gyro - turn) > OUTVOTED

@@ -10,7 +10,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
-from hil_gateway.gateway.perceive.monitors.course import CourseMonitor
+from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
@@ -49,7 +49,9 @@ class Monitors:
         self._gyro = GyroMonitor(vehicle)
         self._still = StillMonitor(config)
         self._lateral = LateralMonitor()
+        self._steady = SteadyCourse()
         self._course = CourseMonitor()
+        self._witness = TurnWitness()
         self._speed_change = SpeedChangeMonitor()
         self._locked = LockedWheels(config)
         self._following = FollowingMonitor(vehicle)
@@ -97,7 +99,7 @@ class Monitors:
         self, now_ns: int, state: VehicleState, pose: Pose | None, commanded: Actuators | None, course: Course | None
     ) -> dict[str, float]:
         """`commanded` is what stands on the wire, None while nothing is sent; after `motion` and `position`. `course`
-        is that of the fixes, None where they say nothing or are not believed."""
+        is that of the fixes, None where they say nothing."""
         speed = self.motion.motion.speed
         imu, wheels = state.sources["imu"].valid, state.sources["wheel_speeds"].valid
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
@@ -106,7 +108,9 @@ class Monitors:
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         rear = self.motion.rear_yaw_rate(state, speed)
         ay = state.ay - (0.0 if self._road is None else self._road.gravity_across)
-        known = course if imu and wheels else None
+        steady = self._steady.step(course)
+        trusted = None if self.position.wrong and not self.imu_wrong else steady
+        known = trusted if imu and wheels else None
         contradicted = self._course.step(now_ns, (state.yaw_rate, ay), second_fastest(state), rear, known)
         self.position.contradicted(contradicted.position)
         changes = self._speed_change.step(now_ns, state, speed) if imu and wheels else 0.0
@@ -114,6 +118,8 @@ class Monitors:
         compared = imu and wheels and not self.flat
         turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if compared else 0.0
         steered = self.motion.steered
+        unfitted = steady if compared and self.position.suspect else None
+        outvoted = self._witness.step((state.yaw_rate, rear, steered), unfitted)
         hangs = self._still.step(now_ns, state, speed, steered, ay) if compared and not self.stopping else 0.0
         swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
@@ -131,19 +137,21 @@ class Monitors:
         }
         locked = self._locked.step(state, speed)
         slipping = changes > 0.0 and contradicted.wheels > 0.0 and not locked
-        self._distrust(measures, slipping, fixes=course is not None)
+        self._distrust(measures, slipping, fixes=trusted is not None, outvoted=outvoted)
         distrusted = {
             "wheel_speed_wrong": self._without_wheels.update(self.wheels_wrong, now_ns),
             "yaw_rate_wrong": self._without_imu.update(self.imu_wrong, now_ns) + IMU_WRONG_S * self.imu_wrong,
         }
         return measures | {name: max(measures[name], held_s) for name, held_s in distrusted.items()}
 
-    def _distrust(self, measures: dict[str, float], wheels: bool, fixes: bool) -> None:
+    def _distrust(self, measures: dict[str, float], wheels: bool, fixes: bool, outvoted: bool) -> None:
         """From a first contradiction on no estimate is believed; after some of it, until the car stands, no IMU where
-        there are `fixes` to go by, or no wheels where it is they that neither the fixes nor the IMU agree with."""
+        there are `fixes` to go by, or no wheels where it is they that neither the fixes nor the IMU agree with. A gyro
+        that is `outvoted` is what made the fixes not fit."""
         moving = self.motion.motion.speed > STANDSTILL
         held_s = max(measures[name] for name in IMU_MEASURES)
         self.wheels_wrong = moving and (self.wheels_wrong or (wheels and not self.imu_wrong))
-        self.imu_wrong = moving and (self.imu_wrong or (held_s > IMU_WRONG_S and fixes and not self.wheels_wrong))
+        found = outvoted or (held_s > IMU_WRONG_S and fixes)
+        self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
         self.motion.believe_imu, self.motion.believe_wheels = not self.imu_wrong, not self.wheels_wrong
         self.imu_suspect = self.imu_wrong or held_s > 0.0

@@ -1,8 +1,8 @@
 """Position fixes against the way the car has gone by wheels and gyro since the last fix that agreed.
 
 A step, a receiver that repeats its last fix, a delay, noise of a lost correction service and a second sender all put
-fixes where the car cannot have gone; a ramp adds up. A drift below 12 % of the speed does not show: heading and rolling
-radius explain it. The second receiver of the DBC (`marelli_gps_*`) is not used: its accuracy and delay are not known.
+fixes where the car cannot have gone; a ramp adds up. A drift below 12 % of the speed does not show, heading and rolling
+radius explain it: only other receivers do (`receivers.py`).
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ SCATTERED_S = 0.45
 """longer than one wild fix is among the eight of a course"""
 SETTLED_S = 0.2
 """s of valid states after which an invalid estimate answers one of them: twice the age an estimate may have"""
+OUTVOTED_S = 0.25
+"""s both other receivers lie far beside them: three readings of each at 10 Hz"""
 CONTRADICTED_S = 0.1
 """s their course contradicts IMU and wheels: two fixes at 20 Hz"""
 
@@ -77,6 +79,10 @@ class PositionMonitor:
         """The newest fixes lie so far beside one curve."""
         held_s = self._scatter.update(self._reference is not None and scatter_m > SCATTER_M, now_ns)
         self.wrong = self.wrong or held_s > SCATTERED_S
+
+    def outvoted(self, held_s: float) -> None:
+        """Both other receivers have lain far to one side of the fixes for so long."""
+        self.wrong = self.wrong or (self._reference is not None and held_s > OUTVOTED_S)
 
     def contradicted(self, held_s: float) -> None:
         """The course of the fixes has contradicted IMU and wheels, which agree, for so long."""

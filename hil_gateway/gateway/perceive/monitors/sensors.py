@@ -143,7 +143,8 @@ class GyroMonitor:
         low, high = sorted(share * steered for share in STEERED)
         oversteer = OVERSTEER * ay * speed / car.wheelbase
         low, high = low + min(oversteer, 0.0), high + max(oversteer, 0.0)
-        forced, slack = ay / max(speed, JUDGED_FROM), FORCE / max(speed, JUDGED_FROM)
+        # a car at its limit that brakes into a fast bend turns in later than its force builds up
+        forced, slack = ay / max(speed, JUDGED_FROM), max(FORCE / max(speed, JUDGED_FROM), GYRO_RAD_S)
         wheels = [(by_wheels - gyro) / (GYRO_RAD_S + GYRO_SHARE * abs(by_wheels)) for by_wheels in (front, rear)]
         above = [(low - gyro) / GYRO_RAD_S, (forced - gyro) / slack]
         below = [(gyro - high) / GYRO_RAD_S, (gyro - forced) / slack]

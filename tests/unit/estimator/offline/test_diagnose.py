@@ -27,6 +27,7 @@ from estimator.offline.fit.steps import Coordinates
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.laps import scored_laps
 from estimator.offline.record.noise import Noise
+from estimator.offline.record.road import LEAST_ANGLE
 from estimator.offline.report.diagnosis_result import as_json, as_revision
 from estimator.offline.report.unexplained import unexplained
 from estimator.offline.report.words import describe, follows_turn_direction
@@ -317,6 +318,29 @@ def test_a_grade_that_ends_the_lap_at_another_height_is_not_believed(drives: dic
     assert not believed(replace(done, parameters=parameters), "road_grade")
 
 
+def test_a_bank_no_larger_than_what_the_springs_repeat_is_not_believed(drives: dict[str, Any]) -> None:
+    record = record_of(drives["hilly"])
+    record = record.select(np.arange(record.windows) % 4 == 0)
+    done = fit_names(Setting(record, "per_axle", PRIOR), ["road_bank", "road_grade"], None)
+    rows = next(b.parameters for b in done.predictor.blocks if b.effect.name == "road_bank")
+    normal = replace(done.normal, prior=1e6 * done.normal.prior)
+    for angle, named in ((0.7 * LEAST_ANGLE, False), (1.6 * LEAST_ANGLE, True)):
+        parameters = done.parameters.copy()
+        parameters[rows] *= angle / (0.5 * np.ptp(parameters[rows]))
+        assert believed(replace(done, parameters=parameters, normal=normal), "road_bank") == named
+
+
+def test_load_transfer_of_a_centre_of_gravity_on_the_ground_is_not_believed(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    done = fit_names(Setting(record, "per_axle", PRIOR), ["load_transfer"], None)
+    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "load_transfer")
+    normal = replace(done.normal, prior=done.normal.prior + 1e8 * np.eye(len(done.parameters)))
+    for height, named in ((0.03, False), (0.3, True)):
+        parameters = done.parameters.copy()
+        parameters[row] = height
+        assert believed(replace(done, parameters=parameters, normal=normal), "load_transfer") == named
+
+
 def test_windows_in_which_the_car_has_spun_are_left_out(drives: dict[str, Any]) -> None:
     drive = drives["none"]
     spun = np.abs(drive.columns["t"] - 100.0) < 1.0
@@ -372,11 +396,12 @@ def test_fit_recovers_from_a_far_start(drives: dict[str, Any]) -> None:
     np.testing.assert_allclose(far.parameters, near.parameters, rtol=0.02)
 
 
-def test_differentiating_kernel_is_the_derivative_of_the_smoothing_one() -> None:
-    smooth, slope = kernel(0.01)
-    t = 0.01 * np.arange(400)
-    wave, rate = np.sin(3 * t), 3 * np.cos(3 * t)
-    np.testing.assert_allclose(np.convolve(wave, slope, "valid"), np.convolve(rate, smooth, "valid"), atol=2e-3)
+@pytest.mark.parametrize("step", [0.04, 0.02, 0.01, 0.005])
+def test_differentiating_kernel_is_the_derivative_of_the_smoothing_one(step: float) -> None:
+    smooth, slope = kernel(step)
+    t = step * np.arange(400)
+    wave, rate = np.sin(10 * t), 10 * np.cos(10 * t)
+    np.testing.assert_allclose(np.convolve(wave, slope, "valid"), np.convolve(rate, smooth, "valid"), atol=5e-4)
 
 
 def test_noise_is_measured_beside_a_smooth_signal() -> None:

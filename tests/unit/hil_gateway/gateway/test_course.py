@@ -11,7 +11,7 @@ from support.scripted_car import Rig
 from hil_gateway.gateway.perceive.course import Course, CourseReader
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
 from hil_gateway.gateway.perceive.fixes import Fixes
-from hil_gateway.gateway.perceive.monitors.course import CourseMonitor
+from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.motion import Motion
 
@@ -82,6 +82,32 @@ def test_a_course_that_imu_and_wheels_contradict_is_that_of_wrong_fixes():
         course = Course(0.0, 0.0, 0.0, SPEED, TURN if tick < 38 else TURN - 0.4, 0.0)
         held = monitor.step(tick * TICK_NS, (TURN, SPEED * TURN), SPEED, TURN, course)
     assert {name for name in SUSPECTS if getattr(held, name) > 0.1} == {"position"}
+
+
+@pytest.mark.parametrize(
+    ("gyro", "wheels", "steered", "outvoted"),
+    [
+        (0.0, TURN, TURN, True),
+        (-TURN, 0.8 * TURN, 2.0 * TURN, True),
+        (0.0, 0.0, TURN, False),
+        (0.0, TURN, 0.0, False),
+        (TURN - 0.1, TURN, TURN, False),
+    ],
+)
+def test_a_gyro_is_blamed_for_fixes_that_do_not_fit_where_steering_and_wheels_side_with_them(
+    gyro, wheels, steered, outvoted
+):
+    witness, course = TurnWitness(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0)
+    rates = gyro, wheels, steered
+    assert [witness.step(rates, course) for _ in range(40)][-1] is outvoted
+    assert not witness.step(rates, None), "fixes fit, or there are none"
+
+
+def test_fixes_that_lie_on_a_curve_by_chance_judge_no_sensor():
+    steady, course = SteadyCourse(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0)
+    assert [steady.step(course) for _ in range(60)][-1] is course
+    steady.step(None)
+    assert not any(steady.step(course) for _ in range(30))
 
 
 def test_a_reckoning_that_restarts_goes_on_from_the_fixes(rig):

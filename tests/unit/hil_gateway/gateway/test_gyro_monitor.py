@@ -27,11 +27,11 @@ def in_a_bend(steer: float, gyro: float) -> VehicleState:
     )  # fmt: skip
 
 
-def outvoted_s(state: VehicleState, rear: float) -> float:
+def outvoted_s(state: VehicleState, rear: float, speed: float = SPEED) -> float:
     """`rear`: the turn by the rear wheels; those that slide show too little."""
     monitor, held_s = GyroMonitor(Vehicle()), 0.0
     for tick in range(100):
-        held_s = monitor.step(tick * 10_000_000, state, SPEED, rear, LATERAL, stopping=False)
+        held_s = monitor.step(tick * 10_000_000, state, speed, rear, state.ay, stopping=False)
     return held_s
 
 
@@ -43,3 +43,17 @@ def test_a_car_that_oversteers_through_a_bend_with_straight_wheels_keeps_its_gyr
 @pytest.mark.parametrize("offset", [0.3, -0.3])
 def test_a_gyro_that_is_off_by_0_3_rad_s_is_outvoted_in_the_same_bend(offset: float) -> None:
     assert outvoted_s(in_a_bend(0.004, TURN + offset), TURN) > 0.9
+
+
+def braking_into_a_bend(gyro: float) -> VehicleState:
+    """At 72 m/s with front tyres near their peak: wheels turned far in, and the inner ones slip."""
+    return in_a_bend(0.0436, gyro).model_copy(update={"ay": 19.1, "drive": -0.075})
+
+
+def test_a_car_at_its_limit_that_brakes_into_a_fast_bend_keeps_its_gyro() -> None:
+    """0.184 rad/s at 19.1 m/s2 is what the simulated car does there for 0.1 s."""
+    assert outvoted_s(braking_into_a_bend(0.184), 0.39, 72.5) == 0.0
+
+
+def test_a_gyro_that_is_off_by_0_2_rad_s_is_outvoted_there() -> None:
+    assert outvoted_s(braking_into_a_bend(0.184 - 0.2), 0.39, 72.5) > 0.9

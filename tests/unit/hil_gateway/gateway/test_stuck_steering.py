@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import pytest
+
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.gateway.act.stuck_steering import StuckSteering
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
@@ -32,7 +34,10 @@ def slides(track: Track | None, curvature: float, reported: float, asked: float)
     p = OVAL.at(LONGEST_STRAIGHT)
     pose, stuck = Pose(float(p.x), float(p.y), float(p.heading), SPEED), StuckSteering(CAR, StopConfig(), track)
     motion = Motion(SPEED, SPEED * curvature, SPEED**2 * curvature)
-    asks = [stuck.deceleration(motion, pose, reported, asked) for _ in range(30)]
+    asks = list[float | None]()
+    for _ in range(30):
+        stuck.watch(reported, asked)
+        asks.append(None if stuck.steers(motion) else stuck.deceleration(motion, pose))
     return [asked for asked in asks if asked is not None]
 
 
@@ -52,3 +57,16 @@ def test_a_car_that_goes_straight_on_a_straight_rolls() -> None:
 
 def test_without_a_track_nobody_knows_where_to_slide() -> None:
     assert not slides(None, BEND, angle(BEND), angle(-BEND))
+
+
+@pytest.mark.parametrize(
+    ("share", "offset", "steers"), [(1.0, 0.0175, True), (0.0, 0.0175, False), (0.1, 0.0, False), (-1.0, 0.0, False)]
+)
+def test_steering_whose_report_moves_with_its_command_steers_whatever_its_offset(
+    share: float, offset: float, steers: bool
+) -> None:
+    """The report is 60 ms late; the car turns as it did before the command moved, so its yaw rate decides nothing."""
+    stuck, asked = StuckSteering(CAR, StopConfig(), OVAL), [0.02 - 0.0002 * tick for tick in range(100)]
+    for late, angle_now in zip([asked[0]] * 6 + asked, asked, strict=False):
+        stuck.watch(asked[0] + share * (late - asked[0]) + offset, angle_now)
+    assert stuck.steers(Motion(SPEED, 0.2, SPEED * 0.2, by_gyro=False)) is steers

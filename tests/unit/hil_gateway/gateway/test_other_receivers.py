@@ -1,0 +1,70 @@
+"""A drift of the position fixes has two witnesses: race control's receivers, without corrections and late."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import pytest
+
+from hil_gateway.config import Config
+from hil_gateway.gateway.perceive.fixes import Fixes
+from hil_gateway.gateway.perceive.monitors.position import OUTVOTED_S
+from hil_gateway.gateway.perceive.monitors.receivers import SIGNALS, OtherReceivers
+from hil_gateway.plant.controller.sensors import Noise, StandaloneReceiver
+from hil_gateway.process.clock import NS_PER_S
+
+ORIGIN = Config().origin
+SPEED, RADIUS = 60.0, 300.0
+BOTH = tuple(SIGNALS)
+FIX_NS = NS_PER_S // 20
+
+
+@dataclass
+class Reports:
+    """What the gateway has received."""
+
+    fixes: Fixes = field(default_factory=Fixes)
+    values: dict[str, float] = field(default_factory=dict)
+    stamps: dict[str, int] = field(default_factory=dict)
+
+    def signal(self, name: str) -> float:
+        return self.values[name]
+
+    def age_s(self, message: str, now_ns: int) -> float:
+        return (now_ns - self.stamps[message]) / NS_PER_S if message in self.stamps else math.inf
+
+
+def noticed_s(seconds: float, drift: float, heard: tuple[str, ...], seed: int = 1) -> float | None:
+    """Time until a drift outwards (m/s), which begins half way, is noticed in laps of a circle; None: never."""
+    noise, place = Noise(seed), {"x": RADIUS, "y": 0.0}
+    receivers = {message: StandaloneReceiver(place, ORIGIN, noise) for message in heard}
+    reports, others, way = Reports(), OtherReceivers(ORIGIN), 0.0
+    for tick in range(round(20 * seconds)):
+        now_ns, speed = tick * FIX_NS, 0.0 if tick < 100 else SPEED
+        way += 0.05 * speed / RADIUS
+        place["x"], place["y"] = RADIUS * math.cos(way), RADIUS * math.sin(way)
+        since_s = max(0.05 * tick - 0.5 * seconds, 0.0)
+        off = drift * since_s + 0.02 * noise()
+        reports.fixes.take(place["x"] + off * math.cos(way), place["y"] + off * math.sin(way), now_ns)
+        for message in heard if tick % 2 == 0 else ():
+            reports.values |= zip(SIGNALS[message], receivers[message].position(), strict=True)
+            reports.stamps[message] = now_ns
+        if others.step(now_ns, reports, speed) > OUTVOTED_S:
+            return since_s
+    return None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_drift_of_half_a_metre_a_second_is_noticed_within_4_s(seed: int) -> None:
+    since_s = noticed_s(60.0, 0.5, BOTH, seed)
+    assert since_s is not None and 0.0 < since_s < 4.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_receivers_that_wander_blame_no_fix(seed: int) -> None:
+    assert noticed_s(300.0, 0.0, BOTH, seed) is None
+
+
+def test_one_receiver_alone_blames_no_fix() -> None:
+    assert noticed_s(60.0, 0.5, BOTH[:1]) is None
