@@ -10,6 +10,9 @@ from planner.problem.infomax import principal_steps
 
 PROFILE_SHARE = 0.95
 """of what Eq. (10) leaves; the rest corrects errors"""
+NEXT_LAP = 1.02
+"""of the force that the front tyres have held in the laps before may be asked of them in the next: beyond their peak
+they run wide, which shows in time; rear tyres beyond theirs turn the car round, and are asked for nothing more"""
 MIN_CAPACITY = 0.3
 """over axle load; the car has to move. Asking for more than Eq. (10) leaves, bends were entered faster than plans could
 follow them"""
@@ -21,8 +24,7 @@ Axles = tuple[tuple[int, int, int], tuple[int, int, int]]
 
 
 def capacity(
-    axles: Axles, mean: Array, covariance: Array, *, use: float, level: float, held: tuple[float, float],
-    more: tuple[float, float] = (0.0, 0.0),
+    axles: Axles, mean: Array, covariance: Array, *, use: float, level: float, held: tuple[float, float]
 ) -> tuple[float, float]:
     """Force over axle load (front, rear) that may be asked of the tyres when a bend is entered.
 
@@ -38,10 +40,13 @@ def capacity(
     marginal = covariance[rows[:, :, None], rows[:, None, :]]
     peak, spread = mean[rows[:, 2]], np.sqrt(marginal[:, 2, 2])
     borne = np.maximum(use * (peak - level * spread), np.minimum(held, use * peak))
-    import os
-    borne = np.maximum(borne, np.minimum(more, use * (peak - float(os.environ.get("SIG", "1")) * spread)))
     front, rear = np.maximum(np.minimum(borne, _force_within(mean[rows], marginal, use, level)), MIN_CAPACITY)
     return float(front), float(rear)
+
+
+def borne_next(held: tuple[float, float], laps_before: tuple[float, float]) -> tuple[float, float]:
+    """What `capacity` may count on as held: forces over axle load (front, rear) `held` so far, and in whole laps."""
+    return max(held[0], NEXT_LAP / PROFILE_SHARE * laps_before[0]), held[1]
 
 
 def _force_within(mean: Array, covariance: Array, use: float, level: float) -> Array:
