@@ -1,8 +1,9 @@
 """What tyres and brakes deliver now of the force the model in use expects of them: a wet road, a flat tyre, hot brakes.
 
 The belief takes in over seconds what lasts; this looks at the last tenth of a second, by least squares through the
-origin of the measured force on the expected one. Measured is what the model expects plus what is left of specific force
-and yaw acceleration, by Eq. (1) turned round: the force of an axle across, and that of both along while braking.
+origin of the measured force on the expected one; of the brakes, which may be late, on the least that was expected for a
+while. Measured is what the model expects plus what is left of specific force and yaw acceleration, by Eq. (1) turned
+round: the force of an axle across, and that of both along while braking.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ TELLING = 0.5
 """share of its peak an axle is expected to bear, at least: errors of small forces are large shares"""
 BRAKING_N = 4000.0
 """expected of the brakes at least, as `TELLING`: half of a stop at 1 g"""
+LATE = 15
+"""samples, 0.15 s, by which brakes may act later than their pressures are reported: what a late force lacks where a
+stop begins is not lost, and asked for again it comes on top"""
 ROLLING = 0.06
 """slip of braked wheels up to which their tyres hold what the brakes give: half of the slip at the peak"""
 LOCKING = 0.12
@@ -50,7 +54,7 @@ class Delivery:
     def __init__(self, model: SingleTrack) -> None:
         self._vehicle = model.vehicle
         self._function = compile_function(_expected(model), compiled=False)
-        self._rows: deque[Array] = deque(maxlen=WINDOW)
+        self._rows: deque[Array] = deque(maxlen=LATE + WINDOW)
 
     def clear(self) -> None:
         """Samples are missing."""
@@ -87,16 +91,23 @@ class Delivery:
         """Shares of the last `WINDOW` samples; None where nothing tells."""
         if len(self._rows) < WINDOW:
             return None
-        rows = np.array(self._rows)
+        every = np.array(self._rows)
+        rows = every[-WINDOW:]
         if rows[:, 8].any():
             held = float(rows[:, 6].mean())  # no slip angle is known well where wheels give no speed
             return Delivered(front=held, rear=held, brakes=None)
-        expected, measured = rows[:, :3], rows[:, 3:6]
+        expected, measured = np.column_stack([rows[:, :2], _due(every[:, 2])]), rows[:, 3:6]
         shares = (expected * measured).sum(axis=0) / np.maximum((expected**2).sum(axis=0), 1.0)
         told = (expected != 0.0).all(axis=0)
         told[2] &= bool(rows[:, 7].all())
         front, rear, brakes = (float(share) if tells else None for share, tells in zip(shares, told, strict=True))
         return None if front is rear is brakes is None else Delivered(front=front, rear=rear, brakes=brakes)
+
+
+def _due(along: Array) -> Array:
+    """Least braking force, N <= 0, expected up to `LATE` before each of the last `WINDOW` samples; 0 if not known."""
+    known = np.concatenate([np.zeros(LATE + WINDOW - len(along)), along])
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(known, LATE + 1).max(axis=1))
 
 
 def _expected(model: SingleTrack) -> ca.Function:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.measurement_evaluation import MeasurementEvaluation
 
-from estimator.belief.delivery import WINDOW, Delivery
+from estimator.belief.delivery import LATE, WINDOW, Delivery
 from estimator.belief.tyre_belief import Sample
 from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.bus.delivered import Delivered
@@ -53,9 +53,21 @@ def test_a_weak_axle_is_told_from_the_other(weak: str, front: float, rear: float
 
 
 def test_weak_brakes_are_no_weak_tyres() -> None:
-    found = seen(sample(0.0, drive=-0.2, cx=0.7))
+    found = seen(sample(0.0, drive=-0.2, cx=0.7), LATE + WINDOW)
     assert found is not None
     assert (found.front, found.rear, found.brakes) == (None, None, pytest.approx(0.7, abs=0.01))
+
+
+def test_brakes_that_act_a_tenth_of_a_second_late_are_no_weak_brakes() -> None:
+    delivery, shares = Delivery(MODEL), []
+    pressed = [min(0.01 * i, 0.25) for i in range(60)]
+    for reported, acting in zip(pressed[10:], pressed, strict=False):
+        asked, done = sample(0.0, drive=-reported), sample(0.0, drive=-acting)
+        delivery.push(Sample(asked.signals, asked.signal_covariance, done.z, NO_AUX), BELIEVED, 0.0)
+        shares.append(now.brakes if (now := delivery.now()) else None)
+    told = [share for share in shares if share is not None]
+    assert told
+    assert min(told) > 0.95
 
 
 def test_locked_wheels_tell_of_the_road_and_not_of_the_brakes() -> None:
