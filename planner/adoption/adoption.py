@@ -23,7 +23,7 @@ from hil_gateway.track.track import Track
 from planner.adoption.delivered import DeliveredNow, grip_factors
 from planner.adoption.plausible import implausible, near
 from planner.adoption.trust import Trust, slides
-from planner.adoption.usable_grip import PROFILE_SHARE, Axles, capacity
+from planner.adoption.usable_grip import PROFILE_SHARE, Axles, borne_next, capacity
 from planner.line.envelope import envelope_of
 from planner.line.raceline import RaceLine, raceline_for
 from planner.line.track import Reference
@@ -84,6 +84,7 @@ class Adoption:
         self.held = held
         """loads over axle load that the car has held, in this run or an earlier one"""
         self._background = background
+        self._lap, self._held_by_lap = 0, LoadLimits(0.0, 0.0)
         self._belief: Belief | None = None
         self._refused: set[str] = set()
         self._given_back: set[Effects] = set()
@@ -164,6 +165,9 @@ class Adoption:
         current, knowledge = self.current, self.controller.knowledge
         if self.trust.watch(slides(estimate, knowledge, self._config.vehicle, current.tyre.axles), s):
             self._asked, self._changed = NOTHING_ASKED, True
+        lap = int(s // self.controller.reference.length)
+        if lap > self._lap:
+            self._lap, self._held_by_lap, self._changed = lap, self.held, True
 
     def judge(self, accepted: bool) -> None:
         """Outcome of a plan with the model in force; rolls a new model back that keeps failing."""
@@ -236,7 +240,8 @@ class Adoption:
         target, mean, covariance = factors * target, factors * mean, covariance * np.outer(factors, factors)
         # a belief that has learnt of less grip tells at once, before the model in force follows
         expected = np.minimum(mean, target)
-        asked = capacity(tyre.axles, expected, covariance, use=use, level=level, held=self.held.pair)
+        held = borne_next(self.held.pair, self._held_by_lap.pair)
+        asked = capacity(tyre.axles, expected, covariance, use=use, level=level, held=held)
         ratio = pressure_ratio(asked, revised.constant("front_brake", "share"))
         if before is not None:
             ratio = float(np.clip(ratio, before.brake_ratio * (1 - SLEW), before.brake_ratio * (1 + SLEW)))

@@ -10,6 +10,9 @@ from planner.problem.infomax import principal_steps
 
 PROFILE_SHARE = 0.95
 """of what Eq. (10) leaves; the rest corrects errors"""
+NEXT_LAP = 1.02
+"""of the force that the front tyres have held in the laps before may be asked of them in the next: beyond their peak
+they run wide, which shows in time; rear tyres beyond theirs turn the car round, and are asked for nothing more"""
 MIN_CAPACITY = 0.3
 """over axle load; the car has to move. Asking for more than Eq. (10) leaves, bends were entered faster than plans could
 follow them"""
@@ -39,6 +42,11 @@ def capacity(
     borne = np.maximum(use * (peak - level * spread), np.minimum(held, use * peak))
     front, rear = np.maximum(np.minimum(borne, _force_within(mean[rows], marginal, use, level)), MIN_CAPACITY)
     return float(front), float(rear)
+
+
+def borne_next(held: tuple[float, float], laps_before: tuple[float, float]) -> tuple[float, float]:
+    """What `capacity` may count on as held: forces over axle load (front, rear) `held` so far, and in whole laps."""
+    return max(held[0], NEXT_LAP / PROFILE_SHARE * laps_before[0]), held[1]
 
 
 def _force_within(mean: Array, covariance: Array, use: float, level: float) -> Array:

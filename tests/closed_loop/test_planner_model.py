@@ -10,10 +10,12 @@ from support.model_car import HORIZON, ModelCar, assert_within_limits, fail_solv
 
 from estimator.model.tyre import normalised_force
 from hil_gateway.bus import topics
-from hil_gateway.bus.messages import ActiveEffect, PlanStatus
+from hil_gateway.bus.messages import ActiveEffect, Belief, PlanStatus
 from planner.adoption.adoption import PROBATION_FAILURES, implausible
+from planner.adoption.usable_grip import PROFILE_SHARE
 from planner.node import BOLDER
 from planner.plan.exploring import EXPLORING
+from planner.problem.load_limits import LoadLimits
 from planner.solver.qp import QpStatus
 
 
@@ -113,6 +115,35 @@ def test_a_revision_whose_plans_fail_is_rolled_back(monkeypatch: pytest.MonkeyPa
         rig.run(0.5)
     assert rig.plans[-1].revision == old, "nor with other values"
     assert rig.plans[-1].status is PlanStatus.SOLVED
+
+
+def test_what_front_tyres_held_is_asked_for_with_a_little_more_from_the_next_lap_on() -> None:
+    """Where the belief doubts the peaks of both axles by a tenth and the car has held 0.85 of them."""
+    rig = ModelCar(planner_config())
+    rig.run(1.0)
+    adoption, estimate = rig.planner.adoption, rig.planner._estimate.latest.message
+    assert estimate is not None
+    theta, tyre = adoption.current.revised.theta, adoption.current.tyre
+    peaks = np.array([d for _, _, d in tyre.axles])
+    doubt = np.zeros(len(theta))
+    doubt[peaks] = (0.1 * theta[peaks]) ** 2
+    belief = Belief(
+        stamp_ns=0, seq=0, layout="per_axle", names=tyre.names, mean=tuple(theta), samples=1, log_det_information=0.0,
+        covariance=tuple(map(tuple, np.diag(doubt).tolist())),
+    )  # fmt: skip
+    length = adoption.controller.reference.length
+
+    def asked(s: float) -> tuple[float, float]:
+        adoption.held = LoadLimits(*(0.85 * theta[peaks]).tolist())
+        adoption.offer_belief(belief)
+        adoption.watch(estimate, s)
+        adoption.advance()
+        return adoption.controller.knowledge.capacity
+
+    (front, rear), (front_then, rear_then) = asked(0.5 * length), asked(1.1 * length)
+    assert front == pytest.approx(0.85 * theta[peaks[0]], rel=0.01)
+    assert PROFILE_SHARE * front_then == pytest.approx(1.02 * front, rel=0.01)
+    assert rear_then == pytest.approx(rear, rel=0.01)
 
 
 def test_implausible_revisions_are_refused() -> None:

@@ -40,8 +40,8 @@ def kernel(step: float) -> tuple[Array, Array]:
 def _passed(differences: Array) -> Array:
     """(n,) weights of a derivative at the samples that sum up to what `differences` (n,) take from its integral.
 
-    Between two samples the derivative is a cubic through four: at 25 Hz the mean over the two it is differenced from
-    is off by as much as the noise of a yaw rate sensor.
+    Between two samples the derivative is a cubic through four: a central difference at 25 Hz is 3 % off the derivative
+    in its middle where that turns with 10 rad/s, as yaw does.
     """
     between = np.cumsum(differences)[:-1]
     weights = np.convolve(between, [-1.0, 13.0, 13.0, -1.0]) / 24.0

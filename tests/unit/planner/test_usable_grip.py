@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimator.model.tyre import normalised_force
-from planner.adoption.usable_grip import MIN_CAPACITY, MOST_SLIP, capacity
+from planner.adoption.usable_grip import MIN_CAPACITY, MOST_SLIP, PROFILE_SHARE, borne_next, capacity
 from planner.problem.infomax import sigma_points
 
 AXLES = ((1, 2, 3), (4, 5, 6))
@@ -55,6 +55,14 @@ def test_a_held_load_is_asked_for_again_while_the_mean_agrees() -> None:
     assert front == pytest.approx(1.1)
     assert rear == pytest.approx(USE * THETA[6], rel=0.01), "no further than the mean agrees"
     assert asked(doubt, 2.0, (0.5, 0.5)) == pytest.approx(unseen), "less than is sure changes nothing"
+
+
+def test_front_tyres_that_bore_a_force_for_laps_are_asked_for_a_little_more_and_rear_ones_are_not() -> None:
+    """By the speed profile, which asks for a share of what it is given."""
+    front, rear = borne_next((1.0, 1.0), (1.0, 1.0))
+    assert 1.0 < PROFILE_SHARE * front < 1.03
+    assert rear == 1.0
+    assert borne_next((1.1, 1.0), (0.5, 1.0))[0] == 1.1, "what was held in this lap is asked for again, no more"
 
 
 def test_each_axle_is_asked_for_what_its_own_tyres_bear() -> None:

@@ -38,6 +38,11 @@ LEAST_M = 0.8
 """m: map, antennas, and a lead of the receivers in a bend"""
 OUTLYING = 2.0
 """mean distances that one reading teaches at most"""
+FAR_M = 30.0
+"""m beside the line: no receiver that works, whatever its error; one without a view of the sky says zeros, and one that
+hangs stays behind the line"""
+PROVEN = 100
+"""readings under way, 10 s, that lay within their bound before a receiver may contradict"""
 
 
 class _Receiver:
@@ -48,6 +53,7 @@ class _Receiver:
         self._stamp_ns: int | None = None
         self._bias: tuple[float, float] | None = None
         self._spread_m = FIRST_SPREAD_M
+        self._proven = 0
         self.share = 0.0
         """of its bound that its newest reading lies beside the line, positive to the left; 0 where it says nothing"""
 
@@ -74,9 +80,14 @@ class _Receiver:
     def _compare(self, x: float, y: float, line: deque[tuple[float, float]]) -> None:
         """Under way only the one across the line does, whatever the lateness."""
         assert self._bias is not None
-        left_m, (east, north) = _beside(x, y, line)
+        nearest = min(range(len(line)), key=lambda i: (line[i][0] - x) ** 2 + (line[i][1] - y) ** 2)
+        if nearest == 0 or math.hypot(line[nearest][0] - x, line[nearest][1] - y) > FAR_M:
+            self._proven, self.share = 0, 0.0
+            return
+        left_m, (east, north) = _beside(x, y, line, nearest)
         bound = max(LEAST_M, SPREADS * self._spread_m)
-        self.share = left_m / bound
+        self._proven += abs(left_m) < bound
+        self.share = left_m / bound if self._proven > PROVEN else 0.0
         most = OUTLYING * self._spread_m
         left_m = max(-most, min(left_m, most))
         self._bias = self._bias[0] + LEARNT * left_m * east, self._bias[1] + LEARNT * left_m * north
@@ -105,9 +116,8 @@ class OtherReceivers:
         return self._held.update(min(shares) > 1.0 or max(shares) < -1.0, now_ns)
 
 
-def _beside(x: float, y: float, line: deque[tuple[float, float]]) -> tuple[float, tuple[float, float]]:
-    """Distance of (x, y) to the left of the line, m, and the direction that is (east, north)."""
-    nearest = min(range(len(line)), key=lambda i: (line[i][0] - x) ** 2 + (line[i][1] - y) ** 2)
+def _beside(x: float, y: float, line: deque[tuple[float, float]], nearest: int) -> tuple[float, tuple[float, float]]:
+    """Distance of (x, y) to the left of the line at its nearest fix, m, and the direction that is (east, north)."""
     (x0, y0), (x1, y1) = line[max(nearest - 2, 0)], line[min(nearest + 2, len(line) - 1)]
     length = max(math.hypot(x1 - x0, y1 - y0), 1e-9)
     left = -(y1 - y0) / length, (x1 - x0) / length

@@ -15,7 +15,8 @@ from hil_gateway.plant.controller.sensors import Noise, StandaloneReceiver
 from hil_gateway.process.clock import NS_PER_S
 
 ORIGIN = Config().origin
-SPEED, RADIUS = 60.0, 300.0
+FAST, TIGHT = (60.0, 300.0), (15.0, 25.0)
+"""m/s, and m of radius"""
 BOTH = tuple(SIGNALS)
 FIX_NS = NS_PER_S // 20
 
@@ -35,20 +36,33 @@ class Reports:
         return (now_ns - self.stamps[message]) / NS_PER_S if message in self.stamps else math.inf
 
 
-def noticed_s(seconds: float, drift: float, heard: tuple[str, ...], seed: int = 1) -> float | None:
-    """Time until a drift outwards (m/s), which begins half way, is noticed in laps of a circle; None: never."""
-    noise, place = Noise(seed), {"x": RADIUS, "y": 0.0}
+def noticed_s(
+    seconds: float,
+    drift: float,
+    heard: tuple[str, ...],
+    seed: int = 1,
+    *,
+    bend: tuple[float, float] = FAST,
+    lost_s: float = math.inf,
+) -> float | None:
+    """Time until a drift outwards (m/s), which begins half way, is noticed in laps of a circle; None: never.
+
+    From `lost_s` on the receivers repeat their last reading.
+    """
+    at_speed, radius = bend
+    noise, place = Noise(seed), {"x": radius, "y": 0.0}
     receivers = {message: StandaloneReceiver(place, ORIGIN, noise) for message in heard}
     reports, others, way = Reports(), OtherReceivers(ORIGIN), 0.0
     for tick in range(round(20 * seconds)):
-        now_ns, speed = tick * FIX_NS, 0.0 if tick < 100 else SPEED
-        way += 0.05 * speed / RADIUS
-        place["x"], place["y"] = RADIUS * math.cos(way), RADIUS * math.sin(way)
+        now_ns, speed = tick * FIX_NS, 0.0 if tick < 100 else at_speed
+        way += 0.05 * speed / radius
+        place["x"], place["y"] = radius * math.cos(way), radius * math.sin(way)
         since_s = max(0.05 * tick - 0.5 * seconds, 0.0)
         off = drift * since_s + 0.02 * noise()
         reports.fixes.take(place["x"] + off * math.cos(way), place["y"] + off * math.sin(way), now_ns)
         for message in heard if tick % 2 == 0 else ():
-            reports.values |= zip(SIGNALS[message], receivers[message].position(), strict=True)
+            if 0.05 * tick < lost_s:
+                reports.values |= zip(SIGNALS[message], receivers[message].position(), strict=True)
             reports.stamps[message] = now_ns
         if others.step(now_ns, reports, speed) > OUTVOTED_S:
             return since_s
@@ -68,3 +82,9 @@ def test_receivers_that_wander_blame_no_fix(seed: int) -> None:
 
 def test_one_receiver_alone_blames_no_fix() -> None:
     assert noticed_s(60.0, 0.5, BOTH[:1]) is None
+
+
+@pytest.mark.parametrize("bend", [FAST, TIGHT])
+@pytest.mark.parametrize("lost_s", [2.0, 5.5, 40.0])
+def test_receivers_that_hang_blame_no_fix(lost_s: float, bend: tuple[float, float]) -> None:
+    assert noticed_s(100.0, 0.0, BOTH, bend=bend, lost_s=lost_s) is None
