@@ -43,6 +43,10 @@ CLOSED = 0.02
 """accelerator"""
 SPEED_LEARNT = 0.01
 """weight of a period: one second"""
+POWERED = 0.02
+"""slip-ratio drive command from which the engine may spin the driven wheels"""
+SPIN_LEAST = 0.6
+"""front over rear wheels' speed: driven wheels do not spin by more than two thirds; less is a dead front sensor"""
 LEAST_AHEAD = 0.8
 """front over rear axle's speed: with 0.3 rad of steering 0.96 and more; less is a wrong yaw rate"""
 LONGEST_S = 0.1
@@ -178,7 +182,7 @@ class MotionReader:
             ahead += car.wheelbase * turn * math.sin(state.steer) / self.motion.speed
         ahead = max(ahead, LEAST_AHEAD)
         fl, fr, rl, rr = wheel_speeds(state)
-        return max(sorted((fl / ahead + front, fr / ahead - front, rl + rear, rr - rear))[-2], 0.0)
+        return max(_not_spinning((fl / ahead + front, fr / ahead - front, rl + rear, rr - rear), state.drive), 0.0)
 
     def _braked(self, state: VehicleState, commanded: Actuators | None) -> float:
         """Deceleration by the brakes as they are reported, else as they are asked for, m/s2."""
@@ -209,5 +213,11 @@ def wheel_speeds(state: VehicleState) -> tuple[float, float, float, float]:
 
 
 def second_fastest(state: VehicleState) -> float:
-    """Speed of the second fastest wheel, m/s: one sensor may be wrong either way."""
-    return sorted(wheel_speeds(state))[-2]
+    """Speed of the second fastest wheel, m/s, that does not spin: one sensor may be wrong either way."""
+    return _not_spinning(wheel_speeds(state), state.drive)
+
+
+def _not_spinning(speeds: tuple[float, float, float, float], drive: float) -> float:
+    """Second fastest of the speeds (fl, fr, rl, rr), m/s; under power both driven wheels may be faster than the car."""
+    second, front = sorted(speeds)[-2], max(speeds[:2])
+    return front if drive > POWERED and SPIN_LEAST * second < front < second else second

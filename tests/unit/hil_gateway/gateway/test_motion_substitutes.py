@@ -12,7 +12,7 @@ from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.sensors import LockedWheels, SpeedChangeMonitor
-from hil_gateway.gateway.perceive.motion import MotionReader
+from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
 
 PERIOD_NS = 10_000_000
 CONFIG = Config()
@@ -131,3 +131,23 @@ def test_wheels_that_brakes_beyond_the_grip_lock_are_not_taken_for_wrong_sensors
     released = braked.model_copy(update={"brake_front": 0.0, "brake_rear": 0.0})
     assert [watch.step(state, 40.0) for state in (braked, *[released] * 49)] == [locked] * 50
     assert not watch.step(released, 40.0)
+
+
+@pytest.mark.parametrize(
+    ("wheels", "drive", "speed"),
+    [
+        ((27.4, 27.2, 33.1, 33.2), 0.136, 27.4),
+        ((27.4, 27.2, 33.1, 33.2), 0.0, 33.1),
+        ((0.0, 0.0, 27.5, 27.4), 0.136, 27.4),
+        ((27.4, 40.0, 27.9, 27.8), 0.136, 27.9),
+    ],
+    ids=["both driven wheels spin", "no power that could spin them", "no front wheels", "one front wheel wrong"],
+)
+def test_driven_wheels_that_spin_under_power_are_not_the_speed_of_the_car(
+    wheels: tuple[float, float, float, float], drive: float, speed: float
+) -> None:
+    rig = Rig()
+    rig.run(0.05)
+    names = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")
+    state = rig.gateway.seen[0].model_copy(update={"drive": drive, **dict(zip(names, wheels, strict=True))})
+    assert second_fastest(state) == speed
