@@ -76,15 +76,15 @@ def punctual(name: str) -> bool:
 
 
 def use_large_pages() -> int:
-    """Put the memory that this process has by now into large pages; bytes moved, 0 where the kernel cannot.
+    """Put the memory that this process has by now into large pages; bytes in them then, 0 where the kernel cannot.
 
     A process that sleeps 40 ms finds nothing of it in the processor's caches; with large pages it looks up fewer
     addresses. Call it once, at the end of the start: each page is copied.
     """
     libc = ctypes.CDLL(None)
     pages = [ctypes.c_void_p(at) for at in _whole_pages(Path("/proc/self/maps").read_text())]
-    moved = [libc.madvise(page, ctypes.c_size_t(LARGE_PAGE), MADV_COLLAPSE) == 0 for page in pages]
-    return LARGE_PAGE * moved.count(True)
+    done = [libc.madvise(page, ctypes.c_size_t(LARGE_PAGE), MADV_COLLAPSE) == 0 for page in pages]
+    return LARGE_PAGE * done.count(True)
 
 
 def _whole_pages(maps: str) -> Iterator[int]:

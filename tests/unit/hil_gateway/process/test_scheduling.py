@@ -82,15 +82,14 @@ def test_without_permission_timers_are_exact_and_the_policy_is_the_usual_one() -
     reason="this kernel puts no memory into large pages when asked",
 )
 def test_memory_is_in_large_pages_where_the_kernel_can() -> None:
-    """The kernel's own account of the process, before and after."""
+    """By the kernel's own account of the process; where it gives large pages unasked, they are there before."""
     ask = (
         "import re; from pathlib import Path; from hil_gateway.process.scheduling import use_large_pages;"
-        "held = bytearray(b'x') * (32 << 20);"
-        "large = lambda: int(re.search(r'AnonHugePages: +([0-9]+)', Path('/proc/self/smaps_rollup').read_text())[1]);"
-        "print(large() << 10, use_large_pages(), large() << 10, held.count(b'x') == 32 << 20)"
+        "held = bytearray(b'x') * (32 << 20); found = use_large_pages();"
+        "large = re.search(r'AnonHugePages: +([0-9]+)', Path('/proc/self/smaps_rollup').read_text())[1];"
+        "print(found, int(large) << 10, held.count(b'x') == 32 << 20)"
     )
     out = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout.split()
-    before, moved, after = map(int, out[:3])
-    assert after - before >= 16 << 20
-    assert moved >= after - before
-    assert out[3] == "True"
+    assert int(out[1]) >= 24 << 20
+    assert 24 << 20 <= int(out[0]) <= int(out[1])
+    assert out[2] == "True"
