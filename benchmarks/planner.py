@@ -89,9 +89,8 @@ def disturbed_qps(track: Track, steps: int, count: int) -> list[dict[str, Any]]:
 def whole_plan(track: Track, seconds: float) -> list[dict[str, Any]]:
     """Duration of a plan from messages to messages and of its parts: driving as shipped, and exploring the paper's car.
 
-    Once plan after plan, and once with pauses as in a drive.
-
-    The paper's, because that is the car that explores on its course: the declared race car does not yet.
+    Each once plan after plan and once with pauses. The paper's car explores on its course; the declared race car does
+    not yet.
     """
     paper = load_config(None, {"plant.base": "paper", "declared_model": "paper"})
     rows = []

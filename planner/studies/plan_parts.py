@@ -117,6 +117,8 @@ class PartTimes:
     stopwatch: Stopwatch
     plans: list[dict[str, int]] = field(default_factory=list)
     _inside: list[int] = field(default_factory=lambda: [0])
+    _between: bool = False
+    """inside what prepares the next plan: all of that is no part of this one"""
 
     def timed(self, name: str, method: Callable[..., Any]) -> Callable[..., Any]:
         """`method`, its time counted as that of part `name`."""
@@ -124,6 +126,7 @@ class PartTimes:
         @wraps(method)
         def measured(*args: Any, **kwargs: Any) -> Any:
             self._inside.append(0)
+            outside, self._between = self._between, self._between or name == BETWEEN
             began = self.stopwatch()
             try:
                 return method(*args, **kwargs)
@@ -131,7 +134,9 @@ class PartTimes:
                 took = self.stopwatch() - began
                 own = took - self._inside.pop()
                 self._inside[-1] += took
-                self.plans[-1][name] = self.plans[-1].get(name, 0) + own
+                part = BETWEEN if self._between else name
+                self.plans[-1][part] = self.plans[-1].get(part, 0) + own
+                self._between = outside
 
         return measured
 

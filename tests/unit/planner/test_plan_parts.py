@@ -44,6 +44,16 @@ def test_a_part_that_fails_is_counted_and_its_error_passed_on() -> None:
     assert times.plans == [{"fails": 1}]
 
 
+def test_a_part_of_the_preparation_counts_as_preparation() -> None:
+    ticks = count()
+    times = PartTimes(lambda: next(ticks))
+    times.plans.append({})
+    shift = times.timed("parameters", lambda: None)
+    times.timed(BETWEEN, shift)()
+    shift()
+    assert times.plans == [{BETWEEN: 3, "parameters": 1}]
+
+
 def test_what_is_done_between_plans_is_no_part_of_the_whole_and_shares_add_up() -> None:
     times = PartTimes(lambda: 0)
     times.plans = [{"solver": 2_000_000, REST: 1_000_000, BETWEEN: 5_000_000} for _ in range(COLD + 10)]
