@@ -23,10 +23,14 @@ from planner.studies.campaign.laps import SLOWEST, START_S, figures
 CASES = Path(__file__).with_name("laps_cases.json")
 
 
+def track_of(case: dict[str, Any], tracks: Path) -> str:
+    """Name of a shipped track, or its file."""
+    return str(tracks / case["track"]) if case["track"].endswith(".csv") else str(case["track"])
+
+
 def drive(case: dict[str, Any], tracks: Path) -> dict[str, Any]:
     """Drive one case, learning on."""
-    seed, laps = case["seed"], case["laps"]
-    path = str(tracks / case["track"]) if case["track"].endswith(".csv") else case["track"]
+    seed, laps, path = case["seed"], case["laps"], track_of(case, tracks)
     car, track = random_car(seed).model_copy(update={"effects": case["effects"]}), load_track(path)
     limit_s = lap_limit(car.parameters(), track).limit_s
     loop = Loop(load_config(None, {"track": path, "plant.seed": seed}), track=track, simulated=car)
@@ -41,10 +45,14 @@ def main() -> None:
     parser.add_argument("--seeds", default="", help="these cars alone, with commas")
     asked = parser.parse_args()
     cases = json.loads(CASES.read_text())["undeclared"]["cars"]
-    wanted = {int(seed) for seed in asked.seeds.split(",") if seed} or {case["seed"] for case in cases}
-    for case in cases:
-        if case["seed"] in wanted:
-            print(json.dumps(drive(case, asked.tracks)), flush=True)
+    chosen = [case for case in cases if not asked.seeds or str(case["seed"]) in asked.seeds.split(",")]
+    if not chosen:
+        parser.error(f"--seeds {asked.seeds}: none of them is among those of {CASES.name}")
+    for path in {track_of(case, asked.tracks) for case in chosen if case["track"].endswith(".csv")}:
+        if not Path(path).exists():
+            parser.error(f"{path}: not there; say with --tracks where the track files are")
+    for case in chosen:
+        print(json.dumps(drive(case, asked.tracks)), flush=True)
 
 
 if __name__ == "__main__":
