@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import Actuators
@@ -35,6 +37,19 @@ IMU_WRONG_S = 0.1
 
 STEERS = (SysState.DRIVING, SysState.EMERGENCY)
 """in which the car follows steering commands"""
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Seconds that wheel speeds, yaw rate and acceleration have been contradicted; whether all wheels are faster or
+    slower than fixes and IMU say, whether fixes say anything, and whether steering and wheels side with them."""
+
+    wheels: float
+    yaw_rate: float
+    acceleration: float
+    slipping: bool
+    fixes: bool
+    outvoted: bool
 
 
 class Monitors:
@@ -100,58 +115,68 @@ class Monitors:
     ) -> dict[str, float]:
         """`commanded` is what stands on the wire, None while nothing is sent; after `motion` and `position`. `course`
         is that of the fixes, None where they say nothing."""
-        speed = self.motion.motion.speed
-        imu, wheels = state.sources["imu"].valid, state.sources["wheel_speeds"].valid
+        speed, imu = self.motion.motion.speed, state.sources["imu"].valid
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
         follows = self._following.step(now_ns, state, obeyed)
         self._reversed.step(state, speed, commanded if state.sys_state in STEERS else None)
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
-        rear = self.motion.rear_yaw_rate(state, speed)
-        ay = state.ay - (0.0 if self._road is None else self._road.gravity_across)
-        steady = self._steady.step(course)
-        trusted = None if self.position.wrong and not self.imu_wrong else steady
-        known = trusted if imu and wheels else None
-        contradicted = self._course.step(now_ns, (state.yaw_rate, ay), second_fastest(state), rear, known)
-        self.position.contradicted(contradicted.position)
-        changes = self._speed_change.step(now_ns, state, speed) if imu and wheels else 0.0
-        lateral = self._lateral.step(now_ns, state, speed, ay) if imu and wheels else 0.0
-        compared = imu and wheels and not self.flat
-        turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if compared else 0.0
-        steered = self.motion.steered
-        unfitted = steady if compared and self.position.suspect else None
-        outvoted = self._witness.step((state.yaw_rate, rear, steered), unfitted)
-        hangs = self._still.step(now_ns, state, speed, steered, ay) if compared and not self.stopping else 0.0
-        swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
-        one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
+        sensors = self._compare(now_ns, state, course)
         measures = {
             "position_wrong": INFINITE if self.position.wrong or self.position.refused else 0.0,
             "position_lost": self.position.lost_s,
-            "wheel_speed_wrong": max(one_differs, swapped),
-            "yaw_rate_wrong": max(turns, hangs, contradicted.yaw_rate),
-            "acceleration_wrong": max(changes, lateral, contradicted.acceleration),
+            "wheel_speed_wrong": sensors.wheels,
+            "yaw_rate_wrong": sensors.yaw_rate,
+            "acceleration_wrong": sensors.acceleration,
             "steering_stuck": follows.steering,
             "pedals_stuck": follows.pedals,
             "commands_unanswered": self._acceleration.step(now_ns, state, speed, obeyed if imu else None),
             "off_road": off,
             "wrong_way": against,
         }
-        locked = self._locked.step(state, speed)
-        slipping = changes > 0.0 and contradicted.wheels > 0.0 and not locked
-        self._distrust(measures, slipping, fixes=trusted is not None, outvoted=outvoted)
+        self._distrust(max(measures[name] for name in IMU_MEASURES), sensors)
         distrusted = {
             "wheel_speed_wrong": self._without_wheels.update(self.wheels_wrong, now_ns),
             "yaw_rate_wrong": self._without_imu.update(self.imu_wrong, now_ns) + IMU_WRONG_S * self.imu_wrong,
         }
         return measures | {name: max(measures[name], held_s) for name, held_s in distrusted.items()}
 
-    def _distrust(self, measures: dict[str, float], wheels: bool, fixes: bool, outvoted: bool) -> None:
-        """From a first contradiction on no estimate is believed; after some of it, until the car stands, no IMU where
-        there are `fixes` to go by, or no wheels where it is they that neither the fixes nor the IMU agree with. A gyro
-        that is `outvoted` is what made the fixes not fit."""
+    def _compare(self, now_ns: int, state: VehicleState, course: Course | None) -> Sensors:
+        """IMU, wheels, steering and the course of the fixes with each other."""
+        speed, steered = self.motion.motion.speed, self.motion.steered
+        rear = self.motion.rear_yaw_rate(state, speed)
+        ay = state.ay - (0.0 if self._road is None else self._road.gravity_across)
+        wheels = state.sources["wheel_speeds"].valid
+        both = wheels and state.sources["imu"].valid
+        compared = both and not self.flat
+        steady = self._steady.step(course)
+        trusted = None if self.position.wrong and not self.imu_wrong else steady
+        rates = state.yaw_rate, ay
+        contradicted = self._course.step(now_ns, rates, second_fastest(state), rear, trusted if both else None)
+        self.position.contradicted(contradicted.position)
+        changes = self._speed_change.step(now_ns, state, speed) if both else 0.0
+        lateral = self._lateral.step(now_ns, state, speed, ay) if both else 0.0
+        turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if compared else 0.0
+        hangs = self._still.step(now_ns, state, speed, steered, ay) if compared and not self.stopping else 0.0
+        swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
+        one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
+        unfitted = steady if compared and self.position.suspect else None
+        locked = self._locked.step(state, speed)
+        return Sensors(
+            wheels=max(one_differs, swapped),
+            yaw_rate=max(turns, hangs, contradicted.yaw_rate),
+            acceleration=max(changes, lateral, contradicted.acceleration),
+            slipping=changes > 0.0 and contradicted.wheels > 0.0 and not locked,
+            fixes=trusted is not None,
+            outvoted=self._witness.step((state.yaw_rate, rear, steered), unfitted),
+        )
+
+    def _distrust(self, held_s: float, sensors: Sensors) -> None:
+        """From a first contradiction of the IMU, which has `held_s`, no estimate is believed; after some of it, until
+        the car stands, no IMU where there are fixes to go by, or no wheels where it is they that neither the fixes nor
+        the IMU agree with. A gyro that is outvoted is what made the fixes not fit."""
         moving = self.motion.motion.speed > STANDSTILL
-        held_s = max(measures[name] for name in IMU_MEASURES)
-        self.wheels_wrong = moving and (self.wheels_wrong or (wheels and not self.imu_wrong))
-        found = outvoted or (held_s > IMU_WRONG_S and fixes)
+        self.wheels_wrong = moving and (self.wheels_wrong or (sensors.slipping and not self.imu_wrong))
+        found = sensors.outvoted or (held_s > IMU_WRONG_S and sensors.fixes)
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
         self.motion.believe_imu, self.motion.believe_wheels = not self.imu_wrong, not self.wheels_wrong
         self.imu_suspect = self.imu_wrong or held_s > 0.0
