@@ -26,7 +26,7 @@ from hil_gateway.process.cache import cache_directory
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.track import Track
 
-VERSION = 1
+VERSION = 2
 """of the method; part of the cache key"""
 SHAPE = ("x", "y", "width_left", "width_right", "grade", "bank")
 """what of a track the time depends on"""

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.plant.car import Car, Commands
 from hil_gateway.plant.experiment.laps import drive
 from hil_gateway.plant.physics.parameters import AV24, DECLARED
 from hil_gateway.plant.physics.road import Slopes
 from hil_gateway.plant.referee.lap_limit import lap_limit
 from hil_gateway.plant.referee.limit_envelope import Envelope, best_ratio, measure_envelope
-from hil_gateway.plant.referee.limit_line import fastest_line
+from hil_gateway.plant.referee.limit_line import A0, POWERS, V0, fastest_line, fit
 from hil_gateway.plant.referee.limit_profile import Path as Line
 from hil_gateway.plant.referee.limit_profile import fastest_profile, lap_time, reach
 from hil_gateway.track.loading import load_track
@@ -114,6 +115,18 @@ def test_full_braking_of_the_plant_is_never_stronger_than_its_limit(envelope: En
             car.step(Commands(brake_front=float(pressure), brake_rear=float(0.85 * pressure), gear=5), True)
         best = max(best, -car.output("ax"))
     assert 0.9 * most < best < 1.01 * most
+
+
+@pytest.mark.parametrize("speed", [40.0, 60.0, 80.0])
+def test_what_shapes_the_line_knows_grip_and_drag_of_cornering(envelope: Envelope, speed: float) -> None:
+    v, level, found = np.array([speed]), np.array([GRAVITY]), fit(envelope)
+    lateral, drag = (
+        A0 * sum(c * (speed / V0) ** power for c, (power, _) in zip(row, POWERS, strict=True))
+        for row in (found.lateral, found.drag)
+    )
+    calm = np.zeros(1)
+    assert lateral == pytest.approx(envelope.peak(calm < 0, calm, v, level)[0], rel=0.02)
+    assert drag == pytest.approx(-envelope.along(envelope.drive, calm + 1, calm, v, level)[0], abs=1.0)
 
 
 def test_mirrored_track_has_the_same_limit(envelope: Envelope, tmp_path: Path) -> None:
