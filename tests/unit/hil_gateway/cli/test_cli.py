@@ -203,7 +203,8 @@ def test_doctor_names_the_solvers_that_the_planner_uses() -> None:
     said = json.loads(hil("plan", "solver", "--json").stdout)
     checks = json.loads(hil("doctor", "--json").stdout)["checks"]
     detail = next(check["detail"] for check in checks if check["name"] == "planner's solver")
-    assert detail == (f"{said['first']}: {said['lacks']}" if said["lacks"] else f"{said['first']}, then {said['second']}")
+    without = f"{said['first']}: {said['lacks']}"
+    assert detail == (without if said["lacks"] else f"{said['first']}, then {said['second']}")
 
 
 def test_doctor_says_what_is_wrong_with_an_odd_set_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
