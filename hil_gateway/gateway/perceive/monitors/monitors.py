@@ -59,7 +59,7 @@ class Monitors:
         vehicle = config.vehicle
         self.motion = MotionReader(vehicle, config.powertrain.brake_force_per_pa)
         self.position = PositionMonitor()
-        self._wheels = WheelMonitor(vehicle)
+        self._wheels = WheelMonitor(config)
         self._axles = AxleMonitor(config)
         self._gyro = GyroMonitor(vehicle)
         self._still = StillMonitor(config)

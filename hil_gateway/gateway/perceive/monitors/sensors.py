@@ -26,6 +26,9 @@ PEDAL_RATE = 0.3
 """with pedals or brakes in use a wheel may really spin or lock for some tenths of a second: time counts a third"""
 PEDAL = 0.02
 """slip-ratio drive command from which they are in use"""
+INNER = 0.5
+"""of the braking that takes all of the declared grip, from which an inner wheel may lock: at the limit of a bend it
+carries less than half of what the outer one does, and is braked as hard. It may stay locked as long as that lasts"""
 GYRO_RAD_S = 0.12
 """rad/s: gyro against wheels: 1 % of unequal slip left and right at 20 m/s, with the noise of both"""
 GYRO_SHARE = 0.25
@@ -39,10 +42,11 @@ ones takes a bend of 2.5 g with the wheels straight ahead (0.018 rad)"""
 
 
 class WheelMonitor:
-    """One wheel against the three others, which agree."""
+    """One wheel against the three others, which agree; a slower one while the brakes may lock it is not judged."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._half_track = 0.25 * (vehicle.track_front + vehicle.track_rear)
+    def __init__(self, config: Config) -> None:
+        self._half_track = 0.25 * (config.vehicle.track_front + config.vehicle.track_rear)
+        self._locked = LockedWheels(config, INNER)
         self._held_s = 0.0
         self._last_ns: int | None = None
 
@@ -50,13 +54,15 @@ class WheelMonitor:
         """Seconds one wheel has disagreed."""
         dt = 0.0 if self._last_ns is None else min((now_ns - self._last_ns) / NS_PER_S, 0.1)
         self._last_ns = now_ns
-        if not self._one_differs(state, motion):
+        locked, apart = self._locked.step(state, motion.speed), self._one_apart(state, motion)
+        if apart == 0.0:
             self._held_s = 0.0
-            return 0.0
-        self._held_s += dt * (PEDAL_RATE if abs(state.drive) > PEDAL else 1.0)
+        elif apart > 0.0 or not locked:
+            self._held_s += dt * (PEDAL_RATE if abs(state.drive) > PEDAL else 1.0)
         return self._held_s
 
-    def _one_differs(self, state: VehicleState, motion: Motion) -> bool:
+    def _one_apart(self, state: VehicleState, motion: Motion) -> float:
+        """By how much one wheel is faster than the others, m/s; 0 while it may be."""
         inner = motion.yaw_rate * self._half_track
         speeds = [v + inner * side for v, side in zip(wheel_speeds(state), (1, -1, 1, -1), strict=True)]
         ordered = sorted(speeds)
@@ -64,8 +70,8 @@ class WheelMonitor:
             middle = others[1]
             agree = others[-1] - others[0] <= 1.0 + OTHERS_SHARE * middle
             if middle > JUDGED_FROM and agree and abs(odd - middle) > WHEEL_M_S + WHEEL_SHARE * middle:
-                return True
-        return False
+                return odd - middle
+        return 0.0
 
 
 DRIVEN = 2.0
@@ -234,11 +240,11 @@ class SpeedChangeMonitor:
 
 
 class LockedWheels:
-    """Whether wheels may have slipped away from the car's speed: brakes that pressed harder than the tyres' declared
-    grip takes within the last half second."""
+    """Whether wheels may have slipped away from the car's speed: brakes that pressed harder than `share` of what the
+    tyres' declared grip takes within the last half second."""
 
-    def __init__(self, config: Config) -> None:
-        self._stop, self._mass = config.gateway.stop, config.vehicle.mass
+    def __init__(self, config: Config, share: float = 1.0) -> None:
+        self._stop, self._mass, self._share = config.gateway.stop, config.vehicle.mass, share
         self._per_pa = config.powertrain.brake_force_per_pa / config.vehicle.mass
         self._since = SPEED_WINDOW
         """periods"""
@@ -246,7 +252,7 @@ class LockedWheels:
     def step(self, state: VehicleState, speed: float) -> bool:
         """Once a period."""
         braking = (state.brake_front + state.brake_rear) * self._per_pa
-        self._since = 0 if braking > self._stop.grip(self._mass, speed) else self._since + 1
+        self._since = 0 if braking > self._share * self._stop.grip(self._mass, speed) else self._since + 1
         return self._since < SPEED_WINDOW
 
 
