@@ -29,6 +29,8 @@ PEDAL = 0.02
 INNER = 0.5
 """of the braking that takes all of the declared grip, from which an inner wheel may lock: at the limit of a bend it
 carries less than half of what the outer one does, and is braked as hard. It may stay locked as long as that lasts"""
+JUMP = 6.0
+"""m/s that no wheel slows down by in a period: 6 MPa on a wheel of 1 kg m2 that nothing turns take 5"""
 GYRO_RAD_S = 0.12
 """rad/s: gyro against wheels: 1 % of unequal slip left and right at 20 m/s, with the noise of both"""
 GYRO_SHARE = 0.25
@@ -42,11 +44,14 @@ ones takes a bend of 2.5 g with the wheels straight ahead (0.018 rad)"""
 
 
 class WheelMonitor:
-    """One wheel against the three others, which agree; a slower one while the brakes may lock it is not judged."""
+    """One wheel against the three others, which agree; a slower one that the brakes may have locked is not judged."""
 
     def __init__(self, config: Config) -> None:
         self._half_track = 0.25 * (config.vehicle.track_front + config.vehicle.track_rear)
         self._locked = LockedWheels(config, INNER)
+        self._before: tuple[float, ...] = ()
+        self._jumped = False
+        """the wheel that is apart got there faster than a wheel can"""
         self._held_s = 0.0
         self._last_ns: int | None = None
 
@@ -55,11 +60,20 @@ class WheelMonitor:
         dt = 0.0 if self._last_ns is None else min((now_ns - self._last_ns) / NS_PER_S, 0.1)
         self._last_ns = now_ns
         locked, apart = self._locked.step(state, motion.speed), self._one_apart(state, motion)
+        jumps = self._jumps(state)
+        self._jumped = apart != 0.0 and (self._jumped or jumps)
         if apart == 0.0:
             self._held_s = 0.0
+        elif self._jumped:
+            self._held_s += dt
         elif apart > 0.0 or not locked:
             self._held_s += dt * (PEDAL_RATE if abs(state.drive) > PEDAL else 1.0)
         return self._held_s
+
+    def _jumps(self, state: VehicleState) -> bool:
+        """Whether a wheel has slowed down faster than brakes can make it."""
+        before, self._before = self._before, wheel_speeds(state)
+        return any(last - now > JUMP for last, now in zip(before, self._before, strict=False))
 
     def _one_apart(self, state: VehicleState, motion: Motion) -> float:
         """By how much one wheel is faster than the others, m/s; 0 while it may be."""

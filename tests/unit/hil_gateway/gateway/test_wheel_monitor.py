@@ -30,9 +30,14 @@ def driving(share: float, deceleration: float) -> VehicleState:
 
 def held_s(*states: VehicleState) -> float:
     """Time for which one wheel is found wrong at the end of one second of each of `states`."""
+    return held_for(*(state for state in states for _ in range(100)))
+
+
+def held_for(*states: VehicleState) -> float:
+    """The same, 10 ms of each."""
     monitor, held = WheelMonitor(CONFIG), 0.0
-    for tick in range(100 * len(states)):
-        held = monitor.step(tick * 10_000_000, states[tick // 100], Motion(SPEED))
+    for tick, state in enumerate(states):
+        held = monitor.step(tick * 10_000_000, state, Motion(SPEED))
     return held
 
 
@@ -47,6 +52,12 @@ def test_a_slow_wheel_is_a_wrong_sensor_where_the_brakes_press_too_little_to_loc
     share: float, deceleration: float
 ) -> None:
     assert held_s(driving(share, deceleration)) > 0.25
+
+
+def test_a_wheel_that_falls_faster_than_brakes_can_stop_one_is_a_wrong_sensor_under_any_braking() -> None:
+    sound, falling = driving(1.0, 14.0), [driving(share, 14.0) for share in (0.9, 0.8, 0.7)]
+    assert held_for(sound, *30 * [driving(0.7, 14.0)]) > 0.25
+    assert held_for(sound, *falling, *27 * [driving(0.7, 14.0)]) == 0.0
 
 
 def test_a_wheel_that_stays_slow_after_the_brakes_is_found_within_a_second() -> None:
