@@ -7,7 +7,7 @@ from support.scripted_car import Rig
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.monitors.sensors import WheelMonitor
+from hil_gateway.gateway.perceive.monitors.wheels import WheelMonitor
 from hil_gateway.gateway.perceive.motion import Motion
 
 CONFIG = Config()
@@ -66,3 +66,17 @@ def test_a_wheel_that_stays_slow_after_the_brakes_is_found_within_a_second() -> 
 
 def test_a_wheel_that_is_faster_than_all_others_is_a_wrong_sensor_under_any_braking() -> None:
     assert held_s(driving(1.3, 14.0)) > 0.15
+
+
+@pytest.mark.parametrize(("fallen", "found"), [(0.8, True), (0.9, False)])
+def test_wheels_that_all_fall_faster_than_brakes_can_stop_them_are_seen_in_that_period(
+    fallen: float, found: bool
+) -> None:
+    """Of the speed before: a fifth at once is no braking, a tenth may be that of 0.1 s without wheel speeds."""
+    monitor, before = WheelMonitor(CONFIG), driving(1.0, 14.0)
+    after = before.model_copy(update={f"wheel_speed_{wheel}": fallen * SPEED for wheel in ("fl", "fr", "rl", "rr")})
+    seen = []
+    for tick, state in enumerate((before, before, after, after)):
+        monitor.step(tick * 10_000_000, state, Motion(SPEED))
+        seen.append(monitor.all_fell)
+    assert seen == [False, False, found, False]
