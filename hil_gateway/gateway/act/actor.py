@@ -111,7 +111,7 @@ class Actor:
         pose: Pose | None,
     ) -> Actuators:
         gear = self._gears.step(now_ns, motion.speed, state.engine_speed, state.gear)
-        self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor))
+        self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor), motion.speed)
         driving = decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
             return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S)

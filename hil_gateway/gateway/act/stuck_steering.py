@@ -18,8 +18,9 @@ import numpy as np
 
 from hil_gateway.car.vehicle import HALF_WIDTH, Vehicle
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.motion import UNDERSTEER, Motion
+from hil_gateway.gateway.perceive.motion import TURNS_IN_S, UNDERSTEER, Motion
 from hil_gateway.gateway.settings import StopConfig
+from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
 
 STEP_S = 0.1
@@ -49,6 +50,8 @@ LATE = 10
 """periods (0.1 s) that a report is behind its command: delay, lag of the motor, its own way"""
 ASKED = 0.0015
 """rad at the road wheel (1.3 deg at the motor), root mean square, of a command that moves beyond play and noise"""
+MEANT = 0.02
+"""rad/s, root mean square, of change that a command means: ten times the gyro's noise"""
 MOVED_SHARE = 0.5
 """of its command that a report shows at least; steering an eighth as fast as the motor shows a quarter of a swerve"""
 
@@ -69,30 +72,41 @@ class StuckSteering:
         self._grip = partial(config.grip, vehicle.mass)
         self._angles: deque[tuple[float, float]] = deque(maxlen=WATCHED)
         """reported and asked, rad"""
+        self._rates: deque[tuple[float, float]] = deque(maxlen=WATCHED)
+        """yaw rate, and what the commanded angle comes to by now, rad/s"""
+        self._reported = self._asked = 0.0
+        """that the car has had the time to turn with, rad"""
         self.start()
 
     def start(self) -> None:
         """A stop begins."""
         self._reported_off = self._asked_off = 0.0
         """of the yaw rate from what the reported and the commanded angle come to, lately, rad/s"""
-        self._locks = self._moves = False
+        self._locks = self._moves = self._turns = False
+        self._rates.clear()
 
-    def watch(self, reported: float, asked: float) -> None:
+    def watch(self, reported: float, asked: float, speed: float) -> None:
         """Road-wheel angles of a period, rad; in every period, so that a stop begins with what is known."""
         self._angles.append((reported, asked))
+        due = self._angles[max(len(self._angles) - LATE, 0)][1]
+        share = PERIOD_S / (PERIOD_S + TURNS_IN_S * speed)
+        self._reported += share * (reported - self._reported)
+        self._asked += share * (due - self._asked)
 
     def steers(self, motion: Motion) -> bool:
         """Whether the steering works after all, and only its report is wrong; once a period of a stop.
 
         A report that moves as the command does comes from steering that moves, whatever its offset; and one that hangs
-        is contradicted by a car that turns as it is asked to.
+        is contradicted by a car that turns as it is asked to, or whose yaw rate changes as its command does: under the
+        brakes a car turns more than its angle means.
         """
-        reported, asked = np.array(self._angles)[LATE:, 0], np.array(self._angles)[:-LATE, 1]
-        if asked.size and asked.std() > ASKED:
-            share = np.mean((asked - asked.mean()) * (reported - reported.mean())) / asked.var()
-            self._moves = bool(share > MOVED_SHARE)
-        self._compare(motion, *self._angles[-1])
-        return not self._locks and (self._moves or (motion.by_gyro and self._asked_off + APART < self._reported_off))
+        reported, asked = np.array(self._angles).T
+        self._moves = _follows(reported[LATE:], asked[:-LATE], ASKED, self._moves)
+        self._compare(motion)
+        turned, meant = np.array(self._rates).T
+        self._turns = motion.by_gyro and _follows(turned, meant, MEANT, self._turns)
+        turns_as_asked = motion.by_gyro and self._asked_off + APART < self._reported_off
+        return not self._locks and (self._moves or self._turns or turns_as_asked)
 
     def deceleration(self, motion: Motion, pose: Pose | None) -> float | None:
         """What to ask of the brakes to slide straight on, m/s2; None where rolling on is better; after `steers`."""
@@ -104,11 +118,13 @@ class StuckSteering:
             self._locks = best and margins[-1] < CLEAR_M and margins[0] > margins[-1] + BETTER_M
         return LOCKING * self._grip(motion.speed) if self._locks else None
 
-    def _compare(self, motion: Motion, reported: float, asked: float) -> None:
-        """The car's yaw rate with what the reported and the commanded angle come to."""
+    def _compare(self, motion: Motion) -> None:
+        """The car's yaw rate with what the reported and the commanded angle come to by now: a stop begins with a
+        command that jumps, and a car that obeys it is not stuck because it has not turned yet."""
         share = PERIOD_S / (JUDGED_S + PERIOD_S)
         path = self._vehicle.wheelbase + UNDERSTEER * motion.speed**2
-        by_report, by_command = (motion.speed * math.tan(angle) / path for angle in (reported, asked))
+        by_report, by_command = (motion.speed * math.tan(angle) / path for angle in (self._reported, self._asked))
+        self._rates.append((motion.yaw_rate, by_command))
         self._reported_off += share * (abs(motion.yaw_rate - by_report) - self._reported_off)
         self._asked_off += share * (abs(motion.yaw_rate - by_command) - self._asked_off)
 
@@ -144,3 +160,12 @@ class StuckSteering:
             speed -= STEP_S * way.deceleration(speed)
             s, lateral = track.project(x, y, s)
         return least
+
+
+def _follows(done: Array, asked: Array, least: float, before: bool) -> bool:
+    """Whether the changes of `done` are at least `MOVED_SHARE` of those of `asked`, arrays (n,); as `before` where
+    these are less than `least`, root mean square."""
+    if not asked.size or asked.std() <= least:
+        return before
+    share = np.mean((asked - asked.mean()) * (done - done.mean())) / asked.var()
+    return bool(share > MOVED_SHARE)

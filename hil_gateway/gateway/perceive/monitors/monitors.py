@@ -151,7 +151,8 @@ class Monitors:
         steady = self._steady.step(course)
         trusted = None if self.position.wrong and not self.imu_wrong else steady
         rates = state.yaw_rate, ay
-        contradicted = self._course.step(now_ns, rates, second_fastest(state), rear, trusted if both else None)
+        known = trusted if both else None
+        contradicted = self._course.step(now_ns, rates, second_fastest(state), (rear, steered), known)
         self.position.contradicted(contradicted.position)
         changes = self._speed_change.step(now_ns, state, speed) if both else 0.0
         lateral = self._lateral.step(now_ns, state, speed, ay) if both else 0.0

@@ -72,15 +72,17 @@ def test_scattered_fixes_are_no_course():
 def test_the_sensor_that_the_course_contradicts_is_named_within_half_a_second(yaw_rate, ay, wheels, wrong):
     monitor, course, held = CourseMonitor(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0), None
     for tick in range(50):
-        held = monitor.step(tick * TICK_NS, (yaw_rate, ay), wheels, TURN, course)
+        held = monitor.step(tick * TICK_NS, (yaw_rate, ay), wheels, (TURN, TURN), course)
     assert {name for name in SUSPECTS if getattr(held, name) > 0.1} == wrong
 
 
-def test_a_course_that_imu_and_wheels_contradict_is_that_of_wrong_fixes():
+@pytest.mark.parametrize("by_wheels", [TURN, TURN - 0.25])
+def test_a_course_that_imu_and_steering_contradict_is_that_of_wrong_fixes(by_wheels):
+    """Also where the wheels' difference, which long bends falsify, lies nearer to the course."""
     monitor, held = CourseMonitor(), None
     for tick in range(50):
         course = Course(0.0, 0.0, 0.0, SPEED, TURN if tick < 38 else TURN - 0.4, 0.0)
-        held = monitor.step(tick * TICK_NS, (TURN, SPEED * TURN), SPEED, TURN, course)
+        held = monitor.step(tick * TICK_NS, (TURN, SPEED * TURN), SPEED, (by_wheels, TURN), course)
     assert {name for name in SUSPECTS if getattr(held, name) > 0.1} == {"position"}
 
 

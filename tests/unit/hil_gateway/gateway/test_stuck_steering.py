@@ -34,9 +34,11 @@ def slides(track: Track | None, curvature: float, reported: float, asked: float)
     p = OVAL.at(LONGEST_STRAIGHT)
     pose, stuck = Pose(float(p.x), float(p.y), float(p.heading), SPEED), StuckSteering(CAR, StopConfig(), track)
     motion = Motion(SPEED, SPEED * curvature, SPEED**2 * curvature)
+    for _ in range(100):
+        stuck.watch(reported, asked, SPEED)
     asks = list[float | None]()
     for _ in range(30):
-        stuck.watch(reported, asked)
+        stuck.watch(reported, asked, SPEED)
         asks.append(None if stuck.steers(motion) else stuck.deceleration(motion, pose))
     return [asked for asked in asks if asked is not None]
 
@@ -68,5 +70,24 @@ def test_steering_whose_report_moves_with_its_command_steers_whatever_its_offset
     """The report is 60 ms late; the car turns as it did before the command moved, so its yaw rate decides nothing."""
     stuck, asked = StuckSteering(CAR, StopConfig(), OVAL), [0.02 - 0.0002 * tick for tick in range(100)]
     for late, angle_now in zip([asked[0]] * 6 + asked, asked, strict=False):
-        stuck.watch(asked[0] + share * (late - asked[0]) + offset, angle_now)
+        stuck.watch(asked[0] + share * (late - asked[0]) + offset, angle_now, SPEED)
     assert stuck.steers(Motion(SPEED, 0.2, SPEED * 0.2, by_gyro=False)) is steers
+
+
+@pytest.mark.parametrize(("share", "more"), [(0.3, 0.0), (0.75, 0.08)])
+def test_a_car_that_has_not_turned_yet_with_a_command_that_jumps_goes_on_steering(share: float, more: float) -> None:
+    """The report hangs; the command of the stop jumps, which the car answers 0.1 s late and with its turn-in, turning
+    by `more` (rad/s) than its angle means, as on a bank."""
+    asked = [angle(BEND)] * 100 + [angle(share * BEND)] * 60
+    p = OVAL.at(LONGEST_STRAIGHT)
+    pose, stuck = Pose(float(p.x), float(p.y), float(p.heading), SPEED), StuckSteering(CAR, StopConfig(), OVAL)
+    yaw_rate, steers, asks = SPEED * BEND + more, False, list[float | None]()
+    for tick, asked_now in enumerate(asked):
+        stuck.watch(asked[0], asked_now, SPEED)
+        if tick > 100:
+            yaw_rate += 0.1 * (SPEED * BEND * (1.0 if tick < 110 else share) + more - yaw_rate)
+            motion = Motion(SPEED, yaw_rate, SPEED * yaw_rate)
+            steers = stuck.steers(motion)
+            asks.append(None if steers else stuck.deceleration(motion, pose))
+    assert not any(asks)
+    assert steers, "in the end the yaw rate says that the steering works"
