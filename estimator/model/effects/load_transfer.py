@@ -32,7 +32,7 @@ EFFECT = Effect(
             0.0,
             1.5,
             "effective height of the centre of gravity",
-            Plausible(0.0, 0.8, "race cars 0.25 to 0.4, road cars 0.5 to 0.6"),
+            Plausible(0.0, 0.6, "race cars 0.25 to 0.4, road cars 0.5 to 0.6"),
         ),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),

@@ -24,8 +24,9 @@ CONFIRMED_SHARE = 0.5
 """of the accelerometer's place, by which kinematics may be off beyond their error: sensors differ in timing"""
 LEVEL = 0.01
 """rad; mean grade beyond which a lap does not end at the height where it began: 10 m a km"""
-LOWEST = 0.04
-"""Height of the centre of gravity over the wheelbase: half of that of the flattest cars, open-wheel ones (0.08)"""
+LOWEST, HIGHEST = 0.04, 0.2
+"""Height of the centre of gravity over the wheelbase: half of that of the flattest cars, open-wheel ones (0.08), and
+that of road cars (0.55 m over 2.7 m)"""
 ON_BOUND = 1e-6
 """Share of a parameter's range within which it is on its bound: steps that would leave it end just there."""
 
@@ -34,7 +35,7 @@ def believed(fit: Fit, name: str) -> bool:
     """Whether an effect is more than the log's sampling, physically possible, there, alike in both halves, and not
     contradicted by kinematics."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    checks = (possible, _there, _agrees, _confirmed, _a_road, _high_enough)
+    checks = (possible, _there, _agrees, _confirmed, _a_road, _as_high_as_a_car)
     return not _within_a_sample(fit, block) and all(check(fit, block) for check in checks)
 
 
@@ -115,11 +116,11 @@ def _a_road(fit: Fit, block: Block) -> bool:
     return level and float(np.ptp(angle)) > 2.0 * LEAST_ANGLE
 
 
-def _high_enough(fit: Fit, block: Block) -> bool:
-    """Whether load transfer has the height of a car: a smaller one is what another effect leaves of it."""
+def _as_high_as_a_car(fit: Fit, block: Block) -> bool:
+    """Whether load transfer has the height of a car: with another one it stands in for brakes or tyres."""
     if block.effect.name != "load_transfer":
         return True
-    return float(fit.parameters[block.parameters][0]) > LOWEST * fit.predictor.record.vehicle.wheelbase
+    return LOWEST < float(fit.parameters[block.parameters][0]) / fit.predictor.record.vehicle.wheelbase < HIGHEST
 
 
 def _table(fit: Fit, block: Block) -> tuple[Parameter, ...]:

@@ -330,12 +330,12 @@ def test_a_bank_no_larger_than_what_the_springs_repeat_is_not_believed(drives: d
         assert believed(replace(done, parameters=parameters, normal=normal), "road_bank") == named
 
 
-def test_load_transfer_of_a_centre_of_gravity_on_the_ground_is_not_believed(drives: dict[str, Any]) -> None:
+def test_load_transfer_lower_or_higher_than_in_any_car_is_not_believed(drives: dict[str, Any]) -> None:
     record = record_of(drives["none"])
     done = fit_names(Setting(record, "per_axle", PRIOR), ["load_transfer"], None)
     row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "load_transfer")
     normal = replace(done.normal, prior=done.normal.prior + 1e8 * np.eye(len(done.parameters)))
-    for height, named in ((0.03, False), (0.3, True)):
+    for height, named in ((0.03, False), (0.3, True), (0.66, False)):
         parameters = done.parameters.copy()
         parameters[row] = height
         assert believed(replace(done, parameters=parameters, normal=normal), "load_transfer") == named
