@@ -31,9 +31,9 @@ TYPICAL_STEPS = 45.0
 
 def _print_effects(wanted: bool) -> None:
     """Print the catalogue and end."""
-    from estimator.model.catalogue_page import parameter_list
-
     if wanted:
+        from estimator.model.catalogue_page import parameter_list
+
         print(parameter_list())
         raise typer.Exit
 

@@ -42,6 +42,11 @@ class Normal:
         """(5,) of the residuals, at least that of the noise."""
         return np.asarray(np.maximum(self.squares.sum(1) / self.count.sum(), self.floor))
 
+    @cached_property
+    def left_out(self) -> Array:
+        """(5, laps) squares of each lap predicted by a fit to all the others, channels weighed by their variance."""
+        return self.held_out(self.variance)
+
     def subset(self, rows: Ints) -> Normal:
         """The same with only some of the parameters free."""
         return Normal(

@@ -60,7 +60,7 @@ class Fit:
 
     def held_out(self) -> Array:
         """(5, laps) sum of squared residuals of each lap, predicted by a fit to all the others."""
-        return self.normal.held_out(self.normal.variance)
+        return self.normal.left_out
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ checked again without it; what no longer earns its place is dropped.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from estimator.model.declared_vehicle import DECLARED, all_candidates
 from estimator.offline.fit.prediction_error import Fit
@@ -119,33 +119,42 @@ class Greedy:
         return False
 
     def _instead_of(self, name: str) -> Trial | None:
-        trial = self._rival(name, 1.0)
-        if trial is None:
+        rival = self._rival(name, 1.0)
+        if rival is None:
             return None
+        others, without = self._others(name)
+        done = fit_names(self.setting, [*others, rival], without)
+        trial = Trial(rival, compare(self.fit.held_out(), done.held_out(), done.normal.count), done)
         self.rounds.append((trial,))
         return trial if can_be_accepted(trial, self.setting, 0.0) else None
 
     def look_alikes(self) -> dict[str, str]:
         """Accepted effect -> one believed in its place, over which its lead would not be worth a name."""
-        found: dict[str, str] = {}
-        for name in self.names:
-            rival = None if name in self.setting.found_road or name in DECLARED else self._rival(name, SIMILAR)
-            if rival is not None and rival.fit is not None and eligible(rival):
-                lead = compare(rival.fit.held_out(), self.fit.held_out(), rival.fit.normal.count)
-                found |= {} if earns_its_place(lead, self.setting, 0.0) else {name: rival.name}
-        return found
+        named = [name for name in self.names if name not in self.setting.found_road and name not in DECLARED]
+        rivals = {name: rival for name in named if (rival := self._rival(name, SIMILAR)) is not None}
+        pairs = [(rival, *self._others(name)) for name, rival in rivals.items()]
+        jobs = [replace(with_effects((*others, rival)), warm=without) for rival, others, without in pairs]
+        fits = fit_each(self.setting, self.fit, jobs, self.progress)
+        return {name: rivals[name] for name, fit in zip(rivals, fits, strict=True) if self._as_good(rivals[name], fit)}
 
-    def _rival(self, name: str, share: float) -> Trial | None:
+    def _as_good(self, rival: str, fit: Fit) -> bool:
+        lead = compare(fit.held_out(), self.fit.held_out(), fit.normal.count)
+        return eligible(Trial(rival, lead, fit)) and not earns_its_place(lead, self.setting, 0.0)
+
+    def _rival(self, name: str, share: float) -> str | None:
         """What explains most in place of an effect, if by linearisation it gains this share of what the effect does."""
-        assert self.checked is not None
-        others, without = [n for n in self.names if n != name], self.checked.without[name]
+        others, without = self._others(name)
         acts = set(all_candidates()[name].channels)
         rivals = [e for e in open_candidates(self.setting, others) if e.name != name and acts & set(e.channels)]
         best = next(iter(screen(self.setting, others, without, self.progress, rivals)), None)
         if best is None or best.evidence.gain < share * self.gains[name].gain:
             return None
-        done = fit_names(self.setting, [*others, best.name], without)
-        return Trial(best.name, compare(self.fit.held_out(), done.held_out(), done.normal.count), done)
+        return best.name
+
+    def _others(self, name: str) -> tuple[list[str], Fit]:
+        """The other effects, and the fit of them alone."""
+        assert self.checked is not None
+        return [n for n in self.names if n != name], self.checked.without[name]
 
     @property
     def gains(self) -> Mapping[str, Evidence]:

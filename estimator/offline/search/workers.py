@@ -23,11 +23,15 @@ KEPT_BYTES, LARGEST_BYTES = 1 << 30, 32 << 20
 
 @dataclass(frozen=True)
 class Job:
-    """A fit to be done: of the named effects, in a `setting` of its own if it has one; the progress says `label`."""
+    """A fit to be done: of the named effects, in a `setting` and from a fit of its own if it has them.
+
+    The progress says `label`.
+    """
 
     label: str
     names: tuple[str, ...]
     setting: Setting | None = None
+    warm: Fit | None = None
 
 
 @contextmanager
@@ -58,10 +62,11 @@ def fit_each(setting: Setting, warm: Fit, jobs: Sequence[Job], progress: Callabl
         done = []
         for own, job in zip(settings, jobs, strict=True):
             progress(job.label)
-            done.append(fit_names(own, job.names, warm))
+            done.append(fit_names(own, job.names, job.warm or warm))
         return done
     sent = [
-        setting.pool.submit(_numbers, replace(s, pool=None), j.names, warm) for s, j in zip(settings, jobs, strict=True)
+        setting.pool.submit(_numbers, replace(own, pool=None), job.names, job.warm or warm)
+        for own, job in zip(settings, jobs, strict=True)
     ]
     fits = []
     for own, job, future in zip(settings, jobs, sent, strict=True):
@@ -74,4 +79,5 @@ def fit_each(setting: Setting, warm: Fit, jobs: Sequence[Job], progress: Callabl
 def _numbers(setting: Setting, names: Sequence[str], warm: Fit) -> tuple[Array, Normal, Noise]:
     """What a fit found, without the record it was found on."""
     done = fit_names(setting, names, warm)
+    done.held_out()  # asked for next, and kept
     return done.parameters, done.normal, done.noise
