@@ -7,7 +7,7 @@ stamps, so replaying a session gives the same bytes.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
 from itertools import pairwise
 
@@ -39,6 +39,9 @@ QUEUE_DEPTH = 50
 """half a second of vehicle states: a pause shorter than that loses no sample"""
 HALF_WINDOW = 3
 """the yaw acceleration is the slope of the yaw rate over this many samples either side"""
+
+LATE_STEER, LATE_DRIVE = 6, 15
+"""samples, 0.06 and 0.15 s, by which steering and drive may act later than they are reported"""
 
 _TRACK_POSITION = [AUXILIARY.index("track_position")]
 
@@ -141,6 +144,8 @@ class SampleWindow:
     def __init__(self, revised: RevisedModel) -> None:
         self._revised = revised
         self._rows: deque[tuple[int, VehicleState, Estimate, Array, Array]] = deque(maxlen=2 * HALF_WINDOW + 1)
+        self._steer: deque[float] = deque(maxlen=HALF_WINDOW + LATE_STEER)
+        self._drive: deque[float] = deque(maxlen=HALF_WINDOW + LATE_DRIVE)
 
     def push(self, state: VehicleState, estimate: Estimate, localisation: Localisation) -> Sample | None:
         """Sample at the middle of the window once that is full, evenly spaced and valid throughout."""
@@ -149,6 +154,8 @@ class SampleWindow:
             return None
         aux = _auxiliary(state, estimate, localisation.track_position)
         self._rows.append((state.stamp_ns, state, estimate, aux, localisation.motion_covariance))
+        self._steer.append(estimate.steer)
+        self._drive.append(estimate.drive)
         if len(self._rows) < 2 * HALF_WINDOW + 1:
             return None
         yaw_acc = slope([r[0] for r in self._rows], [r[2].yaw_rate for r in self._rows])
@@ -158,7 +165,17 @@ class SampleWindow:
         _, state, e, aux, covariance = self._rows[HALF_WINDOW]
         z = np.array([state.ax - e.bias_ax, state.ay - e.bias_ay, yaw_acc])
         phi = self._revised.phi_at(aux[_TRACK_POSITION])[:, 0]
-        return Sample(np.array([e.vx, e.vy, e.yaw_rate, e.steer, e.drive]), covariance, z, aux, phi)
+        acting = acting_variance(self._steer), acting_variance(self._drive)
+        return Sample(np.array([e.vx, e.vy, e.yaw_rate, e.steer, e.drive]), covariance, z, aux, phi, acting)
+
+
+def acting_variance(reported: Collection[float]) -> float:
+    """Of an input that acts as it was reported at an unknown moment of this window.
+
+    It lies between the least and the most of them, and all samples of the window have the same error, not errors of
+    their own: they count as one.
+    """
+    return len(reported) * (0.5 * (max(reported) - min(reported))) ** 2
 
 
 def slope(stamps_ns: Sequence[int], values: Sequence[float]) -> float | None:

@@ -169,6 +169,7 @@ class RelinearisedBelief(TyreBelief):
         by_theta, by_signals = (j.reshape(channels, count, -1).transpose(1, 0, 2) for j in jacobians)
         motion = by_signals[:, :, :3]
         variance = self.channel_variance + np.einsum("kci,kij,kcj->kc", motion, history.spread, motion)
+        variance += np.einsum("kci,ki->kc", by_signals[:, :, 3:] ** 2, history.acting)
         return history.z - h.T, by_theta * self.scale, variance
 
 
@@ -180,4 +181,5 @@ class _Stacked:
         self.phi = np.array([s.phi for s in samples]).T.reshape(-1, len(samples))
         self.z = np.array([s.z for s in samples])
         self.spread = np.array([s.signal_covariance for s in samples])
+        self.acting = np.array([s.input_variance for s in samples])
         self.weight = weight

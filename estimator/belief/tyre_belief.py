@@ -62,7 +62,7 @@ class Sample:
 
     `signals`: vx, vy, yaw_rate, steer, drive; `signal_covariance` (3, 3) of the first three;
     `z` as the channels of the measurement kind; `aux` as `single_track.AUXILIARY`; `phi` the parameters of the active
-    effects there.
+    effects there; `input_variance` (2,) that of steer and drive as they act, which may be later than they are reported.
     """
 
     signals: Array
@@ -70,6 +70,7 @@ class Sample:
     z: Array
     aux: Array
     phi: Array | tuple[float, ...] = ()
+    input_variance: tuple[float, float] = (0.0, 0.0)
 
 
 class TyreBelief:
@@ -128,7 +129,8 @@ class TyreBelief:
             return np.empty(0)
         *vectors, spread, covariance = self._recursion.inputs
         at, variance = self._linearised_at(), self._error_variance()
-        given = (sample.signals, sample.aux, sample.phi, sample.z, active, variance, at, self.deviation)
+        known = (sample.signals, sample.aux, sample.phi, sample.z, sample.input_variance)
+        given = (*known, active, variance, at, self.deviation)
         for vector, values in zip(vectors, given, strict=True):
             vector[:, 0] = values
         spread[:], covariance[:] = sample.signal_covariance, self.scaled_covariance
@@ -181,8 +183,8 @@ class TyreBelief:
 
 
 def recursion_function(belief: TyreBelief) -> CompiledFunction:
-    """One sample of Eq. (8): (signals, aux, phi, z, active, variance, at, deviation, signal covariance, covariance)
-    to new deviation, covariance and normalised innovations squared (m,).
+    """One sample of Eq. (8): (signals, aux, phi, z, input variance, active, variance, at, deviation, signal
+    covariance, covariance) to new deviation, covariance and normalised innovations squared (m,).
 
     Deviation (n,) and covariance (n, n) are scaled, `active` (m,) says which channels teach, `variance` (m,) is that of
     their errors. Channels come one after the other, all linearised at the deviation `at`.
@@ -191,13 +193,14 @@ def recursion_function(belief: TyreBelief) -> CompiledFunction:
     signals, aux, _, phi = (ca.SX.sym(name, h.size1_in(name)) for name in h.name_in())
     n, m = len(belief.names), h.size1_out("h")
     z, active, error = (ca.SX.sym(name, m) for name in ("z", "active", "variance"))
+    acting = ca.SX.sym("input_variance", 2)
     at, start, spread, P = (ca.SX.sym(*shape) for shape in (("at", n), ("deviation", n), ("spread", 3, 3), ("P", n, n)))
     predicted, by_theta, by_signals = h.call([signals, aux, belief.prior + belief.scale * at, phi])
     rows = by_theta @ ca.diag(ca.DM(belief.scale))
     deviation, covariance, nis = start, P, []
     for i in range(m):
-        slip = by_signals[i, :3]
-        variance = error[i] + slip @ spread @ slip.T
+        slip, late = by_signals[i, :3], by_signals[i, 3:] ** 2
+        variance = error[i] + slip @ spread @ slip.T + late @ acting
         innovation = z[i] - predicted[i] - rows[i, :] @ (deviation - at)
         S = rows[i, :] @ covariance @ rows[i, :].T + variance
         nis.append(innovation**2 / S)
@@ -205,6 +208,6 @@ def recursion_function(belief: TyreBelief) -> CompiledFunction:
         K, after = scalar_update(covariance, rows[i, :], variance)
         deviation = ca.if_else(teaches, deviation + K * innovation, deviation)
         covariance = ca.if_else(teaches, after, covariance)
-    inputs = [signals, aux, phi, z, active, error, at, start, spread, P]
+    inputs = [signals, aux, phi, z, acting, active, error, at, start, spread, P]
     results = [ca.densify(e) for e in (deviation, covariance, ca.vertcat(*nis))]
     return compile_function(ca.Function("recursion", inputs, results), compiled=False)

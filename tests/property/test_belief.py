@@ -201,3 +201,15 @@ def test_uncertain_slip_teaches_less() -> None:
         belief.update(Sample(signals, np.diag([0.0, vy_std**2, 0.0]), z, AUX))
         gain.append(belief.log_det_information)
     assert gain[1] < 0.5 * gain[0]
+
+
+def test_inputs_that_may_act_later_than_reported_teach_less() -> None:
+    """A brake that comes 0.15 s late lacks all of its force where a stop begins: that is no weak brake."""
+    signals, z = np.array([60.0, 0.0, 0.0, 0.0, -0.3]), np.array([0.0, 0.0, 0.0])
+    moved = []
+    for drive_std in (0.0, 0.15):
+        belief = TyreBelief(SingleTrack(VEHICLE, "per_axle"))
+        belief.update(Sample(signals, np.zeros((3, 3)), z, AUX, input_variance=(0.0, 15 * drive_std**2)))
+        moved.append(abs(belief.mean[belief.names.index("cx")] - DEFAULT_TYRE["per_axle"]["cx"]))
+    assert moved[0] > 0.0
+    assert moved[1] < 0.2 * moved[0]

@@ -13,7 +13,7 @@ from estimator.belief.revision import RevisionPolicy, declared_revision, load_re
 from estimator.belief.tyre_belief import TyreBelief
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.model.single_track import SingleTrack
-from estimator.node import slope
+from estimator.node import acting_variance, slope
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import ActiveEffect, Message, ModelRevision, SourceHealth
 from hil_gateway.config import EstimatorConfig
@@ -119,6 +119,11 @@ def test_slope_needs_even_spacing() -> None:
     assert slope(even, [3.0 * k for k in range(7)]) == pytest.approx(300.0)
     assert slope([*even[:5], *(t + 2 * DT_NS for t in even[5:])], [0.0] * 7) is None
     assert slope([0] * 7, [0.0] * 7) is None
+
+
+def test_an_input_is_certain_while_it_stands_and_uncertain_by_what_it_has_moved() -> None:
+    assert acting_variance([0.1] * 9) == 0.0
+    assert acting_variance([-0.3] * 5 + [0.1] * 5) == pytest.approx(10 * 0.2**2)
 
 
 class Believing(TyreBelief):
