@@ -180,7 +180,7 @@ def _cache() -> Finding:
 def _solver() -> Finding:
     """Asked of the planner's own command: this package does not know the planner."""
     name, purpose = "planner's solver", "plans in a tenth of the time"
-    command = [sys.executable, "-m", "hil_gateway.cli.main", "plan", "solver", "--json"]
+    command = [sys.executable, "-m", "hil_gateway", "plan", "solver", "--json"]
     try:
         child = subprocess.run(command, capture_output=True, text=True, timeout=SOLVER_TIMEOUT_S, check=True)
         found: dict[str, str] = json.loads(child.stdout)

@@ -14,7 +14,7 @@ from planner.adoption.adoption import Adopted
 from planner.line.raceline import RaceLine
 from planner.plan import acceptance
 from planner.plan.acceptance import Bounds, Check
-from planner.plan.controller import Controller
+from planner.plan.controller import Controller, TyreKnowledge
 from planner.problem.checked_motion import COLUMNS
 from planner.problem.motion import MOST_LIFT
 from planner.problem.settings import Settings
@@ -34,7 +34,7 @@ class PlanCheck:
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
-        self._for: tuple[RevisedModel, float] | None = None
+        self._for: tuple[RevisedModel, TyreKnowledge] | None = None
         self._check: Check | None = None
         self._roadside: Roadside | None = None
         self.first_loads, self.first_across, self.worst_load = (0.0, 0.0), (0.0, 0.0), 0.0
@@ -52,11 +52,12 @@ class PlanCheck:
         return acceptance.violations(found, bounds)
 
     def _with_parameters(self, controller: Controller, adopted: Adopted) -> Check:
-        """With effect parameters at the start of the lap's profiles."""
-        revised, ratio = adopted.revised, controller.knowledge.brake_ratio
-        if self._check is None or self._for is None or self._for[0] is not revised or self._for[1] != ratio:
-            self._for = revised, ratio
-            self._check = Check(controller.checked, revised.theta, revised.phi_at(np.zeros(1))[:, 0], ratio)
+        """With the tyres that the plan is made for, and effect parameters at the start of the lap's profiles."""
+        revised, knowledge = adopted.revised, controller.knowledge
+        if self._check is None or self._for is None or self._for[0] is not revised or self._for[1] is not knowledge:
+            self._for = revised, knowledge
+            phi = revised.phi_at(np.zeros(1))[:, 0]
+            self._check = Check(controller.checked, knowledge.theta, phi, knowledge.brake_ratio)
         return self._check
 
     def _beside(self, line: RaceLine) -> Roadside:

@@ -9,22 +9,26 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from estimator.belief.revision import declared_revision, model_of, race_car_revision
+from estimator.belief.revision import declared_revision, model_of, race_car_revision, starting_revision
 from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from estimator.model.tyre import front_and_rear
+from hil_gateway.bus.delivered import Delivered
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.config import load_config
 from hil_gateway.track.loading import load_track
+from planner.adoption.adoption import Adoption
 from planner.line.track import Reference
 from planner.plan import acceptance
 from planner.plan.acceptance import Bounds, Check, Plan
-from planner.plan.checks import Roadside, bounds_of, plan_of
+from planner.plan.checks import PlanCheck, Roadside, bounds_of, plan_of
 from planner.plan.controller import Controller
 from planner.problem.brake_law import BrakeLaw
 from planner.problem.checked_motion import COLUMNS, FORCES, CheckedMotion
+from planner.problem.load_limits import LoadLimits
 from planner.problem.load_rows import load_row
 from planner.problem.motion import NZ, extra_load
 from planner.problem.mpcc import Problem
-from planner.problem.settings import Settings
+from planner.problem.settings import Settings, settings_of
 from planner.solver.sqp import Solution
 from planner.studies.bench import bench_controller, clock, start_state
 
@@ -270,3 +274,19 @@ def test_a_start_on_a_straight_says_nothing_of_the_grip_in_bends(case: Case) -> 
     found = check(straight, bounds)
     assert found.shares[1].min() > 0.3, "the drive loads the rear axle"
     np.testing.assert_allclose(found.across, 0.0, atol=1e-9)
+
+
+def test_a_plan_for_tyres_that_deliver_less_is_judged_by_what_they_deliver() -> None:
+    """In a fast bend, where the yaw rate that full rear tyres lead to differs by more than is let pass."""
+    config = load_config(None, {"track": "oval"})
+    settings, track = settings_of(config), load_track(config.track)
+    adoption = Adoption(config, track, settings, LoadLimits(2.0, 2.0), starting_revision(config, config.planner.model))
+    for _ in range(40):
+        adoption.feel(Delivered(front=1.0, rear=0.8, brakes=None))
+        adoption.catch_up()
+    controller = adoption.controller
+    assert controller.knowledge.theta[-1] < 0.81 * adoption.current.revised.theta[-1]
+    z0 = start_state(controller, 500.0, 0.8)
+    controller.cold_start(z0, clock)
+    solution = controller.solve(z0, clock, 10)
+    assert PlanCheck(settings)(controller, adoption.current, solution) == []

@@ -20,11 +20,10 @@ from hil_gateway.gateway.perceive.monitors.sensors import (
     AxleMonitor,
     GyroMonitor,
     LateralMonitor,
-    LockedWheels,
     SpeedChangeMonitor,
     StillMonitor,
-    WheelMonitor,
 )
+from hil_gateway.gateway.perceive.monitors.wheels import LockedWheels, WheelMonitor
 from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.track.track import Track
@@ -44,7 +43,8 @@ STEERS = (SysState.DRIVING, SysState.EMERGENCY)
 @dataclass(frozen=True)
 class Sensors:
     """Seconds that wheel speeds, yaw rate and acceleration have been contradicted; whether all wheels are faster or
-    slower than fixes and IMU say, whether fixes say anything, and whether steering and wheels side with them."""
+    slower than fixes and IMU say, or fell faster than brakes make them; whether fixes say anything, and whether
+    steering and wheels side with them."""
 
     wheels: float
     yaw_rate: float
@@ -61,7 +61,7 @@ class Monitors:
         vehicle = config.vehicle
         self.motion = MotionReader(vehicle, config.powertrain.brake_force_per_pa)
         self.position = PositionMonitor()
-        self._wheels = WheelMonitor(vehicle)
+        self._wheels = WheelMonitor(config)
         self._axles = AxleMonitor(config)
         self._gyro = GyroMonitor(vehicle)
         self._still = StillMonitor(config)
@@ -171,7 +171,7 @@ class Monitors:
             wheels=max(one_differs, swapped),
             yaw_rate=max(turns, hangs, contradicted.yaw_rate),
             acceleration=max(changes, lateral, contradicted.acceleration),
-            slipping=changes > 0.0 and contradicted.wheels > 0.0 and not locked,
+            slipping=(wheels and self._wheels.all_fell) or (changes > 0.0 and contradicted.wheels > 0.0 and not locked),
             fixes=trusted is not None,
             outvoted=self._witness.step((state.yaw_rate, rear, steered), unfitted),
         )

@@ -1,4 +1,4 @@
-"""Wheels and axles against each other, the gyro against wheels and steering, the IMU against the commanded force."""
+"""Axles against each other, the gyro against wheels and steering, the IMU against the commanded force."""
 
 from __future__ import annotations
 
@@ -9,21 +9,12 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.held import Held
-from hil_gateway.gateway.perceive.motion import Motion, wheel_speeds
-from hil_gateway.process.clock import NS_PER_S
 
 PERIOD_S = 0.01
 """of the gateway"""
 
 JUDGED_FROM = 8.0
 """m/s: slower, differences of wheel speeds are within what parking manoeuvres and clutch make"""
-WHEEL_M_S, WHEEL_SHARE = 2.5, 0.15
-"""a wheel further from the others than this (and their own differences in the tightest bend: 1.6 m of track at 1 rad/s)
-has a wrong sensor, or is locked or spinning"""
-OTHERS_SHARE = 0.06
-"""the other three agree within this and 1 m/s: else it is the car that moves so"""
-PEDAL_RATE = 0.3
-"""with pedals or brakes in use a wheel may really spin or lock for some tenths of a second: time counts a third"""
 PEDAL = 0.02
 """slip-ratio drive command from which they are in use"""
 GYRO_RAD_S = 0.12
@@ -36,36 +27,6 @@ STEERED = (0.3, 1.3)
 OVERSTEER = 0.001
 """rad of rear over front slip angle a m/s2 of lateral force: a car whose rear tyres are a third weaker than its front
 ones takes a bend of 2.5 g with the wheels straight ahead (0.018 rad)"""
-
-
-class WheelMonitor:
-    """One wheel against the three others, which agree."""
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._half_track = 0.25 * (vehicle.track_front + vehicle.track_rear)
-        self._held_s = 0.0
-        self._last_ns: int | None = None
-
-    def step(self, now_ns: int, state: VehicleState, motion: Motion) -> float:
-        """Seconds one wheel has disagreed."""
-        dt = 0.0 if self._last_ns is None else min((now_ns - self._last_ns) / NS_PER_S, 0.1)
-        self._last_ns = now_ns
-        if not self._one_differs(state, motion):
-            self._held_s = 0.0
-            return 0.0
-        self._held_s += dt * (PEDAL_RATE if abs(state.drive) > PEDAL else 1.0)
-        return self._held_s
-
-    def _one_differs(self, state: VehicleState, motion: Motion) -> bool:
-        inner = motion.yaw_rate * self._half_track
-        speeds = [v + inner * side for v, side in zip(wheel_speeds(state), (1, -1, 1, -1), strict=True)]
-        ordered = sorted(speeds)
-        for odd, others in ((ordered[0], ordered[1:]), (ordered[-1], ordered[:-1])):
-            middle = others[1]
-            agree = others[-1] - others[0] <= 1.0 + OTHERS_SHARE * middle
-            if middle > JUDGED_FROM and agree and abs(odd - middle) > WHEEL_M_S + WHEEL_SHARE * middle:
-                return True
-        return False
 
 
 DRIVEN = 2.0
@@ -231,23 +192,6 @@ class SpeedChangeMonitor:
             bound = SPEED_CHANGE + SPEED_CHANGE_SHARE * self._speeds[0]
             self.share = abs(self._speeds[-1] - self._speeds[0] - by_imu) / bound
         return self._held.update(self.share > 1.0, now_ns)
-
-
-class LockedWheels:
-    """Whether wheels may have slipped away from the car's speed: brakes that pressed harder than the tyres' declared
-    grip takes within the last half second."""
-
-    def __init__(self, config: Config) -> None:
-        self._stop, self._mass = config.gateway.stop, config.vehicle.mass
-        self._per_pa = config.powertrain.brake_force_per_pa / config.vehicle.mass
-        self._since = SPEED_WINDOW
-        """periods"""
-
-    def step(self, state: VehicleState, speed: float) -> bool:
-        """Once a period."""
-        braking = (state.brake_front + state.brake_rear) * self._per_pa
-        self._since = 0 if braking > self._stop.grip(self._mass, speed) else self._since + 1
-        return self._since < SPEED_WINDOW
 
 
 ROLL_S = 0.05

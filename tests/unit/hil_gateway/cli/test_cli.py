@@ -199,6 +199,14 @@ def test_doctor_json_is_one_object_and_every_lack_has_a_remedy() -> None:
     assert all(check["remedy"] and check["needed_for"] for check in report["checks"] if not check["ok"])
 
 
+def test_doctor_names_the_solvers_that_the_planner_uses() -> None:
+    said = json.loads(hil("plan", "solver", "--json").stdout)
+    checks = json.loads(hil("doctor", "--json").stdout)["checks"]
+    detail = next(check["detail"] for check in checks if check["name"] == "planner's solver")
+    without = f"{said['first']}: {said['lacks']}"
+    assert detail == (without if said["lacks"] else f"{said['first']}, then {said['second']}")
+
+
 def test_doctor_says_what_is_wrong_with_an_odd_set_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A busy port, a home that cannot be written, a working directory that is gone: never a traceback."""
     gone = tmp_path / "gone"

@@ -11,7 +11,8 @@ from support.scripted_car import Rig
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.monitors.sensors import LockedWheels, SpeedChangeMonitor
+from hil_gateway.gateway.perceive.monitors.sensors import SpeedChangeMonitor
+from hil_gateway.gateway.perceive.monitors.wheels import LockedWheels
 from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
 
 PERIOD_NS = 10_000_000
