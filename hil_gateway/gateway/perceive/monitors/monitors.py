@@ -20,6 +20,7 @@ from hil_gateway.gateway.perceive.monitors.sensors import (
     AxleMonitor,
     GyroMonitor,
     LateralMonitor,
+    SideMonitor,
     SpeedChangeMonitor,
     StillMonitor,
 )
@@ -63,6 +64,7 @@ class Monitors:
         self.position = PositionMonitor()
         self._wheels = WheelMonitor(config)
         self._axles = AxleMonitor(config)
+        self._sides = SideMonitor(vehicle)
         self._gyro = GyroMonitor(vehicle)
         self._still = StillMonitor(config)
         self._lateral = LateralMonitor()
@@ -164,11 +166,12 @@ class Monitors:
         turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if compared else 0.0
         hangs = self._still.step(now_ns, state, speed, steered, ay) if compared and not self.stopping else 0.0
         swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
+        sided = self._sides.step(now_ns, state, speed, ay) if compared and not self.stopping else 0.0
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
         unfitted = steady if compared and self.position.suspect else None
         locked = self._locked.step(state, speed)
         return Sensors(
-            wheels=max(one_differs, swapped),
+            wheels=max(one_differs, swapped, sided),
             yaw_rate=max(turns, hangs, contradicted.yaw_rate),
             acceleration=max(changes, lateral, contradicted.acceleration),
             slipping=(wheels and self._wheels.all_fell) or (changes > 0.0 and contradicted.wheels > 0.0 and not locked),
