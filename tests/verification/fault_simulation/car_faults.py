@@ -297,6 +297,15 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     ),
     CarFault("front left tyre flat", (), _FLAT, 0.6, "its pressure", flat="fl"),
     CarFault("rear right tyre flat", (), _FLAT, 0.6, "its pressure", flat="rr"),
+    CarFault(
+        "IMU 0.3 s late", IMU, ("state_invalid",), 0.15, "silence, while it waits; not used again in this stop",
+        delay_s=0.3
+    ),
+    CarFault(
+        "left wheel speeds at 80 %", WHEELS, ("wheel_speed_wrong", *_MOTION), 6.0,
+        "the right ones, gyro and lateral force, once the brakes are off",
+        _scaled(0.8, "wheel_speed_FL", "wheel_speed_RL"),
+    ),
 )  # fmt: skip
 
 

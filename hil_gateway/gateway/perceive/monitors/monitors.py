@@ -20,6 +20,7 @@ from hil_gateway.gateway.perceive.monitors.sensors import (
     AxleMonitor,
     GyroMonitor,
     LateralMonitor,
+    SideMonitor,
     SpeedChangeMonitor,
     StillMonitor,
 )
@@ -31,6 +32,8 @@ from hil_gateway.track.track import Track
 INFINITE = float("inf")
 IMU_MEASURES = ("yaw_rate_wrong", "acceleration_wrong", "commands_unanswered")
 """contradictions in which the IMU may be the one that is wrong"""
+IMU_GONE_S = 0.05
+"""s without an IMU that is a cause to stop"""
 IMU_WRONG_S = 0.1
 """s of contradiction after which the IMU is replaced by wheels and steering"""
 
@@ -61,6 +64,7 @@ class Monitors:
         self.position = PositionMonitor()
         self._wheels = WheelMonitor(config)
         self._axles = AxleMonitor(config)
+        self._sides = SideMonitor(vehicle)
         self._gyro = GyroMonitor(vehicle)
         self._still = StillMonitor(config)
         self._lateral = LateralMonitor()
@@ -77,6 +81,8 @@ class Monitors:
         """whether the car is being stopped already"""
         self.flat = False
         """whether a tyre is reported flat: its wheel turns at another speed, and pulls to its side"""
+        self._imu_gone, self._imu_missed = False, Held()
+        """whether it alone was silent or implausible during this stop: where it comes back it may be late"""
         self._without_wheels, self._without_imu = Held(), Held()
         """a source that is not believed any more stops the car, whatever it says from then on"""
         self._road = None if track is None else RoadMonitor(track)
@@ -115,7 +121,8 @@ class Monitors:
     ) -> dict[str, float]:
         """`commanded` is what stands on the wire, None while nothing is sent; after `motion` and `position`. `course`
         is that of the fixes, None where they say nothing."""
-        speed, imu = self.motion.motion.speed, state.sources["imu"].valid
+        self._miss(now_ns, state)
+        speed, imu = self.motion.motion.speed, self._reports(state)
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
         follows = self._following.step(now_ns, state, obeyed)
         self._reversed.step(state, speed, commanded if state.sys_state in STEERS else None)
@@ -146,7 +153,7 @@ class Monitors:
         rear = self.motion.rear_yaw_rate(state, speed)
         ay = state.ay - (0.0 if self._road is None else self._road.gravity_across)
         wheels = state.sources["wheel_speeds"].valid
-        both = wheels and state.sources["imu"].valid
+        both = wheels and self._reports(state)
         compared = both and not self.flat
         steady = self._steady.step(course)
         trusted = None if self.position.wrong and not self.imu_wrong else steady
@@ -159,17 +166,28 @@ class Monitors:
         turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if compared else 0.0
         hangs = self._still.step(now_ns, state, speed, steered, ay) if compared and not self.stopping else 0.0
         swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
+        sided = self._sides.step(now_ns, state, speed, ay) if compared and not self.stopping else 0.0
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
         unfitted = steady if compared and self.position.suspect else None
         locked = self._locked.step(state, speed)
         return Sensors(
-            wheels=max(one_differs, swapped),
+            wheels=max(one_differs, swapped, sided),
             yaw_rate=max(turns, hangs, contradicted.yaw_rate),
             acceleration=max(changes, lateral, contradicted.acceleration),
             slipping=(wheels and self._wheels.all_fell) or (changes > 0.0 and contradicted.wheels > 0.0 and not locked),
             fixes=trusted is not None,
             outvoted=self._witness.step((state.yaw_rate, rear, steered), unfitted),
         )
+
+    def _reports(self, state: VehicleState) -> bool:
+        """Whether the IMU is there, and was during all of a stop."""
+        return state.sources["imu"].valid and not self._imu_gone
+
+    def _miss(self, now_ns: int, state: VehicleState) -> None:
+        """An IMU that is gone while the wheels go on reporting."""
+        alone = state.sources["wheel_speeds"].valid and not state.sources["imu"].valid
+        held_s = self._imu_missed.update(alone, now_ns)
+        self._imu_gone = self.stopping and (self._imu_gone or held_s > IMU_GONE_S)
 
     def _distrust(self, held_s: float, sensors: Sensors) -> None:
         """From a first contradiction of the IMU, which has `held_s`, no estimate is believed; after some of it, until
@@ -179,5 +197,6 @@ class Monitors:
         self.wheels_wrong = moving and (self.wheels_wrong or (sensors.slipping and not self.imu_wrong))
         found = sensors.outvoted or (held_s > IMU_WRONG_S and sensors.fixes)
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
-        self.motion.believe_imu, self.motion.believe_wheels = not self.imu_wrong, not self.wheels_wrong
-        self.imu_suspect = self.imu_wrong or held_s > 0.0
+        self.motion.believe_imu = not self.imu_wrong and not self._imu_gone
+        self.motion.believe_wheels = not self.wheels_wrong
+        self.imu_suspect = self.imu_wrong or self._imu_gone or held_s > 0.0

@@ -117,6 +117,32 @@ class GyroMonitor:
         return self._held.update(self.share > 1.0, now_ns)
 
 
+SIDE_M_S, SIDE_SHARE = 1.0, 0.08
+"""one side faster than the other beyond what the turn means: rolling radii (0.06 at most), slip of inner wheels"""
+
+
+class SideMonitor:
+    """The wheels of one side are faster than those of the other, on both axles, by more than the car turns.
+
+    An axle may do so where a wheel spins; two do, and gyro and lateral force still agree, where sensors are wrong.
+    Inner wheels that brake slip on both axles, and a stop may lock them: then nothing is judged.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._track = 0.5 * (vehicle.track_front + vehicle.track_rear)
+        self._held = Held()
+
+    def step(self, now_ns: int, state: VehicleState, speed: float, ay: float) -> float:
+        """Seconds they have been; `ay` is the lateral specific force without gravity, m/s2."""
+        if speed < JUDGED_FROM or state.drive < -PEDAL:
+            return self._held.update(False, now_ns)
+        turn = self._track * state.yaw_rate
+        front, rear = state.wheel_speed_fr - state.wheel_speed_fl, state.wheel_speed_rr - state.wheel_speed_rl
+        least = SIDE_M_S + SIDE_SHARE * speed
+        apart = min(front, rear) - turn > least or turn - max(front, rear) > least
+        return self._held.update(apart and abs(ay - speed * state.yaw_rate) < FORCE, now_ns)
+
+
 STILL_WINDOW = 80
 """periods (0.8 s): a car follows its steering within a third of that"""
 STILL_MEAN = 8

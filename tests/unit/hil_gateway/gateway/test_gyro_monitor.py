@@ -1,4 +1,4 @@
-"""The gyro is outvoted where it lies, and not by a car that oversteers."""
+"""The gyro is outvoted where it lies, and not by a car that oversteers, nor by wheels of one side that lie."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from support.scripted_car import Rig
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.gateway.perceive.monitors.sensors import GyroMonitor
+from hil_gateway.gateway.perceive.monitors.sensors import GyroMonitor, SideMonitor
 
 SPEED, LATERAL = 67.0, 24.5
 TURN = LATERAL / SPEED
@@ -57,3 +57,31 @@ def test_a_car_at_its_limit_that_brakes_into_a_fast_bend_keeps_its_gyro() -> Non
 
 def test_a_gyro_that_is_off_by_0_2_rad_s_is_outvoted_there() -> None:
     assert outvoted_s(braking_into_a_bend(0.184 - 0.2), 0.39, 72.5) > 0.9
+
+
+def sided_s(update: dict[str, float]) -> float:
+    """How long the wheels of one side are held against those of the other, s."""
+    half = 0.5 * Vehicle().track_rear * TURN
+    rear = {"wheel_speed_rl": SPEED - half, "wheel_speed_rr": SPEED + half}
+    state, monitor, held_s = in_a_bend(0.004, TURN).model_copy(update=rear | update), SideMonitor(Vehicle()), 0.0
+    for tick in range(30):
+        held_s = monitor.step(tick * 10_000_000, state, SPEED, state.ay)
+    return held_s
+
+
+@pytest.mark.parametrize("share", [0.8, 1.2])
+def test_wheels_of_one_side_that_are_a_fifth_wrong_are_named_within_0_2_s(share: float) -> None:
+    assert sided_s({"wheel_speed_fl": share * SPEED, "wheel_speed_rl": share * SPEED}) > 0.2
+
+
+@pytest.mark.parametrize(
+    "update",
+    [
+        {"wheel_speed_fl": 0.96 * SPEED, "wheel_speed_rl": 0.96 * SPEED},
+        {"wheel_speed_rl": 1.3 * SPEED},
+        {"wheel_speed_fl": 0.8 * SPEED, "wheel_speed_rl": 0.8 * SPEED, "drive": -0.1},
+        {"wheel_speed_fl": 0.8 * SPEED, "wheel_speed_rl": 0.8 * SPEED, "ay": LATERAL - 10.0},
+    ],
+)
+def test_worn_tyres_a_wheel_that_spins_inner_wheels_that_brake_and_a_slide_are_not(update: dict[str, float]) -> None:
+    assert sided_s(update) == 0.0

@@ -61,3 +61,34 @@ def test_a_car_at_constant_speed_is_driven() -> None:
     rig.hooks.append(lambda rig: rig.car.overrides.update(wheel_speed_FL=108.0 + 0.01 * (rig.tick % 7)))
     rig.run(5.0)
     assert rig.action is FailsafeAction.DRIVE
+
+
+IMU = {"imu_1", "imu_2", "imu_3"}
+
+
+def test_an_imu_that_was_gone_and_comes_back_is_not_used_again_until_the_car_stands() -> None:
+    """What comes back may be late."""
+    rig = moving()
+    rig.car.muted |= IMU
+    rig.run(0.3)
+    assert rig.cause == "state_invalid"
+    rig.car.muted -= IMU
+    rig.run(0.3)
+    assert not rig.gateway.monitors.motion.motion.by_gyro
+    assert not rig.gateway.monitors.estimate_fits
+    rig.car.speed = 0.0
+    rig.run(0.3)
+    rig.ask(OperatorAction.DISARM)
+    rig.run(0.1)
+    assert rig.action is FailsafeAction.SILENT
+    assert rig.gateway.monitors.motion.motion.by_gyro
+
+
+def test_an_imu_that_was_gone_with_everything_else_is_used_again() -> None:
+    rig = moving()
+    rig.car.reports = False
+    rig.run(0.3)
+    rig.car.reports = True
+    rig.run(0.3)
+    assert rig.cause == "can_silent"
+    assert rig.gateway.monitors.motion.motion.by_gyro
