@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from estimator.model.declared_vehicle import DECLARED
+from estimator.model.declared_vehicle import DECLARED, all_candidates
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.trial import Setting, Trial
 from estimator.offline.search.whiteness import structured
+from hil_gateway.process.arrays import Array
 
 SMALLEST_SHARE = 0.02
 """Least gain per block: a signal of about a fifth of the block noise in one channel. Less is not named."""
@@ -17,6 +18,8 @@ BEYOND_NOISE = 1.25
 """RMS over the noise floor: 56 % more variance than noise; the true model stays within 3 % on practice drives."""
 ACCELEROMETER = {0: 0, 1: 1, 3: 0, 4: 1}
 """Row of ax or ay for what shows in it or in the velocity along it."""
+TURNING, LATERAL = 2, 1
+"""row of the yaw rate, and of ay: what turns the car by the forces of its tyres shows there too"""
 WHITE_FOR_DATA = 1.3
 """Declared data compete where averages of what they leave vary no more than so many times what white noise would."""
 
@@ -53,15 +56,23 @@ def worth_a_name(evidence: Evidence, setting: Setting, total: float) -> bool:
     return bool(enough and evidence.channels[most] > setting.least[most])
 
 
-def explain_more_than_is_left(before: Fit, after: Fit, final: Fit, channel: int) -> bool:
-    """Whether what `after` has more than `before` takes out more of the accelerometer's variance than `final` leaves
+def explains_more_than_is_left(effect: str, channel: int, without: Fit, final: Fit) -> bool:
+    """Whether an effect that gains most in `channel` takes out more of an accelerometer's variance than `final` leaves
     beyond noise.
 
     Where most has another cause, what gains may stand in for part of that: a force that comes and goes has a mean,
-    which any force of the catalogue with the same sign takes out. Velocities do not tell: a filter follows them.
+    which any force of the catalogue with the same sign takes out, and a wrong law of the tyres is partly made up for by
+    another steering ratio. Velocities do not tell: a filter follows them.
     """
-    row, record = ACCELEROMETER.get(channel), final.predictor.record
-    if row is None or not record.used[row]:
+    row = ACCELEROMETER.get(channel)
+    if channel == TURNING and "ay" in all_candidates()[effect].channels:
+        row = LATERAL
+    if row is None or not final.predictor.record.used[row]:
         return True
-    was, now, left = (float(fit.normal.variance[row]) for fit in (before, after, final))
-    return was - now > left - (BEYOND_NOISE * float(record.block_noise[row])) ** 2
+    taken_out = without.normal.variance[row] - final.normal.variance[row]
+    return bool(taken_out > left_beyond_noise(final)[row])
+
+
+def left_beyond_noise(fit: Fit) -> Array:
+    """(5,) variance of the residuals that is more than noise."""
+    return fit.normal.variance - (BEYOND_NOISE * fit.predictor.record.block_noise) ** 2

@@ -14,7 +14,12 @@ from dataclasses import dataclass, field, replace
 from estimator.model.declared_vehicle import DECLARED
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.record import Record
-from estimator.offline.search.acceptance import earns_its_place, explain_more_than_is_left
+from estimator.offline.search.acceptance import (
+    ACCELEROMETER,
+    earns_its_place,
+    explains_more_than_is_left,
+    left_beyond_noise,
+)
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
@@ -115,7 +120,7 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
             break
         term, setting, gains, current = chosen
         terms.append(term)
-    gains, current = _without_stand_ins(setting, found, gains, current, progress)
+    gains, current = _without_stand_ins(setting, gains, current, progress)
     ordered = tuple(sorted(gains, key=lambda n: -gains[n].gain))
     return Outcome(setting, found, ordered, gains, tuple(terms), current, tuple(tried))
 
@@ -125,11 +130,14 @@ def _can_be_added(term: Term, setting: Setting, start: Fit, current: Fit) -> boo
 
 
 def _without_stand_ins(
-    setting: Setting, found: Search, gains: Mapping[str, Evidence], fit: Fit, progress: Progress
+    setting: Setting, gains: Mapping[str, Evidence], fit: Fit, progress: Progress
 ) -> tuple[Mapping[str, Evidence], Fit]:
-    """Remove the effects of an accelerometer's channel in which more is left unexplained than they explain."""
+    """Remove effects that explain less of an accelerometer's channel than is left unexplained there."""
     of_car = [name for name in gains if name not in (*setting.found_road, *DECLARED)]
-    stand_ins = [n for n in of_car if not explain_more_than_is_left(found.start, found.final, fit, gains[n].channel)]
+    if not of_car or max(left_beyond_noise(fit)[list(ACCELEROMETER.values())]) <= 0.0:
+        return gains, fit
+    without = check_each(setting, list(gains), fit, progress, ", at last").without
+    stand_ins = [n for n in of_car if not explains_more_than_is_left(n, gains[n].channel, without[n], fit)]
     if not stand_ins:
         return gains, fit
     kept = [name for name in gains if name not in stand_ins]

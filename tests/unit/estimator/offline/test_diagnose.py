@@ -33,7 +33,7 @@ from estimator.offline.report.unexplained import unexplained
 from estimator.offline.report.words import describe, follows_turn_direction
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.result.leftover import Leftover, leftovers
-from estimator.offline.search.acceptance import explain_more_than_is_left
+from estimator.offline.search.acceptance import explains_more_than_is_left
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.search import Greedy
@@ -267,7 +267,21 @@ def test_what_takes_out_the_mean_of_a_force_that_comes_and_goes_explains_less_th
     done = fit_names(setting, [effect], start)
     gain = compare(start.held_out(), done.held_out(), done.normal.count)
     assert gain.gain > 0.02 * record.rows.shape[0] * record.rows.shape[1], "worth a name by its gain alone"
-    assert explain_more_than_is_left(start, done, done, gain.channel) == there
+    assert explains_more_than_is_left(effect, gain.channel, start, done) == there
+
+
+@pytest.mark.parametrize(("unexplained", "named"), [(0.0, True), (3.0, False)])
+def test_what_turns_the_car_is_named_only_where_it_explains_more_of_the_lateral_force_than_is_left(
+    drives: dict[str, Any], unexplained: float, named: bool
+) -> None:
+    record = record_of(drives["play"])
+    measured = record.measured.copy()
+    measured[1] += unexplained * np.sign(np.sin(record.signals["t"]))
+    record = replace(record, measured=measured).select(np.arange(record.windows) % 12 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
+    start = fit_names(setting, (), None)
+    done = fit_names(setting, ["steer_play"], start)
+    assert explains_more_than_is_left("steer_play", 2, start, done) == named
 
 
 def test_what_comes_and_goes_is_said_of_time(diagnosed: Callable[[str], Diagnosis]) -> None:
