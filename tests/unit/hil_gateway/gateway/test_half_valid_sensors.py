@@ -92,3 +92,10 @@ def test_an_imu_that_was_gone_with_everything_else_is_used_again() -> None:
     rig.run(0.3)
     assert rig.cause == "can_silent"
     assert rig.gateway.monitors.motion.motion.by_gyro
+
+
+def test_wheel_speeds_of_one_side_a_fifth_too_low_stop_a_car_that_drives_straight_on() -> None:
+    rig = moving()
+    rig.car.overrides |= {"wheel_speed_FL": 0.8 * 108.0, "wheel_speed_RL": 0.8 * 108.0}
+    rig.run(0.4)
+    assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "wheel_speed_wrong")
