@@ -17,31 +17,10 @@ def summarise(
     options: DemoOptions, setup: DemoSetup, result: RunResult, error: dict[str, Any], limit_s: float | None = None
 ) -> dict[str, Any]:
     """Summary of a run, with the model error measured on its recording and the car's own limit, s."""
-    status, referee, plans = result.monitor.status, result.referee, result.monitor.plans
     recorder, zero_ns = result.monitor.recorder, result.zero_ns
     return {
-        "laps": referee.laps,
-        "lap_times_s": list(referee.lap_times_s),
-        "limit_s": limit_s,
-        "lap_ratio": lap_ratios(referee.lap_times_s, limit_s) if limit_s else [],
-        "distance_m": round(referee.distance_m, 1),
-        "peak_speed_mps": round(referee.peak_speed, 2),
-        "off_track": referee.off_track,
-        "spins": referee.spins,
-        "friction_used": {axle: round(u, 3) for axle, u in zip(("front", "rear"), referee.friction_used, strict=True)},
-        "friction_over_s": referee.friction_over_s,
-        "frames_received": status.frames_received if status else 0,
-        "frames_lost": status.frames_lost if status else 0,
-        "commands_sent": status.commands_sent if status else 0,
-        "commands_limited": status.commands_limited if status else 0,
-        "loop_latency_ms": {
-            "p50": status.loop_latency_p50_ms if status else None,
-            "p99": status.loop_latency_p99_ms if status else None,
-        },
-        "plan_ms": _percentiles(plans.solve_ms),
-        "plans": len(plans.solve_ms),
-        "plan_failures": plans.failures,
-        "plan_failure_reasons": plans.reasons,
+        **_driven(result, limit_s),
+        **_reported(result),
         "failsafes": [asdict(failsafe) for failsafe in result.monitor.failsafes],
         "held_up": result.account.as_json() if result.account else None,
         "model_error": error,
@@ -58,6 +37,42 @@ def summarise(
         "events": result.monitor.journal.entries(zero_ns),
         "revisions": result.monitor.journal.revisions(zero_ns),
         "ok": succeeded(options, result),
+    }
+
+
+def _driven(result: RunResult, limit_s: float | None) -> dict[str, Any]:
+    """What the car did, by the referee."""
+    referee = result.referee
+    return {
+        "laps": referee.laps,
+        "lap_times_s": list(referee.lap_times_s),
+        "limit_s": limit_s,
+        "lap_ratio": lap_ratios(referee.lap_times_s, limit_s) if limit_s else [],
+        "distance_m": round(referee.distance_m, 1),
+        "peak_speed_mps": round(referee.peak_speed, 2),
+        "off_track": referee.off_track,
+        "spins": referee.spins,
+        "friction_used": {axle: round(u, 3) for axle, u in zip(("front", "rear"), referee.friction_used, strict=True)},
+        "friction_over_s": referee.friction_over_s,
+    }
+
+
+def _reported(result: RunResult) -> dict[str, Any]:
+    """What gateway and planner say of themselves."""
+    status, plans = result.monitor.status, result.monitor.plans
+    return {
+        "frames_received": status.frames_received if status else 0,
+        "frames_lost": status.frames_lost if status else 0,
+        "commands_sent": status.commands_sent if status else 0,
+        "commands_limited": status.commands_limited if status else 0,
+        "loop_latency_ms": {
+            "p50": status.loop_latency_p50_ms if status else None,
+            "p99": status.loop_latency_p99_ms if status else None,
+        },
+        "plan_ms": _percentiles(plans.solve_ms),
+        "plans": len(plans.solve_ms),
+        "plan_failures": plans.failures,
+        "plan_failure_reasons": plans.reasons,
     }
 
 

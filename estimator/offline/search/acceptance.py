@@ -70,9 +70,14 @@ def explains_more_than_is_left(effect: str, channel: int, without: Fit, final: F
     if row is None or not final.predictor.record.used[row]:
         return True
     taken_out = without.normal.variance[row] - final.normal.variance[row]
-    return bool(taken_out > left_beyond_noise(final)[row])
+    return bool(taken_out > _left_beyond_noise(final)[row])
 
 
-def left_beyond_noise(fit: Fit) -> Array:
-    """(5,) variance of the residuals that is more than noise."""
+def leaves_more_than_noise(fit: Fit) -> bool:
+    """Whether either accelerometer shows more than the model and noise explain."""
+    return bool(_left_beyond_noise(fit)[list(ACCELEROMETER.values())].max() > 0.0)
+
+
+def _left_beyond_noise(fit: Fit) -> Array:
+    """(5,) variance of the residuals that is more than noise; negative where there is none."""
     return fit.normal.variance - (BEYOND_NOISE * fit.predictor.record.block_noise) ** 2

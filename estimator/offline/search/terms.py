@@ -14,12 +14,7 @@ from dataclasses import dataclass, field, replace
 from estimator.model.declared_vehicle import DECLARED
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.record import Record
-from estimator.offline.search.acceptance import (
-    ACCELEROMETER,
-    earns_its_place,
-    explains_more_than_is_left,
-    left_beyond_noise,
-)
+from estimator.offline.search.acceptance import earns_its_place, explains_more_than_is_left, leaves_more_than_noise
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
@@ -134,7 +129,7 @@ def _without_stand_ins(
 ) -> tuple[Mapping[str, Evidence], Fit]:
     """Remove effects that explain less of an accelerometer's channel than is left unexplained there."""
     of_car = [name for name in gains if name not in (*setting.found_road, *DECLARED)]
-    if not of_car or max(left_beyond_noise(fit)[list(ACCELEROMETER.values())]) <= 0.0:
+    if not (of_car and leaves_more_than_noise(fit)):
         return gains, fit
     without = check_each(setting, list(gains), fit, progress, ", at last").without
     stand_ins = [n for n in of_car if not explains_more_than_is_left(n, gains[n].channel, without[n], fit)]

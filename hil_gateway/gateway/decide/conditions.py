@@ -91,32 +91,14 @@ class Conditions:
 
         `answers_for_motion`: commands are sent, or the mode leaves the actuators to somebody else.
         """
-        builder = self._builder
-        failed = any(builder.signal(name) for name in FAILURE_SIGNALS)
-        counters = builder.counter_faults.drain(now_ns) >= COUNTER_FAULT
         measures = {
-            "operator_emergency": _holds(request is OperatorAction.EMERGENCY),
-            "operator_stop": _holds(request is OperatorAction.STOP),
-            "vehicle_flag_kill": _holds(state.vehicle_flag in KILL_VEHICLE_FLAGS),
-            "vehicle_flag_stop": _holds(state.vehicle_flag in STOP_VEHICLE_FLAGS),
-            "track_flag_stop": _holds(state.track_flag in STOP_TRACK_FLAGS),
-            "car_emergency": _holds(state.sys_state in (SysState.EMERGENCY, SysState.CRITICAL_LIMIT)),
-            "car_not_driving": _holds(state.sys_state != SysState.DRIVING),
-            "car_failure": _holds(failed),
-            "mode_switch_off": _holds(builder.signal("mode_switch_state") == 0),
-            "safety_switch": _holds(builder.signal("safety_switch_state") != 0),
-            "supply_low": self._supply_low.update(0.0 < builder.signal("battery_voltage") < SUPPLY_MIN_V, now_ns),
-            "engine_stalled": self._stalled.update(_stalled(state), now_ns),
-            "tyre_flat": self._tyres.flat_s(now_ns),
-            "sender_doubled": _holds(bool(builder.senders.doubled)),
+            **_requested(request, state),
+            **self._of_the_car(now_ns, state),
+            **self._on_the_bus(now_ns),
             "uncommanded_motion": _holds(not answers_for_motion and _drives_on(state)),
             "engine_running": 0.0,
-            "foreign_emergency": _holds(builder.foreign_emergency(now_ns)),
-            "foreign_commands": _holds(builder.foreign_commands(now_ns)),
             "command_age": command_age_s,
-            "can_silence": builder.silence_s(now_ns),
             "gateway_gap": 0.0 if self._last_ns is None else (now_ns - self._last_ns) / NS_PER_S,
-            "counters_wrong": _holds(counters),
             "heartbeat_frozen": heartbeat_frozen_s,
             "state_invalid": self._state_invalid.update(not state.valid, now_ns),
             "estimate_invalid": self._without_estimate(estimate, now_ns),
@@ -127,12 +109,48 @@ class Conditions:
         self._last_ns = now_ns
         return measures
 
+    def _of_the_car(self, now_ns: int, state: VehicleState) -> dict[str, float]:
+        """What the car reports of itself."""
+        signal = self._builder.signal
+        return {
+            "car_emergency": _holds(state.sys_state in (SysState.EMERGENCY, SysState.CRITICAL_LIMIT)),
+            "car_not_driving": _holds(state.sys_state != SysState.DRIVING),
+            "car_failure": _holds(any(signal(name) for name in FAILURE_SIGNALS)),
+            "mode_switch_off": _holds(signal("mode_switch_state") == 0),
+            "safety_switch": _holds(signal("safety_switch_state") != 0),
+            "supply_low": self._supply_low.update(0.0 < signal("battery_voltage") < SUPPLY_MIN_V, now_ns),
+            "engine_stalled": self._stalled.update(_stalled(state), now_ns),
+            "tyre_flat": self._tyres.flat_s(now_ns),
+        }
+
+    def _on_the_bus(self, now_ns: int) -> dict[str, float]:
+        """Who sends, and whether all arrives."""
+        builder = self._builder
+        return {
+            "sender_doubled": _holds(bool(builder.senders.doubled)),
+            "foreign_emergency": _holds(builder.foreign_emergency(now_ns)),
+            "foreign_commands": _holds(builder.foreign_commands(now_ns)),
+            "can_silence": builder.silence_s(now_ns),
+            "counters_wrong": _holds(builder.counter_faults.drain(now_ns) >= COUNTER_FAULT),
+        }
+
     def _without_estimate(self, estimate: Latest[Estimate], now_ns: int) -> float:
         """Seconds without a valid estimate of a recent state."""
         age_s = 0.0 if estimate.message is None else (now_ns - estimate.message.state_stamp_ns) / NS_PER_S
         invalid = not (estimate.valid(now_ns) and 0.0 <= age_s <= ESTIMATE_MAX_S)
         held_s = self._estimate_invalid.update(invalid, now_ns)
         return max(held_s, age_s - ESTIMATE_MAX_S) if invalid else 0.0
+
+
+def _requested(request: OperatorAction | None, state: VehicleState) -> dict[str, float]:
+    """What operator and race control ask for."""
+    return {
+        "operator_emergency": _holds(request is OperatorAction.EMERGENCY),
+        "operator_stop": _holds(request is OperatorAction.STOP),
+        "vehicle_flag_kill": _holds(state.vehicle_flag in KILL_VEHICLE_FLAGS),
+        "vehicle_flag_stop": _holds(state.vehicle_flag in STOP_VEHICLE_FLAGS),
+        "track_flag_stop": _holds(state.track_flag in STOP_TRACK_FLAGS),
+    }
 
 
 def _holds(condition: bool) -> float:
