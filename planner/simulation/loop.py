@@ -196,15 +196,21 @@ class Loop:
             self._operate(now_ns, status)
 
     def run(self, laps: int | None = None, seconds: float | None = None, time_limit_s: float = 600.0) -> LoopResult:
-        """Drive until `laps` are complete, `seconds` have passed since arming, or the limit is reached."""
+        """Drive until `laps` are complete or the gateway has stopped the car, `seconds` have passed since arming, or
+        the limit is reached."""
         while self.elapsed_s < time_limit_s:
             self.step()
             driven_s = (self.clock.now_ns() - self._armed_ns) / NS_PER_S if self._armed_ns else 0.0
-            if laps is not None and self.plant.referee.laps >= laps:
+            if laps is not None and (self.plant.referee.laps >= laps or self._stopped):
                 break
             if seconds is not None and driven_s >= seconds:
                 break
         return self.finish()
+
+    @property
+    def _stopped(self) -> bool:
+        """Whether the car stands after a stop: nobody arms again, so no lap is to come."""
+        return bool(self.result.failsafes) and self.plant.car.standing
 
     def finish(self) -> LoopResult:
         """The result so far."""

@@ -81,6 +81,16 @@ def stops(points: int, spacing_s: float) -> Iterator[dict[str, Any]]:
                 loop.step()
 
 
+def test_a_drive_of_laps_ends_where_the_car_stands_after_a_stop():
+    dead = Dead()
+    loop = Loop(Config.model_validate({"planner": {"horizon": 20}}), faults=dead)
+    loop.run(seconds=4.0)
+    dead.components = {"planner"}
+    result = loop.run(laps=1, time_limit_s=60.0)
+    assert result.failsafes and loop.plant.car.standing
+    assert loop.elapsed_s < 40.0, "nobody arms again: the rest of the time tells nothing"
+
+
 @pytest.mark.slow
 @pytest.mark.promise("L1")
 def test_every_stop_keeps_the_car_on_the_track():
