@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.belief.tyre_belief import TyreBelief
-from estimator.model.declared_car import declared_effects, declared_tyre_std
+from estimator.model.declared_car import declared_covariance, declared_effects
 from estimator.model.effects import catalogue
 from estimator.model.parameters import DEFAULT_TYRE, Layout, layout_of
 from estimator.model.profile import profile_basis
@@ -52,8 +52,7 @@ def race_car_revision(layout: Layout, vehicle: Vehicle) -> ModelRevision:
         ActiveEffect(name=name, parameters={key: p.value for key, p in parameters.items()})
         for name, parameters in declared.items()
     )
-    known = [*declared_tyre_std(layout).values(), *(p.std for e in declared.values() for p in e.values())]
-    covariance = tuple(map(tuple, np.diag(np.square(known)).tolist()))
+    covariance = tuple(map(tuple, declared_covariance(layout, vehicle).tolist()))
     return ModelRevision(
         stamp_ns=0, seq=0, revision=revision_id(layout, tyre, effects), layout=layout, tyre=tyre, effects=effects,
         covariance=covariance,

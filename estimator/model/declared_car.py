@@ -9,8 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from estimator.model.parameters import DEFAULT_TYRE, Layout
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array
 
 AERO_STD = 0.10
 """relative; a wind tunnel against the road, and wings set for the track"""
@@ -28,11 +31,11 @@ BRAKE_SHARE = 0.5
 """of the front axle at equal pressures: `Powertrain.brake_force_per_pa` is that of either axle"""
 BRAKE_SHARE_STD = 0.04
 """absolute, about 8 %: pads, discs and the bias valve"""
-BRAKE_GAIN_STD = 0.10
-"""relative; braking over driving force per unit of command: brakes warm up, engines differ"""
+BRAKES_STD = 0.10
+"""relative, of the brakes' force per unit of command: pads, discs, how warm they are"""
 TYRE_STD: Mapping[str, float] = {"cx": 0.10, "b": 0.20, "c": 0.08, "d": 0.15}
 """relative; grip of a set of tyres on a track differs by a fifth at most from what is declared, the shape of the curve
-by less, the slip at which it peaks by more"""
+by less, the slip at which it peaks by more; C_x has the engine's force per unit of command"""
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ def declared_effects(vehicle: Vehicle) -> dict[str, dict[str, DeclaredParameter]
         "combined_slip": {"k": DeclaredParameter(*ELLIPSE)},
         "front_brake": {
             "share": DeclaredParameter(BRAKE_SHARE, BRAKE_SHARE_STD),
-            "gain": DeclaredParameter(1.0, BRAKE_GAIN_STD),
+            "gain": DeclaredParameter(1.0, float(np.hypot(BRAKES_STD, TYRE_STD["cx"]))),
         },
     }
 
@@ -66,3 +69,18 @@ def declared_effects(vehicle: Vehicle) -> dict[str, dict[str, DeclaredParameter]
 def declared_tyre_std(layout: Layout) -> dict[str, float]:
     """Standard deviation of every declared tyre parameter of a race car, SI."""
     return {name: value * TYRE_STD["cx" if name == "cx" else name[0]] for name, value in DEFAULT_TYRE[layout].items()}
+
+
+def declared_covariance(layout: Layout, vehicle: Vehicle) -> Array:
+    """Of the tyre parameters of a race car and those of its declared effects after them (n, n), SI.
+
+    The gain of the brakes is their force over the engine's, which do not know of each other: an engine that turns out
+    weak says that the gain is larger, and nothing of the brakes.
+    """
+    known = {f"{e}.{key}": p.std for e, named in declared_effects(vehicle).items() for key, p in named.items()}
+    tyres = declared_tyre_std(layout)
+    names, std = [*tyres, *known], np.array([*tyres.values(), *known.values()])
+    covariance = np.diag(std**2)
+    engine, gain = names.index("cx"), names.index("front_brake.gain")
+    covariance[engine, gain] = covariance[gain, engine] = -TYRE_STD["cx"] * tyres["cx"]
+    return covariance

@@ -20,11 +20,12 @@ from hil_gateway.bus.messages import Belief, Estimate, ModelRevision
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
+from planner.adoption.brake_doubt import brake_doubt, brake_spread
 from planner.adoption.delivered import DeliveredNow, grip_factors
 from planner.adoption.plausible import implausible, near
 from planner.adoption.trust import Trust, slides
 from planner.adoption.usable_grip import PROFILE_SHARE, Axles, borne_next, capacity
-from planner.line.envelope import envelope_of
+from planner.line.envelope import Brakes, envelope_of
 from planner.line.raceline import RaceLine, raceline_for
 from planner.line.track import Reference
 from planner.plan.controller import Controller, TyreKnowledge
@@ -36,8 +37,8 @@ from planner.solver.functions import Functions, build_functions, build_in_child
 
 PROFILE_CHANGE = 0.01
 """relative change of usable grip that is worth a new speed profile"""
-NOTHING_ASKED = (0.0, 0.0)
-"""capacity of a speed profile that is to be made again"""
+NOTHING_ASKED = (np.inf,) * 4
+"""what a speed profile that is to be made again was made with"""
 PROBATION = 40
 """plans after an adoption during which failures count against the new revision"""
 PROBATION_FAILURES = 3
@@ -114,7 +115,7 @@ class Adoption:
     def offer(self, revision: ModelRevision) -> None:
         """Consider a revision from the estimator."""
         self._foreign = _effects(revision) != _effects(self.current.revision)
-        if revision.revision in self._refused or revision.revision == self.current.revision.revision:
+        if revision.revision in self._refused:
             return
         if _effects(revision) in self._given_back:
             return
@@ -245,7 +246,10 @@ class Adoption:
         ratio = pressure_ratio(asked, revised.constant("front_brake", "share"))
         if before is not None:
             ratio = float(np.clip(ratio, before.brake_ratio * (1 - SLEW), before.brake_ratio * (1 + SLEW)))
-        return TyreKnowledge(target, mean, covariance, tyre.prior_std, judged, (use, use), asked, ratio, delivered)
+        doubt = brake_doubt(brake_spread(revision), np.sqrt(np.diag(covariance)[peaks]) / mean[peaks], level)
+        return TyreKnowledge(
+            target, mean, covariance, tyre.prior_std, judged, (use, use), asked, ratio, doubt, delivered
+        )
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""
@@ -259,20 +263,21 @@ class Adoption:
             list(at_start),
             use=(front, rear),
             max_speed=top,
-            brakes=(self._settings.brakes, knowledge.brake_ratio),
+            brakes=Brakes(self._settings.brakes, knowledge.brake_ratio, knowledge.brake_doubt),
         ).braked(self.delivered.brakes * self._config.powertrain.hardest_braking / self._config.vehicle.mass)
         if self._line is None:
             self._line = raceline_for(self._track, envelope, RACE_LINE_MARGIN)
             self.trust = Trust(len(self._line.s), self._line.length)
         self._line = self._line.with_envelope(envelope, self.trust.share)
-        self._asked = knowledge.capacity
+        self._asked = (*knowledge.capacity, *knowledge.brake_doubt)
         self._last = Reference(self._line, self._last)
         return self._last
 
     def catch_up(self) -> None:
         """New speed profile on the same path when the usable grip has changed: some ms, beside the planner."""
         current, knowledge = self.current, self.controller.knowledge
-        changes = [abs(now - then) / now for now, then in zip(knowledge.capacity, self._asked, strict=True)]
+        asked = *knowledge.capacity, *knowledge.brake_doubt
+        changes = [abs(now - then) / now for now, then in zip(asked, self._asked, strict=True)]
         if max(changes) < PROFILE_CHANGE or self._worker is not None:
             return
         self._run(lambda: self._take_reference(self._reference(current.revised, current.tyre, knowledge)))

@@ -41,8 +41,16 @@ BLOCK = len(COMMANDS)
 """points the compiled forces are evaluated at in one call"""
 
 
-Brakes = tuple[BrakeLaw, float]
-"""the law of the brakes with its ratio of the pressures"""
+class Brakes(NamedTuple):
+    """The law of the brakes, its ratio of the pressures, and how many times braking forces count, front and rear."""
+
+    law: BrakeLaw | None = None
+    ratio: float = 1.0
+    doubt: tuple[float, float] = (1.0, 1.0)
+
+
+AS_MODELLED = Brakes()
+"""split as the model has it, with forces as they are"""
 
 
 @dataclass(frozen=True)
@@ -101,12 +109,9 @@ def envelope_of(
     *,
     use: tuple[float, float] = (0.9, 0.9),
     max_speed: float = 80.0,
-    brakes: Brakes | None = None,
+    brakes: Brakes = AS_MODELLED,
 ) -> Envelope:
-    """Envelope of a model, using the shares `use` of the tyre forces of the front and of the rear axle.
-
-    `brakes` is how braking is split; None: as the model has it.
-    """
+    """Envelope of a model, using the shares `use` of the tyre forces of the front and of the rear axle."""
     peaks, v = _peaks(model, theta, phi, use, brakes), model.vehicle
     return Envelope(
         lateral=_fit(peaks.lateral),
@@ -123,17 +128,16 @@ def envelope_of(
 
 
 def _peaks(
-    model: SingleTrack, theta: Sequence[float], phi: Sequence[float], use: tuple[float, float], brakes: Brakes | None
+    model: SingleTrack, theta: Sequence[float], phi: Sequence[float], use: tuple[float, float], brakes: Brakes
 ) -> Peaks:
-    law, ratio = brakes or (None, 1.0)
-    forces = _forces(model.vehicle, model.layout, tuple(effect.name for effect in model.effects), law)
+    forces = _forces(model.vehicle, model.layout, tuple(effect.name for effect in model.effects), brakes.law)
 
     def table(slips: Array, commands: Array) -> Array:
         """At `SPEEDS` and every one of `commands` (K,) or (speeds, K), with the slip angle beside it."""
         speed, command = np.broadcast_arrays(SPEEDS[:, None], commands)
         slip, zero = np.broadcast_to(slips, speed.shape), np.zeros(speed.size)
         signals = np.vstack([speed.ravel(), -(speed * np.tan(slip)).ravel(), zero, zero, command.ravel()])
-        return forces(signals, theta, phi, ratio).reshape(7, len(SPEEDS), -1)
+        return forces(signals, theta, phi, brakes.ratio).reshape(7, len(SPEEDS), -1)
 
     along = table(np.zeros_like(COMMANDS), COMMANDS)
     coast = -along[4, :, np.flatnonzero(COMMANDS == 0.0)[0]]
@@ -141,6 +145,7 @@ def _peaks(
     steady = np.clip(coast, 0.0, None) * model.vehicle.mass / theta[0]
     sideways = table(SLIPS, np.repeat(steady[:, None], len(SLIPS), axis=1))[:2].max(axis=2)
     lateral = _lateral(model.vehicle, use[0] * sideways[0], use[1] * sideways[1])
+    along[2:4] *= np.where(COMMANDS < 0.0, np.array(brakes.doubt)[:, None, None], 1.0)
     felt, front, rear = _borne(along, coast, use, float(along_share(model, phi)))
     (brake, brake_left), (drive, drive_left) = _along(felt, _lateral(model.vehicle, front, rear), steady)
     return Peaks(lateral, brake, drive, coast, brake_left, drive_left)

@@ -47,6 +47,8 @@ class TyreKnowledge:
     capacity: tuple[float, float]
     brake_ratio: float = 1.0
     """front over rear brake pressure for equal axle loads (`brake_law.pressure_ratio`)"""
+    brake_doubt: tuple[float, float] = (1.0, 1.0)
+    """how many times braking forces of front and rear axle count in Eq. (10), for what is not known of the brakes"""
     delivered: tuple[float, float] = (1.0, 1.0)
     """share of their believed peak that front and rear tyres deliver now: in all the above but `load_max`"""
 
@@ -105,6 +107,7 @@ class Controller:
             "lap": self.reference.length,
             "load_max": k.load_asked,
             "brake_ratio": k.brake_ratio,
+            "brake_doubt": k.brake_doubt,
             "sigma_f": self._choices(0),
             "sigma_r": self._choices(1),
             "information_theta": k.mean,

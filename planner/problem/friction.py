@@ -37,7 +37,17 @@ def along_share(model: SingleTrack, phi: Expr) -> Expr:
 def counted(share: Expr, across: Expr, force: Expr) -> Expr:
     """What a `force` along, N, negative when braking, counts beside one of `across` times the peak."""
     straight = 1.0 - ca.fmin((across / CORNERING) ** 2, 1.0)
-    return 1.0 - (1.0 - share) * straight * 0.5 * (1.0 - ca.tanh(force / SWITCH))
+    return 1.0 - (1.0 - share) * straight * _braking(force)
+
+
+def doubted(doubt: Expr, force: Expr) -> Expr:
+    """What a `force` along, N, counts, of brakes that count `doubt` times (`planner.adoption.brake_doubt`)."""
+    return 1.0 + (doubt - 1.0) * _braking(force)
+
+
+def _braking(force: Expr) -> Expr:
+    """1 where a `force` along, N, brakes, 0 where it drives."""
+    return 0.5 * (1.0 - ca.tanh(force / SWITCH))
 
 
 def left_across(share: float, along: Array) -> Array:

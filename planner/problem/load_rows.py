@@ -16,7 +16,7 @@ import casadi as ca
 from estimator.model.single_track import Terms
 from estimator.model.tyre import front_and_rear
 from hil_gateway.process.arrays import Expr
-from planner.problem.friction import along_share, counted
+from planner.problem.friction import along_share, counted, doubted
 from planner.problem.motion import NZ, VX, dynamic_share
 from planner.problem.stage_model import StageModel
 
@@ -48,7 +48,8 @@ def load_row(problem: StageModel, axle: str, z: Expr, theta: Expr, p: Mapping[st
     # driven kinematically, a car has no slip angles to limit
     across = dynamic_share(z[VX]) * getattr(terms, f"across_{axle}") * _lateral_share(problem, axle, terms, theta)
     along = getattr(terms, f"fx_{axle}")
-    along = counted(along_share(problem.model, p["phi"]), across, along) * along
+    along *= doubted(p["brake_doubt"]["fr".index(axle)], along)
+    along *= counted(along_share(problem.model, p["phi"]), across, along)
     forces = ca.vertcat(along / bound, across / p["load_max"]["fr".index(axle)])
     slopes: Any = ca.jacobian(forces, z)
     if problem.settings.load_limit == "literal":

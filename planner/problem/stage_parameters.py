@@ -46,7 +46,8 @@ def common_names(model: SingleTrack) -> Names:
 
     `sigma_f`, `sigma_r` are the choices of theta in Eq. (10) in columns: the one in force, then the sigma points,
     then the one with the least peak force;
-    `brake_ratio` is that of `BrakeLaw.balance`, `information_theta` the belief's mean,
+    `brake_ratio` is that of `BrakeLaw.balance`, `brake_doubt` how many times braking forces count, front and rear,
+    `information_theta` the belief's mean,
     `information_weight` W of Tr(W F), `trace_weight` the diagonal that makes it Tr(F) in prior-scaled parameters.
     """
     n = len(model.tyre_table)
@@ -57,6 +58,7 @@ def common_names(model: SingleTrack) -> Names:
             "lap": 1,
             "load_max": 2,
             "brake_ratio": 1,
+            "brake_doubt": 2,
             "sigma_f": n * (2 * len(front) + 3),
             "sigma_r": n * (2 * len(rear) + 3),
             "information_theta": n,
