@@ -7,13 +7,14 @@ stamps, so replaying a session gives the same bytes.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
-from estimator.belief.delivery import wheel_slip
+from estimator.belief.delivery import wheel_slips
 from estimator.belief.in_use import ModelInUse, Succession
 from estimator.belief.revision import RevisedModel, RevisionPolicy, starting_revision
 from estimator.belief.tyre_belief import Sample, TyreBelief
@@ -98,7 +99,7 @@ class Estimator:
         self._bus.publish(topics.ESTIMATE, estimate)
         if (sample := self._window.push(state, estimate, self.localisation)) is not None:
             self.learn(sample, state.stamp_ns)
-            self._compare(sample, wheel_slip(state, estimate.vx))
+            self._compare(sample, wheel_slips(state, estimate.vx))
         else:
             self.model.delivery.clear()
         if state.stamp_ns >= self._belief_due_ns:
@@ -119,10 +120,10 @@ class Estimator:
             self._alert_seq += 1
         self.belief.update(in_kind(sample, self.belief.settings.kind, self.belief.model.vehicle))
 
-    def _compare(self, sample: Sample, slip: float) -> None:
-        """What tyres and brakes deliver now; `slip` of the wheels as `wheel_slip` says."""
+    def _compare(self, sample: Sample, slips: tuple[float, float]) -> None:
+        """What tyres and brakes deliver now; `slips` of the wheels as `wheel_slips` says."""
         sample, tyres = self._believed(sample)
-        self.model.delivery.push(sample, tyres, slip)
+        self.model.delivery.push(sample, tyres, slips)
 
     def _believed(self, sample: Sample) -> tuple[Sample, Array]:
         """The sample with the effects, and the tyre parameters, that are now believed."""
@@ -165,17 +166,24 @@ class SampleWindow:
         _, state, e, aux, covariance = self._rows[HALF_WINDOW]
         z = np.array([state.ax - e.bias_ax, state.ay - e.bias_ay, yaw_acc])
         phi = self._revised.phi_at(aux[_TRACK_POSITION])[:, 0]
-        acting = acting_variance(self._steer), acting_variance(self._drive)
+        acting = float(acting_variance(self._steer)), float(acting_variance(self._drive))
         return Sample(np.array([e.vx, e.vy, e.yaw_rate, e.steer, e.drive]), covariance, z, aux, phi, acting)
 
 
-def acting_variance(reported: Collection[float]) -> float:
-    """Of an input that acts as it was reported at an unknown moment of this window.
+def acting_variance(reported: npt.ArrayLike) -> Array:
+    """Of inputs that act as they were reported at an unknown moment of a window; (..., K) of K samples to (...).
 
     It lies between the least and the most of them, and all samples of the window have the same error, not errors of
     their own: they count as one.
     """
-    return len(reported) * (0.5 * (max(reported) - min(reported))) ** 2
+    window = np.asarray(reported)
+    return np.asarray(window.shape[-1] * (0.5 * np.ptp(window, axis=-1)) ** 2)
+
+
+def acting_variances(reported: Array, late: int) -> Array:
+    """`acting_variance` of every sample that `SampleWindow` makes of an input (n,), `late` as `LATE_STEER`; (n,)."""
+    whole = np.pad(reported, (late - 1, HALF_WINDOW), mode="edge")
+    return acting_variance(np.lib.stride_tricks.sliding_window_view(whole, HALF_WINDOW + late))
 
 
 def slope(stamps_ns: Sequence[int], values: Sequence[float]) -> float | None:

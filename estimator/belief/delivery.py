@@ -35,17 +35,22 @@ ROLLING = 0.06
 """slip of braked wheels up to which their tyres hold what the brakes give: half of the slip at the peak"""
 LOCKING = 0.12
 """slip beyond the peak of the tyres along the wheel: what they give there, both axles together, is all there is"""
+CONFIRMED = 3
+"""samples on end beyond it before wheels are said to lock: one is noise"""
 
 
+LEVER_M = 1.0
+"""how far from the centre of gravity the accelerometer may be mounted: what it feels there of the yaw acceleration is
+no loss of grip"""
 LEAST_SPEED = 8.0
 """m/s, as the belief's gate: slower, slips are noise"""
 
 
-def wheel_slip(state: VehicleState, vx: float) -> float:
-    """Slip against the road, 1 at standstill of the wheels, of the axle that turns slowest; `vx` m/s."""
+def wheel_slips(state: VehicleState, vx: float) -> tuple[float, float]:
+    """Slip of front and rear wheels against the road, 1 at standstill of the wheels; `vx` m/s."""
     front = 0.5 * (state.wheel_speed_fl + state.wheel_speed_fr)
     rear = 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
-    return 1.0 - min(front, rear) / max(vx, LEAST_SPEED)
+    return 1.0 - front / max(vx, LEAST_SPEED), 1.0 - rear / max(vx, LEAST_SPEED)
 
 
 class Delivery:
@@ -60,11 +65,8 @@ class Delivery:
         """Samples are missing."""
         self._rows.clear()
 
-    def push(self, sample: Sample, theta: Array, wheel_slip: float) -> None:
-        """Take in one sample of kind `imu_yaw` with the tyre parameters now believed.
-
-        `wheel_slip` is that of the axle whose wheels turn slowest against the road.
-        """
+    def push(self, sample: Sample, theta: Array, slips: tuple[float, float]) -> None:
+        """Take in one sample of kind `imu_yaw` with the tyre parameters now believed; `slips` as `wheel_slips`."""
         slow = sample.signals[0] < LEAST_SPEED
         if slow or not all(abs(value) < PLAUSIBLE for value in (*sample.z.tolist(), *sample.signals.tolist())):
             self.clear()
@@ -75,15 +77,18 @@ class Delivery:
         self._function()
         motion, forces, peaks = np.split(self._function.outputs[0][:, 0], [3, 6])
         least = np.array([*(TELLING * peaks), BRAKING_N])
-        measured = forces + self._missing(sample.z - motion)
+        measured = forces + self._missing(sample.z - motion, float(sample.z[2]))
         front, rear, along = measured.tolist()
         whole = math.hypot(front + rear, along) / float(peaks.sum())
         tells = np.where(np.abs(forces) > least, forces, 0.0)
-        self._rows.append(np.array([*tells, *measured, whole, wheel_slip < ROLLING, wheel_slip > LOCKING]))
+        locking = (slip > LOCKING for slip in slips)
+        self._rows.append(np.array([*tells, *measured, whole, max(slips) < ROLLING, *locking]))
 
-    def _missing(self, left: Array) -> Array:
-        """Forces, N, of front and rear axle across and of both along that `left` of the measurement come to."""
+    def _missing(self, left: Array, felt: float) -> Array:
+        """Forces, N, of front and rear axle across and of both along that `left` of the measurement come to; `felt` is
+        the yaw acceleration."""
         v, (ax, ay, yaw_acc) = self._vehicle, left.tolist()
+        ay = math.copysign(max(abs(ay) - LEVER_M * abs(felt), 0.0), ay)
         front = (v.mass * v.lr * ay + v.yaw_inertia * yaw_acc) / v.wheelbase
         return np.array([front, v.mass * ay - front, v.mass * ax])
 
@@ -93,9 +98,10 @@ class Delivery:
             return None
         every = np.array(self._rows)
         rows = every[-WINDOW:]
-        if rows[:, 8].any():
+        if rows[:, 8:].any():
             held = float(rows[:, 6].mean())  # no slip angle is known well where wheels give no speed
-            return Delivered(front=held, rear=held, brakes=None)
+            front_locks, rear_locks = (bool(rows[-CONFIRMED:, column].all()) for column in (8, 9))
+            return Delivered(front=held, rear=held, brakes=None, locking=(front_locks, rear_locks))
         expected, measured = np.column_stack([rows[:, :2], _due(every[:, 2])]), rows[:, 3:6]
         shares = (expected * measured).sum(axis=0) / np.maximum((expected**2).sum(axis=0), 1.0)
         told = (expected != 0.0).all(axis=0)

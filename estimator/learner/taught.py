@@ -17,7 +17,7 @@ from estimator.belief.revision import RevisedModel, model_of, revision_id
 from estimator.belief.tyre_belief import BeliefSettings, Sample
 from estimator.model.effects import catalogue
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS
-from estimator.node import HALF_WINDOW, in_kind
+from estimator.node import HALF_WINDOW, LATE_DRIVE, LATE_STEER, acting_variances, in_kind
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
@@ -81,8 +81,10 @@ def samples(laps: Laps, revised: RevisedModel) -> Iterator[Sample]:
     z = np.stack([columns["ax"], columns["ay"], yaw_acc])
     gap = np.concatenate([np.diff(t) > EVEN * step, [True]])
     broken = np.convolve(gap.astype(float), np.ones(2 * half + 1), "same") > 0.5
+    steer, drive = (acting_variances(columns[n], late) for n, late in (("steer", LATE_STEER), ("drive", LATE_DRIVE)))
     for i in np.flatnonzero(~broken[half:-half]) + half:
-        yield Sample(signals[:, i], np.diag(spread[:, i]), z[:, i], aux[:, i], phi[:, i])
+        acting = float(steer[i]), float(drive[i])
+        yield Sample(signals[:, i], np.diag(spread[:, i]), z[:, i], aux[:, i], phi[:, i], acting)
 
 
 FROM_LAPS = ("t", "yaw", "throttle", "brake_balance", "gear", "engine_speed", "ax", "extra_load")

@@ -17,3 +17,6 @@ class Delivered(Model):
     front: Share | None = Field(description="across the front axle")
     rear: Share | None
     brakes: Share | None = Field(description="of both axles while braking, wheels rolling")
+    locking: tuple[bool, bool] = Field(
+        default=(False, False), description="wheels of front and rear axle slip beyond their tyres' peak"
+    )

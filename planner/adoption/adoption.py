@@ -24,7 +24,7 @@ from planner.adoption.brake_doubt import brake_doubt, brake_spread
 from planner.adoption.delivered import DeliveredNow, grip_factors
 from planner.adoption.plausible import implausible, near
 from planner.adoption.trust import Trust, slides
-from planner.adoption.usable_grip import PROFILE_SHARE, Axles, borne_next, capacity
+from planner.adoption.usable_grip import PROFILE_SHARE, Axles, borne_next, capacity, rear_share
 from planner.line.envelope import Brakes, envelope_of
 from planner.line.raceline import RaceLine, raceline_for
 from planner.line.track import Reference
@@ -42,6 +42,9 @@ NOTHING_ASKED = (np.inf,) * 4
 PROBATION = 40
 """plans after an adoption during which failures count against the new revision"""
 PROBATION_FAILURES = 3
+FIRST_LAP = 1.25
+"""times the standard deviations of Eq. (10) in a first lap: what is believed then comes from a data sheet and from forces
+far below the peak, and is wrong by two standard deviations more often than it says"""
 Effects = tuple[str, ...]
 RACE_LINE_MARGIN = 1.6
 """least distance of the race line from the edges, m"""
@@ -181,6 +184,11 @@ class Adoption:
             self._given_back.add(_effects(self.current.revision))
             self.current, self._previous, self._probation = self._previous, None, 0
 
+    @property
+    def _level(self) -> float:
+        """Standard deviations of the belief with which Eq. (10) holds."""
+        return (FIRST_LAP if self._lap < 1 else 1.0) * self._settings.sigma_level
+
     def _refuse(self, revision: ModelRevision, reason: str) -> None:
         self._refused.add(revision.revision)
         self.notes = [*self.notes[-99:], f"revision {revision.revision}: {reason}"]
@@ -234,10 +242,10 @@ class Adoption:
             mean, covariance = target, stated
         else:
             mean, covariance = target, np.diag(tyre.prior_std**2)
-        use, level = self._config.planner.load_use, self._settings.sigma_level
         peaks = [d for _, _, d in tyre.axles]
+        use, level = self._config.planner.load_use * np.array([1.0, rear_share(mean[peaks])]), self._level
         # by the tyres as they last: a plan that gets by with what a sudden loss leaves may ask for all of it
-        judged = judged_limits(use, target[peaks], before.load_max if before else None)
+        judged = judged_limits(self._config.planner.load_use, target[peaks], before.load_max if before else None)
         target, mean, covariance = factors * target, factors * mean, covariance * np.outer(factors, factors)
         # a belief that has learnt of less grip tells at once, before the model in force follows
         expected = np.minimum(mean, target)
@@ -247,9 +255,11 @@ class Adoption:
         if before is not None:
             ratio = float(np.clip(ratio, before.brake_ratio * (1 - SLEW), before.brake_ratio * (1 + SLEW)))
         doubt = brake_doubt(brake_spread(revision), np.sqrt(np.diag(covariance)[peaks]) / mean[peaks], level)
+        front, rear = (d / rolling for d, rolling in zip(doubt, self.delivered.rolling, strict=True))
         return TyreKnowledge(
-            target, mean, covariance, tyre.prior_std, judged, (use, use), asked, ratio, doubt, delivered
-        )
+            target, mean, covariance, tyre.prior_std, judged, (float(use[0]), float(use[1])), asked, ratio, level,
+            (front, rear), delivered,
+        )  # fmt: skip
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""

@@ -19,6 +19,9 @@ USUAL_BRAKES = 0.8
 """the same of the brakes, whose force is late where a stop begins; a share in between is driven through"""
 LEAST = 0.5
 """share that is believed at least: a wet road or an axle with a flat tyre gives more"""
+RELEASE = 0.85
+"""of the braking of an axle that is left each plan while its wheels lock: brakes answer three or four plans late, and
+locked wheels roll again with half of what locked them"""
 
 
 class DeliveredNow:
@@ -27,16 +30,23 @@ class DeliveredNow:
     def __init__(self) -> None:
         self.tyres = (1.0, 1.0)
         self.brakes = 1.0
+        self.rolling = (1.0, 1.0)
+        """share of the braking that an axle may be asked for, front and rear, with which its wheels roll"""
 
     def take(self, seen: Delivered | None) -> bool:
         """Take in the newest estimate's, once a plan; whether anything has changed."""
         if seen is None:
             return False
-        before = self.tyres, self.brakes
+        before = self.tyres, self.brakes, self.rolling
         front, rear = self.tyres
         self.tyres = _follow(front, seen.front, USUAL), _follow(rear, seen.rear, USUAL)
         self.brakes = _follow(self.brakes, seen.brakes, USUAL_BRAKES)
-        return (self.tyres, self.brakes) != before
+        front_rolls, rear_rolls = (
+            max(RELEASE * share, LEAST) if locks else min(share * (1.0 + SLEW), 1.0)
+            for share, locks in zip(self.rolling, seen.locking, strict=True)
+        )
+        self.rolling = front_rolls, rear_rolls
+        return (self.tyres, self.brakes, self.rolling) != before
 
     def acting(self, drive: float) -> float:
         """Drive command, by the force it has, of one that is sent or reported."""

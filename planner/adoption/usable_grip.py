@@ -13,6 +13,9 @@ PROFILE_SHARE = 0.95
 NEXT_LAP = 1.02
 """of the force that the front tyres have held in the laps before may be asked of them in the next: beyond their peak
 they run wide, which shows in time; rear tyres beyond theirs turn the car round, and are asked for nothing more"""
+STABLE, LEAST_REAR = 1.05, 0.94
+"""the rear axle may use less of its peak where it is weaker than the front one: by how much it may be stronger before,
+and the least share. A car whose rear axle gives way first has no steering that holds it there"""
 MIN_CAPACITY = 0.3
 """over axle load; the car has to move. Asking for more than Eq. (10) leaves, bends were entered faster than plans could
 follow them"""
@@ -24,7 +27,7 @@ Axles = tuple[tuple[int, int, int], tuple[int, int, int]]
 
 
 def capacity(
-    axles: Axles, mean: Array, covariance: Array, *, use: float, level: float, held: tuple[float, float]
+    axles: Axles, mean: Array, covariance: Array, *, use: Array, level: float, held: tuple[float, float]
 ) -> tuple[float, float]:
     """Force over axle load (front, rear) that may be asked of the tyres when a bend is entered.
 
@@ -44,22 +47,27 @@ def capacity(
     return float(front), float(rear)
 
 
+def rear_share(peaks: Array) -> float:
+    """Share of its load limit that the rear axle may use, from the peaks (front, rear) over axle load."""
+    return min(1.0, max(LEAST_REAR, STABLE * float(peaks[1] / peaks[0])))
+
+
 def borne_next(held: tuple[float, float], laps_before: tuple[float, float]) -> tuple[float, float]:
     """What `capacity` may count on as held: forces over axle load (front, rear) `held` so far, and in whole laps."""
     return max(held[0], NEXT_LAP / PROFILE_SHARE * laps_before[0]), held[1]
 
 
-def _force_within(mean: Array, covariance: Array, use: float, level: float) -> Array:
-    """Largest force over axle load (2,), by the mean, at slips where no choice of theta uses more than `use` of its
-    peak; `mean` (2, 3) are B, C, D of both axles, `covariance` (2, 3, 3)."""
+def _force_within(mean: Array, covariance: Array, use: Array, level: float) -> Array:
+    """Largest force over axle load (2,), by the mean, at slips where no choice of theta uses more than `use` (2,) of
+    its peak; `mean` (2, 3) are B, C, D of both axles, `covariance` (2, 3, 3)."""
     steps = principal_steps(covariance, level)
     choices = mean[:, :, None] + np.concatenate([np.zeros_like(mean)[:, :, None], steps, -steps], axis=2)
     b, c, _ = np.maximum(choices, 0.1 * mean[:, :, None]).transpose(1, 0, 2)
-    slip = np.minimum(slip_at_share(use, b, c).min(axis=1), MOST_SLIP)
+    slip = np.minimum(slip_at_share(use[:, None], b, c).min(axis=1), MOST_SLIP)
     return np.asarray(normalised_force(slip, *mean.T))
 
 
-def slip_at_share(use: float, b: Array, c: Array) -> Array:
+def slip_at_share(use: Array, b: Array, c: Array) -> Array:
     """Slip angle where Eq. (2) reaches the share `use` of its peak: C atan(B alpha) = asin(use); inf where never."""
     phase = np.arcsin(use) / c
     return np.where(phase < 0.5 * np.pi, np.tan(np.minimum(phase, 0.5 * np.pi)) / b, np.inf)

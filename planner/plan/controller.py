@@ -47,6 +47,8 @@ class TyreKnowledge:
     capacity: tuple[float, float]
     brake_ratio: float = 1.0
     """front over rear brake pressure for equal axle loads (`brake_law.pressure_ratio`)"""
+    level: float = 2.0
+    """standard deviations of the belief with which Eq. (10) holds"""
     brake_doubt: tuple[float, float] = (1.0, 1.0)
     """how many times braking forces of front and rear axle count in Eq. (10), for what is not known of the brakes"""
     delivered: tuple[float, float] = (1.0, 1.0)
@@ -120,7 +122,7 @@ class Controller:
     def _choices(self, axle: int) -> Array:
         """theta in force, then the sigma points of the parameters of the front (0) or rear axle (1) and the one with
         the least peak force, column after column."""
-        k, model, level = self.knowledge, self.problem.model, self.settings.sigma_level
+        k, model, level = self.knowledge, self.problem.model, self.knowledge.level
         indices = model.load_rows[axle]
         *_, peak = front_and_rear(model.layout)[axle].rows([p.name for p in model.tyre_table])
         points = infomax.sigma_points(k.mean, k.covariance, indices, level)

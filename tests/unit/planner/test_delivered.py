@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil_gateway.bus.delivered import Delivered
-from planner.adoption.delivered import LEAST, USUAL, DeliveredNow, grip_factors
+from planner.adoption.delivered import LEAST, RELEASE, USUAL, DeliveredNow, grip_factors
 from planner.problem.load_limits import SLEW
 
 
@@ -56,6 +56,18 @@ def test_faded_brakes_are_pressed_harder_for_the_same_force() -> None:
     assert now.acting(now.sent(-0.2)) == pytest.approx(-0.2)
     assert now.sent(-0.2) == pytest.approx(-0.2 / 0.7)
     assert now.sent(0.1) == now.acting(0.1) == 0.1
+
+
+def test_an_axle_whose_wheels_lock_brakes_less_with_every_plan_until_they_roll() -> None:
+    now, locks = DeliveredNow(), Delivered(front=None, rear=None, brakes=None, locking=(True, False))
+    assert now.take(locks)
+    now.take(locks)
+    assert now.rolling == (pytest.approx(RELEASE**2), 1.0)
+    now.take(told())
+    assert now.rolling == (pytest.approx(RELEASE**2 * (1.0 + SLEW)), 1.0)
+    for _ in range(20):
+        now.take(locks)
+    assert now.rolling == (LEAST, 1.0), "a car without brakes stops nowhere"
 
 
 def test_grip_is_taken_off_the_peaks_alone() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.measurement_evaluation import MeasurementEvaluation
 
-from estimator.belief.delivery import LATE, WINDOW, Delivery
+from estimator.belief.delivery import CONFIRMED, LATE, WINDOW, Delivery
 from estimator.belief.tyre_belief import Sample
 from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.bus.delivered import Delivered
@@ -30,10 +30,13 @@ def sample(slip: float, drive: float = 0.0, **shares: float) -> Sample:
     return Sample(signals, np.zeros((3, 3)), EVALUATION(signals, NO_AUX, true)[0], NO_AUX)
 
 
-def seen(taken: Sample, samples: int = WINDOW, wheel_slip: float = 0.0) -> Delivered | None:
+ROLL = (0.0, 0.0)
+
+
+def seen(taken: Sample, samples: int = WINDOW, slips: tuple[float, float] = ROLL) -> Delivered | None:
     delivery = Delivery(MODEL)
     for _ in range(samples):
-        delivery.push(taken, BELIEVED, wheel_slip)
+        delivery.push(taken, BELIEVED, slips)
     return delivery.now()
 
 
@@ -63,7 +66,7 @@ def test_brakes_that_act_a_tenth_of_a_second_late_are_no_weak_brakes() -> None:
     pressed = [min(0.01 * i, 0.25) for i in range(60)]
     for reported, acting in zip(pressed[10:], pressed, strict=False):
         asked, done = sample(0.0, drive=-reported), sample(0.0, drive=-acting)
-        delivery.push(Sample(asked.signals, asked.signal_covariance, done.z, NO_AUX), BELIEVED, 0.0)
+        delivery.push(Sample(asked.signals, asked.signal_covariance, done.z, NO_AUX), BELIEVED, ROLL)
         shares.append(now.brakes if (now := delivery.now()) else None)
     told = [share for share in shares if share is not None]
     assert told
@@ -71,10 +74,19 @@ def test_brakes_that_act_a_tenth_of_a_second_late_are_no_weak_brakes() -> None:
 
 
 def test_locked_wheels_tell_of_the_road_and_not_of_the_brakes() -> None:
-    found = seen(sample(0.0, drive=-0.2, cx=0.7), wheel_slip=0.3)
+    found = seen(sample(0.0, drive=-0.2, cx=0.7), slips=(0.3, 0.0))
     assert found is not None
     assert found.brakes is None
     assert found.front == found.rear
+
+
+def test_the_axle_whose_wheels_lock_is_named_until_they_roll() -> None:
+    delivery, braking = Delivery(MODEL), sample(0.0, drive=-0.2)
+    named = []
+    for slips in [ROLL] * WINDOW + [(0.3, 0.05)] * CONFIRMED + [(0.05, 0.05)]:
+        delivery.push(braking, BELIEVED, slips)
+        named.append(now.locking if (now := delivery.now()) else None)
+    assert named[-CONFIRMED:] == [(False, False)] * (CONFIRMED - 2) + [(True, False), (False, False)]
 
 
 def test_a_car_that_hardly_uses_its_tyres_tells_nothing() -> None:
