@@ -39,9 +39,6 @@ CONFIRMED = 3
 """samples on end beyond it before wheels are said to lock: one is noise"""
 
 
-LEVER_M = 1.0
-"""how far from the centre of gravity the accelerometer may be mounted: what it feels there of the yaw acceleration is
-no loss of grip"""
 LEAST_SPEED = 8.0
 """m/s, as the belief's gate: slower, slips are noise"""
 
@@ -77,18 +74,16 @@ class Delivery:
         self._function()
         motion, forces, peaks = np.split(self._function.outputs[0][:, 0], [3, 6])
         least = np.array([*(TELLING * peaks), BRAKING_N])
-        measured = forces + self._missing(sample.z - motion, float(sample.z[2]))
+        measured = forces + self._missing(sample.z - motion)
         front, rear, along = measured.tolist()
         whole = math.hypot(front + rear, along) / float(peaks.sum())
         tells = np.where(np.abs(forces) > least, forces, 0.0)
         locking = (slip > LOCKING for slip in slips)
         self._rows.append(np.array([*tells, *measured, whole, max(slips) < ROLLING, *locking]))
 
-    def _missing(self, left: Array, felt: float) -> Array:
-        """Forces, N, of front and rear axle across and of both along that `left` of the measurement come to; `felt` is
-        the yaw acceleration."""
+    def _missing(self, left: Array) -> Array:
+        """Forces, N, of front and rear axle across and of both along that `left` of the measurement come to."""
         v, (ax, ay, yaw_acc) = self._vehicle, left.tolist()
-        ay = math.copysign(max(abs(ay) - LEVER_M * abs(felt), 0.0), ay)
         front = (v.mass * v.lr * ay + v.yaw_inertia * yaw_acc) / v.wheelbase
         return np.array([front, v.mass * ay - front, v.mass * ax])
 

@@ -43,8 +43,8 @@ PROBATION = 40
 """plans after an adoption during which failures count against the new revision"""
 PROBATION_FAILURES = 3
 FIRST_LAP = 1.25
-"""times the standard deviations of Eq. (10) in a first lap: what is believed then comes from a data sheet and from forces
-far below the peak, and is wrong by two standard deviations more often than it says"""
+"""times the standard deviations of Eq. (10) in a first lap: what is believed then comes from a data sheet and from
+forces far below the peak, and is wrong by two standard deviations more often than it says"""
 Effects = tuple[str, ...]
 RACE_LINE_MARGIN = 1.6
 """least distance of the race line from the edges, m"""
@@ -169,7 +169,10 @@ class Adoption:
         current, knowledge = self.current, self.controller.knowledge
         if self.trust.watch(slides(estimate, knowledge, self._config.vehicle, current.tyre.axles), s):
             self._asked, self._changed = NOTHING_ASKED, True
-        lap = int(s // self.controller.reference.length)
+        self.begin_lap(int(s // self.controller.reference.length))
+
+    def begin_lap(self, lap: int) -> None:
+        """What was held in the laps before `lap` may be asked for again; nothing where it is not a new one."""
         if lap > self._lap:
             self._lap, self._held_by_lap, self._changed = lap, self.held, True
 

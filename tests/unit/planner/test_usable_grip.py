@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimator.model.tyre import normalised_force
-from planner.adoption.usable_grip import MIN_CAPACITY, MOST_SLIP, PROFILE_SHARE, borne_next, capacity
+from planner.adoption.usable_grip import (
+    LEAST_REAR,
+    MIN_CAPACITY,
+    MOST_SLIP,
+    PROFILE_SHARE,
+    borne_next,
+    capacity,
+    rear_share,
+)
 from planner.problem.infomax import sigma_points
 
 AXLES = ((1, 2, 3), (4, 5, 6))
@@ -22,7 +30,7 @@ load = st.floats(0.0, 2.0)
 
 
 def asked(covariance: np.ndarray, level: float = 1.0, held: tuple[float, float] = NOTHING) -> np.ndarray:
-    return np.array(capacity(AXLES, THETA, covariance, use=USE, level=level, held=held))
+    return np.array(capacity(AXLES, THETA, covariance, use=np.full(2, USE), level=level, held=held))
 
 
 def test_a_certain_belief_leaves_the_whole_share_of_the_peak() -> None:
@@ -55,6 +63,13 @@ def test_a_held_load_is_asked_for_again_while_the_mean_agrees() -> None:
     assert front == pytest.approx(1.1)
     assert rear == pytest.approx(USE * THETA[6], rel=0.01), "no further than the mean agrees"
     assert asked(doubt, 2.0, (0.5, 0.5)) == pytest.approx(unseen), "less than is sure changes nothing"
+
+
+def test_a_rear_axle_that_gives_way_first_keeps_away_from_its_peak_and_no_other_does() -> None:
+    assert [rear_share(np.array(peaks)) for peaks in ((1.3, 1.4), (1.4, 1.4))] == [1.0, 1.0]
+    weaker = [rear_share(np.array([1.4, rear])) for rear in np.linspace(1.34, 1.0, 30)]
+    assert np.all(np.diff(weaker) <= 0.0)
+    assert (weaker[0] > 0.99, weaker[-1]) == (True, LEAST_REAR), "and the car still corners"
 
 
 def test_front_tyres_that_bore_a_force_for_laps_are_asked_for_a_little_more_and_rear_ones_are_not() -> None:

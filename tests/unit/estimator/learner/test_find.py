@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 import numpy as np
 import pytest
 from support.round_course import laps_of, write_course
 
-from estimator.belief.revision import starting_revision
+from estimator.belief.revision import model_of, starting_revision
 from estimator.learner.find import (
     NOTHING,
     FirstLap,
@@ -21,7 +22,9 @@ from estimator.learner.find import (
     without_what_spoils,
 )
 from estimator.learner.rule import regress, why_not
+from estimator.learner.taught import SPREAD, Laps, samples
 from estimator.model.effects import catalogue
+from estimator.node import HALF_WINDOW, LATE_DRIVE, LATE_STEER, acting_variance
 from hil_gateway.config import Config, load_config
 from hil_gateway.process.errors import InputError
 
@@ -64,6 +67,22 @@ def test_the_first_lap_tells_a_better_model_from_a_worse_one(with_drag: tuple[Ta
     adopted = Task(task.columns, task.declared, found.revision, task.config)
     assert not regress(*judge(FirstLap(adopted, 2, before=task.declared)), 30.0, 30.0)
     assert "worse" in regress(*judge(FirstLap(task, 2, before=found.revision)), 30.0, 30.0)
+
+
+def test_what_is_proposed_was_taught_by_inputs_as_uncertain_as_while_driving(config: Config) -> None:
+    columns = laps_of(DRAG, laps=3)
+    revised, count = model_of(starting_revision(config, ""), config.vehicle, 1000.0), len(columns["t"])
+    columns |= {name: np.zeros(count) for name in SPREAD}
+    taught = list(samples(Laps(columns, np.zeros(count)), revised))[:500]
+    for which, (name, late) in enumerate({"steer": LATE_STEER, "drive": LATE_DRIVE}.items()):
+        window: deque[float] = deque(maxlen=HALF_WINDOW + late)
+        while_driving = []
+        for value in columns[name][: HALF_WINDOW + len(taught) + HALF_WINDOW]:
+            window.append(value)
+            while_driving.append(float(acting_variance(window)))
+        found = [s.input_variance[which] for s in taught]
+        assert found[late:] == pytest.approx(while_driving[2 * HALF_WINDOW + late : 2 * HALF_WINDOW + len(taught)])
+        assert max(found) > 0.0
 
 
 def test_nothing_is_proposed_where_nothing_is_missing(config: Config) -> None:
