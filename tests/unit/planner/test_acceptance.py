@@ -176,11 +176,12 @@ def some_motion(n: int) -> np.ndarray:
 
 def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks() -> None:
     """What braking and driving take from the lateral force is not counted as used; the declared combined slip of 0.8
-    takes a tenth off a braking force, and nothing from half of the lateral peak on."""
+    takes a tenth off a braking force, and nothing from half of the lateral peak on. A braking force counts for more by
+    what is in doubt of the brakes, a driving one does not."""
     revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
     problem, theta = Problem(revised.model, Settings()), ca.DM(revised.theta)
     p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "load_max": [1, 1]}
-    p["brake_ratio"] = 1.2
+    p["brake_ratio"], p["brake_doubt"] = 1.2, ca.DM([1.1, 1.2])
     z = ca.SX.sym("z", NZ)
     terms = problem.evaluate(z, theta, p)
     along, across = (
@@ -188,7 +189,8 @@ def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks()
         for force in ("fx", "fy")
     )
     taken_off = 0.1 * (along < 0.0) * (1.0 - ca.fmin((2.0 * across) ** 2, 1.0))
-    shares = ca.hypot((1.0 - taken_off) * along, across)
+    counted_for_doubt = 1.0 + (p["brake_doubt"] - 1.0) * (along < 0.0)
+    shares = ca.hypot(counted_for_doubt * (1.0 - taken_off) * along, across)
     rows = ca.vertcat(*(load_row(problem, a, z, theta, p).value for a in "fr"))
     compare = ca.Function("compare", [z], [rows, shares])
     for steer, drive in itertools.product((0.0, 0.02, 0.035), (-0.3, -0.15, 0.0, 0.12)):
@@ -286,7 +288,7 @@ def test_a_plan_for_tyres_that_deliver_less_is_judged_by_what_they_deliver() -> 
         adoption.catch_up()
     controller = adoption.controller
     assert controller.knowledge.theta[-1] < 0.81 * adoption.current.revised.theta[-1]
-    z0 = start_state(controller, 500.0, 0.8)
+    z0 = start_state(controller, 500.0, 0.7)
     controller.cold_start(z0, clock)
     solution = controller.solve(z0, clock, 10)
     assert PlanCheck(settings)(controller, adoption.current, solution) == []
