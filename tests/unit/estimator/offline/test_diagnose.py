@@ -28,12 +28,13 @@ from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.laps import scored_laps
 from estimator.offline.record.noise import Noise
 from estimator.offline.record.road import LEAST_ANGLE
-from estimator.offline.report.diagnosis_result import as_json, as_revision
+from estimator.offline.report.diagnosis_result import as_json, as_revision, sizes_of, standard_deviations
 from estimator.offline.report.unexplained import unexplained
-from estimator.offline.report.words import describe, follows_turn_direction
+from estimator.offline.report.words import describe, follows_turn_direction, parameter_words
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.acceptance import explains_more_than_is_left
+from estimator.offline.search.every_car import gain_beside_others
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.search import Greedy
@@ -76,6 +77,17 @@ def test_single_effect_is_named_alone_with_its_size(diagnosed: Callable[[str], D
     assert abs(force["value"] - 420.0) < min(42.0, 3 * force["std"])
     assert result["effects"][0]["confidence"] > 0.95
     assert result["channels"]["ax"]["with_effects"] < 1.1 * result["channels"]["ax"]["noise_floor"]
+
+
+def test_a_parameter_that_the_data_do_not_tell_is_said_to_be_undetermined(
+    diagnosed: Callable[[str], Diagnosis], drives: dict[str, Any]
+) -> None:
+    setting = Setting(record_of(drives["single"]), "per_axle", PRIOR)  # no throttle is recorded, so no pedal acts
+    done = fit_names(setting, ["rolling_resistance", "engine_braking"], None)
+    found = replace(diagnosed("single"), fit=done)
+    sizes = {b.effect.name: sizes_of(found, b, standard_deviations(found)) for b in done.predictor.blocks}
+    assert parameter_words("pedal", sizes["engine_braking"]["pedal"]) == "pedal undetermined"
+    assert parameter_words("force", sizes["rolling_resistance"]["force"]).startswith("force 4")
 
 
 def test_pair_is_named_whole(diagnosed: Callable[[str], Diagnosis]) -> None:
@@ -170,16 +182,16 @@ def test_effect_outside_the_catalogue_is_unexplained_and_located(diagnosed: Call
     assert row["refit"] - row["with_effects"] > 0.6 * (row["refit"] - row["noise_floor"])
 
 
-def test_what_is_left_comes_before_a_term_that_explains_less_of_it(diagnosed: Callable[[str], Diagnosis]) -> None:
+def test_what_is_left_is_said_before_a_term_that_explains_less_of_it_and_after_any_other(diagnosed: Callable[[str], Diagnosis]) -> None:
     found = diagnosed("outside")
     left = (Leftover("ay", 4.0, False, "t", ((100.0, 120.0),), (0.0, 370.0)),)
-    for after, first in ((0.5, "t"), (0.2, "track_position")):
+    for after, order in ((0.5, ["t", "track_position"]), (0.2, ["track_position", "t"])):
         channels = {
             c: {**row, "catalogue": 0.6, "with_effects": after, "noise_floor": 0.15}
             for c, row in found.channels.items()
         }
         said = unexplained(replace(found, leftover=left, channels=channels))
-        assert next(u["signal"] for u in said if u["channel"] == "ay") == first
+        assert [u["signal"] for u in said if u["channel"] == "ay"] == order
 
 
 def test_test_laps_are_kept_from_every_fit(diagnosed: Callable[[str], Diagnosis]) -> None:
@@ -353,6 +365,26 @@ def test_load_transfer_lower_or_higher_than_in_any_car_is_not_believed(drives: d
         parameters = done.parameters.copy()
         parameters[row] = height
         assert believed(replace(done, parameters=parameters, normal=normal), "load_transfer") == named
+
+
+def test_what_every_car_has_is_found_together_where_part_of_it_shows(drives: dict[str, Any]) -> None:
+    setting = Setting(record_of(drives["car"]), "per_axle", PRIOR)
+    for shown, complete in ((["aero_drag", "aero_downforce"], True), (["aero_drag"], False)):
+        base, current = fit_names(setting, [], None), fit_names(setting, shown, None)
+        state = Greedy(setting, lambda _: None, lambda base, current: False, base, shown, current, [])
+        assert state.complete() == complete
+        assert {"load_transfer", "combined_slip"} <= set(state.names) or not complete
+        assert set(state.names) <= set(drives["car"].effects)
+        assert not state.complete(), "beside the same effects it is tried once"
+
+
+def test_what_one_effect_gains_is_told_by_the_fit_with_it(drives: dict[str, Any]) -> None:
+    setting = Setting(record_of(drives["single"]), "per_axle", PRIOR)
+    without = fit_names(setting, ["steer_offset"], None)
+    fit = fit_names(setting, ["steer_offset", "rolling_resistance"], without)
+    exact = compare(without.held_out(), fit.held_out(), fit.normal.count).gain
+    assert gain_beside_others(fit, "rolling_resistance").gain == pytest.approx(exact, rel=0.1)
+    assert abs(gain_beside_others(fit, "steer_offset").gain) < 0.01 * exact
 
 
 def test_windows_in_which_the_car_has_spun_are_left_out(drives: dict[str, Any]) -> None:
