@@ -34,12 +34,12 @@ from estimator.offline.report.words import describe, follows_turn_direction, par
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.acceptance import explains_more_than_is_left
-from estimator.offline.search.every_car import gain_beside_others
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.search import Greedy
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import figure
 
 
@@ -182,7 +182,9 @@ def test_effect_outside_the_catalogue_is_unexplained_and_located(diagnosed: Call
     assert row["refit"] - row["with_effects"] > 0.6 * (row["refit"] - row["noise_floor"])
 
 
-def test_what_is_left_is_said_before_a_term_that_explains_less_of_it_and_after_any_other(diagnosed: Callable[[str], Diagnosis]) -> None:
+def test_what_is_left_comes_before_a_term_that_explains_less_and_after_any_other(
+    diagnosed: Callable[[str], Diagnosis],
+) -> None:
     found = diagnosed("outside")
     left = (Leftover("ay", 4.0, False, "t", ((100.0, 120.0),), (0.0, 370.0)),)
     for after, order in ((0.5, ["t", "track_position"]), (0.2, ["track_position", "t"])):
@@ -378,13 +380,14 @@ def test_what_every_car_has_is_found_together_where_part_of_it_shows(drives: dic
         assert not state.complete(), "beside the same effects it is tried once"
 
 
-def test_what_one_effect_gains_is_told_by_the_fit_with_it(drives: dict[str, Any]) -> None:
-    setting = Setting(record_of(drives["single"]), "per_axle", PRIOR)
-    without = fit_names(setting, ["steer_offset"], None)
-    fit = fit_names(setting, ["steer_offset", "rolling_resistance"], without)
-    exact = compare(without.held_out(), fit.held_out(), fit.normal.count).gain
-    assert gain_beside_others(fit, "rolling_resistance").gain == pytest.approx(exact, rel=0.1)
-    assert abs(gain_beside_others(fit, "steer_offset").gain) < 0.01 * exact
+def test_no_more_lift_than_any_body_has_is_not_believed(drives: dict[str, Any]) -> None:
+    done = fit_names(Setting(record_of(drives["none"]), "per_axle", PRIOR), ["aero_downforce"], None)
+    rows = next(b.parameters for b in done.predictor.blocks if b.effect.name == "aero_downforce")
+    normal = replace(done.normal, prior=done.normal.prior + 1e8 * np.eye(len(done.parameters)))
+    for k, named in ((0.02, False), (0.3, True)):
+        parameters = done.parameters.copy()
+        parameters[rows] = k
+        assert believed(replace(done, parameters=parameters, normal=normal), "aero_downforce") == named
 
 
 def test_windows_in_which_the_car_has_spun_are_left_out(drives: dict[str, Any]) -> None:
@@ -417,21 +420,35 @@ def test_sensitivities_agree_with_finite_differences(drives: dict[str, Any]) -> 
         assert np.sqrt(np.mean((jacobian[:, i] - numeric) ** 2)) < 0.05 * scale, predictor.table[i].name
 
 
-def test_leaving_a_lap_out_by_normal_equations_is_exact_for_a_linear_model() -> None:
+def linear_problem() -> tuple[Array, Array, Callable[[Array, Array], Normal]]:
+    """(laps, n, p) sensitivity, (laps, n) residual of the first channel, and the normal equations of such."""
     rng = np.random.default_rng(5)
-    laps, p, n = 4, 3, 60
-    X, truth = rng.normal(size=(laps, n, p)), np.array([1.0, -2.0, 0.5])
-    y = X @ truth + 0.1 * rng.normal(size=(laps, n))
-    squares, gradient, hessian = np.zeros((5, laps)), np.zeros((5, laps, p)), np.zeros((5, laps, p, p))
-    for lap in range(laps):
-        squares[0, lap], gradient[0, lap] = y[lap] @ y[lap], X[lap].T @ y[lap]
-        hessian[0, lap] = X[lap].T @ X[lap]
-    normal = Normal(squares, gradient, hessian, np.full(laps, float(n)), np.zeros((p, p)), np.zeros(p), np.ones(5))
-    held_out = normal.held_out(np.ones(5))[0]
-    for lap in range(laps):
-        others = [k for k in range(laps) if k != lap]
+    X, truth = rng.normal(size=(4, 60, 3)), np.array([1.0, -2.0, 0.5])
+
+    def normal(X: Array, y: Array) -> Normal:
+        laps, n, p = X.shape
+        squares, gradient, hessian = np.zeros((5, laps)), np.zeros((5, laps, p)), np.zeros((5, laps, p, p))
+        squares[0], gradient[0] = (y**2).sum(axis=1), np.einsum("lnp,ln->lp", X, y)
+        hessian[0] = np.einsum("lnp,lnq->lpq", X, X)
+        return Normal(squares, gradient, hessian, np.full(laps, float(n)), np.zeros((p, p)), np.zeros(p), np.ones(5))
+
+    return X, X @ truth + 0.1 * rng.normal(size=(4, 60)), normal
+
+
+def test_leaving_a_lap_out_by_normal_equations_is_exact_for_a_linear_model() -> None:
+    X, y, normal = linear_problem()
+    held_out = normal(X, y).held_out(np.ones(5))[0]
+    for lap in range(len(X)):
+        others = [k for k in range(len(X)) if k != lap]
         beta = np.linalg.lstsq(np.concatenate(X[others]), np.concatenate(y[others]), rcond=None)[0]
         assert held_out[lap] == pytest.approx(np.sum((y[lap] - X[lap] @ beta) ** 2), rel=1e-6)
+
+
+def test_normal_equations_with_a_parameter_held_elsewhere_are_exact_for_a_linear_model() -> None:
+    X, y, normal = linear_problem()
+    moved, made_there = normal(X, y).at(np.array([1]), np.array([-0.7])), normal(X[..., [0, 2]], y + 0.7 * X[..., 1])
+    for found, exact in zip(vars(moved).values(), vars(made_there).values(), strict=True):
+        np.testing.assert_allclose(found, exact, atol=1e-9)
 
 
 def test_fit_recovers_from_a_far_start(drives: dict[str, Any]) -> None:
