@@ -27,7 +27,7 @@ EFFECT = Effect(
             0.0,
             4.0,
             "-rho Cl A / 2, front axle",
-            Plausible(0.0, 3.0, "rho Cl A / 2 per axle: single-seaters 0.5 to 2.5"),
+            Plausible(0.0, 3.0, "rho Cl A / 2 per axle: single-seaters 0.5 to 2.5, any body 0.05", 0.05),
         ),
         Parameter(
             "k_rear",
@@ -37,11 +37,12 @@ EFFECT = Effect(
             0.0,
             4.0,
             "-rho Cl A / 2, rear axle",
-            Plausible(0.0, 3.0, "rho Cl A / 2 per axle: single-seaters 0.5 to 2.5"),
+            Plausible(0.0, 3.0, "rho Cl A / 2 per axle: single-seaters 0.5 to 2.5, any body 0.05", 0.05),
         ),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="vx",
     hooks={"LOAD": _load},
     separated_by="the same corner at very different speeds",
+    on_every_car=True,
 )

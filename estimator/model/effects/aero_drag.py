@@ -35,4 +35,5 @@ EFFECT = Effect(
     cause="vx",
     hooks={"LONGITUDINAL": _longitudinal},
     separated_by="coasting from high to low speed separates v^2 (drag) from a constant (rolling resistance, bias)",
+    on_every_car=True,
 )

@@ -52,6 +52,8 @@ class Effect:
     """effects of which at least one must be active for this one to show"""
     separated_by: str = ""
     """manoeuvre or channel that tells it from its look-alikes"""
+    on_every_car: bool = False
+    """whether every car with tyres, brakes and a body has it, to some size"""
 
     def __post_init__(self) -> None:
         assert self.parameters, f"effect {self.name} has no parameters"

@@ -36,4 +36,5 @@ EFFECT = Effect(
     hooks={"FORCE": _force},
     initial=(0.6,),
     separated_by="braking and accelerating in the same corner (load transfer changes sign between them)",
+    on_every_car=True,
 )

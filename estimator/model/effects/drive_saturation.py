@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -20,7 +20,18 @@ EFFECT = Effect(
     lacks="longitudinal force saturates in slip",
     equation="F_x = F_max tanh(C_x d / F_max)",
     source="Pacejka, Tire and Vehicle Dynamics, ch. 4 (longitudinal force curve); tanh as its one-parameter form",
-    parameters=(Parameter("force", "N", 1e7, 1e7, 500.0, 1e7, "largest longitudinal force F_max"),),
+    parameters=(
+        Parameter(
+            "force",
+            "N",
+            1e7,
+            1e7,
+            500.0,
+            1e7,
+            "largest longitudinal force F_max",
+            Plausible(1000.0, 40_000.0, "an axle's grip: 0.3 of the load of a light car to 2 of a heavy one's"),
+        ),
+    ),
     channels=("ax", "vx_dot"),
     cause="drive",
     hooks={"SATURATION": _saturation},

@@ -55,4 +55,5 @@ EFFECT = Effect(
     cause="drive",
     hooks={"LONGITUDINAL": _longitudinal},
     separated_by="braking while turning: the front force then has a lateral component",
+    on_every_car=True,
 )

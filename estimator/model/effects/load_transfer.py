@@ -39,4 +39,5 @@ EFFECT = Effect(
     cause="drive",
     hooks={"LOAD": _load},
     separated_by="braking and accelerating in the same corner (combined slip acts alike for both signs of force)",
+    on_every_car=True,
 )

@@ -38,4 +38,5 @@ EFFECT = Effect(
     cause="vx",
     hooks={"LONGITUDINAL": _longitudinal},
     separated_by="an accelerometer bias shows in ax but not in d/dt vx; engine braking only with the throttle closed",
+    on_every_car=True,
 )

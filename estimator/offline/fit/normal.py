@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,6 +53,14 @@ class Normal:
             self.squares, self.gradient[:, :, rows], self.hessian[:, :, rows][..., rows], self.count,
             self.prior[np.ix_(rows, rows)], self.prior_pull[rows], self.floor,
         )  # fmt: skip
+
+    def at(self, rows: Ints, move: Array) -> Normal:
+        """The same by its quadratic after parameters `rows` moved by `move`, these held there and all others free."""
+        along = self.hessian[..., rows] @ move
+        squares = self.squares + along[..., rows] @ move - 2.0 * self.gradient[..., rows] @ move
+        pull = self.prior_pull - self.prior[:, rows] @ move
+        moved = replace(self, squares=squares, gradient=self.gradient - along, prior_pull=pull)
+        return moved.subset(np.delete(np.arange(len(pull)), rows))
 
     def precision(self, variance: Array) -> Array:
         """(p, p) posterior precision."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.belief.revision import revision_id
 from estimator.model.declared_vehicle import DECLARED
+from estimator.model.parameters import Parameter
 from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis, alternatives
 from estimator.offline.fit.prediction_error import Point
@@ -61,7 +62,7 @@ def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
         "effects": [
             {
                 "name": name,
-                "parameters": _parameters(diagnosis, blocks[name], std),
+                "parameters": sizes_of(diagnosis, blocks[name], std),
                 "confidence": _confidence(diagnosis.gains[name]),
                 "channels": list(blocks[name].effect.channels),
                 "share_of_residual": shares[name],
@@ -107,14 +108,27 @@ def _split(diagnosis: Diagnosis) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _parameters(diagnosis: Diagnosis, block: Block, std: Array) -> dict[str, dict[str, float | str]]:
+def sizes_of(diagnosis: Diagnosis, block: Block, std: Array) -> dict[str, dict[str, float | str]]:
+    """Parameters of an effect, or the extent of its profile; `std` (p,) of all parameters of the fit."""
     values, deviations = diagnosis.fit.parameters[block.parameters], std[block.parameters]
     if not block.effect.profile:
         return {
-            p.name: {"value": float(v), "std": float(s), "unit": p.unit}
+            p.name: {"value": float(v), "std": float(s), "unit": p.unit, "determined": _determined(p, float(s))}
             for p, v, s in zip(block.effect.parameters, values, deviations, strict=True)
         }
     return _profile_parameters(diagnosis, block)
+
+
+def _determined(parameter: Parameter, std: float) -> bool:
+    """Whether the data tell more about a parameter than was believed beforehand.
+
+    Independent knowledge adds up as inverse variances: where the data tell as much as the prior, half its variance is
+    left.
+
+    Args:
+        parameter: with the prior; std: what is left, in the parameter's unit.
+    """
+    return std**2 < 0.5 * parameter.prior_std**2
 
 
 def _profile_parameters(diagnosis: Diagnosis, block: Block) -> dict[str, dict[str, float | str]]:
@@ -131,7 +145,7 @@ def _profile_parameters(diagnosis: Diagnosis, block: Block) -> dict[str, dict[st
         "amplitude": 0.5 * float(np.ptp(value)), "rms": float(np.sqrt(np.mean(value**2))),
         "largest": float(value.max()), "smallest": float(value.min()),
     }  # fmt: skip
-    return {name: {"value": size, "std": error, "unit": unit} for name, size in sizes.items()}
+    return {name: {"value": size, "std": error, "unit": unit, "determined": True} for name, size in sizes.items()}
 
 
 def _confidence(evidence: Evidence) -> float:

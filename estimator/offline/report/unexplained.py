@@ -22,7 +22,7 @@ def unexplained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Channels in which an empirical term is needed, strongest first, with what it depends on and where it acts.
 
     A term that hardly changes a channel says nothing of what is left there; one that leaves more than it explains comes
-    after what is left.
+    after what is left, and what any other leaves comes last.
     """
     tried = [entry for term in diagnosis.terms for entry in _by_term(diagnosis, term)]
     tried.sort(key=lambda e: -float(e["share_of_residual"]))
@@ -32,7 +32,7 @@ def unexplained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         return entries or tried[:1]
     named = {e["channel"] for e in entries}
     first = [e for e in left if e["channel"] in named and _leaves_more(diagnosis.channels[e["channel"]])]
-    return first + entries + [e for e in left if e["channel"] not in named]
+    return first + entries + [e for e in left if e not in first]
 
 
 def _leaves_more(channel: Mapping[str, float]) -> bool:

@@ -104,7 +104,9 @@ def span_words(signal: str, spans: Sequence[tuple[float, float]], low: float, hi
 
 
 def parameter_words(name: str, parameter: dict[str, float | str]) -> str:
-    """'force 420 +- 2 N'."""
+    """'force 420 +- 2 N', or that the data do not determine it."""
+    if not parameter["determined"]:
+        return f"{name} undetermined"
     unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
     return f"{name} {figure(float(parameter['value']))} ± {figure(float(parameter['std']), digits=2)}{unit}"
 

@@ -21,6 +21,7 @@ from estimator.offline.search.acceptance import (
     stays,
     worth_a_name,
 )
+from estimator.offline.search.every_car import shows_a_real_car, with_every_car
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.screening import open_candidates, screen
@@ -74,6 +75,8 @@ class Greedy:
     fit: Fit
     rounds: list[tuple[Trial, ...]]
     checked: Checked | None = None
+    completed_from: frozenset[str] | None = None
+    """effects beside which all that every car has was last tried"""
 
     def grow(self) -> None:
         """Add effects while they earn their place; what was added on its gain alone goes again if nothing followed."""
@@ -95,6 +98,8 @@ class Greedy:
             self.checked = None
             if not unsure and len(self.names) <= RECHECKED_AT_ONCE:
                 self.recheck()
+            if not unsure and self.completed_from is None and shows_a_real_car(self.names):
+                self.complete()
             if set(self.names) <= before or (len(self.names) >= ASKED_FROM and self.enough(self.start, self.fit)):
                 break
         if unsure:
@@ -117,6 +122,26 @@ class Greedy:
                 self.recheck()
                 return True
         return False
+
+    def complete(self) -> bool:
+        """Add together what every car has, where the session shows part of it; whether that explains more."""
+        tried, self.completed_from = self.completed_from, frozenset(self.names)
+        if tried == self.completed_from or not shows_a_real_car(self.names) or not structured(self.fit, WHITE):
+            return False
+        self.progress("all that every car has")
+        names, fit = with_every_car(self.setting, self.names, self.fit)
+        if not self._explains_more(fit):
+            return False
+        names, fit, checked = recheck(self.setting, names, fit, self.progress)
+        if not self._explains_more(fit):
+            return False
+        self.rounds.extend((Trial(n, checked.gains[n], fit),) for n in names if n not in self.names)
+        self.names, self.fit, self.checked = names, fit, checked
+        return True
+
+    def _explains_more(self, fit: Fit) -> bool:
+        evidence = compare(self.fit.held_out(), fit.held_out(), fit.normal.count)
+        return earns_its_place(evidence, self.setting, self.total)
 
     def _instead_of(self, name: str) -> Trial | None:
         rival = self._rival(name, 1.0)
@@ -186,7 +211,7 @@ def search(
         rounds.append(first)
     state = Greedy(setting, progress, enough, start, names, start, rounds)
     state.grow()
-    while state.exchange():
+    while state.complete() or state.exchange():
         state.grow()
     # the way there and back may have led the declared model further
     base = base if state.names else state.fit

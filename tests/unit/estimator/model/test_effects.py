@@ -239,12 +239,11 @@ def test_diagnose_prints_every_parameter_with_its_range_and_reason() -> None:
         block = printed.stdout.split(f"{effect.name}: {effect.lacks}\n")[1]
         lines = block.splitlines()[: len(effect.parameters)]
         for line, p in zip(lines, effect.parameters, strict=True):
-            low, high, reason = (
-                (p.plausible.lower, p.plausible.upper, p.plausible.reason) if p.plausible else (p.lower, p.upper, "fit")
-            )
+            assert p.plausible is not None, f"{effect.name}.{p.name}"
+            assert p.lower <= p.plausible.lower < p.plausible.upper <= p.upper
             assert line.startswith(f"  {p.name}")
-            assert f"{low:g} to {high:g}" in line
-            assert reason in line
+            assert f"{p.plausible.lower:g} to {p.plausible.upper:g}" in line
+            assert p.plausible.reason in line
 
 
 def test_engine_braking_switches_sample_by_sample_and_by_the_throttle_where_it_is_recorded() -> None:

@@ -28,9 +28,9 @@ from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.laps import scored_laps
 from estimator.offline.record.noise import Noise
 from estimator.offline.record.road import LEAST_ANGLE
-from estimator.offline.report.diagnosis_result import as_json, as_revision
+from estimator.offline.report.diagnosis_result import as_json, as_revision, sizes_of, standard_deviations
 from estimator.offline.report.unexplained import unexplained
-from estimator.offline.report.words import describe, follows_turn_direction
+from estimator.offline.report.words import describe, follows_turn_direction, parameter_words
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.acceptance import explains_more_than_is_left
@@ -39,6 +39,7 @@ from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.search import Greedy
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import figure
 
 
@@ -76,6 +77,17 @@ def test_single_effect_is_named_alone_with_its_size(diagnosed: Callable[[str], D
     assert abs(force["value"] - 420.0) < min(42.0, 3 * force["std"])
     assert result["effects"][0]["confidence"] > 0.95
     assert result["channels"]["ax"]["with_effects"] < 1.1 * result["channels"]["ax"]["noise_floor"]
+
+
+def test_a_parameter_that_the_data_do_not_tell_is_said_to_be_undetermined(
+    diagnosed: Callable[[str], Diagnosis], drives: dict[str, Any]
+) -> None:
+    setting = Setting(record_of(drives["single"]), "per_axle", PRIOR)  # no throttle is recorded, so no pedal acts
+    done = fit_names(setting, ["rolling_resistance", "engine_braking"], None)
+    found = replace(diagnosed("single"), fit=done)
+    sizes = {b.effect.name: sizes_of(found, b, standard_deviations(found)) for b in done.predictor.blocks}
+    assert parameter_words("pedal", sizes["engine_braking"]["pedal"]) == "pedal undetermined"
+    assert parameter_words("force", sizes["rolling_resistance"]["force"]).startswith("force 4")
 
 
 def test_pair_is_named_whole(diagnosed: Callable[[str], Diagnosis]) -> None:
@@ -170,16 +182,18 @@ def test_effect_outside_the_catalogue_is_unexplained_and_located(diagnosed: Call
     assert row["refit"] - row["with_effects"] > 0.6 * (row["refit"] - row["noise_floor"])
 
 
-def test_what_is_left_comes_before_a_term_that_explains_less_of_it(diagnosed: Callable[[str], Diagnosis]) -> None:
+def test_what_is_left_comes_before_a_term_that_explains_less_and_after_any_other(
+    diagnosed: Callable[[str], Diagnosis],
+) -> None:
     found = diagnosed("outside")
     left = (Leftover("ay", 4.0, False, "t", ((100.0, 120.0),), (0.0, 370.0)),)
-    for after, first in ((0.5, "t"), (0.2, "track_position")):
+    for after, order in ((0.5, ["t", "track_position"]), (0.2, ["track_position", "t"])):
         channels = {
             c: {**row, "catalogue": 0.6, "with_effects": after, "noise_floor": 0.15}
             for c, row in found.channels.items()
         }
         said = unexplained(replace(found, leftover=left, channels=channels))
-        assert next(u["signal"] for u in said if u["channel"] == "ay") == first
+        assert [u["signal"] for u in said if u["channel"] == "ay"] == order
 
 
 def test_test_laps_are_kept_from_every_fit(diagnosed: Callable[[str], Diagnosis]) -> None:
@@ -355,6 +369,27 @@ def test_load_transfer_lower_or_higher_than_in_any_car_is_not_believed(drives: d
         assert believed(replace(done, parameters=parameters, normal=normal), "load_transfer") == named
 
 
+def test_what_every_car_has_is_found_together_where_part_of_it_shows(drives: dict[str, Any]) -> None:
+    setting = Setting(record_of(drives["car"]), "per_axle", PRIOR)
+    for shown, complete in ((["aero_drag", "aero_downforce"], True), (["aero_drag"], False)):
+        base, current = fit_names(setting, [], None), fit_names(setting, shown, None)
+        state = Greedy(setting, lambda _: None, lambda base, current: False, base, shown, current, [])
+        assert state.complete() == complete
+        assert {"load_transfer", "combined_slip"} <= set(state.names) or not complete
+        assert set(state.names) <= set(drives["car"].effects)
+        assert not state.complete(), "beside the same effects it is tried once"
+
+
+def test_no_more_lift_than_any_body_has_is_not_believed(drives: dict[str, Any]) -> None:
+    done = fit_names(Setting(record_of(drives["none"]), "per_axle", PRIOR), ["aero_downforce"], None)
+    rows = next(b.parameters for b in done.predictor.blocks if b.effect.name == "aero_downforce")
+    normal = replace(done.normal, prior=done.normal.prior + 1e8 * np.eye(len(done.parameters)))
+    for k, named in ((0.02, False), (0.3, True)):
+        parameters = done.parameters.copy()
+        parameters[rows] = k
+        assert believed(replace(done, parameters=parameters, normal=normal), "aero_downforce") == named
+
+
 def test_windows_in_which_the_car_has_spun_are_left_out(drives: dict[str, Any]) -> None:
     drive = drives["none"]
     spun = np.abs(drive.columns["t"] - 100.0) < 1.0
@@ -385,21 +420,35 @@ def test_sensitivities_agree_with_finite_differences(drives: dict[str, Any]) -> 
         assert np.sqrt(np.mean((jacobian[:, i] - numeric) ** 2)) < 0.05 * scale, predictor.table[i].name
 
 
-def test_leaving_a_lap_out_by_normal_equations_is_exact_for_a_linear_model() -> None:
+def linear_problem() -> tuple[Array, Array, Callable[[Array, Array], Normal]]:
+    """(laps, n, p) sensitivity, (laps, n) residual of the first channel, and the normal equations of such."""
     rng = np.random.default_rng(5)
-    laps, p, n = 4, 3, 60
-    X, truth = rng.normal(size=(laps, n, p)), np.array([1.0, -2.0, 0.5])
-    y = X @ truth + 0.1 * rng.normal(size=(laps, n))
-    squares, gradient, hessian = np.zeros((5, laps)), np.zeros((5, laps, p)), np.zeros((5, laps, p, p))
-    for lap in range(laps):
-        squares[0, lap], gradient[0, lap] = y[lap] @ y[lap], X[lap].T @ y[lap]
-        hessian[0, lap] = X[lap].T @ X[lap]
-    normal = Normal(squares, gradient, hessian, np.full(laps, float(n)), np.zeros((p, p)), np.zeros(p), np.ones(5))
-    held_out = normal.held_out(np.ones(5))[0]
-    for lap in range(laps):
-        others = [k for k in range(laps) if k != lap]
+    X, truth = rng.normal(size=(4, 60, 3)), np.array([1.0, -2.0, 0.5])
+
+    def normal(X: Array, y: Array) -> Normal:
+        laps, n, p = X.shape
+        squares, gradient, hessian = np.zeros((5, laps)), np.zeros((5, laps, p)), np.zeros((5, laps, p, p))
+        squares[0], gradient[0] = (y**2).sum(axis=1), np.einsum("lnp,ln->lp", X, y)
+        hessian[0] = np.einsum("lnp,lnq->lpq", X, X)
+        return Normal(squares, gradient, hessian, np.full(laps, float(n)), np.zeros((p, p)), np.zeros(p), np.ones(5))
+
+    return X, X @ truth + 0.1 * rng.normal(size=(4, 60)), normal
+
+
+def test_leaving_a_lap_out_by_normal_equations_is_exact_for_a_linear_model() -> None:
+    X, y, normal = linear_problem()
+    held_out = normal(X, y).held_out(np.ones(5))[0]
+    for lap in range(len(X)):
+        others = [k for k in range(len(X)) if k != lap]
         beta = np.linalg.lstsq(np.concatenate(X[others]), np.concatenate(y[others]), rcond=None)[0]
         assert held_out[lap] == pytest.approx(np.sum((y[lap] - X[lap] @ beta) ** 2), rel=1e-6)
+
+
+def test_normal_equations_with_a_parameter_held_elsewhere_are_exact_for_a_linear_model() -> None:
+    X, y, normal = linear_problem()
+    moved, made_there = normal(X, y).at(np.array([1]), np.array([-0.7])), normal(X[..., [0, 2]], y + 0.7 * X[..., 1])
+    for found, exact in zip(vars(moved).values(), vars(made_there).values(), strict=True):
+        np.testing.assert_allclose(found, exact, atol=1e-9)
 
 
 def test_fit_recovers_from_a_far_start(drives: dict[str, Any]) -> None:

@@ -1,0 +1,65 @@
+"""Effects that every car has, tried together: what one does may hide the others.
+
+Brakes, axle loads and the friction ellipse act in the same bends. With one of them alone its size is not believed, and
+one by one none is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimator.model.declared_vehicle import all_candidates
+from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.search.acceptance import can_be_accepted, stays
+from estimator.offline.search.evidence import Evidence, compare
+from estimator.offline.search.plausible import believed
+from estimator.offline.search.screening import open_candidates
+from estimator.offline.search.trial import Setting, Trial, fit_names
+
+SHOWN = 2
+"""A session that shows so many of them is of a car that has them all."""
+
+
+def shows_a_real_car(accepted: Sequence[str]) -> bool:
+    """Whether enough of what every car has is accepted to expect the rest."""
+    return sum(all_candidates()[name].on_every_car for name in accepted) >= SHOWN
+
+
+def with_every_car(setting: Setting, accepted: Sequence[str], current: Fit) -> tuple[list[str], Fit]:
+    """The accepted effects with all that every car has, as far as each earns its place beside the others.
+
+    What does not is dropped one by one, the least first, by the evidence of the fit's quadratic. A last one to be added
+    is left to the rounds of the search, which try each alone.
+    """
+    added = [effect.name for effect in open_candidates(setting, accepted) if effect.on_every_car]
+    kept, fit = list(accepted), current
+    while len(added) > 1:
+        fit = fit_names(setting, [*kept, *added], fit)
+        gains = {name: gain_beside_others(fit, name) for name in (*kept, *added) if name not in setting.found_road}
+        weak = [n for n in gains if not _earned(Trial(n, gains[n], fit), setting, n in added)]
+        if not weak:
+            return [*kept, *added], fit
+        least = min(weak, key=lambda n: gains[n].gain)
+        (added if least in added else kept).remove(least)
+    return list(accepted), current
+
+
+def _earned(trial: Trial, setting: Setting, new: bool) -> bool:
+    """As a new effect has to, or as one accepted before."""
+    if new:
+        return can_be_accepted(trial, setting, 0.0)
+    return trial.fit is not None and believed(trial.fit, trial.name) and stays(trial.evidence, setting)
+
+
+def gain_beside_others(fit: Fit, name: str) -> Evidence:
+    """What an effect of a fit gains given all others, by the quadratic of the fit.
+
+    The less an effect does, the nearer is the model without it, and the more exact the quadratic.
+    """
+    block = next(b for b in fit.predictor.blocks if b.effect.name == name)
+    rows = np.arange(block.parameters.start, block.parameters.stop)
+    neutral = np.array([p.prior for p in fit.predictor.table[block.parameters]])
+    without = fit.normal.at(rows, neutral - fit.parameters[rows])
+    return compare(without.held_out(fit.normal.variance), fit.held_out(), fit.normal.count)
