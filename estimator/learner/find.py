@@ -97,7 +97,7 @@ def find(task: Task) -> Found:
     if not ground.mapped:
         train = replace(train, road=find_road(train))
     train = replace(train, lap=held_out_in_turn(train.windows))
-    done = search(_setting(task, train, ground), tell_apart=False)
+    done = search(_setting(task, train, ground), thorough=False)
     before = {"in_force": task.current, "refit": _taught(_effects(done.start, ground), task, ground)}
     rivals = {name: score(model, task, ground, held_out) for name, model in before.items()}
     final = _effects(done.final, ground)

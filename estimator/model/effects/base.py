@@ -52,12 +52,19 @@ class Effect:
     """effects of which at least one must be active for this one to show"""
     separated_by: str = ""
     """manoeuvre or channel that tells it from its look-alikes"""
+    form_of: str = ""
+    """another effect of which this one is a second form: the same part of the car told by another signal"""
     on_every_car: bool = False
     """whether every car with tyres, brakes and a body has it, to some size"""
 
     def __post_init__(self) -> None:
         assert self.parameters, f"effect {self.name} has no parameters"
         assert not self.profile or len(self.parameters) == 1, f"profile {self.name} has one value at a point"
+
+    @property
+    def id(self) -> str:
+        """Name it is reported under; of the forms of one effect a model has one at most."""
+        return self.form_of or self.name
 
     def neutral(self) -> tuple[float, ...]:
         """Parameter values at the prior mean, where the declared model is unchanged."""

@@ -36,5 +36,7 @@ EFFECT = Effect(
     cause="brake",
     hooks={"LONGITUDINAL": _longitudinal},
     needs=("brake",),
+    form_of="front_brake",
+    on_every_car=True,
     separated_by="braking at equal drive command and different brake pressure",
 )

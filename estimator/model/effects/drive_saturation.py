@@ -36,5 +36,6 @@ EFFECT = Effect(
     cause="drive",
     hooks={"SATURATION": _saturation},
     initial=(9000.0,),
+    on_every_car=True,
     separated_by="small and large drive commands at the same speed, both signs",
 )

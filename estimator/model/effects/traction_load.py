@@ -38,5 +38,6 @@ EFFECT = Effect(
     cause="vx",
     hooks={"GRIP": _grip},
     requires_any=("aero_downforce", "load_transfer", "road_bank"),
+    on_every_car=True,
     separated_by="the same slip command at very different speeds, or on and off a bank",
 )

@@ -34,5 +34,6 @@ EFFECT = Effect(
     cause="ay",
     hooks={"FORCE": _force},
     initial=(0.6,),
+    on_every_car=True,
     separated_by="the same slip command on straights and in corners",
 )

@@ -80,7 +80,7 @@ def _bars(axes: Any, groups: Mapping[str, Mapping[str, float]], floor: bool) -> 
 
 
 def _causes(report: Report, diagnosis: Diagnosis, summary: dict[str, Any]) -> None:
-    drawn = [(e["name"], e["channels"][0], catalogue()[e["name"]].cause) for e in summary["effects"]]
+    drawn = [(e["name"], e["channels"][0], catalogue()[e["form"]].cause) for e in summary["effects"]]
     drawn += [(u.get("term", u["channel"]), u["channel"], u["signal"]) for u in summary["unexplained"][:2]]
     if not drawn:
         return
@@ -153,10 +153,10 @@ def _ranking(report: Report, diagnosis: Diagnosis, summary: dict[str, Any]) -> N
     rows = []
     for entry in summary["effects"]:
         rows.append([
-            entry["name"], "accepted", f"{diagnosis.gains[entry['name']].gain:,.0f}", f"{entry['confidence']:.3f}",
+            entry["name"], "accepted", f"{diagnosis.gains[entry['form']].gain:,.0f}", f"{entry['confidence']:.3f}",
             ", ".join(parameter_words(n, p) for n, p in entry["parameters"].items()),
         ])  # fmt: skip
-        for other in alternatives(diagnosis.search, entry["name"])[:4]:
+        for other in alternatives(diagnosis.search, entry["form"])[:4]:
             effect = catalogue().get(other.name)
             why = "explains less of the same residual"
             rows.append([
@@ -175,7 +175,7 @@ def _equation(report: Report, summary: dict[str, Any]) -> None:
     report.section("The model now", "Added to Eq. (1)-(3) of the declared model:")
     lines = []
     for entry in summary["effects"]:
-        effect = catalogue()[entry["name"]]
+        effect = catalogue()[entry["form"]]
         numbers = ", ".join(parameter_words(n, p) for n, p in entry["parameters"].items())
         lines.append(f"{effect.name}: {effect.equation}, with {numbers}. Source: {effect.source}.")
     lines.extend(f"empirical: {u['description']} ({u['term']})" for u in summary["unexplained"] if u["empirical"])

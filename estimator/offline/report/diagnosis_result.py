@@ -61,7 +61,8 @@ def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
         "rollout": {"horizon_s": HORIZON_S, **{n: _rounded(v) for n, v in diagnosis.rollout.items()}},
         "effects": [
             {
-                "name": name,
+                "name": blocks[name].effect.id,
+                "form": name,
                 "parameters": sizes_of(diagnosis, blocks[name], std),
                 "confidence": _confidence(diagnosis.gains[name]),
                 "channels": list(blocks[name].effect.channels),

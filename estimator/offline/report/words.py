@@ -130,7 +130,7 @@ def verdict_sentence(summary: dict[str, Any]) -> str:
         for v in summary["vehicle"]
     ]
     if summary["verdict"] == "effect":
-        lacks = "; ".join(catalogue()[e["name"]].lacks for e in summary["effects"])
+        lacks = "; ".join(catalogue()[e["form"]].lacks for e in summary["effects"])
         return " ".join([*([f"The declared model lacks {' and '.join(found)}: {lacks}."] if found else []), *wrong])
     first = summary["unexplained"][0]
     if not first["empirical"]:

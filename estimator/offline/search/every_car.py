@@ -7,10 +7,12 @@ one by one none is found.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
 from estimator.model.declared_vehicle import all_candidates
+from estimator.model.effects.base import Effect
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search.acceptance import can_be_accepted, stays
 from estimator.offline.search.evidence import Evidence, compare
@@ -24,7 +26,13 @@ SHOWN = 2
 
 def shows_a_real_car(accepted: Sequence[str]) -> bool:
     """Whether enough of what every car has is accepted to expect the rest."""
-    return sum(all_candidates()[name].on_every_car for name in accepted) >= SHOWN
+    return bool(on_every_car_with(accepted))
+
+
+def on_every_car_with(accepted: Sequence[str]) -> list[str]:
+    """Those of the accepted effects that every car has, where they are enough to expect the rest."""
+    every = [name for name in accepted if all_candidates()[name].on_every_car]
+    return every if len(every) >= SHOWN else []
 
 
 def with_every_car(setting: Setting, accepted: Sequence[str], current: Fit) -> tuple[list[str], Fit]:
@@ -33,16 +41,16 @@ def with_every_car(setting: Setting, accepted: Sequence[str], current: Fit) -> t
     What does not is dropped one by one, the least first, by the evidence of the fit's quadratic. A last one to be added
     is left to the rounds of the search, which try each alone.
     """
-    added = [effect.name for effect in open_candidates(setting, accepted) if effect.on_every_car]
-    kept, fit = list(accepted), current
+    added, fit = fitted_together(setting, accepted, current)
+    kept = list(accepted)
     while len(added) > 1:
-        fit = fit_names(setting, [*kept, *added], fit)
         gains = {name: gain_beside_others(fit, name) for name in (*kept, *added) if name not in setting.found_road}
         weak = [n for n in gains if not _earned(Trial(n, gains[n], fit), setting, n in added)]
         if not weak:
             return [*kept, *added], fit
         least = min(weak, key=lambda n: gains[n].gain)
         (added if least in added else kept).remove(least)
+        fit = fit_names(setting, [*kept, *added], fit)
     return list(accepted), current
 
 
@@ -51,6 +59,26 @@ def _earned(trial: Trial, setting: Setting, new: bool) -> bool:
     if new:
         return can_be_accepted(trial, setting, 0.0)
     return trial.fit is not None and believed(trial.fit, trial.name) and stays(trial.evidence, setting)
+
+
+def fitted_together(setting: Setting, accepted: Sequence[str], current: Fit) -> tuple[list[str], Fit]:
+    """All that every car has and the model lacks, fitted beside the accepted; of its forms those that explain most."""
+    tried = [(added, fit_names(setting, [*accepted, *added], current)) for added in on_every_car(setting, accepted)]
+    return max(tried, key=lambda one: compare(current.held_out(), one[1].held_out(), current.normal.count).gain)
+
+
+def on_every_car(setting: Setting, accepted: Sequence[str]) -> list[list[str]]:
+    """What every car has, the log can show and the model lacks; once with each form of an effect that has several."""
+    every = [effect for effect in all_candidates().values() if effect.on_every_car]
+
+    def open_beside_the_others(effect: Effect) -> bool:
+        others = {*accepted, *(other.name for other in every if other.id != effect.id)}
+        return effect.name not in others and effect in open_candidates(setting, [*others])
+
+    forms: dict[str, list[str]] = {}
+    for effect in filter(open_beside_the_others, every):
+        forms.setdefault(effect.id, []).append(effect.name)
+    return [list(names) for names in product(*forms.values())]
 
 
 def gain_beside_others(fit: Fit, name: str) -> Evidence:

@@ -48,6 +48,11 @@ def _within_a_sample(fit: Fit, block: Block) -> bool:
     return abs(float(fit.parameters[block.parameters][0])) < record.step * speed
 
 
+def there(fit: Fit, name: str) -> bool:
+    """Whether an effect is off its neutral value beyond its error."""
+    return _there(fit, next(b for b in fit.predictor.blocks if b.effect.name == name))
+
+
 def possible(fit: Fit, block: Block) -> bool:
     """Whether every parameter lies in its plausible range, and off its bounds unless a bound is the neutral value."""
     for p, value in zip(_table(fit, block), fit.parameters[block.parameters], strict=True):

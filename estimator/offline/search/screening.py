@@ -35,8 +35,10 @@ def candidates(record: Record, active: Collection[str]) -> list[Effect]:
 
 def open_candidates(setting: Setting, accepted: Sequence[str]) -> list[Effect]:
     """Effects of the catalogue that a search may still add: not accepted, not in the model in force, not ruled out."""
-    possible = candidates(setting.record, {*accepted, *setting.active_names})
-    return [effect for effect in possible if effect.name not in setting.untried]
+    active = {*accepted, *setting.active_names}
+    ids = {effect.id for name, effect in all_candidates().items() if name in active}
+    possible = candidates(setting.record, active)
+    return [effect for effect in possible if effect.name not in setting.untried and effect.id not in ids]
 
 
 def screen(

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 from estimator.model.declared_vehicle import DECLARED, all_candidates
 from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.record.map_road import ROAD
 from estimator.offline.search.acceptance import (
     SMALLEST_SHARE,
     can_be_accepted,
@@ -21,9 +22,9 @@ from estimator.offline.search.acceptance import (
     stays,
     worth_a_name,
 )
-from estimator.offline.search.every_car import shows_a_real_car, with_every_car
+from estimator.offline.search.every_car import fitted_together, shows_a_real_car, with_every_car
 from estimator.offline.search.evidence import Evidence, compare
-from estimator.offline.search.plausible import believed
+from estimator.offline.search.plausible import believed, there
 from estimator.offline.search.screening import open_candidates, screen
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from estimator.offline.search.whiteness import structured
@@ -77,6 +78,12 @@ class Greedy:
     checked: Checked | None = None
     completed_from: frozenset[str] | None = None
     """effects beside which all that every car has was last tried"""
+
+    def run(self) -> None:
+        """Grow, complete and exchange by turns, to the end."""
+        self.grow()
+        while self.complete() or self.exchange():
+            self.grow()
 
     def grow(self) -> None:
         """Add effects while they earn their place; what was added on its gain alone goes again if nothing followed."""
@@ -197,10 +204,11 @@ def search(
     progress: Callable[[str], None] = lambda _: None,
     warm: Fit | None = None,
     enough: Callable[[Fit, Fit], bool] = lambda base, current: False,
-    tell_apart: bool = True,
+    thorough: bool = True,
 ) -> Search:
-    """Run the search; `progress` is told which candidate is being tried; look-alikes are for a reader alone.
+    """Run the search; `progress` is told which candidate is being tried.
 
+    `thorough`: also from a second start, and what cannot be told apart, for which a running loop has no time.
     `enough` is asked, with the declared and the current fit, whether to go on when two effects leave structure.
     """
     progress("declared model, re-fitted")
@@ -210,14 +218,43 @@ def search(
         start, first = _with_road(setting, base, names, progress)
         rounds.append(first)
     state = Greedy(setting, progress, enough, start, names, start, rounds)
-    state.grow()
-    while state.complete() or state.exchange():
-        state.grow()
+    state.run()
+    if thorough and _many_at_once(state):
+        state = better(state, from_every_car(state))
     # the way there and back may have led the declared model further
     base = base if state.names else state.fit
     ordered = tuple(sorted(state.names, key=lambda n: -state.gains[n].gain))
     gains = {n: state.gains[n] for n in ordered}
-    return Search(base, start, state.fit, ordered, tuple(rounds), gains, state.look_alikes() if tell_apart else {})
+    return Search(base, start, state.fit, ordered, tuple(rounds), gains, state.look_alikes() if thorough else {})
+
+
+def _many_at_once(state: Greedy) -> bool:
+    """Whether several effects of the car are found and leave structure."""
+    of_car = [name for name in state.names if name not in (*ROAD, *DECLARED)]
+    return len(of_car) >= ASKED_FROM and structured(state.fit, WHITE)
+
+
+def from_every_car(first: Greedy) -> Greedy:
+    """A search that begins with the road and what every car has, fitted together.
+
+    One effect at a time finds what stands alone. Of several that are there at once, none may help without the others,
+    and another that stands in for all of them is found instead.
+    """
+    road = [name for name in first.names if name in ROAD]
+    added, fit = fitted_together(first.setting, road, fit_names(first.setting, road, first.start))
+    names = [*road, *(name for name in added if there(fit, name))]
+    fit = fit_names(first.setting, names, fit)
+    second = replace(first, names=names, fit=fit, checked=None, completed_from=frozenset(names))
+    second.recheck()
+    second.rounds.append(tuple(Trial(name, evidence, second.fit) for name, evidence in second.gains.items()))
+    second.run()
+    return second
+
+
+def better(first: Greedy, second: Greedy) -> Greedy:
+    """The second where it predicts so much better that an effect would earn its name by it."""
+    lead = compare(first.fit.held_out(), second.fit.held_out(), first.fit.normal.count)
+    return second if second.names and earns_its_place(lead, first.setting, first.total) else first
 
 
 def _with_road(

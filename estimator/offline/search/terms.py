@@ -16,6 +16,7 @@ from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.record import Record
 from estimator.offline.search.acceptance import earns_its_place, explains_more_than_is_left, leaves_more_than_noise
 from estimator.offline.search.empirical import Term, search_terms
+from estimator.offline.search.every_car import on_every_car_with
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.search import Search, check_each, recheck, search
@@ -127,12 +128,16 @@ def _can_be_added(term: Term, setting: Setting, start: Fit, current: Fit) -> boo
 def _without_stand_ins(
     setting: Setting, gains: Mapping[str, Evidence], fit: Fit, progress: Progress
 ) -> tuple[Mapping[str, Evidence], Fit]:
-    """Remove effects that explain less of an accelerometer's channel than is left unexplained there."""
-    of_car = [name for name in gains if name not in (*setting.found_road, *DECLARED)]
-    if not (of_car and leaves_more_than_noise(fit)):
+    """Remove effects that explain less of an accelerometer's channel than is left unexplained there.
+
+    Not of a car that shows what every car has: the rest of that is no stand-in.
+    """
+    expected = on_every_car_with(tuple(gains))
+    doubted = [name for name in gains if name not in (*setting.found_road, *DECLARED, *expected)]
+    if not (doubted and leaves_more_than_noise(fit)):
         return gains, fit
     without = check_each(setting, list(gains), fit, progress, ", at last").without
-    stand_ins = [n for n in of_car if not explains_more_than_is_left(n, gains[n].channel, without[n], fit)]
+    stand_ins = [n for n in doubted if not explains_more_than_is_left(n, gains[n].channel, without[n], fit)]
     if not stand_ins:
         return gains, fit
     kept = [name for name in gains if name not in stand_ins]

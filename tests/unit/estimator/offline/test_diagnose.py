@@ -22,7 +22,7 @@ from estimator.model.effects import catalogue
 from estimator.model.single_track import SingleTrack
 from estimator.offline.diagnosis import Diagnosis, diagnose
 from estimator.offline.fit.normal import Normal
-from estimator.offline.fit.prediction_error import Point, fit, residual
+from estimator.offline.fit.prediction_error import Fit, Point, fit, residual
 from estimator.offline.fit.steps import Coordinates
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.laps import scored_laps
@@ -34,13 +34,23 @@ from estimator.offline.report.words import describe, follows_turn_direction, par
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.acceptance import explains_more_than_is_left
+from estimator.offline.search.every_car import on_every_car
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.plausible import believed, possible
-from estimator.offline.search.search import Greedy
+from estimator.offline.search.screening import open_candidates
+from estimator.offline.search.search import Greedy, better, from_every_car
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import figure
+
+
+def _quiet(_: str) -> None:
+    """Progress that nobody watches."""
+
+
+def _never_enough(_base: Fit, _current: Fit) -> bool:
+    return False
 
 
 @pytest.fixture(scope="module")
@@ -252,9 +262,7 @@ def test_what_stands_in_for_another_effect_is_exchanged_for_it(drives: dict[str,
     record = record.select(np.arange(record.windows) % 2 == 0)
     setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
     start, names = fit_names(setting, (), None), ["rolling_resistance", "steer_offset"]
-    state = Greedy(
-        setting, lambda _: None, lambda _base, _fit: False, start, names, fit_names(setting, names, start), []
-    )
+    state = Greedy(setting, _quiet, _never_enough, start, names, fit_names(setting, names, start), [])
     state.recheck()
     assert state.names == names, "it stands in well"
     assert state.exchange()
@@ -373,11 +381,33 @@ def test_what_every_car_has_is_found_together_where_part_of_it_shows(drives: dic
     setting = Setting(record_of(drives["car"]), "per_axle", PRIOR)
     for shown, complete in ((["aero_drag", "aero_downforce"], True), (["aero_drag"], False)):
         base, current = fit_names(setting, [], None), fit_names(setting, shown, None)
-        state = Greedy(setting, lambda _: None, lambda base, current: False, base, shown, current, [])
+        state = Greedy(setting, _quiet, _never_enough, base, shown, current, [])
         assert state.complete() == complete
         assert {"load_transfer", "combined_slip"} <= set(state.names) or not complete
         assert set(state.names) <= set(drives["car"].effects)
         assert not state.complete(), "beside the same effects it is tried once"
+
+
+def test_a_second_start_leaves_what_stands_in_for_several_effects(drives: dict[str, Any]) -> None:
+    setting = Setting(record_of(drives["car"]), "per_axle", PRIOR)
+    base, wrong = fit_names(setting, [], None), ["rolling_resistance", "steer_scale"]
+    first = Greedy(setting, _quiet, _never_enough, base, wrong, fit_names(setting, wrong, None), [])
+    second = from_every_car(first)
+    assert set(second.names) == set(drives["car"].effects)
+    assert better(first, second) is second
+    assert better(second, first) is second
+    assert {trial.name for trials in second.rounds for trial in trials} >= set(second.names), "a report lists all"
+
+
+def test_of_two_forms_of_one_effect_a_model_has_one(drives: dict[str, Any]) -> None:
+    drive = drives["none"]
+    columns = drive.columns | {"brake": np.maximum(-drive.columns["drive"], 0.0), "throttle": 0.0 * drive.columns["t"]}
+    setting = Setting(record_of(replace(drive, columns=columns)), "per_axle", PRIOR)
+    both = {"front_brake", "brake_pressure"}
+    assert [both & set(names) for names in on_every_car(setting, [])] == [{"brake_pressure"}, {"front_brake"}]
+    assert both <= {effect.name for effect in open_candidates(setting, [])}
+    for form in both:
+        assert not both & {effect.name for effect in open_candidates(setting, [form])}
 
 
 def test_no_more_lift_than_any_body_has_is_not_believed(drives: dict[str, Any]) -> None:
