@@ -48,6 +48,7 @@ def _notes(effect: Effect) -> str:
     """What else a reader has to know, in words."""
     notes = [f"profile over `{effect.profile}`"] if effect.profile else []
     notes += ["with memory"] if effect.prepare else []
+    notes += [f"reported as `{effect.form_of}`"] if effect.form_of else []
     notes += [f"only with {' or '.join(f'`{n}`' for n in effect.requires_any)}"] if effect.requires_any else []
     return f" ({'; '.join(notes)})" if notes else ""
 
