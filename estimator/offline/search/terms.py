@@ -18,8 +18,9 @@ from estimator.offline.search.acceptance import earns_its_place, explains_more_t
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.every_car import on_every_car_with
 from estimator.offline.search.evidence import Evidence, compare
+from estimator.offline.search.greedy import check_each, recheck
 from estimator.offline.search.plausible import believed
-from estimator.offline.search.search import Search, check_each, recheck, search
+from estimator.offline.search.search import Search, search
 from estimator.offline.search.trial import Setting, fit_names
 from estimator.offline.search.whiteness import structured
 

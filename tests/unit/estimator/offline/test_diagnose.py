@@ -36,9 +36,10 @@ from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.acceptance import explains_more_than_is_left
 from estimator.offline.search.every_car import on_every_car
 from estimator.offline.search.evidence import compare
+from estimator.offline.search.greedy import Greedy
 from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.screening import open_candidates
-from estimator.offline.search.search import Greedy, better, from_every_car
+from estimator.offline.search.search import better, from_every_car
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array

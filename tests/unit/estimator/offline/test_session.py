@@ -16,7 +16,7 @@ from estimator.model.parameters import Layout
 from estimator.offline.predict.lateral_velocity import with_predicted_vy
 from estimator.offline.record.map_road import record_on_map
 from estimator.offline.record.record import Record, make_record
-from estimator.offline.search.search import Greedy
+from estimator.offline.search.greedy import Greedy
 from estimator.offline.search.sensor_place import accelerometer_ahead
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
