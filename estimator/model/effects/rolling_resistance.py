@@ -30,7 +30,9 @@ EFFECT = Effect(
             3000.0,
             "force against the motion",
             Plausible(
-                0.0, 1200.0, "race tyres on asphalt: 1 to 3 % of the load; towed brakes and bearings as much again"
+                0.0,
+                800.0,
+                "race tyres on asphalt: 1 to 3 % of the load, dragging brakes and bearings as much: 6 % of 13 kN",
             ),
         ),
     ),
