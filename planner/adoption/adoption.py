@@ -44,7 +44,8 @@ PROBATION = 40
 PROBATION_FAILURES = 3
 FIRST_LAP = 1.25
 """times the standard deviations of Eq. (10) in a first lap: what is believed then comes from a data sheet and from
-forces far below the peak, and is wrong by two standard deviations more often than it says"""
+forces far below the peak, and is wrong by two standard deviations more often than it says. Where no data sheet is
+believed (`declared_model` paper) the prior is as wide as that says"""
 Effects = tuple[str, ...]
 RACE_LINE_MARGIN = 1.6
 """least distance of the race line from the edges, m"""
@@ -190,7 +191,8 @@ class Adoption:
     @property
     def _level(self) -> float:
         """Standard deviations of the belief with which Eq. (10) holds."""
-        return (FIRST_LAP if self._lap < 1 else 1.0) * self._settings.sigma_level
+        by_data_sheet = self._lap < 1 and self._config.declared_model == "race_car"
+        return (FIRST_LAP if by_data_sheet else 1.0) * self._settings.sigma_level
 
     def _refuse(self, revision: ModelRevision, reason: str) -> None:
         self._refused.add(revision.revision)

@@ -67,6 +67,13 @@ def test_a_first_lap_keeps_more_standard_deviations_and_later_laps_those_stated(
     assert all(now < then for now, then in zip(later.brake_doubt, first.brake_doubt, strict=True))
 
 
+def test_a_first_lap_without_a_data_sheet_keeps_the_stated_deviations() -> None:
+    config = load_config(None, {"track": "oval", "declared_model": "paper"})
+    start = declared_revision(config.estimator.layout)
+    adoption = Adoption(config, load_track(config.track), settings_of(config), LoadLimits(0.0, 0.0), start)
+    assert adoption.controller.knowledge.level == config.planner.sigma_level
+
+
 def test_plans_and_profile_brake_harder_once_the_brakes_are_known() -> None:
     config = load_config(None, {"track": "oval"})
     found = []
