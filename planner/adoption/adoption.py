@@ -156,8 +156,8 @@ class Adoption:
         self._changed = not (settled and np.array_equal(knowledge.theta, factors * current.revised.theta))
 
     def feel(self, delivered: Delivered | None) -> None:
-        """Plan at once with what tyres and brakes deliver now; Eq. (1) to (3) alone explain too little to tell."""
-        if self._config.declared_model == "paper":
+        """Plan at once with what tyres and brakes deliver now."""
+        if not self._by_data_sheet:
             return
         brakes = self.delivered.brakes
         if self.delivered.take(delivered):
@@ -191,8 +191,13 @@ class Adoption:
     @property
     def _level(self) -> float:
         """Standard deviations of the belief with which Eq. (10) holds."""
-        by_data_sheet = self._lap < 1 and self._config.declared_model == "race_car"
-        return (FIRST_LAP if by_data_sheet else 1.0) * self._settings.sigma_level
+        return (FIRST_LAP if self._by_data_sheet and self._lap < 1 else 1.0) * self._settings.sigma_level
+
+    @property
+    def _by_data_sheet(self) -> bool:
+        """Whether the belief begins with what is declared of this car; Eq. (1) to (3) alone explain too little of one
+        to tell its axles' balance or what they deliver."""
+        return self._config.declared_model == "race_car"
 
     def _refuse(self, revision: ModelRevision, reason: str) -> None:
         self._refused.add(revision.revision)
@@ -248,7 +253,8 @@ class Adoption:
         else:
             mean, covariance = target, np.diag(tyre.prior_std**2)
         peaks = [d for _, _, d in tyre.axles]
-        use, level = self._config.planner.load_use * np.array([1.0, rear_share(mean[peaks])]), self._level
+        share = rear_share(mean[peaks]) if self._by_data_sheet else 1.0
+        use, level = self._config.planner.load_use * np.array([1.0, share]), self._level
         # by the tyres as they last: a plan that gets by with what a sudden loss leaves may ask for all of it
         judged = judged_limits(self._config.planner.load_use, target[peaks], before.load_max if before else None)
         target, mean, covariance = factors * target, factors * mean, covariance * np.outer(factors, factors)

@@ -67,11 +67,13 @@ def test_a_first_lap_keeps_more_standard_deviations_and_later_laps_those_stated(
     assert all(now < then for now, then in zip(later.brake_doubt, first.brake_doubt, strict=True))
 
 
-def test_a_first_lap_without_a_data_sheet_keeps_the_stated_deviations() -> None:
+def test_without_a_data_sheet_the_stated_deviations_hold_in_a_first_lap_and_either_axle_may_use_as_much() -> None:
     config = load_config(None, {"track": "oval", "declared_model": "paper"})
-    start = declared_revision(config.estimator.layout)
-    adoption = Adoption(config, load_track(config.track), settings_of(config), LoadLimits(0.0, 0.0), start)
+    start = declared_revision("per_axle")
+    weak_rear = start.model_copy(update={"tyre": {**start.tyre, "dr": 0.7 * start.tyre["dr"]}})
+    adoption = Adoption(config, load_track(config.track), settings_of(config), LoadLimits(0.0, 0.0), weak_rear)
     assert adoption.controller.knowledge.level == config.planner.sigma_level
+    assert adoption.controller.knowledge.load_asked == (config.planner.load_use, config.planner.load_use)
 
 
 def test_plans_and_profile_brake_harder_once_the_brakes_are_known() -> None:
