@@ -49,9 +49,9 @@ def test_single_faults_are_noticed_by_the_right_cause_and_stop_the_car() -> None
     figure = f"{len(results)} single faults, {len(stops)} stopped, {len(harmed)} off the road unnoticed: {unseen}"
     record_figure("D1", figure, missed=bool(harmed))
     avoidable = [r for r in off if r.why != PHYSICS]
-    worst = min((r.margin_m for r in avoidable), default=0.0)
+    others = ", ".join(f"by {-r.margin_m:.1f} m: {r.fault}" for r in avoidable) or "none"
     by_physics = len(off) - len(avoidable)
-    figure = f"{len(stops)} stops, {len(off)} leave the road, {by_physics} by physics, others by {-worst:.1f} m"
+    figure = f"{len(stops)} stops, {len(off)} leave the road, {by_physics} by physics; others: {others}"
     record_figure("D2", figure, missed=len(avoidable) > ROAD_SHARE * len(stops))
 
 
