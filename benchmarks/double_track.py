@@ -24,6 +24,7 @@ from rich.table import Table
 
 from estimator.drive_log.health import examine
 from estimator.drive_log.table import DriveLog, segment_numbers
+from estimator.model.single_track import FULL_BRAKE_PA
 from estimator.offline.diagnosis import diagnose
 from estimator.offline.record.declared import default_tyre_prior
 from estimator.offline.record.record import make_record
@@ -31,7 +32,7 @@ from estimator.offline.report.diagnosis_result import as_json
 from hil_gateway.car.vehicle import Vehicle
 
 sys.path.append(str(Path(__file__).parent))
-from practice.double_track import Setup, simulate
+from practice.double_track import BRAKE_FORCE, BRAKE_PRESSURE, Setup, simulate
 
 ROAD_LIMITS = {"ax": 0.30, "ay": 0.20, "yaw_acc": 0.13}
 OVAL_LIMITS = {"ax": 0.22, "ay": 0.20, "yaw_acc": 0.12}
@@ -39,9 +40,9 @@ OVAL_LIMITS = {"ax": 0.22, "ay": 0.20, "yaw_acc": 0.12}
 WET_LIMITS = {"ax": 0.30, "ay": 0.30, "yaw_acc": 0.13}
 OF_THE_CAR = {
     "combined_slip", "traction_loss", "traction_load", "total_slip", "drive_saturation", "load_sensitivity",
-    "tyre_relaxation", "engine_braking", "yaw_damping", "rolling_resistance",
+    "tyre_relaxation", "engine_braking", "yaw_damping",
 }  # fmt: skip
-"""names of what this car has besides what must be named; of rolling resistance it has none, but the tyres' own"""
+"""names of what this car has besides what must be named"""
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,7 @@ def sizes(case: Case) -> dict[str, float]:
     return {
         "aero_drag.k": s.drag, "aero_downforce.k_front": s.downforce[0], "aero_downforce.k_rear": s.downforce[1],
         "load_transfer.height": s.height,
+        "front_brake.force": s.brake_front * BRAKE_FORCE * FULL_BRAKE_PA / BRAKE_PRESSURE,
     }  # fmt: skip
 
 

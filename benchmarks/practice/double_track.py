@@ -36,6 +36,8 @@ WHEEL_TIME, LOAD_TIME, RELAXATION = 0.015, 0.12, 0.25
 STEP, LOG_EVERY = 0.005, 2
 STEER_MAX, BRAKE_PRESSURE = 0.2, 1.5e6
 """rad; Pa of a full brake pedal"""
+BRAKE_FORCE, DRIVE_FORCE = 13500.0, 8200.0
+"""N of all four brakes with the pedal down, and of the engine at full throttle"""
 
 
 @dataclass(frozen=True)
@@ -163,8 +165,8 @@ class DoubleTrack:
 
     def torques(self, z: State, pedals: Pedals, slip: Array) -> Array:
         """(4, n) N that brakes and engine ask of each wheel; the differential moves some to the slower rear wheel."""
-        brake = pedals.brake * 13500.0
-        drive = np.minimum(pedals.throttle * 8200.0, self.of["power"] / z.vx)
+        brake = pedals.brake * BRAKE_FORCE
+        drive = np.minimum(pedals.throttle * DRIVE_FORCE, self.of["power"] / z.vx)
         drive = drive - self.of["engine_braking"] * (pedals.throttle <= 0.0)
         front, rear = -brake * self.of["brake_front"] / 2, (drive - brake * (1 - self.of["brake_front"])) / 2
         faster = z.vx * (slip[2] - slip[3]) - z.rate * TRACK_R

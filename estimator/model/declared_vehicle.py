@@ -98,6 +98,11 @@ DECLARED: Mapping[str, DeclaredDatum] = {
 """Candidates by effect name."""
 
 
+def id_of(name: str) -> str:
+    """Name that a candidate is reported under."""
+    return all_candidates()[name].id
+
+
 def all_candidates() -> dict[str, Effect]:
     """The catalogue, and the declared data beside it."""
     return {**catalogue(), **{name: datum.effect for name, datum in DECLARED.items()}}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimator.model.declared_vehicle import id_of
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.prediction_error import Fit
@@ -148,8 +149,8 @@ def _models(setting: Setting, outcome: Outcome) -> dict[str, Model]:
 
 
 def alternatives(found: Search, name: str) -> list[Trial]:
-    """What else was tried in the round in which `name` was accepted, best first."""
+    """What else than another form of it was tried in the round in which `name` was accepted, best first."""
     for trials in found.rounds:
         if trials and any(t.name == name and t.fit for t in trials):
-            return [t for t in trials if t.name != name]
+            return [t for t in trials if id_of(t.name) != id_of(name)]
     return []

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimator.belief.revision import revision_id
-from estimator.model.declared_vehicle import DECLARED
+from estimator.model.declared_vehicle import DECLARED, id_of
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis, alternatives
@@ -61,14 +61,14 @@ def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
         "rollout": {"horizon_s": HORIZON_S, **{n: _rounded(v) for n, v in diagnosis.rollout.items()}},
         "effects": [
             {
-                "name": blocks[name].effect.id,
+                "name": id_of(name),
                 "form": name,
                 "parameters": sizes_of(diagnosis, blocks[name], std),
                 "confidence": _confidence(diagnosis.gains[name]),
                 "channels": list(blocks[name].effect.channels),
                 "share_of_residual": shares[name],
                 "alternatives": _alternatives(diagnosis, name),
-                "not_told_from": diagnosis.search.look_alikes.get(name, ""),
+                "not_told_from": id_of(other) if (other := diagnosis.search.look_alikes.get(name)) else "",
             }
             for name in diagnosis.accepted
             if name not in DECLARED
@@ -172,7 +172,7 @@ def _alternatives(diagnosis: Diagnosis, name: str) -> list[dict[str, float | str
     for trial in alternatives(diagnosis.search, name)[:ALTERNATIVES]:
         if trial.evidence.gain > 0:
             difference = Evidence(0.0, own.evidence.channels, own.evidence.laps - trial.evidence.laps)
-            out.append({"name": trial.name, "confidence": round(1.0 - _confidence(difference), 4)})
+            out.append({"name": id_of(trial.name), "confidence": round(1.0 - _confidence(difference), 4)})
     return out
 
 

@@ -131,7 +131,7 @@ class Greedy:
         return earns_its_place(evidence, self.setting, self.total)
 
     def _instead_of(self, name: str) -> Trial | None:
-        rival = self._rival(name, 1.0)
+        rival = self._rival(name, 1.0, forms=True)
         if rival is None:
             return None
         others, without = self._others(name)
@@ -143,7 +143,7 @@ class Greedy:
     def look_alikes(self) -> dict[str, str]:
         """Accepted effect -> one believed in its place, over which its lead would not be worth a name."""
         named = [name for name in self.names if name not in self.setting.found_road and name not in DECLARED]
-        rivals = {name: rival for name in named if (rival := self._rival(name, SIMILAR)) is not None}
+        rivals = {name: rival for name in named if (rival := self._rival(name, SIMILAR, forms=False)) is not None}
         pairs = [(rival, *self._others(name)) for name, rival in rivals.items()]
         jobs = [replace(with_effects((*others, rival)), warm=without) for rival, others, without in pairs]
         fits = fit_each(self.setting, self.fit, jobs, self.progress)
@@ -153,11 +153,15 @@ class Greedy:
         lead = compare(fit.held_out(), self.fit.held_out(), fit.normal.count)
         return eligible(Trial(rival, lead, fit)) and not earns_its_place(lead, self.setting, 0.0)
 
-    def _rival(self, name: str, share: float) -> str | None:
-        """What explains most in place of an effect, if by linearisation it gains this share of what the effect does."""
+    def _rival(self, name: str, share: float, *, forms: bool) -> str | None:
+        """What explains most in place of an effect, if by linearisation it gains this share of what the effect does.
+
+        `forms`: other forms of the effect count; they are no other finding.
+        """
         others, without = self._others(name)
-        acts = set(all_candidates()[name].channels)
-        rivals = [e for e in open_candidates(self.setting, others) if e.name != name and acts & set(e.channels)]
+        own, possible = all_candidates()[name], open_candidates(self.setting, others)
+        apart = [e for e in possible if e.id != own.id or (forms and e.name != name)]
+        rivals = [e for e in apart if set(own.channels) & set(e.channels)]
         best = next(iter(screen(self.setting, others, without, self.progress, rivals)), None)
         if best is None or best.evidence.gain < share * self.gains[name].gain:
             return None

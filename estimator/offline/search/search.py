@@ -59,7 +59,7 @@ def search(
     names, rounds = list(setting.found_road), list[tuple[Trial, ...]]()
     if names:
         start, first = _with_road(setting, base, names, progress)
-        rounds.append(first)
+        rounds.extend(first)
     state = Greedy(setting, progress, enough, start, names, start, rounds)
     state.run()
     if thorough and _many_at_once(state):
@@ -89,7 +89,7 @@ def from_every_car(first: Greedy) -> Greedy:
     fit = fit_names(first.setting, names, fit)
     second = replace(first, names=names, fit=fit, checked=None, completed_from=frozenset(names))
     second.recheck()
-    second.rounds.append(tuple(Trial(name, evidence, second.fit) for name, evidence in second.gains.items()))
+    second.rounds.extend((Trial(name, evidence, second.fit),) for name, evidence in second.gains.items())
     second.run()
     return second
 
@@ -102,9 +102,9 @@ def better(first: Greedy, second: Greedy) -> Greedy:
 
 def _with_road(
     setting: Setting, base: Fit, names: Sequence[str], progress: Callable[[str], None]
-) -> tuple[Fit, tuple[Trial, ...]]:
-    """The road that kinematics show, before any effect of the car is tried."""
+) -> tuple[Fit, list[tuple[Trial, ...]]]:
+    """The road that kinematics show, before any effect of the car is tried, with a round for each part of it."""
     progress(" + ".join(names))
     done = fit_names(setting, names, base)
     evidence = compare(base.held_out(), done.held_out(), done.normal.count)
-    return done, tuple(Trial(name, evidence, done) for name in names)
+    return done, [(Trial(name, evidence, done),) for name in names]

@@ -117,7 +117,7 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
             break
         term, setting, gains, current = chosen
         terms.append(term)
-    gains, current = _without_stand_ins(setting, gains, current, progress)
+    gains, current = without_stand_ins(setting, gains, current, progress)
     ordered = tuple(sorted(gains, key=lambda n: -gains[n].gain))
     return Outcome(setting, found, ordered, gains, tuple(terms), current, tuple(tried))
 
@@ -126,7 +126,7 @@ def _can_be_added(term: Term, setting: Setting, start: Fit, current: Fit) -> boo
     return term.fit is not None and _earns_its_place(term.evidence, setting.record, _total_gain(start, current))
 
 
-def _without_stand_ins(
+def without_stand_ins(
     setting: Setting, gains: Mapping[str, Evidence], fit: Fit, progress: Progress
 ) -> tuple[Mapping[str, Evidence], Fit]:
     """Remove effects that explain less of an accelerometer's channel than is left unexplained there.

@@ -20,7 +20,7 @@ from estimator.drive_log.table import DriveLog
 from estimator.model.basis import Basis, make_basis
 from estimator.model.effects import catalogue
 from estimator.model.single_track import SingleTrack
-from estimator.offline.diagnosis import Diagnosis, diagnose
+from estimator.offline.diagnosis import Diagnosis, alternatives, diagnose
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit, Point, fit, residual
 from estimator.offline.fit.steps import Coordinates
@@ -36,11 +36,12 @@ from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.acceptance import explains_more_than_is_left
 from estimator.offline.search.every_car import on_every_car
 from estimator.offline.search.evidence import compare
-from estimator.offline.search.greedy import Greedy
+from estimator.offline.search.greedy import Greedy, check_each
 from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.screening import open_candidates
-from estimator.offline.search.search import better, from_every_car
-from estimator.offline.search.trial import Setting, fit_names
+from estimator.offline.search.search import better, from_every_car, search
+from estimator.offline.search.terms import without_stand_ins
+from estimator.offline.search.trial import Setting, Trial, fit_names
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import figure
@@ -398,6 +399,56 @@ def test_a_second_start_leaves_what_stands_in_for_several_effects(drives: dict[s
     assert better(first, second) is second
     assert better(second, first) is second
     assert {trial.name for trials in second.rounds for trial in trials} >= set(second.names), "a report lists all"
+
+
+@pytest.mark.parametrize("thorough", [True, False])
+def test_a_thorough_search_ends_with_the_better_of_two_starts(
+    drives: dict[str, Any], monkeypatch: pytest.MonkeyPatch, thorough: bool
+) -> None:
+    setting, run, wrong = (
+        Setting(record_of(drives["car"]), "per_axle", PRIOR),
+        Greedy.run,
+        ["steer_scale", "yaw_damping"],
+    )
+
+    def misled(state: Greedy) -> None:
+        if state.names:
+            run(state)
+        else:
+            state.names, state.fit = wrong, fit_names(setting, wrong, None)
+            state.checked = check_each(setting, wrong, state.fit, _quiet)
+
+    monkeypatch.setattr(Greedy, "run", misled)
+    found = search(setting, thorough=thorough)
+    assert set(found.accepted) == set(drives["car"].effects if thorough else wrong)
+    if thorough:
+        tried_instead = {t.name for name in found.accepted for t in alternatives(found, name)}
+        assert not tried_instead & set(found.accepted), "what was found together is not tried in each other's place"
+
+
+def test_what_stands_in_is_removed_unless_the_car_shows_what_every_car_has(drives: dict[str, Any]) -> None:
+    record = record_of(drives["pulses"])
+    record = record.select(np.arange(record.windows) % 4 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
+    for names, kept in ((["front_brake"], False), (["front_brake", "aero_drag"], True)):
+        done = fit_names(setting, names, None)
+        gains, _ = without_stand_ins(setting, check_each(setting, names, done, _quiet).gains, done, _quiet)
+        assert ("front_brake" in gains) == kept
+
+
+def test_a_second_form_is_reported_under_the_name_of_the_effect(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("single")
+    brakes = {"rolling_resistance": "brake_pressure"}
+    done = fit_names(Setting(found.fit.predictor.record, "per_axle", PRIOR), ["brake_pressure"], None)
+    renamed = replace(
+        found, fit=done, accepted=("brake_pressure",), gains={brakes[n]: g for n, g in found.gains.items()},
+        search=replace(
+            found.search, look_alikes={"brake_pressure": "engine_braking"},
+            rounds=((Trial("brake_pressure", found.gains["rolling_resistance"], done),),),
+        ),
+    )  # fmt: skip
+    (entry,) = as_json(renamed, "", "")["effects"]
+    assert (entry["name"], entry["form"], entry["not_told_from"]) == ("front_brake", "brake_pressure", "engine_braking")
 
 
 def test_of_two_forms_of_one_effect_a_model_has_one(drives: dict[str, Any]) -> None:
