@@ -11,53 +11,26 @@ from typing import Any
 import numpy as np
 import pytest
 from support.once import once
-from support.practice_drives import PRIOR, record_of, shared_drives
+from support.practice_drives import PRIOR, record_of
 from typer.testing import CliRunner
 
 from estimator.belief.revision import model_of
 from estimator.drive_log.smoothing import second_difference_noise
 from estimator.drive_log.table import DriveLog
 from estimator.model.basis import Basis, make_basis
-from estimator.model.effects import catalogue
-from estimator.model.single_track import SingleTrack
-from estimator.offline.diagnosis import Diagnosis, alternatives, diagnose
+from estimator.offline.diagnosis import Diagnosis, diagnose
 from estimator.offline.fit.normal import Normal
-from estimator.offline.fit.prediction_error import Fit, Point, fit, residual
 from estimator.offline.fit.steps import Coordinates
-from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.laps import scored_laps
-from estimator.offline.record.noise import Noise
-from estimator.offline.record.road import LEAST_ANGLE
 from estimator.offline.report.diagnosis_result import as_json, as_revision, sizes_of, standard_deviations
 from estimator.offline.report.unexplained import unexplained
 from estimator.offline.report.words import describe, follows_turn_direction, parameter_words
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.result.leftover import Leftover, leftovers
-from estimator.offline.search.acceptance import explains_more_than_is_left
-from estimator.offline.search.every_car import on_every_car
-from estimator.offline.search.evidence import compare
-from estimator.offline.search.greedy import Greedy, check_each
 from estimator.offline.search.plausible import believed, possible
-from estimator.offline.search.screening import open_candidates
-from estimator.offline.search.search import better, from_every_car, search
-from estimator.offline.search.terms import without_stand_ins
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import figure
-
-
-def _quiet(_: str) -> None:
-    """Progress that nobody watches."""
-
-
-def _never_enough(_base: Fit, _current: Fit) -> bool:
-    return False
-
-
-@pytest.fixture(scope="module")
-def drives(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    return shared_drives(tmp_path_factory)
 
 
 @pytest.fixture(scope="module")
@@ -259,55 +232,6 @@ def test_what_scored_laps_hold_changes_nothing_that_a_fit_is_given(drives: dict[
     assert other.bases["vx"].knots == pytest.approx(plain.bases["vx"].knots, abs=0.05)
 
 
-def test_what_stands_in_for_another_effect_is_exchanged_for_it(drives: dict[str, Any]) -> None:
-    record = record_of(drives["pair"])
-    record = record.select(np.arange(record.windows) % 2 == 0)
-    setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
-    start, names = fit_names(setting, (), None), ["rolling_resistance", "steer_offset"]
-    state = Greedy(setting, _quiet, _never_enough, start, names, fit_names(setting, names, start), [])
-    state.recheck()
-    assert state.names == names, "it stands in well"
-    assert state.exchange()
-    assert set(state.names) == {"aero_drag", "steer_offset"}
-
-
-def test_a_delay_within_a_sample_is_no_effect(drives: dict[str, Any]) -> None:
-    record = record_of(drives["none"])
-    record = record.select(np.arange(record.windows) % 12 == 0)
-    setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
-    assert not believed(fit_names(setting, ["steer_delay"], None), "steer_delay")
-
-
-@pytest.mark.parametrize(
-    ("drive", "effect", "there"), [("pulses", "front_brake", False), ("single", "rolling_resistance", True)]
-)
-def test_what_takes_out_the_mean_of_a_force_that_comes_and_goes_explains_less_than_it_leaves(
-    drives: dict[str, Any], drive: str, effect: str, there: bool
-) -> None:
-    record = record_of(drives[drive])
-    record = record.select(np.arange(record.windows) % 4 == 0)
-    setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
-    start = fit_names(setting, (), None)
-    done = fit_names(setting, [effect], start)
-    gain = compare(start.held_out(), done.held_out(), done.normal.count)
-    assert gain.gain > 0.02 * record.rows.shape[0] * record.rows.shape[1], "worth a name by its gain alone"
-    assert explains_more_than_is_left(effect, gain.channel, start, done) == there
-
-
-@pytest.mark.parametrize(("unexplained", "named"), [(0.0, True), (3.0, False)])
-def test_what_turns_the_car_is_named_only_where_it_explains_more_of_the_lateral_force_than_is_left(
-    drives: dict[str, Any], unexplained: float, named: bool
-) -> None:
-    record = record_of(drives["play"])
-    measured = record.measured.copy()
-    measured[1] += unexplained * np.sign(np.sin(record.signals["t"]))
-    record = replace(record, measured=measured).select(np.arange(record.windows) % 12 == 0)
-    setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
-    start = fit_names(setting, (), None)
-    done = fit_names(setting, ["steer_play"], start)
-    assert explains_more_than_is_left("steer_play", 2, start, done) == named
-
-
 def test_what_comes_and_goes_is_said_of_time(diagnosed: Callable[[str], Diagnosis]) -> None:
     found = diagnosed("none")
     best, measured, t = found.models["with_effects"], found.record.measured.copy(), found.record.signals["t"]
@@ -333,109 +257,6 @@ def test_play_in_the_steering_is_found_where_it_is_with_its_size(
     assert done.parameters[row] == pytest.approx(drives[drive].effects.get("steer_play", 0.0), abs=3e-4)
 
 
-def test_a_sensor_place_without_kinematics_must_exceed_what_the_car_travels_in_a_sample(drives: dict[str, Any]) -> None:
-    record = record_of(drives["none"])
-    record = record.select(np.arange(record.windows) % 12 == 0)
-    record = replace(record, lap=np.arange(record.windows) // 4, used=np.array([True, True, True, True, False]))
-    done = fit_names(Setting(record, "per_axle", PRIOR), ["imu_lever_arm"], None)
-    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "imu_lever_arm")
-    for place, named in ((0.1, False), (0.8, True)):
-        parameters = done.parameters.copy()
-        parameters[row : row + 2] = place, 0.0
-        assert believed(replace(done, parameters=parameters), "imu_lever_arm") == named
-
-
-def test_a_grade_that_ends_the_lap_at_another_height_is_not_believed(drives: dict[str, Any]) -> None:
-    record = record_of(drives["hilly"])
-    record = record.select(np.arange(record.windows) % 4 == 0)
-    record = replace(record, lap=np.arange(record.windows) // 8)
-    done = fit_names(Setting(record, "per_axle", PRIOR), ["road_bank", "road_grade"], None)
-    assert believed(done, "road_grade")
-    parameters = done.parameters.copy()
-    parameters[next(b.parameters for b in done.predictor.blocks if b.effect.name == "road_grade")] -= 0.04
-    assert not believed(replace(done, parameters=parameters), "road_grade")
-
-
-def test_a_bank_no_larger_than_what_the_springs_repeat_is_not_believed(drives: dict[str, Any]) -> None:
-    record = record_of(drives["hilly"])
-    record = record.select(np.arange(record.windows) % 4 == 0)
-    done = fit_names(Setting(record, "per_axle", PRIOR), ["road_bank", "road_grade"], None)
-    rows = next(b.parameters for b in done.predictor.blocks if b.effect.name == "road_bank")
-    normal = replace(done.normal, prior=1e6 * done.normal.prior)
-    for angle, named in ((0.7 * LEAST_ANGLE, False), (1.6 * LEAST_ANGLE, True)):
-        parameters = done.parameters.copy()
-        parameters[rows] *= angle / (0.5 * np.ptp(parameters[rows]))
-        assert believed(replace(done, parameters=parameters, normal=normal), "road_bank") == named
-
-
-def test_load_transfer_lower_or_higher_than_in_any_car_is_not_believed(drives: dict[str, Any]) -> None:
-    record = record_of(drives["none"])
-    done = fit_names(Setting(record, "per_axle", PRIOR), ["load_transfer"], None)
-    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "load_transfer")
-    normal = replace(done.normal, prior=done.normal.prior + 1e8 * np.eye(len(done.parameters)))
-    for height, named in ((0.03, False), (0.3, True), (0.66, False)):
-        parameters = done.parameters.copy()
-        parameters[row] = height
-        assert believed(replace(done, parameters=parameters, normal=normal), "load_transfer") == named
-
-
-def test_what_every_car_has_is_found_together_where_part_of_it_shows(drives: dict[str, Any]) -> None:
-    setting = Setting(record_of(drives["car"]), "per_axle", PRIOR)
-    for shown, complete in ((["aero_drag", "aero_downforce"], True), (["aero_drag"], False)):
-        base, current = fit_names(setting, [], None), fit_names(setting, shown, None)
-        state = Greedy(setting, _quiet, _never_enough, base, shown, current, [])
-        assert state.complete() == complete
-        assert {"load_transfer", "combined_slip"} <= set(state.names) or not complete
-        assert set(state.names) <= set(drives["car"].effects)
-        assert not state.complete(), "beside the same effects it is tried once"
-
-
-def test_a_second_start_leaves_what_stands_in_for_several_effects(drives: dict[str, Any]) -> None:
-    setting = Setting(record_of(drives["car"]), "per_axle", PRIOR)
-    base, wrong = fit_names(setting, [], None), ["rolling_resistance", "steer_scale"]
-    first = Greedy(setting, _quiet, _never_enough, base, wrong, fit_names(setting, wrong, None), [])
-    second = from_every_car(first)
-    assert set(second.names) == set(drives["car"].effects)
-    assert better(first, second) is second
-    assert better(second, first) is second
-    assert {trial.name for trials in second.rounds for trial in trials} >= set(second.names), "a report lists all"
-
-
-@pytest.mark.parametrize("thorough", [True, False])
-def test_a_thorough_search_ends_with_the_better_of_two_starts(
-    drives: dict[str, Any], monkeypatch: pytest.MonkeyPatch, thorough: bool
-) -> None:
-    setting, run, wrong = (
-        Setting(record_of(drives["car"]), "per_axle", PRIOR),
-        Greedy.run,
-        ["steer_scale", "yaw_damping"],
-    )
-
-    def misled(state: Greedy) -> None:
-        if state.names:
-            run(state)
-        else:
-            state.names, state.fit = wrong, fit_names(setting, wrong, None)
-            state.checked = check_each(setting, wrong, state.fit, _quiet)
-
-    monkeypatch.setattr(Greedy, "run", misled)
-    found = search(setting, thorough=thorough)
-    assert set(found.accepted) == set(drives["car"].effects if thorough else wrong)
-    if thorough:
-        tried_instead = {t.name for name in found.accepted for t in alternatives(found, name)}
-        assert not tried_instead & set(found.accepted), "what was found together is not tried in each other's place"
-
-
-def test_what_stands_in_is_removed_unless_the_car_shows_what_every_car_has(drives: dict[str, Any]) -> None:
-    record = record_of(drives["pulses"])
-    record = record.select(np.arange(record.windows) % 4 == 0)
-    setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
-    for names, kept in ((["front_brake"], False), (["front_brake", "aero_drag"], True)):
-        done = fit_names(setting, names, None)
-        gains, _ = without_stand_ins(setting, check_each(setting, names, done, _quiet).gains, done, _quiet)
-        assert ("front_brake" in gains) == kept
-
-
 def test_a_second_form_is_reported_under_the_name_of_the_effect(diagnosed: Callable[[str], Diagnosis]) -> None:
     found = diagnosed("single")
     brakes = {"rolling_resistance": "brake_pressure"}
@@ -451,27 +272,6 @@ def test_a_second_form_is_reported_under_the_name_of_the_effect(diagnosed: Calla
     assert (entry["name"], entry["form"], entry["not_told_from"]) == ("front_brake", "brake_pressure", "engine_braking")
 
 
-def test_of_two_forms_of_one_effect_a_model_has_one(drives: dict[str, Any]) -> None:
-    drive = drives["none"]
-    columns = drive.columns | {"brake": np.maximum(-drive.columns["drive"], 0.0), "throttle": 0.0 * drive.columns["t"]}
-    setting = Setting(record_of(replace(drive, columns=columns)), "per_axle", PRIOR)
-    both = {"front_brake", "brake_pressure"}
-    assert [both & set(names) for names in on_every_car(setting, [])] == [{"brake_pressure"}, {"front_brake"}]
-    assert both <= {effect.name for effect in open_candidates(setting, [])}
-    for form in both:
-        assert not both & {effect.name for effect in open_candidates(setting, [form])}
-
-
-def test_no_more_lift_than_any_body_has_is_not_believed(drives: dict[str, Any]) -> None:
-    done = fit_names(Setting(record_of(drives["none"]), "per_axle", PRIOR), ["aero_downforce"], None)
-    rows = next(b.parameters for b in done.predictor.blocks if b.effect.name == "aero_downforce")
-    normal = replace(done.normal, prior=done.normal.prior + 1e8 * np.eye(len(done.parameters)))
-    for k, named in ((0.02, False), (0.3, True)):
-        parameters = done.parameters.copy()
-        parameters[rows] = k
-        assert believed(replace(done, parameters=parameters, normal=normal), "aero_downforce") == named
-
-
 def test_windows_in_which_the_car_has_spun_are_left_out(drives: dict[str, Any]) -> None:
     drive = drives["none"]
     spun = np.abs(drive.columns["t"] - 100.0) < 1.0
@@ -480,65 +280,6 @@ def test_windows_in_which_the_car_has_spun_are_left_out(drives: dict[str, Any]) 
     kept[record_of(replace(drive, columns=columns)).rows.ravel()] = True
     assert not np.any(kept & spun)
     assert kept.mean() > 0.9
-
-
-def test_sensitivities_agree_with_finite_differences(drives: dict[str, Any]) -> None:
-    record = record_of(drives["single"])
-    record = record.select(np.arange(record.windows) % 12 == 0)
-    names = ("aero_drag", "steer_scale", "steer_delay", "road_bank")
-    model = SingleTrack(Vehicle(), "per_axle", tuple(catalogue()[n] for n in names), PRIOR)
-    predictor = Predictor(model, record)
-    at = predictor.start([*PRIOR.values()])
-    at[7], at[9] = 0.3, 0.04
-    noise = Noise.white(record.block_noise)
-    # about measured states the residual is small, so the projection and the exponential may be taken as constant
-    jacobian = Point.at(predictor, at, noise).sensitivity.dense
-    for i in (0, 1, 7, 8, 9, 12):
-        step = 1e-3 * predictor.table[i].prior_std * np.eye(len(at))[i]
-        ahead = residual(predictor, at + step, noise)
-        behind = residual(predictor, at - step, noise)
-        numeric = -(ahead - behind) / (2 * step[i])
-        scale = np.abs(numeric).max()
-        assert np.sqrt(np.mean((jacobian[:, i] - numeric) ** 2)) < 0.05 * scale, predictor.table[i].name
-
-
-def linear_problem() -> tuple[Array, Array, Callable[[Array, Array], Normal]]:
-    """(laps, n, p) sensitivity, (laps, n) residual of the first channel, and the normal equations of such."""
-    rng = np.random.default_rng(5)
-    X, truth = rng.normal(size=(4, 60, 3)), np.array([1.0, -2.0, 0.5])
-
-    def normal(X: Array, y: Array) -> Normal:
-        laps, n, p = X.shape
-        squares, gradient, hessian = np.zeros((5, laps)), np.zeros((5, laps, p)), np.zeros((5, laps, p, p))
-        squares[0], gradient[0] = (y**2).sum(axis=1), np.einsum("lnp,ln->lp", X, y)
-        hessian[0] = np.einsum("lnp,lnq->lpq", X, X)
-        return Normal(squares, gradient, hessian, np.full(laps, float(n)), np.zeros((p, p)), np.zeros(p), np.ones(5))
-
-    return X, X @ truth + 0.1 * rng.normal(size=(4, 60)), normal
-
-
-def test_leaving_a_lap_out_by_normal_equations_is_exact_for_a_linear_model() -> None:
-    X, y, normal = linear_problem()
-    held_out = normal(X, y).held_out(np.ones(5))[0]
-    for lap in range(len(X)):
-        others = [k for k in range(len(X)) if k != lap]
-        beta = np.linalg.lstsq(np.concatenate(X[others]), np.concatenate(y[others]), rcond=None)[0]
-        assert held_out[lap] == pytest.approx(np.sum((y[lap] - X[lap] @ beta) ** 2), rel=1e-6)
-
-
-def test_normal_equations_with_a_parameter_held_elsewhere_are_exact_for_a_linear_model() -> None:
-    X, y, normal = linear_problem()
-    moved, made_there = normal(X, y).at(np.array([1]), np.array([-0.7])), normal(X[..., [0, 2]], y + 0.7 * X[..., 1])
-    for found, exact in zip(vars(moved).values(), vars(made_there).values(), strict=True):
-        np.testing.assert_allclose(found, exact, atol=1e-9)
-
-
-def test_fit_recovers_from_a_far_start(drives: dict[str, Any]) -> None:
-    record = record_of(drives["none"])
-    predictor = Predictor(SingleTrack(Vehicle(), "per_axle", (), PRIOR), record)
-    near = fit(predictor, np.array([*PRIOR.values()]))
-    far = fit(predictor, np.array([60000.0, 5.0, 2.0, 2.3, 14.0, 1.1, 2.2]), iterations=30)
-    np.testing.assert_allclose(far.parameters, near.parameters, rtol=0.02)
 
 
 @pytest.mark.parametrize("step", [0.04, 0.02, 0.01, 0.005])

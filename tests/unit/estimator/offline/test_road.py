@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.practice_drives import record_of, shared_drives
+from support.practice_drives import record_of
 
 from estimator.drive_log.health import examine
 from estimator.drive_log.table import read_logs
@@ -16,11 +16,6 @@ from estimator.offline.record.declared import read_vehicle
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
 from hil_gateway.process.arrays import Array
-
-
-@pytest.fixture(scope="module")
-def drives(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    return shared_drives(tmp_path_factory)
 
 
 def profile(record: Record, name: str) -> Array:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.practice_drives import PRIOR, record_of, shared_drives
+from support.practice_drives import PRIOR, record_of
 
 from estimator.drive_log.smoothing import wiener
 from estimator.drive_log.table import DriveLog
@@ -24,11 +24,6 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 
 LAYOUT: Layout = "per_axle"
-
-
-@pytest.fixture(scope="module")
-def drives(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    return shared_drives(tmp_path_factory)
 
 
 def log_of(drive: Any, **changed: np.ndarray) -> DriveLog:

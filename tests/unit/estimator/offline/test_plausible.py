@@ -1,0 +1,76 @@
+"""What a fit may be believed: sizes a car can have, beyond the log's sampling and errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from support.practice_drives import PRIOR, record_of
+
+from estimator.offline.record.road import LEAST_ANGLE
+from estimator.offline.search.plausible import believed
+from estimator.offline.search.trial import Setting, fit_names
+
+
+def test_a_delay_within_a_sample_is_no_effect(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    record = record.select(np.arange(record.windows) % 12 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
+    assert not believed(fit_names(setting, ["steer_delay"], None), "steer_delay")
+
+
+def test_a_sensor_place_without_kinematics_must_exceed_what_the_car_travels_in_a_sample(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    record = record.select(np.arange(record.windows) % 12 == 0)
+    record = replace(record, lap=np.arange(record.windows) // 4, used=np.array([True, True, True, True, False]))
+    done = fit_names(Setting(record, "per_axle", PRIOR), ["imu_lever_arm"], None)
+    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "imu_lever_arm")
+    for place, named in ((0.1, False), (0.8, True)):
+        parameters = done.parameters.copy()
+        parameters[row : row + 2] = place, 0.0
+        assert believed(replace(done, parameters=parameters), "imu_lever_arm") == named
+
+
+def test_a_grade_that_ends_the_lap_at_another_height_is_not_believed(drives: dict[str, Any]) -> None:
+    record = record_of(drives["hilly"])
+    record = record.select(np.arange(record.windows) % 4 == 0)
+    record = replace(record, lap=np.arange(record.windows) // 8)
+    done = fit_names(Setting(record, "per_axle", PRIOR), ["road_bank", "road_grade"], None)
+    assert believed(done, "road_grade")
+    parameters = done.parameters.copy()
+    parameters[next(b.parameters for b in done.predictor.blocks if b.effect.name == "road_grade")] -= 0.04
+    assert not believed(replace(done, parameters=parameters), "road_grade")
+
+
+def test_a_bank_no_larger_than_what_the_springs_repeat_is_not_believed(drives: dict[str, Any]) -> None:
+    record = record_of(drives["hilly"])
+    record = record.select(np.arange(record.windows) % 4 == 0)
+    done = fit_names(Setting(record, "per_axle", PRIOR), ["road_bank", "road_grade"], None)
+    rows = next(b.parameters for b in done.predictor.blocks if b.effect.name == "road_bank")
+    normal = replace(done.normal, prior=1e6 * done.normal.prior)
+    for angle, named in ((0.7 * LEAST_ANGLE, False), (1.6 * LEAST_ANGLE, True)):
+        parameters = done.parameters.copy()
+        parameters[rows] *= angle / (0.5 * np.ptp(parameters[rows]))
+        assert believed(replace(done, parameters=parameters, normal=normal), "road_bank") == named
+
+
+def test_load_transfer_lower_or_higher_than_in_any_car_is_not_believed(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    done = fit_names(Setting(record, "per_axle", PRIOR), ["load_transfer"], None)
+    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "load_transfer")
+    normal = replace(done.normal, prior=done.normal.prior + 1e8 * np.eye(len(done.parameters)))
+    for height, named in ((0.03, False), (0.3, True), (0.66, False)):
+        parameters = done.parameters.copy()
+        parameters[row] = height
+        assert believed(replace(done, parameters=parameters, normal=normal), "load_transfer") == named
+
+
+def test_no_more_lift_than_any_body_has_is_not_believed(drives: dict[str, Any]) -> None:
+    done = fit_names(Setting(record_of(drives["none"]), "per_axle", PRIOR), ["aero_downforce"], None)
+    rows = next(b.parameters for b in done.predictor.blocks if b.effect.name == "aero_downforce")
+    normal = replace(done.normal, prior=done.normal.prior + 1e8 * np.eye(len(done.parameters)))
+    for k, named in ((0.02, False), (0.3, True)):
+        parameters = done.parameters.copy()
+        parameters[rows] = k
+        assert believed(replace(done, parameters=parameters, normal=normal), "aero_downforce") == named

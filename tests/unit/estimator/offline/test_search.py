@@ -1,0 +1,139 @@
+"""The search: what is exchanged, completed, removed, and started again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from support.practice_drives import PRIOR, record_of
+
+from estimator.offline.diagnosis import alternatives
+from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.search.acceptance import explains_more_than_is_left
+from estimator.offline.search.every_car import on_every_car
+from estimator.offline.search.evidence import compare
+from estimator.offline.search.greedy import Greedy, check_each
+from estimator.offline.search.screening import open_candidates
+from estimator.offline.search.search import better, from_every_car, search
+from estimator.offline.search.terms import without_stand_ins
+from estimator.offline.search.trial import Setting, fit_names
+
+
+def _quiet(_: str) -> None:
+    """Progress that nobody watches."""
+
+
+def _never_enough(_base: Fit, _current: Fit) -> bool:
+    return False
+
+
+def test_what_stands_in_for_another_effect_is_exchanged_for_it(drives: dict[str, Any]) -> None:
+    record = record_of(drives["pair"])
+    record = record.select(np.arange(record.windows) % 2 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
+    start, names = fit_names(setting, (), None), ["rolling_resistance", "steer_offset"]
+    state = Greedy(setting, _quiet, _never_enough, start, names, fit_names(setting, names, start), [])
+    state.recheck()
+    assert state.names == names, "it stands in well"
+    assert state.exchange()
+    assert set(state.names) == {"aero_drag", "steer_offset"}
+
+
+@pytest.mark.parametrize(
+    ("drive", "effect", "there"), [("pulses", "front_brake", False), ("single", "rolling_resistance", True)]
+)
+def test_what_takes_out_the_mean_of_a_force_that_comes_and_goes_explains_less_than_it_leaves(
+    drives: dict[str, Any], drive: str, effect: str, there: bool
+) -> None:
+    record = record_of(drives[drive])
+    record = record.select(np.arange(record.windows) % 4 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
+    start = fit_names(setting, (), None)
+    done = fit_names(setting, [effect], start)
+    gain = compare(start.held_out(), done.held_out(), done.normal.count)
+    assert gain.gain > 0.02 * record.rows.shape[0] * record.rows.shape[1], "worth a name by its gain alone"
+    assert explains_more_than_is_left(effect, gain.channel, start, done) == there
+
+
+@pytest.mark.parametrize(("unexplained", "named"), [(0.0, True), (3.0, False)])
+def test_what_turns_the_car_is_named_only_where_it_explains_more_of_the_lateral_force_than_is_left(
+    drives: dict[str, Any], unexplained: float, named: bool
+) -> None:
+    record = record_of(drives["play"])
+    measured = record.measured.copy()
+    measured[1] += unexplained * np.sign(np.sin(record.signals["t"]))
+    record = replace(record, measured=measured).select(np.arange(record.windows) % 12 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
+    start = fit_names(setting, (), None)
+    done = fit_names(setting, ["steer_play"], start)
+    assert explains_more_than_is_left("steer_play", 2, start, done) == named
+
+
+def test_what_every_car_has_is_found_together_where_part_of_it_shows(drives: dict[str, Any]) -> None:
+    setting = Setting(record_of(drives["car"]), "per_axle", PRIOR)
+    for shown, complete in ((["aero_drag", "aero_downforce"], True), (["aero_drag"], False)):
+        base, current = fit_names(setting, [], None), fit_names(setting, shown, None)
+        state = Greedy(setting, _quiet, _never_enough, base, shown, current, [])
+        assert state.complete() == complete
+        assert {"load_transfer", "combined_slip"} <= set(state.names) or not complete
+        assert set(state.names) <= set(drives["car"].effects)
+        assert not state.complete(), "beside the same effects it is tried once"
+
+
+def test_a_second_start_leaves_what_stands_in_for_several_effects(drives: dict[str, Any]) -> None:
+    setting = Setting(record_of(drives["car"]), "per_axle", PRIOR)
+    base, wrong = fit_names(setting, [], None), ["rolling_resistance", "steer_scale"]
+    first = Greedy(setting, _quiet, _never_enough, base, wrong, fit_names(setting, wrong, None), [])
+    second = from_every_car(first)
+    assert set(second.names) == set(drives["car"].effects)
+    assert better(first, second) is second
+    assert better(second, first) is second
+    assert {trial.name for trials in second.rounds for trial in trials} >= set(second.names), "a report lists all"
+
+
+@pytest.mark.parametrize("thorough", [True, False])
+def test_a_thorough_search_ends_with_the_better_of_two_starts(
+    drives: dict[str, Any], monkeypatch: pytest.MonkeyPatch, thorough: bool
+) -> None:
+    setting, run, wrong = (
+        Setting(record_of(drives["car"]), "per_axle", PRIOR),
+        Greedy.run,
+        ["steer_scale", "yaw_damping"],
+    )
+
+    def misled(state: Greedy) -> None:
+        if state.names:
+            run(state)
+        else:
+            state.names, state.fit = wrong, fit_names(setting, wrong, None)
+            state.checked = check_each(setting, wrong, state.fit, _quiet)
+
+    monkeypatch.setattr(Greedy, "run", misled)
+    found = search(setting, thorough=thorough)
+    assert set(found.accepted) == set(drives["car"].effects if thorough else wrong)
+    if thorough:
+        tried_instead = {t.name for name in found.accepted for t in alternatives(found, name)}
+        assert not tried_instead & set(found.accepted), "what was found together is not tried in each other's place"
+
+
+def test_what_stands_in_is_removed_unless_the_car_shows_what_every_car_has(drives: dict[str, Any]) -> None:
+    record = record_of(drives["pulses"])
+    record = record.select(np.arange(record.windows) % 4 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
+    for names, kept in ((["front_brake"], False), (["front_brake", "aero_drag"], True)):
+        done = fit_names(setting, names, None)
+        gains, _ = without_stand_ins(setting, check_each(setting, names, done, _quiet).gains, done, _quiet)
+        assert ("front_brake" in gains) == kept
+
+
+def test_of_two_forms_of_one_effect_a_model_has_one(drives: dict[str, Any]) -> None:
+    drive = drives["none"]
+    columns = drive.columns | {"brake": np.maximum(-drive.columns["drive"], 0.0), "throttle": 0.0 * drive.columns["t"]}
+    setting = Setting(record_of(replace(drive, columns=columns)), "per_axle", PRIOR)
+    both = {"front_brake", "brake_pressure"}
+    assert [both & set(names) for names in on_every_car(setting, [])] == [{"brake_pressure"}, {"front_brake"}]
+    assert both <= {effect.name for effect in open_candidates(setting, [])}
+    for form in both:
+        assert not both & {effect.name for effect in open_candidates(setting, [form])}
