@@ -32,7 +32,8 @@ from estimator.offline.report.diagnosis_result import as_json
 from hil_gateway.car.vehicle import Vehicle
 
 sys.path.append(str(Path(__file__).parent))
-from practice.double_track import BRAKE_FORCE, BRAKE_PRESSURE, Setup, simulate
+from practice.double_track import BRAKE_FORCE, BRAKE_PRESSURE, Setup
+from practice.double_track_drive import simulate
 
 ROAD_LIMITS = {"ax": 0.30, "ay": 0.20, "yaw_acc": 0.13}
 OVAL_LIMITS = {"ax": 0.22, "ay": 0.20, "yaw_acc": 0.12}
