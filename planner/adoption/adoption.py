@@ -13,24 +13,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.belief.revision import RevisedModel, model_of, tyre_covariance
-from estimator.model.tyre import front_and_rear
+from estimator.belief.revision import RevisedModel, model_of
 from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import Belief, Estimate, ModelRevision
 from hil_gateway.config import Config
-from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
-from planner.adoption.brake_doubt import brake_doubt, brake_spread
 from planner.adoption.delivered import DeliveredNow, grip_factors
+from planner.adoption.knowledge import Now, Reserves, TyreNames, next_knowledge
 from planner.adoption.plausible import implausible, near
 from planner.adoption.trust import Trust, slides
-from planner.adoption.usable_grip import PROFILE_SHARE, Axles, borne_next, capacity, rear_share
+from planner.adoption.usable_grip import PROFILE_SHARE, borne_next
 from planner.line.envelope import Brakes, envelope_of
 from planner.line.raceline import RaceLine, raceline_for
 from planner.line.track import Reference
 from planner.plan.controller import Controller, TyreKnowledge
-from planner.problem.brake_law import pressure_ratio
-from planner.problem.load_limits import SLEW, LoadLimits, judged_limits
+from planner.problem.load_limits import LoadLimits, judged_limits
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
 from planner.solver.functions import Functions, build_functions, build_in_child
@@ -42,30 +39,9 @@ NOTHING_ASKED = (np.inf,) * 4
 PROBATION = 40
 """plans after an adoption during which failures count against the new revision"""
 PROBATION_FAILURES = 3
-FIRST_LAP = 1.25
-"""times the standard deviations of Eq. (10) in a first lap: what is believed then comes from a data sheet and from
-forces far below the peak, and is wrong by two standard deviations more often than it says. Where no data sheet is
-believed (`declared_model` paper) the prior is as wide as that says"""
 Effects = tuple[str, ...]
 RACE_LINE_MARGIN = 1.6
 """least distance of the race line from the edges, m"""
-
-
-@dataclass(frozen=True)
-class TyreNames:
-    """Order and prior spread of a model's tyre parameters, and where those of each axle are."""
-
-    names: tuple[str, ...]
-    prior_std: Array
-    axles: Axles
-
-    @classmethod
-    def of(cls, revised: RevisedModel) -> TyreNames:
-        """Of a revised model."""
-        table = revised.model.tyre_table
-        names = tuple(p.name for p in table)
-        front, rear = front_and_rear(revised.model.layout)
-        return cls(names, np.array([p.prior_std for p in table]), (front.rows(names), rear.rows(names)))
 
 
 @dataclass
@@ -189,11 +165,6 @@ class Adoption:
             self.current, self._previous, self._probation = self._previous, None, 0
 
     @property
-    def _level(self) -> float:
-        """Standard deviations of the belief with which Eq. (10) holds."""
-        return (FIRST_LAP if self._by_data_sheet and self._lap < 1 else 1.0) * self._settings.sigma_level
-
-    @property
     def _by_data_sheet(self) -> bool:
         """Whether the belief begins with what is declared of this car; Eq. (1) to (3) alone explain too little of one
         to tell its axles' balance or what they deliver."""
@@ -240,37 +211,12 @@ class Adoption:
         self, before: TyreKnowledge | None, revised: RevisedModel, tyre: TyreNames, revision: ModelRevision
     ) -> TyreKnowledge:
         """Tyre parameters one slew step from those `before` towards the revision, with the newest belief."""
-        target, delivered = revised.theta, self.delivered.tyres
-        factors = grip_factors(tyre.axles, delivered, len(target))
-        if before is not None and len(before.theta) == len(target):
-            lasting = before.theta / grip_factors(tyre.axles, before.delivered, len(target))
-            target = np.clip(target, lasting * (1 - SLEW), lasting * (1 + SLEW))
         belief = self._belief if before is not None else None  # a model being built has its own tyres
-        if belief is not None and belief.names == tyre.names:
-            mean, covariance = np.array(belief.mean), np.array(belief.covariance)
-        elif (stated := tyre_covariance(revision)) is not None:
-            mean, covariance = target, stated
-        else:
-            mean, covariance = target, np.diag(tyre.prior_std**2)
-        peaks = [d for _, _, d in tyre.axles]
-        share = rear_share(mean[peaks]) if self._by_data_sheet else 1.0
-        use, level = self._config.planner.load_use * np.array([1.0, share]), self._level
-        # by the tyres as they last: a plan that gets by with what a sudden loss leaves may ask for all of it
-        judged = judged_limits(self._config.planner.load_use, target[peaks], before.load_max if before else None)
-        target, mean, covariance = factors * target, factors * mean, covariance * np.outer(factors, factors)
-        # a belief that has learnt of less grip tells at once, before the model in force follows
-        expected = np.minimum(mean, target)
         held = borne_next(self.held.pair, self._held_by_lap.pair)
-        asked = capacity(tyre.axles, expected, covariance, use=use, level=level, held=held)
-        ratio = pressure_ratio(asked, revised.constant("front_brake", "share"))
-        if before is not None:
-            ratio = float(np.clip(ratio, before.brake_ratio * (1 - SLEW), before.brake_ratio * (1 + SLEW)))
-        doubt = brake_doubt(brake_spread(revision), np.sqrt(np.diag(covariance)[peaks]) / mean[peaks], level)
-        front, rear = (d / rolling for d, rolling in zip(doubt, self.delivered.rolling, strict=True))
-        return TyreKnowledge(
-            target, mean, covariance, tyre.prior_std, judged, (float(use[0]), float(use[1])), asked, ratio, level,
-            (front, rear), delivered,
-        )  # fmt: skip
+        reserves = Reserves.of(
+            self._config.planner.load_use, self._settings.sigma_level, self._by_data_sheet, self._lap
+        )
+        return next_knowledge(before, revised, tyre, revision, belief, Now(self.delivered, held, reserves))
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""
