@@ -132,28 +132,25 @@ class Planner:
         e = latest.message
         if e is None or not latest.valid(now_ns) or latest.received_ns is None:
             return None
-        car = np.array([e.x, e.y, e.yaw, e.vx, e.vy, e.yaw_rate])
-        if not (credible(car, self._track) and math.isfinite(e.drive) and math.isfinite(e.steer)):
-            return None
         self.adoption.feel(e.delivered)
         controller = self.adoption.controller
-        guess = controller.sqp.z
-        car[2] += math.tau * round(float(guess[2, 0] - car[2]) / math.tau)
+        turns = round((float(controller.sqp.z[2, 0]) - e.yaw) / math.tau)
+        car = (e.x, e.y, e.yaw + math.tau * turns, e.vx, e.vy, e.yaw_rate)
         measured_ns = latest.received_ns - round(self._config.planner.estimate_age_s * NS_PER_S)
         measured = Moment(measured_ns, car, self.adoption.delivered.acting(e.drive), e.steer)
+        if not (measured.finite and credible(car, self._track)):
+            return None
         then = predict(self._actuators, controller.advance, measured, start_ns)
-        car, drive, steer = then.car, then.drive, then.steer
-        # no model of the plan may end the process
-        if not (np.isfinite(car).all() and math.isfinite(drive) and math.isfinite(steer)):
+        if not then.finite:  # no model of the plan may end the process
             return None
         hint = self._expected(start_ns)
-        s = controller.reference.project(float(car[0]), float(car[1]), None if hint is None else float(hint[S]))
+        s = controller.reference.project(then.car[0], then.car[1], None if hint is None else float(hint[S]))
         self.adoption.watch(e, s)
-        progress = float(car[3]) if hint is None else float(hint[PROGRESS])
+        progress = then.car[3] if hint is None else float(hint[PROGRESS])
         limits = self.settings.limits
         return np.array([
-            *car.tolist(), s, _within(drive, limits.drive_min, limits.drive_max),
-            _within(steer, -limits.steer, limits.steer), _within(progress, 0.0, limits.speed),
+            *then.car, s, _within(then.drive, limits.drive_min, limits.drive_max),
+            _within(then.steer, -limits.steer, limits.steer), _within(progress, 0.0, limits.speed),
         ])  # fmt: skip
 
     def _expected(self, start_ns: int) -> Array | None:
@@ -239,7 +236,7 @@ class Planner:
         if self._guess_start_ns is None or start_ns - self._guess_start_ns > COLD_GAP_S * NS_PER_S:
             return True
         expected = self._expected(start_ns)
-        return expected is None or float(np.hypot(*(expected[:2] - z0[:2]))) > COLD_DISTANCE
+        return expected is None or _distance(expected, z0) > COLD_DISTANCE
 
     def _fall_back(self, z0: Array | None, start_ns: int, reason: str) -> Decision | None:
         """The last plan shifted while its solution is young and fits the state, then a stop plan."""
@@ -304,4 +301,9 @@ def _declared_road(config: Config, track: Track) -> Track:
 
 def _fits(plan: Trajectory, z0: Array | None) -> bool:
     """Whether a plan starts near the state, as far as that is known."""
-    return z0 is None or float(np.hypot(*(plan.z[:2, 0] - z0[:2]))) < COLD_DISTANCE
+    return z0 is None or _distance(plan.z[:, 0], z0) < COLD_DISTANCE
+
+
+def _distance(a: Array, b: Array) -> float:
+    """Between the places of two states (NZ,), m."""
+    return math.hypot(a[0] - b[0], a[1] - b[1])

@@ -16,13 +16,16 @@ import numpy.typing as npt
 from estimator.model.tyre import front_and_rear
 from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
+from planner.plan.prediction import Car, Held
 from planner.problem import infomax
-from planner.problem.motion import DRIVE, NU, PROGRESS, VX, S, extra_load
+from planner.problem.motion import DRIVE, NU, PROGRESS, VX, YAW_RATE, S, extra_load
 from planner.problem.mpcc import ADVANCE_STEPS, Problem
 from planner.solver.functions import Functions
 from planner.solver.sqp import Solution, Sqp, Stopwatch
 
 COLD_START_ITERATIONS = 15
+STILL: Held = (0.0, 0.0, 0.0)
+"""a step that takes no time"""
 MIN_CORRIDOR = 0.2
 """half the width, m, left to the CoG where the track is narrower than car and margin"""
 MIN_POWER_SPEED = 10.0
@@ -88,6 +91,7 @@ class Controller:
         self._brakes_in_front = "front_brake" in active
         # an effect learnt from data stands for grade or bank as they are felt: not both
         self._road_share = np.array([[float("road_grade" not in active)], [float("road_bank" not in active)]])
+        self._reach = self.settings.limits.drive_rate * self.settings.dt * np.arange(1, self.settings.horizon + 1)
         self.reference = reference
         self.common = np.zeros(self.problem.common.size)
         self.stages = np.zeros((self.problem.stage.size, self.settings.horizon), order="F")
@@ -164,9 +168,9 @@ class Controller:
         """Of a command `drive` in state `z` (NZ,); None where the model knows no front brakes."""
         if not self._brakes_in_front:
             return None
-        road = self.reference.stages(z[S : S + 1])[2][9:12, 0]
-        extra = float(extra_load(road, float(z[VX]), float(z[5])))
-        return float(self.settings.brakes.balance(float(z[VX]), drive, self.knowledge.brake_ratio, extra))
+        vx, yaw_rate, s = float(z[VX]), float(z[YAW_RATE]), float(z[S])
+        extra = extra_load(self.reference.road_load(s), vx, yaw_rate)
+        return float(self.settings.brakes.balance(vx, drive, self.knowledge.brake_ratio, extra))
 
     def fill_stages(self, drive: float) -> None:
         """Stage parameters along the guess, at the present drive command."""
@@ -195,8 +199,7 @@ class Controller:
         """Upper drive limit of each stage, 1: engine power at the predicted speed, within reach from `drive`."""
         limits = self.settings.limits
         power = limits.power / (self.knowledge.theta[0] * np.maximum(vx, MIN_POWER_SPEED))
-        reach = drive - limits.drive_rate * self.settings.dt * np.arange(1, len(vx) + 1)
-        return np.asarray(np.maximum(np.minimum(power, limits.drive_max), reach))
+        return np.asarray(np.maximum(np.minimum(power, limits.drive_max), drive - self._reach))
 
     def solve(
         self, z0: Array, stopwatch: Stopwatch, iterations: int | None = None, *, explore: float = 1.0
@@ -228,19 +231,16 @@ class Controller:
             solution = self.solve(z0, stopwatch, 1)
         return solution
 
-    def advance(self, car: Array, held: Array) -> Array:
-        """The six car states (6,) after steps with inputs held, by the model of the plan.
-
-        `held` (3, K) are drive, steer and duration (s) of each step.
-        """
+    def advance(self, car: Car, held: list[Held]) -> Car:
+        """The car after steps with inputs held, by the model of the plan."""
         start, steps, stages, common = self._advance.inputs
         stages[:], common[:] = self.stages[:, :1], self.common[:, None]
-        for first in range(0, held.shape[1], ADVANCE_STEPS):
-            part = held[:, first : first + ADVANCE_STEPS]
-            start[:, 0], steps[:, : part.shape[1]] = car, part
-            steps[2, part.shape[1] :] = 0.0
+        for first in range(0, len(held), ADVANCE_STEPS):
+            part = held[first : first + ADVANCE_STEPS]
+            start[:, 0] = car
+            steps.T[:] = part + [STILL] * (ADVANCE_STEPS - len(part))
             self._advance()
-            car = self._advance.outputs[0][:, -1].copy()
+            car = tuple(self._advance.outputs[0][:, -1].tolist())
         return car
 
     def _along_reference(self, z0: Array) -> Array:
