@@ -79,14 +79,18 @@ class Planner:
         self._teller = LineTeller(bus)
 
     def step(self, now_ns: int) -> Plan | None:
-        """Plan from the newest estimate and publish; None while there has never been one."""
-        message = self._plan_and_publish(now_ns)
+        """Plan from the newest estimate and publish; None while there has never been one.
+
+        What does not need the estimate is done before it is read: it adds nothing to the age of the command, and
+        leaves in the processor's caches what the plan needs next.
+        """
         self._prepare(now_ns)
+        message = self._plan_and_publish(now_ns)
+        self._adopt(now_ns)
         return message
 
     def _plan_and_publish(self, now_ns: int) -> Plan | None:
         started = self._stopwatch()
-        self._record(self._applied.poll(now_ns), now_ns)
         start_ns = now_ns + round((self._config.planner.compute_s + self._config.planner.actuator_delay_s) * NS_PER_S)
         z0 = self._initial_state(now_ns, start_ns)
         decision = self._decide(z0, start_ns, started)
@@ -105,7 +109,14 @@ class Planner:
         return self.adoption.held
 
     def _prepare(self, now_ns: int) -> None:
-        """What the next plan starts from besides the estimate: after a plan, when there is time, and not before one."""
+        """What was sent since the last plan, and a guess that is as old as that plan an interval on."""
+        self._record(self._applied.poll(now_ns), now_ns)
+        if self._guess_start_ns is not None and self._guess_start_ns == self._fresh_ns:
+            self.adoption.controller.prepare()
+            self._guess_start_ns += round(self.settings.dt * NS_PER_S)
+
+    def _adopt(self, now_ns: int) -> None:
+        """What is believed of the car, after a plan, when there is time."""
         seen = self._belief.latest.count, self._revision.latest.count
         belief, revision = self._belief.update(now_ns), self._revision.update(now_ns)
         if belief.count != seen[0] and belief.message is not None:
@@ -114,9 +125,6 @@ class Planner:
             self.adoption.offer(revision.message)
         self.adoption.advance()
         self.adoption.catch_up()
-        if self._guess_start_ns is not None and self._guess_start_ns == self._fresh_ns:
-            self.adoption.controller.prepare()
-            self._guess_start_ns += round(self.settings.dt * NS_PER_S)
         if self._plan is not None:
             self._teller.step(now_ns, self.adoption.controller.reference.line, self.adoption.controller.clearance)
 

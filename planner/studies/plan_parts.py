@@ -37,7 +37,7 @@ WHOLE, REST, BETWEEN = "whole plan", "rest", "between plans"
 """the last is what prepares the next plan, after this one is published: not part of the whole"""
 PARTS: tuple[tuple[str, type, str], ...] = (
     (BETWEEN, Planner, "_prepare"),
-    ("applied commands", Planner, "_record"),
+    (BETWEEN, Planner, "_adopt"),
     ("predicted state", Planner, "_initial_state"),
     ("parameters", Controller, "shift"),
     ("parameters", Controller, "solve"),
