@@ -22,7 +22,7 @@ from planner.plan.checks import PlanCheck
 from planner.plan.fallback import Stopping, Trajectory, shifted, stop_plan
 from planner.plan.prediction import Actuators, Moment, Sent, credible, predict
 from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, store_limits
-from planner.problem.motion import DRIVE, PROGRESS, STEER, VX, S
+from planner.problem.motion import DRIVE, PROGRESS, STATES, STEER, S
 from planner.problem.settings import settings_of
 from planner.solver.sqp import Solution, Stopwatch
 
@@ -40,6 +40,9 @@ COLD_DISTANCE = 5.0
 """a state this far (m) from the plan, or a guess this old, starts the solver afresh"""
 BRAKE_SHARE = 0.6
 """of the rear load limit a stop plan uses for braking; the rest is left for cornering"""
+
+PUBLISHED = {name: STATES.index(name) for name in ("x", "y", "yaw", "vx", "s", "steer", "drive")}
+"""rows of the states that a plan message has"""
 
 
 @dataclass(frozen=True)
@@ -284,11 +287,11 @@ class Planner:
             brake_balance=self.adoption.controller.brake_balance(z[:, 0], drive),
         )  # fmt: skip
         self._bus.publish(topics.COMMAND, command)
-        rows = {"x": 0, "y": 1, "yaw": 2, "vx": VX, "s": S, "steer": STEER, "drive": DRIVE}
+        rows = z.tolist()
         message = Plan(
             stamp_ns=now_ns, seq=self._seq, state_stamp_ns=stamp, status=decision.status,
             reason=decision.reason, dt=dt,
-            **{name: tuple(z[row].tolist()) for name, row in rows.items()},
+            **{name: rows[number] for name, number in PUBLISHED.items()},
             lap=max(0, int(z[S, 0] // self.adoption.controller.reference.length)),
             revision=self.adoption.current.revision.revision,
             solve_ms=(self._stopwatch() - started) / 1e6, information_gain=decision.gain,

@@ -115,14 +115,15 @@ class Check:
 
     def __call__(self, plan: Plan, bounds: Bounds) -> Findings:
         """Of one plan."""
-        before, after, theta, phi, ratio, limits = self._function.inputs
+        function = self._function
+        before, after, theta, phi, ratio, limits = function.inputs
         if plan.columns is not after:
             after[:], before[:, 0], before[:, 1:] = plan.columns, plan.columns[:, 0], plan.columns[:, :-1]
         theta[:], phi[:], ratio[:] = self._parameters
         limits[:, 0] = bounds.column
-        self._function()
-        rows = self._function.outputs[0].copy()
-        finite = bool(np.isfinite(after).all())
+        function()
+        rows = function.outputs[0].copy()
+        finite = function.finite if isinstance(function, FixedCheck) else bool(np.isfinite(after).all())
         return Findings(rows, rows[:, 0].tolist(), rows[:, 1:].max(axis=1).tolist(), finite)
 
 

@@ -36,12 +36,14 @@ class PlanCheck:
         self._for: tuple[RevisedModel, TyreKnowledge] | None = None
         self._check: Check | None = None
         self._roadside: Roadside | None = None
+        self._bounds: Bounds | None = None
+        """of the last plan, where its drive command starts within its range"""
         self.first_loads, self.first_across, self.worst_load = (0.0, 0.0), (0.0, 0.0), 0.0
         self.first_gain = 0.0
 
     def __call__(self, controller: Controller, adopted: Adopted, solution: Solution) -> list[str]:
         """Limits the solution breaks, in words; empty when it may be published."""
-        bounds = bounds_of(self._settings, controller.knowledge.load_max, float(solution.z[7, 0]))
+        bounds = self._bounds_of(controller.knowledge.load_max, float(solution.z[7, 0]))
         roadside, check = self._beside(controller.reference.line), controller.checked
         if isinstance(check, FixedCheck):
             plan = acceptance.Plan(check.lay_out(solution.z, solution.information, roadside))
@@ -54,6 +56,16 @@ class PlanCheck:
         self.first_across = front, rear
         self.first_gain = float(solution.information[0])
         return acceptance.violations(found, bounds)
+
+    def _bounds_of(self, load_max: tuple[float, float], drive: float) -> Bounds:
+        """Those of the plan before where nothing else is asked for."""
+        limits = self._settings.limits
+        within = limits.drive_min <= drive <= limits.drive_max
+        if self._bounds is None or not within or self._bounds.load_max != load_max:
+            bounds = bounds_of(self._settings, load_max, drive)
+            self._bounds = bounds if within else None
+            return bounds
+        return self._bounds
 
     def _with_parameters(self, controller: Controller, adopted: Adopted) -> Check:
         """With the tyres that the plan is made for, and effect parameters at the start of the lap's profiles."""

@@ -109,6 +109,7 @@ def predict(actuators: Actuators, advance: Callable[[Car, list[Held]], Car], now
 
 def credible(car: Car, track: Track) -> bool:
     """Whether a car can be in this state on or near a track; not where a number is none."""
+    x, y, yaw, *speeds = car
     # a comparison with what is no number is false
-    moves = all(abs(speed) < fastest for speed, fastest in zip(car[3:], FASTEST, strict=True))
-    return moves and track.near(car[0], car[1]) and math.isfinite(car[2])
+    moves = abs(speeds[0]) < FASTEST[0] and abs(speeds[1]) < FASTEST[1] and abs(speeds[2]) < FASTEST[2]
+    return moves and track.near(x, y) and math.isfinite(yaw)

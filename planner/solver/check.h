@@ -52,8 +52,8 @@ void lay_out(const double *z, const double *information, const double *points, i
     memcpy(columns, columns + COLUMNS, COLUMNS * sizeof *columns);
 }
 
-/* rows `FOUND` of every stage */
-void check(const double *columns, const double *theta, const double *phi, const double *ratio, const double *bounds,
+/* rows `FOUND` of every stage; whether all that they are found from are numbers */
+int32_t check(const double *columns, const double *theta, const double *phi, const double *ratio, const double *bounds,
            double *found)
 {
     (void)theta, (void)phi, (void)ratio, (void)bounds;
@@ -67,4 +67,7 @@ EACH_GROUP
         for (int l = 0; l < W && k + l < STAGES; l++)
             for (int i = 0; i < FOUND; i++) found[(k + l) * FOUND + i] = ((const double *)&d[i])[l];
     }
+    for (int i = 0; i < (STAGES + 1) * COLUMNS; i++)
+        if (!isfinite(columns[i])) return 0;
+    return 1;
 }

@@ -50,12 +50,14 @@ class FixedCheck:
         self.outputs: tuple[Array, ...] = (np.zeros((len(FOUND), stages), order="F"),)
         self._z, self._information = np.zeros((NZ, stages), order="F"), np.zeros(stages - 1)
         self._beside: Beside | None = None
+        self.finite = False
+        """whether every number of the plan checked last is one"""
         self._arguments = tuple(map(_pointer, (self._columns, *parameters, self.outputs[0])))
         self._plan = tuple(map(_pointer, (self._z, self._information)))
 
     def __call__(self) -> None:
         """Evaluate from `inputs` into `outputs`."""
-        self._check(*self._arguments)
+        self.finite = bool(self._check(*self._arguments))
 
     def lay_out(self, z: Array, information: Array, beside: Beside) -> Array:
         """`COLUMNS` of states z (NZ, N+1) with the information (N,), beside a line; they are the input `after`."""
