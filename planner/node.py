@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from estimator.belief.revision import starting_revision
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
-from hil_gateway.bus.messages import Applied, Command, Estimate, Plan, PlanStatus
+from hil_gateway.bus.messages import Applied, Estimate, Plan, PlanStatus
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
@@ -21,8 +20,9 @@ from planner.line.telling import LineTeller
 from planner.plan.checks import PlanCheck
 from planner.plan.fallback import Stopping, Trajectory, shifted, stop_plan
 from planner.plan.prediction import Actuators, Moment, Sent, credible, predict
+from planner.plan.publishing import Decision, Publisher, Stamps, within
 from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, store_limits
-from planner.problem.motion import DRIVE, PROGRESS, STATES, STEER, S
+from planner.problem.motion import PROGRESS, S
 from planner.problem.settings import settings_of
 from planner.solver.sqp import Solution, Stopwatch
 
@@ -40,19 +40,6 @@ COLD_DISTANCE = 5.0
 """a state this far (m) from the plan, or a guess this old, starts the solver afresh"""
 BRAKE_SHARE = 0.6
 """of the rear load limit a stop plan uses for braking; the rest is left for cornering"""
-
-PUBLISHED = {name: STATES.index(name) for name in ("x", "y", "yaw", "vx", "s", "steer", "drive")}
-"""rows of the states that a plan message has"""
-
-
-@dataclass(frozen=True)
-class Decision:
-    """What to publish: a full trajectory, how it came about, and the information it gains (Eq. 7)."""
-
-    plan: Trajectory
-    status: PlanStatus
-    reason: str = ""
-    gain: float = 0.0
 
 
 class Planner:
@@ -80,6 +67,7 @@ class Planner:
         self._check = PlanCheck(self.settings)
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
         self._teller = LineTeller(bus)
+        self._publish = Publisher(config, bus, self._actuators, self.settings)
 
     def step(self, now_ns: int) -> Plan | None:
         """Plan from the newest estimate and publish; None while there has never been one.
@@ -100,7 +88,10 @@ class Planner:
         if decision is None:
             return None
         self._plan = decision.plan
-        return self._publish(decision, now_ns, started)
+        e = self._estimate.latest.message
+        stamps = Stamps(now_ns, self._seq, 0 if e is None else e.state_stamp_ns)
+        self._seq += 1
+        return self._publish(decision, self.adoption, stamps, lambda: self._stopwatch() - started)
 
     def store_limits(self) -> None:
         """Write the load limits the next run may use, if a file is configured."""
@@ -160,8 +151,8 @@ class Planner:
         progress = then.car[3] if hint is None else float(hint[PROGRESS])
         limits = self.settings.limits
         return np.array([
-            *then.car, s, _within(then.drive, limits.drive_min, limits.drive_max),
-            _within(then.steer, -limits.steer, limits.steer), _within(progress, 0.0, limits.speed),
+            *then.car, s, within(then.drive, limits.drive_min, limits.drive_max),
+            within(then.steer, -limits.steer, limits.steer), within(progress, 0.0, limits.speed),
         ])  # fmt: skip
 
     def _expected(self, start_ns: int) -> Array | None:
@@ -272,37 +263,6 @@ class Planner:
             lambda z, du: controller.sqp.propagate(z, du, controller.stages[:, 0], controller.common),
             controller.reference, self.settings.limits, self.settings.dt, vehicle, braking, grip, force,
         )  # fmt: skip
-
-    def _publish(self, decision: Decision, now_ns: int, started: int) -> Plan:
-        z, e, dt = decision.plan.z, self._estimate.latest.message, self.settings.dt
-        stamp = e.state_stamp_ns if e is not None else 0
-        steer = self._actuators.lead(float(z[STEER, 0]), float(z[STEER, 1]), dt, self._actuators.steer_lag)
-        drive = self._actuators.lead(float(z[DRIVE, 0]), float(z[DRIVE, 1]), dt, self._actuators.drive_lag)
-        limits, train = self.settings.limits, self._config.powertrain
-        drive = _within(drive, limits.drive_min, limits.drive_max)
-        sent = max(self.adoption.delivered.sent(drive), -train.hardest_braking / train.force_per_drive)
-        command = Command(
-            stamp_ns=now_ns, seq=self._seq, source="planner", state_stamp_ns=stamp,
-            steer=_within(steer, -limits.steer, limits.steer), drive=sent,
-            brake_balance=self.adoption.controller.brake_balance(z[:, 0], drive),
-        )  # fmt: skip
-        self._bus.publish(topics.COMMAND, command)
-        rows = z.tolist()
-        message = Plan(
-            stamp_ns=now_ns, seq=self._seq, state_stamp_ns=stamp, status=decision.status,
-            reason=decision.reason, dt=dt,
-            **{name: rows[number] for name, number in PUBLISHED.items()},
-            lap=max(0, int(z[S, 0] // self.adoption.controller.reference.length)),
-            revision=self.adoption.current.revision.revision,
-            solve_ms=(self._stopwatch() - started) / 1e6, information_gain=decision.gain,
-        )  # fmt: skip
-        self._seq += 1
-        self._bus.publish(topics.PLAN, message)
-        return message
-
-
-def _within(value: float, low: float, high: float) -> float:
-    return min(max(value, low), high)
 
 
 def _declared_road(config: Config, track: Track) -> Track:

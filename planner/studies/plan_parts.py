@@ -24,6 +24,7 @@ from hil_gateway.track.track import Track
 from planner.node import Planner
 from planner.plan.checks import PlanCheck
 from planner.plan.controller import Controller
+from planner.plan.publishing import Publisher
 from planner.simulation.loop import Loop
 from planner.solver.sqp import Sqp, Stopwatch
 
@@ -44,7 +45,7 @@ PARTS: tuple[tuple[str, type, str], ...] = (
     ("solver", Sqp, "solve"),
     ("information weight", Controller, "_weigh_information"),
     ("acceptance", PlanCheck, "__call__"),
-    ("publishing", Planner, "_publish"),
+    ("publishing", Publisher, "__call__"),
 )
 """name of a part, and a method whose time, without that of other parts inside it, belongs to it"""
 
