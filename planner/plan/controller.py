@@ -101,6 +101,8 @@ class Controller:
         self.stages[problem.stage["learning"]] = infomax.patience(self.settings.dt, self.settings.horizon)
         self._filled: tuple[Array, Reference, PhiAt] | None = None
         """what the stage parameters were filled for"""
+        self._known: tuple[Array, TyreKnowledge, float, Array] | None = None
+        """guess, knowledge and what `_known_ahead` found for them"""
         # `advance` is asked before the first solve: a scale that is still 0 would divide by zero
         self.fill_stages(0.0)
 
@@ -134,29 +136,35 @@ class Controller:
         return np.column_stack([k.theta, points, weakest]).ravel(order="F")
 
     def _weigh_information(self, speed: float, share: float = 1.0) -> None:
-        """q_I at this speed, what exploring leaves of the load limits, and W of Tr(W F).
+        """q_I at this speed, what exploring leaves of the load limits, and W of Tr(W F)."""
+        k, info, names = self.knowledge, self.settings.information, self.problem.common
+        if not self.problem.informative:
+            self.common[names["load_max"]] = k.load_asked
+            return
+        spread, W = self._known_ahead()
+        q = share * infomax.scheduled_weight(info.weight, speed, spread, info.goal)
+        swing = self.settings.limits.exploring_reserve if q > 0 else 0.0
+        self.common[names["load_max"]] = (1.0 - swing) * np.array(k.load_asked)
+        self.common[names["q_information"]] = q * (infomax.caution(spread) if info.criterion == "log_det" else 1.0)
+        self.common[names["information_weight"]] = W.ravel()
 
-        W are the prior variances for `trace`; for `log_det` it is P after the horizon's F.
+    def _known_ahead(self) -> tuple[float, Array]:
+        """Spread of the belief, and W of Tr(W F): worked out once for each guess and knowledge.
+
+        W are the prior variances for `trace`; for `log_det` it is P after the horizon's F:
 
         d log det(P^-1 + sum F) = Tr(W dF) with W = (P^-1 + sum F)^-1, taken at the guess, F as much as the belief
         will count it for: taken in full, a moment of slip would seem to have taught all there is.
         """
-        k, info = self.knowledge, self.settings.information
-        if not self.problem.informative:
-            self.common[self.problem.common["load_max"]] = k.load_asked
-            return
-        spread = k.spread
-        q = share * infomax.scheduled_weight(info.weight, speed, spread, info.goal)
-        self.common[self.problem.common["q_information"]] = q
-        swing = self.settings.limits.exploring_reserve if q > 0 else 0.0
-        self.common[self.problem.common["load_max"]] = (1.0 - swing) * np.array(k.load_asked)
-        W: Array = np.diag(k.prior_std**2)
-        if info.criterion == "log_det":
-            self.common[self.problem.common["q_information"]] = q * infomax.caution(spread)
-            F = infomax.independent_samples(self.settings.dt) * self.sqp.horizon_information(self.common)
-            # (P^-1 + F)^-1 without inverting P, which may be singular
-            W = np.asarray(np.linalg.solve(np.eye(len(k.mean)) + k.covariance @ F, k.covariance))
-        self.common[self.problem.common["information_weight"]] = W.ravel()
+        guess, k = self.sqp.z, self.knowledge
+        if self._known is None or self._known[0] is not guess or self._known[1] is not k:
+            W: Array = np.diag(k.prior_std**2)
+            if self.settings.information.criterion == "log_det":
+                F = infomax.independent_samples(self.settings.dt) * self.sqp.horizon_information(self.common)
+                # (P^-1 + F)^-1 without inverting P, which may be singular
+                W = np.asarray(np.linalg.solve(np.eye(len(k.mean)) + k.covariance @ F, k.covariance))
+            self._known = guess, k, k.spread, W
+        return self._known[2:]
 
     @property
     def clearance(self) -> float:
@@ -220,6 +228,8 @@ class Controller:
         """
         self.shift()
         self._fill_along_guess()
+        if self.problem.informative:
+            self._known_ahead()
 
     def cold_start(self, z0: Array, stopwatch: Stopwatch) -> Solution:
         """Solve without a previous solution: a guess along the reference, iterated."""
