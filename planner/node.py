@@ -19,7 +19,7 @@ from planner.adoption.adoption import Adoption
 from planner.line.telling import LineTeller
 from planner.plan.checks import PlanCheck
 from planner.plan.fallback import Stopping, Trajectory, shifted, stop_plan
-from planner.plan.prediction import Actuators, Moment, Sent, credible, predict
+from planner.plan.prediction import Actuators, Car, Moment, Sent, credible, predict
 from planner.plan.publishing import Decision, Publisher, Stamps, within
 from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, store_limits
 from planner.problem.motion import PROGRESS, S
@@ -134,14 +134,15 @@ class Planner:
         e = latest.message
         if e is None or not latest.valid(now_ns) or latest.received_ns is None:
             return None
+        car: Car = (e.x, e.y, e.yaw, e.vx, e.vy, e.yaw_rate)
+        if not (credible(car, self._track) and math.isfinite(e.drive) and math.isfinite(e.steer)):
+            return None
         self.adoption.feel(e.delivered)
         controller = self.adoption.controller
         turns = round((float(controller.sqp.z[2, 0]) - e.yaw) / math.tau)
         car = (e.x, e.y, e.yaw + math.tau * turns, e.vx, e.vy, e.yaw_rate)
         measured_ns = latest.received_ns - round(self._config.planner.estimate_age_s * NS_PER_S)
         measured = Moment(measured_ns, car, self.adoption.delivered.acting(e.drive), e.steer)
-        if not (measured.finite and credible(car, self._track)):
-            return None
         then = predict(self._actuators, controller.advance, measured, start_ns)
         if not then.finite:  # no model of the plan may end the process
             return None

@@ -12,10 +12,10 @@ static inline vec column(const double *from, int size, int k, int i)
     return v;
 }
 
-/* the point of `n` on a closed line, its x and y in `points`, nearest to (x, y) within AROUND points of `middle` */
+/* the point of `n` (more than AROUND) on a closed line, x and y in `points`, nearest to (x, y) around `middle` */
 static int nearest(const double *points, int n, double x, double y, double middle)
 {
-    const int first = (int)fmod(fabs(middle) < 1e9 ? rint(middle) : 0.0, n) - AROUND + n;
+    const int first = (int)fmod(fabs(middle) < 1e9 ? rint(middle) : 0.0, n) - AROUND + 2 * n;
     int best = 0;
     double least = INFINITY;
     for (int m = 0; m <= 2 * AROUND; m++) {

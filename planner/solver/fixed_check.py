@@ -1,5 +1,6 @@
 """The check of a plan generated for one model: road beside the plan, and every limit on stages side by side, in C.
 
+Its equations share nothing with the solver's, the way to C does: a self-test compares with CasADi's virtual machine.
 Without a compiler, or where its self-test fails, the same equations run in CasADi's virtual machine and the road is
 looked up by numpy (`plan.checks`).
 """

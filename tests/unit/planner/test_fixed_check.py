@@ -19,6 +19,8 @@ from planner.solver.functions import build_functions
 from planner.solver.sqp import Solution
 from planner.studies.bench import bench_controller, clock, start_state
 
+AHEAD = 6.0
+"""m; the nearest point is sought up to some 12 m around"""
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="needs a C compiler")
 
 
@@ -38,15 +40,18 @@ def _generated(controller: Controller) -> FixedCheck:
 
 
 def _moved(solution: Solution, controller: Controller, metres: float, across: float) -> Solution:
-    """The plan so far on along the line, and beside it."""
+    """The plan so far on along the line, and beside it; its progress runs `AHEAD` of it."""
     reference, z = controller.reference, solution.z.copy()
     z[6] += metres
     point = reference.at(z[6])
     z[0], z[1] = point.x - across * np.sin(point.heading), point.y + across * np.cos(point.heading)
+    z[6] += AHEAD
     return replace(solution, z=z, information=np.linspace(0.0, 50.0, z.shape[1] - 1))
 
 
-@pytest.mark.parametrize(("metres", "across"), [(0.0, 0.3), (-700.0, -2.0), (2890.0, 4.0), (10_000.0, 1.0)])
+@pytest.mark.parametrize(
+    ("metres", "across"), [(0.0, 0.3), (-700.0, -2.0), (-4180.0, 1.0), (2890.0, 4.0), (10_000.0, 1.0)]
+)
 def test_the_road_beside_a_plan_is_the_one_numpy_finds(
     controller: Controller, solution: Solution, metres: float, across: float
 ) -> None:
