@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from estimator.belief.revision import starting_revision
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
-from hil_gateway.bus.messages import Applied, Command, Estimate, Plan, PlanStatus
+from hil_gateway.bus.messages import Applied, Estimate, Plan, PlanStatus
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
@@ -20,9 +19,10 @@ from planner.adoption.adoption import Adoption
 from planner.line.telling import LineTeller
 from planner.plan.checks import PlanCheck
 from planner.plan.fallback import Stopping, Trajectory, shifted, stop_plan
-from planner.plan.prediction import Actuators, Moment, Sent, credible, predict
+from planner.plan.prediction import Actuators, Car, Moment, Sent, credible, predict
+from planner.plan.publishing import Decision, Publisher, Stamps, within
 from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, store_limits
-from planner.problem.motion import DRIVE, PROGRESS, STEER, VX, S
+from planner.problem.motion import PROGRESS, S
 from planner.problem.settings import settings_of
 from planner.solver.sqp import Solution, Stopwatch
 
@@ -40,16 +40,6 @@ COLD_DISTANCE = 5.0
 """a state this far (m) from the plan, or a guess this old, starts the solver afresh"""
 BRAKE_SHARE = 0.6
 """of the rear load limit a stop plan uses for braking; the rest is left for cornering"""
-
-
-@dataclass(frozen=True)
-class Decision:
-    """What to publish: a full trajectory, how it came about, and the information it gains (Eq. 7)."""
-
-    plan: Trajectory
-    status: PlanStatus
-    reason: str = ""
-    gain: float = 0.0
 
 
 class Planner:
@@ -77,23 +67,31 @@ class Planner:
         self._check = PlanCheck(self.settings)
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
         self._teller = LineTeller(bus)
+        self._publish = Publisher(config, bus, self._actuators, self.settings)
 
     def step(self, now_ns: int) -> Plan | None:
-        """Plan from the newest estimate and publish; None while there has never been one."""
-        message = self._plan_and_publish(now_ns)
+        """Plan from the newest estimate and publish; None while there has never been one.
+
+        What does not need the estimate is done before it is read: it adds nothing to the age of the command, and
+        leaves in the processor's caches what the plan needs next.
+        """
         self._prepare(now_ns)
+        message = self._plan_and_publish(now_ns)
+        self._adopt(now_ns)
         return message
 
     def _plan_and_publish(self, now_ns: int) -> Plan | None:
         started = self._stopwatch()
-        self._record(self._applied.poll(now_ns), now_ns)
         start_ns = now_ns + round((self._config.planner.compute_s + self._config.planner.actuator_delay_s) * NS_PER_S)
         z0 = self._initial_state(now_ns, start_ns)
         decision = self._decide(z0, start_ns, started)
         if decision is None:
             return None
         self._plan = decision.plan
-        return self._publish(decision, now_ns, started)
+        e = self._estimate.latest.message
+        stamps = Stamps(now_ns, self._seq, 0 if e is None else e.state_stamp_ns)
+        self._seq += 1
+        return self._publish(decision, self.adoption, stamps, lambda: self._stopwatch() - started)
 
     def store_limits(self) -> None:
         """Write the load limits the next run may use, if a file is configured."""
@@ -105,7 +103,14 @@ class Planner:
         return self.adoption.held
 
     def _prepare(self, now_ns: int) -> None:
-        """What the next plan starts from besides the estimate: after a plan, when there is time, and not before one."""
+        """What was sent since the last plan, and a guess that is as old as that plan an interval on."""
+        self._record(self._applied.poll(now_ns), now_ns)
+        if self._guess_start_ns is not None and self._guess_start_ns == self._fresh_ns:
+            self.adoption.controller.prepare()
+            self._guess_start_ns += round(self.settings.dt * NS_PER_S)
+
+    def _adopt(self, now_ns: int) -> None:
+        """What is believed of the car, after a plan, when there is time."""
         seen = self._belief.latest.count, self._revision.latest.count
         belief, revision = self._belief.update(now_ns), self._revision.update(now_ns)
         if belief.count != seen[0] and belief.message is not None:
@@ -114,9 +119,6 @@ class Planner:
             self.adoption.offer(revision.message)
         self.adoption.advance()
         self.adoption.catch_up()
-        if self._guess_start_ns is not None and self._guess_start_ns == self._fresh_ns:
-            self.adoption.controller.prepare()
-            self._guess_start_ns += round(self.settings.dt * NS_PER_S)
         if self._plan is not None:
             self._teller.step(now_ns, self.adoption.controller.reference.line, self.adoption.controller.clearance)
 
@@ -132,28 +134,26 @@ class Planner:
         e = latest.message
         if e is None or not latest.valid(now_ns) or latest.received_ns is None:
             return None
-        car = np.array([e.x, e.y, e.yaw, e.vx, e.vy, e.yaw_rate])
+        car: Car = (e.x, e.y, e.yaw, e.vx, e.vy, e.yaw_rate)
         if not (credible(car, self._track) and math.isfinite(e.drive) and math.isfinite(e.steer)):
             return None
         self.adoption.feel(e.delivered)
         controller = self.adoption.controller
-        guess = controller.sqp.z
-        car[2] += math.tau * round(float(guess[2, 0] - car[2]) / math.tau)
+        turns = round((float(controller.sqp.z[2, 0]) - e.yaw) / math.tau)
+        car = (e.x, e.y, e.yaw + math.tau * turns, e.vx, e.vy, e.yaw_rate)
         measured_ns = latest.received_ns - round(self._config.planner.estimate_age_s * NS_PER_S)
         measured = Moment(measured_ns, car, self.adoption.delivered.acting(e.drive), e.steer)
         then = predict(self._actuators, controller.advance, measured, start_ns)
-        car, drive, steer = then.car, then.drive, then.steer
-        # no model of the plan may end the process
-        if not (np.isfinite(car).all() and math.isfinite(drive) and math.isfinite(steer)):
+        if not then.finite:  # no model of the plan may end the process
             return None
         hint = self._expected(start_ns)
-        s = controller.reference.project(float(car[0]), float(car[1]), None if hint is None else float(hint[S]))
+        s = controller.reference.project(then.car[0], then.car[1], None if hint is None else float(hint[S]))
         self.adoption.watch(e, s)
-        progress = float(car[3]) if hint is None else float(hint[PROGRESS])
+        progress = then.car[3] if hint is None else float(hint[PROGRESS])
         limits = self.settings.limits
         return np.array([
-            *car.tolist(), s, _within(drive, limits.drive_min, limits.drive_max),
-            _within(steer, -limits.steer, limits.steer), _within(progress, 0.0, limits.speed),
+            *then.car, s, within(then.drive, limits.drive_min, limits.drive_max),
+            within(then.steer, -limits.steer, limits.steer), within(progress, 0.0, limits.speed),
         ])  # fmt: skip
 
     def _expected(self, start_ns: int) -> Array | None:
@@ -239,7 +239,7 @@ class Planner:
         if self._guess_start_ns is None or start_ns - self._guess_start_ns > COLD_GAP_S * NS_PER_S:
             return True
         expected = self._expected(start_ns)
-        return expected is None or float(np.hypot(*(expected[:2] - z0[:2]))) > COLD_DISTANCE
+        return expected is None or _distance(expected, z0) > COLD_DISTANCE
 
     def _fall_back(self, z0: Array | None, start_ns: int, reason: str) -> Decision | None:
         """The last plan shifted while its solution is young and fits the state, then a stop plan."""
@@ -265,37 +265,6 @@ class Planner:
             controller.reference, self.settings.limits, self.settings.dt, vehicle, braking, grip, force,
         )  # fmt: skip
 
-    def _publish(self, decision: Decision, now_ns: int, started: int) -> Plan:
-        z, e, dt = decision.plan.z, self._estimate.latest.message, self.settings.dt
-        stamp = e.state_stamp_ns if e is not None else 0
-        steer = self._actuators.lead(float(z[STEER, 0]), float(z[STEER, 1]), dt, self._actuators.steer_lag)
-        drive = self._actuators.lead(float(z[DRIVE, 0]), float(z[DRIVE, 1]), dt, self._actuators.drive_lag)
-        limits, train = self.settings.limits, self._config.powertrain
-        drive = _within(drive, limits.drive_min, limits.drive_max)
-        sent = max(self.adoption.delivered.sent(drive), -train.hardest_braking / train.force_per_drive)
-        command = Command(
-            stamp_ns=now_ns, seq=self._seq, source="planner", state_stamp_ns=stamp,
-            steer=_within(steer, -limits.steer, limits.steer), drive=sent,
-            brake_balance=self.adoption.controller.brake_balance(z[:, 0], drive),
-        )  # fmt: skip
-        self._bus.publish(topics.COMMAND, command)
-        rows = {"x": 0, "y": 1, "yaw": 2, "vx": VX, "s": S, "steer": STEER, "drive": DRIVE}
-        message = Plan(
-            stamp_ns=now_ns, seq=self._seq, state_stamp_ns=stamp, status=decision.status,
-            reason=decision.reason, dt=dt,
-            **{name: tuple(z[row].tolist()) for name, row in rows.items()},
-            lap=max(0, int(z[S, 0] // self.adoption.controller.reference.length)),
-            revision=self.adoption.current.revision.revision,
-            solve_ms=(self._stopwatch() - started) / 1e6, information_gain=decision.gain,
-        )  # fmt: skip
-        self._seq += 1
-        self._bus.publish(topics.PLAN, message)
-        return message
-
-
-def _within(value: float, low: float, high: float) -> float:
-    return min(max(value, low), high)
-
 
 def _declared_road(config: Config, track: Track) -> Track:
     """Eq. (1)-(3) know no slopes; where they are all that is declared, what the road does is an effect to be found."""
@@ -304,4 +273,9 @@ def _declared_road(config: Config, track: Track) -> Track:
 
 def _fits(plan: Trajectory, z0: Array | None) -> bool:
     """Whether a plan starts near the state, as far as that is known."""
-    return z0 is None or float(np.hypot(*(plan.z[:2, 0] - z0[:2]))) < COLD_DISTANCE
+    return z0 is None or _distance(plan.z[:, 0], z0) < COLD_DISTANCE
+
+
+def _distance(a: Array, b: Array) -> float:
+    """Between the places of two states (NZ,), m."""
+    return math.hypot(a[0] - b[0], a[1] - b[1])

@@ -6,6 +6,7 @@ Arguments may be numbers, numpy arrays or CasADi expressions.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -83,7 +84,7 @@ def force_derivatives(slip: Array, B: Array, C: Array, D: Array) -> Array:
 
 def slip_at_peak(B: float, C: float) -> float:
     """Slip angle of the largest force, rad: C atan(B alpha) = pi / 2; pi / 2 where C <= 1, whose force only grows."""
-    return float(np.tan(np.pi / (2.0 * C)) / B) if C > 1.0 else float(np.pi / 2)
+    return math.tan(math.pi / (2.0 * C)) / B if C > 1.0 else math.pi / 2
 
 
 def lateral_force(slip: Expr, load: Expr, B: Expr, C: Expr, D: Expr) -> Expr:

@@ -194,7 +194,7 @@ class Plan(Message):
     drive: Annotated[tuple[Slip, ...], Horizon]
     lap: Code
     revision: str = Field(description="model revision the plan was made with")
-    solve_ms: float
+    solve_ms: float = Field(description="ms from reading the estimate to the command")
     information_gain: float = Field(default=0.0, description="sum of Delta I over the horizon (Eq. 7)")
 
     @model_validator(mode="after")

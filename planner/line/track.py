@@ -14,15 +14,15 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from hil_gateway.car.vehicle import GRAVITY
-from hil_gateway.process.arrays import Array
+from hil_gateway.process.arrays import Array, Complex
 from planner.line.raceline import RaceLine
 
 WINDOW = 15
 """points of the line either side of a hint among which the nearest is sought, some 30 m"""
 
 
-SPEED = slice(4, 6)
-"""rows of the speed limit and its slope among those of the road"""
+SPEED, ROAD_LOAD = slice(4, 6), slice(9, 12)
+"""rows of the speed limit with its slope, and of the axle loads, among those of the road"""
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class Reference:
         self._spacing = line.length / len(line.s)
         same = before if before is not None and before.line.x is line.x else None
         self._cubics: Array = same._cubics if same else _cubics(line)
+        self._cubic_at: Array = same._cubic_at if same else np.ascontiguousarray(self._cubics.T)
+        self._closed: Complex = same._closed if same else _lapped(line)
         self._road: Array = same._road.copy() if same else self._road_of(line)
         self._road[SPEED] = line.vx_profile, self._slope(line.vx_profile)
 
@@ -76,6 +78,10 @@ class Reference:
         knot, index = self._cell(s)
         return knot, self._cubics.take(index, axis=1), self._road.take(index, axis=1)
 
+    def road_load(self, s: float) -> list[float]:
+        """What the road adds to the axle loads at s: the last three road rows of `stages`."""
+        return list(self._road[ROAD_LOAD, math.floor(s / self._spacing) % len(self.line.s)].tolist())
+
     def at(self, s: Array) -> ReferencePoint:
         """Position, heading (rad, principal value) and curvature at s (K,)."""
         knot, index = self._cell(s)
@@ -98,22 +104,30 @@ class Reference:
             start = int(np.argmin((self.line.x - x) ** 2 + (self.line.y - y) ** 2)) * self._spacing
         else:
             first = round(hint / self._spacing) - WINDOW
-            index = np.arange(first, first + 2 * WINDOW + 1) % n
-            distance = (self.line.x.take(index) - x) ** 2 + (self.line.y.take(index) - y) ** 2
-            start = (first + int(distance.argmin())) * self._spacing
+            around = self._closed[first % n : first % n + 2 * WINDOW + 1]
+            start = (first + int(np.abs(around - complex(x, y)).argmin())) * self._spacing
         return self._refine(x, y, start)
 
     def _refine(self, x: float, y: float, s: float) -> float:
         """Newton steps along the tangent."""
+        cell = None
         for _ in range(3):
             number = math.floor(s / self._spacing)
-            (x0, x1, x2, x3), (y0, y1, y2, y3) = self._cubics[:, number % len(self.line.s)].reshape(2, 4).tolist()
+            if number != cell:
+                cell = number
+                x0, x1, x2, x3, y0, y1, y2, y3 = self._cubic_at[number % len(self.line.s)].tolist()
             t = s - number * self._spacing
             dx, dy = x1 + t * (2 * x2 + 3 * t * x3), y1 + t * (2 * y2 + 3 * t * y3)
             ahead_x, ahead_y = x - x0 - t * (x1 + t * (x2 + t * x3)), y - y0 - t * (y1 + t * (y2 + t * y3))
             along = (dx * ahead_x + dy * ahead_y) / math.hypot(dx, dy)
             s += min(max(along, -self._spacing), self._spacing)
         return s
+
+
+def _lapped(line: RaceLine) -> Complex:
+    """Points of a line as x + iy, the first ones repeated behind the last: a window of them is one piece."""
+    points = line.x + 1j * line.y
+    return np.concatenate([points, points[: 2 * WINDOW + 1]])
 
 
 def _cubics(line: RaceLine) -> Array:

@@ -15,8 +15,11 @@ import numpy as np
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import CompiledFunction
 from planner.problem.checked_motion import COLUMNS, LIMITS
+from planner.solver.fixed_check import FixedCheck
 
 RECOVERY_S = 1.5
+SHARES, ACROSS = slice(len(LIMITS), len(LIMITS) + 2), slice(len(LIMITS) + 2, len(LIMITS) + 4)
+"""rows of `checked_motion.FOUND`"""
 
 TOLERANCES: Mapping[str, float] = {
     "track": 0.10, "load": 0.05, "actuator": 1e-4, "rate": 1e-3, "state": 0.5, "information": 0.05, "dynamics": 1.0,
@@ -73,39 +76,55 @@ class Plan:
 
 @dataclass(frozen=True)
 class Findings:
-    """What is found about the N+1 stages of a plan.
+    """What is found about the N+1 stages of a plan: `rows` as `checked_motion.FOUND`, their `first` column and the
+    `largest` value of each after it; `finite`: whether every number of the plan is one."""
 
-    `excess` (6, N+1): how far each stage is beyond each of `LIMITS`, in the units of `TOLERANCES`, <= 0 inside;
-    `shares` (2, N+1): load of the front and of the rear axle over its limit, `across` (2, N+1): their lateral part;
-    `gaps` (N,): between each stage and the motion from the one before; `finite`: whether every number of the plan is
-    one.
-    """
-
-    excess: Array
-    shares: Array
-    across: Array
-    gaps: Array
+    rows: Array
+    first: list[float]
+    largest: list[float]
     finite: bool
+
+    @property
+    def excess(self) -> Array:
+        """How far each stage is beyond each of `LIMITS`, in the units of `TOLERANCES`, <= 0 inside, (6, N+1)."""
+        return self.rows[: len(LIMITS)]
+
+    @property
+    def shares(self) -> Array:
+        """Load of the front and of the rear axle over its limit, (2, N+1)."""
+        return self.rows[SHARES]
+
+    @property
+    def across(self) -> Array:
+        """Lateral part of the shares, (2, N+1)."""
+        return self.rows[ACROSS]
+
+    @property
+    def gaps(self) -> Array:
+        """Between each stage and the motion from the one before, (N,)."""
+        return self.rows[-1, 1:]
 
 
 class Check:
     """Works out `Findings` with a function of `CheckedMotion` and the parameters of its model."""
 
-    def __init__(self, function: CompiledFunction, theta: Array, phi: Array, brake_ratio: float) -> None:
+    def __init__(self, function: CompiledFunction | FixedCheck, theta: Array, phi: Array, brake_ratio: float) -> None:
         """`theta` tyre parameters, `phi` effect parameters, SI, in the order of the model's tables; `brake_ratio` as in
         `BrakeLaw.balance`."""
         self._function, self._parameters = function, (theta[:, None], phi[:, None], brake_ratio)
 
     def __call__(self, plan: Plan, bounds: Bounds) -> Findings:
         """Of one plan."""
-        before, after, theta, phi, ratio, limits = self._function.inputs
-        after[:], before[:, 0], before[:, 1:] = plan.columns, plan.columns[:, 0], plan.columns[:, :-1]
+        function = self._function
+        before, after, theta, phi, ratio, limits = function.inputs
+        if plan.columns is not after:
+            after[:], before[:, 0], before[:, 1:] = plan.columns, plan.columns[:, 0], plan.columns[:, :-1]
         theta[:], phi[:], ratio[:] = self._parameters
         limits[:, 0] = bounds.column
-        self._function()
-        found, rows = self._function.outputs[0].copy(), len(LIMITS)
-        finite = bool(np.isfinite(after).all())
-        return Findings(found[:rows], found[rows : rows + 2], found[rows + 2 : rows + 4], found[-1, 1:], finite)
+        function()
+        rows = function.outputs[0].copy()
+        finite = function.finite if isinstance(function, FixedCheck) else bool(np.isfinite(after).all())
+        return Findings(rows, rows[:, 0].tolist(), rows[:, 1:].max(axis=1).tolist(), finite)
 
 
 def violations(found: Findings, bounds: Bounds) -> list[str]:
@@ -113,10 +132,10 @@ def violations(found: Findings, bounds: Bounds) -> list[str]:
     if not found.finite:
         return ["not finite"]
     most = [bounds.tolerances[name] for name in LIMITS]
-    largest = found.excess[:, 1:].max(axis=1).tolist()
-    broken = [] if all(x <= t for x, t in zip(largest, most, strict=True)) else _beyond(found.excess, bounds, most)
-    at = int(found.gaps.argmax())
-    if not found.gaps[at] <= bounds.tolerances["dynamics"]:
+    within = all(x <= t for x, t in zip(found.largest, most, strict=False))
+    broken = [] if within else _beyond(found.excess, bounds, most)
+    if not found.largest[-1] <= bounds.tolerances["dynamics"]:
+        at = int(found.gaps.argmax())
         broken.append(f"dynamics: gap {found.gaps[at]:.3g} at stage {at + 1}")
     return broken
 

@@ -13,15 +13,14 @@ from hil_gateway.process.arrays import Array
 from planner.adoption.adoption import Adopted
 from planner.line.raceline import RaceLine
 from planner.plan import acceptance
-from planner.plan.acceptance import Bounds, Check
+from planner.plan.acceptance import ACROSS, SHARES, Bounds, Check
 from planner.plan.controller import Controller, TyreKnowledge
 from planner.problem.checked_motion import COLUMNS
 from planner.problem.motion import MOST_LIFT
 from planner.problem.settings import Settings
+from planner.solver.fixed_check import WINDOW, FixedCheck
 from planner.solver.sqp import Solution
 
-WINDOW = 6
-"""points of the race line either side of the predicted progress among which the nearest is sought"""
 AROUND = np.arange(2 * WINDOW + 1)
 
 
@@ -37,19 +36,36 @@ class PlanCheck:
         self._for: tuple[RevisedModel, TyreKnowledge] | None = None
         self._check: Check | None = None
         self._roadside: Roadside | None = None
+        self._bounds: Bounds | None = None
+        """of the last plan, where its drive command starts within its range"""
         self.first_loads, self.first_across, self.worst_load = (0.0, 0.0), (0.0, 0.0), 0.0
         self.first_gain = 0.0
 
     def __call__(self, controller: Controller, adopted: Adopted, solution: Solution) -> list[str]:
         """Limits the solution breaks, in words; empty when it may be published."""
-        bounds = bounds_of(self._settings, controller.knowledge.load_max, float(solution.z[7, 0]))
-        plan = plan_of(solution, self._beside(controller.reference.line))
+        bounds = self._bounds_of(controller.knowledge.load_max, float(solution.z[7, 0]))
+        roadside, check = self._beside(controller.reference.line), controller.checked
+        if isinstance(check, FixedCheck):
+            plan = acceptance.Plan(check.lay_out(solution.z, solution.information, roadside))
+        else:
+            plan = plan_of(solution, roadside)
         found = self._with_parameters(controller, adopted)(plan, bounds)
-        front, rear = found.shares[:, 0].tolist()
-        self.first_loads, self.worst_load = (front, rear), float(found.shares[:, 1:].max())
-        self.first_across = float(found.across[0, 0]), float(found.across[1, 0])
+        front, rear = found.first[SHARES]
+        self.first_loads, self.worst_load = (front, rear), max(found.largest[SHARES])
+        front, rear = found.first[ACROSS]
+        self.first_across = front, rear
         self.first_gain = float(solution.information[0])
         return acceptance.violations(found, bounds)
+
+    def _bounds_of(self, load_max: tuple[float, float], drive: float) -> Bounds:
+        """Those of the plan before where nothing else is asked for."""
+        limits = self._settings.limits
+        within = limits.drive_min <= drive <= limits.drive_max
+        if self._bounds is None or not within or self._bounds.load_max != load_max:
+            bounds = bounds_of(self._settings, load_max, drive)
+            self._bounds = bounds if within else None
+            return bounds
+        return self._bounds
 
     def _with_parameters(self, controller: Controller, adopted: Adopted) -> Check:
         """With the tyres that the plan is made for, and effect parameters at the start of the lap's profiles."""
@@ -88,7 +104,7 @@ class Roadside:
         slopes = [(np.roll(w, -1) - np.roll(w, 1)) / (2.0 * self.spacing) for w in widths]
         load = [np.cos(line.grade) * np.cos(line.bank) - 1.0, line.bend / GRAVITY, np.sin(line.bank) / GRAVITY]
         gravity = [-GRAVITY * np.sin(line.grade), -GRAVITY * np.sin(line.bank)]
-        self._points = np.array([line.x, line.y, cos, sin, *widths, *slopes, *load, *gravity])
+        self.points = np.array([line.x, line.y, cos, sin, *widths, *slopes, *load, *gravity])
 
     def near(self, x: Array, y: Array, s: Array) -> Array:
         """Rows of the nearest points (13, K) to points near progress `s`, all (K,).
@@ -98,9 +114,9 @@ class Roadside:
         """
         n = len(self.x)
         first = np.round(s * (1.0 / self.spacing)).astype(np.intp) - WINDOW
-        around = self._points[:2].take((first[:, None] + AROUND) % n, axis=1)
+        around = self.points[:2].take((first[:, None] + AROUND) % n, axis=1)
         nearest = ((x[:, None] - around[0]) ** 2 + (y[:, None] - around[1]) ** 2).argmin(axis=1)
-        return np.asarray(self._points.take((first + nearest) % n, axis=1))
+        return np.asarray(self.points.take((first + nearest) % n, axis=1))
 
 
 def plan_of(solution: Solution, roadside: Roadside) -> acceptance.Plan:

@@ -16,13 +16,16 @@ import numpy.typing as npt
 from estimator.model.tyre import front_and_rear
 from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
+from planner.plan.prediction import Car, Held
 from planner.problem import infomax
-from planner.problem.motion import DRIVE, NU, PROGRESS, VX, S, extra_load
+from planner.problem.motion import DRIVE, NU, PROGRESS, VX, YAW_RATE, S, extra_load
 from planner.problem.mpcc import ADVANCE_STEPS, Problem
 from planner.solver.functions import Functions
 from planner.solver.sqp import Solution, Sqp, Stopwatch
 
 COLD_START_ITERATIONS = 15
+STILL: Held = (0.0, 0.0, 0.0)
+"""a step that takes no time"""
 MIN_CORRIDOR = 0.2
 """half the width, m, left to the CoG where the track is narrower than car and margin"""
 MIN_POWER_SPEED = 10.0
@@ -88,6 +91,7 @@ class Controller:
         self._brakes_in_front = "front_brake" in active
         # an effect learnt from data stands for grade or bank as they are felt: not both
         self._road_share = np.array([[float("road_grade" not in active)], [float("road_bank" not in active)]])
+        self._reach = self.settings.limits.drive_rate * self.settings.dt * np.arange(1, self.settings.horizon + 1)
         self.reference = reference
         self.common = np.zeros(self.problem.common.size)
         self.stages = np.zeros((self.problem.stage.size, self.settings.horizon), order="F")
@@ -97,6 +101,8 @@ class Controller:
         self.stages[problem.stage["learning"]] = infomax.patience(self.settings.dt, self.settings.horizon)
         self._filled: tuple[Array, Reference, PhiAt] | None = None
         """what the stage parameters were filled for"""
+        self._known: tuple[Array, TyreKnowledge, float, Array] | None = None
+        """guess, knowledge and what `_known_ahead` found for them"""
         # `advance` is asked before the first solve: a scale that is still 0 would divide by zero
         self.fill_stages(0.0)
 
@@ -130,29 +136,35 @@ class Controller:
         return np.column_stack([k.theta, points, weakest]).ravel(order="F")
 
     def _weigh_information(self, speed: float, share: float = 1.0) -> None:
-        """q_I at this speed, what exploring leaves of the load limits, and W of Tr(W F).
+        """q_I at this speed, what exploring leaves of the load limits, and W of Tr(W F)."""
+        k, info, names = self.knowledge, self.settings.information, self.problem.common
+        if not self.problem.informative:
+            self.common[names["load_max"]] = k.load_asked
+            return
+        spread, W = self._known_ahead()
+        q = share * infomax.scheduled_weight(info.weight, speed, spread, info.goal)
+        swing = self.settings.limits.exploring_reserve if q > 0 else 0.0
+        self.common[names["load_max"]] = (1.0 - swing) * np.array(k.load_asked)
+        self.common[names["q_information"]] = q * (infomax.caution(spread) if info.criterion == "log_det" else 1.0)
+        self.common[names["information_weight"]] = W.ravel()
 
-        W are the prior variances for `trace`; for `log_det` it is P after the horizon's F.
+    def _known_ahead(self) -> tuple[float, Array]:
+        """Spread of the belief, and W of Tr(W F): worked out once for each guess and knowledge.
+
+        W are the prior variances for `trace`; for `log_det` it is P after the horizon's F:
 
         d log det(P^-1 + sum F) = Tr(W dF) with W = (P^-1 + sum F)^-1, taken at the guess, F as much as the belief
         will count it for: taken in full, a moment of slip would seem to have taught all there is.
         """
-        k, info = self.knowledge, self.settings.information
-        if not self.problem.informative:
-            self.common[self.problem.common["load_max"]] = k.load_asked
-            return
-        spread = k.spread
-        q = share * infomax.scheduled_weight(info.weight, speed, spread, info.goal)
-        self.common[self.problem.common["q_information"]] = q
-        swing = self.settings.limits.exploring_reserve if q > 0 else 0.0
-        self.common[self.problem.common["load_max"]] = (1.0 - swing) * np.array(k.load_asked)
-        W: Array = np.diag(k.prior_std**2)
-        if info.criterion == "log_det":
-            self.common[self.problem.common["q_information"]] = q * infomax.caution(spread)
-            F = infomax.independent_samples(self.settings.dt) * self.sqp.horizon_information(self.common)
-            # (P^-1 + F)^-1 without inverting P, which may be singular
-            W = np.asarray(np.linalg.solve(np.eye(len(k.mean)) + k.covariance @ F, k.covariance))
-        self.common[self.problem.common["information_weight"]] = W.ravel()
+        guess, k = self.sqp.z, self.knowledge
+        if self._known is None or self._known[0] is not guess or self._known[1] is not k:
+            W: Array = np.diag(k.prior_std**2)
+            if self.settings.information.criterion == "log_det":
+                F = infomax.independent_samples(self.settings.dt) * self.sqp.horizon_information(self.common)
+                # (P^-1 + F)^-1 without inverting P, which may be singular
+                W = np.asarray(np.linalg.solve(np.eye(len(k.mean)) + k.covariance @ F, k.covariance))
+            self._known = guess, k, k.spread, W
+        return self._known[2:]
 
     @property
     def clearance(self) -> float:
@@ -164,9 +176,9 @@ class Controller:
         """Of a command `drive` in state `z` (NZ,); None where the model knows no front brakes."""
         if not self._brakes_in_front:
             return None
-        road = self.reference.stages(z[S : S + 1])[2][9:12, 0]
-        extra = float(extra_load(road, float(z[VX]), float(z[5])))
-        return float(self.settings.brakes.balance(float(z[VX]), drive, self.knowledge.brake_ratio, extra))
+        vx, yaw_rate, s = float(z[VX]), float(z[YAW_RATE]), float(z[S])
+        extra = extra_load(self.reference.road_load(s), vx, yaw_rate)
+        return float(self.settings.brakes.balance(vx, drive, self.knowledge.brake_ratio, extra))
 
     def fill_stages(self, drive: float) -> None:
         """Stage parameters along the guess, at the present drive command."""
@@ -195,8 +207,7 @@ class Controller:
         """Upper drive limit of each stage, 1: engine power at the predicted speed, within reach from `drive`."""
         limits = self.settings.limits
         power = limits.power / (self.knowledge.theta[0] * np.maximum(vx, MIN_POWER_SPEED))
-        reach = drive - limits.drive_rate * self.settings.dt * np.arange(1, len(vx) + 1)
-        return np.asarray(np.maximum(np.minimum(power, limits.drive_max), reach))
+        return np.asarray(np.maximum(np.minimum(power, limits.drive_max), drive - self._reach))
 
     def solve(
         self, z0: Array, stopwatch: Stopwatch, iterations: int | None = None, *, explore: float = 1.0
@@ -217,6 +228,8 @@ class Controller:
         """
         self.shift()
         self._fill_along_guess()
+        if self.problem.informative:
+            self._known_ahead()
 
     def cold_start(self, z0: Array, stopwatch: Stopwatch) -> Solution:
         """Solve without a previous solution: a guess along the reference, iterated."""
@@ -228,19 +241,16 @@ class Controller:
             solution = self.solve(z0, stopwatch, 1)
         return solution
 
-    def advance(self, car: Array, held: Array) -> Array:
-        """The six car states (6,) after steps with inputs held, by the model of the plan.
-
-        `held` (3, K) are drive, steer and duration (s) of each step.
-        """
+    def advance(self, car: Car, held: list[Held]) -> Car:
+        """The car after steps with inputs held, by the model of the plan."""
         start, steps, stages, common = self._advance.inputs
         stages[:], common[:] = self.stages[:, :1], self.common[:, None]
-        for first in range(0, held.shape[1], ADVANCE_STEPS):
-            part = held[:, first : first + ADVANCE_STEPS]
-            start[:, 0], steps[:, : part.shape[1]] = car, part
-            steps[2, part.shape[1] :] = 0.0
+        for first in range(0, len(held), ADVANCE_STEPS):
+            part = held[first : first + ADVANCE_STEPS]
+            start[:, 0] = car
+            steps.T[:] = part + [STILL] * (ADVANCE_STEPS - len(part))
             self._advance()
-            car = self._advance.outputs[0][:, -1].copy()
+            car = tuple(self._advance.outputs[0][:, -1].tolist())
         return car
 
     def _along_reference(self, z0: Array) -> Array:

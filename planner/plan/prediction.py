@@ -12,18 +12,21 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from hil_gateway.config import PlannerConfig
-from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 
 SUB_STEP_S = 0.01
+SUB_STEP_NS = round(SUB_STEP_S * NS_PER_S)
 HISTORY = 100
 """sent commands remembered: one second at 100 Hz"""
 
-FASTEST = np.array([150.0, 60.0, 10.0])
+Car = tuple[float, ...]
+"""X, Y, yaw, vx, vy, omega: as floats, of which a handful is dealt with sooner than an array"""
+Held = tuple[float, float, float]
+"""drive and steer of one step, and its duration, s"""
+
+FASTEST = (150.0, 60.0, 10.0)
 """vx and vy, m/s, and yaw rate, rad/s, that no car on four wheels reaches"""
 
 
@@ -44,6 +47,7 @@ class Actuators:
         self.steer_lag = 1.0 / (2 * math.pi * config.steer_bandwidth_hz)
         self.drive_lag = 1.0 / (2 * math.pi * config.drive_bandwidth_hz)
         self._sent: deque[Sent] = deque(maxlen=HISTORY)
+        self._done = self._done_in(SUB_STEP_S)
 
     def record(self, sent: Sent) -> None:
         """Remember a command; stamps must not decrease."""
@@ -62,9 +66,12 @@ class Actuators:
         target = self.input_at(t_ns)
         if target is None:
             return drive, steer
-        drive += (target.drive - drive) * -math.expm1(-duration / self.drive_lag)
-        steer += (target.steer - steer) * -math.expm1(-duration / self.steer_lag)
-        return drive, steer
+        for_drive, for_steer = self._done if duration == SUB_STEP_S else self._done_in(duration)
+        return drive + (target.drive - drive) * for_drive, steer + (target.steer - steer) * for_steer
+
+    def _done_in(self, duration: float) -> tuple[float, float]:
+        """Shares of their ways that drive and steering make in `duration` s."""
+        return -math.expm1(-duration / self.drive_lag), -math.expm1(-duration / self.steer_lag)
 
     def lead(self, now: float, then: float, dt: float, lag: float) -> float:
         """Command that takes an actuator from `now` to `then` in `dt` through its lag."""
@@ -73,33 +80,36 @@ class Actuators:
 
 @dataclass(frozen=True)
 class Moment:
-    """Car state (6,) = X, Y, yaw, vx, vy, omega with the actuators' positions, at one time."""
+    """State of the car with the actuators' positions, at one time."""
 
     at_ns: int
-    car: Array
+    car: Car
     drive: float
     steer: float
 
+    @property
+    def finite(self) -> bool:
+        """Whether every number is one."""
+        return all(map(math.isfinite, (*self.car, self.drive, self.steer)))
 
-def predict(actuators: Actuators, advance: Callable[[Array, Array], Array], now: Moment, end_ns: int) -> Moment:
-    """The moment `end_ns` from `now`; `advance(car, held)` moves the car, (6,), with inputs held over each step.
 
-    `held` (3, K) are drive, steer and duration, s.
-    """
+def predict(actuators: Actuators, advance: Callable[[Car, list[Held]], Car], now: Moment, end_ns: int) -> Moment:
+    """The moment `end_ns` from `now`; `advance(car, held)` moves the car with inputs held over each step."""
     at_ns, drive, steer, held = now.at_ns, now.drive, now.steer, []
     while at_ns < end_ns:
-        step_ns = min(round(SUB_STEP_S * NS_PER_S), end_ns - at_ns)
+        step_ns = min(SUB_STEP_NS, end_ns - at_ns)
         duration = step_ns / NS_PER_S
-        before = drive, steer
+        drive_before, steer_before = drive, steer
         drive, steer = actuators.follow(drive, steer, at_ns, duration)
-        held.append((0.5 * (drive + before[0]), 0.5 * (steer + before[1]), duration))
+        held.append((0.5 * (drive + drive_before), 0.5 * (steer + steer_before), duration))
         at_ns += step_ns
-    car = advance(now.car, np.array(held).T) if held else now.car
+    car = advance(now.car, held) if held else now.car
     return Moment(at_ns, car, drive, steer)
 
 
-def credible(car: Array, track: Track) -> bool:
-    """Whether a car (6,) can be in this state on or near a track; not where a number is none."""
-    near = track.near(float(car[0]), float(car[1]))
+def credible(car: Car, track: Track) -> bool:
+    """Whether a car can be in this state on or near a track; not where a number is none."""
+    x, y, yaw, *speeds = car
     # a comparison with what is no number is false
-    return bool(near and math.isfinite(car[2]) and (np.abs(car[3:]) < FASTEST).all())
+    moves = abs(speeds[0]) < FASTEST[0] and abs(speeds[1]) < FASTEST[1] and abs(speeds[2]) < FASTEST[2]
+    return moves and track.near(x, y) and math.isfinite(yaw)

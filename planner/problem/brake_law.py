@@ -39,13 +39,15 @@ class BrakeLaw:
         """
         v = self.vehicle
         static_front, static_rear = ((1.0 + extra_load) * load for load in (v.static_load_front, v.static_load_rear))
-        braking = ca.fmax(-self.powertrain.force_per_drive * drive, 0.0)
-        moved = ca.fmin(v.cg_height / v.wheelbase * braking, MOST_MOVED * static_rear)
+        # CasADi's serve numbers too, 10 us later
+        least, most = (min, max) if isinstance(drive, float) else (ca.fmin, ca.fmax)
+        braking = most(-self.powertrain.force_per_drive * drive, 0.0)
+        moved = least(v.cg_height / v.wheelbase * braking, MOST_MOVED * static_rear)
         air = 0.5 * v.air_density * vx * vx
         front = ratio * (static_front - air * v.lift_area_front + moved)
         rear = static_rear - air * v.lift_area_rear - moved
         low, high = self.powertrain.balances
-        return ca.fmin(ca.fmax((front - rear) / (front + rear), low), high)
+        return least(most((front - rear) / (front + rear), low), high)
 
 
 def pressure_ratio(usable: tuple[float, float], share: float | None) -> float:

@@ -68,7 +68,12 @@ class CheckedMotion:
     brakes: BrakeLaw
 
     def function(self, stages: int) -> ca.Function:
-        """(before, after, theta, phi, brake ratio, bounds) -> what is found at each of so many stages, rows `FOUND`.
+        """`stage_function` of so many stages; parameters and bounds are given once."""
+        mapped: ca.Function = self.stage_function().map("checked", "serial", stages, [2, 3, 4, 5], [])
+        return mapped
+
+    def stage_function(self) -> ca.Function:
+        """(before, after, theta, phi, brake ratio, bounds) -> what is found at a stage, rows `FOUND`.
 
         Rows of `before` (the stage before) and `after` are `COLUMNS`, of `bounds` `BOUNDS`.
         """
@@ -82,9 +87,7 @@ class CheckedMotion:
         gap = self._gap(a, b, limit["dt"], parameters)
         result: Any = ca.densify(ca.vertcat(*_excess(a, b, share, limit), *share, *across, gap))
         arguments: list[Any] = [before, after, *parameters, bounds]
-        one: Any = ca.Function("checked_stage", arguments, [ca.cse(result)])
-        mapped: ca.Function = one.map("checked", "serial", stages, [2, 3, 4, 5], [])
-        return mapped
+        return ca.Function("checked_stage", arguments, [ca.cse(result)])
 
     def forces(self, at: Mapping[str, Expr], theta: Expr, phi: Expr, brake_ratio: Expr) -> Forces:
         """`FORCES` at a motion with inputs."""

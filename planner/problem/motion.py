@@ -6,6 +6,7 @@ change over one interval, along which they move linearly.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -59,7 +60,8 @@ def extra_load(road: Expr, vx: Expr, yaw_rate: Expr) -> Expr:
     Kept above -`MOST_LIFT`: a car that takes off needs another model.
     """
     extra = road[0] + road[1] * vx * vx - road[2] * vx * yaw_rate
-    return -MOST_LIFT + 0.5 * (extra + MOST_LIFT + ca.sqrt((extra + MOST_LIFT) ** 2 + LIFT_SMOOTHING**2))
+    root = math.sqrt if isinstance(extra, float) else ca.sqrt  # which serves numbers too, 10 us later
+    return -MOST_LIFT + 0.5 * (extra + MOST_LIFT + root((extra + MOST_LIFT) ** 2 + LIFT_SMOOTHING**2))
 
 
 def split(vector: Expr) -> list[Expr]:

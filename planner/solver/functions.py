@@ -32,6 +32,7 @@ from planner.problem.checked_motion import CheckedMotion
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Information, Limits, Settings, Slack, Weights
 from planner.solver.fixed import FixedHorizon, build_library
+from planner.solver.fixed_check import FixedCheck, build_check
 
 BUILD_TIMEOUT_S = 120.0
 
@@ -48,20 +49,14 @@ class Functions:
     horizon: CompiledFunction | FixedHorizon
     step: CompiledFunction
     advance: CompiledFunction
-    checked: CompiledFunction
+    checked: CompiledFunction | FixedCheck
     information: CompiledFunction | None = None
     library: Path | None = None
 
 
 def _symbolic(problem: Problem) -> dict[str, Any]:
-    """All but the stage functions, which the generated solver brings."""
-    settings = problem.settings
-    checked = CheckedMotion(problem.model, settings.load_limit == "literal", settings.brakes)
-    functions = {
-        "step": problem.step_function(),
-        "advance": problem.advance_function(),
-        "checked": checked.function(problem.settings.horizon + 1),
-    }
+    """All but the stage functions and the check, which are generated on stages side by side."""
+    functions = {"step": problem.step_function(), "advance": problem.advance_function()}
     if problem.informative and problem.settings.information.criterion == "log_det":
         functions["information"] = problem.information_function()
     return functions
@@ -70,10 +65,25 @@ def _symbolic(problem: Problem) -> dict[str, Any]:
 def build_functions(problem: Problem, compiled: bool = True) -> Functions:
     """Build in this process; interpreted where there is no compiler."""
     library = build_library(problem) if compiled else None
-    if library is None:
-        horizon = compile_function(problem.horizon_function(), compiled)
+    check = build_check(*_check_of(problem)) if compiled else None
     others = {name: compile_function(f, compiled) for name, f in _symbolic(problem).items()}
-    return Functions(FixedHorizon(library, problem) if library else horizon, **others, library=library)
+    return Functions(
+        horizon=FixedHorizon(library, problem) if library else compile_function(problem.horizon_function(), compiled),
+        checked=FixedCheck(check, *_check_of(problem)) if check else _plain_check(problem, compiled),
+        **others, library=library,
+    )  # fmt: skip
+
+
+def _check_of(problem: Problem) -> tuple[CheckedMotion, int]:
+    """The check of a problem's plans, and how many stages they have."""
+    settings = problem.settings
+    return CheckedMotion(problem.model, settings.load_limit == "literal", settings.brakes), settings.horizon + 1
+
+
+def _plain_check(problem: Problem, compiled: bool) -> CompiledFunction:
+    """As CasADi generates it, one stage after the other, or interpreted."""
+    motion, stages = _check_of(problem)
+    return compile_function(motion.function(stages), compiled)
 
 
 def build_in_child(problem: Problem) -> Functions:
@@ -94,9 +104,10 @@ def build_in_child(problem: Problem) -> Functions:
     paths: dict[str, str | None] = json.loads(child.stdout)
     if not all(paths.values()):
         return build_functions(problem)  # interpreted functions cannot be handed over
-    library = Path(str(paths.pop("library")))
+    library, check = (Path(str(paths.pop(name))) for name in ("library", "check"))
     others = {name: load_function(name, Path(str(path))) for name, path in paths.items()}
-    return Functions(FixedHorizon(library, problem), **others, library=library)
+    checked = FixedCheck(check, *_check_of(problem))
+    return Functions(FixedHorizon(library, problem), checked=checked, **others, library=library)
 
 
 def _describe(problem: Problem) -> str:
@@ -128,7 +139,7 @@ def _main() -> None:
     os.nice(19)
     problem = _restore(sys.stdin.read())
     paths = {name: compile_library(densified(f)) for name, f in _symbolic(problem).items()}
-    paths["library"] = build_library(problem)
+    paths |= {"library": build_library(problem), "check": build_check(*_check_of(problem))}
     print(json.dumps({name: None if path is None else str(path) for name, path in paths.items()}))
 
 

@@ -133,13 +133,15 @@ class Sqp:
         `stages` (n, N) are the parameters of stages 1..N, `common` those of all stages (`Problem.common`).
         The guess becomes the solution when every QP was solved, and is left alone otherwise.
         """
-        start = _Iterate(self.z.copy(order="F"), self.du.copy(order="F"), self.multiplier.copy(order="F"))
-        start.z[:, 0] = z0
-        self._from = start.z.copy(order="F"), start.du.copy(order="F")
+        self._from = self.z, self.du
         if self.observer is not None:
-            guess = (start.z.copy(order="F"), start.du.copy(order="F"), start.multiplier.copy(order="F"))
+            start = self._start(z0)
+            guess = start.z, start.du, start.multiplier
             self.observer(Step(*guess, z0.copy(), stages.copy(order="F"), common.copy(), iterations))
-        result = start if self._fixed is None else self._iterate_generated(start, stages, common, iterations, stopwatch)
+        if self._fixed is None:
+            result = self._start(z0)
+        else:
+            result = self._iterate_generated(z0, stages, common, iterations, stopwatch)
         if result.done < iterations:
             result = self._iterate(result, stages, common, iterations - result.done, stopwatch)
         if result.status is QpStatus.SOLVED:
@@ -149,13 +151,20 @@ class Sqp:
             result.qp_iterations,
         )  # fmt: skip
 
+    def _start(self, z0: Array) -> _Iterate:
+        """The held guess from initial state `z0`."""
+        start = _Iterate(self.z.copy(order="F"), self.du.copy(order="F"), self.multiplier.copy(order="F"))
+        start.z[:, 0] = z0
+        return start
+
     def _iterate_generated(
-        self, start: _Iterate, stages: Array, common: Array, iterations: int, stopwatch: Stopwatch
+        self, z0: Array, stages: Array, common: Array, iterations: int, stopwatch: Stopwatch
     ) -> _Iterate:
         """SQP iterations in the generated library, as far as its QPs are solved."""
         assert self._fixed is not None
         fixed, began = self._fixed, stopwatch()
-        fixed.z[:], fixed.du[:], fixed.multiplier[:] = start.z, start.du, start.multiplier
+        fixed.z[:], fixed.du[:], fixed.multiplier[:] = self.z, self.du, self.multiplier
+        fixed.z[:, 0] = z0
         fixed.stages[:], fixed.common[:] = stages, common
         outcome = fixed.iterate(iterations)
         total = stopwatch() - began
@@ -239,7 +248,9 @@ class Sqp:
     def halve_step(self) -> None:
         """Take half of the last solve's step: full steps from two guesses may lead to each other for ever."""
         z, du = self._from
-        self.z, self.du = 0.5 * (self.z + z), 0.5 * (self.du + du)
+        half = 0.5 * (self.z + z)
+        half[:, 0] = self.z[:, 0]  # where the car is
+        self.z, self.du = half, 0.5 * (self.du + du)
 
     def set_guess(self, z: Array, du: Array) -> None:
         """Start from another trajectory (cold start, new model)."""

@@ -24,6 +24,7 @@ from hil_gateway.track.track import Track
 from planner.node import Planner
 from planner.plan.checks import PlanCheck
 from planner.plan.controller import Controller
+from planner.plan.publishing import Publisher
 from planner.simulation.loop import Loop
 from planner.solver.sqp import Sqp, Stopwatch
 
@@ -33,18 +34,18 @@ HEARD = (APPLIED, BELIEF, ESTIMATE, MODEL_REVISION)
 """topics of the planner"""
 COLD = 40
 """plans at the start that do not count: cold starts"""
-WHOLE, REST, BETWEEN = "whole plan", "rest", "between plans"
-"""the last is what prepares the next plan, after this one is published: not part of the whole"""
+WHOLE, REST, READY, BETWEEN = "whole plan", "rest", "made ready", "between plans"
+"""the last two are no part of the whole: what is done before the estimate is read, and after the plan is published"""
 PARTS: tuple[tuple[str, type, str], ...] = (
-    (BETWEEN, Planner, "_prepare"),
-    ("applied commands", Planner, "_record"),
+    (READY, Planner, "_prepare"),
+    (BETWEEN, Planner, "_adopt"),
     ("predicted state", Planner, "_initial_state"),
     ("parameters", Controller, "shift"),
     ("parameters", Controller, "solve"),
     ("solver", Sqp, "solve"),
     ("information weight", Controller, "_weigh_information"),
     ("acceptance", PlanCheck, "__call__"),
-    ("publishing", Planner, "_publish"),
+    ("publishing", Publisher, "__call__"),
 )
 """name of a part, and a method whose time, without that of other parts inside it, belongs to it"""
 
@@ -117,8 +118,8 @@ class PartTimes:
     stopwatch: Stopwatch
     plans: list[dict[str, int]] = field(default_factory=list)
     _inside: list[int] = field(default_factory=lambda: [0])
-    _between: bool = False
-    """inside what prepares the next plan: all of that is no part of this one"""
+    _outside: str = ""
+    """name of the part that is running and that is, with all that it calls, no part of the whole"""
 
     def timed(self, name: str, method: Callable[..., Any]) -> Callable[..., Any]:
         """`method`, its time counted as that of part `name`."""
@@ -126,7 +127,7 @@ class PartTimes:
         @wraps(method)
         def measured(*args: Any, **kwargs: Any) -> Any:
             self._inside.append(0)
-            outside, self._between = self._between, self._between or name == BETWEEN
+            outside, self._outside = self._outside, self._outside or (name if name in (READY, BETWEEN) else "")
             began = self.stopwatch()
             try:
                 return method(*args, **kwargs)
@@ -134,9 +135,9 @@ class PartTimes:
                 took = self.stopwatch() - began
                 own = took - self._inside.pop()
                 self._inside[-1] += took
-                part = BETWEEN if self._between else name
+                part = self._outside or name
                 self.plans[-1][part] = self.plans[-1].get(part, 0) + own
-                self._between = outside
+                self._outside = outside
 
         return measured
 
@@ -179,7 +180,7 @@ def shares(times: PartTimes) -> list[dict[str, float | str]]:
     """Rows of a table: p50 and p99 of each part, ms, and its share of all the time; the whole plan first."""
     counted = times.plans[COLD:]
     names = dict.fromkeys([*(name for name, _, _ in PARTS), REST])
-    columns = {WHOLE: np.array([sum(plan.values()) - plan[BETWEEN] for plan in counted]) / 1e6}
+    columns = {WHOLE: np.array([sum(plan.values()) - plan[READY] - plan[BETWEEN] for plan in counted]) / 1e6}
     columns |= {name: np.array([plan.get(name, 0) for plan in counted]) / 1e6 for name in names}
     return [_row(name, values, float(columns[WHOLE].sum())) for name, values in columns.items()]
 

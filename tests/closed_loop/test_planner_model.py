@@ -49,6 +49,17 @@ def test_predicted_start_of_the_next_plan_is_met() -> None:
         assert abs(first.steer[1] - second.steer[0]) < 0.004
 
 
+def test_what_does_not_need_the_estimate_is_done_before_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, done = ModelCar(planner_config()), []
+    rig.run(1.0)
+    controller, reader = rig.planner.adoption.controller, rig.planner._estimate
+    prepare, update = controller.prepare, reader.update
+    monkeypatch.setattr(controller, "prepare", lambda: (done.append("ready"), prepare()))
+    monkeypatch.setattr(reader, "update", lambda now_ns: (done.append("estimate"), update(now_ns))[1])
+    rig.run(0.1)
+    assert done == ["ready", "estimate"] * 2
+
+
 def test_a_new_model_is_adopted_without_missing_a_plan() -> None:
     rig = ModelCar(planner_config())
     rig.run(2.0)

@@ -154,6 +154,26 @@ def test_information_row_holds_the_gain_below_its_bound() -> None:
     assert held.cold_start(z0, clock).information.max() < 155.0
 
 
+def test_what_exploring_counts_on_is_worked_out_once_for_a_guess_and_a_belief() -> None:
+    """So that a plan finds it ready."""
+    controller = _controller(criterion="log_det")
+    controller.cold_start(start_state(controller, 620.0), clock)
+    weights, found = controller.problem.common["information_weight"], []
+    for belief in (1.0, 1.0, 0.25):
+        controller.set_knowledge(replace(controller.knowledge, covariance=belief * controller.knowledge.covariance))
+        controller.prepare()
+        plain, controller.sqp.horizon_information = controller.sqp.horizon_information, _never
+        controller._weigh_information(40.0)
+        controller.sqp.horizon_information = plain
+        found.append(controller.common[weights].copy())
+    assert not np.array_equal(found[0], found[1]), "the guess has moved on"
+    assert np.abs(found[2]).max() < 0.8 * np.abs(found[1]).max()
+
+
+def _never(common: np.ndarray) -> np.ndarray:
+    raise AssertionError("worked out again")
+
+
 def test_d_criterion_weight_is_the_gradient_of_log_det() -> None:
     controller = _controller(criterion="log_det")
     controller.cold_start(start_state(controller, 620.0), clock)

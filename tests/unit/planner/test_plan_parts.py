@@ -8,7 +8,7 @@ import pytest
 
 from hil_gateway.bus.messages import Command
 from hil_gateway.bus.topics import COMMAND
-from planner.studies.plan_parts import BETWEEN, COLD, REST, WHOLE, BytesBus, PartTimes, shares
+from planner.studies.plan_parts import BETWEEN, COLD, READY, REST, WHOLE, BytesBus, PartTimes, shares
 
 
 def test_the_time_of_a_part_does_not_count_for_the_part_around_it() -> None:
@@ -44,23 +44,25 @@ def test_a_part_that_fails_is_counted_and_its_error_passed_on() -> None:
     assert times.plans == [{"fails": 1}]
 
 
-def test_a_part_of_the_preparation_counts_as_preparation() -> None:
+@pytest.mark.parametrize("outside", [READY, BETWEEN])
+def test_a_part_of_the_preparation_counts_as_preparation(outside: str) -> None:
     ticks = count()
     times = PartTimes(lambda: next(ticks))
     times.plans.append({})
     shift = times.timed("parameters", lambda: None)
-    times.timed(BETWEEN, shift)()
+    times.timed(outside, shift)()
     shift()
-    assert times.plans == [{BETWEEN: 3, "parameters": 1}]
+    assert times.plans == [{outside: 3, "parameters": 1}]
 
 
-def test_what_is_done_between_plans_is_no_part_of_the_whole_and_shares_add_up() -> None:
+def test_what_is_done_before_and_between_plans_is_no_part_of_the_whole_and_shares_add_up() -> None:
     times = PartTimes(lambda: 0)
-    times.plans = [{"solver": 2_000_000, REST: 1_000_000, BETWEEN: 5_000_000} for _ in range(COLD + 10)]
+    plan = {"solver": 2_000_000, REST: 1_000_000, READY: 4_000_000, BETWEEN: 5_000_000}
+    times.plans = [plan for _ in range(COLD + 10)]
     rows = {row["part"]: row for row in shares(times)}
     assert rows[WHOLE]["p50_ms"] == 3.0
     assert rows["solver"]["share"] == pytest.approx(2 / 3, abs=1e-3)
-    inside = [row["share"] for name, row in rows.items() if name not in (WHOLE, BETWEEN)]
+    inside = [row["share"] for name, row in rows.items() if name not in (WHOLE, READY, BETWEEN)]
     assert sum(float(share) for share in inside) == pytest.approx(1.0, abs=2e-3)
 
 

@@ -12,15 +12,15 @@ from hil_gateway.config import PlannerConfig
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
-from planner.plan.prediction import Actuators, Moment, Sent, credible, predict
+from planner.plan.prediction import Actuators, Car, Held, Moment, Sent, credible, predict
 from planner.problem.settings import Settings
 from planner.studies.bench import bench_controller
 
 MS = NS_PER_S // 1000
 
 
-def _still(car: np.ndarray, held: np.ndarray) -> np.ndarray:
-    return car + np.array([car[3] * held[2].sum(), 0, 0, 0, 0, 0])
+def _still(car: Car, held: list[Held]) -> Car:
+    return (car[0] + car[3] * sum(duration for _, _, duration in held), *car[1:])
 
 
 def test_a_command_acts_after_the_dead_time() -> None:
@@ -35,7 +35,7 @@ def test_a_command_acts_after_the_dead_time() -> None:
 def test_prediction_follows_the_first_order_lag() -> None:
     actuators = Actuators(PlannerConfig())
     actuators.record(Sent(-NS_PER_S, 0.1, -0.05))
-    then = predict(actuators, _still, Moment(0, np.array([0, 0, 0, 30.0, 0, 0]), 0.0, 0.0), 55 * MS)
+    then = predict(actuators, _still, Moment(0, (0.0, 0.0, 0.0, 30.0, 0.0, 0.0), 0.0, 0.0), 55 * MS)
     assert then.at_ns == 55 * MS
     assert then.car[0] == pytest.approx(30.0 * 0.055)
     assert then.steer == pytest.approx(0.1 * (1 - math.exp(-0.055 * 2 * math.pi * 3)), rel=1e-9)
@@ -43,7 +43,7 @@ def test_prediction_follows_the_first_order_lag() -> None:
 
 
 def test_without_any_command_the_actuators_stay() -> None:
-    then = predict(Actuators(PlannerConfig()), _still, Moment(0, np.zeros(6), 0.02, 0.01), 50 * MS)
+    then = predict(Actuators(PlannerConfig()), _still, Moment(0, (0.0,) * 6, 0.02, 0.01), 50 * MS)
     assert (then.drive, then.steer) == (0.02, 0.01)
 
 
@@ -60,9 +60,9 @@ def controller() -> Controller:
 
 
 def test_braking_does_not_push_a_standing_car_backwards(controller: Controller) -> None:
-    held = np.tile([[-0.3], [0.0], [0.01]], (1, 30))
+    held = [(-0.3, 0.0, 0.01)] * 30
     for speed in (-0.1, 0.0, 0.05, 0.5):
-        car = controller.advance(np.array([0, 0, 0, speed, 0, 0]), held)
+        car = controller.advance((0.0, 0.0, 0.0, speed, 0.0, 0.0), held)
         assert 0.0 <= car[3] < 0.01
         assert -0.01 < car[0] < 0.1
 
@@ -71,7 +71,7 @@ def test_a_long_prediction_is_many_short_ones(controller: Controller) -> None:
     """However many steps one call of the compiled function takes."""
     actuators = Actuators(PlannerConfig())
     actuators.record(Sent(-NS_PER_S, 0.05, -0.1))
-    start = Moment(0, np.array([0, 0, 0.3, 30.0, 0.5, 0.1]), 0.0, 0.0)
+    start = Moment(0, (0.0, 0.0, 0.3, 30.0, 0.5, 0.1), 0.0, 0.0)
     at_once = predict(actuators, controller.advance, start, 205 * MS)
     then = start
     for end in (*range(10, 210, 10), 205):
@@ -81,8 +81,7 @@ def test_a_long_prediction_is_many_short_ones(controller: Controller) -> None:
 
 
 def test_a_state_that_is_no_number_stays_none(controller: Controller) -> None:
-    held = np.array([[0.0], [0.0], [0.01]])
-    assert np.isnan(controller.advance(np.array([0, 0, 0, np.nan, 0, 0]), held)[3])
+    assert math.isnan(controller.advance((0.0, 0.0, 0.0, math.nan, 0.0, 0.0), [(0.0, 0.0, 0.01)])[3])
 
 
 @pytest.mark.parametrize(
@@ -92,6 +91,6 @@ def test_a_state_that_is_no_number_stays_none(controller: Controller) -> None:
 )  # fmt: skip
 def test_a_state_that_no_car_can_be_in_is_not_planned_from(changed: int, value: float, can_be: bool) -> None:
     track = load_track("oval")
-    car = np.array([track.x[0], track.y[0], 3.0, 60.0, -1.0, 0.3])
+    car = [float(track.x[0]), float(track.y[0]), 3.0, 60.0, -1.0, 0.3]
     car[changed] = value
-    assert credible(car, track) is can_be
+    assert credible(tuple(car), track) is can_be

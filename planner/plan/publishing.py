@@ -1,0 +1,80 @@
+"""From a decided trajectory to messages: the command that leads the actuators' lag, then the plan for whoever looks on.
+
+The command is what counts: it leaves before the plan is put together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from hil_gateway.bus import topics
+from hil_gateway.bus.interface import Bus
+from hil_gateway.bus.messages import Command, Plan, PlanStatus
+from hil_gateway.config import Config
+from hil_gateway.process.arrays import Array
+from planner.adoption.adoption import Adoption
+from planner.plan.fallback import Trajectory
+from planner.plan.prediction import Actuators
+from planner.problem.motion import DRIVE, STATES, STEER, S
+from planner.problem.settings import Settings
+
+PUBLISHED = {name: STATES.index(name) for name in ("x", "y", "yaw", "vx", "s", "steer", "drive")}
+"""rows of the states that a plan message has"""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What to publish: a full trajectory, how it came about, and the information it gains (Eq. 7)."""
+
+    plan: Trajectory
+    status: PlanStatus
+    reason: str = ""
+    gain: float = 0.0
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """Time and number of both messages, and the stamp of the vehicle state they answer."""
+
+    stamp_ns: int
+    seq: int
+    state_stamp_ns: int
+
+
+class Publisher:
+    """Publishes decisions of one planner."""
+
+    def __init__(self, config: Config, bus: Bus, actuators: Actuators, settings: Settings) -> None:
+        self._bus, self._actuators, self._settings, self._train = bus, actuators, settings, config.powertrain
+
+    def __call__(self, decision: Decision, adoption: Adoption, stamps: Stamps, took_ns: Callable[[], int]) -> Plan:
+        """Command, then the plan, with how long it took until then; the plan."""
+        z = decision.plan.z
+        self._bus.publish(topics.COMMAND, self._command(z, adoption, stamps))
+        rows = z.tolist()
+        message = Plan(
+            **vars(stamps), status=decision.status, reason=decision.reason, dt=self._settings.dt,
+            **{name: rows[number] for name, number in PUBLISHED.items()},
+            lap=max(0, int(z[S, 0] // adoption.controller.reference.length)),
+            revision=adoption.current.revision.revision, solve_ms=took_ns() / 1e6, information_gain=decision.gain,
+        )  # fmt: skip
+        self._bus.publish(topics.PLAN, message)
+        return message
+
+    def _command(self, z: Array, adoption: Adoption, stamps: Stamps) -> Command:
+        """That takes the actuators from stage 0 to stage 1 of states z (NZ, N+1) through their lag."""
+        actuators, limits, dt, train = self._actuators, self._settings.limits, self._settings.dt, self._train
+        steer = actuators.lead(float(z[STEER, 0]), float(z[STEER, 1]), dt, actuators.steer_lag)
+        drive = actuators.lead(float(z[DRIVE, 0]), float(z[DRIVE, 1]), dt, actuators.drive_lag)
+        drive = within(drive, limits.drive_min, limits.drive_max)
+        return Command(
+            **vars(stamps), source="planner", steer=within(steer, -limits.steer, limits.steer),
+            drive=max(adoption.delivered.sent(drive), -train.hardest_braking / train.force_per_drive),
+            brake_balance=adoption.controller.brake_balance(z[:, 0], drive),
+        )  # fmt: skip
+
+
+def within(value: float, low: float, high: float) -> float:
+    """The value between two bounds that is nearest."""
+    return min(max(value, low), high)
