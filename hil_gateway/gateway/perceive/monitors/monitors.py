@@ -22,8 +22,8 @@ from hil_gateway.gateway.perceive.monitors.sensors import (
     LateralMonitor,
     SideMonitor,
     SpeedChangeMonitor,
-    StillMonitor,
 )
+from hil_gateway.gateway.perceive.monitors.still import StillMonitor
 from hil_gateway.gateway.perceive.monitors.wheels import LockedWheels, WheelMonitor
 from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
