@@ -45,6 +45,7 @@ Pair = tuple[CarFault, ...]
 SINGLE: tuple[Pair, ...] = tuple((fault,) for fault in CAR_FAULTS)
 Place = tuple[float, tuple[tuple[int, Pair], ...]]
 """s of driving, and the faults from there on, each with the seed of its noise"""
+NOTHING = CarFault("no fault", (), (), math.inf, "")
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,8 @@ def campaign(  # noqa: PLR0917 - what a campaign is
 def from_places(
     track: str, car: SimulatedCar | None, places: Sequence[Place], learn: bool = False
 ) -> Iterator[FaultResult]:
-    """The faults of every place, each in a forked copy of the running loop, until that stops without a fault."""
+    """The faults of every place, each in a forked copy of the running loop; the last result is that of the loop itself
+    where it stops without a fault."""
     injector = SimulatedFault()
     estimator = {"learn": learn, "relinearise": learn}
     config = Config.model_validate({"track": track, "planner": {"horizon": 20}, "estimator": estimator})
@@ -175,7 +177,11 @@ def from_places(
     for until_s, drawn in places:
         while loop.elapsed_s < until_s and not loop.result.failsafes:
             loop.step()
-        for seed, pair in drawn if not loop.result.failsafes else ():
+        if loop.result.failsafes:
+            cause, margin = loop.gateway.failsafe.cause, loop.plant.referee.worst_margin_m
+            yield FaultResult(NOTHING.name, until_s, loop.plant.car["vx"], 0.0, cause, False, margin, margin)
+            return
+        for seed, pair in drawn:
             run = Run(loop, config, injector, pair, seed)
             result = FaultResult(**in_a_copy(run.simulate))
             yield result if result.margin_m >= 0.0 else replace(result, **in_a_copy(partial(run.why_off, result)))

@@ -7,7 +7,6 @@ fault.
 
 from __future__ import annotations
 
-import math
 import random
 import sys
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ from typing import Any
 
 from hil_gateway.plant.car_file import random_car
 from verification.fault_simulation.car_campaign import (
+    NOTHING,
     SINGLE,
     TRACKS,
     FaultResult,
@@ -25,7 +25,6 @@ from verification.fault_simulation.car_campaign import (
     pairs,
     summary,
 )
-from verification.fault_simulation.car_faults import CarFault
 
 FIRST_S, LAST_S = 14.0, 80.0
 """between which the places are: from the first place at speed to the second lap"""
@@ -33,7 +32,6 @@ PLACES = 6
 """a track"""
 PAIRS = 6
 """a track"""
-NOTHING = CarFault("no fault", (), (), math.inf, "")
 NOISES = 1000
 """seeds of noise, more than faults a track"""
 
