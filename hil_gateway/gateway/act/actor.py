@@ -35,8 +35,8 @@ longer a car goes without fixes, the further it is from where it takes itself to
 STOP_FORWARD = 0.08
 """by which a stop moves the front share of the brake pressure beyond the declared one. A car whose rear wheels are at
 their limit first spins, and data are off: 0.1 m of the centre of gravity are 0.03 of the load in front, weaker rear
-tyres and stronger rear brakes as much again. With 0 a third of the stops that left the road were spins; 0.06 to 0.12 are
-alike (docs/faults.md), and with 0.10 cars with weak front tyres begin to slide straight on"""
+tyres and stronger rear brakes as much again. With 0 a third of the stops that left the road were spins; 0.06 to 0.12
+are alike (docs/faults.md), and with 0.10 cars with weak front tyres begin to slide straight on"""
 UNBRAKED = ("pedals_stuck", "commands_unanswered")
 """causes for which the brakes, or some of them, may not work"""
 

@@ -192,7 +192,7 @@ class Monitors:
     def _distrust(self, held_s: float, sensors: Sensors) -> None:
         """From a first contradiction of the IMU, which has `held_s`, no estimate is believed; after some of it, until
         the car stands, no IMU where there are fixes to go by, or no wheels where it is they that neither the fixes nor
-        the IMU agree with. A gyro that is outvoted is what made the fixes not fit. One that has just shown which way the
+        the IMU agree with. A gyro that is outvoted is what made the fixes not fit. One that has shown which way the
         steering goes stays believed: a car that steers to the wrong side first slides, and contradicts everything."""
         moving = self.motion.motion.speed > STANDSTILL
         self.wheels_wrong = moving and (self.wheels_wrong or (sensors.slipping and not self.imu_wrong))
