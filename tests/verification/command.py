@@ -43,7 +43,8 @@ def verify(  # noqa: PLR0917 (options are passed by name)
     seeds: Annotated[int | None, typer.Option(help="run so many seeds of the fault simulation")] = None,
     healthy: Annotated[float | None, typer.Option(help="drive so many hours without a fault")] = None,
     car_faults: Annotated[int | None, typer.Option(help="every fault of the car from so many places a track")] = None,
-    tracks: Annotated[str, typer.Option(help="of those two: names or CSV files, comma-separated; else three")] = "",
+    fault_survey: Annotated[int | None, typer.Option(help="faults of random cars and places, by this seed")] = None,
+    tracks: Annotated[str, typer.Option(help="of those: names or CSV files, comma-separated; else three")] = "",
     mutation: Annotated[bool, typer.Option("--mutation", help="mutate limits, failsafe and codec")] = False,
     gathered: Annotated[Path | None, typer.Option("--from", help="only report what a test run wrote here")] = None,
     page: Annotated[Path | None, typer.Option(help="write the page of promises here: docs/promises.md")] = None,
@@ -52,13 +53,16 @@ def verify(  # noqa: PLR0917 (options are passed by name)
     if page is not None:
         _check_page(page, whole=not (long or only or mutation) and seed is None and seeds is None)
     _check_numbers(only, seed, seeds, healthy, car_faults, gathered)
-    places = _checked_tracks(tracks, wanted=healthy is not None or car_faults is not None)
+    driven = [given for given in (healthy, car_faults, fault_survey) if given is not None]
+    places = _checked_tracks(tracks, wanted=bool(driven))
     if seed is not None or seeds is not None:
         report = _simulate(seed, seeds or 0)
     elif healthy is not None:
         report = _drive_healthy(healthy, places)
     elif car_faults is not None:
         report = _break_cars(car_faults, places)
+    elif fault_survey is not None:
+        report = _survey_faults(fault_survey, places)
     elif mutation:
         report = mutation_run.run(ROOT)
     else:
@@ -89,7 +93,7 @@ def _check_numbers(  # noqa: PLR0917 - the options
 def _checked_tracks(tracks: str, wanted: bool) -> dict[str, Any]:
     """Keyword of a campaign: the tracks, each of which can be loaded; nothing for its own ones."""
     if tracks and not wanted:
-        raise InputError(f"--tracks {tracks}: only --healthy and --car-faults drive; leave it out")
+        raise InputError(f"--tracks {tracks}: only --healthy, --car-faults and --fault-survey drive; leave it out")
     names = [name for name in tracks.split(",") if name]
     for name in names:
         load_track(name)
@@ -130,6 +134,14 @@ def _break_cars(places: int, tracks: dict[str, Any]) -> dict[str, Any]:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     campaign = importlib.import_module("verification.fault_simulation.car_campaign")  # after the thread limit is set
     report: dict[str, Any] = campaign.run_campaign(places, **tracks)
+    return report
+
+
+def _survey_faults(seed: int, tracks: dict[str, Any]) -> dict[str, Any]:
+    """Faults from random places of random cars; those that leave the road go to standard error as they come."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    survey = importlib.import_module("verification.fault_simulation.survey")  # after the thread limit is set
+    report: dict[str, Any] = survey.run_survey(seed, **tracks)
     return report
 
 

@@ -43,6 +43,9 @@ STOP = "stop"
 Pair = tuple[CarFault, ...]
 """one fault, or one and another that begins during the stop"""
 SINGLE: tuple[Pair, ...] = tuple((fault,) for fault in CAR_FAULTS)
+Place = tuple[float, tuple[tuple[int, Pair], ...]]
+"""s of driving, and the faults from there on, each with the seed of its noise"""
+NOTHING = CarFault("no fault", (), (), math.inf, "")
 
 
 @dataclass(frozen=True)
@@ -76,12 +79,13 @@ class FaultResult:
 
 
 def pairs(seed: int, count: int) -> list[Pair]:
-    """Sensor faults that stop the car, each with another one of other sensors during the stop."""
+    """Faults that stop the car, each with one of other sensors during the stop."""
     rng = random.Random(seed)
-    sensors = [fault for fault in CAR_FAULTS if fault.messages and fault.noticed_by]
+    stopping = [fault for fault in CAR_FAULTS if fault.noticed_by]
+    sensors = [fault for fault in stopping if fault.messages]
     drawn: list[Pair] = []
     while len(drawn) < count:
-        first, second = rng.sample(sensors, k=2)
+        first, second = rng.choice(stopping), rng.choice(sensors)
         if not set(first.messages) & set(second.messages):
             drawn.append((first, second))
     return drawn
@@ -153,16 +157,32 @@ def campaign(  # noqa: PLR0917 - what a campaign is
 ) -> Iterator[FaultResult]:  # fmt: skip
     """Every fault, or pair of them, from every point, each in a forked copy of the running loop; with `shares`, every
     so many-th of them from one point, the next ones from the next."""
+    numbered = list(enumerate(faults))
+    places = tuple(
+        (first_s + point * spacing_s, tuple((1000 * point + n, pair) for n, pair in numbered[point % shares :: shares]))
+        for point in range(points)
+    )
+    yield from from_places(track, car, places)
+
+
+def from_places(
+    track: str, car: SimulatedCar | None, places: Sequence[Place], learn: bool = False
+) -> Iterator[FaultResult]:
+    """The faults of every place, each in a forked copy of the running loop; the last result is that of the loop itself
+    where it stops without a fault."""
     injector = SimulatedFault()
-    estimator = {"learn": False, "relinearise": False}
+    estimator = {"learn": learn, "relinearise": learn}
     config = Config.model_validate({"track": track, "planner": {"horizon": 20}, "estimator": estimator})
     loop = Loop(config, faults=injector, simulated=car)
-    for point in range(points):
-        until_s = first_s + point * spacing_s
-        while loop.elapsed_s < until_s:
+    for until_s, drawn in places:
+        while loop.elapsed_s < until_s and not loop.result.failsafes:
             loop.step()
-        for number, pair in list(enumerate(faults))[point % shares :: shares]:
-            run = Run(loop, config, injector, pair, 1000 * point + number)
+        if loop.result.failsafes:
+            cause, margin = loop.gateway.failsafe.cause, loop.plant.referee.worst_margin_m
+            yield FaultResult(NOTHING.name, until_s, loop.plant.car["vx"], 0.0, cause, False, margin, margin)
+            return
+        for seed, pair in drawn:
+            run = Run(loop, config, injector, pair, seed)
             result = FaultResult(**in_a_copy(run.simulate))
             yield result if result.margin_m >= 0.0 else replace(result, **in_a_copy(partial(run.why_off, result)))
 
@@ -189,6 +209,7 @@ def summary(results: Sequence[FaultResult]) -> dict[str, Any]:
             "faults": len(chosen),
             "stops": len(stops),
             "off the road unnoticed": [f"{r.fault}, {r.speed:.0f} m/s" for r in chosen if r.harmful],
+            "off the road by physics": sum(r.why == PHYSICS for r in off),
             "stops off the road": [f"{r.fault}, {r.speed:.0f} m/s: {-r.margin_m:.1f} m, {r.why}" for r in off],
         }
     return report

@@ -159,7 +159,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     ),
     CarFault("IMU missing", IMU, ("state_invalid",), 0.15, "its age", _lost),
     CarFault("IMU frozen", IMU, ("state_invalid",), 0.35, "noise changes the last bit of every frame", _frozen),
-    CarFault("IMU constant with dither", IMU, _MOTION, 6.0, "steering and front wheels, when they turn", _dithering),
+    CarFault("IMU constant with dither", IMU, _MOTION, 6.0, "steering, wheels, pedals, when they move", _dithering),
     CarFault("IMU near zero", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _scaled(0.02, *INERTIAL)),
     CarFault("IMU sign flipped", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _scaled(-1.0, *INERTIAL)),
     CarFault(

@@ -22,8 +22,8 @@ from hil_gateway.gateway.perceive.monitors.sensors import (
     LateralMonitor,
     SideMonitor,
     SpeedChangeMonitor,
-    StillMonitor,
 )
+from hil_gateway.gateway.perceive.monitors.still import StillMonitor
 from hil_gateway.gateway.perceive.monitors.wheels import LockedWheels, WheelMonitor
 from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
@@ -192,10 +192,13 @@ class Monitors:
     def _distrust(self, held_s: float, sensors: Sensors) -> None:
         """From a first contradiction of the IMU, which has `held_s`, no estimate is believed; after some of it, until
         the car stands, no IMU where there are fixes to go by, or no wheels where it is they that neither the fixes nor
-        the IMU agree with. A gyro that is outvoted is what made the fixes not fit."""
+        the IMU agree with. A gyro that is outvoted is what made the fixes not fit. One that has shown which way the
+        steering goes stays believed: a car that steers to the wrong side first slides, and contradicts everything."""
         moving = self.motion.motion.speed > STANDSTILL
         self.wheels_wrong = moving and (self.wheels_wrong or (sensors.slipping and not self.imu_wrong))
-        found = sensors.outvoted or (held_s > IMU_WRONG_S and sensors.fixes)
+        held_s = 0.0 if self.steering_reversed else held_s
+        outvoted = sensors.outvoted and not self.steering_reversed
+        found = outvoted or (held_s > IMU_WRONG_S and sensors.fixes)
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
         self.motion.believe_imu = not self.imu_wrong and not self._imu_gone
         self.motion.believe_wheels = not self.wheels_wrong

@@ -143,53 +143,6 @@ class SideMonitor:
         return self._held.update(apart and abs(ay - speed * state.yaw_rate) < FORCE, now_ns)
 
 
-STILL_WINDOW = 80
-"""periods (0.8 s): a car follows its steering within a third of that"""
-STILL_MEAN = 8
-"""periods whose mean is compared: noise of gyro and wheel speeds"""
-TURNED = 0.08
-"""rad/s by which the yaw rate has changed, by steering and front wheels both"""
-HELD_SHARE = 0.3
-"""of the declared grip that tyres hold without sliding, also on a wet road"""
-STILL_SHARE = 0.25
-"""of that change which gyro and lateral force show at least: 0.56 was the least on healthy drives"""
-
-
-class StillMonitor:
-    """An IMU that does not move while steering and front wheels both say that the car turns otherwise than before.
-
-    It may say the right thing still: a value that hangs is wrong by little at first. Tyres that slide turn the car no
-    more than before: only changes within what they surely hold, or within the force that is felt, count.
-    """
-
-    def __init__(self, config: Config) -> None:
-        self._stop, self._mass, self._track = config.gateway.stop, config.vehicle.mass, config.vehicle.track_front
-        self._means = tuple((deque[float](maxlen=STILL_MEAN), deque[float](maxlen=STILL_WINDOW)) for _ in range(4))
-        self._held = Held()
-
-    def step(self, now_ns: int, state: VehicleState, speed: float, steered: float, ay: float) -> float:
-        """Seconds it has stood still; `steered` is the yaw rate that the steering comes to, rad/s, `ay` the lateral
-        specific force without gravity, m/s2."""
-        if speed < JUDGED_FROM:
-            for kept, means in self._means:
-                kept.clear()
-                means.clear()
-            return self._held.update(False, now_ns)
-        wheels = (state.wheel_speed_fr - state.wheel_speed_fl) / (self._track * math.cos(state.steer))
-        most = max(HELD_SHARE * self._stop.grip(self._mass, speed), abs(ay)) / speed
-        rates = (min(max(steered, -most), most), min(max(wheels, -most), most), state.yaw_rate, ay / speed)
-        by = [self._range(i, rate) for i, rate in enumerate(rates)]
-        turned, felt = min(by[:2]), max(by[2:])
-        return self._held.update(turned > TURNED and felt < STILL_SHARE * turned, now_ns)
-
-    def _range(self, of: int, rate: float) -> float:
-        """By how much the means of a signal have changed in the window, rad/s; 0 until it is full."""
-        kept, means = self._means[of]
-        kept.append(rate)
-        means.append(sum(kept) / len(kept))
-        return max(means) - min(means) if len(means) == STILL_WINDOW else 0.0
-
-
 SPEED_WINDOW = 50
 """periods (0.5 s) over which wheels and IMU must agree on the change of speed"""
 SPEED_CHANGE, SPEED_CHANGE_SHARE = 1.0, 0.11
