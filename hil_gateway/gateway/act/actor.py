@@ -32,11 +32,6 @@ CAUTION_DECELERATION = 3.0
 HARD = ("tyre_flat", "position_wrong", "position_lost")
 """causes for which a controlled stop brakes as an emergency does: with less grip every bend ahead is too fast, and the
 longer a car goes without fixes, the further it is from where it takes itself to be"""
-STOP_FORWARD = 0.08
-"""by which a stop moves the front share of the brake pressure beyond the declared one. A car whose rear wheels are at
-their limit first spins, and data are off: 0.1 m of the centre of gravity are 0.03 of the load in front, weaker rear
-tyres and stronger rear brakes as much again. With 0 a third of the stops that left the road were spins; 0.06 to 0.12
-are alike (docs/faults.md), and with 0.10 cars with weak front tyres begin to slide straight on"""
 UNBRAKED = ("pedals_stuck", "commands_unanswered")
 """causes for which the brakes, or some of them, may not work"""
 
@@ -49,7 +44,6 @@ class Actor:
         self._hold_pressure = config.gateway.stop.hold_pressure
         self._testing = config.gateway.mode == "actuator_test"
         self._transmits = config.gateway.mode in ("armed", "actuator_test")
-        self._stop_balance = 2 * (config.powertrain.brake_bias_front + STOP_FORWARD) - 1
         self._mass_per_force = config.vehicle.mass / config.powertrain.force_per_drive
         self.caution_speed = config.gateway.caution_speed
         """m/s, under yellow flags"""
@@ -121,7 +115,7 @@ class Actor:
         driving = decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
             return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S)
-        balance: float | None = self._stop_balance  # whatever the planner asked for before
+        balance = None  # a stop brakes as declared, whatever the planner asked for before
         if driving and command is not None:
             steer, drive = command.steer, self._paced(command.drive, motion.speed, decision)
             balance = command.brake_balance
