@@ -1,0 +1,158 @@
+"""Diagnosis and identification of a banked oval as a car's own logger records it, where the truth is known.
+
+    python -P benchmarks/telemetry_oval.py [--only NAME ...] [--json FILE]
+
+The car is the double-track one of `practice/`, its log is degraded as measured ones are (`practice/telemetry.py`).
+Drives, seeds and what is asked were fixed before the first run. Every log is also diagnosed by halves: a size that one
+states beyond what the other allows is a contradiction.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from estimator.drive_log.derived import add_missing_channels
+from estimator.drive_log.health import examine
+from estimator.drive_log.table import DERIVABLE, OPTIONAL, REQUIRED, DriveLog, segment_numbers
+from estimator.offline.diagnosis import diagnose
+from estimator.offline.identification import Options, identify
+from estimator.offline.record.declared import default_tyre_prior
+from estimator.offline.record.record import make_record
+from estimator.offline.report.diagnosis_result import as_json
+from hil_gateway.car.vehicle import Vehicle
+
+sys.path.append(str(Path(__file__).parent))
+from practice.double_track import Setup
+from practice.double_track_drive import simulate
+from practice.telemetry import telemetry
+
+
+@dataclass(frozen=True)
+class Case:
+    """One log: the car and its road, seed, whether it has ay, and the sign of its roll."""
+
+    setup: Setup
+    seed: int
+    ay: bool
+    roll_sign: float
+
+
+STEEP = Setup(course="oval", bank=math.radians(20), fastest=65.0, laps=8)
+CASES = {
+    "no ay": Case(STEEP, 81, ay=False, roll_sign=1.0),
+    "no ay, other sign of roll": Case(STEEP, 82, ay=False, roll_sign=-1.0),
+    "ay at its sensor": Case(STEEP, 83, ay=True, roll_sign=1.0),
+    "flat, no ay": Case(Setup(course="oval", fastest=65.0, laps=8), 84, ay=False, roll_sign=1.0),
+}
+LEFT_AY, LEFT_YAW_RATE = 0.12, 0.0070
+"""m/s2 that a diagnosis may leave with catalogue effects, at most 1.25 times noise; rad/s of `hil identify`"""
+BANK_WITHIN = 0.15
+"""Relative error of the largest bank."""
+NEVER = {"speed_scale"}
+"""names of what no log of these has"""
+CONTRADICTED = 3.0
+"""Standard errors by which halves may differ."""
+
+
+def drive_log(case: Case) -> DriveLog:
+    """The log of a case as it would be read from a file."""
+    drive = simulate([case.setup], [case.seed], with_bank=True)[0]
+    columns = telemetry(drive, case.seed, ay=case.ay, roll_sign=case.roll_sign)
+    segment = segment_numbers(columns["t"])
+    columns, derived = add_missing_channels(Path("oval.csv"), columns, segment)
+    known = {*REQUIRED, *DERIVABLE, *OPTIONAL}
+    return DriveLog(columns, segment, derived, tuple(n for n in columns if n not in known))
+
+
+def diagnosed(log: DriveLog) -> dict[str, Any]:
+    """What `hil diagnose` says."""
+    vehicle = Vehicle()
+    health = examine(log, vehicle)
+    record = make_record(health.log, vehicle, health.doubtful)
+    prior = default_tyre_prior("per_axle", vehicle)
+    return as_json(diagnose(record, "per_axle", prior, processes=os.cpu_count() or 1), "", "")
+
+
+def halves(log: DriveLog) -> tuple[DriveLog, DriveLog]:
+    """The log before and after the middle of its time."""
+    first = log["t"] < 0.5 * (log["t"][0] + log["t"][-1])
+    return log.select(first), log.select(~first)
+
+
+def contradictions(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """Sizes that both state and that differ beyond what both allow."""
+    sizes = [
+        {f"{e['name']}.{p}": v for e in found["effects"] for p, v in e["parameters"].items() if v["determined"]}
+        for found in (one, other)
+    ]
+    both = sizes[0].keys() & sizes[1].keys()
+    return sorted(
+        key for key in both
+        if abs(sizes[0][key]["value"] - sizes[1][key]["value"])
+        > CONTRADICTED * math.hypot(sizes[0][key]["std"], sizes[1][key]["std"])
+    )  # fmt: skip
+
+
+def results(cases: Mapping[str, Case]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every log with what is said of it, and of its halves."""
+    for name, case in track(cases.items(), "diagnosing"):
+        log = drive_log(case)
+        identified = identify(log, Vehicle(), default_tyre_prior("per_axle", Vehicle()), Options())
+        parts = [diagnosed(half) for half in halves(log)]
+        yield name, {"whole": diagnosed(log), "halves": parts, "identified": identified.summary()}
+
+
+def row(name: str, case: Case, found: Mapping[str, Any]) -> list[str]:
+    """One line of the table."""
+    whole = found["whole"]
+    ay, yaw = whole["channels"]["ay"], found["identified"]["rmse"]["yaw_rate"]["final"]
+    names = [[e["name"] for e in one["effects"]] for one in (whole, *found["halves"])]
+    most = max(LEFT_AY, 1.25 * ay["noise_floor"])
+    return [
+        name, whole["verdict"], f"{ay['catalogue']:.3f}{'' if ay['catalogue'] <= most else f' > {most:.3f}'}",
+        f"{yaw:.4f}{'' if yaw <= LEFT_YAW_RATE else f' > {LEFT_YAW_RATE}'}", _bank(case, whole),
+        *(", ".join(own) + (" NEVER THERE" if NEVER & set(own) else "") for own in names),
+        ", ".join(contradictions(*found["halves"])) or "-",
+    ]  # fmt: skip
+
+
+def _bank(case: Case, whole: Mapping[str, Any]) -> str:
+    """The largest bank found, deg, and whether it is right."""
+    found = [e["parameters"] for e in whole["effects"] if e["name"] == "road_bank"]
+    true = np.degrees(case.setup.bank)
+    if not found:
+        return "-" if not true else f"not named, {true:.0f}"
+    size = max(abs(np.degrees(found[0][n]["value"])) for n in ("largest", "smallest"))
+    return f"{size:.1f} of {true:.0f}{'' if abs(size - true) <= BANK_WITHIN * true else ' WRONG'}"
+
+
+def main() -> None:
+    """Run the logs and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", nargs="*", default=list(CASES), choices=list(CASES))
+    parser.add_argument("--json", type=Path, help="every result")
+    arguments = parser.parse_args()
+    done = dict(results({name: CASES[name] for name in arguments.only}))
+    table = Table("log", "verdict", "ay", "yaw rate", "bank, deg", "named", "first half", "second half", "contradicted")
+    for name, found in done.items():
+        table.add_row(*row(name, CASES[name], found))
+    Console(width=200).print(table)
+    if arguments.json:
+        arguments.json.write_text(json.dumps(done))
+
+
+if __name__ == "__main__":
+    main()
