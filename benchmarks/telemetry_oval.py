@@ -14,7 +14,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from estimator.offline.record.declared import default_tyre_prior
 from estimator.offline.record.record import make_record
 from estimator.offline.report.diagnosis_result import as_json
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array
 
 sys.path.append(str(Path(__file__).parent))
 from practice.double_track import Setup
@@ -67,10 +68,14 @@ CONTRADICTED = 3.0
 """Standard errors by which halves may differ."""
 
 
-def drive_log(case: Case) -> DriveLog:
-    """The log of a case as it would be read from a file."""
-    drive = simulate([case.setup], [case.seed], with_bank=True)[0]
-    columns = telemetry(drive, case.seed, ay=case.ay, roll_sign=case.roll_sign)
+def drive_logs(cases: Iterable[Case]) -> list[DriveLog]:
+    """The logs of cases as they would be read from files; the cars drive side by side."""
+    wanted = list(cases)
+    drives = simulate([case.setup for case in wanted], [case.seed for case in wanted], with_bank=True)
+    return [_log(telemetry(d, c.seed, ay=c.ay, roll_sign=c.roll_sign)) for d, c in zip(drives, wanted, strict=True)]
+
+
+def _log(columns: dict[str, Array]) -> DriveLog:
     segment = segment_numbers(columns["t"])
     columns, derived = add_missing_channels(Path("oval.csv"), columns, segment)
     known = {*REQUIRED, *DERIVABLE, *OPTIONAL}
@@ -108,8 +113,7 @@ def contradictions(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str
 
 def results(cases: Mapping[str, Case]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Every log with what is said of it, and of its halves."""
-    for name, case in track(cases.items(), "diagnosing"):
-        log = drive_log(case)
+    for name, log in track(list(zip(cases, drive_logs(cases.values()), strict=True)), "diagnosing"):
         identified = identify(log, Vehicle(), default_tyre_prior("per_axle", Vehicle()), Options())
         parts = [diagnosed(half) for half in halves(log)]
         yield name, {"whole": diagnosed(log), "halves": parts, "identified": identified.summary()}

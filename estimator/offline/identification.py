@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -24,7 +25,15 @@ from estimator.offline.predict.nuisance import steer_timing, steer_zero, vy_sens
 from estimator.offline.predict.rollout import Rollout
 from estimator.offline.record.prepare import Samples, prepare, spinning
 from estimator.offline.record.split import Split, split
-from estimator.offline.result.identification_score import Scores, as_summary, score_samples, simulations
+from estimator.offline.result.grip import Grip, grip_of, slides
+from estimator.offline.result.identification_score import (
+    LogScore,
+    Scores,
+    as_summary,
+    score_at_states,
+    score_samples,
+    simulations,
+)
 from hil_gateway.car.vehicle import Vehicle
 
 Method = Literal["batch", "sample", "nls"]
@@ -50,8 +59,9 @@ class Options:
 class Identification:
     """Everything a report needs.
 
-    `initial` and `final` are tyre parameters; `rmse` is channel -> (initial, final) on held-out data; `rollouts` are
-    (initial, final) open-loop predictions of the held-out data, `samples` are those of the whole log.
+    `initial` and `final` are tyre parameters; `rmse` is channel -> (initial, final) on held-out data, simulated where
+    the formulation simulates, `rmse_at_states` the same at the measured states; `rollouts` are (initial, final)
+    open-loop predictions of the held-out data, `samples` are those of the whole log.
     """
 
     options: Options
@@ -65,6 +75,7 @@ class Identification:
     fit: Fit
     initial: Mapping[str, float]
     rmse: Scores
+    rmse_at_states: Scores
     curve: tuple[CurvePoint, ...]
     identifiability: Identifiability
     rollouts: tuple[Rollout, Rollout]
@@ -75,6 +86,11 @@ class Identification:
     def final(self) -> dict[str, float]:
         """Tyre parameters identified."""
         return {n: self.fit.values[n] for n in self.initial}
+
+    @cached_property
+    def own_grip(self) -> Grip:
+        """Grip of the log identified over that of its own parameters: what the model is off by there."""
+        return _grip(self, self.samples)
 
     def summary(self) -> dict[str, Any]:
         """The `--json` object."""
@@ -98,6 +114,7 @@ class Identification:
             },
             "nuisance": {n: {"value": v, "std": self.fit.std[n]} for n, v in self.fit.values.items() if "." in n},
             "rmse": as_summary(self.rmse),
+            "rmse_at_states": as_summary(self.rmse_at_states),
             "curve": [{"batch": p.batch, **p.rmse} for p in self.curve],
             "health": [finding.summary() for finding in self.health.findings],
             "rows": len(self.log),
@@ -140,6 +157,7 @@ def identify(
         fit=fitted.fit,
         initial={p.name: p.prior for p in fitted.columns.model.tyre_table},
         rmse=scores,
+        rmse_at_states=score_at_states(columns, theta, held_out),
         curve=fitted.curve,
         identifiability=known,
         rollouts=rollouts,
@@ -148,13 +166,24 @@ def identify(
     )
 
 
-def score_log(result: Identification, log: DriveLog) -> Scores:
+def score_log(result: Identification, log: DriveLog) -> LogScore:
     """Scores of the whole of another `log`, repaired by its own log health and by the steering lag of `result`."""
     options = result.options
     repaired = without_lag(examine(log, result.vehicle, options.keep).log, result.health.findings)
     columns, theta, samples = result.columns, result.fit.theta, prepare(repaired)
     rollouts = simulations(columns, theta, repaired, samples, options.window_s)
-    return score_samples(columns, theta, samples, rollouts if result.formulation == "output_error" else None)
+    return LogScore(
+        score_samples(columns, theta, samples, rollouts if result.formulation == "output_error" else None),
+        score_at_states(columns, theta, samples),
+        _grip(result, samples).over(result.own_grip),
+    )
+
+
+def _grip(result: Identification, samples: Samples) -> Grip:
+    """Grip of a log's samples over that of the parameters of `result`, where they slip as much as in its own log."""
+    axles = result.identifiability.axles
+    sliding = slides(samples, result.vehicle, (axles[0].slip_99, axles[-1].slip_99))
+    return grip_of(result.columns, samples.select(sliding), result.fit.theta)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 For any tyre, d/dt vy + vx omega - ay = -g sin(bank) and d/dt vx - vy omega - ax = -g sin(grade): gravity moves the car
 and is not felt. What the sensors add (offset, roll and turn of the accelerometer, its place, errors of speed and yaw
 rate) follows the motion; what the road adds repeats over track position, at any speed. Both are fitted together, and a
-road is there where it predicts laps that it was not fitted to.
+road is there where it predicts laps that it was not fitted to. Where no accelerometer tells, the roll of the body does
+(`roll`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 
 from estimator.model.basis import Basis
 from estimator.offline.record.record import Record, RoadProfile
+from estimator.offline.record.roll import ROLL_PRIORS, bank_by_roll, no_surer_than_roll
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array, Ints
 
@@ -62,7 +64,19 @@ def find_road(record: Record) -> dict[str, RoadProfile]:
             profile = _profile(record, make(record), name == "road_grade")
             if profile is not None:
                 found[name] = profile
-    return found
+    rolled = None if "road_bank" in found or record.used[1] else _by_roll(record)
+    return found if rolled is None else {**found, "road_bank": rolled}
+
+
+def _by_roll(record: Record) -> RoadProfile | None:
+    """The bank that the body's roll shows, where it is logged."""
+    signals = bank_by_roll(record)
+    if signals is None:
+        return None
+    lean, felt = signals
+    kinematics = _Kinematics(lean, np.stack([np.ones_like(lean), felt], axis=-1), np.array(ROLL_PRIORS))
+    profile = _profile(record, kinematics, False)
+    return None if profile is None else no_surer_than_roll(profile)
 
 
 def _lateral(record: Record) -> _Kinematics:
