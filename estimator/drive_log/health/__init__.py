@@ -19,8 +19,8 @@ __all__ = ["Action", "Finding", "HealthReport", "examine"]
 FINDERS: tuple[Callable[[DriveLog, Vehicle], list[Finding]], ...] = (
     sampling.find,
     units.find,
-    acceleration.find,
     offsets.find,
+    acceleration.find,
     lateral_velocity.find,
     steering.find,
     wheels.find,

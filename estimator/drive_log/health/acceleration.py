@@ -16,6 +16,9 @@ LONGEST_S = 2.5
 LATE_S = 0.15
 GAIN_BAND = (0.6, 1.5)
 MIN_CORRELATION = 0.6
+BANKED_GAIN, BANKED_CORRELATION = 0.25, 0.9
+"""A lateral accelerometer does not feel what a bank does: in steep bends down to a quarter of the centripetal
+acceleration is left, and follows it closely all the same."""
 
 
 def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
@@ -27,7 +30,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
         names += [n for n in log.extra if re.match(rf"{axis}(_|$)", n)]
         for name in names:
             lag = lag_between(expected, log[name], moving, log.step, LONGEST_S, slowest=4.0)
-            if lag is not None and _useless(lag):
+            if lag is not None and _useless(lag) and not (axis == "ay" and _on_a_bank(lag)):
                 findings.append(_finding(log, name, axis, lag))
     return findings
 
@@ -41,6 +44,10 @@ def _kinematic(log: DriveLog) -> dict[str, Array]:
 def _useless(lag: Lag) -> bool:
     low, high = GAIN_BAND
     return lag.correlation < MIN_CORRELATION or abs(lag.value) > LATE_S or not low < lag.gain < high
+
+
+def _on_a_bank(lag: Lag) -> bool:
+    return lag.correlation > BANKED_CORRELATION and abs(lag.value) < LATE_S and BANKED_GAIN < lag.gain < 1.0
 
 
 def _finding(log: DriveLog, name: str, axis: str, lag: Lag) -> Finding:

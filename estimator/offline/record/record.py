@@ -48,10 +48,14 @@ MEASURED = ("ax", "ay", "yaw_rate", "vx", "vy")
 
 @dataclass(frozen=True)
 class RoadProfile:
-    """A bank or grade (rad) as the prior of its effect: (n,) coefficients over the lap, (n, n) precision."""
+    """A bank or grade (rad) as the prior of its effect: (n,) coefficients over the lap, (n, n) precision.
+
+    `confidence` is the probability, by laps left out in turn, that it predicts one more lap better than a level road.
+    """
 
     coefficients: Array
     precision: Array
+    confidence: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,10 @@ STEEP = 0.1
 road leans into the bend, which tells the channel's sign. Below, neither can be told."""
 BENDS, STRAIGHTS = 0.8, 0.3
 """quantiles of curvature above and below which the road bends and does not"""
-ROLL_PRIORS = (0.2, 0.05)
-"""Prior standard deviations, as g times an angle: of the zero, m/s2 (1.2 deg), and of k (0.3 deg per m/s2)."""
+ROLL_PRIORS = (0.15, 0.05)
+"""Prior standard deviations, as g times an angle: of the zero, m/s2 (0.9 deg), and of k (0.3 deg per m/s2)."""
+ROLL_STRAIGHT = 0.1
+"""rad; the straights of tri-ovals are banked by 9 deg, and an attitude's zero is known better than that"""
 ROLL_STD = 0.01
 """rad; what a roll channel is off by at a place in every lap: attitude filters take long bends for level (0.5 deg)"""
 

@@ -80,6 +80,12 @@ class Setting:
         return tuple(sorted(set(self.record.road) - self.active_names))
 
     @property
+    def measured_road(self) -> tuple[str, ...]:
+        """Found road that only a sensor of its own shows: no channel of the fit that it acts on is used."""
+        judged = {"road_bank": (1, 2, 4), "road_grade": (0, 3)}
+        return tuple(name for name in self.found_road if not self.record.used[list(judged[name])].any())
+
+    @property
     def active_names(self) -> frozenset[str]:
         """Names of what is always fitted."""
         return frozenset(effect.name for effect in self.active)
