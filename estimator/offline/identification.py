@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estimator.drive_log.health import HealthReport, examine
+from estimator.drive_log.health import HealthReport
 from estimator.drive_log.health.steering import LAG_STEER, lag_of, without_lag, zero_of
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import ModelColumns
@@ -21,7 +21,16 @@ from estimator.offline.fit.equation_error import Fit, fit
 from estimator.offline.fit.identifiability import Identifiability, analyse
 from estimator.offline.fit.output_error import OutputErrorSettings, fit_output_error
 from estimator.offline.fit.recursive import CurvePoint, Recursion, averaged, batch, sample
-from estimator.offline.predict.nuisance import steer_timing, steer_zero, vy_sensor, yaw_rate_timing
+from estimator.offline.known_bank import examine_on_its_road
+from estimator.offline.predict.nuisance import (
+    KNOWN_BANK,
+    downforce,
+    known_bank,
+    steer_timing,
+    steer_zero,
+    vy_sensor,
+    yaw_rate_timing,
+)
 from estimator.offline.predict.rollout import Rollout
 from estimator.offline.record.prepare import Samples, prepare, spinning
 from estimator.offline.record.split import Split, split
@@ -135,7 +144,7 @@ def identify(
     """Identify the tyre parameters of `vehicle` from `log`."""
     began = time.perf_counter()
     progress("log health", 0.0)
-    health = examine(log, vehicle, options.keep)
+    health = examine_on_its_road(log, vehicle, options.keep)
     task = _Task(health.log, vehicle, tyre_prior, options, _formulation(options), progress)
     fitted, task, health = _fit_and_repair(task, health)
     progress("held-out error", 0.9)
@@ -169,7 +178,7 @@ def identify(
 def score_log(result: Identification, log: DriveLog) -> LogScore:
     """Scores of the whole of another `log`, repaired by its own log health and by the steering lag of `result`."""
     options = result.options
-    repaired = without_lag(examine(log, result.vehicle, options.keep).log, result.health.findings)
+    repaired = without_lag(examine_on_its_road(log, result.vehicle, options.keep).log, result.health.findings)
     columns, theta, samples = result.columns, result.fit.theta, prepare(repaired)
     rollouts = simulations(columns, theta, repaired, samples, options.window_s)
     return LogScore(
@@ -249,6 +258,8 @@ def _columns(task: _Task, health: HealthReport) -> ModelColumns:
         nuisances.append(steer_zero())
     if task.formulation == "output_error" and health.vy_is_displaced:
         nuisances.append(vy_sensor())
+    if KNOWN_BANK in task.log:
+        nuisances += [known_bank(), downforce()]
     if task.formulation == "output_error" and health.yaw_rate_was_moved:
         nuisances.append(yaw_rate_timing())
     return ModelColumns(SingleTrack(task.vehicle, options.layout, tuple(nuisances), task.prior))

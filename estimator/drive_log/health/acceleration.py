@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+
 from estimator.drive_log.derived import derivative
 from estimator.drive_log.health.finding import Action, Finding
 from estimator.drive_log.health.lag import Lag, lag_between
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.prepare import moving_speed
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 
 LONGEST_S = 2.5
@@ -36,9 +38,11 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
 
 
 def _kinematic(log: DriveLog) -> dict[str, Array]:
+    """Specific forces that the velocities tell; gravity on a bank that is known moves the car and is not felt."""
     forward = derivative(log["t"], log["vx"], log.segment) - log["vy"] * log["yaw_rate"]
     sideways = derivative(log["t"], log["vy"], log.segment) + log["vx"] * log["yaw_rate"]
-    return {"ax": forward, "ay": sideways}
+    pulled = GRAVITY * np.sin(log["known_bank"]) if "known_bank" in log else 0.0
+    return {"ax": forward, "ay": sideways + pulled}
 
 
 def _useless(lag: Lag) -> bool:
