@@ -12,27 +12,22 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from typer import Typer
+from typer.testing import CliRunner
 
-from estimator.drive_log.derived import add_missing_channels
-from estimator.drive_log.health import examine
-from estimator.drive_log.table import DERIVABLE, OPTIONAL, REQUIRED, DriveLog, segment_numbers
-from estimator.offline.diagnosis import diagnose
-from estimator.offline.identification import Options, identify
-from estimator.offline.record.declared import default_tyre_prior
-from estimator.offline.record.record import make_record
-from estimator.offline.report.diagnosis_result import as_json
-from hil_gateway.car.vehicle import Vehicle
+from estimator.cli.diagnose import app as diagnose_command
+from estimator.cli.identify import app as identify_command
 from hil_gateway.process.arrays import Array
 
 sys.path.append(str(Path(__file__).parent))
@@ -68,33 +63,25 @@ CONTRADICTED = 3.0
 """Standard errors by which halves may differ."""
 
 
-def drive_logs(cases: Iterable[Case]) -> list[DriveLog]:
-    """The logs of cases as they would be read from files; the cars drive side by side."""
+def drive_logs(cases: Iterable[Case]) -> list[dict[str, Array]]:
+    """Columns of the logs; the cars drive side by side."""
     wanted = list(cases)
     drives = simulate([case.setup for case in wanted], [case.seed for case in wanted], with_bank=True)
-    return [_log(telemetry(d, c.seed, ay=c.ay, roll_sign=c.roll_sign)) for d, c in zip(drives, wanted, strict=True)]
+    return [telemetry(d, c.seed, ay=c.ay, roll_sign=c.roll_sign) for d, c in zip(drives, wanted, strict=True)]
 
 
-def _log(columns: dict[str, Array]) -> DriveLog:
-    segment = segment_numbers(columns["t"])
-    columns, derived = add_missing_channels(Path("oval.csv"), columns, segment)
-    known = {*REQUIRED, *DERIVABLE, *OPTIONAL}
-    return DriveLog(columns, segment, derived, tuple(n for n in columns if n not in known))
+def said(command: Typer, columns: Mapping[str, Array], folder: Path) -> dict[str, Any]:
+    """What a command says of a log, as JSON."""
+    path = folder / "oval.csv"
+    np.savetxt(path, np.column_stack(list(columns.values())), "%.7g", ",", header=",".join(columns), comments="")
+    done = CliRunner().invoke(command, [str(path), "--json"])
+    return dict(json.loads(done.stdout))
 
 
-def diagnosed(log: DriveLog) -> dict[str, Any]:
-    """What `hil diagnose` says."""
-    vehicle = Vehicle()
-    health = examine(log, vehicle)
-    record = make_record(health.log, vehicle, health.doubtful)
-    prior = default_tyre_prior("per_axle", vehicle)
-    return as_json(diagnose(record, "per_axle", prior, processes=os.cpu_count() or 1), "", "")
-
-
-def halves(log: DriveLog) -> tuple[DriveLog, DriveLog]:
+def halves(columns: Mapping[str, Array]) -> list[dict[str, Array]]:
     """The log before and after the middle of its time."""
-    first = log["t"] < 0.5 * (log["t"][0] + log["t"][-1])
-    return log.select(first), log.select(~first)
+    middle = len(columns["t"]) // 2
+    return [{name: c[part] for name, c in columns.items()} for part in (slice(middle), slice(middle, None))]
 
 
 def contradictions(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
@@ -113,10 +100,10 @@ def contradictions(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str
 
 def results(cases: Mapping[str, Case]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Every log with what is said of it, and of its halves."""
-    for name, log in track(list(zip(cases, drive_logs(cases.values()), strict=True)), "diagnosing"):
-        identified = identify(log, Vehicle(), default_tyre_prior("per_axle", Vehicle()), Options())
-        parts = [diagnosed(half) for half in halves(log)]
-        yield name, {"whole": diagnosed(log), "halves": parts, "identified": identified.summary()}
+    with TemporaryDirectory() as folder:
+        for name, log in track(list(zip(cases, drive_logs(cases.values()), strict=True)), "diagnosing"):
+            whole, *parts = (said(diagnose_command, part, Path(folder)) for part in (log, *halves(log)))
+            yield name, {"whole": whole, "halves": parts, "identified": said(identify_command, log, Path(folder))}
 
 
 def row(name: str, case: Case, found: Mapping[str, Any]) -> list[str]:

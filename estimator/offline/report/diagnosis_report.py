@@ -18,7 +18,6 @@ from estimator.offline.report.words import (
     NAMES,
     UNITS,
     parameter_words,
-    resistance_words,
     verdict_sentence,
 )
 from estimator.offline.result.diagnosis_score import channel_residuals
