@@ -184,7 +184,6 @@ def _equation(report: Report, summary: dict[str, Any]) -> None:
         effect = catalogue()[entry["form"]]
         numbers = ", ".join(parameter_words(n, p) for n, p in entry["parameters"].items())
         lines.append(f"{effect.name}: {effect.equation}, with {numbers}. Source: {effect.source}.")
-    lines.extend(resistance_words(summary["resistance"]))
     lines.extend(f"empirical: {u['description']} ({u['term']})" for u in summary["unexplained"] if u["empirical"])
     report.items(lines or ["nothing"])
     rows = [
