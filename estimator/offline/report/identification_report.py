@@ -77,10 +77,10 @@ def _parameters(report: Report, result: Identification) -> None:
         rows.append([label(name), f"{initial:.5g}", f"{final:.5g}", change, f"{std:.2g}", known])
     report.table(["Parameter", "Initial", "Final", "Change", "Std", "Identified"], rows)
     report.figure(plots.tyre_curves(result), _CURVES)
-    extra = {n: v for n, v in result.fit.values.items() if n not in result.initial}
+    extra = {p.name: p.unit for p in result.fit.parameters if p.name not in result.initial}
     report.table(
-        ["Estimated along with them", "Value", "Std"],
-        [[label(n), f"{v:.4g}", f"{result.fit.std[n]:.2g}"] for n, v in extra.items()],
+        ["Estimated along with them", "Unit", "Value", "Std"],
+        [[label(n), unit, f"{result.fit.values[n]:.4g}", f"{result.fit.std[n]:.2g}"] for n, unit in extra.items()],
     )
 
 

@@ -133,7 +133,9 @@ def test_errors_of_another_log_are_told_simulated_and_at_measured_states(log_fil
         assert rmse["ay"]["final"] != at_states["ay"]["final"]
     assert "held-out RMSE ay" in text
     assert "drive.csv, at measured states, RMSE ay" in text
-    assert "Scored on other logs" in (tmp_path / "report.html").read_text()
+    page = (tmp_path / "report.html").read_text()
+    assert "Scored on other logs" in page
+    assert "<th>Unit</th>" in page, "of what is estimated along with the tyres"
 
 
 @pytest.mark.parametrize(("grip", "stiffness", "differs"), [(0.75, 1.0, True), (0.75, 0.75, True), (1.0, 1.0, False)])
