@@ -64,8 +64,11 @@ def _driven(car: DoubleTrack, z: State, before: Pedals, reference: Array, tick: 
     )  # fmt: skip
 
 
-def simulate(setups: Sequence[Setup], seeds: Sequence[int]) -> list[Drive]:
-    """Drive every car for its laps; all have as many, and those that leave the road by 15 m end there."""
+def simulate(setups: Sequence[Setup], seeds: Sequence[int], *, with_bank: bool = False) -> list[Drive]:
+    """Drive every car for its laps; all have as many, and those that leave the road by 15 m end there.
+
+    `with_bank`: the logs have the bank under the car, rad, which no sensor reports.
+    """
     car, n = DoubleTrack(setups, seeds), len(setups)
     laps = setups[0].laps
     reference = _references(car, laps)
@@ -79,7 +82,7 @@ def simulate(setups: Sequence[Setup], seeds: Sequence[int]) -> list[Drive]:
         pedals = _driven(car, z, pedals, reference, tick)
         first, f = car.rates(z, pedals)
         if tick % LOG_EVERY == 0:
-            log.append(_row(z, x, y, f, pedals))
+            log.append(_row(z, x, y, f, pedals) | ({"bank": car.road(z.share)[1]} if with_bank else {}))
         second, _ = car.rates(z.moved(first, STEP), pedals)
         course = z.yaw + 0.5 * STEP * z.rate
         x = x + STEP * (z.vx * np.cos(course) - z.vy * np.sin(course))

@@ -57,10 +57,12 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     """Find what the model does not explain, trace it to an effect, and show the error before and after."""
     # fits run in processes side by side: threads of the linear algebra would only get in their way
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from estimator.drive_log.table import read_logs
     from estimator.offline.diagnosis import diagnose as run
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
     from estimator.offline.report.diagnosis_result import as_json as to_json
     from estimator.offline.report.diagnosis_result import as_revision, write
+    from estimator.offline.result.simulated_lateral import identified_laterally, lateral_prior, with_simulated_lateral
     from hil_gateway.process.errors import InputError
     from hil_gateway.track.loading import load_track
 
@@ -73,11 +75,17 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     known = None if track is None else (track, load_track(track))
     with _progress() as progress:
         progress("reading")
-        record, log, health = _read(sessions, car, known)
+        logged = read_logs(sessions)
+        record, log, health = _examined(logged, car, known)
+        lateral = identified_laterally(logged, record, car, prior, layout)  # type: ignore[arg-type]
+        if lateral is not None:
+            prior = lateral_prior(lateral, prior)
         result = run(record, layout, prior, progress, os.cpu_count() or 1)  # type: ignore[arg-type]
         revision = as_revision(result, layout, tuple(log.sources.values()))
         summary: dict[str, Any] = {"health": health}
         summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))
+        if lateral is not None:
+            summary = with_simulated_lateral(summary, lateral)
         if out is not None:
             progress("writing the report")
             from estimator.offline.report.diagnosis_report import write_report
@@ -90,14 +98,13 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
         _print(summary)
 
 
-def _read(sessions: list[Path], car: Vehicle, known: tuple[str, Track] | None) -> tuple[Record, DriveLog, list[str]]:
+def _examined(log: DriveLog, car: Vehicle, known: tuple[str, Track] | None) -> tuple[Record, DriveLog, list[str]]:
     """What is fitted, the log it comes from, and the defects found in that; `known`: name and map of the track."""
     from estimator.drive_log.health import examine
-    from estimator.drive_log.table import read_logs
     from estimator.offline.record.map_road import record_on_map
     from estimator.offline.record.record import make_record
 
-    health = examine(read_logs(sessions), car)
+    health = examine(log, car)
     record = make_record(health.log, car, health.doubtful)
     if known is not None:
         record = record_on_map(record, health.log, known[1], known[0])
@@ -135,5 +142,7 @@ def _print(summary: dict[str, Any]) -> None:
     for channel, values in summary["channels"].items():
         table.add_row(channel, *(figure(values[k]) for k in ("declared", "refit", "with_effects", "noise_floor")))
     console.print(table)
+    if "lateral" in summary:
+        console.print(f"- {summary['lateral']}", soft_wrap=True)
     for entry in summary["unexplained"]:
         console.print(f"- {entry['description']}", soft_wrap=True)

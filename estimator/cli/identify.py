@@ -16,7 +16,7 @@ from hil_gateway.process.writable import check_folder
 
 if TYPE_CHECKING:
     from estimator.offline.identification import Identification
-    from estimator.offline.result.identification_score import Scores
+    from estimator.offline.result.identification_score import LogScore
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -86,23 +86,25 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
         log, others = read_logs(sessions), {str(path): read_logs([path]) for path in score or ()}
         result = run(log, car, prior, options, progress)
         scores = {path: score_log(result, other) for path, other in others.items()}
-        summary = {**result.summary(), "scored": {path: as_summary(one) for path, one in scores.items()}}
+        summary = {**result.summary(), "scored": {path: as_summary(one.rmse) for path, one in scores.items()}}
+        summary |= {"scored_at_states": {path: as_summary(one.at_states) for path, one in scores.items()}}
+        summary |= {"grip": {path: one.grip.summary() for path, one in scores.items()}}
         summary |= {"exported": exported(result), "usable_slip": usable_slip(result)}
         if out is not None:
             progress("report", 0.95)
-            summary["report"] = str(_write(result, summary, out))
+            summary["report"] = str(_write(result, scores, summary, out))
     if as_json:
         print_json(summary)
     else:
         _print(result, scores)
 
 
-def _write(result: Identification, summary: dict[str, Any], out: Path) -> Path:
+def _write(result: Identification, scores: Mapping[str, LogScore], summary: dict[str, Any], out: Path) -> Path:
     from estimator.offline.report.identification_report import write_report
 
     out.mkdir(parents=True, exist_ok=True)
     page, whole, tyre = (out / name for name in RESULTS)
-    write_report(result, page)
+    write_report(result, scores, page)
     whole.write_text(json.dumps(plain(summary), indent=1))
     tyre.write_text(json.dumps(plain(summary["exported"]), indent=1))
     return page
@@ -126,24 +128,23 @@ class _progress:  # noqa: N801 - used like a function
         self._bar.stop()
 
 
-def _print(result: Identification, scores: Mapping[str, Scores]) -> None:
+def _print(result: Identification, scores: Mapping[str, LogScore]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from estimator.offline.report.identification_report import UNITS
+    from estimator.offline.report.identification_report import score_lines
 
     console = Console(file=sys.stdout)
-    table = Table("parameter", "initial", "final", "change", "std", "identified", box=None)
-    for name, initial in result.initial.items():
+    table = Table("parameter", "unit", "initial", "final", "change", "std", "identified", box=None)
+    for parameter in result.columns.model.tyre_table:
+        name, initial = parameter.name, result.initial[parameter.name]
         final, std = result.final[name], result.fit.std[name]
         change = f"{100 * (final / initial - 1):+.1f} %"
         known = "yes" if result.identifiability.identifiable[name] else "no"
-        table.add_row(name, figure(initial, digits=5), figure(final, digits=5), change, figure(std, digits=2), known)
+        values = (figure(initial, digits=5), figure(final, digits=5), change, figure(std, digits=2))
+        table.add_row(name, parameter.unit, *values, known)
     console.print(table)
-    for what, rmse in {"held-out": result.rmse, **scores}.items():
-        for channel, (initial, final) in rmse.items():
-            console.print(
-                f"{what} RMSE {channel:9s} {figure(initial)} -> {figure(final, UNITS[channel])}", soft_wrap=True
-            )
+    for line in score_lines(result, scores):
+        console.print(line, soft_wrap=True)
     for line in (*(f.description for f in result.health.findings), *result.identifiability.statements):
         console.print(f"- {line}", soft_wrap=True)

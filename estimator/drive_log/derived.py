@@ -21,6 +21,9 @@ FULL_THROTTLE_DRIVE = 0.10
 FULL_BRAKE_DRIVE = 0.30
 """Slip ratio taken to stand for full braking, 6 MPa or pedal 1: brakes act on four wheels, the engine on two."""
 
+OF_PEDALS = "so C_x includes the scale of the pedals"
+"""How a drive is described that was derived from throttle and brake."""
+
 BY_STATE_FILTER = {"vy": "by the state filter: its error follows the motion for seconds, as a sensor's noise does not"}
 """What a log of the running loop has of its own estimator, and no sensor measures."""
 
@@ -118,7 +121,7 @@ def _drive_from_pedals(columns: dict[str, Array]) -> tuple[Array, str] | None:
     how = (
         f"{FULL_THROTTLE_DRIVE:g} throttle - {FULL_BRAKE_DRIVE:g} brake"
         + (f" / {FULL_BRAKE_PA / 1e6:g} MPa" if in_pascal else "")
-        + ", so C_x includes the scale of the pedals"
+        + f", {OF_PEDALS}"
     )
     return FULL_THROTTLE_DRIVE * columns["throttle"] - FULL_BRAKE_DRIVE * share, how
 

@@ -58,13 +58,13 @@ SIGNALS = ("vx", "vy", "yaw_rate", "steer", "drive")
 
 AUXILIARY = (
     "track_position", "t", "yaw", "throttle", "brake", "brake_balance", "gear", "engine_speed", "ax", "steer_rate",
-    "drive_rate", "extra_load",
+    "drive_rate", "extra_load", "known_bank",
 )  # fmt: skip
 """Further signals an effect may ask for; a caller that has none leaves them out and gets the neutral value 0.
 
 `brake` is a share of full braking, `FULL_BRAKE_PA` or pedal 1; `brake_balance` the difference of front and rear
 pressure over their sum; `extra_load` is what crests, dips and banks add to the
-axle loads, over the weight."""
+axle loads, over the weight; `known_bank` is the road's, rad, where it is an input and no effect."""
 
 FULL_BRAKE_PA = 6.0e6
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
-from estimator.drive_log.health import HealthReport, examine
+from estimator.drive_log.health import HealthReport
 from estimator.drive_log.health.steering import LAG_STEER, lag_of, without_lag, zero_of
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import ModelColumns
@@ -20,11 +21,28 @@ from estimator.offline.fit.equation_error import Fit, fit
 from estimator.offline.fit.identifiability import Identifiability, analyse
 from estimator.offline.fit.output_error import OutputErrorSettings, fit_output_error
 from estimator.offline.fit.recursive import CurvePoint, Recursion, averaged, batch, sample
-from estimator.offline.predict.nuisance import steer_timing, steer_zero, vy_sensor, yaw_rate_timing
+from estimator.offline.known_bank import examine_on_its_road
+from estimator.offline.predict.nuisance import (
+    KNOWN_BANK,
+    downforce,
+    known_bank,
+    steer_timing,
+    steer_zero,
+    vy_sensor,
+    yaw_rate_timing,
+)
 from estimator.offline.predict.rollout import Rollout
 from estimator.offline.record.prepare import Samples, prepare, spinning
 from estimator.offline.record.split import Split, split
-from estimator.offline.result.identification_score import Scores, as_summary, score_samples, simulations
+from estimator.offline.result.grip import Grip, grip_of, slides
+from estimator.offline.result.identification_score import (
+    LogScore,
+    Scores,
+    as_summary,
+    score_at_states,
+    score_samples,
+    simulations,
+)
 from hil_gateway.car.vehicle import Vehicle
 
 Method = Literal["batch", "sample", "nls"]
@@ -50,8 +68,9 @@ class Options:
 class Identification:
     """Everything a report needs.
 
-    `initial` and `final` are tyre parameters; `rmse` is channel -> (initial, final) on held-out data; `rollouts` are
-    (initial, final) open-loop predictions of the held-out data, `samples` are those of the whole log.
+    `initial` and `final` are tyre parameters; `rmse` is channel -> (initial, final) on held-out data, simulated where
+    the formulation simulates, `rmse_at_states` the same at the measured states; `rollouts` are (initial, final)
+    open-loop predictions of the held-out data, `samples` are those of the whole log.
     """
 
     options: Options
@@ -65,6 +84,7 @@ class Identification:
     fit: Fit
     initial: Mapping[str, float]
     rmse: Scores
+    rmse_at_states: Scores
     curve: tuple[CurvePoint, ...]
     identifiability: Identifiability
     rollouts: tuple[Rollout, Rollout]
@@ -75,6 +95,11 @@ class Identification:
     def final(self) -> dict[str, float]:
         """Tyre parameters identified."""
         return {n: self.fit.values[n] for n in self.initial}
+
+    @cached_property
+    def own_grip(self) -> Grip:
+        """Grip of the log identified over that of its own parameters: what the model is off by there."""
+        return _grip(self, self.samples)
 
     def summary(self) -> dict[str, Any]:
         """The `--json` object."""
@@ -98,6 +123,7 @@ class Identification:
             },
             "nuisance": {n: {"value": v, "std": self.fit.std[n]} for n, v in self.fit.values.items() if "." in n},
             "rmse": as_summary(self.rmse),
+            "rmse_at_states": as_summary(self.rmse_at_states),
             "curve": [{"batch": p.batch, **p.rmse} for p in self.curve],
             "health": [finding.summary() for finding in self.health.findings],
             "rows": len(self.log),
@@ -118,7 +144,7 @@ def identify(
     """Identify the tyre parameters of `vehicle` from `log`."""
     began = time.perf_counter()
     progress("log health", 0.0)
-    health = examine(log, vehicle, options.keep)
+    health = examine_on_its_road(log, vehicle, options.keep)
     task = _Task(health.log, vehicle, tyre_prior, options, _formulation(options), progress)
     fitted, task, health = _fit_and_repair(task, health)
     progress("held-out error", 0.9)
@@ -140,6 +166,7 @@ def identify(
         fit=fitted.fit,
         initial={p.name: p.prior for p in fitted.columns.model.tyre_table},
         rmse=scores,
+        rmse_at_states=score_at_states(columns, theta, held_out),
         curve=fitted.curve,
         identifiability=known,
         rollouts=rollouts,
@@ -148,13 +175,24 @@ def identify(
     )
 
 
-def score_log(result: Identification, log: DriveLog) -> Scores:
+def score_log(result: Identification, log: DriveLog) -> LogScore:
     """Scores of the whole of another `log`, repaired by its own log health and by the steering lag of `result`."""
     options = result.options
-    repaired = without_lag(examine(log, result.vehicle, options.keep).log, result.health.findings)
+    repaired = without_lag(examine_on_its_road(log, result.vehicle, options.keep).log, result.health.findings)
     columns, theta, samples = result.columns, result.fit.theta, prepare(repaired)
     rollouts = simulations(columns, theta, repaired, samples, options.window_s)
-    return score_samples(columns, theta, samples, rollouts if result.formulation == "output_error" else None)
+    return LogScore(
+        score_samples(columns, theta, samples, rollouts if result.formulation == "output_error" else None),
+        score_at_states(columns, theta, samples),
+        _grip(result, samples).over(result.own_grip),
+    )
+
+
+def _grip(result: Identification, samples: Samples) -> Grip:
+    """Grip of a log's samples over that of the parameters of `result`, where they slip as much as in its own log."""
+    axles = result.identifiability.axles
+    sliding = slides(samples, result.vehicle, (axles[0].slip_99, axles[-1].slip_99))
+    return grip_of(result.columns, samples.select(sliding), result.fit.theta)
 
 
 @dataclass(frozen=True)
@@ -220,6 +258,8 @@ def _columns(task: _Task, health: HealthReport) -> ModelColumns:
         nuisances.append(steer_zero())
     if task.formulation == "output_error" and health.vy_is_displaced:
         nuisances.append(vy_sensor())
+    if KNOWN_BANK in task.log:
+        nuisances += [known_bank(), downforce()]
     if task.formulation == "output_error" and health.yaw_rate_was_moved:
         nuisances.append(yaw_rate_timing())
     return ModelColumns(SingleTrack(task.vehicle, options.layout, tuple(nuisances), task.prior))

@@ -19,8 +19,8 @@ __all__ = ["Action", "Finding", "HealthReport", "examine"]
 FINDERS: tuple[Callable[[DriveLog, Vehicle], list[Finding]], ...] = (
     sampling.find,
     units.find,
-    acceleration.find,
     offsets.find,
+    acceleration.find,
     lateral_velocity.find,
     steering.find,
     wheels.find,
@@ -55,9 +55,15 @@ class HealthReport:
 
     @property
     def doubtful(self) -> tuple[str, ...]:
-        """Channels not to be explained by effects: repaired too coarsely for it, or found to be useless."""
+        """Channels not to be explained by effects: repaired too coarsely for it, or found to be useless.
+
+        Of vy and yaw rate neither tells the slip without the other, unless a lateral accelerometer stands in for it.
+        """
         useless = tuple(f.channel for f in self.findings if f.action is Action.EXCLUDED and f.repair is None)
-        return ("vy",) * self.vy_is_displaced + ("yaw_rate",) * self.yaw_rate_was_moved + useless
+        displaced, moved = self.vy_is_displaced, self.yaw_rate_was_moved
+        if "ay" in self.log.derived:
+            return ("vy", "yaw_rate") * (displaced or moved) + useless
+        return ("vy",) * displaced + ("yaw_rate",) * (moved and not displaced) + useless
 
     def repaired(self, finding: Finding) -> HealthReport:
         """This report with one more finding and its repair, for what only a fit can find; sizes of one name add up."""

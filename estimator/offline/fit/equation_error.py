@@ -127,20 +127,21 @@ def rmse(columns: ModelColumns, samples: Samples, theta: Array, channels: Sequen
 
 
 def _covariance(information: Array, scatter: Array, blocks: int, problem: Problem, free: NDArray[np.bool_]) -> Array:
-    """Covariance (p, p), SI, of the free parameters; one that ended on its bound is as uncertain as its prior.
+    """Covariance (p, p), SI, as if there were no bounds; one that ended on its bound is as uncertain as its prior.
 
+    What was held on its bound is not known there: with it held, the others would look surer than they are.
     With many blocks, or strongly correlated residuals, it is the sandwich, enlarged for the parameters that the blocks
     were fitted with. With few blocks, whose scatter is itself uncertain, and nearly white residuals it tends to the
     inverse information times their average inflation.
     """
-    kept = np.ix_(free, free)
-    bread = np.linalg.pinv((information + problem.precision)[kept], hermitian=True)
-    meat = (scatter + problem.precision)[kept]
-    inflation = max(1.0, float(np.trace(bread @ meat)) / max(int(free.sum()), 1))
+    bread = np.linalg.pinv(information + problem.precision, hermitian=True)
+    meat = scatter + problem.precision
+    inflation = max(1.0, float(np.trace(bread @ meat)) / problem.size)
     few = blocks / max(blocks - problem.size, 1)
     share = blocks / (blocks + BLOCKS_PER_PARAMETER * problem.size) if inflation < NEARLY_WHITE else 1.0
-    scaled = np.eye(problem.size)
-    scaled[kept] = share * few * bread @ meat @ bread + (1.0 - share) * inflation * bread
+    scaled = share * few * bread @ meat @ bread + (1.0 - share) * inflation * bread
+    held = np.flatnonzero(~free)
+    scaled[held, held] = np.maximum(scaled[held, held], 1.0)
     return np.asarray(scaled * np.outer(problem.scale, problem.scale))
 
 

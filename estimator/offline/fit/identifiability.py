@@ -181,8 +181,9 @@ def _on(axle: Axle, name: str) -> bool:
 
 
 def _at_bounds(fit: Fit) -> list[str]:
-    stuck = [f"{name} = {fit.values[name]:.4g} ended on its bound" for name in fit.at_bound if "." not in name]
-    far = [f"{name} = {fit.values[name]:.4g} is too far from its prior to be believed" for name in _implausible(fit)]
+    text = "{} = {:.4g} {}: it is not exported"
+    stuck = [text.format(n, fit.values[n], "ended on its bound") for n in fit.at_bound if "." not in n]
+    far = [text.format(n, fit.values[n], "is too far from its prior to be believed") for n in _implausible(fit)]
     return stuck + far
 
 

@@ -83,7 +83,7 @@ class Normal:
             data = np.einsum("clij,c->ij", self.hessian[:, own], 1 / variance, optimize=True)
             pull = np.einsum("cli,c->i", self.gradient[:, own], 1 / variance)
             precision = data + self.prior
-            found.append((_solve(precision, pull + self.prior_pull), np.linalg.pinv(precision, hermitian=True)))
+            found.append((_solve(precision, pull + self.prior_pull), inverse(precision)))
         return found
 
     def held_out(self, variance: Array) -> Array:
@@ -92,6 +92,13 @@ class Normal:
         steps = _solve(self.precision(variance) - own, self.pull(variance) - pulls.T)
         along = (self.hessian @ steps[:, :, None])[..., 0] - 2.0 * self.gradient
         return np.asarray(np.maximum(self.squares + (along * steps).sum(axis=2), 0.0))
+
+
+def inverse(precision: Array) -> Array:
+    """Covariance (p, p) of a precision, each parameter in units of its own: forces and slips differ by 1e8."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(precision), TINY))
+    scaled = np.linalg.pinv(precision * np.outer(scale, scale), hermitian=True)
+    return np.asarray(scaled * np.outer(scale, scale), np.float64)
 
 
 def _solve(precision: Array, pull: Array) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.offline.fit.normal import Normal, accumulate
+from estimator.offline.fit.normal import Normal, accumulate, inverse
 from estimator.offline.fit.steps import Coordinates
 from estimator.offline.predict.linearised import Linearised, linearised
 from estimator.offline.predict.predict import Predictor
@@ -44,7 +44,7 @@ class Fit:
     @property
     def covariance(self) -> Array:
         """(p, p) of the parameters, as if residuals were white."""
-        return np.asarray(np.linalg.pinv(self.normal.precision(self.normal.variance), hermitian=True), np.float64)
+        return inverse(self.normal.precision(self.normal.variance))
 
     @property
     def slow_variance(self) -> Array:

@@ -8,16 +8,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import casadi as ca
+
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
+from estimator.offline.record.road_load import bank_load
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
 
 STEER_TIMING = "steer_timing"
 STEER_ZERO = "steer_offset"
 VY_SENSOR = "vy_sensor"
 YAW_RATE_TIMING = "yaw_rate_timing"
+KNOWN_BANK = "known_bank"
+DOWNFORCE = "aero_downforce"
 
 
 def _delayed(terms: Terms, tau: Expr) -> None:
@@ -46,8 +52,18 @@ def steer_timing(step: float) -> Effect:
 
 def steer_zero() -> Effect:
     """Offset of the reported angle, rad: a steering that reads zero a degree off bends one side's tyre curve."""
-    effect = catalogue()[STEER_ZERO]
-    return replace(effect, parameters=tuple(replace(p, name=f"{STEER_ZERO}.{p.name}") for p in effect.parameters))
+    return _along(STEER_ZERO)
+
+
+def downforce() -> Effect:
+    """Axle loads by the air, for steep banks: there cars are so fast that it is half of their weight."""
+    return _along(DOWNFORCE)
+
+
+def _along(name: str) -> Effect:
+    """An effect of the catalogue with parameters named `effect.parameter`."""
+    effect = catalogue()[name]
+    return replace(effect, parameters=tuple(replace(p, name=f"{name}.{p.name}") for p in effect.parameters))
 
 
 def vy_sensor() -> Effect:
@@ -77,6 +93,28 @@ def yaw_rate_timing() -> Effect:
         parameters=(Parameter(f"{YAW_RATE_TIMING}.tau", "s", 0.0, 0.05, -0.2, 0.2, "delay"),),
         channels=(),
         hooks={},
+    )
+
+
+def _banked(terms: Terms, share: Expr) -> None:
+    terms.bank = terms.aux[KNOWN_BANK]
+
+
+def _pulled(terms: Terms, share: Expr) -> None:
+    terms.gravity_y = terms.gravity_y - GRAVITY * ca.sin(terms.bank)
+
+
+def known_bank() -> Effect:
+    """Bank that the log shows before any tyre is fitted: gravity across the car, and so much of the axle loads."""
+    return Effect(
+        name=KNOWN_BANK,
+        lacks="the road is level across the car",
+        equation="d/dt vy + vx w - ay = -g sin(bank), axle loads as in `road_load`",
+        source="Rajamani, Vehicle Dynamics and Control, eq. 2.40",
+        parameters=(Parameter(f"{KNOWN_BANK}.share", "1", 1.0, 0.25, 0.0, 1.2, "of the load that the bank adds"),),
+        channels=("ay", "yaw_acc", "vy_dot"),
+        hooks={"INPUT": _banked, "LOAD": bank_load, "MOTION": _pulled},
+        needs=(KNOWN_BANK,),
     )
 
 

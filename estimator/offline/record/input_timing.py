@@ -1,11 +1,13 @@
-"""Sampling time of the reported inputs: a logger holds or averages them, which shifts them by less than a sample.
+"""What is not known of the inputs of a log: always fitted and never named.
 
-Always fitted and never named: a delay is an effect only when it exceeds what sampling explains.
+When they were sampled: a logger holds or averages them, which shifts them by less than a sample; a delay is an effect
+only when it exceeds that. And what a drive that was derived from pedals means: where the throttle begins to push, and
+what the brake does in units of the throttle.
 """
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect
+from estimator.model.effects.base import Effect, smooth_negative_part
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
@@ -38,3 +40,37 @@ def sampling_effects(step: float, delays: frozenset[str]) -> tuple[Effect, ...]:
         for name, hook in SAMPLED.items()
         if name not in delays
     )
+
+
+PEDALS = "pedals"
+
+
+def _pedals(terms: Terms, zero: Expr, brake: Expr) -> None:
+    pressed = smooth_negative_part(terms.drive, NEAR_ZERO)
+    terms.drive = terms.drive - zero + (brake - 1.0) * pressed
+
+
+NEAR_ZERO = 1e-3
+"""drive command below which throttle passes into brake"""
+
+
+def pedal_effects(pedals: bool) -> tuple[Effect, ...]:
+    """Zero of the throttle and scale of the brake, where `pedals` is what the drive was derived from.
+
+    The zero is a constant force, as rolling resistance is: each is only as sure as the other is known.
+    """
+    if not pedals:
+        return ()
+    effect = Effect(
+        name=PEDALS,
+        lacks="zero and scales of the pedals",
+        equation="d = d_throttle - d_0 + k d_brake",
+        source="definition of a drive that is derived from pedals (`estimator.drive_log.derived`)",
+        parameters=(
+            Parameter("zero", "1", 0.0, 0.005, -0.03, 0.03, "drive at which the engine neither drives nor drags"),
+            Parameter("brake", "1", 1.0, 0.5, 0.05, 5.0, "scale of the brake over that of the throttle"),
+        ),
+        channels=(),
+        hooks={"INPUT": _pedals},
+    )
+    return (effect,)

@@ -34,7 +34,7 @@ class Samples:
     """Samples for a fit: n rows, SI.
 
     Attributes:
-        inputs: (5 + 10, n) smoothed `SIGNALS`, then `AUXILIARY` signals (neutral 0 where the log has none).
+        inputs: (n_inputs, n) smoothed `SIGNALS`, then `AUXILIARY` signals (neutral 0 where the log has none).
         channels: (5, n) measured `CHANNELS`.
         noise: (5,) standard deviation of the noise in each channel, the floor no model can pass.
         state_error: standard deviation left in vx, vy, yaw_rate after smoothing.
@@ -167,7 +167,7 @@ def spinning(log: DriveLog) -> NDArray[np.bool_]:
 
 
 def _auxiliary_of(log: DriveLog) -> dict[str, Array]:
-    names = ("yaw", "throttle", "brake", "brake_balance", "gear", "engine_speed", "ax", "t")
+    names = ("yaw", "throttle", "brake", "brake_balance", "gear", "engine_speed", "ax", "t", "known_bank")
     return {name: brake_share(log[name]) if name == "brake" else log[name] for name in names if name in log}
 
 

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.drive_log.derived import brake_share
+from estimator.drive_log.derived import OF_PEDALS, brake_share
 from estimator.drive_log.smoothing import Smoothed, wiener
 from estimator.drive_log.table import DriveLog
 from estimator.model.basis import Basis, make_basis
@@ -48,10 +48,14 @@ MEASURED = ("ax", "ay", "yaw_rate", "vx", "vy")
 
 @dataclass(frozen=True)
 class RoadProfile:
-    """A bank or grade (rad) as the prior of its effect: (n,) coefficients over the lap, (n, n) precision."""
+    """A bank or grade (rad) as the prior of its effect: (n,) coefficients over the lap, (n, n) precision.
+
+    `confidence` is the probability, by laps left out in turn, that it predicts one more lap better than a level road.
+    """
 
     coefficients: Array
     precision: Array
+    confidence: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,7 @@ class Record:
         rows: (windows, blocks, q) rows of each block of each window.
         lap: (windows,) number of the lap, or of any other group that is held out together, consecutive from 0.
         lap_length: m; 0 where there is no track position.
+        pedals: whether the drive was derived from throttle and brake, whose zero and scales nobody measured.
         road: what kinematics say of `road_bank` and `road_grade`; empty where there is none or it is not known.
     """
 
@@ -84,6 +89,7 @@ class Record:
     extra: tuple[str, ...] = ()
     bases: Mapping[str, Basis] = field(default_factory=dict)
     road: Mapping[str, RoadProfile] = field(default_factory=dict)
+    pedals: bool = False
 
     @property
     def windows(self) -> int:
@@ -181,6 +187,7 @@ def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = (
         vehicle,
         tuple(name for name in log.extra if name not in distrusted),
         bases,
+        pedals=OF_PEDALS in log.derived.get("drive", ""),
     )
 
 

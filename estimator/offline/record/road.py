@@ -3,18 +3,20 @@
 For any tyre, d/dt vy + vx omega - ay = -g sin(bank) and d/dt vx - vy omega - ax = -g sin(grade): gravity moves the car
 and is not felt. What the sensors add (offset, roll and turn of the accelerometer, its place, errors of speed and yaw
 rate) follows the motion; what the road adds repeats over track position, at any speed. Both are fitted together, and a
-road is there where it predicts laps that it was not fitted to.
+road is there where it predicts laps that it was not fitted to. Where no accelerometer tells, the roll of the body does
+(`roll`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimator.model.basis import Basis
 from estimator.offline.record.record import Record, RoadProfile
+from estimator.offline.record.roll import ROLL_PRIORS, ROLL_STRAIGHT, bank_by_roll, no_surer_than_roll
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array, Ints
 
@@ -59,10 +61,23 @@ def find_road(record: Record) -> dict[str, RoadProfile]:
     found = {}
     for name, signals, make in (("road_bank", (1, 4), _lateral), ("road_grade", (0, 3), _longitudinal)):
         if record.used[list(signals)].all():
-            profile = _profile(record, make(record), name == "road_grade")
+            profile = _profile(record, make(record), None if name == "road_grade" else STRAIGHT_BANK)
             if profile is not None:
                 found[name] = profile
-    return found
+    told = record.used[[1, 4]].all()
+    rolled = None if told else _by_roll(record)
+    return found if rolled is None else {**found, "road_bank": rolled}
+
+
+def _by_roll(record: Record) -> RoadProfile | None:
+    """The bank that the body's roll shows, where it is logged."""
+    signals = bank_by_roll(record)
+    if signals is None:
+        return None
+    lean, felt = signals
+    kinematics = _Kinematics(lean, np.stack([np.ones_like(lean), felt], axis=-1), np.array(ROLL_PRIORS))
+    profile = _profile(record, kinematics, ROLL_STRAIGHT)
+    return None if profile is None else no_surer_than_roll(profile)
 
 
 def _lateral(record: Record) -> _Kinematics:
@@ -85,32 +100,43 @@ def _kinematics(y: Array, columns: tuple[Array, ...]) -> _Kinematics:
     return _Kinematics(y, np.stack([np.ones_like(y), *columns], axis=-1), np.array(list(SENSORS.values())))
 
 
-def _profile(record: Record, kinematics: _Kinematics, closed: bool) -> RoadProfile | None:
-    """The road's component, if laps left out in turn say that there is one."""
+def _profile(record: Record, kinematics: _Kinematics, straight: float | None) -> RoadProfile | None:
+    """The road's component, if laps left out in turn say that there is one.
+
+    `straight`: how far from level its straights may be, rad; None for a grade, which adds up to nothing over a lap.
+    """
     basis = record.bases["track_position"]
     position = record.thin(record.signals["track_position"])
     B = basis.matrix(position.ravel())
-    prior = basis.precision(GRAVITY * PRIOR_STD) + _level(record, basis, position, closed)
+    prior = basis.precision(GRAVITY * PRIOR_STD) + _level(record, basis, position, straight)
     with_road = _Regression.make(kinematics, B, prior, record.lap)
     without = _Regression.make(kinematics, B[:, :0], prior[:0, :0], record.lap)
     before, after = without.held_out(), with_road.held_out()
     gain = 0.5 * np.log(before.sum() / after.sum())
     if gain < LEAST_GAIN or np.mean(after < before) < LEAST_GAINING:
         return None
-    profile = _as_angle(with_road, basis)
+    profile = replace(_as_angle(with_road, basis), confidence=_confidence(before - after))
     return profile if 0.5 * np.ptp(profile.coefficients) > LEAST_ANGLE else None
 
 
-def _level(record: Record, basis: Basis, position: Array, closed: bool) -> Array:
+def _confidence(gains: Array) -> float:
+    """Student t over laps."""
+    from scipy.special import stdtr
+
+    spread = float(gains.std(ddof=1)) / np.sqrt(len(gains))
+    return min(0.999, float(stdtr(len(gains) - 1, float(gains.mean()) / max(spread, 1e-9))))
+
+
+def _level(record: Record, basis: Basis, position: Array, straight_std: float | None) -> Array:
     """Precision of the profile's mean: a lap's grade adds up to nothing, the straights lie about level on average."""
-    if closed:
+    if straight_std is None:
         mean = basis.matrix(np.linspace(0.0, basis.period, 4 * basis.size, endpoint=False)).mean(axis=0)
         return np.outer(mean, mean) / (GRAVITY * CLOSED) ** 2
     vx, _, rate = record.state_means
     curvature = np.abs(rate / np.maximum(vx, 1.0))
     straight = curvature < STRAIGHT_SHARE * np.quantile(curvature, 0.95)
     mean = basis.matrix(position[straight]).mean(axis=0)
-    return np.outer(mean, mean) / (GRAVITY * STRAIGHT_BANK) ** 2
+    return np.outer(mean, mean) / (GRAVITY * straight_std) ** 2
 
 
 @dataclass(frozen=True)

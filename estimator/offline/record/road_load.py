@@ -16,7 +16,8 @@ from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
 
 
-def _load(terms: Terms, share: Expr) -> None:
+def bank_load(terms: Terms, share: Expr) -> None:
+    """Loads of both axles with what the bank `terms.bank` adds, times `share`."""
     across = terms.vx * terms.yaw_rate * ca.tan(terms.bank)
     change = share * (ca.cos(terms.bank) - 1.0 - across / GRAVITY)
     terms.load_f = terms.load_f + terms.vehicle.static_load_front * change
@@ -30,7 +31,7 @@ ROAD_LOAD = Effect(
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 9 (banking)",
     parameters=(Parameter("share", "1", 1.0, 0.5, 0.0, 1.2, "of the load that the bank adds"),),
     channels=(),
-    hooks={"LOAD": _load},
+    hooks={"LOAD": bank_load},
 )
 
 

@@ -13,7 +13,13 @@ from estimator.model.effects import catalogue
 from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis, alternatives
 from estimator.offline.report.page import COLOURS, Report, Tone, new_figure, plot_style
-from estimator.offline.report.words import CHANNEL_NAMES, NAMES, UNITS, parameter_words, verdict_sentence
+from estimator.offline.report.words import (
+    CHANNEL_NAMES,
+    NAMES,
+    UNITS,
+    parameter_words,
+    verdict_sentence,
+)
 from estimator.offline.result.diagnosis_score import channel_residuals
 from hil_gateway.car.tyre_names import label
 from hil_gateway.process.arrays import Array
@@ -195,5 +201,5 @@ def _provenance(report: Report, diagnosis: Diagnosis, summary: dict[str, Any], l
     report.items([
         f"learnt from: {spans['train']}", f"scored on: {spans['test']}", summary["split"]["note"],
         f"rows: {summary['rows']:,}; channels: {', '.join(CHANNELS)}", f"model revision {summary['revision']}",
-        *summary.get("health", ()), *log.notes, *files,
+        *summary.get("health", ()), *([summary["lateral"]] if "lateral" in summary else []), *log.notes, *files,
     ])  # fmt: skip

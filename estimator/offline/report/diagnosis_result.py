@@ -64,7 +64,7 @@ def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
                 "name": id_of(name),
                 "form": name,
                 "parameters": sizes_of(diagnosis, blocks[name], std),
-                "confidence": _confidence(diagnosis.gains[name]),
+                "confidence": _confidence_in(diagnosis, name),
                 "channels": list(blocks[name].effect.channels),
                 "share_of_residual": shares[name],
                 "alternatives": _alternatives(diagnosis, name),
@@ -147,6 +147,13 @@ def _profile_parameters(diagnosis: Diagnosis, block: Block) -> dict[str, dict[st
         "largest": float(value.max()), "smallest": float(value.min()),
     }  # fmt: skip
     return {name: {"value": size, "std": error, "unit": unit, "determined": True} for name, size in sizes.items()}
+
+
+def _confidence_in(diagnosis: Diagnosis, name: str) -> float:
+    """By the evidence of the fits; of a road that only its own sensor shows, by that sensor's laps."""
+    if not np.any(diagnosis.gains[name].laps) and name in diagnosis.fit.predictor.record.road:
+        return round(diagnosis.fit.predictor.record.road[name].confidence, 4)
+    return _confidence(diagnosis.gains[name])
 
 
 def _confidence(evidence: Evidence) -> float:

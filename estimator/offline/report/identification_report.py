@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from estimator.offline.identification import Identification
 from estimator.offline.report import plots
 from estimator.offline.report.page import Report, plot_style
+from estimator.offline.result.identification_score import LogScore, Scores
 from hil_gateway.car.tyre_names import label
+from hil_gateway.process.figures import figure
 
 UNITS = {"ax": "m/s2", "ay": "m/s2", "yaw_acc": "rad/s2", "vy": "m/s", "yaw_rate": "rad/s"}
 
@@ -15,13 +18,14 @@ WORSE = 1.01
 """an error that has grown by more than this is said"""
 
 
-def write_report(result: Identification, path: Path) -> Path:
-    """Write the page of `result` and return its path."""
+def write_report(result: Identification, scores: Mapping[str, LogScore], path: Path) -> Path:
+    """Write the page of `result`, with its `scores` on other logs by their path, and return its path."""
     report = Report("Tyre identification", _subtitle(result))
     with plot_style():
         _headline(report, result)
         _parameters(report, result)
         _predictions(report, result)
+        _other_logs(report, scores)
         _what_is_known(report, result)
         _health(report, result)
     _provenance(report, result)
@@ -73,10 +77,10 @@ def _parameters(report: Report, result: Identification) -> None:
         rows.append([label(name), f"{initial:.5g}", f"{final:.5g}", change, f"{std:.2g}", known])
     report.table(["Parameter", "Initial", "Final", "Change", "Std", "Identified"], rows)
     report.figure(plots.tyre_curves(result), _CURVES)
-    extra = {n: v for n, v in result.fit.values.items() if n not in result.initial}
+    extra = {p.name: p.unit for p in result.fit.parameters if p.name not in result.initial}
     report.table(
-        ["Estimated along with them", "Value", "Std"],
-        [[label(n), f"{v:.4g}", f"{result.fit.std[n]:.2g}"] for n, v in extra.items()],
+        ["Estimated along with them", "Unit", "Value", "Std"],
+        [[label(n), unit, f"{result.fit.values[n]:.4g}", f"{result.fit.std[n]:.2g}"] for n, unit in extra.items()],
     )
 
 
@@ -97,6 +101,42 @@ def _predictions(report: Report, result: Identification) -> None:
     )
 
 
+def score_lines(result: Identification, scores: Mapping[str, LogScore]) -> list[str]:
+    """Every error before and after, simulated and at the measured states, and the grip of the logs scored."""
+    lines = [*_lines("held-out", result.rmse), *_at_states("held-out", result.rmse, result.rmse_at_states)]
+    for path, one in scores.items():
+        name = Path(path).name
+        lines += [*_lines(name, one.rmse), *_at_states(name, one.rmse, one.at_states)]
+        lines.append(f"{name}: {one.grip.words}")
+    return lines
+
+
+def _lines(what: str, rmse: Scores) -> list[str]:
+    return [f"{what} RMSE {c:9s} {figure(before)} -> {figure(after, UNITS[c])}" for c, (before, after) in rmse.items()]
+
+
+def _at_states(what: str, rmse: Scores, at_states: Scores) -> list[str]:
+    """The errors at measured states where those in `rmse` are simulated."""
+    return _lines(f"{what}, at measured states,", {c: v for c, v in at_states.items() if v != rmse[c]})
+
+
+def _other_logs(report: Report, scores: Mapping[str, LogScore]) -> None:
+    if not scores:
+        return
+    report.section(
+        "Scored on other logs",
+        "Simulated: from the state at the start of each window. At measured states: the forces alone, m/s2 and rad/s2.",
+    )
+    rows = []
+    for path, one in scores.items():
+        for channel, (before, after) in one.rmse.items():
+            there = one.at_states.get(channel)
+            at_states = "" if there is None else f"{there[0]:.3g} to {there[1]:.3g}"
+            rows.append([Path(path).name, f"{channel}, {UNITS[channel]}", f"{before:.3g} to {after:.3g}", at_states])
+    report.table(["Log", "Channel", "RMSE before to after", "At measured states"], rows)
+    report.items([f"{Path(path).name}: {one.grip.words}" for path, one in scores.items()])
+
+
 def _what_is_known(report: Report, result: Identification) -> None:
     known = result.identifiability
     report.section("What the data tells and what not", "Fisher information of the scaled tyre parameters, Eq. 6 and 7.")
@@ -115,7 +155,7 @@ def _health(report: Report, result: Identification) -> None:
         report.text("Nothing was found.")
         return
     rows = [
-        [f.name, f.description, f"{f.size:.3g} {f.unit}", f"{f.confidence:.2f}", str(f.action)]
+        [f.name, f.description, figure(f.size, f.unit, 3), f"{f.confidence:.2f}", str(f.action)]
         for f in result.health.findings
     ]
     report.table(["Finding", "What", "Size", "Confidence", "Action"], rows, "Switch one off with --keep NAME.")

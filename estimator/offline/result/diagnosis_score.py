@@ -73,7 +73,7 @@ def channel_residuals(
     parts: dict[str, list[tuple[Ints, Array]]] = {name: [] for name in CHANNELS}
     for run in stretches(rows, record.step):
         whole = replace(record, rows=run[None, :, None], lap=np.zeros(1, np.int64))
-        predicted = Predictor(model, whole).predict(parameters)[:, 0]
+        predicted = _as_derived(record, run, Predictor(model, whole).predict(parameters)[:, 0])
         for c, name in enumerate(CHANNELS):
             if c in DIFFERENTIATED:
                 measured = np.convolve(record.measured[DIFFERENTIATED[c], run], slope, "valid")
@@ -84,6 +84,16 @@ def channel_residuals(
         name: (np.concatenate([r for r, _ in runs]), np.concatenate([v for _, v in runs]))
         for name, runs in parts.items()
     }
+
+
+def _as_derived(record: Record, rows: Ints, predicted: Array) -> Array:
+    """Predictions (5, n) with those of ax and ay as a log has them that derives them from velocities.
+
+    What is derived has gravity in it, which no accelerometer feels.
+    """
+    vx, vy, rate = (record.signals[name][rows] for name in ("vx", "vy", "yaw_rate"))
+    kinematic = {0: predicted[3] - vy * rate, 1: predicted[4] + vx * rate}
+    return np.stack([kinematic[c] if c in kinematic and not record.used[c] else row for c, row in enumerate(predicted)])
 
 
 def noise_floor(record: Record, rows: Ints, model: SingleTrack, parameters: Array) -> dict[str, float]:

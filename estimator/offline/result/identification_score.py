@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import ModelColumns
 from estimator.offline.fit.equation_error import rmse
 from estimator.offline.predict.rollout import Rollout, roll_out
 from estimator.offline.predict.simulate import OUTPUTS
 from estimator.offline.record.prepare import Samples
+from estimator.offline.result.grip import Grip
 from hil_gateway.process.arrays import Array
 
 Scores = dict[str, tuple[float, float]]
@@ -27,13 +30,27 @@ def simulations(
 def score_samples(
     columns: ModelColumns, theta: Array, samples: Samples, rollouts: tuple[Rollout, Rollout] | None
 ) -> Scores:
-    """Scores at the smoothed states, and along `rollouts` for what a simulation predicts."""
-    before, after = (rmse(columns, samples, one, ALGEBRAIC_CHANNELS) for one in (columns.start, theta))
-    scores = {c: (before[c], after[c]) for c in ALGEBRAIC_CHANNELS}
+    """Scores along `rollouts` for what a simulation predicts, at the smoothed states for the rest, or where none is."""
+    scores = score_at_states(columns, theta, samples)
     if rollouts is not None:
         first, second = (r.rmse for r in rollouts)
         scores |= {c: (first[c], second[c]) for c in OUTPUTS}
     return scores
+
+
+def score_at_states(columns: ModelColumns, theta: Array, samples: Samples) -> Scores:
+    """Scores at the smoothed states as measured: what the forces are off by, wherever a simulation would drift."""
+    before, after = (rmse(columns, samples, one, ALGEBRAIC_CHANNELS) for one in (columns.start, theta))
+    return {c: (before[c], after[c]) for c in ALGEBRAIC_CHANNELS}
+
+
+@dataclass(frozen=True)
+class LogScore:
+    """What a result makes of another log: scores, those at its measured states, and its grip against that learnt."""
+
+    rmse: Scores
+    at_states: Scores
+    grip: Grip
 
 
 def as_summary(scores: Scores) -> dict[str, dict[str, float]]:

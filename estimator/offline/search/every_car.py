@@ -38,20 +38,30 @@ def on_every_car_with(accepted: Sequence[str]) -> list[str]:
 def with_every_car(setting: Setting, accepted: Sequence[str], current: Fit) -> tuple[list[str], Fit]:
     """The accepted effects with all that every car has, as far as each earns its place beside the others.
 
-    What does not is dropped one by one, the least first, by the evidence of the fit's quadratic. A last one to be added
-    is left to the rounds of the search, which try each alone.
+    What does not is dropped one by one. The quadratic of the fit says which comes next, and the fit without it whether
+    it goes: what stands in for another once that is gone, the quadratic does not know. A last one to be added is left
+    to the rounds of the search, which try each alone.
     """
     added, fit = fitted_together(setting, accepted, current)
-    kept = list(accepted)
+    kept, sure = list(accepted), {*setting.found_road}
     while len(added) > 1:
-        gains = {name: gain_beside_others(fit, name) for name in (*kept, *added) if name not in setting.found_road}
+        names = [*kept, *added]
+        gains = {name: gain_beside_others(fit, name) for name in names if name not in sure}
         weak = [n for n in gains if not _earned(Trial(n, gains[n], fit), setting, n in added)]
         if not weak:
-            return [*kept, *added], fit
+            return names, fit
         least = min(weak, key=lambda n: gains[n].gain)
+        without = fit_names(setting, [n for n in names if n != least], fit)
+        if _earned(Trial(least, _gain(without, fit), fit), setting, least in added):
+            sure.add(least)
+            continue
         (added if least in added else kept).remove(least)
-        fit = fit_names(setting, [*kept, *added], fit)
+        fit = without
     return list(accepted), current
+
+
+def _gain(before: Fit, after: Fit) -> Evidence:
+    return compare(before.held_out(), after.held_out(), after.normal.count)
 
 
 def _earned(trial: Trial, setting: Setting, new: bool) -> bool:
@@ -64,7 +74,7 @@ def _earned(trial: Trial, setting: Setting, new: bool) -> bool:
 def fitted_together(setting: Setting, accepted: Sequence[str], current: Fit) -> tuple[list[str], Fit]:
     """All that every car has and the model lacks, fitted beside the accepted; of its forms those that explain most."""
     tried = [(added, fit_names(setting, [*accepted, *added], current)) for added in on_every_car(setting, accepted)]
-    return max(tried, key=lambda one: compare(current.held_out(), one[1].held_out(), current.normal.count).gain)
+    return max(tried, key=lambda one: _gain(current, one[1]).gain)
 
 
 def on_every_car(setting: Setting, accepted: Sequence[str]) -> list[list[str]]:

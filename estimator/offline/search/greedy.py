@@ -258,7 +258,7 @@ def recheck(
     """Drop, one by one, what does not earn its place given the others, or what leaves others no plausible size."""
     while True:
         checked = check_each(setting, accepted, current, progress)
-        idle = [n for n in accepted if not stays(checked.gains[n], setting)]
+        idle = [n for n in accepted if n not in setting.measured_road and not stays(checked.gains[n], setting)]
         doubted = [n for n in accepted if not believed(current, n)]
         if not idle and not doubted:
             return accepted, current, checked

@@ -194,6 +194,7 @@ def _drop_stand_ins(
         gains = check_each(setting, kept, fit, progress, ", with the empirical term").gains
         earning = [gains[n].gain > 1.0 if n in own else earns_its_place(gains[n], setting, 0.0) for n in kept]
         weak = [n for n, earns in zip(kept, earning, strict=True) if not earns or not believed(fit, n)]
+        weak = [n for n in weak if n not in setting.measured_road]
         if not weak:
             return gains, fit
         kept.remove(min(weak, key=lambda n: gains[n].gain))

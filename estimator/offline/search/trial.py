@@ -15,7 +15,7 @@ from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.prediction_error import CONVERGED, MAX_ITERATIONS, Fit, fit
 from estimator.offline.predict.predict import Predictor
-from estimator.offline.record.input_timing import sampling_effects
+from estimator.offline.record.input_timing import pedal_effects, sampling_effects
 from estimator.offline.record.noise import MOTION_ROWS, Noise
 from estimator.offline.record.record import Record
 from estimator.offline.record.road_load import road_load
@@ -71,13 +71,19 @@ class Setting:
         effects = tuple(e for e in all_candidates().values() if e.name in names)
         there = frozenset(names) | self.active_names
         sampling = sampling_effects(self.record.step, there)
-        always = self.extra + sampling + road_load(there, self.record.signals)
+        always = self.extra + sampling + pedal_effects(self.record.pedals) + road_load(there, self.record.signals)
         return SingleTrack(self.record.vehicle, self.layout, self.active + effects + always, self.prior, self.tyre_std)
 
     @property
     def found_road(self) -> tuple[str, ...]:
         """Bank and grade that the laps show and no map declares, by name."""
         return tuple(sorted(set(self.record.road) - self.active_names))
+
+    @property
+    def measured_road(self) -> tuple[str, ...]:
+        """Found road that only a sensor of its own shows: no channel of the fit that it acts on is used."""
+        judged = {"road_bank": (1, 2, 4), "road_grade": (0, 3)}
+        return tuple(name for name in self.found_road if not self.record.used[list(judged[name])].any())
 
     @property
     def active_names(self) -> frozenset[str]:

@@ -78,6 +78,19 @@ def test_steering_that_does_not_read_zero_is_found(offset: float) -> None:
     assert np.array_equal(report.log["steer"], COLUMNS["steer"] + offset), "the fit allows for it, the log keeps it"
 
 
+def test_a_constant_circle_tells_no_steering_zero() -> None:
+    rng, n = np.random.default_rng(5), 6000
+    t, vx = 0.01 * np.arange(n), np.linspace(1.0, 2.5, n)
+    wave = 0.02 * np.sin(0.7 * t)
+    columns = {"t": t, "vx": vx + wave, "vy": 0.02 * vx, "yaw_rate": vx / 0.6 * (1 - 0.05 * vx) + wave,
+               "steer": np.full(n, 0.3) + 1e-4 * wave, "drive": wave}  # fmt: skip
+    columns |= {"ax": np.gradient(vx, t), "ay": columns["vx"] * columns["yaw_rate"]}
+    noisy = {name: c + 0.003 * rng.normal(size=n) * (name not in ("t", "steer")) for name, c in columns.items()}
+    found = {f.name: f for f in examine(DriveLog(noisy, np.zeros(n, np.int64)), Vehicle()).findings}
+    assert "offset_steer" not in found
+    assert "cannot be told" in found["unknown_zero_steer"].description
+
+
 def test_late_and_attenuated_acceleration_is_found_useless() -> None:
     useless = 0.4 * _late("ax", 1.2)
     finding = _only(_log(ax_logged=useless), "useless_ax_logged")

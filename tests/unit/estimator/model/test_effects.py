@@ -25,7 +25,7 @@ IDS = {
     "load_sensitivity", "combined_slip", "drive_saturation", "front_brake", "engine_braking", "steer_offset",
     "steer_scale", "steer_delay", "drive_delay", "tyre_relaxation", "grip_drift", "imu_misalignment",
     "imu_lever_arm", "imu_bias", "speed_scale", "wind", "yaw_damping", "turn_asymmetry",
-    "brake_pressure", "traction_loss", "traction_load", "total_slip", "gear_shift", "steer_play",
+    "brake_pressure", "traction_loss", "traction_load", "total_slip", "gear_shift", "steer_play", "limited_slip",
 }  # fmt: skip
 MIRROR_BREAKING = {
     "steer_offset", "imu_misalignment", "imu_lever_arm", "imu_bias", "wind", "turn_asymmetry", "road_bank",
@@ -58,6 +58,7 @@ SIGNS = {
     "brake_pressure": ((5000.0,), {}, "ax", -1),
     "traction_loss": ((0.8,), {}, "ax", 1),
     "total_slip": ((0.3, 0.8, 0.0), {}, "ay", -1),
+    "limited_slip": ((0.2, 6e4), {}, "yaw_acc", -1),
 }
 
 
@@ -70,7 +71,7 @@ def predict(effect: Effect | None, parameters: tuple[float, ...] = (), **signals
 
 BESIDE = {"load_sensitivity": (("load_transfer", 0.3),), "traction_load": (("load_transfer", 0.3),)}
 """effects (with one parameter) without which another does not show: loads must move"""
-VISIBLE = {"load_sensitivity": (0.3,), "traction_load": (1.0,)}
+VISIBLE = {"load_sensitivity": (0.3,), "traction_load": (1.0,), "limited_slip": (0.2, 6e4)}
 """a size that shows, where the start of a fit is the neutral value"""
 PAST = {
     "tyre_relaxation": {"relaxation_f": -0.004, "relaxation_r": -0.003},
@@ -221,6 +222,22 @@ def test_profile_is_periodic_and_the_same_in_numbers_and_symbols() -> None:
     np.testing.assert_allclose(numbers, [float(symbolic(v)) for v in s], atol=1e-12)
     np.testing.assert_allclose(numbers, profile_basis(s + 1700.0, 1700.0, 12) @ coefficients, atol=1e-12)
     np.testing.assert_allclose(profile_basis(s, 1700.0, 12).sum(axis=1), 1.0, atol=1e-12)
+
+
+def test_a_limited_slip_axle_is_locked_below_what_its_clutches_bear_and_slips_beyond() -> None:
+    effect, inertia = catalogue()["limited_slip"], VEHICLE.yaw_inertia
+    lever, stiffness, omega = 0.2, 6e4, 0.3
+
+    def moment(vx: float, drive: float) -> float:
+        state = LEFT_TURN | {"vx": vx, "yaw_rate": omega, "drive": drive}
+        with_it, without = predict(effect, (lever, stiffness), **state), predict(None, **state)
+        return (without["yaw_acc"] - with_it["yaw_acc"]) * inertia
+
+    force = 0.04 * next(p.prior for p in SingleTrack(VEHICLE, "per_axle").tyre_table if p.name == "cx")
+    assert moment(80.0, 0.15) == pytest.approx(stiffness * omega / 80.0, rel=0.03)
+    assert (
+        moment(5.0, 0.04) == pytest.approx(moment(5.0, -0.04)) == pytest.approx(lever * np.hypot(force, 1e3), rel=0.1)
+    )
 
 
 def test_the_documented_catalogue_is_the_one_in_the_code() -> None:

@@ -122,6 +122,43 @@ def test_result_is_scored_on_another_log(log_file: Path, tmp_path: Path) -> None
     assert scored["ay"]["final"] < 0.2 < scored["ay"]["initial"]
 
 
+def test_errors_of_another_log_are_told_simulated_and_at_measured_states(log_file: Path, tmp_path: Path) -> None:
+    arguments = [str(log_file), "--score", str(log_file), "--out", str(tmp_path)]
+    text = CliRunner().invoke(app, arguments).stdout
+    summary = json.loads((tmp_path / "identification.json").read_text())
+    for rmse, at_states in (
+        (summary["rmse"], summary["rmse_at_states"]),
+        (summary["scored"][str(log_file)], summary["scored_at_states"][str(log_file)]),
+    ):
+        assert rmse["ay"]["final"] != at_states["ay"]["final"]
+    assert "held-out RMSE ay" in text
+    assert "drive.csv, at measured states, RMSE ay" in text
+    page = (tmp_path / "report.html").read_text()
+    assert "Scored on other logs" in page
+    assert "<th>Unit</th>" in page, "of what is estimated along with the tyres"
+
+
+@pytest.mark.parametrize(("grip", "stiffness", "differs"), [(0.75, 1.0, True), (0.75, 0.75, True), (1.0, 1.0, False)])
+def test_another_floor_is_told_with_its_interval(
+    identified: Identification, grip: float, stiffness: float, differs: bool
+) -> None:
+    slippery = {n: v * {"d": grip, "b": stiffness / grip}.get(n[0], 1.0) for n, v in TYRE.items()}
+    columns = simulate([slippery], 60.0, seed=34)[0].columns
+    found = score_log(identified, DriveLog(dict(columns), np.zeros(len(columns["t"]), np.int64))).grip
+    assert found.differs == differs
+    assert found.factor == pytest.approx(grip, abs=0.06)
+    assert f"grip {found.factor:.2f} (95 %" in found.words
+
+
+def test_gentle_driving_tells_no_floor(identified: Identification) -> None:
+    columns = simulate([TYRE], 60.0, seed=35)[0].columns
+    slow = {**columns, "steer": 0.2 * columns["steer"], "ay": 0.2 * columns["ay"]}
+    slow |= {n: 0.2 * columns[n] for n in ("vy", "yaw_rate")}
+    found = score_log(identified, DriveLog(slow, np.zeros(len(columns["t"]), np.int64))).grip
+    assert "cannot be told" in found.words
+    assert found.summary()["factor"] is None
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -197,7 +234,12 @@ def test_model_car_is_predicted_better_with_steering_lag_and_separate_axles(meas
     found = {f.name: f.size for f in whole.health.findings}
     assert 0.03 < found["lag_steer"] < 0.07
     assert np.degrees(found["offset_steer"]) == pytest.approx(-0.6, abs=0.3)
-    ratios = [score_log(whole, log)["ay"][1] / score_log(plain, log)["ay"][1] for log in map(_read, others)]
+    assert not whole.identifiability.identifiable["br"]
+    assert "cr = 0.5 ended on its bound: it is not exported" in whole.identifiability.statements
+    assert whole.fit.std["br"] > 0.2 * whole.fit.values["br"]
+    circles = [score_log(whole, log).grip for log in map(_read, others)]
+    assert not any(grip.differs for grip in circles)
+    ratios = [score_log(whole, log).rmse["ay"][1] / score_log(plain, log).rmse["ay"][1] for log in map(_read, others)]
     assert float(np.mean(ratios)) < 0.75
     assert all(np.isfinite(list(whole.fit.std.values())))
 

@@ -11,9 +11,10 @@ from support.practice_drives import PRIOR, record_of
 
 from estimator.offline.diagnosis import alternatives
 from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.search import every_car
 from estimator.offline.search.acceptance import explains_more_than_is_left
 from estimator.offline.search.every_car import on_every_car
-from estimator.offline.search.evidence import compare
+from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import Greedy, check_each
 from estimator.offline.search.screening import open_candidates
 from estimator.offline.search.search import better, from_every_car, search
@@ -80,6 +81,22 @@ def test_what_every_car_has_is_found_together_where_part_of_it_shows(drives: dic
         assert {"load_transfer", "combined_slip"} <= set(state.names) or not complete
         assert set(state.names) <= set(drives["car"].effects)
         assert not state.complete(), "beside the same effects it is tried once"
+
+
+def test_what_the_quadratic_calls_idle_stays_where_the_fit_without_it_is_worse(
+    drives: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    setting = Setting(record_of(drives["car"]), "per_axle", PRIOR)
+    shown = ["aero_drag", "aero_downforce"]
+    current, by_quadratic = fit_names(setting, shown, None), every_car.gain_beside_others
+
+    def misjudged(fit: Fit, name: str) -> Evidence:
+        evidence = by_quadratic(fit, name)
+        return replace(evidence, gain=-1e6) if name == "load_transfer" else evidence
+
+    monkeypatch.setattr(every_car, "gain_beside_others", misjudged)
+    names, _ = every_car.with_every_car(setting, shown, current)
+    assert {"load_transfer", "combined_slip"} <= set(names) <= set(drives["car"].effects)
 
 
 def test_a_second_start_leaves_what_stands_in_for_several_effects(drives: dict[str, Any]) -> None:

@@ -1,0 +1,49 @@
+"""The bank of a road as an input of an identification, found before any tyre is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.drive_log.health import HealthReport, examine
+from estimator.drive_log.health.acceleration import rederived
+from estimator.drive_log.table import DriveLog
+from estimator.offline.record.record import make_record
+from estimator.offline.record.road import find_road
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.arrays import Array
+from hil_gateway.process.errors import InputError
+
+STEEP = 0.1
+"""rad between the extremes of the lap; less changes the lateral force by less than sensors of a car's own logger do"""
+
+
+def examine_on_its_road(log: DriveLog, vehicle: Vehicle, keep: Collection[str] = ()) -> HealthReport:
+    """Log health; where the repaired log shows a bank it becomes an input."""
+    health = examine(log, vehicle, keep)
+    bank = _bank_of(health.log, vehicle, health.doubtful)
+    return health if bank is None else replace(health, log=_with_known_bank(health.log, bank))
+
+
+def _bank_of(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str]) -> Array | None:
+    """(n,) bank under the car, rad, left side up positive; None on a road about level, or where nothing tells."""
+    try:
+        record = make_record(log, vehicle, distrusted)
+    except InputError:  # too short for laps, which `identify` itself need not have
+        return None
+    profile = find_road(record).get("road_bank")
+    if profile is None:
+        return None
+    bank = record.bases["track_position"].matrix(record.signals["track_position"]) @ profile.coefficients
+    return np.asarray(bank) if np.ptp(bank) > STEEP else None
+
+
+def _with_known_bank(log: DriveLog, bank: Array) -> DriveLog:
+    """The log with its bank; an ay that was derived from velocities becomes what an accelerometer would feel."""
+    low, high = np.degrees(np.quantile(bank, (0.02, 0.98)))
+    banked = log.with_columns(
+        {"known_bank": bank}, f"the road is banked by {low:.1f} to {high:.1f} deg (left side up positive)"
+    )
+    return rederived(banked, ("ay",), "ay derived with the bank") if "ay" in log.derived else banked

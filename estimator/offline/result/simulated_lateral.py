@@ -1,0 +1,56 @@
+"""The lateral motion of a log none of whose lateral sensors can be compared at the measured states.
+
+Where the yaw rate was late and vy is displaced, a prediction at the measured states is off by what the sensors are off
+by. `hil identify` simulates vy and yaw rate from steer and vx instead and estimates those errors along with the tyres:
+a diagnosis takes its tyres and its errors from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from estimator.drive_log.table import DriveLog
+from estimator.model.parameters import Layout
+from estimator.offline.identification import Identification, Options, identify
+from estimator.offline.record.record import Record
+from estimator.offline.result.tyre_export import exported
+from hil_gateway.car.vehicle import Vehicle
+
+LATERAL_ROWS = (1, 2, 4)
+"""ay, yaw rate and vy of `record.MEASURED`"""
+NOTE = (
+    "ay, yaw_acc and vy_dot, and vy and yaw_rate after the horizon, are simulated over windows of {:g} s from steer and"
+    " vx on blocks held out, as by `hil identify`: no lateral sensor of this log can be compared at the measured states"
+)
+
+
+def identified_laterally(
+    log: DriveLog, record: Record, vehicle: Vehicle, prior: Mapping[str, float], layout: Layout
+) -> Identification | None:
+    """The identification of a `log` whose `record` has no lateral sensor that can be used; None where it has one."""
+    if record.used[list(LATERAL_ROWS)].any():
+        return None
+    return identify(log, vehicle, prior, Options(layout=layout))
+
+
+def lateral_prior(result: Identification, prior: Mapping[str, float]) -> dict[str, float]:
+    """The tyre `prior` with the lateral parameters that the log determines."""
+    return {**prior, **{name: value for name, value in exported(result).items() if name != "cx"}}
+
+
+def with_simulated_lateral(summary: Mapping[str, Any], result: Identification) -> dict[str, Any]:
+    """A diagnosis as JSON with the lateral errors of `result`."""
+    channels, ahead = dict(summary["channels"]), dict(summary["rollout"])
+    for name, simulated in (("ay", "ay"), ("yaw_acc", "yaw_acc"), ("vy_dot", "ay")):
+        channels[name] = {**_errors(result, simulated), "noise_floor": summary["channels"][name]["noise_floor"]}
+    for name in ("vy", "yaw_rate"):
+        ahead[name] = _errors(result, name)
+    note = NOTE.format(result.options.window_s)
+    return {**summary, "channels": channels, "rollout": ahead, "lateral": note}
+
+
+def _errors(result: Identification, channel: str) -> dict[str, float]:
+    """Before and after under the keys of a diagnosis: its effects do not act across the car here."""
+    before, after = result.rmse[channel]
+    return {"declared": before, "refit": after, "catalogue": after, "with_effects": after}

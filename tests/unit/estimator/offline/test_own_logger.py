@@ -1,0 +1,167 @@
+"""Logs as a car's own logger writes them: banked roads by roll, pedals for a drive, lateral sensors nobody can use."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.drive_simulator import TYRE, simulate
+from support.practice_drives import PRIOR, record_of
+from typer.testing import CliRunner
+
+from estimator.cli.diagnose import app
+from estimator.drive_log.derived import add_missing_channels
+from estimator.drive_log.health import examine
+from estimator.drive_log.table import DriveLog
+from estimator.model.single_track import FULL_BRAKE_PA
+from estimator.offline.identification import Options, identify
+from estimator.offline.known_bank import examine_on_its_road
+from estimator.offline.record.input_timing import PEDALS
+from estimator.offline.record.record import Record, make_record
+from estimator.offline.record.road import find_road
+from estimator.offline.result.simulated_lateral import identified_laterally, lateral_prior, with_simulated_lateral
+from estimator.offline.search.trial import Setting, fit_names
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
+
+LEAN, ZERO = 0.002, 0.012
+"""rad per m/s2, and rad"""
+
+
+def banked(drive: Any, steepest: float, sign: float) -> tuple[DriveLog, np.ndarray]:
+    """The drive without accelerometers, on a road that leans into every bend, with its roll in degrees; the bank."""
+    c = drive.columns
+    curvature = np.convolve(c["yaw_rate"] / c["vx"], np.ones(50) / 50, "same")
+    bank = -steepest * np.clip(curvature / np.quantile(np.abs(curvature), 0.9), -1.0, 1.0)
+    felt = c["vx"] * c["yaw_rate"] + GRAVITY * np.sin(bank)
+    columns = {n: v for n, v in c.items() if n not in ("ax", "ay")}
+    columns["roll_logged"] = np.degrees(sign * (bank + LEAN * felt + ZERO))
+    segment = np.zeros(len(c["t"]), np.int64)
+    complete, derived = add_missing_channels(Path("x.csv"), columns, segment)
+    return DriveLog(complete, segment, derived, ("roll_logged",)), bank
+
+
+def found_bank(record: Record) -> np.ndarray:
+    profile = find_road(record)["road_bank"]
+    at = record.thin(record.signals["track_position"])
+    return record.bases["track_position"].matrix(at.ravel()) @ profile.coefficients
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_steep_bank_is_found_by_the_roll_whatever_its_sign(drives: dict[str, Any], sign: float) -> None:
+    log, bank = banked(drives["flat"], 0.3, sign)
+    record = make_record(log, Vehicle())
+    error = found_bank(record) - record.thin(bank).ravel()
+    assert np.std(error) < 0.03
+    assert abs(np.mean(error)) < 0.03, "a zero of the sensor cannot be told from a bank of the whole lap"
+
+
+def test_a_body_that_leans_on_its_springs_is_no_bank(drives: dict[str, Any]) -> None:
+    assert find_road(make_record(banked(drives["flat"], 0.0, 1.0)[0], Vehicle())) == {}
+
+
+def test_a_bank_the_log_shows_is_an_input_and_not_felt(drives: dict[str, Any]) -> None:
+    log, bank = banked(drives["flat"], 0.3, 1.0)
+    on_its_road = examine_on_its_road(log, Vehicle()).log
+    assert np.std(on_its_road["known_bank"] - bank) < 0.04
+    added = on_its_road["ay"] - log["ay"]
+    assert np.allclose(added, GRAVITY * np.sin(on_its_road["known_bank"]), atol=0.05)
+    level, _ = banked(drives["flat"], 0.0, 1.0)
+    assert "known_bank" not in examine_on_its_road(level, Vehicle()).log
+
+
+def test_zero_and_scales_of_pedals_are_fitted_where_the_drive_comes_from_them(drives: dict[str, Any]) -> None:
+    drive = drives["single"]
+    command = drive.columns["drive"]
+    zero, brake = 0.002, 0.5
+    throttle = np.where(command + zero > 0, (command + zero) / 0.1, 0.0)
+    pressure = np.where(command + zero < 0, -(command + zero) / brake / 0.3 * FULL_BRAKE_PA, 0.0)
+    columns = {n: c for n, c in drive.columns.items() if n != "drive"} | {"throttle": throttle, "brake": pressure}
+    segment = np.zeros(len(command), np.int64)
+    complete, derived = add_missing_channels(Path("x.csv"), columns, segment)
+    record = make_record(DriveLog(complete, segment, derived), Vehicle())
+    assert record.pedals
+    setting = Setting(record, "per_axle", PRIOR)
+    fit = fit_names(setting, ("rolling_resistance",), fit_names(setting, (), None), exact=True)
+    place = next(b for b in fit.predictor.blocks if b.effect.name == PEDALS).parameters.start
+    rolling = next(b for b in fit.predictor.blocks if b.effect.name == "rolling_resistance").parameters.start
+    assert fit.parameters[place + 1] == pytest.approx(brake, rel=0.05)
+    force = fit.parameters[rolling] + fit.parameters[0] * fit.parameters[place]
+    assert force == pytest.approx(420.0 + 62000.0 * zero, rel=0.1)
+    assert np.sqrt(fit.covariance[rolling, rolling]) > 100.0, "a throttle's zero is a constant force as well"
+    assert not record_of(drive).pedals
+
+
+def late(lag: float, *, ay: bool) -> DriveLog:
+    """A minute with the yaw rate late and a displaced sensor of vy; with a lateral accelerometer or without."""
+    c = dict(simulate([TYRE], 90.0, seed=41)[0].columns)
+    c["yaw_rate"] = np.interp(c["t"] - lag, c["t"], c["yaw_rate"])
+    c["vy"] = c["vy"] + 0.014 * c["vx"] + 0.1
+    if not ay:
+        del c["ay"]
+    segment = np.zeros(len(c["t"]), np.int64)
+    complete, derived = add_missing_channels(Path("x.csv"), c, segment)
+    return DriveLog(complete, segment, derived)
+
+
+def test_an_accelerometer_is_not_blamed_for_a_late_yaw_rate() -> None:
+    health = examine(late(0.3, ay=True), Vehicle())
+    assert {"offset_yaw_rate", "offset_vy"} <= {f.name for f in health.findings}
+    assert "useless_ay" not in {f.name for f in health.findings}
+    assert health.doubtful == ("vy",)
+
+
+def test_without_an_accelerometer_neither_vy_nor_yaw_rate_is_explained_by_effects() -> None:
+    assert set(examine(late(0.3, ay=False), Vehicle()).doubtful) == {"vy", "yaw_rate"}
+
+
+def test_lateral_errors_are_simulated_where_no_lateral_sensor_can_be_compared() -> None:
+    log = late(0.3, ay=False)
+    health = examine(log, Vehicle())
+    record = make_record(health.log, Vehicle(), health.doubtful)
+    result = identified_laterally(log, record, Vehicle(), PRIOR, "per_axle")
+    assert result is not None
+    errors = {"declared": 3.0, "refit": 3.0, "catalogue": 3.0, "with_effects": 3.0, "noise_floor": 0.1}
+    names = ("ax", "ay", "yaw_acc", "vx_dot", "vy_dot")
+    summary = {"channels": dict.fromkeys(names, errors), "rollout": dict.fromkeys(("vx", "vy", "yaw_rate"), errors)}
+    told = with_simulated_lateral(summary, result)
+    assert told["channels"]["ax"] == errors
+    assert told["channels"]["ay"]["catalogue"] == result.rmse["ay"][1] < 0.5
+    assert "simulated" in told["lateral"]
+    found = lateral_prior(result, PRIOR)
+    assert found["cx"] == PRIOR["cx"]
+    stiffness = [np.prod([v[n] for n in ("br", "cr", "dr")]) for v in (found, TYRE)]
+    assert stiffness[0] == pytest.approx(stiffness[1], rel=0.15)
+
+
+def test_a_log_with_lateral_sensors_is_compared_with_them(drives: dict[str, Any]) -> None:
+    record = record_of(drives["flat"])
+    log = DriveLog(drives["flat"].columns, np.zeros(len(drives["flat"].columns["t"]), np.int64))
+    assert identified_laterally(log, record, Vehicle(), PRIOR, "per_axle") is None
+
+
+@pytest.mark.slow
+def test_measured_halves_do_not_contradict_each_other(measured_data: Path, tmp_path: Path) -> None:
+    header, *rows = (measured_data / "av21" / "putnam_run4_2.csv").read_text().splitlines()
+    middle = len(rows) // 2
+    said = []
+    for part in (rows, rows[:middle], rows[middle:]):
+        path = tmp_path / "part.csv"
+        path.write_text("\n".join([header, *part]) + "\n")
+        said.append(json.loads(CliRunner().invoke(app, [str(path), "--json"]).stdout))
+    whole, *halves = said
+    assert whole["channels"]["ay"]["catalogue"] <= 0.115
+    assert whole["channels"]["vx_dot"]["catalogue"] <= 0.374
+    drags = [e["parameters"]["k"] for one in said for e in one["effects"] if e["name"] == "aero_drag"]
+    assert drags
+    spread = max(d["value"] for d in drags) - min(d["value"] for d in drags)
+    assert spread < 2.0 * max(d["std"] for d in drags)
+    assert all(half["channels"]["ay"]["catalogue"] < 0.15 for half in halves)
+
+
+def test_identification_of_a_log_too_short_for_laps_needs_no_road() -> None:
+    columns = dict(simulate([TYRE], 30.0, seed=42)[0].columns)
+    log = DriveLog(columns, np.zeros(len(columns["t"]), np.int64))
+    assert identify(log, Vehicle(), TYRE, Options(method="batch")).rmse["ay"][1] < 0.2
