@@ -15,22 +15,24 @@ from hil_gateway.process.arrays import Expr
 
 PRELOAD = 1000.0
 """N; longitudinal force that presses the clutches as their springs do"""
-SLOWEST = 1.0
-"""m/s; keeps the moment of a locked axle at rest finite"""
-SMALLEST_MOMENT = 1.0
-"""N m; keeps the root differentiable"""
+STRAIGHT = 0.02
+"""rad/s; below it the moment fades, as the wheels' speeds hardly differ"""
+N_PER_KN = 1e3
 
 
-def _body(terms: Terms, lever: Expr, stiffness: Expr) -> None:
-    locked = stiffness * terms.yaw_rate / ca.sqrt(terms.vx * terms.vx + SLOWEST * SLOWEST)
+def _body(terms: Terms, lever: Expr, compliance: Expr) -> None:
     most = lever * ca.sqrt(terms.fx_r * terms.fx_r + PRELOAD * PRELOAD)
-    terms.body_yaw = terms.body_yaw - locked * most / ca.sqrt(most * most + locked * locked + SMALLEST_MOMENT**2)
+    slipping_from = compliance * terms.vx * most / N_PER_KN
+    omega = terms.yaw_rate
+    terms.body_yaw = terms.body_yaw - most * omega / ca.sqrt(
+        omega * omega + slipping_from * slipping_from + STRAIGHT * STRAIGHT
+    )
 
 
 EFFECT = Effect(
     name="limited_slip",
     lacks="the driven axle's torque locks its wheels",
-    equation="M_z = -M_l M_m / sqrt(M_l^2 + M_m^2), M_l = S omega / v_x, M_m = k sqrt(F_x,r^2 + F_0^2), F_0 = 1 kN",
+    equation="M_z = -M omega / sqrt(omega^2 + (c v_x M)^2), M = k sqrt(F_x,r^2 + F_0^2), F_0 = 1 kN",
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 20 (torque-sensitive differentials)",
     parameters=(
         Parameter(
@@ -44,20 +46,20 @@ EFFECT = Effect(
             Plausible(0.0, 0.8, "the locked share of the torque times half the track: 0.8 with all of it", 0.02),
         ),
         Parameter(
-            "stiffness",
-            "N m2/rad",
+            "compliance",
+            "rad/(kN m2)",
             0.0,
-            3e4,
+            0.03,
             0.0,
-            4e5,
-            "moment of the locked axle per yaw rate, times speed",
-            Plausible(0.0, 3e5, "C_x track^2 / 4: 70 kN m2 with 120 kN and 1.5 m; stiff tyres four times that"),
+            0.5,
+            "yaw rate over speed and moment while the axle is locked; 0: its clutches always slip",
+            Plausible(0.0, 0.1, "4 / (C_x track^2): 0.015 with 120 kN and 1.5 m, more with softer tyres"),
         ),
     ),
     channels=("yaw_acc",),
     cause="drive",
     hooks={"BODY": _body},
-    initial=(0.2, 6e4),
+    initial=(0.2, 0.015),
     form_of="yaw_damping",
     separated_by="power and braking in the same corner: load transfer changes sign with the force, this does not",
     on_every_car=True,

@@ -58,7 +58,7 @@ SIGNS = {
     "brake_pressure": ((5000.0,), {}, "ax", -1),
     "traction_loss": ((0.8,), {}, "ax", 1),
     "total_slip": ((0.3, 0.8, 0.0), {}, "ay", -1),
-    "limited_slip": ((0.2, 6e4), {}, "yaw_acc", -1),
+    "limited_slip": ((0.2, 0.017), {}, "yaw_acc", -1),
 }
 
 
@@ -71,7 +71,7 @@ def predict(effect: Effect | None, parameters: tuple[float, ...] = (), **signals
 
 BESIDE = {"load_sensitivity": (("load_transfer", 0.3),), "traction_load": (("load_transfer", 0.3),)}
 """effects (with one parameter) without which another does not show: loads must move"""
-VISIBLE = {"load_sensitivity": (0.3,), "traction_load": (1.0,), "limited_slip": (0.2, 6e4)}
+VISIBLE = {"load_sensitivity": (0.3,), "traction_load": (1.0,), "limited_slip": (0.2, 0.017)}
 """a size that shows, where the start of a fit is the neutral value"""
 PAST = {
     "tyre_relaxation": {"relaxation_f": -0.004, "relaxation_r": -0.003},
@@ -226,18 +226,18 @@ def test_profile_is_periodic_and_the_same_in_numbers_and_symbols() -> None:
 
 def test_a_limited_slip_axle_is_locked_below_what_its_clutches_bear_and_slips_beyond() -> None:
     effect, inertia = catalogue()["limited_slip"], VEHICLE.yaw_inertia
-    lever, stiffness, omega = 0.2, 6e4, 0.3
+    lever, compliance, omega = 0.2, 0.017, 0.3
 
-    def moment(vx: float, drive: float) -> float:
+    def moment(vx: float, drive: float, compliance: float = compliance) -> float:
         state = LEFT_TURN | {"vx": vx, "yaw_rate": omega, "drive": drive}
-        with_it, without = predict(effect, (lever, stiffness), **state), predict(None, **state)
+        with_it, without = predict(effect, (lever, compliance), **state), predict(None, **state)
         return (without["yaw_acc"] - with_it["yaw_acc"]) * inertia
 
     force = 0.04 * next(p.prior for p in SingleTrack(VEHICLE, "per_axle").tyre_table if p.name == "cx")
-    assert moment(80.0, 0.15) == pytest.approx(stiffness * omega / 80.0, rel=0.03)
-    assert (
-        moment(5.0, 0.04) == pytest.approx(moment(5.0, -0.04)) == pytest.approx(lever * np.hypot(force, 1e3), rel=0.1)
-    )
+    borne = pytest.approx(lever * np.hypot(force, 1e3), rel=0.1)
+    assert moment(80.0, 0.15) == pytest.approx(1e3 * omega / compliance / 80.0, rel=0.03)
+    assert moment(5.0, 0.04) == pytest.approx(moment(5.0, -0.04)) == borne
+    assert moment(80.0, 0.04, 0.0) == borne, "without compliance its clutches slip in every bend"
 
 
 def test_the_documented_catalogue_is_the_one_in_the_code() -> None:
