@@ -43,15 +43,13 @@ def sampling_effects(step: float, delays: frozenset[str]) -> tuple[Effect, ...]:
 
 
 PEDALS = "pedals"
+NEAR_ZERO = 1e-3
+"""drive command below which throttle passes into brake"""
 
 
 def _pedals(terms: Terms, zero: Expr, brake: Expr) -> None:
     pressed = smooth_negative_part(terms.drive, NEAR_ZERO)
     terms.drive = terms.drive - zero + (brake - 1.0) * pressed
-
-
-NEAR_ZERO = 1e-3
-"""drive command below which throttle passes into brake"""
 
 
 def pedal_effects(pedals: bool) -> tuple[Effect, ...]:

@@ -49,3 +49,15 @@ def test_a_car_that_stops_without_a_fault_judges_none_and_is_named(
     assert report["without a fault"]["judge no fault"] == ["oval, car 7000, 20 s: yaw_rate_wrong"]
     assert report["all"]["single"]["faults"] == 0
     assert report["ok"] == (not false_stops)
+
+
+@pytest.mark.parametrize(("why", "ok"), [("stop", False), ("physics", True)])
+def test_a_survey_is_ok_only_where_stops_keep_to_the_road_or_physics_forbids_it(
+    monkeypatch: pytest.MonkeyPatch, why: str, ok: bool
+) -> None:
+    drive = FaultResult(NOTHING.name, 20.0, 50.0, None, "", False, 0.5, 0.5)
+    fault = FaultResult("steering stuck", 20.0, 50.0, 0.2, "steering_stuck", True, -1.0, 0.5, why)
+    monkeypatch.setattr(survey, "from_places", lambda *_, **__: iter([drive, fault]))
+    report = survey.run_survey(7, ["oval"])
+    assert report["ok"] == ok
+    assert report["all"]["single"]["kept"] == float(ok)

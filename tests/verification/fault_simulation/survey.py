@@ -32,6 +32,8 @@ PLACES = 6
 """a track"""
 PAIRS = 6
 """a track"""
+LEAST_KEPT = 0.99
+"""share of the stops that must keep to the road, or leave it by physics"""
 NOISES = 1000
 """seeds of noise, more than faults a track"""
 
@@ -86,7 +88,7 @@ def _report(judged: dict[str, list[FaultResult]], healthy: Sequence[tuple[Survey
     whole = summary([result for results in judged.values() for result in results])
     false_stops = [r for _, r in healthy if r.noticed_s is not None and r.margin_unnoticed_m >= 0.0]
     return {
-        "ok": whole["ok"] and not false_stops,
+        "ok": whole["ok"] and not false_stops and whole["single"]["kept"] >= LEAST_KEPT,
         "without a fault": {"places": len(healthy), "false stops": len(false_stops), "judge no fault": alone},
         "tracks": {track: summary(results) for track, results in judged.items()},
         "all": whole,
