@@ -15,7 +15,7 @@ from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis, alternatives
 from estimator.offline.fit.prediction_error import Point
 from estimator.offline.predict.predict import Block
-from estimator.offline.record.input_timing import SAMPLED
+from estimator.offline.record.unknown_inputs import SAMPLED
 from estimator.offline.report.unexplained import unexplained
 from estimator.offline.result.diagnosis_score import HORIZON_S, rmse
 from estimator.offline.result.handover import tempered

@@ -10,8 +10,8 @@ import numpy as np
 from estimator.model.parameters import Parameter
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Block
-from estimator.offline.record.input_timing import SAMPLED
 from estimator.offline.record.road import LEAST_ANGLE
+from estimator.offline.record.unknown_inputs import SAMPLED
 from estimator.offline.search.sensor_place import accelerometer_ahead
 
 LEAST_ERRORS = 3.0

@@ -15,10 +15,10 @@ from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.prediction_error import CONVERGED, MAX_ITERATIONS, Fit, fit
 from estimator.offline.predict.predict import Predictor
-from estimator.offline.record.input_timing import pedal_effects, sampling_effects
 from estimator.offline.record.noise import MOTION_ROWS, Noise
 from estimator.offline.record.record import Record
 from estimator.offline.record.road_load import road_load
+from estimator.offline.record.unknown_inputs import pedal_effects, sampling_effects
 from estimator.offline.search.evidence import Evidence
 from hil_gateway.process.arrays import Array
 

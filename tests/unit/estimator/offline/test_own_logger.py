@@ -19,9 +19,9 @@ from estimator.drive_log.table import DriveLog
 from estimator.model.single_track import FULL_BRAKE_PA
 from estimator.offline.identification import Options, identify
 from estimator.offline.known_bank import examine_on_its_road
-from estimator.offline.record.input_timing import PEDALS
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
+from estimator.offline.record.unknown_inputs import PEDALS
 from estimator.offline.result.simulated_lateral import identified_laterally, lateral_prior, with_simulated_lateral
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
