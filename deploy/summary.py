@@ -1,7 +1,7 @@
 """Plain summary of one run of deploy/test.sh: steps, tests per kind of CAN, and the totals on a line of their own.
 
-Reads the folder deploy/test.sh fills: `steps` and `failed` (one line each) and JUnit files `normal.xml`, `vcan.xml`
-and, for what was run again alone, `normal-alone.xml`, `vcan-alone.xml`.
+Reads the folder deploy/test.sh fills: `steps` and `failed` (one line each) and JUnit files `quiet.xml`, `normal.xml`,
+`vcan.xml` and, for what was run again alone, the same with `-alone`.
 """
 
 from __future__ import annotations
@@ -65,7 +65,8 @@ def _not_run(folder: Path) -> list[tuple[str, str]]:
 def main(folder: Path) -> int:
     """Print the summary; 1 when a step failed or no test ran. `failed` names vcan-tests where they were required."""
     kind = (folder / "vcan-kind").read_text().strip() if (folder / "vcan-kind").exists() else ""
-    results = outcomes(folder / "normal.xml") + [(f"{k} ({kind})", o) for k, o in outcomes(folder / "vcan.xml")]
+    results = outcomes(folder / "quiet.xml") + outcomes(folder / "normal.xml")
+    results += [(f"{k} ({kind})", o) for k, o in outcomes(folder / "vcan.xml")]
     if not (folder / "vcan.xml").exists():
         results += _not_run(folder)
     print((folder / "steps").read_text(), end="")

@@ -46,7 +46,12 @@ tests() {
     "$@" -n 0 --last-failed --last-failed-no-failures none --junitxml="$results/$name-alone.xml"
 }
 echo "tests: about a quarter of an hour" >&2
-step tests tests normal python -m pytest -n 2 --dist worksteal -m "not vcan" "$@"
+crowd="not vcan"
+if [ $# = 0 ]; then
+    step quiet-tests tests quiet python -m pytest -m quiet tests/faults
+    crowd="not vcan and not quiet"
+fi
+step tests tests normal python -m pytest -n 2 --dist worksteal -m "$crowd" "$@"
 step mypy mypy &  # beside the tests on vcan, which have one processor
 if deploy/with-vcan --which >"$results/vcan-kind" 2>"$results/vcan.log"; then
     step vcan-tests tests vcan deploy/with-vcan python -m pytest -m vcan tests/vcan "$@"

@@ -278,6 +278,7 @@ REQUIRED_MS = 2.0
 
 
 @pytest.mark.slow
+@pytest.mark.quiet
 @pytest.mark.promise("S4")
 @pytest.mark.parametrize("real_time", [True, False] if long_run() and os.geteuid() == 0 else [True])
 def test_commands_leave_every_10_ms(tmp_path, real_time):

@@ -121,11 +121,25 @@ def test_wrong_use_of_the_certificate_script_is_exit_2(arguments: list[str]) -> 
     assert result.stderr
 
 
-def test_every_test_that_wants_vcan_is_where_the_test_script_looks_for_it() -> None:
+@pytest.mark.parametrize(("mark", "folder"), [("mark.vcan", "vcan"), ("mark.quiet", "faults")])
+def test_every_test_run_apart_is_where_the_test_script_looks_for_it(mark: str, folder: str) -> None:
     tests = DEPLOY.parent / "tests"
-    marked = {path for path in tests.rglob("test_*.py") if "mark.vcan" in path.read_text() and path != Path(__file__)}
+    marked = {path for path in tests.rglob("test_*.py") if mark in path.read_text() and path != Path(__file__)}
     assert marked
-    assert all(path.parent == tests / "vcan" for path in marked)
+    assert all(path.parent == tests / folder for path in marked)
+
+
+@pytest.mark.slow
+def test_summary_counts_the_tests_run_apart(tmp_path: Path) -> None:
+    (tmp_path / "steps").write_text("tests ok 1 s\n")
+    for name in ("normal", "vcan"):
+        (tmp_path / f"{name}.xml").write_text('<testsuite><testcase classname="a" name="b"/></testsuite>')
+    failed = '<testcase classname="a" name="c"><failure/></testcase>'
+    (tmp_path / "quiet.xml").write_text(f"<testsuite>{failed}</testsuite>")
+    command = [sys.executable, DEPLOY / "summary.py", tmp_path]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert result.returncode == 1
+    assert "2 passed, 1 failed, 0 skipped" in result.stdout
 
 
 @pytest.mark.slow
