@@ -75,6 +75,10 @@ class StillMonitor:
         if speed < JUDGED_FROM:
             for kept in (self._speeds, *self._newest, *self._means):
                 kept.clear()
+            self._pushed = self._per_drive * state.drive
+            return self._held.update(False, now_ns)
+        self._speeds.append(sorted(wheel_speeds(state))[-2])
+        if len(self._speeds) <= MEAN:  # fewer would show an acceleration that begins
             return self._held.update(False, now_ns)
         for newest, means, value in zip(
             self._newest, self._means, self._signals(state, speed, steered, ay), strict=True
@@ -89,7 +93,6 @@ class StillMonitor:
         most = max(HELD_SHARE * self._stop.grip(self._mass, speed), abs(ay)) / speed
         wheels = (state.wheel_speed_fr - state.wheel_speed_fl) / (self._track * math.cos(state.steer))
         self._pushed += PERIOD_S / (PEDALS_S + PERIOD_S) * (self._per_drive * state.drive - self._pushed)
-        self._speeds.append(sorted(wheel_speeds(state))[-2])
         slowed = (self._speeds[-1] - self._speeds[0]) / (MEAN * PERIOD_S)
         return _Changes(
             _within(most, steered), _within(most, wheels), _within(SURELY, self._pushed), _within(SURELY, slowed),

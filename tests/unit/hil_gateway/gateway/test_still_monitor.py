@@ -119,3 +119,19 @@ def test_a_car_that_brakes_into_a_bend_finds_an_imu_that_feels_neither() -> None
 
 def test_a_car_that_slides_straight_on_as_it_brakes_has_no_wrong_imu() -> None:
     assert found_s(straight, straight, bend, brakes=pressed, wheels=pressed, felt=pressed) == math.inf
+
+
+def test_a_car_that_drives_off_evenly_has_no_wrong_imu() -> None:
+    """The IMU feels the same force before the car is fast enough to be judged and after."""
+    rig, push, felt = Rig(), 8.2, 6.3
+    rig.run(0.05)
+    state, monitor, noise = rig.gateway.seen[0], StillMonitor(CONFIG), random.Random(1)
+    drive = push * CONFIG.vehicle.mass / CONFIG.powertrain.force_per_drive
+    held_s = []
+    for tick in range(400):
+        speed = 0.01 * felt * tick
+        wheels = {f"wheel_speed_{w}": speed + noise.gauss(0, 0.03) for w in ("fl", "fr", "rl", "rr")}
+        changes = {"steer": 0.0, "yaw_rate": noise.gauss(0, 0.002), "drive": drive, "ax": felt + noise.gauss(0, 0.02)}
+        now = state.model_copy(update=wheels | changes)
+        held_s.append(monitor.step(tick * 10_000_000, now, speed, 0.0, 0.0))
+    assert max(held_s) == 0.0
