@@ -130,7 +130,7 @@ def measure_envelope(parameters: PlantParameters, grip: float = 1.0) -> Envelope
     car = parameters.car
     wind = float(np.hypot(car.wind_x, car.wind_y))
     headwinds = np.array([-wind, 0.0, wind]) if wind else np.zeros(1)
-    sides = [_Side(parameters, sign, grip) for sign in ((-1.0, 1.0) if car.turn_asymmetry else (1.0,))]
+    sides = [Side(parameters, sign, grip) for sign in ((-1.0, 1.0) if car.turn_asymmetry else (1.0,))]
     axes = headwinds, SPEEDS, NORMALS
     shape = tuple(len(axis) for axis in axes)
     tables = np.empty((len(sides), *shape, 1 + 2 * len(SHARES)))
@@ -154,7 +154,7 @@ def best_ratio(parameters: PlantParameters, speed: float) -> float:
     return max((gear * parameters.final_drive for gear in parameters.gears), key=force)
 
 
-class _Side:
+class Side:
     """Manoeuvres of one car to one side."""
 
     def __init__(self, parameters: PlantParameters, sign: float, grip: float) -> None:
@@ -191,10 +191,13 @@ class _Side:
         tightest = held[0] ** 2 * car.steer_max / car.wheelbase
         for share in (0.4, 0.8):
             lateral = self._sign * share * min(held[1], tightest) / Scales().ay
-            guess = self._extreme(held, guess, (0.0, 0.0), lateral)
+            with suppress(NoEquilibriumError):  # a car with little grip under a large load does not turn so fast
+                guess = self._extreme(held, guess, (0.0, 0.0), lateral)
         try:
             return self._extreme(held, guess, (0.0, self._sign), None)
         except NoEquilibriumError:
+            if guess is START:
+                raise
             return self._climb(held, guess)
 
     def _climb(self, held: list[float], guess: Array) -> Array:

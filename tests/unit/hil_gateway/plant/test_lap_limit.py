@@ -12,11 +12,12 @@ from typer.testing import CliRunner
 
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.plant.car import Car, Commands
+from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.experiment.laps import drive
 from hil_gateway.plant.physics.parameters import AV24, DECLARED
 from hil_gateway.plant.physics.road import Slopes
 from hil_gateway.plant.referee.lap_limit import lap_limit
-from hil_gateway.plant.referee.limit_envelope import Envelope, best_ratio, measure_envelope
+from hil_gateway.plant.referee.limit_envelope import Envelope, Side, best_ratio, measure_envelope
 from hil_gateway.plant.referee.limit_line import A0, POWERS, V0, fastest_line, fit
 from hil_gateway.plant.referee.limit_profile import Path as Line
 from hil_gateway.plant.referee.limit_profile import fastest_profile, lap_time, reach
@@ -48,6 +49,17 @@ PLAIN = np.zeros(400)
 @pytest.fixture(scope="module")
 def envelope() -> Envelope:
     return measure_envelope(AV24)
+
+
+@pytest.mark.parametrize(("effect", "size", "speed", "weights"), [
+    ("load_sensitivity", 0.3, 17.0, 2.2), ("turn_asymmetry", 0.06, 9.0, 1.5),
+])  # fmt: skip
+def test_a_car_that_holds_less_than_most_of_the_load_on_its_tyres_has_a_limit_too(
+    effect: str, size: float, speed: float, weights: float
+) -> None:
+    car = SimulatedCar(grip_front=0.84, grip_rear=0.9, effects={effect: size})
+    most = Side(car.parameters(), 1.0, 1.0).measure(0.0, speed, weights * GRAVITY)[0]
+    assert 0.45 * weights * GRAVITY < most < 0.8 * weights * GRAVITY
 
 
 def _stadium(folder: Path, turn: float = 180.0) -> Track:
