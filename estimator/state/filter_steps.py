@@ -29,8 +29,9 @@ STATES = (
     "wheel_scale",
     "slope_share",
     "imu_turn",
+    "imu_ahead",
 )
-X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, SLOPE_SHARE, IMU_TURN = range(11)
+X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, SLOPE_SHARE, IMU_TURN, IMU_AHEAD = range(12)
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class FilterNoise:
     slope_share_walk: float = 0.01
     imu_turn_walk: float = 1e-4
     """rad per square root of a second: a mounting that settles"""
+    imu_ahead_walk: float = 1e-3
+    """m per square root of a second: a centre of gravity that moves with the fuel"""
     position: float = 0.05
     position_delay: float = 0.006
     """s: a fix whose frame just misses a state comes with the next one, 10 ms older"""
@@ -68,6 +71,8 @@ class FilterNoise:
     initial_slope_share: float = 0.5
     initial_imu_turn: float = 0.02
     """rad: a unit mounted by eye; by 0.03 the force of a bend of 2.5 g passes for 0.75 m/s2 along"""
+    initial_imu_ahead: float = 0.3
+    """m: a unit whose distance to the centre of gravity is taken from a drawing"""
 
 
 GATE = 5.0**2
@@ -78,7 +83,7 @@ GATE_POSITION = 25.0
 
 @dataclass
 class Moment:
-    """Symbolic mean (11,), covariance (11, 11) and yaw rate; `nis` gathers normalised innovations squared."""
+    """Symbolic mean (12,), covariance (12, 12) and yaw rate; `nis` gathers normalised innovations squared."""
 
     mean: Expr
     covariance: Expr
@@ -88,7 +93,7 @@ class Moment:
     nis: list[Expr] = field(default_factory=list)
 
     def update(self, H: Expr, innovation: Expr, variance: Expr) -> None:
-        """Take in a measurement with row `H` (1, 11)."""
+        """Take in a measurement with row `H` (1, 12)."""
         K, self.covariance = scalar_update(self.covariance, H, variance)
         self.mean = self.mean + K * innovation
         self.yaw_rate = self.yaw_rate - K[BIAS_YAW_RATE] * innovation
@@ -124,23 +129,32 @@ def step_function(step: Step, measured: int, vehicle: Vehicle, noise: FilterNois
 
 
 def predict(moment: Moment, *imu: Expr) -> None:
-    """Strap-down step over dt s, second order in it: ax, ay, yaw rate held; gravity along the body's axes; dt."""
+    """Strap-down step over dt s, second order in it: ax, ay, yaw rate held; gravity along the body's axes; dt.
+
+    The forces act on the velocity where the IMU is, which moves to the side as the car turns.
+    """
     ax, ay, gyro, gravity_x, gravity_y, dt = imu
-    x, y, yaw, vx, vy, bias_ax, bias_ay, bias_yaw_rate, wheel_scale, slope_share, turn = ca.vertsplit(moment.mean)
+    x, y, yaw, vx, vy, bias_ax, bias_ay, bias_yaw_rate, wheel_scale, slope_share, turn, ahead = ca.vertsplit(
+        moment.mean
+    )
     r = gyro - bias_yaw_rate
+    # known by difference: a bias is not in it, and what noise adds the next step takes away again
+    change = ca.SX.sym("change")
     felt_x, felt_y = levelled(ax - bias_ax, ay - bias_ay, ca.cos(turn), ca.sin(turn))
     fx, fy = felt_x + slope_share * gravity_x, felt_y + slope_share * gravity_y
     c, s = ca.cos(r * dt), ca.sin(r * dt)
     # the specific force turns with the body: over the step it acts half a turn later than at the start
     ch, sh = ca.cos(0.5 * r * dt) * dt, ca.sin(0.5 * r * dt) * dt
-    vx1, vy1 = c * vx + s * vy + ch * fx + sh * fy, -s * vx + c * vy - sh * fx + ch * fy
+    vx1 = c * vx + s * (vy + ahead * r) + ch * fx + sh * fy
+    vy1 = -s * vx + c * vy - sh * fx + ch * fy - ahead * change
     forward, left, course = 0.5 * (vx + vx1), 0.5 * (vy + vy1), yaw + 0.5 * r * dt
     cy, sy = ca.cos(course), ca.sin(course)
     after = ca.vertcat(
         x + dt * (cy * forward - sy * left), y + dt * (sy * forward + cy * left), yaw + r * dt, vx1, vy1,
-        bias_ax, bias_ay, bias_yaw_rate, wheel_scale, slope_share, turn,
+        bias_ax, bias_ay, bias_yaw_rate, wheel_scale, slope_share, turn, ahead,
     )  # fmt: skip
     F, G = ca.jacobian(after, moment.mean), ca.jacobian(after, ca.vertcat(ax, ay, gyro))
+    after, F, G = ca.substitute([after, F, G], [change], [r - moment.yaw_rate])
     moment.covariance = symmetric(F @ moment.covariance @ F.T + _process_noise(moment.noise, G, dt))
     moment.mean, moment.yaw_rate = after, r
 
@@ -151,11 +165,11 @@ def levelled(ax: Any, ay: Any, cos: Any, sin: Any) -> tuple[Any, Any]:
 
 
 def _process_noise(n: FilterNoise, G: Expr, dt: Expr) -> Expr:
-    """Covariance of IMU noise, which acts through `G` (11, 3), and of the random walks over `dt` s."""
+    """Covariance of IMU noise, which acts through `G` (12, 3), and of the random walks over `dt` s."""
     accel = n.accel**2 + n.accel_model**2
     walk = (
         n.bias_accel_walk, n.bias_accel_walk, n.bias_yaw_rate_walk, n.wheel_scale_walk, n.slope_share_walk,
-        n.imu_turn_walk,
+        n.imu_turn_walk, n.imu_ahead_walk,
     )  # fmt: skip
     walks = ca.diag(ca.vertcat(ca.DM.zeros(BIAS_AX), ca.DM(walk) ** 2))
     return G @ ca.diag(ca.DM([accel, accel, n.yaw_rate**2])) @ G.T + walks * dt
@@ -211,7 +225,7 @@ def standstill(moment: Moment, *imu: Expr) -> None:
 
 
 def _row(entries: dict[int, Expr]) -> Expr:
-    """A measurement's row of the Jacobian, sparse (1, 11)."""
+    """A measurement's row of the Jacobian, sparse (1, 12)."""
     row = ca.SX(1, len(STATES))
     for index, value in entries.items():
         row[0, index] = value

@@ -8,6 +8,7 @@ The IMU drives the prediction, so the filter does not depend on the tyre model i
     wheel_scale                    (indicated wheel speed) / (true) - 1: rolling radius
     slope_share                    share of the declared track map's grade and bank that is real
     imu_turn                       angle of the IMU about the vertical axis, rad
+    imu_ahead                      distance of the IMU ahead of the CoG, beyond what is declared, m
 
 The yaw rate is the bias-corrected gyro. Gravity on grade and bank comes from the declared track map, which may be
 wrong as a whole (a flat road under a hilly map): the share of it that is real is estimated too. Every measurement is
@@ -27,6 +28,7 @@ from estimator.state.filter_steps import (
     BIAS_AX,
     BIAS_AY,
     BIAS_YAW_RATE,
+    IMU_AHEAD,
     IMU_TURN,
     STATES,
     FilterNoise,
@@ -35,6 +37,10 @@ from estimator.state.filter_steps import (
 )
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
+
+
+YAW_ACCELERATION_S = 0.05
+"""time constant, s: noise of the gyro's differences"""
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,7 @@ class StateFilter:
         self.vehicle, self.noise = vehicle, noise or FilterNoise()
         self.mean = np.zeros(len(STATES))
         self.covariance = np.eye(len(STATES))
-        self.yaw_rate = 0.0
+        self.yaw_rate = self._yaw_acceleration = 0.0
         self.rejected = 0
         self._predict = step_function(filter_steps.predict, 6, vehicle, self.noise)
         self._position = step_function(filter_steps.position, 2, vehicle, self.noise)
@@ -66,18 +72,21 @@ class StateFilter:
     def initialise(self, x: float, y: float, yaw: float, vx: float = 0.0, yaw_std: float | None = None) -> None:
         """Start at a position fix with a heading that may be wrong by `yaw_std` (default: `initial_yaw`)."""
         n = self.noise
-        self.mean = np.array([x, y, yaw, vx, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+        self.mean = np.array([x, y, yaw, vx, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
         yaw_std = n.initial_yaw if yaw_std is None else yaw_std
         std = np.array([
             n.initial_position, n.initial_position, yaw_std, n.initial_speed, n.initial_speed + 0.1 * abs(vx),
             n.initial_bias_accel, n.initial_bias_accel, n.initial_bias_yaw_rate, n.initial_wheel_scale,
-            n.initial_slope_share, n.initial_imu_turn,
+            n.initial_slope_share, n.initial_imu_turn, n.initial_imu_ahead,
         ])  # fmt: skip
         self.covariance = np.diag(std**2)
 
     def predict(self, imu: Imu, dt: float) -> None:
         """Strap-down step over `dt` s, second order in it (specific force and yaw rate held)."""
+        before = self.yaw_rate
         self._apply(self._predict, imu.ax, imu.ay, imu.yaw_rate, imu.gravity_x, imu.gravity_y, dt)
+        change = (self.yaw_rate - before) / dt - self._yaw_acceleration
+        self._yaw_acceleration += dt / (YAW_ACCELERATION_S + dt) * change
 
     def update_position(self, x: float, y: float) -> float | None:
         """Position fix of the CoG, m. Returns the normalised innovation squared, None where it was gated out."""
@@ -98,13 +107,13 @@ class StateFilter:
         self._apply(self._standstill, imu.ax, imu.ay, imu.yaw_rate, imu.gravity_x, imu.gravity_y)
 
     def specific_force(self, ax: float, ay: float) -> tuple[float, float]:
-        """Of the car, along its axes, m/s2, from what the accelerometers read."""
+        """At the CoG, along the car's axes, m/s2, from what the accelerometers read."""
         m = self.mean
         fx, fy = levelled(ax - m[BIAS_AX], ay - m[BIAS_AY], cos(m[IMU_TURN]), sin(m[IMU_TURN]))
-        return float(fx), float(fy)
+        return float(fx + m[IMU_AHEAD] * self.yaw_rate**2), float(fy - m[IMU_AHEAD] * self._yaw_acceleration)
 
     def std(self) -> Array:
-        """Standard deviations of `STATES`, shape (11,)."""
+        """Standard deviations of `STATES`, shape (12,)."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
     @property
