@@ -26,6 +26,9 @@ STEERED = 0.05
 """rad/s by steering alone, where brakes or engine have changed, too: inner wheels that brake say nothing of a turn"""
 PUSHED = 2.0
 """m/s2 of that change by brakes or engine, as they are reported"""
+UNEVEN = 0.0015
+"""by which the slips of both front wheels come to differ a m/s2 of brakes or engine: a third of what slicks slip (0.004
+on the front axle), as the inner wheel carries less"""
 SLOWED = 3.0
 """m/s2 by which the acceleration has changed, by brakes or engine and by the wheels both"""
 PEDALS_S = 0.03
@@ -85,7 +88,8 @@ class StillMonitor:
         ):
             newest.append(value)
             means.append(sum(newest) / len(newest))
-        held_s = self._held.update(any(map(self._hangs, WINDOWS)), now_ns)
+        uneven = UNEVEN * speed / self._track
+        held_s = self._held.update(any(self._hangs(window, uneven) for window in WINDOWS), now_ns)
         return WINDOWS[-1] * PERIOD_S + held_s if held_s > SETTLED_S else 0.0
 
     def _signals(self, state: VehicleState, speed: float, steered: float, ay: float) -> _Changes:
@@ -99,12 +103,13 @@ class StillMonitor:
             state.yaw_rate, ay / speed, state.ax,
         )  # fmt: skip
 
-    def _hangs(self, window: int) -> bool:
-        """Whether the IMU has stood still in the newest `window` periods."""
+    def _hangs(self, window: int, uneven: float) -> bool:
+        """Whether the IMU has stood still in the newest `window` periods; `uneven` is the yaw rate that front wheels
+        seem to show a m/s2 of brakes or engine, rad/s."""
         if len(self._means[0]) < window:
             return False
         by = _Changes(*(_range(means, window) for means in self._means))
-        turned, slowed = min(by.steered, by.wheels), min(by.pushed, by.slowed)
+        turned, slowed = min(by.steered, by.wheels - uneven * by.pushed), min(by.pushed, by.slowed)
         turns = max(by.gyro, by.across)
         if turned > TURNED and turns < SHARE * turned:
             return True

@@ -121,6 +121,18 @@ def test_a_car_that_slides_straight_on_as_it_brakes_has_no_wrong_imu() -> None:
     assert found_s(straight, straight, bend, brakes=pressed, wheels=pressed, felt=pressed) == math.inf
 
 
+def test_a_car_that_leaves_its_brakes_in_a_steady_bend_has_no_wrong_imu() -> None:
+    """It is steered more to keep the same bend, and its front wheels slip less unevenly."""
+
+    def left(tick: int) -> float:
+        return BRAKING - pressed(tick)
+
+    def slip(tick: int) -> float:
+        return 0.37 - 0.016 * left(tick)
+
+    assert found_s(lambda tick: 0.37, slip, bend, brakes=left, wheels=left, felt=left) == math.inf
+
+
 def test_a_car_that_drives_off_evenly_has_no_wrong_imu() -> None:
     """The IMU feels the same force before the car is fast enough to be judged and after."""
     rig, push, felt = Rig(), 8.2, 6.3
