@@ -168,7 +168,6 @@ class Monitors:
         swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
         sided = self._sides.step(now_ns, state, speed, ay) if compared and not self.stopping else 0.0
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
-        unfitted = steady if compared and self.position.suspect else None
         locked = self._locked.step(state, speed)
         return Sensors(
             wheels=max(one_differs, swapped, sided),
@@ -176,7 +175,9 @@ class Monitors:
             acceleration=max(changes, lateral, contradicted.acceleration),
             slipping=(wheels and self._wheels.all_fell) or (changes > 0.0 and contradicted.wheels > 0.0 and not locked),
             fixes=trusted is not None,
-            outvoted=self._witness.step((state.yaw_rate, rear, steered), unfitted),
+            outvoted=self._witness.step(
+                (state.yaw_rate, rear, steered), steady if compared else None, self.position.suspect
+            ),
         )
 
     def _reports(self, state: VehicleState) -> bool:
