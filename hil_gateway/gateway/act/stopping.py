@@ -16,7 +16,7 @@ import numpy as np
 
 from hil_gateway.bus.messages import Plan, PlanStatus
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-from hil_gateway.gateway.act.stop_path import Path, plan_path, way_along
+from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, plan_path, way_along
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
 from hil_gateway.gateway.settings import StopConfig
@@ -65,7 +65,10 @@ class Stopping:
         self._steer = 0.0
         self.flat = False
         """whether a tyre is flat"""
+        self.blind = False
+        """whether no fixes hold the pose"""
         self._brakes = True
+        self._clear = CLEAR
         self._yields = 0.0
         """slip angle of the rear axle, rad a m/s2 of lateral force; negative: the nose points to the inside"""
 
@@ -81,7 +84,7 @@ class Stopping:
 
     def start(self, steer: float) -> None:
         """A stop begins; without a path the present angle is held."""
-        self._steer, self._path, self._brakes = steer, None, True
+        self._steer, self._path, self._brakes, self._clear = steer, None, True, CLEAR
 
     def command(
         self, motion: Motion, pose: Pose | None, emergency: bool, steers: bool = True, brakes: bool = True
@@ -94,6 +97,8 @@ class Stopping:
         config = self._config
         if self._brakes and not brakes:
             self._brakes, self._path = False, None
+        if self.blind and self._clear < CLEAR_BLIND:
+            self._clear, self._path = CLEAR_BLIND, None
         if self._path is None or (pose is not None and self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
             self._path = self._way(pose)
             self._curvature = self._path.curvature() if self._path is not None else np.zeros(0)
@@ -113,7 +118,8 @@ class Stopping:
         """The way of this stop."""
         way = None
         if self._track is not None and pose is not None:
-            way = way_along(self._track, pose, self._config.controlled_deceleration if self._brakes else ROLLS_OUT)
+            deceleration = self._config.controlled_deceleration if self._brakes else ROLLS_OUT
+            way = way_along(self._track, pose, deceleration, self._clear)
         return way or (plan_path(self._plan) if self._plan is not None else None)
 
     def _pursue(self, path: Path, pose: Pose, motion: Motion) -> float:

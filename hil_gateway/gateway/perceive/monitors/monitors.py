@@ -34,6 +34,8 @@ IMU_MEASURES = ("yaw_rate_wrong", "acceleration_wrong", "commands_unanswered")
 """contradictions in which the IMU may be the one that is wrong"""
 IMU_GONE_S = 0.05
 """s without an IMU that is a cause to stop"""
+BLIND_S = 0.2
+"""s without a fix, of 20 a second"""
 IMU_WRONG_S = 0.1
 """s of contradiction after which the IMU is replaced by wheels and steering"""
 
@@ -91,6 +93,11 @@ class Monitors:
     def fixes_fit(self) -> bool:
         """Whether fixes are believed; where the IMU is contradicted too, it is the IMU that they did not fit."""
         return self.imu_wrong or not self.position.suspect
+
+    @property
+    def blind(self) -> bool:
+        """Whether no fixes hold the pose: wrong, or none for `BLIND_S`."""
+        return self.position.lost_s > BLIND_S or (self.position.wrong and not self.imu_wrong)
 
     @property
     def estimate_fits(self) -> bool:
