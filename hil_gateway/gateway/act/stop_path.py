@@ -26,6 +26,8 @@ ROUNDS = 8
 """solutions in which points outside of the corridor are found and pushed back"""
 CLEAR = 1.2
 """m between the wheels and the edge the way keeps where it can: side slip, errors of position and steering"""
+CLEAR_BLIND = 2.2
+"""the same where no fixes hold the pose: after 6 s in a bend under the brakes it is 1.7 m aside"""
 NARROW_SHARE = 0.3
 """of the half width at least is corridor, however narrow the road"""
 OUTSIDE = 400.0
@@ -92,8 +94,9 @@ def plan_path(plan: Plan) -> Path | None:
     return polyline(np.array([plan.x, plan.y], dtype=np.float64))
 
 
-def way_along(track: Track, pose: Pose, deceleration: float) -> Path | None:
-    """Way of a stop with `deceleration` (m/s2) from `pose`; None when that is far from the track."""
+def way_along(track: Track, pose: Pose, deceleration: float, clear: float = CLEAR) -> Path | None:
+    """Way of a stop with `deceleration` (m/s2) from `pose`, `clear` (m) of the edges; None when that is far from the
+    track."""
     s0, offset = track.project(pose.x, pose.y)
     if not abs(offset) < LOST:
         return None
@@ -103,7 +106,8 @@ def way_along(track: Track, pose: Pose, deceleration: float) -> Path | None:
     slope = math.tan(max(-math.atan(STEEPEST), min(_turned(pose.yaw + pose.slip - on.heading[1]), math.atan(STEEPEST))))
     speed2 = np.maximum(pose.speed**2 - 2 * deceleration * np.maximum(s - s0, 0.0), SLOWEST**2)
     start = np.array([offset - STEP * slope, offset])
-    e = _least_lateral_force(start, on.curvature, speed2, _corridor(on.width_right), _corridor(on.width_left))
+    corridor = _corridor(on.width_right, clear), _corridor(on.width_left, clear)
+    e = _least_lateral_force(start, on.curvature, speed2, *corridor)
     return polyline(np.array([on.x - e * np.sin(on.heading), on.y + e * np.cos(on.heading)]))
 
 
@@ -111,9 +115,9 @@ def _turned(angle: float) -> float:
     return math.remainder(angle, 2 * math.pi)
 
 
-def _corridor(width: Array) -> Array:
+def _corridor(width: Array, clear: float) -> Array:
     """Largest offset to one side, m."""
-    return np.asarray(np.maximum(width - HALF_WIDTH - CLEAR, NARROW_SHARE * width))
+    return np.asarray(np.maximum(width - HALF_WIDTH - clear, NARROW_SHARE * width))
 
 
 def _least_lateral_force(start: Array, curvature: Array, speed2: Array, right: Array, left: Array) -> Array:

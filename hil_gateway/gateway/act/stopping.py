@@ -1,10 +1,10 @@
 """Stopping without the planner: steering that keeps the car on the road, braking within the grip left.
 
 Steering is pure pursuit (Coulter, CMU-RI-TR-92-01): curvature k = 2 sin(alpha) / l towards the point a look-ahead
-distance l along the path, delta = atan(L k + U v^2 k0) + K (v k - r) with the measured yaw rate r, the understeer U
-under the brakes and the curvature k0 of the path; alpha is taken from the direction in which the rear axle goes on such
-a path. The path is the way along the track with the least lateral force from where the car is when the stop begins;
-without a track the last good plan.
+distance l along the path, delta = atan(L k + U v^2 k0) + K (v k - r) with the yaw rate r, where it is that of now, the
+understeer U under the brakes and the curvature k0 of the path; alpha is taken from the direction in which the rear axle
+goes on such a path. The path is the way along the track with the least lateral force from where the car is when the
+stop begins; without a track the last good plan.
 Braking is as hard as configured, and harder where a bend ahead on that path would be entered too fast.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from hil_gateway.bus.messages import Plan, PlanStatus
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-from hil_gateway.gateway.act.stop_path import Path, plan_path, way_along
+from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, plan_path, way_along
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
 from hil_gateway.gateway.settings import StopConfig
@@ -44,6 +44,8 @@ FAR_FROM_WAY = 1.5
 """m off its way at which a stop gets a new one: the tyres have not held, or the pose was wrong"""
 ROLLS_OUT = 2.0
 """m/s2 by which a car without brakes slows down: drag at 55 m/s; a slower one leaves its way a little to the inside"""
+TURNS_MOST = 1.5
+"""of the declared grip at most is asked for without a gyro: more steering turns no car in, and none that slides out"""
 BEND_SHARE = 0.7
 """of the declared grip a bend ahead may need: the rest steers back to the path and brakes on in the bend"""
 
@@ -63,7 +65,10 @@ class Stopping:
         self._steer = 0.0
         self.flat = False
         """whether a tyre is flat"""
+        self.blind = False
+        """whether no fixes hold the pose"""
         self._brakes = True
+        self._clear = CLEAR
         self._yields = 0.0
         """slip angle of the rear axle, rad a m/s2 of lateral force; negative: the nose points to the inside"""
 
@@ -79,7 +84,7 @@ class Stopping:
 
     def start(self, steer: float) -> None:
         """A stop begins; without a path the present angle is held."""
-        self._steer, self._path, self._brakes = steer, None, True
+        self._steer, self._path, self._brakes, self._clear = steer, None, True, CLEAR
 
     def command(
         self, motion: Motion, pose: Pose | None, emergency: bool, steers: bool = True, brakes: bool = True
@@ -92,6 +97,8 @@ class Stopping:
         config = self._config
         if self._brakes and not brakes:
             self._brakes, self._path = False, None
+        if self.blind and self._clear < CLEAR_BLIND:
+            self._clear, self._path = CLEAR_BLIND, None
         if self._path is None or (pose is not None and self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
             self._path = self._way(pose)
             self._curvature = self._path.curvature() if self._path is not None else np.zeros(0)
@@ -111,7 +118,8 @@ class Stopping:
         """The way of this stop."""
         way = None
         if self._track is not None and pose is not None:
-            way = way_along(self._track, pose, self._config.controlled_deceleration if self._brakes else ROLLS_OUT)
+            deceleration = self._config.controlled_deceleration if self._brakes else ROLLS_OUT
+            way = way_along(self._track, pose, deceleration, self._clear)
         return way or (plan_path(self._plan) if self._plan is not None else None)
 
     def _pursue(self, path: Path, pose: Pose, motion: Motion) -> float:
@@ -124,16 +132,26 @@ class Stopping:
         angle = math.atan2(y - rear_y, x - rear_x) - pose.yaw - self._rear_slip(pose, motion, bend)
         distance = max(math.hypot(x - rear_x, y - rear_y), LOOK_AHEAD_MIN)
         curvature = 2 * math.sin(angle) / distance
-        too_slow = motion.speed * curvature - motion.yaw_rate if motion.by_gyro else 0.0  # a substitute is late
+        if not motion.by_gyro:
+            curvature = self._within_grip(curvature, motion.speed)
+        too_slow = motion.speed * curvature - motion.yaw_rate if motion.prompt else 0.0
         gain = FLAT_YAW_RATE_GAIN if self.flat else YAW_RATE_GAIN
         understeer = BRAKED_UNDERSTEER * motion.understeer * motion.speed**2 * bend
         return math.atan(self._vehicle.wheelbase * curvature + understeer) + gain * too_slow
 
+    def _within_grip(self, curvature: float, speed: float) -> float:
+        """As much of it as `TURNS_MOST` of the declared grip makes."""
+        most = TURNS_MOST * self._config.grip(self._vehicle.mass, speed) / max(speed, 1.0) ** 2
+        return min(max(curvature, -most), most)
+
     def _rear_slip(self, pose: Pose, motion: Motion, curvature: float) -> float:
         """Angle from where the car points to where its rear axle goes on a path of this curvature, rad.
 
-        As much a m/s2 of lateral force as now: answered to the slip itself, a car that oversteers weaves.
+        As much a m/s2 of lateral force as now: answered to the slip itself, a car that oversteers weaves. Without a
+        gyro the yaw of the pose is the course of the centre of gravity.
         """
+        if not motion.by_gyro:
+            return -self._vehicle.lr * curvature
         if pose.slip and abs(motion.ay) > YIELDS_FROM:
             self._yields = (pose.slip - self._vehicle.lr * motion.yaw_rate / motion.speed) / motion.ay
         return self._yields * motion.speed**2 * curvature

@@ -60,6 +60,7 @@ class DeadReckoning:
         self._yields, self._forces = 0.0, 1.0
         """sums of a_y times the rear axle's slip angle, and of a_y^2, over what the estimates said lately"""
         self.pose: Pose | None = None
+        self._by_gyro = True
         self._pose_ns = 0
         self._answered_ns = 0
         self._fix_seq = 0
@@ -93,9 +94,11 @@ class DeadReckoning:
         self._pose_ns = now_ns
         speed = motion.speed
         self._blind_m += speed * dt
-        yaw = pose.yaw + motion.yaw_rate * dt
         slip = self._slip(motion)
-        middle = 0.5 * (pose.yaw + yaw) + slip
+        before = pose.yaw if motion.by_gyro == self._by_gyro else pose.yaw + pose.slip - slip
+        self._by_gyro = motion.by_gyro  # where the slip is no longer known, the car still goes where it went
+        yaw = before + motion.yaw_rate * dt
+        middle = 0.5 * (before + yaw) + slip
         return Pose(pose.x + speed * math.cos(middle) * dt, pose.y + speed * math.sin(middle) * dt, yaw, speed, slip)
 
     def _learn(self, estimate: Estimate, motion: Motion) -> None:

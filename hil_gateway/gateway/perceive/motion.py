@@ -24,6 +24,8 @@ UNDERSTEER = 1e-3
 """rad per m/s2 of lateral force before anything has been learnt: a racing car at moderate lateral force"""
 UNDERSTEER_LEARNT = 0.005
 """weight of a period: two seconds"""
+SETTLES = 150
+"""periods (1.5 s) before a wrong IMU is found, in which it may have taught what is wrong"""
 UNDERSTEER_MOST = 2e-3
 """rad per m/s2 of lateral force: a car that turns at 80 m/s a fifth of what its steering angle means"""
 BRAKED_UNDERSTEER = 0.5
@@ -43,10 +45,16 @@ CLOSED = 0.02
 """accelerator"""
 SPEED_LEARNT = 0.01
 """weight of a period: one second"""
+BRAKES_MOST = 0.3
+"""by which brakes may do more or less than declared: pads, lines, mass of the car"""
 POWERED = 0.02
 """slip-ratio drive command from which the engine may spin the driven wheels"""
 SPIN_LEAST = 0.6
 """front over rear wheels' speed: driven wheels do not spin by more than two thirds; less is a dead front sensor"""
+TURNED_S = 0.04
+"""time constant, s: noise of the wheel speeds (0.3 % of a sample, 0.1 rad/s at 50 m/s)"""
+TURNED_MOST = 30.0
+"""m/s2 of lateral force: wheels whose difference means more have locked"""
 LEAST_AHEAD = 0.8
 """front over rear axle's speed: with 0.3 rad of steering 0.96 and more; less is a wrong yaw rate"""
 LONGEST_S = 0.1
@@ -65,6 +73,8 @@ class Motion:
     """whether the yaw rate is the gyro's; a substitute drifts, and fixes correct the heading"""
     understeer: float = 0.0
     """rad of steering angle a m/s2 of lateral force, as the gyro has taught it"""
+    prompt: bool = True
+    """whether the yaw rate is that of now: the gyro's, or one that the wheels have told the changes of"""
 
 
 class MotionReader:
@@ -74,7 +84,8 @@ class MotionReader:
     have taught, held against locking by what tyres can do; without wheels that of the fixes, then the IMU carries it
     on. Yaw rate: the gyro; without it the turn rate of the fixes' course, then the rear wheels' difference (which
     braking falsifies), then v tan(delta) / (L + K v^2) with the understeer K that the gyro has taught. Turn rates are
-    late by half the time they span: steering since then is added.
+    late by half the time they span: what has changed since then is added, by the differences of the wheels (under the
+    brakes up to twice what it is, but in time), else by the steering.
     Lateral force without an IMU: by that yaw rate, or by the steering where that is more, which is not late: brakes
     leave grip for it. Where nothing reports any more, what stands on the wire is taken for done.
     """
@@ -85,6 +96,10 @@ class MotionReader:
         self._drag = 0.5 * vehicle.air_density * vehicle.drag_area / vehicle.mass
         self._angles, self._forces = UNDERSTEER, 1.0
         """sums of a_y times the steering angle beyond that of a slow car, and of a_y^2, lately"""
+        self._taught: deque[tuple[float, float]] = deque([(UNDERSTEER, 1.0)], maxlen=SETTLES)
+        """understeer, and share of the declared force that the brakes make, of the last periods with an IMU"""
+        self._brakes = 1.0
+        """that share by now"""
         self._mismatch = 0.0
         """(right - left) / (track v) on a straight, 1/m"""
         self._radii, self._brake_slip = 0.0, BRAKE_SLIP
@@ -92,9 +107,13 @@ class MotionReader:
         self._last_ns: int | None = None
         self._steered: deque[float] = deque(maxlen=COURSE_WINDOW)
         """v tan(delta) / L of the periods a course spans, rad/s"""
+        self._turned: deque[float] = deque(maxlen=COURSE_WINDOW)
+        """yaw rates by the wheels of both axles in those periods, rad/s; none where one of them has said nothing"""
         self.motion = Motion()
         self.believe_imu = self.believe_wheels = True
         """false when other sensors contradict them"""
+        self.imu_wrong = False
+        """whether the IMU is contradicted, and not only gone: the last it has taught may be wrong, too"""
 
     def step(
         self, now_ns: int, state: VehicleState, course: Course | None = None, commanded: Actuators | None = None
@@ -108,15 +127,17 @@ class MotionReader:
         speed = self._speed(state, imu, wheels, dt, course, commanded)
         steered = self._steered_rate(state, speed, commanded)
         if imu and wheels and speed > LEARNING_FROM:
-            self._learn_understeer(state, speed)
+            self._learn(state, speed)
         before = self._steered[-1] if self._steered else steered
         self._steered.append(before + dt / (dt + TURNS_IN_S * speed + 1e-9) * (steered - before))
+        self._note_turn(state, speed, wheels, dt)
         yaw_rate = state.yaw_rate if imu else self._without_gyro(state, speed, wheels, course)
         if imu and wheels and speed > LEARNING_FROM:
             error = (self._rear_difference(state) - state.yaw_rate) / speed - self._mismatch
             self._mismatch += min(dt / MISMATCH_S, 1.0) * error
         force = state.ay if imu else speed * max(yaw_rate, self._steered[-1], key=abs)
-        self.motion = Motion(speed, yaw_rate, force, imu, self._understeer)
+        prompt = imu or (course is not None and self._wheels_tell)
+        self.motion = Motion(speed, yaw_rate, force, imu, self._understeer, prompt)
         return self.motion
 
     def teach(self, now_ns: int, state: VehicleState, estimate: Estimate) -> None:
@@ -151,13 +172,32 @@ class MotionReader:
 
     @property
     def _understeer(self) -> float:
-        return min(max(self._angles / max(self._forces, 1.0), 0.0), UNDERSTEER_MOST)
+        return self._learnt[0]
+
+    @property
+    def _learnt(self) -> tuple[float, float]:
+        """Understeer and share of the brakes to go by."""
+        return self._taught[0 if self.imu_wrong else -1]
+
+    def _learn(self, state: VehicleState, speed: float) -> None:
+        """What a stop without an IMU goes by."""
+        self._learn_understeer(state, speed)
+        self._learn_brakes(state, speed)
+        understeer = min(max(self._angles / max(self._forces, 1.0), 0.0), UNDERSTEER_MOST)
+        self._taught.append((understeer, self._brakes))
 
     def _learn_understeer(self, state: VehicleState, speed: float) -> None:
         """Steering angle beyond L r / v a m/s2 of lateral force; least squares over the last two seconds."""
         beyond = math.tan(state.steer) - self._vehicle.wheelbase * state.yaw_rate / speed
         self._angles += UNDERSTEER_LEARNT * (beyond * state.ay - self._angles)
         self._forces += UNDERSTEER_LEARNT * (state.ay**2 - self._forces)
+
+    def _learn_brakes(self, state: VehicleState, speed: float) -> None:
+        """Longitudinal specific force beside drag over that of the pressures as declared."""
+        braking = self._pressed(state)
+        if braking > BRAKED:
+            share = -(state.ax + self._drag * speed**2) / braking
+            self._brakes += SPEED_LEARNT * (min(max(share, 1.0 - BRAKES_MOST), 1.0 + BRAKES_MOST) - self._brakes)
 
     def _speed(  # noqa: PLR0917 - what it is taken from
         self, state: VehicleState, imu: bool, wheels: bool, dt: float, course: Course | None,
@@ -196,12 +236,31 @@ class MotionReader:
         """Deceleration by the brakes that are asked for and by drag, m/s2; 0 where nothing is sent."""
         if commanded is None or commanded.accelerator > 0.0:
             return 0.0
-        return (commanded.brake_front + commanded.brake_rear) * self._per_pa + self._drag * self.motion.speed**2
+        pressed = (commanded.brake_front + commanded.brake_rear) * self._per_pa
+        return self._learnt[1] * pressed + self._drag * self.motion.speed**2
 
     def _without_gyro(self, state: VehicleState, speed: float, wheels: bool, course: Course | None) -> float:
         if course is not None:
-            return course.turn_rate + self._steered[-1] - sum(self._steered) / len(self._steered)
+            kept = self._turned if self._wheels_tell else self._steered
+            return course.turn_rate + kept[-1] - sum(kept) / len(kept)
         return self.rear_yaw_rate(state, speed) if wheels else self._steered[-1]
+
+    @property
+    def _wheels_tell(self) -> bool:
+        """Whether the wheels have told how the car turns in all periods a course spans."""
+        return len(self._turned) == COURSE_WINDOW
+
+    def _note_turn(self, state: VehicleState, speed: float, wheels: bool, dt: float) -> None:
+        """Yaw rate that the differences of both axles' wheels mean; what they are wrong by all the time does not
+        matter."""
+        if not wheels:
+            self._turned.clear()
+            return
+        front = (state.wheel_speed_fr - state.wheel_speed_fl) / self._vehicle.track_front
+        most = TURNED_MOST / max(speed, LEARNING_FROM)
+        now = min(max(0.5 * (front + self._rear_difference(state)), -most), most)
+        before = self._turned[-1] if self._turned else now
+        self._turned.append(before + dt / (dt + TURNED_S) * (now - before))
 
     def _rear_difference(self, state: VehicleState) -> float:
         return (state.wheel_speed_rr - state.wheel_speed_rl) / self._vehicle.track_rear

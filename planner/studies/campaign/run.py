@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hil_gateway.process.errors import InputError
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -48,15 +50,28 @@ def drive_all(jobs: Sequence[Job], out: Path, machines: Machines) -> list[dict[s
         raise InputError("--scheduler needs dask: pip install 'hil-gateway[cluster]'")
     found: dict[str, dict[str, Any] | None] = {job.name: load(out, job.name, job.settings) for job in jobs}
     missing = [job for job in jobs if found[job.name] is None]
+    run = _on_cluster if machines.scheduler else _here
+    done = len(jobs) - len(missing)
+    for name, driven in with_bar(run(missing, machines), len(jobs), lambda named: f"driven {named[0]}", done):
+        save(out, name, driven)
+        found[name] = driven
+    return [stored for job in jobs if (stored := found[job.name]) is not None]
+
+
+def with_bar(
+    results: Iterable[T], total: int, describe: Callable[[T], str], done: int = 0, forks: bool = False
+) -> Iterator[T]:
+    """The results as they come, beside a bar on standard error that says how many of `total` there are.
+
+    Where the process `forks` for its results, the bar is drawn with every result only: a thread that draws it could
+    leave a lock behind in the copy.
+    """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(file=sys.stderr)) as progress:
-        task = progress.add_task("driving", total=len(jobs), completed=len(jobs) - len(missing))
-        run = _on_cluster if machines.scheduler else _here
-        for name, driven in run(missing, machines):
-            save(out, name, driven)
-            found[name] = driven
-            progress.update(task, advance=1, description=f"driven {name}")
-    return [done for job in jobs if (done := found[job.name]) is not None]
+    with Progress(*columns, console=Console(file=sys.stderr), auto_refresh=not forks) as progress:
+        task = progress.add_task("driving", total=total, completed=done)
+        for result in results:
+            yield result
+            progress.update(task, advance=1, description=describe(result), refresh=forks)
 
 
 def _here(jobs: Sequence[Job], machines: Machines) -> Iterator[tuple[str, dict[str, Any]]]:

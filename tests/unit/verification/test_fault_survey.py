@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import threading
 
 import pytest
 from verification.fault_simulation import survey
 from verification.fault_simulation.car_campaign import NOTHING, THEN, FaultResult
 from verification.fault_simulation.car_faults import CAR_FAULTS
 from verification.fault_simulation.survey import FIRST_S, LAST_S, PAIRS, Survey, draw
+
+from planner.studies.campaign.run import with_bar
 
 
 def names(drawn: Survey) -> list[list[str]]:
@@ -61,3 +64,20 @@ def test_a_survey_is_ok_only_where_stops_keep_to_the_road_or_physics_forbids_it(
     report = survey.run_survey(7, ["oval"])
     assert report["ok"] == ok
     assert report["all"]["single"]["kept"] == float(ok)
+
+
+def test_a_survey_says_how_far_it_has_come(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    drive = FaultResult(NOTHING.name, 20.0, 50.0, None, "", False, 0.5, 0.5)
+    fault = FaultResult("steering stuck", 20.0, 50.0, 0.2, "steering_stuck", True, -1.0, 0.5, "stop")
+    monkeypatch.setattr(survey, "from_places", lambda *_, **__: iter([drive, fault]))
+    survey.run_survey(7, ["oval"])
+    drawn = sum(len(hand) for _, hand in draw(7, 0, "oval").places)
+    said = capsys.readouterr().err
+    assert f"2/{drawn}" in said
+    assert "oval, 1 of 1: steering stuck" in said
+    assert "oval, car 7000: FaultResult(fault='steering stuck'" in said
+
+
+def test_a_bar_beside_results_for_which_the_process_forks_draws_from_no_thread() -> None:
+    threads = [threading.active_count() for _ in with_bar(range(3), 3, str, forks=True)]
+    assert threads == [threading.active_count()] * 3

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import random
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from hil_gateway.plant.car_file import random_car
+from planner.studies.campaign.run import with_bar
 from verification.fault_simulation.car_campaign import (
     NOTHING,
     SINGLE,
@@ -60,19 +61,27 @@ def draw(seed: int, number: int, track: str) -> Survey:
 
 
 def run_survey(seed: int, tracks: Sequence[str] = TRACKS) -> dict[str, Any]:
-    """The report of `hil verify --fault-survey`; every fault that leaves the road goes to standard error."""
+    """The report of `hil verify --fault-survey`; how far it has come, and every fault that leaves the road, goes to
+    standard error."""
     judged: dict[str, list[FaultResult]] = {}
     healthy: list[tuple[Survey, FaultResult]] = []
     for number, track in enumerate(tracks):
         survey = draw(seed, number, track)
-        results = list(from_places(track, random_car(survey.car), survey.places, learn=survey.car % 2 == 1))
+        results = list(_driven(survey, f"{track}, {number + 1} of {len(tracks)}"))
         drives = {r.at_s: r for r in results if r.fault == NOTHING.name}
         healthy += [(survey, drive) for drive in drives.values()]
         judged[track] = [r for r in results if r.fault != NOTHING.name and _drives_on(drives[r.at_s])]
-        for result in results:
-            if result.margin_m < 0.0:
-                print(f"{track}, car {survey.car}: {result}", file=sys.stderr)
     return _report(judged, healthy)
+
+
+def _driven(survey: Survey, name: str) -> Iterator[FaultResult]:
+    """What the faults of one track come to, beside a bar; fewer than were drawn where the car stops by itself."""
+    results = from_places(survey.track, random_car(survey.car), survey.places, learn=survey.car % 2 == 1)
+    drawn = sum(len(hand) for _, hand in survey.places)
+    for result in with_bar(results, drawn, lambda result: f"{name}: {result.fault}", forks=True):
+        if result.margin_m < 0.0:
+            print(f"{survey.track}, car {survey.car}: {result}", file=sys.stderr)
+        yield result
 
 
 def _drives_on(drive: FaultResult) -> bool:

@@ -103,18 +103,23 @@ class TurnWitness:
     """Whether steering and wheels both side with the course of the fixes, and not with the gyro.
 
     A fix beside the way that gyro and wheels have reckoned says that one of them is wrong, not which: a step, a ramp or
-    a delay of positions has no steering and no wheels with it.
+    a delay of positions has no steering and no wheels with it. The first clear answer counts until the fixes fit
+    again: under the brakes of the stop that follows, wheels and steering say little of how the car turns.
     """
 
     def __init__(self) -> None:
         self._kept: deque[tuple[float, float, float]] = deque(maxlen=COURSE_WINDOW)
+        self._with_gyro = False
 
-    def step(self, rates: tuple[float, float, float], course: Course | None) -> bool:
-        """Yaw rates by gyro, wheels and steering in one period, rad/s; `course` where fixes have not fitted them."""
+    def step(self, rates: tuple[float, float, float], course: Course | None, suspect: bool) -> bool:
+        """Yaw rates by gyro, wheels and steering in one period, rad/s; the course of fixes that are `suspect`, None
+        where it is not known or the wheels say nothing."""
         self._kept.append(rates)
-        if course is None:
+        self._with_gyro = self._with_gyro and suspect
+        if course is None or not suspect:
             return False
-        gyro, wheels, steered = (sum(kept) / len(self._kept) for kept in zip(*self._kept, strict=True))
+        gyro, *others = (sum(kept) / len(self._kept) for kept in zip(*self._kept, strict=True))
         turn = course.turn_rate
-        with_course = all(abs(by - turn) < abs(by - gyro) for by in (wheels, steered))
-        return with_course and abs(gyro - turn) > OUTVOTED
+        apart, with_course = abs(gyro - turn) > OUTVOTED, [abs(by - turn) < abs(by - gyro) for by in others]
+        self._with_gyro = self._with_gyro or (apart and not any(with_course))
+        return apart and all(with_course) and not self._with_gyro

@@ -34,6 +34,8 @@ IMU_MEASURES = ("yaw_rate_wrong", "acceleration_wrong", "commands_unanswered")
 """contradictions in which the IMU may be the one that is wrong"""
 IMU_GONE_S = 0.05
 """s without an IMU that is a cause to stop"""
+BLIND_S = 0.2
+"""s without a fix, of 20 a second"""
 IMU_WRONG_S = 0.1
 """s of contradiction after which the IMU is replaced by wheels and steering"""
 
@@ -91,6 +93,11 @@ class Monitors:
     def fixes_fit(self) -> bool:
         """Whether fixes are believed; where the IMU is contradicted too, it is the IMU that they did not fit."""
         return self.imu_wrong or not self.position.suspect
+
+    @property
+    def blind(self) -> bool:
+        """Whether no fixes hold the pose: wrong, or none for `BLIND_S`."""
+        return self.position.lost_s > BLIND_S or (self.position.wrong and not self.imu_wrong)
 
     @property
     def estimate_fits(self) -> bool:
@@ -168,7 +175,6 @@ class Monitors:
         swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
         sided = self._sides.step(now_ns, state, speed, ay) if compared and not self.stopping else 0.0
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
-        unfitted = steady if compared and self.position.suspect else None
         locked = self._locked.step(state, speed)
         return Sensors(
             wheels=max(one_differs, swapped, sided),
@@ -176,7 +182,9 @@ class Monitors:
             acceleration=max(changes, lateral, contradicted.acceleration),
             slipping=(wheels and self._wheels.all_fell) or (changes > 0.0 and contradicted.wheels > 0.0 and not locked),
             fixes=trusted is not None,
-            outvoted=self._witness.step((state.yaw_rate, rear, steered), unfitted),
+            outvoted=self._witness.step(
+                (state.yaw_rate, rear, steered), steady if compared else None, self.position.suspect
+            ),
         )
 
     def _reports(self, state: VehicleState) -> bool:
@@ -201,5 +209,6 @@ class Monitors:
         found = outvoted or (held_s > IMU_WRONG_S and sensors.fixes)
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
         self.motion.believe_imu = not self.imu_wrong and not self._imu_gone
+        self.motion.imu_wrong = self.imu_wrong
         self.motion.believe_wheels = not self.wheels_wrong
         self.imu_suspect = self.imu_wrong or self._imu_gone or held_s > 0.0

@@ -101,8 +101,22 @@ def test_a_gyro_is_blamed_for_fixes_that_do_not_fit_where_steering_and_wheels_si
 ):
     witness, course = TurnWitness(), Course(0.0, 0.0, 0.0, SPEED, TURN, 0.0)
     rates = gyro, wheels, steered
-    assert [witness.step(rates, course) for _ in range(40)][-1] is outvoted
-    assert not witness.step(rates, None), "fixes fit, or there are none"
+    assert [witness.step(rates, course, suspect=True) for _ in range(40)][-1] is outvoted
+    assert not witness.step(rates, None, suspect=True), "there is no course"
+    assert not witness.step(rates, course, suspect=False), "fixes fit"
+
+
+@pytest.mark.parametrize("fit_again", [False, True])
+def test_fixes_that_steering_and_wheels_have_contradicted_blame_no_gyro_under_the_brakes(fit_again):
+    """A ramp of fixes in a bend; under the brakes of the stop steering and wheels come nearer to it than the gyro."""
+    witness = TurnWitness()
+    ramp, later = (Course(0.0, 0.0, 0.0, SPEED, turn, 0.0) for turn in (3.0 * TURN, 1.5 * TURN))
+    for _ in range(20):
+        assert not witness.step((TURN, 0.8 * TURN, 1.1 * TURN), ramp, suspect=True)
+    for _ in range(40 if fit_again else 0):
+        witness.step((TURN, 1.4 * TURN, 1.5 * TURN), None, suspect=False)
+    outvoted = [witness.step((TURN, 1.4 * TURN, 1.5 * TURN), later, suspect=True) for _ in range(60)]
+    assert any(outvoted) is fit_again
 
 
 def test_fixes_that_lie_on_a_curve_by_chance_judge_no_sensor():

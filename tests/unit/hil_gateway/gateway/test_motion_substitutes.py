@@ -11,6 +11,7 @@ from support.scripted_car import Rig
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.config import Config
+from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.sensors import SpeedChangeMonitor
 from hil_gateway.gateway.perceive.monitors.wheels import LockedWheels
 from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
@@ -73,6 +74,47 @@ def test_with_nothing_reported_the_brakes_take_half_of_the_understeer() -> None:
     ))  # fmt: skip
     turns = reader.motion.speed * math.tan(steer) / (CAR.wheelbase + 0.5 * UNDERSTEER * reader.motion.speed**2)
     assert reader.motion.yaw_rate == pytest.approx(turns, rel=0.06)
+
+
+def test_with_nothing_reported_brakes_do_what_the_imu_has_shown_them_to_do() -> None:
+    """A car that is heavier than declared and has weaker brakes: 20 % in a stop from 65 m/s are 30 m."""
+    reader, half_pa = MotionReader(CAR, PER_PA), 0.5 * 8.0 * CAR.mass / PER_PA
+    drag = 0.5 * CAR.air_density * CAR.drag_area / CAR.mass * 40.0**2
+    pressed = {"brake_front": half_pa, "brake_rear": half_pa, "ax": -0.8 * 8.0 - drag}
+    asked = Actuators(0.0, 0.0, half_pa, half_pa, 4)
+    now_ns = run(reader, driving(40.0, 0.0, sources=True).model_copy(update=pressed), 4.0, 0, asked)
+    before = reader.motion.speed
+    run(reader, driving(40.0, 0.0, sources=False), 0.5, now_ns, asked)
+    assert before - reader.motion.speed == pytest.approx(0.5 * (0.8 * 8.0 + drag), rel=0.03)
+
+
+@pytest.mark.parametrize("wrong", [True, False])
+def test_what_a_wrong_imu_has_taught_at_last_is_not_gone_by(wrong: bool) -> None:
+    """A gyro that says 0.3 rad/s too much for half a second makes a car that understeers seem to oversteer."""
+    speed, steer = 60.0, 15.0 / 60.0**2 * (CAR.wheelbase + UNDERSTEER * 60.0**2)
+    reader, rolling = MotionReader(CAR, PER_PA), Actuators(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 6)
+    bend = driving(speed, steer, sources=True)
+    now_ns = run(reader, bend, 6.0, 0, rolling)
+    now_ns = run(reader, bend.model_copy(update={"yaw_rate": bend.yaw_rate + 0.3}), 0.5, now_ns, rolling)
+    reader.believe_imu, reader.imu_wrong = False, wrong
+    run(reader, bend, 0.1, now_ns, rolling)
+    assert (reader.motion.understeer > 0.9 * UNDERSTEER) is wrong
+
+
+@pytest.mark.parametrize("wheels", [True, False])
+def test_without_a_gyro_the_wheels_tell_at_once_what_the_course_does_not_know_yet(wheels: bool) -> None:
+    """A car that begins to slide turns faster, with the steering as it was; the course of the fixes is late."""
+    speed = 40.0
+    reader, straight = MotionReader(CAR, PER_PA), driving(speed, 0.0, sources=True)
+    reader.believe_imu, course, now_ns = False, Course(0.0, 0.0, 0.0, speed, 0.0, 0.0), 0
+    sides = (("fl", -CAR.track_front), ("fr", CAR.track_front), ("rl", -CAR.track_rear), ("rr", CAR.track_rear))
+    turning = straight.model_copy(update={f"wheel_speed_{wheel}": speed + 0.5 * 0.3 * track for wheel, track in sides})
+    reader.believe_wheels = wheels
+    for state in [straight] * 50 + [turning] * 15:
+        now_ns += PERIOD_NS
+        reader.step(now_ns, state, course)
+    assert reader.motion.prompt is wheels
+    assert reader.motion.yaw_rate == pytest.approx(0.3 * (1.0 - 13 / 38) if wheels else 0.0, abs=0.03)
 
 
 def slipping(speed: float, deceleration: float, slip: float, radii: float) -> VehicleState:

@@ -132,6 +132,31 @@ def test_the_way_of_a_stop_needs_less_lateral_force_than_the_middle_of_the_road(
     assert (np.abs(path.curvature()) * speed2).max() < 0.8 * (middle * speed2).max()
 
 
+def test_a_stop_that_no_fixes_guide_keeps_further_from_the_edges():
+    """Also where the fixes are lost in the middle of the stop."""
+    track = load_track("road_course")
+    here, least = beside(track, 900.0, 0.0, 0.0, 45.0), []
+    for blind in (False, True):
+        stop = stopping(track)
+        stop.start(0.0)
+        stop.command(motion(45.0), here, emergency=True)
+        stop.blind = blind
+        stop.command(motion(45.0), here, emergency=True)
+        assert stop._path is not None
+        least.append(track.width_left.min() - HALF_WIDTH - np.abs(offsets(track, stop._path)).max())
+    assert least[1] > least[0] + 0.4
+
+
+@pytest.mark.parametrize("fixes", [True, False])
+def test_a_gateway_without_fixes_for_a_fifth_of_a_second_says_so_to_its_stop(rig, fixes):
+    rig.drive = 0.1
+    rig.drive_off(6.0)
+    assert not rig.gateway._actor.stopping.blind
+    rig.car.muted |= set() if fixes else {"novatel_report"}
+    rig.run(0.3)
+    assert rig.gateway._actor.stopping.blind is not fixes
+
+
 def test_far_from_the_track_there_is_no_way_along_it():
     track = load_track("oval")
     assert way_along(track, beside(track, 10.0, 31.0, 0.0, 20.0), 6.0) is None
@@ -158,7 +183,32 @@ def test_pure_pursuit_is_exact_on_a_circle(rig):
     assert steer == pytest.approx(math.atan(VEHICLE.wheelbase / radius), rel=0.01)
 
 
-def largest_yaw_rates(rig: Rig, by_gyro: bool) -> tuple[float, float]:
+def test_without_a_gyro_pure_pursuit_goes_by_the_course_of_the_centre_of_gravity(rig):
+    """Which in a bend is not that of the rear axle: 0.016 rad at 80 m, a twentieth of the steering angle."""
+    radius, angles = 80.0, np.linspace(-0.5, 1.5, 2001)
+    x, y = radius * np.sin(angles), radius * (1 - np.cos(angles))
+    stop = stopping()
+    stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(x), "y": tuple(y)}), stopping=False)
+    stop.start(0.0)
+    turning = Motion(speed=20.0, yaw_rate=0.0, by_gyro=False, prompt=False)
+    course = VEHICLE.lr / radius
+    steer, _ = stop.command(turning, Pose(VEHICLE.lr, VEHICLE.lr * course, course, 20.0), emergency=False)
+    assert steer == pytest.approx(math.atan(VEHICLE.wheelbase / radius), rel=0.02)
+
+
+@pytest.mark.parametrize("by_gyro", [True, False])
+def test_without_a_gyro_no_more_is_steered_than_tyres_could_hold(rig, by_gyro):
+    """Half a radian off its way at 60 m/s: what would be asked for is twice the force of racing tyres."""
+    stop = stopping()
+    stop.take_plan(rig.plan(0), stopping=False)
+    stop.start(0.0)
+    lost = Motion(speed=60.0, by_gyro=by_gyro, prompt=False)
+    steer, _ = stop.command(lost, Pose(0.0, 0.0, 0.5, 60.0), emergency=False)
+    most = 1.5 * StopConfig().grip(VEHICLE.mass, 60.0)
+    assert (abs(math.tan(steer)) <= 1.001 * VEHICLE.wheelbase * most / 60.0**2) is not by_gyro
+
+
+def largest_yaw_rates(rig: Rig, **source: bool) -> tuple[float, float]:
     """In the first and in the fourth second of a stop on a straight at 70 m/s, rad/s.
 
     A linear bicycle whose rear axle is 30 % weaker than the front one for its lever, beyond its critical speed;
@@ -172,7 +222,7 @@ def largest_yaw_rates(rig: Rig, by_gyro: bool) -> tuple[float, float]:
     x, y, yaw, vy, rate, angle, sent, rates = 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, [0.0] * 4, []
     for _ in range(400):
         pose = Pose(x, y, yaw, speed, vy / speed)
-        sent.append(stop.command(Motion(speed, rate, by_gyro=by_gyro), pose, emergency=True)[0])
+        sent.append(stop.command(Motion(speed, rate, **source), pose, emergency=True)[0])
         angle += dt * 2 * math.pi * 3.0 * (sent[-5] - angle)
         across_f = front * (angle - (vy + VEHICLE.lf * rate) / speed)
         across_r = -rear * (vy - VEHICLE.lr * rate) / speed
@@ -184,9 +234,11 @@ def largest_yaw_rates(rig: Rig, by_gyro: bool) -> tuple[float, float]:
 
 
 def test_a_stop_steadies_a_car_that_oversteers(rig):
-    first, last = largest_yaw_rates(rig, by_gyro=True)
+    first, last = largest_yaw_rates(rig)
     assert last < 0.5 * first
     first, last = largest_yaw_rates(rig, by_gyro=False)
+    assert last < 0.5 * first, "the wheels tell how the car turns"
+    first, last = largest_yaw_rates(rig, by_gyro=False, prompt=False)
     assert last > first, "the car weaves where nothing but its place steadies it"
 
 
