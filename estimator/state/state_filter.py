@@ -38,7 +38,6 @@ from estimator.state.filter_steps import (
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 
-
 YAW_ACCELERATION_S = 0.05
 """time constant, s: noise of the gyro's differences"""
 
