@@ -100,7 +100,7 @@ class MotionReader:
         """understeer, and share of the declared force that the brakes make, of the last periods with an IMU"""
         self._brakes = 1.0
         """that share by now"""
-        self._mismatch = 0.0
+        self._mismatch_front = self._mismatch = 0.0
         """(right - left) / (track v) on a straight, 1/m"""
         self._radii, self._brake_slip = 0.0, BRAKE_SLIP
         """speed over that of the second fastest wheel less 1: while it rolls, and a m/s2 of braking on top of it"""
@@ -133,8 +133,10 @@ class MotionReader:
         self._note_turn(state, speed, wheels, dt)
         yaw_rate = state.yaw_rate if imu else self._without_gyro(state, speed, wheels, course)
         if imu and wheels and speed > LEARNING_FROM:
-            error = (self._rear_difference(state) - state.yaw_rate) / speed - self._mismatch
-            self._mismatch += min(dt / MISMATCH_S, 1.0) * error
+            share = min(dt / MISMATCH_S, 1.0)
+            front, rear = self._front_difference(state), self._rear_difference(state)
+            self._mismatch_front += share * ((front - state.yaw_rate) / speed - self._mismatch_front)
+            self._mismatch += share * ((rear - state.yaw_rate) / speed - self._mismatch)
         force = state.ay if imu else speed * max(yaw_rate, self._steered[-1], key=abs)
         prompt = imu or (course is not None and self._wheels_tell)
         self.motion = Motion(speed, yaw_rate, force, imu, self._understeer, prompt)
@@ -161,6 +163,12 @@ class MotionReader:
     def rear_yaw_rate(self, state: VehicleState, speed: float) -> float:
         """Yaw rate the rear wheels' difference means, rad/s."""
         return self._rear_difference(state) - self._mismatch * speed
+
+    def wheel_yaw_rate(self, state: VehicleState, speed: float) -> float:
+        """Yaw rate by the axle that the engine does not drive now: under power an inner rear wheel slips, rad/s."""
+        if state.drive > POWERED:
+            return self._front_difference(state) - self._mismatch_front * speed
+        return self.rear_yaw_rate(state, speed)
 
     def _steered_rate(self, state: VehicleState, speed: float, commanded: Actuators | None) -> float:
         """Yaw rate that the steering angle comes to, by its sensor or else its command, rad/s."""
@@ -256,11 +264,13 @@ class MotionReader:
         if not wheels:
             self._turned.clear()
             return
-        front = (state.wheel_speed_fr - state.wheel_speed_fl) / self._vehicle.track_front
         most = TURNED_MOST / max(speed, LEARNING_FROM)
-        now = min(max(0.5 * (front + self._rear_difference(state)), -most), most)
+        now = min(max(0.5 * (self._front_difference(state) + self._rear_difference(state)), -most), most)
         before = self._turned[-1] if self._turned else now
         self._turned.append(before + dt / (dt + TURNED_S) * (now - before))
+
+    def _front_difference(self, state: VehicleState) -> float:
+        return (state.wheel_speed_fr - state.wheel_speed_fl) / self._vehicle.track_front
 
     def _rear_difference(self, state: VehicleState) -> float:
         return (state.wheel_speed_rr - state.wheel_speed_rl) / self._vehicle.track_rear

@@ -164,9 +164,9 @@ class Monitors:
         compared = both and not self.flat
         steady = self._steady.step(course)
         trusted = None if self.position.wrong and not self.imu_wrong else steady
-        rates = state.yaw_rate, ay
+        inertial = state.yaw_rate, ay
         known = trusted if both else None
-        contradicted = self._course.step(now_ns, rates, second_fastest(state), (rear, steered), known)
+        contradicted = self._course.step(now_ns, inertial, second_fastest(state), (rear, steered), known)
         self.position.contradicted(contradicted.position)
         changes = self._speed_change.step(now_ns, state, speed) if both else 0.0
         lateral = self._lateral.step(now_ns, state, speed, ay) if both else 0.0
@@ -176,15 +176,14 @@ class Monitors:
         sided = self._sides.step(now_ns, state, speed, ay) if compared and not self.stopping else 0.0
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
         locked = self._locked.step(state, speed)
+        rates = state.yaw_rate, self.motion.wheel_yaw_rate(state, speed), steered
         return Sensors(
             wheels=max(one_differs, swapped, sided),
             yaw_rate=max(turns, hangs, contradicted.yaw_rate),
             acceleration=max(changes, lateral, contradicted.acceleration),
             slipping=(wheels and self._wheels.all_fell) or (changes > 0.0 and contradicted.wheels > 0.0 and not locked),
             fixes=trusted is not None,
-            outvoted=self._witness.step(
-                (state.yaw_rate, rear, steered), steady if compared else None, self.position.suspect
-            ),
+            outvoted=self._witness.step(rates, steady if compared else None, self.position.suspect),
         )
 
     def _reports(self, state: VehicleState) -> bool:
