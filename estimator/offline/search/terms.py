@@ -20,7 +20,7 @@ from estimator.offline.search.greedy import Checked, check_each, recheck
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.search import Search, search
 from estimator.offline.search.stand_ins import without_stand_ins
-from estimator.offline.search.trial import Setting, fit_names
+from estimator.offline.search.trial import Setting
 from estimator.offline.search.whiteness import structured
 
 Progress = Callable[[str], None]
@@ -178,5 +178,6 @@ def _drop_stand_ins(
         weak = [n for n in weak if n not in setting.measured_road]
         if not weak:
             return checked, fit
-        kept.remove(min(weak, key=lambda n: gains[n].gain))
-        fit = fit_names(setting, kept, fit)
+        worst = min(weak, key=lambda n: gains[n].gain)
+        kept.remove(worst)
+        fit = checked.without[worst]
