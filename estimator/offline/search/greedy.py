@@ -264,7 +264,7 @@ def recheck(
             return accepted, current, checked
         worst = min(idle or _to_blame(checked) or doubted, key=lambda n: checked.gains[n].gain)
         accepted = [n for n in accepted if n != worst]
-        current = fit_names(setting, accepted, current)
+        current = checked.without[worst]
 
 
 def _to_blame(checked: Checked) -> list[str]:

@@ -14,7 +14,8 @@ from estimator.offline.fit.prediction_error import Fit, Point
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record, available
 from estimator.offline.search.evidence import compare
-from estimator.offline.search.trial import Setting, Trial, fit_names, warm_start
+from estimator.offline.search.trial import Setting, Trial, warm_start
+from estimator.offline.search.workers import Job, fit_each
 from hil_gateway.process.arrays import Array
 
 SCREENING_STRIDE = 3
@@ -53,12 +54,16 @@ def screen(
     before, count = current.held_out(), SCREENING_STRIDE * current.normal.count
     alone = [e for e in effects if e.initial or e.profile]
     trials, far = _screen_together(setting, accepted, [e for e in effects if e not in alone], current, before)
-    for effect in (*alone, *far):
-        progress(" + ".join([*accepted, effect.name]))
-        steps = 1 if effect.profile else SCREENING_ITERATIONS
-        done = fit_names(setting, [*accepted, effect.name], current, steps)
+    jobs = [
+        _short_fit([*accepted, effect.name], 1 if effect.profile else SCREENING_ITERATIONS) for effect in (*alone, *far)
+    ]
+    for effect, done in zip((*alone, *far), fit_each(setting, current, jobs, progress), strict=True):
         trials.append(Trial(effect.name, compare(before, done.held_out(), count)))
     return sorted(trials, key=lambda t: -t.evidence.gain)
+
+
+def _short_fit(names: Sequence[str], steps: int) -> Job:
+    return Job(" + ".join(names), tuple(names), iterations=steps)
 
 
 def _thinned(setting: Setting, current: Fit) -> tuple[Setting, Fit]:

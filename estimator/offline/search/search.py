@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 from estimator.model.declared_vehicle import DECLARED
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.map_road import ROAD
-from estimator.offline.search.acceptance import (
-    earns_its_place,
-)
+from estimator.offline.search.acceptance import earns_its_place
 from estimator.offline.search.every_car import fitted_together
 from estimator.offline.search.evidence import Evidence, compare
-from estimator.offline.search.greedy import ASKED_FROM, WHITE, Greedy
+from estimator.offline.search.greedy import ASKED_FROM, WHITE, Checked, Greedy
 from estimator.offline.search.plausible import there
+from estimator.offline.search.stand_ins import no_stand_ins
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from estimator.offline.search.whiteness import structured
 
@@ -29,7 +28,7 @@ class Search:
 
     Attributes:
         base: the declared model; start: with the road that kinematics show; final: with all that is accepted.
-        rounds: every round's trials; gains: of each accepted effect given the rest.
+        rounds: every round's trials; checked: each accepted effect given the rest.
         look_alikes: accepted effect -> another that explains the session as well in its place, where there is one.
     """
 
@@ -38,8 +37,13 @@ class Search:
     final: Fit
     accepted: tuple[str, ...]
     rounds: tuple[tuple[Trial, ...], ...]
-    gains: Mapping[str, Evidence]
+    checked: Checked
     look_alikes: Mapping[str, str]
+
+    @property
+    def gains(self) -> Mapping[str, Evidence]:
+        """Of each accepted effect given the rest."""
+        return self.checked.gains
 
 
 def search(
@@ -67,8 +71,8 @@ def search(
     # the way there and back may have led the declared model further
     base = base if state.names else state.fit
     ordered = tuple(sorted(state.names, key=lambda n: -state.gains[n].gain))
-    gains = {n: state.gains[n] for n in ordered}
-    return Search(base, start, state.fit, ordered, tuple(rounds), gains, state.look_alikes() if thorough else {})
+    checked = state.checked or Checked({}, {})
+    return Search(base, start, state.fit, ordered, tuple(rounds), checked, state.look_alikes() if thorough else {})
 
 
 def _many_at_once(state: Greedy) -> bool:
@@ -95,9 +99,19 @@ def from_every_car(first: Greedy) -> Greedy:
 
 
 def better(first: Greedy, second: Greedy) -> Greedy:
-    """The second where it predicts so much better that an effect would earn its name by it."""
-    lead = compare(first.fit.held_out(), second.fit.held_out(), first.fit.normal.count)
+    """The second where it predicts so much better that an effect would earn its name by it.
+
+    By what stands in for nothing: the rest is not named in the end, however well it predicts.
+    """
+    one, other = _that_counts(first), _that_counts(second)
+    lead = compare(one.held_out(), other.held_out(), one.normal.count)
     return second if second.names and earns_its_place(lead, first.setting, first.total) else first
+
+
+def _that_counts(state: Greedy) -> Fit:
+    """The fit of its effects that stand in for nothing."""
+    kept = state.names if state.checked is None else no_stand_ins(state.setting, state.checked, state.fit)
+    return state.fit if len(kept) == len(state.names) else fit_names(state.setting, kept, state.fit)
 
 
 def _with_road(

@@ -11,17 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 
-from estimator.model.declared_vehicle import DECLARED
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.record import Record
-from estimator.offline.search.acceptance import earns_its_place, explains_more_than_is_left, leaves_more_than_noise
+from estimator.offline.search.acceptance import earns_its_place
 from estimator.offline.search.empirical import Term, search_terms
-from estimator.offline.search.every_car import on_every_car_with
 from estimator.offline.search.evidence import Evidence, compare
-from estimator.offline.search.greedy import check_each, recheck
+from estimator.offline.search.greedy import Checked, check_each, recheck
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.search import Search, search
-from estimator.offline.search.trial import Setting, fit_names
+from estimator.offline.search.stand_ins import without_stand_ins
+from estimator.offline.search.trial import Setting
 from estimator.offline.search.whiteness import structured
 
 Progress = Callable[[str], None]
@@ -105,19 +104,20 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
     if rival.suffices(found.start, found.final):
         terms, tried = rival.trials[:1], rival.trials[:SHOWN]
         setting, found = _on_top(terms[0], setting, found, progress)
-    gains, current = found.gains, found.final
+    checked, current = found.checked, found.final
     while len(terms) < MAX_TERMS and structured(current, WHITE_FOR_TERMS):
-        trials = search_terms(setting, tuple(gains), current, progress)
+        trials = search_terms(setting, tuple(checked.gains), current, progress)
         tried.extend(trials[:SHOWN])
         least = SECOND_TERM_SHARE * terms[0].evidence.gain if terms else 0.0
         worthy = [t for t in trials if t.evidence.gain > least and _can_be_added(t, setting, found.start, current)]
-        joined = (_joined(t, setting, found, tuple(gains), progress) for t in worthy)
+        joined = (_joined(t, setting, found, tuple(checked.gains), progress) for t in worthy)
         chosen = next((one for one in joined if one is not None), None)
         if chosen is None:
             break
-        term, setting, gains, current = chosen
+        term, setting, checked, current = chosen
         terms.append(term)
-    gains, current = without_stand_ins(setting, gains, current, progress)
+    checked, current = without_stand_ins(setting, checked, current, progress)
+    gains = checked.gains
     ordered = tuple(sorted(gains, key=lambda n: -gains[n].gain))
     return Outcome(setting, found, ordered, gains, tuple(terms), current, tuple(tried))
 
@@ -126,29 +126,9 @@ def _can_be_added(term: Term, setting: Setting, start: Fit, current: Fit) -> boo
     return term.fit is not None and _earns_its_place(term.evidence, setting.record, _total_gain(start, current))
 
 
-def without_stand_ins(
-    setting: Setting, gains: Mapping[str, Evidence], fit: Fit, progress: Progress
-) -> tuple[Mapping[str, Evidence], Fit]:
-    """Remove effects that explain less of an accelerometer's channel than is left unexplained there.
-
-    Not of a car that shows what every car has: the rest of that is no stand-in.
-    """
-    expected = on_every_car_with(tuple(gains))
-    doubted = [name for name in gains if name not in (*setting.found_road, *DECLARED, *expected)]
-    if not (doubted and leaves_more_than_noise(fit)):
-        return gains, fit
-    without = check_each(setting, list(gains), fit, progress, ", at last").without
-    stand_ins = [n for n in doubted if not explains_more_than_is_left(n, gains[n].channel, without[n], fit)]
-    if not stand_ins:
-        return gains, fit
-    kept = [name for name in gains if name not in stand_ins]
-    fit = fit_names(setting, kept, fit)
-    return check_each(setting, kept, fit, progress).gains, fit
-
-
 def _joined(
     term: Term, setting: Setting, found: Search, names: tuple[str, ...], progress: Progress
-) -> tuple[Term, Setting, Mapping[str, Evidence], Fit] | None:
+) -> tuple[Term, Setting, Checked, Fit] | None:
     """The term beside the effects, less those that only stood in for it; None where it is a copy of an effect.
 
     A spline can copy what physics explains. What gained a fair share of the term's gain before there was one stays,
@@ -161,8 +141,8 @@ def _joined(
     stronger = {n for n in own if found.gains[n].gain > most}
     if not all(believed(term.fit, n) for n in stronger):
         return None
-    gains, fit = _drop_stand_ins(setting, own, names, term.fit, progress)
-    return (term, setting, gains, fit) if stronger <= set(gains) else None
+    checked, fit = _drop_stand_ins(setting, own, names, term.fit, progress)
+    return (term, setting, checked, fit) if stronger <= set(checked.gains) else None
 
 
 def _on_top(term: Term, setting: Setting, found: Search, progress: Progress) -> tuple[Setting, Search]:
@@ -171,7 +151,7 @@ def _on_top(term: Term, setting: Setting, found: Search, progress: Progress) -> 
     setting = term.added_to(setting)
     if not structured(term.fit, WHITE_FOR_TERMS):
         road, fit, checked = recheck(setting, list(setting.found_road), term.fit, progress)
-        return setting, Search(found.base, found.start, fit, tuple(road), found.rounds, checked.gains, {})
+        return setting, Search(found.base, found.start, fit, tuple(road), found.rounds, checked, {})
     on_top = search(setting, progress, term.fit)
     return setting, replace(on_top, base=found.base, start=found.start, rounds=(*found.rounds, *on_top.rounds))
 
@@ -187,15 +167,17 @@ def _earns_its_place(evidence: Evidence, record: Record, total: float) -> bool:
 
 def _drop_stand_ins(
     setting: Setting, own: Collection[str], names: Collection[str], fit: Fit, progress: Progress
-) -> tuple[Mapping[str, Evidence], Fit]:
+) -> tuple[Checked, Fit]:
     """Remove, weakest first, effects that gain little once the empirical term is there; those in `own` if nothing."""
     kept = list(names)
     while True:
-        gains = check_each(setting, kept, fit, progress, ", with the empirical term").gains
+        checked = check_each(setting, kept, fit, progress, ", with the empirical term")
+        gains = checked.gains
         earning = [gains[n].gain > 1.0 if n in own else earns_its_place(gains[n], setting, 0.0) for n in kept]
         weak = [n for n, earns in zip(kept, earning, strict=True) if not earns or not believed(fit, n)]
         weak = [n for n in weak if n not in setting.measured_road]
         if not weak:
-            return gains, fit
-        kept.remove(min(weak, key=lambda n: gains[n].gain))
-        fit = fit_names(setting, kept, fit)
+            return checked, fit
+        worst = min(weak, key=lambda n: gains[n].gain)
+        kept.remove(worst)
+        fit = checked.without[worst]

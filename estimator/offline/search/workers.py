@@ -25,13 +25,14 @@ KEPT_BYTES, LARGEST_BYTES = 1 << 30, 32 << 20
 class Job:
     """A fit to be done: of the named effects, in a `setting` and from a fit of its own if it has them.
 
-    The progress says `label`.
+    The progress says `label`. It ends after `iterations` where there are so many, as in `fit_names`.
     """
 
     label: str
     names: tuple[str, ...]
     setting: Setting | None = None
     warm: Fit | None = None
+    iterations: int | None = None
 
 
 @contextmanager
@@ -62,10 +63,10 @@ def fit_each(setting: Setting, warm: Fit, jobs: Sequence[Job], progress: Callabl
         done = []
         for own, job in zip(settings, jobs, strict=True):
             progress(job.label)
-            done.append(fit_names(own, job.names, job.warm or warm))
+            done.append(fit_names(own, job.names, job.warm or warm, job.iterations))
         return done
     sent = [
-        setting.pool.submit(_numbers, replace(own, pool=None), job.names, job.warm or warm)
+        setting.pool.submit(_numbers, replace(own, pool=None), job.names, job.warm or warm, job.iterations)
         for own, job in zip(settings, jobs, strict=True)
     ]
     fits = []
@@ -76,8 +77,8 @@ def fit_each(setting: Setting, warm: Fit, jobs: Sequence[Job], progress: Callabl
     return fits
 
 
-def _numbers(setting: Setting, names: Sequence[str], warm: Fit) -> tuple[Array, Normal, Noise]:
+def _numbers(setting: Setting, names: Sequence[str], warm: Fit, iterations: int | None) -> tuple[Array, Normal, Noise]:
     """What a fit found, without the record it was found on."""
-    done = fit_names(setting, names, warm)
+    done = fit_names(setting, names, warm, iterations)
     done.held_out()  # asked for next, and kept
     return done.parameters, done.normal, done.noise

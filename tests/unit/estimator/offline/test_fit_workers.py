@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from support.practice_drives import PRIOR, record_of, shared_drives
 
+from estimator.offline.search.every_car import fitted_together, on_every_car
+from estimator.offline.search.screening import open_candidates, screen
 from estimator.offline.search.trial import Setting, fit_names
 from estimator.offline.search.workers import Job, fit_each, workers
 
@@ -18,7 +23,7 @@ def test_fits_side_by_side_agree_with_fits_in_turn(tmp_path_factory: pytest.Temp
     record = record_of(shared_drives(tmp_path_factory)["single"])
     setting = Setting(record.select(record.lap == 0), "per_axle", PRIOR)
     warm = fit_names(setting, (), None)
-    jobs = [Job("resistance", ("rolling_resistance",)), Job("drag", ("aero_drag",))]
+    jobs = [Job("resistance", ("rolling_resistance",)), Job("drag", ("aero_drag",), iterations=1)]
     said: list[str] = []
     in_turn = fit_each(setting, warm, jobs, said.append)
     with workers(2) as pool:
@@ -27,6 +32,23 @@ def test_fits_side_by_side_agree_with_fits_in_turn(tmp_path_factory: pytest.Temp
     for one, other in zip(in_turn, beside, strict=True):
         assert np.allclose(one.parameters, other.parameters, rtol=1e-9)
         assert np.allclose(one.held_out(), other.held_out(), rtol=1e-9)
+
+
+def test_what_is_screened_with_short_fits_and_forms_of_one_effect_are_fitted_side_by_side(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    drive = shared_drives(tmp_path_factory)["single"]
+    columns = drive.columns | {"brake": np.maximum(-drive.columns["drive"], 0.0), "throttle": 0.0 * drive.columns["t"]}
+    record = record_of(replace(drive, columns=columns))
+    setting = Setting(record.select(record.lap == 0), "per_axle", PRIOR)
+    current = fit_names(setting, (), None)
+    effects = [e for e in open_candidates(setting, []) if e.initial]
+    with ThreadPoolExecutor(1) as pool:
+        sent = Mock(wraps=pool, spec=Executor)
+        screen(replace(setting, pool=sent), [], current, lambda _: None, effects)
+        assert sent.submit.call_count == len(effects) > 1
+        fitted_together(replace(setting, pool=sent), [], current)
+        assert sent.submit.call_count == len(effects) + len(on_every_car(setting, [])) > len(effects) + 1
 
 
 THREADS_AT_IMPORT = """

@@ -18,7 +18,7 @@ from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import Greedy, check_each
 from estimator.offline.search.screening import open_candidates
 from estimator.offline.search.search import better, from_every_car, search
-from estimator.offline.search.terms import without_stand_ins
+from estimator.offline.search.stand_ins import without_stand_ins
 from estimator.offline.search.trial import Setting, fit_names
 
 
@@ -141,8 +141,24 @@ def test_what_stands_in_is_removed_unless_the_car_shows_what_every_car_has(drive
     setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
     for names, kept in ((["front_brake"], False), (["front_brake", "aero_drag"], True)):
         done = fit_names(setting, names, None)
-        gains, _ = without_stand_ins(setting, check_each(setting, names, done, _quiet).gains, done, _quiet)
-        assert ("front_brake" in gains) == kept
+        checked, _ = without_stand_ins(setting, check_each(setting, names, done, _quiet), done, _quiet)
+        assert ("front_brake" in checked.gains) == kept
+
+
+def test_of_two_starts_what_stands_in_does_not_count(drives: dict[str, Any]) -> None:
+    record = record_of(drives["pulses"])
+    signals = {**record.signals, "steer": record.signals["steer"] + 0.00015}
+    record = replace(record, signals=signals).select(np.arange(record.windows) % 4 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
+    base = fit_names(setting, (), None)
+    first, second = (
+        Greedy(setting, _quiet, _never_enough, base, names, fit_names(setting, names, base), [])
+        for names in (["front_brake"], ["steer_offset"])
+    )
+    assert first.total > second.total, "what stands in for pulses predicts better than without"
+    for state in (first, second):
+        state.recheck()
+    assert better(first, second) is second
 
 
 def test_of_two_forms_of_one_effect_a_model_has_one(drives: dict[str, Any]) -> None:
