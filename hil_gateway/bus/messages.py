@@ -99,8 +99,8 @@ class VehicleState(Message):
 class Estimate(Message):
     """Filtered vehicle state at the centre of gravity (100 Hz).
 
-    `bias_ax`, `bias_ay`: all that is to be taken off what the accelerometers read, for bias and for the turn of their
-    axes.
+    `bias_ax`, `bias_ay`: all that is to be taken off what the accelerometers read, for bias, for the turn of their axes
+    and for their distance to the centre of gravity.
     """
 
     state_stamp_ns: Stamp = Field(description="stamp of the VehicleState this answers, gateway clock")
