@@ -77,6 +77,9 @@ def test_an_integer_beyond_its_field_is_held_to_it_and_nothing_but_integers_is_p
         CODEC.pack("gear_shift_cmd", {})
     with pytest.raises(ValueError, match="gear_shift_cmd has no signal gear"):
         CODEC.pack("gear_shift_cmd", {"desired_gear": 1, "gear": 1})
+    fields = {signal.name: 1 for signal in CODEC.messages["pt_report_2"].signals}
+    with pytest.raises(ValueError, match=r"pt_report_2 has no signal fuel_pressure$"):
+        CODEC.pack("pt_report_2", fields | {"fuel_pressure": 1})
 
 
 @pytest.mark.promise("F2")

@@ -44,6 +44,7 @@ EQUIVALENT: dict[tuple[str, str], str] = {
         "abs(want - got) <= 0.501 * limit.scale -> abs(want - got) < 0.501 * limit.scale (comparison)",
     ): "0.501 lies between rounding (at most 0.5) and a limit; equality has no meaning",
     ("can_dbc.codec", "if words is None: -> if True: (condition)"): SLOWER,
+    ("can_dbc.codec", "if self._raw is None: -> if True: (condition)"): "compiled again at every use: slower",
     ("can_dbc.codec", "if not aligned: -> if True: (condition)"): SLOWER,
     ("can_dbc.codec", "8 -> 9 (constant)"): SLOWER,
     ("can_dbc.codec", "16 -> 17 (constant)"): SLOWER,
