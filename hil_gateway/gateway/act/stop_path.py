@@ -1,9 +1,10 @@
 """The way a stop takes: from where the car is along the track, with the least lateral force, inside the road.
 
 In track coordinates the way is its lateral offset e over arc length s; its curvature is about k + e'' with the track's
-k. Least squares over a grid: (v^2 (k + e''))^2, where the speed v falls as the stop brakes; the excess over a corridor
-that ends inside the road, squared; and e^2, a slight pull towards the middle. A plan is no way to stop on beyond its
-own end: a racing line is left with sideways speed where the plan ends, and runs along the very edge.
+k. Least squares over a grid: the lateral force (v^2 (k + e''))^2, where the speed v falls as the stop brakes; its
+change with time, squared; the excess over a corridor that ends inside the road, squared; and e^2, a slight pull towards
+the middle. A plan is no way to stop on beyond its own end: a racing line is left with sideways speed where the plan
+ends, and runs along the very edge.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from hil_gateway.bus.messages import Plan
 from hil_gateway.car.vehicle import HALF_WIDTH
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.process.arrays import Array
-from hil_gateway.track.track import Track
+from hil_gateway.track.track import Track, TrackPoint
 
 STEP = 3.0
 """m between points of the way: a tenth of the tightest bend's radius"""
@@ -44,6 +45,16 @@ STEEPEST = 0.5
 """slope of the way against the track at its beginning, at most: more is a wrong heading"""
 BEND_POINTS = 5
 """points over which the curvature of a plan is averaged"""
+GIVEN = 3
+"""points at the beginning of a way that are given: place, direction and curvature of the car's course"""
+SMOOTH_S = 0.3
+"""s in which a lateral force that changes by so much weighs as much as the force: steering acts after 0.1 s, and a car
+follows it within 0.2 s"""
+CLEAR_FIRST = 0.8
+"""m clear of the edges where the stop begins: the pose is good to 0.2 m then, and to turn at once to where it is clear
+of them takes 14 m/s2 at 70 m/s, which spins a car that oversteers under the brakes"""
+CLEAR_S = 1.5
+"""s after which the way keeps all of its distance: 1.4 m further in by then take 2.5 m/s2"""
 SHORTEST_STEP = 1e-3
 """points closer together are one, m"""
 
@@ -94,41 +105,54 @@ def plan_path(plan: Plan) -> Path | None:
     return polyline(np.array([plan.x, plan.y], dtype=np.float64))
 
 
-def way_along(track: Track, pose: Pose, deceleration: float, clear: float = CLEAR) -> Path | None:
-    """Way of a stop with `deceleration` (m/s2) from `pose`, `clear` (m) of the edges; None when that is far from the
-    track."""
+def way_along(track: Track, pose: Pose, turn_rate: float, deceleration: float, clear: float = CLEAR) -> Path | None:
+    """Way of a stop with `deceleration` (m/s2) from `pose`, where the car turns with `turn_rate` (rad/s), in the end
+    `clear` (m) of the edges; None when that is far from the track."""
     s0, offset = track.project(pose.x, pose.y)
     if not abs(offset) < LOST:
         return None
     count = math.ceil((pose.speed**2 / (2 * deceleration) + BEYOND) / STEP)
-    s: Array = s0 + STEP * np.arange(-1.0, count)
-    on = track.at(s)
-    slope = math.tan(max(-math.atan(STEEPEST), min(_turned(pose.yaw + pose.slip - on.heading[1]), math.atan(STEEPEST))))
-    speed2 = np.maximum(pose.speed**2 - 2 * deceleration * np.maximum(s - s0, 0.0), SLOWEST**2)
-    start = np.array([offset - STEP * slope, offset])
-    corridor = _corridor(on.width_right, clear), _corridor(on.width_left, clear)
+    s: Array = s0 + STEP * np.arange(1.0 - GIVEN, count)
+    on, gone = track.at(s), np.maximum(s - s0, 0.0)
+    start = _start(pose, turn_rate, offset, s[:GIVEN] - s0, on)
+    room = CLEAR_FIRST + (clear - CLEAR_FIRST) * np.minimum(gone / (CLEAR_S * max(pose.speed, SLOWEST)), 1.0)
+    corridor = _corridor(on.width_right, room), _corridor(on.width_left, room)
+    speed2 = np.maximum(pose.speed**2 - 2 * deceleration * gone, SLOWEST**2)
     e = _least_lateral_force(start, on.curvature, speed2, *corridor)
     return polyline(np.array([on.x - e * np.sin(on.heading), on.y + e * np.cos(on.heading)]))
+
+
+def _start(pose: Pose, turn_rate: float, offset: float, s: Array, on: TrackPoint) -> Array:
+    """Offsets of the way's first points, where it is `s` (m) behind the car: its place, direction and curvature."""
+    slope = _turned(pose.yaw + pose.slip - on.heading[GIVEN - 1])
+    slope = math.tan(max(-math.atan(STEEPEST), min(slope, math.atan(STEEPEST))))
+    bend = turn_rate / max(pose.speed, SLOWEST) - float(on.curvature[GIVEN - 1])
+    return np.asarray(offset + slope * s + 0.5 * bend * s**2)
 
 
 def _turned(angle: float) -> float:
     return math.remainder(angle, 2 * math.pi)
 
 
-def _corridor(width: Array, clear: float) -> Array:
+def _corridor(width: Array, clear: Array) -> Array:
     """Largest offset to one side, m."""
     return np.asarray(np.maximum(width - HALF_WIDTH - clear, NARROW_SHARE * width))
 
 
 def _least_lateral_force(start: Array, curvature: Array, speed2: Array, right: Array, left: Array) -> Array:
-    """Offsets (n,) that begin with the two of `start`."""
-    weight = speed2[1:-1] ** 2
-    bending = _bending_matrix(weight, len(curvature))
-    force = _second_difference_transposed(weight * curvature[1:-1] / STEP**2, len(curvature))
-    outside, target = np.zeros(len(curvature)), np.zeros(len(curvature))
+    """Offsets (n,) that begin with the `GIVEN` ones of `start`."""
+    n = len(curvature)
+    force = speed2[1:-1] / STEP**2 * np.array([[1.0], [-2.0], [1.0]])
+    track = speed2[1:-1] * curvature[1:-1]
+    change = SMOOTH_S * np.sqrt(speed2[1:-2]) / STEP
+    none = np.zeros(n - 3)
+    jerk = change * (np.array([none, *force[:, 1:]]) - np.array([*force[:, :-1], none]))
+    bending = _gram(force, n) + _gram(jerk, n)
+    aside = _scattered(force * track, n) + _scattered(jerk * (change * np.diff(track)), n)
+    outside, target = np.zeros(n), np.zeros(n)
     e = target
     for _ in range(ROUNDS):
-        e = _solve(bending, force, start, outside, target)
+        e = _solve(bending, aside, start, outside, target)
         target = np.clip(e, -right, left)
         beyond = np.where(e != target, OUTSIDE, 0.0)
         if (beyond == outside).all():
@@ -137,34 +161,31 @@ def _least_lateral_force(start: Array, curvature: Array, speed2: Array, right: A
     return e
 
 
-def _bending_matrix(weight: Array, n: int) -> Array:
-    """Upper bands (3, n) of D' W D with the second difference D, in the layout of `solveh_banded`."""
-    w = weight / STEP**4
-    bands = np.zeros((3, n))
-    bands[2, :-2] += w
-    bands[2, 1:-1] += 4 * w
-    bands[2, 2:] += w
-    bands[1, 1:-1] -= 2 * w
-    bands[1, 2:] -= 2 * w
-    bands[0, 2:] += w
+def _gram(rows: Array, n: int) -> Array:
+    """B' B of a matrix B whose row i has the values rows[:, i] from column i on; upper bands (4, n) in the layout of
+    `solveh_banded`."""
+    bands = np.zeros((4, n))
+    count = rows.shape[1]
+    for first, a in enumerate(rows):
+        for second, b in enumerate(rows[first:], first):
+            bands[3 - (second - first), second : second + count] += a * b
     return bands
 
 
-def _second_difference_transposed(values: Array, n: int) -> Array:
+def _scattered(rows: Array, n: int) -> Array:
+    """B' 1 of such a matrix."""
     out = np.zeros(n)
-    out[:-2] += values
-    out[1:-1] -= 2 * values
-    out[2:] += values
+    for first, row in enumerate(rows):
+        out[first : first + len(row)] += row
     return out
 
 
-def _solve(bending: Array, force: Array, start: Array, outside: Array, target: Array) -> Array:
-    """Offsets that minimise bending, excess and distance from the middle; the first two are given."""
+def _solve(bending: Array, aside: Array, start: Array, outside: Array, target: Array) -> Array:
+    """Offsets that minimise bending, excess and distance from the middle; those of `start` are given."""
     bands = bending.copy()
-    bands[2] += MIDDLE + outside
-    right = outside * target - force
-    right[2] -= bands[0, 2] * start[0] + bands[1, 2] * start[1]
-    right[3] -= bands[0, 3] * start[1]
-    free = bands[:, 2:].copy()
-    free[1, 0] = free[0, 0] = free[0, 1] = 0.0
-    return np.concatenate([start, solveh_banded(free, right[2:])])
+    bands[3] += MIDDLE + outside
+    right = outside * target - aside
+    for behind in range(1, 4):
+        given = np.arange(max(GIVEN - behind, 0), GIVEN)
+        right[given + behind] -= bands[3 - behind, given + behind] * start[given]
+    return np.concatenate([start, solveh_banded(bands[:, GIVEN:], right[GIVEN:])])

@@ -4,7 +4,7 @@ Steering is pure pursuit (Coulter, CMU-RI-TR-92-01): curvature k = 2 sin(alpha) 
 distance l along the path, delta = atan(L k + U v^2 k0) + K (v k - r) with the yaw rate r, where it is that of now, the
 understeer U under the brakes and the curvature k0 of the path; alpha is taken from the direction in which the rear axle
 goes on such a path. The path is the way along the track with the least lateral force from where the car is when the
-stop begins; without a track the last good plan.
+stop begins, and as it turns then; without a track the last good plan.
 Braking is as hard as configured, and harder where a bend ahead on that path would be entered too fast.
 """
 
@@ -100,7 +100,7 @@ class Stopping:
         if self.blind and self._clear < CLEAR_BLIND:
             self._clear, self._path = CLEAR_BLIND, None
         if self._path is None or (pose is not None and self._path.distance(pose.x, pose.y) > FAR_FROM_WAY):
-            self._path = self._way(pose)
+            self._path = self._way(pose, motion)
             self._curvature = self._path.curvature() if self._path is not None else np.zeros(0)
             self._bends = np.abs(self._curvature)
         if self._path is not None and pose is not None:
@@ -114,12 +114,12 @@ class Stopping:
         force = self._vehicle.mass * (min(wanted, left) if steers else left)
         return self._steer, -force / self._force_per_drive
 
-    def _way(self, pose: Pose | None) -> Path | None:
-        """The way of this stop."""
+    def _way(self, pose: Pose | None, motion: Motion) -> Path | None:
+        """The way of this stop, which begins as the car turns now."""
         way = None
         if self._track is not None and pose is not None:
             deceleration = self._config.controlled_deceleration if self._brakes else ROLLS_OUT
-            way = way_along(self._track, pose, deceleration, self._clear)
+            way = way_along(self._track, pose, motion.yaw_rate, deceleration, self._clear)
         return way or (plan_path(self._plan) if self._plan is not None else None)
 
     def _pursue(self, path: Path, pose: Pose, motion: Motion) -> float:
