@@ -71,7 +71,18 @@ CASES = {
     "oval, 20 deg": Case(
         Setup(course="oval", bank=math.radians(20), fastest=81.0), 76, OVAL_LIMITS, (*LARGE[:3], "road_bank")
     ),
+    "wet, laps 2, 3 and 5": Case(Setup(wet=(2, 3, 5), wet_length=0.06, wet_grip=0.75), 171, WET_LIMITS, LARGE),
+    "wet, every lap": Case(Setup(wet=tuple(range(8)), wet_length=0.08, wet_grip=0.8), 172, WET_LIMITS, LARGE),
+    "wet, scored laps 4 and 7": Case(Setup(wet=(4, 7)), 173, {}, LARGE),
+    "wet, lap 5": Case(Setup(wet=(5,), wet_length=0.08), 174, {}, LARGE),
+    "wet from lap 4 on, sloped": Case(
+        Setup(wet=(4, 5, 6, 7), bank=0.03, grade=0.02, wet_length=0.07, wet_grip=0.75), 175, {},
+        (*LARGE, "road_bank", "road_grade"),
+    ),
+    "road again": Case(Setup(), 176, ROAD_LIMITS, LARGE),
+    "sloped road again": Case(Setup(bank=0.04, grade=0.03), 177, ROAD_LIMITS, (*LARGE, "road_bank", "road_grade")),
 }  # fmt: skip
+"""The first six are the list; the others were fixed before the rules on stretches of other grip."""
 
 
 def results(cases: Mapping[str, Case]) -> Iterator[tuple[str, Case, dict[str, Any]]]:

@@ -45,7 +45,7 @@ class Setup:
         height: of the centre of gravity, m; roll_front: share of the lateral load transfer that the front axle bears.
         grip, stiffness: of a tyre at its static load, front and rear; sensitivity: loss of grip with load.
         bank, grade: rad; of the turns of an oval, or the size of waves on a road course.
-        wind: m/s; wet: laps in which a tenth of the lap has 0.7 of the grip.
+        wind: m/s; wet: laps in which a stretch, a share `wet_length` of the lap, has `wet_grip` of the grip.
         pace: share of the grip that the last lap asks for; fastest: m/s.
         power: of the engine, W; lock: share of the torque that the differential can move.
     """
@@ -66,6 +66,8 @@ class Setup:
     grade: float = 0.0
     wind: float = 0.0
     wet: tuple[int, ...] = ()
+    wet_length: float = 0.1
+    wet_grip: float = 0.7
     fastest: float = 60.0
     power: float = 345e3
     lock: float = 0.25
@@ -194,8 +196,8 @@ class DoubleTrack:
     def dry(self, z: State) -> Array:
         """(n,) factor on the grip: wet on a stretch of some laps."""
         lap, place = z.share.astype(int), z.share % 1.0
-        there = self.wet[self.rows, np.minimum(lap, self.wet.shape[1] - 1)] & (np.abs(place - self.wet_at) < 0.05)
-        return np.where(there, 0.7, 1.0)
+        there = self.wet[self.rows, np.minimum(lap, self.wet.shape[1] - 1)] & (np.abs(place - self.wet_at) < self.of["wet_length"] / 2)
+        return np.where(there, self.of["wet_grip"], 1.0)
 
     def air(self, z: State) -> tuple[Array, Array]:
         """Force of the air on the body, N."""
@@ -227,7 +229,7 @@ class DoubleTrack:
 
 _NUMBERS = (
     "drag", "downforce", "brake_front", "engine_braking", "height", "roll_front", "grip", "stiffness", "sensitivity",
-    "wind", "power", "lock",
+    "wind", "power", "lock", "wet_length", "wet_grip",
 )  # fmt: skip
 
 
