@@ -196,8 +196,9 @@ class DoubleTrack:
     def dry(self, z: State) -> Array:
         """(n,) factor on the grip: wet on a stretch of some laps."""
         lap, place = z.share.astype(int), z.share % 1.0
-        there = self.wet[self.rows, np.minimum(lap, self.wet.shape[1] - 1)] & (np.abs(place - self.wet_at) < self.of["wet_length"] / 2)
-        return np.where(there, self.of["wet_grip"], 1.0)
+        wet = self.wet[self.rows, np.minimum(lap, self.wet.shape[1] - 1)]
+        there = np.abs(place - self.wet_at) < self.of["wet_length"] / 2
+        return np.where(wet & there, self.of["wet_grip"], 1.0)
 
     def air(self, z: State) -> tuple[Array, Array]:
         """Force of the air on the body, N."""
