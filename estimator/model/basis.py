@@ -82,6 +82,19 @@ class Basis:
         return Basis(self.signal, size, self.period, tuple(float(k) for k in knots))
 
 
+@dataclass(frozen=True)
+class Proportional(Basis):
+    """A function in proportion to its signal: one coefficient."""
+
+    def matrix(self, signal: Array) -> Array:
+        """(n, 1) the signal itself."""
+        return signal[:, None]
+
+    def precision(self, std: float) -> Array:
+        """(1, 1) prior precision of the factor."""
+        return np.full((1, 1), 1.0 / std**2)
+
+
 GRID, WHERE_IT_CHANGES, MOVED_KNOTS = 2001, 0.6, (24, 48)
 """Points on which a function is looked at; share of the knots put where it changes, the others over where it was driven
 and over its whole range; least and most knots."""

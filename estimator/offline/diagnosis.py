@@ -12,6 +12,7 @@ from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.lateral_velocity import with_predicted_vy
+from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.laps import scored_laps
 from estimator.offline.record.map_road import road_effects
 from estimator.offline.record.record import Record
@@ -21,7 +22,8 @@ from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.search import Search, search
-from estimator.offline.search.terms import Outcome, Rival, with_terms
+from estimator.offline.search.stretch import Candidate, can_tell, most_gaining
+from estimator.offline.search.terms import TERM_SHARE, Outcome, Rival, with_terms
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from estimator.offline.search.workers import workers
 from hil_gateway.process.arrays import Array, Ints
@@ -119,8 +121,17 @@ def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
     return Diagnosis(
         record, train_laps, test_laps, test_rows, outcome.search, outcome.fit, outcome.accepted, outcome.gains,
         outcome.terms, models, channels, states, outcome.tried,
-        leftovers(record, test_rows, best.model, best.parameters, floor),
+        leftovers(record, test_rows, best.model, best.parameters, floor, _other_grip(record, outcome.fit)),
     )  # fmt: skip
+
+
+def _other_grip(record: Record, fit: Fit) -> Candidate | None:
+    """A stretch of any laps, also scored ones, that another grip would explain; what is found is said, not learnt."""
+    if not can_tell(record):
+        return None
+    whole = Predictor(fit.predictor.model, record)
+    found = most_gaining(whole, fit.parameters, fit.noise, fit.normal.variance)
+    return found if found.gain > TERM_SHARE * record.rows[:, :, 0].size else None
 
 
 HELD_OUT_WINDOWS = 15

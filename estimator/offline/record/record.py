@@ -38,6 +38,8 @@ SLOWEST = 0.15
 """Windows slower than this share of the log's fast speed (95th percentile) carry no tyre information."""
 SPUN = 0.7
 """Lateral over forward velocity beyond which a car has spun: Eq. (1-3) describe driving (35 deg)."""
+GROWS_S = 0.5
+"""Side slip that is larger than so long before is growing; a driver corrects within that time."""
 EDGE_S = 0.3
 STRAIGHT_BELOW = 1.0
 """Lateral acceleration, m/s2, below which the car does not turn in either direction."""
@@ -70,6 +72,7 @@ class Record:
         state_error: (3,) standard deviation left in the smoothed vx, vy, yaw rate.
         rows: (windows, blocks, q) rows of each block of each window.
         lap: (windows,) number of the lap, or of any other group that is held out together, consecutive from 0.
+        lap_of_row: (n,) number of the lap by the log, or of a stretch of time where it has no laps.
         lap_length: m; 0 where there is no track position.
         pedals: whether the drive was derived from throttle and brake, whose zero and scales nobody measured.
         road: what kinematics say of `road_bank` and `road_grade`; empty where there is none or it is not known.
@@ -82,6 +85,7 @@ class Record:
     state_error: Array
     rows: Ints
     lap: Ints
+    lap_of_row: Ints
     step: float
     lap_length: float
     has_laps: bool
@@ -113,6 +117,11 @@ class Record:
     def select(self, windows: NDArray[np.bool_]) -> Record:
         """The windows where `windows` is true."""
         return replace(self, rows=self.rows[windows], lap=self.lap[windows])
+
+    @property
+    def window_laps(self) -> Ints:
+        """(windows,) number of the lap by the log, whatever groups are held out together."""
+        return self.lap_of_row[self.rows[:, 0, 0]]
 
     @cached_property
     def measured_blocks(self) -> Array:
@@ -181,6 +190,7 @@ def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = (
         state_error,
         windows,
         window_lap,
+        lap,
         log.step,
         length,
         has_laps,
@@ -247,7 +257,7 @@ def _cut(log: DriveLog, lap: Ints, vx: Array, vy: Array) -> tuple[Ints, Ints]:
         cuts = [first, *(np.flatnonzero(np.diff(lap[first:last])) + first + 1).tolist(), last]
         for a, b in itertools.pairwise(cuts):
             starts.extend(range(a, b - size + 1, size))
-    driven = (vx > slowest) & (np.abs(vy) < SPUN * vx)
+    driven = (vx > slowest) & ~_lost(vx, vy, slowest, round(GROWS_S / log.step))
     keep = np.array([s for s in starts if driven[s : s + size].all()], dtype=np.int64)
     if len(keep) < 20:
         found, least = len(keep) * WINDOW_S, 20 * WINDOW_S
@@ -255,6 +265,20 @@ def _cut(log: DriveLog, lap: Ints, vx: Array, vy: Array) -> tuple[Ints, Ints]:
     rows = keep[:, None] + np.arange(size)
     _, number = np.unique(lap[keep], return_inverse=True)
     return rows.reshape(len(keep), blocks, q), number.astype(np.int64)
+
+
+def _lost(vx: Array, vy: Array, slowest: float, stride: int) -> NDArray[np.bool_]:
+    """(n,) whether a car has spun, or is on the way there: from where its side slip begins to grow until then."""
+    spun = np.abs(vy) >= SPUN * vx
+    side = np.abs(vy) / np.maximum(vx, slowest)
+    lost = spun.copy()
+    fast = spun & (np.hypot(vx, vy) > slowest)
+    for end in np.flatnonzero(np.diff(fast.astype(int), prepend=0) == 1).tolist():
+        start = end
+        while start >= stride and side[start - stride] < side[start]:
+            start -= stride
+        lost[start:end] = True
+    return lost
 
 
 def available(record: Record) -> frozenset[str]:

@@ -54,19 +54,43 @@ class _Kinematics:
     std: Array
 
 
+TOLD_BY = {"road_bank": (1, 4), "road_grade": (0, 3)}
+"""Rows of `record.MEASURED` that say without any tyre whether there is a bank or a grade."""
+
+
 def find_road(record: Record) -> dict[str, RoadProfile]:
     """`road_bank` and `road_grade`, where accelerometer and velocities of the `record`'s laps show them."""
     if "track_position" not in record.bases or len(np.unique(record.lap)) < LEAST_LAPS:
         return {}
     found = {}
-    for name, signals, make in (("road_bank", (1, 4), _lateral), ("road_grade", (0, 3), _longitudinal)):
-        if record.used[list(signals)].all():
-            profile = _profile(record, make(record), None if name == "road_grade" else STRAIGHT_BANK)
+    for name in TOLD_BY:
+        kinematics = _of(record, name)
+        if kinematics is not None:
+            profile = _profile(record, kinematics, None if name == "road_grade" else STRAIGHT_BANK)
             if profile is not None:
                 found[name] = profile
-    told = record.used[[1, 4]].all()
-    rolled = None if told else _by_roll(record)
+    rolled = None if _of(record, "road_bank") else _by_roll(record)
     return found if rolled is None else {**found, "road_bank": rolled}
+
+
+def share_in_kinematics(record: Record, name: str, coefficients: Array) -> float | None:
+    """Factor on a bank or grade with these `coefficients` (n,) at which kinematics agree best; None where none tell."""
+    kinematics = _of(record, name)
+    if kinematics is None:
+        return None
+    angle = record.basis_over_windows("track_position").at(coefficients)
+    X = np.column_stack([-GRAVITY * np.sin(angle), kinematics.sensors.reshape(len(angle), -1)])
+    y = kinematics.y.ravel()
+    variance = _slow_variance((y - X @ np.linalg.lstsq(X, y, rcond=None)[0]).reshape(kinematics.y.shape))
+    known = np.diag([0.0, *(1.0 / kinematics.std**2)])
+    return float(np.linalg.solve(X.T @ X / variance + known, X.T @ y / variance)[0])
+
+
+def _of(record: Record, name: str) -> _Kinematics | None:
+    """The component of gravity that a bank or grade gives, where sensors of their own show it."""
+    if not record.used[list(TOLD_BY[name])].all():
+        return None
+    return _lateral(record) if name == "road_bank" else _longitudinal(record)
 
 
 def _by_roll(record: Record) -> RoadProfile | None:

@@ -5,12 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis
 from estimator.offline.predict.places import PLACES
-from estimator.offline.report.words import CHANNEL_NAMES, NAMES, describe, follows_turn_direction, span_words
+from estimator.offline.report.words import (
+    CHANNEL_NAMES,
+    NAMES,
+    describe,
+    follows_turn_direction,
+    grip_words,
+    span_words,
+)
 from estimator.offline.result.leftover import Leftover
 from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.empirical import Term
+from estimator.offline.search.stretch import Stretch, StretchTerm
 
 NEARLY = 0.8
 """A signal whose term gains more than this share of the accepted one's is an alternative."""
@@ -45,6 +56,9 @@ def _by_term(diagnosis: Diagnosis, term: Term) -> list[dict[str, Any]]:
     """What a term explains, for each channel that it acts on."""
     block = next(b for b in diagnosis.fit.predictor.blocks if b.effect.name == term.effect.name)
     coefficients = diagnosis.fit.parameters[block.parameters]
+    if isinstance(term, StretchTerm):
+        variance = np.maximum(np.diag(diagnosis.fit.covariance), diagnosis.fit.slow_variance)[block.parameters]
+        return _by_stretch(diagnosis, term, float(coefficients[0]), float(np.sqrt(variance[0])))
     values = diagnosis.record.signals[term.signal][diagnosis.record.rows].ravel()
     where, signal = describe(term.basis, values, coefficients), term.signal
     if follows_turn_direction(term.basis, values, coefficients):
@@ -61,16 +75,45 @@ def _by_term(diagnosis: Diagnosis, term: Term) -> list[dict[str, Any]]:
     return entries
 
 
+def _by_stretch(diagnosis: Diagnosis, term: StretchTerm, change: float, std: float) -> list[dict[str, Any]]:
+    """Another grip on a stretch, for each channel; its share is of the laps learnt from, predicted by each other."""
+    stretch, count = term.stretch, float(diagnosis.fit.normal.count.sum())
+    entries = []
+    for channel in term.effect.channels:
+        gain = max(0.0, float(term.evidence.channels[CHANNELS.index(channel)]))
+        share = 1.0 - float(np.exp(-2.0 * gain / count))
+        entries.append({
+            "channel": channel, "signal": term.signal, "share_of_residual": round(share, 4),
+            "description": f"{CHANNEL_NAMES[channel]}: {grip_words(stretch, change, std)}",
+            "empirical": True, "term": term.effect.name, "alternatives": _other_causes(diagnosis, term),
+            **_of_stretch(stretch, change, std),
+        })  # fmt: skip
+    return entries
+
+
+def _of_stretch(stretch: Stretch, change: float, std: float) -> dict[str, Any]:
+    """Keys of an entry: place, laps (`every_lap`: those not learnt from as well), relative change of grip."""
+    return {
+        "spans": [[stretch.start, stretch.end]], "laps": list(stretch.laps), "every_lap": stretch.every_lap,
+        "grip_change": {"value": change, "std": std},
+    }  # fmt: skip
+
+
 def _left(left: Leftover) -> dict[str, Any]:
     """A channel whose residual is more than noise, though no term earned its place."""
-    where = span_words(left.signal, left.spans, *left.reach)
     laps = " in the scored laps only" if left.only_scored else ""
-    size = f"{left.ratio:.2g} times the noise is left{laps}"
-    return {
-        "channel": left.channel, "signal": left.signal, "share_of_residual": round(left.share, 4),
-        "description": f"{CHANNEL_NAMES[left.channel]}: {size}, most at {where}",
-        "empirical": False, "spans": [list(span) for span in left.spans], "alternatives": [],
-    }  # fmt: skip
+    size = f"{CHANNEL_NAMES[left.channel]}: {left.ratio:.2g} times the noise is left{laps}"
+    entry = {"channel": left.channel, "signal": left.signal, "share_of_residual": round(left.share, 4)}
+    rest = {"empirical": False, "spans": [list(span) for span in left.spans], "alternatives": []}
+    if (grip := left.grip) is not None:
+        words = f"{size}, most {grip_words(grip.stretch, grip.change, grip.std)}; no fit has it"
+        return {**entry, "description": words, **rest, **_of_stretch(grip.stretch, grip.change, grip.std),
+                "elsewhere": left.elsewhere}  # fmt: skip
+    where = span_words(left.signal, left.spans, *left.reach)
+    places = " and ".join(f"lap {lap} from {a:.0f} to {b:.0f} m" for lap, a, b in left.places)
+    words = f"{size}, most at {where}{f' ({places})' if places else ''}"
+    named = [{"lap": lap, "from": a, "to": b} for lap, a, b in left.places]
+    return {**entry, "description": words, **rest, **({"places": named} if named else {})}
 
 
 def _other_causes(diagnosis: Diagnosis, term: Term) -> list[dict[str, float | str]]:

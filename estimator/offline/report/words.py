@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from estimator.model.basis import Basis
+from estimator.offline.search.stretch import Stretch
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import figure
 
@@ -101,6 +102,24 @@ def span_words(signal: str, spans: Sequence[tuple[float, float]], low: float, hi
         else:
             parts.append(f"between {figure(a, digits=3)} and {figure(b, digits=3)} {unit}".strip())
     return f"{name} {' and '.join(parts)}" if parts else name
+
+
+def grip_words(stretch: Stretch, change: float, std: float) -> str:
+    """'from s = 440 to 740 m, in laps 3 and 5, the grip of both axles is 26 +- 1 % lower'."""
+    laps = "every lap" if stretch.every_lap else _lap_words(stretch.laps)
+    size = (
+        f"{figure(100 * abs(change), digits=2)} ± {figure(100 * std, digits=1)} % {'lower' if change < 0 else 'higher'}"
+    )
+    return f"from s = {stretch.start:.0f} to {stretch.end:.0f} m, in {laps}, the grip of both axles is {size}"
+
+
+def _lap_words(laps: Sequence[int]) -> str:
+    """'lap 3', 'laps 3 to 6' or 'laps 3, 5 and 6'."""
+    if len(laps) == 1:
+        return f"lap {laps[0]}"
+    if laps[-1] - laps[0] == len(laps) - 1:
+        return f"laps {laps[0]} {'and' if len(laps) == 2 else 'to'} {laps[-1]}"
+    return f"laps {', '.join(map(str, laps[:-1]))} and {laps[-1]}"
 
 
 def parameter_words(name: str, parameter: dict[str, float | str]) -> str:

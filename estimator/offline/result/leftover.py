@@ -6,7 +6,7 @@ Looked for on the laps learnt from and on the laps scored: what acts in scored l
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from estimator.offline.record.record import Record
 from estimator.offline.result.diagnosis_score import channel_residuals
 from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.empirical import explanatory
+from estimator.offline.search.stretch import LATERAL_ROWS, MOST, Candidate
 from hil_gateway.process.arrays import Array, Ints
 
 AVERAGED_S = 0.2
@@ -40,6 +41,8 @@ class Leftover:
         only_scored: whether only the scored laps show it.
         signal: what the residual depends on; spans: (from, to) of that signal where it is strongest.
         reach: smallest and largest value of the signal.
+        places: (lap, from, to) in m of each span of time, where there are laps.
+        grip: another grip on a stretch of some laps, where that holds most of it; elsewhere: what is left outside.
     """
 
     channel: str
@@ -48,17 +51,41 @@ class Leftover:
     signal: str
     spans: tuple[tuple[float, float], ...]
     reach: tuple[float, float]
+    places: tuple[tuple[int, float, float], ...] = ()
+    grip: Candidate | None = None
+    elsewhere: float = 0.0
 
     @property
     def share(self) -> float:
         """Of the squared residual that is not noise."""
         return 1.0 - 1.0 / self.ratio**2
 
+    def at_places(self, record: Record) -> Leftover:
+        """The same with laps and places of its spans of time."""
+        if self.signal != "t" or not record.has_laps:
+            return self
+        t, position = record.signals["t"], record.signals["track_position"]
+        places = []
+        for start, end in self.spans:
+            rows = np.flatnonzero((t >= start) & (t <= end))
+            for lap in np.unique(record.lap_of_row[rows]).tolist():
+                there = position[rows[record.lap_of_row[rows] == lap]]
+                places.append((lap, float(there.min()), float(there.max())))
+        return replace(self, places=tuple(places))
 
-def leftovers(
-    record: Record, test_rows: Ints, model: SingleTrack, parameters: Array, floor: Mapping[str, float]
+
+def leftovers(  # noqa: PLR0917 - what is left of what, over what, and why
+    record: Record,
+    test_rows: Ints,
+    model: SingleTrack,
+    parameters: Array,
+    floor: Mapping[str, float],
+    grip: Candidate | None,
 ) -> tuple[Leftover, ...]:
-    """Channels measured by a sensor of their own whose residual exceeds noise, strongest first."""
+    """Channels measured by a sensor of their own whose residual exceeds noise, strongest first.
+
+    `grip` is a stretch of the `record` that would gain by another grip.
+    """
     rows = np.sort(record.rows.ravel())
     residuals = channel_residuals(record, rows, model, parameters)
     found = []
@@ -69,9 +96,24 @@ def leftovers(
         if record.used[c] and max(known, new) > BEYOND_NOISE:
             only_scored = known <= BEYOND_NOISE
             part = scored if only_scored else np.ones_like(scored)
-            where = _where(record, at[part], residual[part])
-            found.append(Leftover(channel, max(known, new), only_scored, *where))
+            left = Leftover(channel, max(known, new), only_scored, *_where(record, at[part], residual[part]))
+            of_grip = grip and _with_grip(left, record, (at[part], residual[part]), floor[channel], grip)
+            found.append(of_grip or left.at_places(record))
     return tuple(sorted(found, key=lambda left: -left.ratio))
+
+
+def _with_grip(
+    left: Leftover, record: Record, residuals: tuple[Ints, Array], floor: float, grip: Candidate
+) -> Leftover | None:
+    """Said of a stretch of other grip, where a lateral channel has most of its `residuals` (rows and values) there."""
+    rows, residual = residuals
+    inside = grip.stretch.covers(record)[rows] > 0.0
+    excess = residual**2 - floor**2
+    if CHANNELS.index(left.channel) not in LATERAL_ROWS or not excess[inside].sum() > MOST * excess.sum():
+        return None
+    span, reach = (grip.stretch.start, grip.stretch.end), (0.0, record.lap_length)
+    outside = float(np.sqrt(np.mean(residual[~inside] ** 2)))
+    return replace(left, signal="track_position", spans=(span,), reach=reach, grip=grip, elsewhere=outside)
 
 
 def _where(

@@ -52,6 +52,10 @@ class Term:
         """The search with this term always active."""
         return setting.with_term(self.effect, self.basis, self.evidence.channels)
 
+    def repeats(self, record: Record) -> bool:
+        """Whether it gains over the stretches of the `record` beyond scatter, and in either half of the time."""
+        return self.evidence.consistent
+
     @property
     def effect(self) -> Effect:
         """The term as an effect."""

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.model.parameters import Parameter
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Block
-from estimator.offline.record.road import LEAST_ANGLE
+from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
 from estimator.offline.record.unknown_inputs import SAMPLED
 from estimator.offline.search.sensor_place import accelerometer_ahead
 
@@ -21,7 +21,7 @@ CONTRADICTED = 4.0
 LEAST_STRETCHES = 4
 """of 30 s, for halves to be compared"""
 CONFIRMED_SHARE = 0.5
-"""of the accelerometer's place, by which kinematics may be off beyond their error: sensors differ in timing"""
+"""of the accelerometer's place, or of a road, by which kinematics may be off beyond error: sensors differ in timing"""
 LEVEL = 0.01
 """rad; mean grade beyond which a lap does not end at the height where it began: 10 m a km"""
 LOWEST, HIGHEST = 0.04, 0.2
@@ -110,13 +110,18 @@ def _confirmed(fit: Fit, block: Block) -> bool:
 def _a_road(fit: Fit, block: Block) -> bool:
     """Whether a bank or grade is more than what repeats on a flat course, and ends the lap at the height it began.
 
-    With few laps a force passes for a slope, and with many the springs do.
+    With few laps a force passes for a slope, and with many the springs do. A bank also lightens the axles, as less grip
+    does: where no tyre is in the equation, sensors that tell must show at least half of it.
     """
     if block.effect.name not in ("road_bank", "road_grade"):
         return True
-    basis = fit.predictor.record.bases[block.effect.profile]
+    record, coefficients = fit.predictor.record, fit.parameters[block.parameters]
+    seen = share_in_kinematics(record, block.effect.name, coefficients)
+    if seen is not None and seen < CONFIRMED_SHARE:
+        return False
+    basis = record.bases[block.effect.profile]
     at = np.linspace(0.0, basis.period, 4 * basis.size, endpoint=False)
-    angle = basis.matrix(at) @ fit.parameters[block.parameters]
+    angle = basis.matrix(at) @ coefficients
     level = block.effect.name != "road_grade" or abs(float(angle.mean())) < LEVEL
     return level and float(np.ptp(angle)) > 2.0 * LEAST_ANGLE
 

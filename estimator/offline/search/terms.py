@@ -8,10 +8,11 @@ all the effects do, or far more than they, nothing is named but what still earns
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record
 from estimator.offline.search.acceptance import earns_its_place
 from estimator.offline.search.empirical import Term, search_terms
@@ -20,7 +21,17 @@ from estimator.offline.search.greedy import Checked, check_each, recheck
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.search import Search, search
 from estimator.offline.search.stand_ins import without_stand_ins
-from estimator.offline.search.trial import Setting
+from estimator.offline.search.stretch import (
+    LEAST_LAPS,
+    MOST,
+    StretchTerm,
+    around,
+    fitted,
+    localised,
+    search_stretch,
+    without,
+)
+from estimator.offline.search.trial import Setting, fit_names
 from estimator.offline.search.whiteness import structured
 
 Progress = Callable[[str], None]
@@ -87,17 +98,64 @@ class Rival:
         if not structured(current, WHITE_FOR_TERMS):
             return 0.0
         if not self.trials:
-            self.trials = search_terms(self.setting, self.setting.found_road, base, self.progress)
+            self.trials = _trials(self.setting, self.setting.found_road, base, self.progress)
         best = self.trials[0]
-        if best.fit is None or not _earns_its_place(best.evidence, self.setting.record, 0.0):
+        if best.fit is None or not _earns_its_place(best, self.setting.record, 0.0):
             return 0.0
         return best.evidence.gain / max(_total_gain(base, current), 1.0)
 
 
 def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress) -> Outcome:
+    """What the catalogue found, and empirical terms for what it leaves; first a stretch of other grip in some laps.
+
+    What was driven there bends tyres and names of all laps, and no lap to come is said to have it: it is left out of
+    the fit and all is sought again. Where laps agree about the change it is a term, where one lap shows it a leftover.
+    """
+    bent = None if rival.suffices(found.start, found.final) else _of_some_laps(setting, found, progress)
+    if bent is None:
+        return _with_terms(setting, found, rival, progress)
+    progress("without what was driven on another grip")
+    elsewhere = replace(setting, record=without(setting.record, [bent.stretch]))
+    rival = Rival(elsewhere, progress)
+    outcome = _with_terms(elsewhere, search(elsewhere, progress, enough=rival.outweighs), rival, progress)
+    return _with_stretch(outcome, setting.record, bent)
+
+
+def _of_some_laps(setting: Setting, found: Search, progress: Progress) -> StretchTerm | None:
+    """A stretch that not every lap has, if it earns its place; of one lap, if it gains as much and holds most."""
+    if not structured(found.final, WHITE_FOR_TERMS):
+        return None
+    least = max(TERM_SHARE * _blocks(setting.record), TERM_RELATIVE * _total_gain(found.start, found.final))
+    local = localised(setting, found.accepted, found.final, least)
+    if local is None or local[0].stretch.every_lap:
+        return None
+    one, share = local
+    if len(one.stretch.laps) < LEAST_LAPS:
+        return StretchTerm.of(one) if share > MOST else None
+    term = fitted(setting, found.accepted, found.final, one, progress)
+    return term if _can_be_added(term, setting, found.start, found.final) else None
+
+
+def _with_stretch(outcome: Outcome, whole: Record, bent: StretchTerm) -> Outcome:
+    """With the change of grip that the `whole` record shows around what was found without the stretch, as a term."""
+    if len(bent.stretch.laps) < LEAST_LAPS:
+        return outcome
+    setting = outcome.setting
+    record = replace(setting.record, rows=whole.rows, lap=whole.lap)
+    found = around(replace(outcome.fit, predictor=Predictor(outcome.fit.predictor.model, record)))
+    if len(found.stretch.laps) < LEAST_LAPS:
+        return outcome
+    term = replace(StretchTerm.of(found, (found.change, found.std)), evidence=bent.evidence)
+    setting = term.added_to(setting)
+    fit = fit_names(setting, outcome.accepted, outcome.fit)
+    return replace(outcome, setting=setting, fit=fit, terms=(*outcome.terms, term), tried=(bent, *outcome.tried))
+
+
+def _with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress) -> Outcome:
     """What the catalogue found, and empirical terms for what it leaves.
 
-    Terms are added while they earn their place; effects that were only standing in for them are dropped.
+    Terms are added while they earn their place; effects that were only standing in for them are dropped. Beside a
+    stretch of other grip the catalogue is searched again: what was found before was found on laps that it bent.
     """
     terms: list[Term] = []
     tried: list[Term] = []
@@ -106,7 +164,7 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
         setting, found = _on_top(terms[0], setting, found, progress)
     checked, current = found.checked, found.final
     while len(terms) < MAX_TERMS and structured(current, WHITE_FOR_TERMS):
-        trials = search_terms(setting, tuple(checked.gains), current, progress)
+        trials = _trials(setting, tuple(checked.gains), current, progress)
         tried.extend(trials[:SHOWN])
         least = SECOND_TERM_SHARE * terms[0].evidence.gain if terms else 0.0
         worthy = [t for t in trials if t.evidence.gain > least and _can_be_added(t, setting, found.start, current)]
@@ -116,6 +174,11 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
             break
         term, setting, checked, current = chosen
         terms.append(term)
+        if isinstance(term, StretchTerm):
+            again = search(setting, progress, current)
+            if compare(current.held_out(), again.final.held_out(), current.normal.count).gain > 0.0:
+                checked, current = again.checked, again.final
+                found = replace(again, base=found.base, start=found.start, rounds=(*found.rounds, *again.rounds))
     checked, current = without_stand_ins(setting, checked, current, progress)
     gains = checked.gains
     ordered = tuple(sorted(gains, key=lambda n: -gains[n].gain))
@@ -123,7 +186,16 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
 
 
 def _can_be_added(term: Term, setting: Setting, start: Fit, current: Fit) -> bool:
-    return term.fit is not None and _earns_its_place(term.evidence, setting.record, _total_gain(start, current))
+    return term.fit is not None and _earns_its_place(term, setting.record, _total_gain(start, current))
+
+
+def _trials(setting: Setting, names: Sequence[str], fit: Fit, progress: Progress) -> list[Term]:
+    """Terms beside these effects, by held-out evidence: splines of one signal, and another grip on a stretch."""
+    trials = search_terms(setting, names, fit, progress)
+    fitted = [t for t in trials if t.fit is not None]
+    least = TERM_SHARE * _blocks(setting.record)
+    together = [*fitted, *search_stretch(setting, names, fit, least, progress)]
+    return sorted(together, key=lambda t: -t.evidence.gain) + trials[len(fitted) :]
 
 
 def _joined(
@@ -160,9 +232,12 @@ def _total_gain(base: Fit, current: Fit) -> float:
     return compare(base.held_out(), current.held_out(), base.normal.count).gain if current is not base else 0.0
 
 
-def _earns_its_place(evidence: Evidence, record: Record, total: float) -> bool:
-    blocks = record.rows.shape[0] * record.rows.shape[1]
-    return evidence.gain > max(TERM_SHARE * blocks, TERM_RELATIVE * total) and evidence.consistent
+def _earns_its_place(term: Term, record: Record, total: float) -> bool:
+    return term.evidence.gain > max(TERM_SHARE * _blocks(record), TERM_RELATIVE * total) and term.repeats(record)
+
+
+def _blocks(record: Record) -> int:
+    return int(record.rows.shape[0] * record.rows.shape[1])
 
 
 def _drop_stand_ins(

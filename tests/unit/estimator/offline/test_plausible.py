@@ -6,9 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from support.practice_drives import PRIOR, record_of
 
-from estimator.offline.record.road import LEAST_ANGLE
+from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.trial import Setting, fit_names
 
@@ -53,6 +54,19 @@ def test_a_bank_no_larger_than_what_the_springs_repeat_is_not_believed(drives: d
         parameters = done.parameters.copy()
         parameters[rows] *= angle / (0.5 * np.ptp(parameters[rows]))
         assert believed(replace(done, parameters=parameters, normal=normal), "road_bank") == named
+
+
+def test_a_bank_that_kinematics_do_not_show_is_not_believed_whatever_it_does_to_the_loads(
+    drives: dict[str, Any],
+) -> None:
+    record = record_of(drives["hilly"])
+    done = fit_names(Setting(record, "per_axle", PRIOR), ["road_bank"], None)
+    rows = next(b.parameters for b in done.predictor.blocks if b.effect.name == "road_bank")
+    assert share_in_kinematics(record, "road_bank", done.parameters[rows]) == pytest.approx(1.0, abs=0.1)
+    assert believed(done, "road_bank")
+    moved = done.parameters.copy()
+    moved[rows] = np.roll(moved[rows], (rows.stop - rows.start) // 6)  # half a wave of three over the lap
+    assert not believed(replace(done, parameters=moved), "road_bank")
 
 
 def test_load_transfer_lower_or_higher_than_in_any_car_is_not_believed(drives: dict[str, Any]) -> None:

@@ -1,0 +1,311 @@
+"""Grip that differs on a stretch of the track in certain laps: water, oil, gravel, a shower that dries.
+
+Neither a function of the place nor one of time, and no effect of the catalogue. Every cell, some metres of one lap,
+has a gain by which the model would predict better if the grip of both axles were another one there. The rectangle of
+places and laps with the largest gain for one change of grip is the candidate: for given places the laps are those with
+the largest quotient of gradient and curvature (linear-time subset scan; Neill, J. R. Stat. Soc. B 74, 2012). It is
+fitted, and its edges sought again around that fit, whose tyres are not bent by the stretch any more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.model.basis import Proportional
+from estimator.model.effects.base import Effect, Hook
+from estimator.model.parameters import Parameter
+from estimator.model.single_track import Terms
+from estimator.offline.fit.normal import accumulate
+from estimator.offline.fit.prediction_error import Fit, Point, residual
+from estimator.offline.predict.places import LATERAL, PLACES
+from estimator.offline.predict.predict import Predictor
+from estimator.offline.record.noise import Noise
+from estimator.offline.record.record import Record
+from estimator.offline.record.window_columns import WindowBasis
+from estimator.offline.search.empirical import Term
+from estimator.offline.search.evidence import SIGNIFICANCE, compare
+from estimator.offline.search.trial import Setting, fit_names
+from hil_gateway.process.arrays import Array, Expr, Ints
+
+CELL_M, MOST_CELLS = 10.0, 400
+"""m of track position a cell, which a car passes in a few blocks; most cells of a lap"""
+LONGEST_SHARE = 0.4
+"""of a lap: what covers more of it in some laps acts over time"""
+GRIP_STD = 0.3
+"""Prior standard deviation of the relative change: a wet road has about 0.7 of the grip of a dry one."""
+TELLS = 3.0
+"""A lap says whether it has the other grip where that would be so many of its own standard errors."""
+LEAST_LAPS = 2
+"""What acts in one lap predicts no other."""
+MOST = 0.5
+"""Share of what is left in the lateral channels that a stretch must hold to be named as its cause."""
+LATERAL_ROWS = (1, 2, 4)
+"""ay, yaw rate and vy of `record.MEASURED`"""
+PIECES = 4
+"""of a stretch, whose errors are taken as independent: some seconds each"""
+AGAIN = 3
+"""times that the edges are sought anew at most"""
+
+
+def _stiffness_kept(terms: Terms, change: Expr) -> None:
+    PLACES["grip"].hook(terms, change)
+    terms.slip_f, terms.slip_r = terms.slip_f / (1 + change), terms.slip_r / (1 + change)
+
+
+FORMS: tuple[Hook, ...] = (PLACES["grip"].hook, _stiffness_kept)
+"""Water takes from the peak D of a tyre, and from its cornering stiffness B C D as much or nothing."""
+
+
+def _effect(name: str, hook: Hook, prior: tuple[float, float] = (0.0, GRIP_STD)) -> Effect:
+    """Another grip of both axles in proportion to the profile of this name; `prior` is mean and deviation."""
+    change = Parameter("change", "1", *prior, -0.9, 1.0, "of the grip of both axles, relative")
+    return Effect(
+        name=name,
+        lacks="empirical: another grip of both axles on a stretch",
+        equation="D_i = D_0,i (1 + x) from s = a to b in certain laps",
+        source="empirical, fitted to this data",
+        parameters=(change,),
+        channels=LATERAL,
+        cause="track_position",
+        hooks={"GRIP": hook},
+        profile=name,
+    )
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Places (m) and laps, by their number in the log, with another grip.
+
+    `every_lap`: all laps learnt from that can tell have it, so that it belongs to the track, in other laps as well.
+    """
+
+    start: float
+    end: float
+    laps: tuple[int, ...]
+    every_lap: bool
+
+    def covers(self, record: Record) -> Array:
+        """(n,) 1 for rows with the other grip, else 0."""
+        position = record.signals["track_position"]
+        inside = (position >= self.start) & (position < self.end)
+        return (inside & (self.every_lap | np.isin(record.lap_of_row, self.laps))).astype(np.float64)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A stretch by a linearisation: its form, gain (natural log), and change of grip with standard deviation."""
+
+    stretch: Stretch
+    hook: Hook
+    gain: float
+    change: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Cells:
+    """What the cells say of a change of grip: gradient (laps, m) and curvature (laps, m, m) of the log-likelihood.
+
+    `edges` (m + 1,) of the cells, m; `laps` (laps,) their number in the log; `hook` is the form of the change.
+    """
+
+    edges: Array
+    laps: Ints
+    gradient: Array
+    curvature: Array
+    hook: Hook
+
+    def most_gaining(self) -> Candidate:
+        """The stretch with the largest gain for one change of grip."""
+        starts, stops = np.triu_indices(len(self.edges), 1)
+        short = self.edges[stops] - self.edges[starts] <= LONGEST_SHARE * self.edges[-1]
+        starts, stops = starts[short], stops[short]
+        pull, weight = self._sums(starts, stops)
+        gain, at, chosen = max((_best_laps(sign * pull, weight) for sign in (-1.0, 1.0)), key=lambda best: best[0])
+        return self._candidate(int(starts[at]), int(stops[at]), chosen, gain)
+
+    def _sums(self, starts: Ints, stops: Ints) -> tuple[Array, Array]:
+        """Gradient and curvature (laps, n) of the cells from `starts` to `stops` (n,), by their cumulative sums."""
+        pull = np.pad(np.cumsum(self.gradient, axis=1), ((0, 0), (1, 0)))
+        square = np.pad(self.curvature.cumsum(axis=1).cumsum(axis=2), ((0, 0), (1, 0), (1, 0)))
+        crossed = square[:, starts, stops] + square[:, stops, starts]
+        weight = square[:, stops, stops] + square[:, starts, starts] - crossed
+        return pull[:, stops] - pull[:, starts], np.maximum(weight, 0.0)
+
+    def _candidate(self, a: int, b: int, chosen: Ints, gain: float) -> Candidate:
+        """The cells from `a` to `b` in the `chosen` laps; every lap where no other could have told."""
+        pull, weight = (sums[:, 0] for sums in self._sums(np.array([a]), np.array([b])))
+        precision = float(weight[chosen].sum()) + GRIP_STD**-2
+        change = float(pull[chosen].sum()) / precision
+        others = np.setdiff1d(np.arange(len(self.laps)), chosen)
+        telling = change**2 * weight > TELLS**2
+        every = not telling[others].any() and np.count_nonzero(telling[chosen]) >= LEAST_LAPS
+        laps = tuple(sorted(int(lap) for lap in self.laps[chosen]))
+        stretch = Stretch(float(self.edges[a]), float(self.edges[b]), laps, bool(every))
+        std = max(precision**-0.5, self._scatter(range(a, b), chosen, change) / precision)
+        return Candidate(stretch, self.hook, gain, change, std)
+
+    def _scatter(self, inside: range, chosen: Ints, change: float) -> float:
+        """Deviation of the sum of the scores at the change found, by parts of the stretch of every lap: a residual of
+        seconds is not so many samples."""
+        pieces = [part for part in np.array_split(np.array(inside), PIECES) if len(part)]
+        each = [
+            self.gradient[lap, part].sum() - change * self.curvature[lap][np.ix_(part, np.array(inside))].sum()
+            for lap in chosen for part in pieces
+        ]  # fmt: skip
+        return float(np.sqrt(np.sum(np.square(each)) * len(each) / max(len(each) - 1, 1)))
+
+
+def _best_laps(pull: Array, weight: Array) -> tuple[float, int, Ints]:
+    """Largest gain for a positive change, of which column of (laps, n), and with which laps."""
+    by_size = np.argsort(-pull / (weight + 1.0), axis=0)
+    pulls = np.cumsum(np.take_along_axis(pull, by_size, axis=0), axis=0)
+    weights = np.cumsum(np.take_along_axis(weight, by_size, axis=0), axis=0)
+    gains = 0.5 * np.maximum(pulls, 0.0) ** 2 / (weights + GRIP_STD**-2)
+    most, at = np.unravel_index(int(np.argmax(gains)), gains.shape)
+    return float(gains[most, at]), int(at), by_size[: most + 1, at]
+
+
+def cells(predictor: Predictor, parameters: Array, noise: Noise, variance: Array, hook: Hook) -> Cells:
+    """What every cell of the record says of a change of grip of this form, around a model and its parameters.
+
+    `variance` (5,) of the residuals. Forces do not follow a change in proportion: the step is that to a wet road.
+    """
+    record, model = predictor.record, predictor.model
+    point = Point.at(predictor, parameters, noise)
+    unit = replace(_effect("unit", hook), profile="")
+    wide = Predictor(replace(model, effects=(*model.effects, unit)), record)
+    dry, wet = (wide.predict(np.insert(parameters, wide.blocks[-1].parameters.start, x)) for x in (0.0, -GRIP_STD))
+    count = int(np.clip(round(record.lap_length / CELL_M), 1, MOST_CELLS))
+    edges = np.linspace(0.0, record.lap_length, count + 1)
+    place = np.searchsorted(edges, record.thin(record.signals["track_position"]).ravel(), side="right") - 1
+    box = np.eye(count)[np.clip(place, 0, count - 1)]
+    columns = WindowBasis.of(box, record.windows).times((dry - wet).transpose(2, 1, 0) / GRIP_STD)
+    laps, number = np.unique(record.window_laps, return_inverse=True)
+    _, gradient, curvature = accumulate(point.left.error, point.left.sensitivity(columns), number.astype(np.int64))
+    weight = np.where(record.used, 1.0 / variance, 0.0)
+    sums = np.einsum("clp,c->lp", gradient, weight), np.einsum("clpq,c->lpq", curvature, weight)
+    return Cells(edges, laps, *sums, hook)
+
+
+def most_gaining(predictor: Predictor, parameters: Array, noise: Noise, variance: Array) -> Candidate:
+    """The stretch that gains most, in the form that does."""
+    each = [cells(predictor, parameters, noise, variance, hook).most_gaining() for hook in FORMS]
+    return max(each, key=lambda one: one.gain)
+
+
+@dataclass(frozen=True)
+class StretchTerm(Term):
+    """Another grip of both axles on a stretch; its signal is track position, its one coefficient the change.
+
+    `known` are mean and deviation of the change before the fit.
+    """
+
+    hook: Hook = FORMS[0]
+    stretch: Stretch = Stretch(0.0, 0.0, (), False)
+    known: tuple[float, float] = (0.0, GRIP_STD)
+
+    @classmethod
+    def of(cls, found: Candidate, known: tuple[float, float] = (0.0, GRIP_STD)) -> StretchTerm:
+        """The term before it is fitted."""
+        stretch = found.stretch
+        name = f"empirical_grip_from_{stretch.start:.0f}_to_{stretch.end:.0f}_m"
+        nothing = compare(np.ones((5, 1)), np.ones((5, 1)), np.ones(1))
+        return cls(name, "track_position", Proportional(name, 1), nothing, None, found.hook, stretch, known)
+
+    @property
+    def effect(self) -> Effect:
+        """The term as an effect."""
+        return _effect(self.place, self.hook, self.known)
+
+    def added_to(self, setting: Setting) -> Setting:
+        """The search with this term always active."""
+        record = setting.record
+        signals = {**record.signals, self.place: self.stretch.covers(record)}
+        setting = replace(setting, record=replace(record, signals=signals))
+        return setting.with_term(self.effect, self.basis, self.evidence.channels)
+
+    def repeats(self, record: Record) -> bool:
+        """Whether the stretch gains wherever it acts, beyond scatter, and in more than one lap.
+
+        Where it does not act it cannot gain, so that the other stretches and the halves of the time say nothing.
+        """
+        acts = record.thin(self.stretch.covers(record)).any(axis=1)
+        gains = self.evidence.laps[np.unique(record.lap[acts])]
+        if len(np.unique(record.window_laps[acts])) < LEAST_LAPS or len(gains) < LEAST_LAPS:
+            return False
+        return bool(gains.mean() > SIGNIFICANCE * gains.std(ddof=1) / np.sqrt(len(gains)) or np.all(gains > 0))
+
+
+def search_stretch(
+    setting: Setting, accepted: Sequence[str], current: Fit, least: float, progress: Callable[[str], None]
+) -> list[StretchTerm]:
+    """The stretch that gains most, fitted; none below a gain of `least`, and none of a single lap."""
+    found = localised(setting, accepted, current, least)
+    if found is None or len(found[0].stretch.laps) < LEAST_LAPS:
+        return []
+    return [fitted(setting, accepted, current, found[0], progress)]
+
+
+def fitted(
+    setting: Setting, accepted: Sequence[str], current: Fit, found: Candidate, progress: Callable[[str], None]
+) -> StretchTerm:
+    """The term of a candidate, fitted together with all else."""
+    term = StretchTerm.of(found)
+    progress(f"grip from {found.stretch.start:.0f} to {found.stretch.end:.0f} m")
+    fit = fit_names(term.added_to(setting), accepted, current)
+    return replace(term, evidence=compare(current.held_out(), fit.held_out(), fit.normal.count), fit=fit)
+
+
+def localised(setting: Setting, accepted: Sequence[str], current: Fit, least: float) -> tuple[Candidate, float] | None:
+    """The candidate beside these effects, and the share that it holds of what they leave in the lateral channels.
+
+    Tyres that were fitted to the stretch as well hide its edges: it is left out and sought again. None below a gain of
+    `least`, or where no sensor tells.
+    """
+    if not can_tell(setting.record):
+        return None
+    whole = replace(current, predictor=Predictor(setting.model(accepted), setting.record))
+    found = around(whole)
+    for _ in range(AGAIN):
+        if found.gain < least:
+            return None
+        elsewhere = replace(setting, record=without(setting.record, [found.stretch]))
+        fit = fit_names(elsewhere, accepted, whole)
+        whole, last = replace(fit, predictor=whole.predictor), found
+        found = around(whole)
+        if (found.stretch, found.hook) == (last.stretch, last.hook):
+            break
+    return found, share_of_excess(whole, found.stretch)
+
+
+def around(fit: Fit) -> Candidate:
+    """The stretch that gains most around a fit."""
+    return most_gaining(fit.predictor, fit.parameters, fit.noise, fit.normal.variance)
+
+
+def can_tell(record: Record) -> bool:
+    """Whether there are laps, places, and a sensor of the lateral motion."""
+    return "track_position" in record.bases and bool(record.used[list(LATERAL_ROWS)].any())
+
+
+def share_of_excess(fit: Fit, stretch: Stretch) -> float:
+    """Of the squares beyond noise that a fit leaves in the lateral channels, the part on the stretch."""
+    record, rows = fit.predictor.record, list(LATERAL_ROWS)
+    squares = residual(fit.predictor, fit.parameters, fit.noise)[rows] ** 2
+    weight = (record.used / fit.normal.variance)[rows]
+    excess = np.einsum("cwb,c->wb", squares - fit.normal.floor[rows, None, None], weight)
+    return float(excess[record.thin(stretch.covers(record)) > 0.0].sum() / max(float(excess.sum()), 1e-9))
+
+
+def without(record: Record, stretches: Sequence[Stretch]) -> Record:
+    """The record less the windows that have a part in one of the stretches."""
+    inside = np.zeros(record.windows, bool)
+    for stretch in stretches:
+        inside |= record.thin(stretch.covers(record)).any(axis=1)
+    elsewhere = record.select(~inside)
+    _, group = np.unique(elsewhere.lap, return_inverse=True)
+    return replace(elsewhere, lap=group.astype(np.int64))
