@@ -173,7 +173,7 @@ def _ranking(report: Report, diagnosis: Diagnosis, summary: dict[str, Any]) -> N
     rows.extend([t.name, "tried last", f"{t.evidence.gain:,.0f}", "", ""] for t in last)
     for term in diagnosis.term_trials[:5]:
         state = "accepted, empirical" if term in diagnosis.terms else "empirical, not accepted"
-        rows.append([f"spline of {term.signal} in {term.place}", state, f"{term.evidence.gain:,.0f}", "", ""])
+        rows.append([term.label, state, f"{term.evidence.gain:,.0f}", "", ""])
     report.table(["candidate", "outcome", "gain", "confidence", "parameters, or what would tell it apart"], rows)
 
 

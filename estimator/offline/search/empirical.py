@@ -52,6 +52,11 @@ class Term:
         """The search with this term always active."""
         return setting.with_term(self.effect, self.basis, self.evidence.channels)
 
+    @property
+    def label(self) -> str:
+        """What it is, in words."""
+        return f"spline of {self.signal} in {self.place}"
+
     def repeats(self, record: Record) -> bool:
         """Whether it gains over the stretches of the `record` beyond scatter, and in either half of the time."""
         return self.evidence.consistent
@@ -73,7 +78,7 @@ def search_terms(
     screened[:FITTED] = [whole.refined(term) for term in screened[:FITTED]]
     before, count = current.held_out(), current.normal.count
     best = screened[:FITTED]
-    jobs = [Job(f"spline of {t.signal} in {t.place}", tuple(accepted), t.added_to(setting)) for t in best]
+    jobs = [Job(t.label, tuple(accepted), t.added_to(setting)) for t in best]
     fits = fit_each(setting, current, jobs, progress)
     done = [replace(t, evidence=compare(before, f.held_out(), count), fit=f) for t, f in zip(best, fits, strict=True)]
     return sorted(done, key=lambda t: -t.evidence.gain) + screened[FITTED:]

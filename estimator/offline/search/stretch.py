@@ -217,6 +217,11 @@ class StretchTerm(Term):
         return cls(name, "track_position", Proportional(name, 1), nothing, None, found.hook, stretch, known)
 
     @property
+    def label(self) -> str:
+        """What it is, in words."""
+        return f"grip from {self.stretch.start:.0f} to {self.stretch.end:.0f} m"
+
+    @property
     def effect(self) -> Effect:
         """The term as an effect."""
         return _effect(self.place, self.hook, self.known)
@@ -255,7 +260,7 @@ def fitted(
 ) -> StretchTerm:
     """The term of a candidate, fitted together with all else."""
     term = StretchTerm.of(found)
-    progress(f"grip from {found.stretch.start:.0f} to {found.stretch.end:.0f} m")
+    progress(term.label)
     fit = fit_names(term.added_to(setting), accepted, current)
     return replace(term, evidence=compare(current.held_out(), fit.held_out(), fit.normal.count), fit=fit)
 

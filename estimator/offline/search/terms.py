@@ -98,7 +98,7 @@ class Rival:
         if not structured(current, WHITE_FOR_TERMS):
             return 0.0
         if not self.trials:
-            self.trials = _trials(self.setting, self.setting.found_road, base, self.progress)
+            self.trials = search_terms(self.setting, self.setting.found_road, base, self.progress)
         best = self.trials[0]
         if best.fit is None or not _earns_its_place(best, self.setting.record, 0.0):
             return 0.0
