@@ -116,7 +116,8 @@ def _a_road(fit: Fit, block: Block) -> bool:
     if block.effect.name not in ("road_bank", "road_grade"):
         return True
     record, coefficients = fit.predictor.record, fit.parameters[block.parameters]
-    seen = share_in_kinematics(record, block.effect.name, coefficients)
+    known = block.effect.name in record.road or block.effect.name != "road_bank"
+    seen = None if known else share_in_kinematics(record, block.effect.name, coefficients)
     if seen is not None and seen < CONFIRMED_SHARE:
         return False
     basis = record.bases[block.effect.profile]
