@@ -94,7 +94,9 @@ def _predictions(report: Report, result: Identification) -> None:
     report.section("Predicted against measured", "Held-out data only: no fit has seen it.")
     report.figure(plots.time_histories(result), "Measured, and predicted before and after, over one held-out stretch.")
     report.figure(
-        plots.learning_curve(result), "Held-out RMSE over the batches of 100 samples, from the initial parameters."
+        plots.learning_curve(result),
+        "Held-out RMSE over the batches of 100 samples (or over samples), from the initial parameters: as published in"
+        " section III of the paper, refined, and where the reported result stands.",
     )
     report.figure(
         plots.residual_spectra(result), "What remains, by frequency: a flat line is noise, a hump is physics."
