@@ -63,6 +63,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.offline.report.diagnosis_result import as_json as to_json
     from estimator.offline.report.diagnosis_result import as_revision, write
     from estimator.offline.result.simulated_lateral import identified_laterally, lateral_prior, with_simulated_lateral
+    from estimator.offline.search.pool import workers
     from hil_gateway.process.errors import InputError
     from hil_gateway.track.loading import load_track
 
@@ -73,14 +74,14 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     car = read_vehicle(vehicle)
     prior = read_tyre_prior(tyre, layout, car)  # type: ignore[arg-type]
     known = None if track is None else (track, load_track(track))
-    with _progress() as progress:
+    with _progress() as progress, workers(os.cpu_count() or 1) as pool:
         progress("reading")
         logged = read_logs(sessions)
         record, log, health = _examined(logged, car, known)
         lateral = identified_laterally(logged, record, car, prior, layout)  # type: ignore[arg-type]
         if lateral is not None:
             prior = lateral_prior(lateral, prior)
-        result = run(record, layout, prior, progress, os.cpu_count() or 1)  # type: ignore[arg-type]
+        result = run(record, layout, prior, progress, pool)  # type: ignore[arg-type]
         revision = as_revision(result, layout, tuple(log.sources.values()))
         summary: dict[str, Any] = {"health": health}
         summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))
