@@ -145,7 +145,9 @@ def _on_map(axes: Any, diagnosis: Diagnosis, residual: Any, channel: str) -> Non
     else:
         x = signals["track_position" if diagnosis.record.has_laps else "t"][rows][thin]
         y = smooth[thin]
-    points = axes.scatter(x, y, c=smooth[thin], cmap="RdBu_r", vmin=-limit, vmax=limit, s=3, linewidths=0)
+    points = axes.scatter(
+        x, y, c=smooth[thin], cmap="RdBu_r", vmin=-limit, vmax=limit, s=3, linewidths=0, rasterized=True
+    )
     axes.figure.colorbar(points, ax=axes, shrink=0.85)
     axes.grid(False)
     axes.set_title(f"{channel} along the lap, before")
