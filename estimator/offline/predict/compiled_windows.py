@@ -11,8 +11,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
+from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import compile_source, find_compiler
 
 SOURCE = Path(__file__).with_name("windows.c")
@@ -47,3 +49,13 @@ def windows_library() -> WindowsLibrary | None:
         return None
     path = compile_source(SOURCE.read_text())
     return None if path is None else WindowsLibrary(path)
+
+
+def arrange(by: Array, columns: Array) -> None:
+    """Write derivatives (k, 5, windows, blocks) to the first k of the columns (blocks, windows, 5, c)."""
+    library = windows_library()
+    if library is None:
+        columns[..., : len(by)] = by.transpose(3, 2, 1, 0)
+        return
+    blocks, windows, _, width = columns.shape
+    library.call("arrange", blocks, windows, len(by), width, np.ascontiguousarray(by), columns)

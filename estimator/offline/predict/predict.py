@@ -15,6 +15,7 @@ import numpy as np
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import AUXILIARY, CHANNELS, SIGNALS, SingleTrack
+from estimator.offline.predict.compiled_windows import arrange
 from estimator.offline.predict.expressions import STATES, Functions, functions_of, memory_names
 from estimator.offline.record.record import Record
 from estimator.offline.record.window_columns import WindowBasis, WindowColumns
@@ -193,13 +194,17 @@ class Predictor:
 
     def _columns(self, points: Sequence[int], by_points: Array, by_profiles: Array) -> WindowColumns:
         """Derivatives from those by parameters at `points` and by the values of profiles, (k, 5, windows, blocks)."""
-        constant = np.broadcast_to(np.array(points, dtype=np.int64), (self.record.windows, len(points)))
-        values, parameters = [by_points.transpose(3, 2, 1, 0)], [constant]
-        for block, unit in zip(self._profiles, by_profiles, strict=True):
-            own = self._basis(block).times(unit.transpose(2, 1, 0))
-            values.append(own.values)
-            parameters.append(block.parameters.start + own.parameters)
-        return WindowColumns(np.concatenate(values, axis=3), np.concatenate(parameters, axis=1), self.size)
+        own = [self._basis(b).times(u.transpose(2, 1, 0)) for b, u in zip(self._profiles, by_profiles, strict=True)]
+        first = [0, len(points), *(len(points) + n for n in np.cumsum([o.values.shape[3] for o in own]))]
+        windows, blocks = self.record.rows.shape[:2]
+        values = np.empty((blocks, windows, len(CHANNELS), first[-1]))
+        parameters = np.empty((windows, first[-1]), np.int64)
+        arrange(by_points, values)
+        parameters[:, : len(points)] = points
+        for block, columns, start in zip(self._profiles, own, first[1:], strict=False):
+            place = slice(start, start + columns.values.shape[3])
+            values[..., place], parameters[:, place] = columns.values, block.parameters.start + columns.parameters
+        return WindowColumns(values, parameters, self.size)
 
     def _basis(self, block: Block) -> WindowBasis:
         return self.record.basis_over_windows(block.effect.profile)

@@ -191,46 +191,54 @@ int run(size blocks, size windows, const double *maps, double *inputs, double *o
     return 1;
 }
 
-/* Coefficients (blocks, 8, 8) of one window for the state error and the five channels. */
-static void coefficients(size blocks, size windows, const double *maps, const size *from, const double *factor,
-                         double *step)
+/* Derivatives (count, 5, windows, blocks) as the first `count` of the columns (blocks, windows, 5, width). */
+int arrange(size blocks, size windows, size count, size width, const double *by, double *columns)
 {
-    for (size b = 0; b < blocks; b++)
-        for (int i = 0; i < 8; i++)
-            for (int k = 0; k < 8; k++) step[64 * b + 8 * i + k] = maps[88 * windows * b + 11 * i + from[k]] * factor[k];
+    for (size w = 0; w < windows; w++)
+        for (size first = 0; first < blocks; first += W) {
+            size end = first + W < blocks ? first + W : blocks;
+            for (size c = 0; c < 5; c++)
+                for (size k = 0; k < count; k++)
+                    for (size b = first; b < end; b++)
+                        columns[((b * windows + w) * 5 + c) * width + k] = by[((5 * k + c) * windows + w) * blocks + b];
+        }
+    return 1;
 }
 
-/* `some` columns, at most W, from one block to the next: those of five channels, and `in` the state errors before. */
-static inline void move_columns(const double *m, const double *columns, double *out, size count, size some, vec *in)
+/* `some` columns, at most W, of one block of one window from their state errors (3, width) to those after it. */
+static inline void move_columns(const double *m, const double *columns, double *out, size count, size some,
+                                double *error, size width)
 {
-    vec result[8];
+    vec in[8] = {{0}}, result[8];
+    fetch(error, width, 3, in);
     for (int k = 0; k < 5; k++) memcpy(&in[3 + k], columns + k * count, some * sizeof *columns);
     for (int i = 0; i < 8; i++) {
         result[i] = m[8 * i] * in[0];
         for (int k = 1; k < 8; k++) result[i] += m[8 * i + k] * in[k];
     }
     for (int k = 0; k < 5; k++) memcpy(out + k * count, &result[k], some * sizeof *out);
-    memcpy(in, result + 5, 3 * sizeof *in);
+    put(error, width, 3, result + 5);
 }
 
-/* Innovations (blocks, windows, 5, count) of derivatives of the channels, W of them at a time. */
+/* Innovations (blocks, windows, 5, count) of derivatives of the channels, W of them at a time; `from` are the columns
+   of a map for the state error and the channels, and `factor` what they are multiplied with. */
 int run_columns(size blocks, size windows, size count, const double *maps, const size *from, const double *factor,
                 const double *columns, double *out)
 {
-    double *step = malloc(64 * blocks * sizeof *step);
-    if (!step) return 0;
-    for (size w = 0; w < windows; w++) {
-        coefficients(blocks, windows, maps + 88 * w, from, factor, step);
-        for (size c = 0; c < count; c += W) {
-            vec in[8] = {{0}};
-            for (size b = 0; b < blocks; b++) {
-                size at = (b * windows + w) * 5 * count + c;
-                if (count - c >= W) move_columns(step + 64 * b, columns + at, out + at, count, W, in);
-                else move_columns(step + 64 * b, columns + at, out + at, count, count - c, in);
-            }
+    size width = (count + W - 1) / W * W, full = count / W * W;
+    double *errors = calloc(windows * 3 * width, sizeof *errors);
+    if (!errors) return 0;
+    for (size b = 0; b < blocks; b++)
+        for (size w = 0; w < windows; w++) {
+            size s = b * windows + w, at = s * 5 * count;
+            double m[64], *error = errors + w * 3 * width;
+            for (int i = 0; i < 8; i++)
+                for (int k = 0; k < 8; k++) m[8 * i + k] = maps[88 * s + 11 * i + from[k]] * factor[k];
+            for (size c = 0; c < full; c += W) move_columns(m, columns + at + c, out + at + c, count, W, error + c, width);
+            if (full < count)
+                move_columns(m, columns + at + full, out + at + full, count, count - full, error + full, width);
         }
-    }
-    free(step);
+    free(errors);
     return 1;
 }
 

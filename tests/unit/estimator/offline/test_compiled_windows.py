@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.offline.fit import normal
-from estimator.offline.predict import innovations, propagate
+from estimator.offline.predict import compiled_windows, innovations, propagate
 from estimator.offline.predict.compiled_windows import VECTOR, windows_library
 from estimator.offline.predict.innovations import Innovations
 from estimator.offline.predict.propagate import Propagator, exponentials
@@ -73,6 +73,16 @@ def test_compiled_sums_are_those_of_numpy(count: int, monkeypatch: pytest.Monkey
     monkeypatch.setattr(normal, "windows_library", lambda: None)
     for found, plain in zip(compiled, normal.accumulate(error, columns, lap), strict=True):
         np.testing.assert_allclose(found, plain, rtol=1e-10, atol=1e-12)
+
+
+@needs_a_compiler
+def test_compiled_arrangement_is_that_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    by = np.random.default_rng(6).normal(size=(3, 5, WINDOWS, BLOCKS))
+    compiled, plain = np.zeros((2, BLOCKS, WINDOWS, 5, 4))
+    compiled_windows.arrange(by, compiled)
+    monkeypatch.setattr(compiled_windows, "windows_library", lambda: None)
+    compiled_windows.arrange(by, plain)
+    np.testing.assert_array_equal(compiled, plain)
 
 
 def test_without_a_compiler_there_is_no_library(monkeypatch: pytest.MonkeyPatch) -> None:
