@@ -11,9 +11,9 @@ from typing import Any
 
 import casadi as ca
 
-from estimator.model.columns import Columns
 from estimator.model.effects.base import Effect, Hook
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
+from estimator.offline.predict.compiled_columns import CompiledColumns
 from hil_gateway.process.arrays import Expr
 
 STATES = 3
@@ -36,24 +36,24 @@ class Functions:
     by: Expr
 
     @cached_property
-    def values(self) -> Columns:
+    def values(self) -> CompiledColumns:
         """(5, n) channels."""
         return self._columns("values")
 
     @cached_property
-    def by_states(self) -> Columns:
+    def by_states(self) -> CompiledColumns:
         """(5 + 5 * 3, n) channels, then their derivatives by one state after the other."""
         return self._columns("by_states", self.by[:STATES])
 
     @cached_property
-    def derivatives(self) -> Columns:
+    def derivatives(self) -> CompiledColumns:
         """The same, by all of `by`."""
         return self._columns("derivatives", self.by)
 
-    def _columns(self, name: str, by: Expr | None = None) -> Columns:
+    def _columns(self, name: str, by: Expr | None = None) -> CompiledColumns:
         jacobian = () if by is None else (ca.vec(ca.densify(ca.jacobian(self.channels, by))),)
         full = ca.densify(ca.vertcat(self.channels, *jacobian))
-        return Columns(ca.Function(name, [self.inputs, self.theta], [full], {"cse": True}))
+        return CompiledColumns(ca.Function(name, [self.inputs, self.theta], [full], {"cse": True}))
 
 
 def functions_of(model: SingleTrack) -> Functions:

@@ -86,5 +86,5 @@ def test_compiled_arrangement_is_that_of_numpy(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_without_a_compiler_there_is_no_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("estimator.offline.predict.compiled_windows.find_compiler", lambda: None)
+    monkeypatch.setattr("estimator.model.library.find_compiler", lambda: None)
     assert windows_library.__wrapped__() is None
