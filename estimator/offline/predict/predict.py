@@ -14,7 +14,7 @@ import numpy as np
 
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
-from estimator.model.single_track import AUXILIARY, CHANNELS, SIGNALS, SingleTrack
+from estimator.model.single_track import CHANNELS, SingleTrack
 from estimator.offline.predict.compiled_windows import arrange
 from estimator.offline.predict.expressions import STATES, Functions, functions_of, memory_names
 from estimator.offline.record.record import Record
@@ -128,18 +128,10 @@ class Predictor:
         lateral = self.record.used[list(LATERAL)].any()
         return [i for i, p in enumerate(self.model.tyre_table) if not lateral and p.name != "cx"]
 
-    @cached_property
-    def _plain_inputs(self) -> Array:
-        record = self.record
-        zero = np.zeros(record.rows.shape[:2])
-        others = (*SIGNALS[STATES:], *AUXILIARY)
-        rows = [record.thin(record.signals[n]) if n in record.signals else zero for n in others]
-        return np.stack([*record.state_means, *rows]).reshape(STATES + len(rows), -1)
-
     def inputs(self, parameters: Array) -> Array:
         """(k, windows * blocks) everything the model is evaluated at, states first."""
         profiles = [self._basis(b).at(parameters[b.parameters])[None] for b in self._profiles]
-        return np.concatenate([self._plain_inputs, self._remembered(parameters), *profiles])
+        return np.concatenate([self.record.inputs, self._remembered(parameters), *profiles])
 
     def _remembered(self, parameters: Array) -> Array:
         """(m, windows * blocks) what the effects with memory make of the past."""
@@ -185,7 +177,7 @@ class Predictor:
         self, parameters: Array, inputs: Array, by_past: Array, points: Sequence[int], by_points: Array
     ) -> None:
         """Add to the derivatives by parameters at `points` what these do through the past, by the chain rule."""
-        at = len(self._plain_inputs)
+        at = len(self.record.inputs)
         here = inputs[at : at + len(by_past)]
         for i in (i for b in self._memory for i in range(b.parameters.start, b.parameters.stop)):
             step = MEMORY_STEP * self.table[i].prior_std

@@ -68,9 +68,7 @@ def _short_fit(names: Sequence[str], steps: int) -> Job:
 
 def _thinned(setting: Setting, current: Fit) -> tuple[Setting, Fit]:
     """The search and its fit on every so many windows."""
-    chosen = np.arange(setting.record.windows) % SCREENING_STRIDE == 0
-    _, number = np.unique(setting.record.lap[chosen], return_inverse=True)
-    record = replace(current.predictor.record.select(chosen), lap=number.astype(np.int64))
+    record = current.predictor.record.every(SCREENING_STRIDE)
     predictor = Predictor(current.predictor.model, record)
     normal = Point.at(predictor, current.parameters, current.noise).normal()
     return replace(setting, record=record), Fit(predictor, current.parameters, normal, current.noise)
