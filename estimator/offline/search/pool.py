@@ -34,7 +34,7 @@ TASKS = "estimator.offline.search.workers"
 class Pool:
     """An executor whose tasks get records as names of files, written when they are first sent.
 
-    It serves one thread; the results of one batch of tasks have come in before `forget_old` is called.
+    It serves one thread.
     """
 
     def __init__(self, executor: Executor, folder: Path) -> None:
@@ -42,15 +42,20 @@ class Pool:
         self._executor, self._folder = executor, folder
         self._stored: dict[Path, Record] = {}
         self._written = 0
+        self._sent: list[Future[Any]] = []
 
     def submit(self, task: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """Do `task`, a function of a module, in one of the processes."""
         packed = io.BytesIO()
         _Pickler(packed, self._path_of).dump(arguments)
-        return self._executor.submit(_do, task, packed.getvalue())
+        future = self._executor.submit(_do, task, packed.getvalue())
+        self._sent = [*(one for one in self._sent if not one.done()), future]
+        return future
 
     def forget_old(self) -> None:
-        """Delete all but the newest records: none of them is being read."""
+        """Delete all but the newest records, unless a task that may read one is not done."""
+        if not all(future.done() for future in self._sent):
+            return
         for path in list(self._stored)[:-RECORDS]:
             del self._stored[path]
             path.unlink()

@@ -29,24 +29,40 @@ class Job:
 
 def fit_each(setting: Setting, warm: Fit, jobs: Sequence[Job], progress: Callable[[str], None]) -> list[Fit]:
     """Fit every job starting from `warm`, side by side where `setting` has workers, results in order."""
+    return begin_each(setting, warm, jobs, progress)()
+
+
+def begin_each(
+    setting: Setting, warm: Fit, jobs: Sequence[Job], progress: Callable[[str], None]
+) -> Callable[[], list[Fit]]:
+    """The same, begun where `setting` has workers; what is returned waits for the results."""
     settings = [job.setting or setting for job in jobs]
-    if setting.pool is None or len(jobs) < 2:
-        done = []
-        for own, job in zip(settings, jobs, strict=True):
-            progress(job.label)
-            done.append(fit_names(own, job.names, job.warm or warm, job.iterations))
-        return done
-    setting.pool.forget_old()
+    pool = setting.pool
+    if pool is None or not jobs:
+        return lambda: _in_turn(settings, warm, jobs, progress)
     sent = [
-        setting.pool.submit(_numbers, replace(own, pool=None), job.names, job.warm or warm, job.iterations)
+        pool.submit(_numbers, replace(own, pool=None), job.names, job.warm or warm, job.iterations)
         for own, job in zip(settings, jobs, strict=True)
     ]
-    fits = []
-    for own, job, future in zip(settings, jobs, sent, strict=True):
+
+    def results() -> list[Fit]:
+        fits = []
+        for own, job, future in zip(settings, jobs, sent, strict=True):
+            progress(job.label)
+            parameters, normal, noise = future.result()
+            fits.append(Fit(Predictor(own.model(job.names), own.record), parameters, normal, noise))
+        pool.forget_old()
+        return fits
+
+    return results
+
+
+def _in_turn(settings: Sequence[Setting], warm: Fit, jobs: Sequence[Job], progress: Callable[[str], None]) -> list[Fit]:
+    done = []
+    for own, job in zip(settings, jobs, strict=True):
         progress(job.label)
-        parameters, normal, noise = future.result()
-        fits.append(Fit(Predictor(own.model(job.names), own.record), parameters, normal, noise))
-    return fits
+        done.append(fit_names(own, job.names, job.warm or warm, job.iterations))
+    return done
 
 
 def _numbers(setting: Setting, names: Sequence[str], warm: Fit, iterations: int | None) -> tuple[Array, Normal, Noise]:
