@@ -48,11 +48,7 @@ class Innovations:
     @classmethod
     def make(cls, record: Record, propagator: Propagator, noise: Noise) -> Innovations:
         """Gains of all blocks."""
-        variance = np.where(record.used, noise.deviation**2, NOT_MEASURED)
-        walk = (record.used * noise.drift * noise.deviation**2)[STATE_ROWS]
-        gains, ratio = riccati(propagator, variance, walk, _start(record, noise))
-        scale = np.exp(0.5 * np.mean(np.log(ratio), axis=(1, 2)))
-        weight = scale[:, None, None] / np.sqrt(ratio) * record.used[:, None, None]
+        gains, weight, scale = _gains(record, propagator, noise)
         return cls(maps(propagator, gains, weight), scale)
 
     def run(self, inputs: Array) -> Array:
@@ -97,6 +93,29 @@ class Innovations:
             np.matmul(step[b], inputs, out=result)
             out[b], inputs[:, :3] = result[:, :5], result[:, 5:]
         return out
+
+
+def residuals(record: Record, propagator: Propagator, noise: Noise, inputs: Array) -> tuple[Array, Array]:
+    """(5, windows, blocks) whitened innovations of `inputs` (blocks, windows, 11, 1), and `Innovations.scale`."""
+    gains, weight, scale = _gains(record, propagator, noise)
+    blocks, windows = inputs.shape[:2]
+    library = windows_library()
+    if library is None or windows < VECTOR:
+        innovations = Innovations(maps(propagator, gains, weight), scale)
+        return np.ascontiguousarray(innovations.run(inputs.copy())[..., 0].transpose(2, 1, 0)), scale
+    motion = propagator.mean_decay, propagator.mean_gain, propagator.decay, propagator.forces_by
+    out = np.empty((5, windows, blocks))
+    library.call("residuals", blocks, windows, *motion, gains, weight, inputs, out)
+    return out, scale
+
+
+def _gains(record: Record, propagator: Propagator, noise: Noise) -> tuple[Array, Array, Array]:
+    """Gains (3, 3 signals, b, w), weights (5, b, w) of the innovations, and `Innovations.scale`."""
+    variance = np.where(record.used, noise.deviation**2, NOT_MEASURED)
+    walk = (record.used * noise.drift * noise.deviation**2)[STATE_ROWS]
+    gains, ratio = riccati(propagator, variance, walk, _start(record, noise))
+    scale = np.exp(0.5 * np.mean(np.log(ratio), axis=(1, 2)))
+    return gains, scale[:, None, None] / np.sqrt(ratio) * record.used[:, None, None], scale
 
 
 def riccati(propagator: Propagator, variance: Array, walk: Array, start: Array) -> tuple[Array, Array]:

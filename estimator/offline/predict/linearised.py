@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.offline.predict.innovations import STATE_ROWS, VY_ROW, YAW_RATE_ROW, Innovations
+from estimator.offline.predict.innovations import STATE_ROWS, VY_ROW, YAW_RATE_ROW, Innovations, residuals
 from estimator.offline.predict.propagate import MOTION, Propagator
 from estimator.offline.record.noise import Noise
 from estimator.offline.record.record import Record
@@ -43,8 +43,7 @@ class Linearised:
 
     def error_under(self, noise: Noise) -> tuple[Array, Array]:
         """Residual (5, windows, blocks) as it would be with other noise, and the scale of its whitening (5,)."""
-        innovations = Innovations.make(self.record, self.propagator, noise)
-        return _residual(innovations, self.inputs.copy()), innovations.scale
+        return residuals(self.record, self.propagator, noise, self.inputs)
 
     def under(self, noise: Noise) -> Linearised:
         """The same with other noise."""

@@ -173,6 +173,52 @@ int maps(size blocks, size windows, const double *H, const double *G, const doub
     return 1;
 }
 
+/* c = a b, 3 by 3 times 3. */
+static inline void apply(const vec *a, const vec *b, vec *c)
+{
+    for (int i = 0; i < 3; i++) c[i] = a[3 * i] * b[0] + a[3 * i + 1] * b[1] + a[3 * i + 2] * b[2];
+}
+
+/* The innovations (5, windows, blocks) of `inputs` (blocks, windows, 11) that `maps` and `run` give, without maps. */
+int residuals(size blocks, size windows, const double *H, const double *G, const double *A, const double *F,
+              const double *gains, const double *weight, const double *inputs, double *out)
+{
+    static const int ROW[3] = {3, 4, 2};
+    size n = blocks * windows;
+    EACH_VECTOR(w, windows) {
+        vec error[3];
+        for (size b = 0; b < blocks; b++) {
+            size s = b * windows + w;
+            vec in[11], h[9], m[9], f[6], K[9], mean[3], change[3], shift[3] = {{0}}, value[5];
+            for (int k = 0; k < 11; k++)
+                for (int l = 0; l < W; l++) in[k][l] = inputs[11 * (s + l) + k];
+            if (b == 0) memcpy(error, in, sizeof error);
+            fetch(H + s, n, 9, h), fetch(G + s, n, 9, m), fetch(F + s, n, 6, f), fetch(gains + s, n, 9, K);
+            apply(h, error, mean), apply(m, in + 3, change);
+            for (int i = 0; i < 3; i++) {
+                vec moved = h[3 * i] * shift[0] + h[3 * i + 1] * shift[1] + h[3 * i + 2] * shift[2];
+                vec innovation = in[8 + i] - mean[i] - change[i] - moved;
+                for (int k = 0; k < 3; k++) shift[k] += K[3 * k + i] * innovation;
+                value[ROW[i]] = innovation;
+            }
+            for (int k = 0; k < 3; k++) error[k] += shift[k];
+            apply(h, error, mean);
+            for (int i = 0; i < 2; i++) {
+                value[i] = in[6 + i];
+                for (int k = 0; k < 3; k++) value[i] -= f[3 * i + k] * (mean[k] + change[k]);
+            }
+            fetch(A + s, n, 9, m);
+            apply(m, error, mean), apply(h, in + 3, change);
+            for (int k = 0; k < 3; k++) error[k] = mean[k] + change[k];
+            for (int i = 0; i < 5; i++) {
+                vec white = value[i] * load(weight + i * n + s);
+                for (int l = 0; l < W; l++) out[(i * windows + w + l) * blocks + b] = white[l];
+            }
+        }
+    }
+    return 1;
+}
+
 /* Innovations (blocks, windows, 5) of `inputs` (blocks, windows, 11), whose state errors are overwritten. */
 int run(size blocks, size windows, const double *maps, double *inputs, double *out)
 {

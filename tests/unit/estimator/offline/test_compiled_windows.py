@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from support.practice_drives import record_of, shared_drives
 
 from estimator.offline.fit import normal
 from estimator.offline.predict import compiled_windows, innovations, propagate
 from estimator.offline.predict.compiled_windows import VECTOR, windows_library
 from estimator.offline.predict.innovations import Innovations
 from estimator.offline.predict.propagate import Propagator, exponentials
+from estimator.offline.record.noise import Noise
 from estimator.offline.record.window_columns import WindowColumns
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import find_compiler
@@ -60,6 +64,22 @@ def test_compiled_innovations_are_those_of_numpy(motion: Propagator, monkeypatch
     np.testing.assert_allclose(compiled[0], predictor.run(inputs), rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(compiled_inputs, inputs, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(compiled[1], predictor.run_columns(columns, moved), rtol=1e-9, atol=1e-9)
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("used", [(True,) * 5, (True, False, True, True, False)], ids=["all", "no ay, no vy"])
+def test_compiled_residuals_are_the_innovations_of_the_maps(
+    motion: Propagator, used: tuple[bool, ...], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    whole = record_of(shared_drives(tmp_path_factory)["flat"])
+    record = replace(whole, used=np.array(used))
+    noise = Noise(2.0 * record.block_noise, np.array([0.0, 0.0, 0.3, 0.1, 2.0]))
+    inputs = np.random.default_rng(5).normal(size=(BLOCKS, WINDOWS, 11, 1))
+    found, scale = innovations.residuals(record, motion, noise, inputs)
+    predictor = Innovations.make(record, motion, noise)
+    expected = predictor.run(inputs.copy())[..., 0].transpose(2, 1, 0)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(scale, predictor.scale)
 
 
 @needs_a_compiler
