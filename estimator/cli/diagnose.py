@@ -27,7 +27,7 @@ RESULTS = ("report.html", "diagnosis.json", "model.json")
 """what `--out` holds afterwards"""
 SHARES = {
     "reading": 0.0, "log health": 0.03, "windows": 0.05, "lateral motion": 0.07, "road": 0.1,
-    "last steps of the fit": 0.92, "scoring on the test laps": 0.93, "writing the report": 0.94, "drawing": 0.96,
+    "last steps of the fit": 0.92, "scoring on the test laps": 0.93, "writing the report": 0.94,
 }  # fmt: skip
 """Shares of the time of a diagnosis at which its parts begin; between the road and the last steps lies the search."""
 LATERAL_END = 0.35
@@ -101,8 +101,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
             from estimator.offline.report.diagnosis_report import write_report
 
             write(summary, revision, out)
-            progress("drawing")
-            write_report(result, summary, log, out / "report.html")
+            write_report(result, summary, log, out / "report.html", progress)
     if as_json:
         print_json(summary)
     else:

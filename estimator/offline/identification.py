@@ -51,8 +51,8 @@ Method = Literal["batch", "sample", "nls"]
 Formulation = Literal["auto", "algebraic", "output_error"]
 Progress = Callable[[str, float], None]
 
-EXAMINED, PREPARED, BATCHED, FITTED = 0.08, 0.11, 0.15, 0.88
-"""Shares of the time of a fit to all samples of a quarter of an hour, at the end of its parts."""
+EXAMINED, PREPARED, BATCHED, FITTED, SCORED = 0.1, 0.15, 0.2, 0.8, 0.85
+"""Shares of the time of a fit to all samples of a quarter of an hour, at the end of its parts; a report is the rest."""
 TYPICAL_SIMULATIONS = 25
 """of a fit"""
 
@@ -160,7 +160,6 @@ def identify(
     rollouts = simulations(columns, theta, task.log, held_out, options.window_s)
     scores = score_samples(columns, theta, held_out, rollouts if task.formulation == "output_error" else None)
     known = analyse(fitted.fit, fitted.samples.select(fitted.split.train), vehicle, options.layout)
-    progress("done", 1.0)
     return Identification(
         options=options,
         vehicle=vehicle,
