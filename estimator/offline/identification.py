@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -32,6 +33,7 @@ from estimator.offline.predict.nuisance import (
     yaw_rate_timing,
 )
 from estimator.offline.predict.rollout import Rollout
+from estimator.offline.progress import approached
 from estimator.offline.record.prepare import Samples, prepare, spinning
 from estimator.offline.record.split import Split, split
 from estimator.offline.result.grip import Grip, grip_of, slides
@@ -48,6 +50,11 @@ from hil_gateway.car.vehicle import Vehicle
 Method = Literal["batch", "sample", "nls"]
 Formulation = Literal["auto", "algebraic", "output_error"]
 Progress = Callable[[str, float], None]
+
+EXAMINED, PREPARED, BATCHED, FITTED, SCORED = 0.1, 0.15, 0.2, 0.8, 0.85
+"""Shares of the time of a fit to all samples of a quarter of an hour, at the end of its parts; a report is the rest."""
+TYPICAL_SIMULATIONS = 25
+"""of a fit"""
 
 LAG_ROUNDS = 3
 """Times a steering lag is taken out and estimated again: the model's delay is of first order."""
@@ -149,13 +156,12 @@ def identify(
     health = examine_on_its_road(log, vehicle, options.keep)
     task = _Task(health.log, vehicle, tyre_prior, options, _formulation(options, health.log), progress)
     fitted, task, health = _fit_and_repair(task, health)
-    progress("held-out error", 0.9)
+    progress("held-out error", FITTED)
     held_out = fitted.samples.select(fitted.split.test)
     columns, theta = fitted.columns, fitted.fit.theta
     rollouts = simulations(columns, theta, task.log, held_out, options.window_s)
     scores = score_samples(columns, theta, held_out, rollouts if task.formulation == "output_error" else None)
     known = analyse(fitted.fit, fitted.samples.select(fitted.split.train), vehicle, options.layout)
-    progress("done", 1.0)
     return Identification(
         options=options,
         vehicle=vehicle,
@@ -223,7 +229,7 @@ def _fit_and_repair(task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, 
 
 
 def _fit_and_split(task: _Task, health: HealthReport, known: Fit | None = None) -> _Fitted:
-    task.progress("smoothing", 0.1)
+    task.progress("smoothing", EXAMINED)
     samples = prepare(task.log)
     divided = split(task.log, samples)
     columns = _columns(task, health)
@@ -283,7 +289,7 @@ def _fit(
     recursion = _recursion(task, columns, train, held_out)
     if task.options.method != "nls":
         return recursion.fit, recursion
-    task.progress("nonlinear least squares", 0.5)
+    task.progress("nonlinear least squares", BATCHED)
     trusted = _accelerations_measured(task.log)
     start = fit(columns, averaged(train)) if trusted or task.formulation == "algebraic" else None
     if start is not None and task.formulation == "algebraic":
@@ -291,13 +297,22 @@ def _fit(
     outputs = ("vy", "yaw_rate", "ay") if trusted else ("vy", "yaw_rate")
     settings = OutputErrorSettings(window_s=task.options.window_s, outputs=outputs)
     candidates = [columns.start, *(one.theta for one in (start, known) if one is not None)]
-    return fit_output_error(columns, task.log, train, settings, candidates), recursion
+    return fit_output_error(columns, task.log, train, settings, candidates, _simulating(task)), recursion
+
+
+def _simulating(task: _Task) -> Callable[[], None]:
+    """What is told of every simulation of the fit."""
+    steps = itertools.count(1)
+    return lambda: task.progress("simulations", approached(BATCHED, FITTED, next(steps), TYPICAL_SIMULATIONS))
 
 
 def _recursion(task: _Task, columns: ModelColumns, train: Samples, held_out: Samples) -> Recursion:
     method = sample if task.options.method == "sample" else batch
     name = "sample by sample" if task.options.method == "sample" else "batches"
-    return method(columns, averaged(train), held_out, lambda share: task.progress(name, 0.2 + 0.3 * share))
+    last = BATCHED if task.options.method == "nls" else FITTED
+    return method(
+        columns, averaged(train), held_out, lambda share: task.progress(name, PREPARED + (last - PREPARED) * share)
+    )
 
 
 def _points(curve: Curve) -> list[dict[str, float]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from estimator.offline.identification import Identification
@@ -18,9 +18,14 @@ WORSE = 1.01
 """an error that has grown by more than this is said"""
 
 
-def write_report(result: Identification, scores: Mapping[str, LogScore], path: Path) -> Path:
-    """Write the page of `result`, with its `scores` on other logs by their path, and return its path."""
-    report = Report("Tyre identification", _subtitle(result))
+def write_report(
+    result: Identification, scores: Mapping[str, LogScore], path: Path, told: Callable[[str], None] = lambda _: None
+) -> Path:
+    """Write the page of `result`, with its `scores` on other logs by their path, and return its path.
+
+    `told` hears the title of every section that begins.
+    """
+    report = Report("Tyre identification", _subtitle(result), told)
     with plot_style():
         _headline(report, result)
         _parameters(report, result)
