@@ -29,6 +29,7 @@ from estimator.offline.diagnosis import diagnose
 from estimator.offline.record.declared import default_tyre_prior
 from estimator.offline.record.record import make_record
 from estimator.offline.report.diagnosis_result import as_json
+from estimator.offline.search.pool import workers
 from hil_gateway.car.vehicle import Vehicle
 
 sys.path.append(str(Path(__file__).parent))
@@ -89,11 +90,12 @@ def results(cases: Mapping[str, Case]) -> Iterator[tuple[str, Case, dict[str, An
     """Every drive with what `hil diagnose` says of it."""
     drives = simulate([case.setup for case in cases.values()], [case.seed for case in cases.values()])
     vehicle, prior = Vehicle(), default_tyre_prior("per_axle", Vehicle())
-    for (name, case), drive in zip(cases.items(), track(drives, "diagnosing"), strict=True):
-        log = DriveLog(drive.columns, segment_numbers(drive.columns["t"]))
-        health = examine(log, vehicle)
-        record = make_record(health.log, vehicle, health.doubtful)
-        yield name, case, as_json(diagnose(record, "per_axle", prior, processes=os.cpu_count() or 1), "", "")
+    with workers(os.cpu_count() or 1) as pool:
+        for (name, case), drive in zip(cases.items(), track(drives, "diagnosing"), strict=True):
+            log = DriveLog(drive.columns, segment_numbers(drive.columns["t"]))
+            health = examine(log, vehicle)
+            record = make_record(health.log, vehicle, health.doubtful)
+            yield name, case, as_json(diagnose(record, "per_axle", prior, pool=pool), "", "")
 
 
 def sizes(case: Case) -> dict[str, float]:

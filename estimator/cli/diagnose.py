@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from estimator.offline.progress import approached
 from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
 
@@ -25,8 +25,15 @@ app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_mar
 
 RESULTS = ("report.html", "diagnosis.json", "model.json")
 """what `--out` holds afterwards"""
-TYPICAL_STEPS = 45.0
-"""Fits of a typical diagnosis: the bar approaches its end over about twice as many."""
+SHARES = {
+    "reading": 0.0, "log health": 0.03, "windows": 0.05, "lateral motion": 0.07, "road": 0.1,
+    "last steps of the fit": 0.92, "scoring on the test laps": 0.93, "writing the report": 0.94,
+}  # fmt: skip
+"""Shares of the time of a diagnosis at which its parts begin; between the road and the last steps lies the search."""
+LATERAL_END = 0.35
+"""The same at the end of an identification of the lateral motion, where a log needs one."""
+TYPICAL_STEPS = 120
+"""Fits of a search after which half of it is done."""
 
 
 def _print_effects(wanted: bool) -> None:
@@ -63,6 +70,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.offline.report.diagnosis_result import as_json as to_json
     from estimator.offline.report.diagnosis_result import as_revision, write
     from estimator.offline.result.simulated_lateral import identified_laterally, lateral_prior, with_simulated_lateral
+    from estimator.offline.search.pool import workers
     from hil_gateway.process.errors import InputError
     from hil_gateway.track.loading import load_track
 
@@ -73,14 +81,16 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     car = read_vehicle(vehicle)
     prior = read_tyre_prior(tyre, layout, car)  # type: ignore[arg-type]
     known = None if track is None else (track, load_track(track))
-    with _progress() as progress:
+    with _progress() as bar, workers(os.cpu_count() or 1) as pool:
+        progress = Course(bar)
         progress("reading")
         logged = read_logs(sessions)
-        record, log, health = _examined(logged, car, known)
-        lateral = identified_laterally(logged, record, car, prior, layout)  # type: ignore[arg-type]
+        record, log, health = _examined(logged, car, known, progress)
+        progress("lateral motion")
+        lateral = identified_laterally(logged, record, car, prior, layout, progress.lateral)  # type: ignore[arg-type]
         if lateral is not None:
             prior = lateral_prior(lateral, prior)
-        result = run(record, layout, prior, progress, os.cpu_count() or 1)  # type: ignore[arg-type]
+        result = run(record, layout, prior, progress, pool)  # type: ignore[arg-type]
         revision = as_revision(result, layout, tuple(log.sources.values()))
         summary: dict[str, Any] = {"health": health}
         summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))
@@ -91,20 +101,48 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
             from estimator.offline.report.diagnosis_report import write_report
 
             write(summary, revision, out)
-            write_report(result, summary, log, out / "report.html")
+            write_report(result, summary, log, out / "report.html", progress)
     if as_json:
         print_json(summary)
     else:
         _print(summary)
 
 
-def _examined(log: DriveLog, car: Vehicle, known: tuple[str, Track] | None) -> tuple[Record, DriveLog, list[str]]:
+class Course:
+    """Tells a progress bar how far a diagnosis is, by the names of its parts and the number of steps in them."""
+
+    def __init__(self, bar: Callable[[str, float], None]) -> None:
+        """`bar` is told what is done and the share that is behind."""
+        self._bar, self._part, self._steps, self._reached = bar, 0.0, 0, 0.0
+
+    def __call__(self, what: str) -> None:
+        """Say what is done next: a part of `SHARES`, or a step of the present one."""
+        self._steps += 1
+        if what in SHARES:
+            self._part, self._steps = max(SHARES[what], self._reached), 0
+        self._bar(what, approached(self._part, self._end, self._steps, TYPICAL_STEPS))
+
+    def lateral(self, what: str, share: float) -> None:
+        """Say what the identification of the lateral motion does next, and the share of it that is behind."""
+        self._reached = self._part + (LATERAL_END - self._part) * share
+        self._bar(what, self._reached)
+
+    @property
+    def _end(self) -> float:
+        return min((share for share in SHARES.values() if share > self._part), default=1.0)
+
+
+def _examined(
+    log: DriveLog, car: Vehicle, known: tuple[str, Track] | None, progress: Callable[[str], None]
+) -> tuple[Record, DriveLog, list[str]]:
     """What is fitted, the log it comes from, and the defects found in that; `known`: name and map of the track."""
     from estimator.drive_log.health import examine
     from estimator.offline.record.map_road import record_on_map
     from estimator.offline.record.record import make_record
 
+    progress("log health")
     health = examine(log, car)
+    progress("windows")
     record = make_record(health.log, car, health.doubtful)
     if known is not None:
         record = record_on_map(record, health.log, known[1], known[0])
@@ -121,13 +159,7 @@ def _progress() -> Iterator[Any]:
     columns = (BarColumn(20), TimeElapsedColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=1.0)
-        steps = iter(range(10**6))
-
-        def report(what: str) -> None:
-            share = 1.0 - math.exp(-next(steps) / TYPICAL_STEPS)
-            bar.update(task, description=what, completed=share)
-
-        yield report
+        yield lambda what, share: bar.update(task, description=what, completed=share)
 
 
 def _print(summary: dict[str, Any]) -> None:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from estimator.offline.progress import approached
 from hil_gateway.process.figures import figure, plain, print_json
 from hil_gateway.process.writable import check_folder
 
@@ -23,6 +25,8 @@ app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_mar
 
 RESULTS = ("report.html", "identification.json", "tyre.json")
 """what `--out` holds afterwards"""
+TYPICAL_SECTIONS = 4
+"""Sections of a report after which half of it is done."""
 
 
 class LayoutName(StrEnum):
@@ -70,7 +74,7 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
 ) -> None:
     """Identify the tyre parameters and say what the data can and cannot tell."""
     from estimator.drive_log.table import read_logs
-    from estimator.offline.identification import Options, score_log
+    from estimator.offline.identification import SCORED, Options, score_log
     from estimator.offline.identification import identify as run
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
     from estimator.offline.result.identification_score import as_summary
@@ -91,20 +95,31 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
         summary |= {"grip": {path: one.grip.summary() for path, one in scores.items()}}
         summary |= {"exported": exported(result), "usable_slip": usable_slip(result)}
         if out is not None:
-            progress("report", 0.95)
-            summary["report"] = str(_write(result, scores, summary, out))
+            sections = itertools.count()
+
+            def told(title: str) -> None:
+                progress(title, approached(SCORED, 1.0, next(sections), TYPICAL_SECTIONS))
+
+            told("report")
+            summary["report"] = str(_write(result, scores, summary, out, told))
     if as_json:
         print_json(summary)
     else:
         _print(result, scores)
 
 
-def _write(result: Identification, scores: Mapping[str, LogScore], summary: dict[str, Any], out: Path) -> Path:
+def _write(
+    result: Identification,
+    scores: Mapping[str, LogScore],
+    summary: dict[str, Any],
+    out: Path,
+    told: Callable[[str], None],
+) -> Path:
     from estimator.offline.report.identification_report import write_report
 
     out.mkdir(parents=True, exist_ok=True)
     page, whole, tyre = (out / name for name in RESULTS)
-    write_report(result, scores, page)
+    write_report(result, scores, page, told)
     whole.write_text(json.dumps(plain(summary), indent=1))
     tyre.write_text(json.dumps(plain(summary["exported"]), indent=1))
     return page

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 
 from estimator.model.effects.base import Prepare
+from estimator.model.library import Library, load_library
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Expr
@@ -71,7 +73,23 @@ def after_play(signal: Array, gap: float) -> Array:
 
 
 def _recursion(first: Array, decay: Array, drive: Array) -> Array:
-    """y[0] = first, y[i+1] = decay[i] y[i] + drive[i]; a linear scan that doubles its reach every pass."""
+    """y[0] = first, y[i+1] = decay[i] y[i] + drive[i], for one signal or more (..., n)."""
+    library = _library()
+    if library is None:
+        return _scan(first, decay, drive)
+    out = np.empty((*drive.shape[:-1], len(decay) + 1))
+    arrays = (np.ascontiguousarray(a) for a in (first, decay, drive))
+    library.call("recursion", out.size // out.shape[-1], out.shape[-1], *arrays, out)
+    return out
+
+
+@cache
+def _library() -> Library | None:
+    return load_library(Path(__file__).with_name("recursion.c"))
+
+
+def _scan(first: Array, decay: Array, drive: Array) -> Array:
+    """The recursion without a compiler: a linear scan that doubles its reach every pass."""
     gain = np.concatenate(([1.0], decay))
     value = np.concatenate((first, drive), axis=-1)
     reach = 1

@@ -21,11 +21,11 @@ from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout,
 from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
+from estimator.offline.search.pool import Pool, keep_freed_memory
 from estimator.offline.search.search import Search, search
 from estimator.offline.search.stretch import Candidate, can_tell, most_gaining
 from estimator.offline.search.terms import TERM_SHARE, Outcome, Rival, with_terms
 from estimator.offline.search.trial import Setting, Trial, fit_names
-from estimator.offline.search.workers import workers
 from hil_gateway.process.arrays import Array, Ints
 
 Progress = Callable[[str], None]
@@ -80,15 +80,15 @@ def diagnose(
     layout: Layout,
     prior: Mapping[str, float] | None,
     progress: Progress = lambda _: None,
-    processes: int = 1,
+    pool: Pool | None = None,
 ) -> Diagnosis:
-    """Find what the declared model lacks, with fits in so many `processes` at once.
+    """Find what the declared model lacks, with fits in the processes of a `pool` (`workers`).
 
     A road that the record already has is a map's (`record_on_map`): always fitted, and no finding.
     """
     mapped = road_effects() if record.road else ()
-    with workers(processes) as pool:
-        return _diagnose(Setting(record, layout, prior, pool=pool, active=mapped), progress)
+    keep_freed_memory()
+    return _diagnose(Setting(record, layout, prior, pool=pool, active=mapped), progress)
 
 
 def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:

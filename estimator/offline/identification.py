@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -20,7 +21,7 @@ from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.equation_error import Fit, fit
 from estimator.offline.fit.identifiability import Identifiability, analyse
 from estimator.offline.fit.output_error import OutputErrorSettings, fit_output_error
-from estimator.offline.fit.recursive import CurvePoint, Recursion, averaged, batch, sample
+from estimator.offline.fit.recursive import Curve, Recursion, averaged, batch, sample
 from estimator.offline.known_bank import examine_on_its_road
 from estimator.offline.predict.nuisance import (
     KNOWN_BANK,
@@ -32,6 +33,7 @@ from estimator.offline.predict.nuisance import (
     yaw_rate_timing,
 )
 from estimator.offline.predict.rollout import Rollout
+from estimator.offline.progress import approached
 from estimator.offline.record.prepare import Samples, prepare, spinning
 from estimator.offline.record.split import Split, split
 from estimator.offline.result.grip import Grip, grip_of, slides
@@ -48,6 +50,11 @@ from hil_gateway.car.vehicle import Vehicle
 Method = Literal["batch", "sample", "nls"]
 Formulation = Literal["auto", "algebraic", "output_error"]
 Progress = Callable[[str, float], None]
+
+EXAMINED, PREPARED, BATCHED, FITTED, SCORED = 0.1, 0.15, 0.2, 0.8, 0.85
+"""Shares of the time of a fit to all samples of a quarter of an hour, at the end of its parts; a report is the rest."""
+TYPICAL_SIMULATIONS = 25
+"""of a fit"""
 
 LAG_ROUNDS = 3
 """Times a steering lag is taken out and estimated again: the model's delay is of first order."""
@@ -70,7 +77,8 @@ class Identification:
 
     `initial` and `final` are tyre parameters; `rmse` is channel -> (initial, final) on held-out data, simulated where
     the formulation simulates, `rmse_at_states` the same at the measured states; `rollouts` are (initial, final)
-    open-loop predictions of the held-out data, `samples` are those of the whole log.
+    open-loop predictions of the held-out data, `samples` are those of the whole log; `recursion` is what the batches
+    (or samples) one by one make of it, also where all samples were fitted at once.
     """
 
     options: Options
@@ -85,7 +93,7 @@ class Identification:
     initial: Mapping[str, float]
     rmse: Scores
     rmse_at_states: Scores
-    curve: tuple[CurvePoint, ...]
+    recursion: Recursion
     identifiability: Identifiability
     rollouts: tuple[Rollout, Rollout]
     seconds: float
@@ -124,7 +132,8 @@ class Identification:
             "nuisance": {n: {"value": v, "std": self.fit.std[n]} for n, v in self.fit.values.items() if "." in n},
             "rmse": as_summary(self.rmse),
             "rmse_at_states": as_summary(self.rmse_at_states),
-            "curve": [{"batch": p.batch, **p.rmse} for p in self.curve],
+            "curve": _points(self.recursion.curve),
+            "curve_as_published": _points(self.recursion.as_published),
             "health": [finding.summary() for finding in self.health.findings],
             "rows": len(self.log),
             "samples": len(self.samples),
@@ -145,15 +154,14 @@ def identify(
     began = time.perf_counter()
     progress("log health", 0.0)
     health = examine_on_its_road(log, vehicle, options.keep)
-    task = _Task(health.log, vehicle, tyre_prior, options, _formulation(options), progress)
+    task = _Task(health.log, vehicle, tyre_prior, options, _formulation(options, health.log), progress)
     fitted, task, health = _fit_and_repair(task, health)
-    progress("held-out error", 0.9)
+    progress("held-out error", FITTED)
     held_out = fitted.samples.select(fitted.split.test)
     columns, theta = fitted.columns, fitted.fit.theta
     rollouts = simulations(columns, theta, task.log, held_out, options.window_s)
     scores = score_samples(columns, theta, held_out, rollouts if task.formulation == "output_error" else None)
     known = analyse(fitted.fit, fitted.samples.select(fitted.split.train), vehicle, options.layout)
-    progress("done", 1.0)
     return Identification(
         options=options,
         vehicle=vehicle,
@@ -167,7 +175,7 @@ def identify(
         initial={p.name: p.prior for p in fitted.columns.model.tyre_table},
         rmse=scores,
         rmse_at_states=score_at_states(columns, theta, held_out),
-        curve=fitted.curve,
+        recursion=fitted.recursion,
         identifiability=known,
         rollouts=rollouts,
         notes=_notes(task.log),
@@ -203,7 +211,7 @@ class _Fitted:
     split: Split
     columns: ModelColumns
     fit: Fit
-    curve: tuple[CurvePoint, ...]
+    recursion: Recursion
 
 
 def _fit_and_repair(task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, HealthReport]:
@@ -221,13 +229,13 @@ def _fit_and_repair(task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, 
 
 
 def _fit_and_split(task: _Task, health: HealthReport, known: Fit | None = None) -> _Fitted:
-    task.progress("smoothing", 0.1)
+    task.progress("smoothing", EXAMINED)
     samples = prepare(task.log)
     divided = split(task.log, samples)
     columns = _columns(task, health)
     train, test = samples.select(divided.train), samples.select(divided.test)
-    result, curve = _fit(task, columns, train, test, known)
-    return _Fitted(samples, divided, columns, result, curve)
+    result, recursion = _fit(task, columns, train, test, known)
+    return _Fitted(samples, divided, columns, result, recursion)
 
 
 @dataclass(frozen=True)
@@ -242,11 +250,21 @@ class _Task:
     progress: Progress
 
 
-def _formulation(options: Options) -> Formulation:
-    """The recursions are algebraic; a full fit simulates: neither noisy slip angles nor bad accelerations bias it."""
+def _formulation(options: Options, log: DriveLog) -> Formulation:
+    """The recursions are algebraic; a full fit simulates: neither noisy slip angles nor bad accelerations bias it.
+
+    One tyre for both axles fixes the car's balance, and what is simulated shows that error many times over: where
+    accelerations were measured, their fit is the better one then.
+    """
     if options.method != "nls":
         return "algebraic"
-    return "output_error" if options.formulation == "auto" else options.formulation
+    if options.formulation != "auto":
+        return options.formulation
+    return "algebraic" if options.layout == "shared" and _accelerations_measured(log) else "output_error"
+
+
+def _accelerations_measured(log: DriveLog) -> bool:
+    return not {"ax", "ay"} & set(log.derived)
 
 
 def _columns(task: _Task, health: HealthReport) -> ModelColumns:
@@ -267,25 +285,38 @@ def _columns(task: _Task, health: HealthReport) -> ModelColumns:
 
 def _fit(
     task: _Task, columns: ModelColumns, train: Samples, held_out: Samples, known: Fit | None
-) -> tuple[Fit, tuple[CurvePoint, ...]]:
-    recursion = _recursion(task, columns, train, averaged(held_out))
+) -> tuple[Fit, Recursion]:
+    recursion = _recursion(task, columns, train, held_out)
     if task.options.method != "nls":
-        return recursion.fit, recursion.curve
-    task.progress("nonlinear least squares", 0.5)
-    trusted = not {"ax", "ay"} & set(task.log.derived)
+        return recursion.fit, recursion
+    task.progress("nonlinear least squares", BATCHED)
+    trusted = _accelerations_measured(task.log)
     start = fit(columns, averaged(train)) if trusted or task.formulation == "algebraic" else None
     if start is not None and task.formulation == "algebraic":
-        return start, recursion.curve
+        return start, recursion
     outputs = ("vy", "yaw_rate", "ay") if trusted else ("vy", "yaw_rate")
     settings = OutputErrorSettings(window_s=task.options.window_s, outputs=outputs)
     candidates = [columns.start, *(one.theta for one in (start, known) if one is not None)]
-    return fit_output_error(columns, task.log, train, settings, candidates), recursion.curve
+    return fit_output_error(columns, task.log, train, settings, candidates, _simulating(task)), recursion
+
+
+def _simulating(task: _Task) -> Callable[[], None]:
+    """What is told of every simulation of the fit."""
+    steps = itertools.count(1)
+    return lambda: task.progress("simulations", approached(BATCHED, FITTED, next(steps), TYPICAL_SIMULATIONS))
 
 
 def _recursion(task: _Task, columns: ModelColumns, train: Samples, held_out: Samples) -> Recursion:
     method = sample if task.options.method == "sample" else batch
     name = "sample by sample" if task.options.method == "sample" else "batches"
-    return method(columns, averaged(train), held_out, lambda share: task.progress(name, 0.2 + 0.3 * share))
+    last = BATCHED if task.options.method == "nls" else FITTED
+    return method(
+        columns, averaged(train), held_out, lambda share: task.progress(name, PREPARED + (last - PREPARED) * share)
+    )
+
+
+def _points(curve: Curve) -> list[dict[str, float]]:
+    return [{"batch": p.batch, **p.rmse} for p in curve]
 
 
 def _notes(log: DriveLog) -> tuple[str, ...]:

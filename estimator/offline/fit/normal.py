@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from estimator.offline.predict.compiled_windows import windows_library
 from estimator.offline.record.window_columns import WindowColumns
 from hil_gateway.process.arrays import Array, Ints
 
@@ -114,13 +115,26 @@ def accumulate(error: Array, sensitivity: WindowColumns, lap: Ints) -> tuple[Arr
 
     Every window adds the products of its own columns.
     """
-    laps, p, places = int(lap.max()) + 1, sensitivity.size, sensitivity.parameters
+    laps = int(lap.max()) + 1
+    squares = np.array([np.bincount(lap, row, laps) for row in (error**2).sum(axis=2)])
+    library = windows_library()
+    if library is None:
+        return squares, *_sums(error, sensitivity, lap, laps)
+    blocks, windows, _, count = sensitivity.values.shape
+    p = sensitivity.size
+    gradient, hessian = np.zeros((5, laps, p)), np.zeros((5, laps, p, p))
+    arrays = (error, *map(np.ascontiguousarray, (sensitivity.values, sensitivity.parameters, lap)))
+    library.call("accumulate", blocks, windows, count, laps, p, *arrays, gradient, hessian)
+    return squares, gradient, hessian
+
+
+def _sums(error: Array, sensitivity: WindowColumns, lap: Ints, laps: int) -> tuple[Array, Array]:
+    p, places = sensitivity.size, sensitivity.parameters
     by_window = sensitivity.values.transpose(1, 2, 0, 3)
     products = by_window.swapaxes(2, 3) @ by_window
     pulls = (by_window.swapaxes(2, 3) @ error.transpose(1, 0, 2)[..., None])[..., 0]
-    squares = np.array([np.bincount(lap, row, laps) for row in (error**2).sum(axis=2)])
     entry = lap[:, None] * p + places
     pair = (entry[:, :, None] * p + places[:, None]).ravel()
     gradient = [np.bincount(entry.ravel(), pulls[:, c].ravel(), laps * p) for c in range(5)]
     hessian = [np.bincount(pair, products[:, c].ravel(), laps * p * p) for c in range(5)]
-    return squares, np.reshape(gradient, (5, laps, p)), np.reshape(hessian, (5, laps, p, p))
+    return np.reshape(gradient, (5, laps, p)), np.reshape(hessian, (5, laps, p, p))

@@ -8,7 +8,7 @@ Source: Ljung, System Identification, 2nd ed., ch. 4.3 and 10; Bock (1983) for m
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -67,8 +67,19 @@ class OutputErrorSettings:
 class OutputErrorProblem(Problem):
     """Residuals of simulated windows, plus the algebraic longitudinal channel."""
 
-    def __init__(self, columns: ModelColumns, log: DriveLog, samples: Samples, settings: OutputErrorSettings) -> None:
-        """Cut `samples` into windows; the longitudinal channel uses a quarter of the rows at most 25 Hz."""
+    def __init__(
+        self,
+        columns: ModelColumns,
+        log: DriveLog,
+        samples: Samples,
+        settings: OutputErrorSettings,
+        simulating: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Cut `samples` into windows; the longitudinal channel uses a quarter of the rows at most 25 Hz.
+
+        `simulating` is called before every simulation.
+        """
+        self.simulating = simulating
         self.outputs = tuple(o for o in OUTPUTS if o in settings.outputs)
         thinned = samples.thin(max(1, round(0.04 / samples.step)))
         self.algebraic = AlgebraicProblem(
@@ -95,6 +106,7 @@ class OutputErrorProblem(Problem):
 
     def simulate(self, u: Array, sensitivities: bool = True) -> Trajectory:
         """Windows simulated at u from the start states that fit best there."""
+        self.simulating()
         return self.simulator.run(self.windows, self.starts.near(u), self.theta(u), sensitivities)
 
     def errors(self, trajectory: Trajectory) -> Array:
@@ -187,21 +199,26 @@ def _summed(J: Array, z: Array, starts: NDArray[np.int64]) -> Array:
     return np.asarray(np.add.reduceat(np.einsum("onkl,okl->nkl", J, z, optimize=True), starts, axis=1))
 
 
-def fit_output_error(
-    columns: ModelColumns, log: DriveLog, samples: Samples, settings: OutputErrorSettings, starts: Sequence[Array]
+def fit_output_error(  # noqa: PLR0917 - what is fitted to what, and who is told
+    columns: ModelColumns,
+    log: DriveLog,
+    samples: Samples,
+    settings: OutputErrorSettings,
+    starts: Sequence[Array],
+    simulating: Callable[[], None] = lambda: None,
 ) -> Fit:
     """Estimate the parameters, beginning at the best of `starts` (p,), SI: the prior, or what the algebraic fit says.
 
     A simulation has local optima that an algebraic fit to noisy states can fall into. Windows that run away from the
-    data are shortened.
+    data are shortened. `simulating` is called before every simulation.
     """
-    problem = OutputErrorProblem(columns, log, samples, settings)
+    problem = OutputErrorProblem(columns, log, samples, settings, simulating)
     spreads = [problem.robust_spread(problem.scaled(start)) for start in starts]
     best = int(np.argmin([np.sum(np.log(spread)) for spread in spreads]))
     result = solve(problem, starts[best])
     if _diverges(problem, result) and settings.window_s > SHORTEST_WINDOW_S:
         shorter = replace(settings, window_s=max(0.25 * settings.window_s, SHORTEST_WINDOW_S))
-        return fit_output_error(columns, log, samples, shorter, starts)
+        return fit_output_error(columns, log, samples, shorter, starts, simulating)
     return result
 
 

@@ -154,11 +154,13 @@ def _descended(point: Point, iterations: int, least: float) -> tuple[Point, Norm
     damping, relief = 1e-4, RELIEF
     for _ in range(iterations):
         trial, fall = coordinates.damped_step(normal, point.parameters, damping)
-        if 0.0 <= fall < SETTLED:  # a step that its bounds cut short may be predicted to climb
+        if 0.0 <= fall < SETTLED:
             break
-        tried = Point.at(predictor, trial, point.noise)
-        new = tried.normal()
-        value = _objective(tried, new)
+        value = np.inf
+        if fall >= 0.0:  # a step that its bounds cut short may be predicted to climb: it is not worth a look
+            tried = Point.at(predictor, trial, point.noise)
+            new = tried.normal()
+            value = _objective(tried, new)
         if not np.isfinite(value) or value > best:
             if value < best + least:
                 break

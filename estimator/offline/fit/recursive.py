@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,12 +38,20 @@ class CurvePoint:
     rmse: dict[str, float]
 
 
+Curve = tuple[CurvePoint, ...]
+
+
 @dataclass(frozen=True)
 class Recursion:
-    """Result of a recursive method: the estimate in the same form as a fit, and its RMSE curve."""
+    """Result of a recursive method: the estimate in the same form as a fit, and how it was reached.
+
+    `curve` ends with the errors of `fit`; `as_published` is that of the paper's update (section III), whose estimate is
+    not reported. Both begin with the initial parameters.
+    """
 
     fit: Fit
-    curve: tuple[CurvePoint, ...]
+    curve: Curve
+    as_published: Curve = ()
 
 
 def averaged(samples: Samples) -> Samples:
@@ -54,22 +62,35 @@ def averaged(samples: Samples) -> Samples:
 def batch(
     columns: ModelColumns, train: Samples, held_out: Samples, progress: Progress = lambda share: None
 ) -> Recursion:
-    """One averaged update of the estimate for every `BATCH` samples, each linearised once (paper, section III).
+    """One update of the estimate for every `BATCH` samples, in the paper's way (section III) and in a refined one.
 
-    The first pass goes through the data as the paper does and gives the RMSE curve. Its early linearisations were
-    made far from the answer, so a second pass accumulates the same batches linearised at the end of the first.
+    Refined, a batch counts for as many samples as are independent. The early linearisations of a first pass are made
+    far from the answer, so the same batches are accumulated again, linearised at the end of the pass before.
     """
     total = -(-len(train) // BATCH)
+
+    def curve(states: Iterable[_State], begin: float, end: float) -> tuple[Curve, _State]:
+        return _curve(columns, held_out, states, total, lambda share: progress(begin + (end - begin) * share))
+
+    as_published, _ = curve(_published_pass(columns, train), 0.0, 0.5)
+    theta = _last(_moving_pass(columns, train)).theta
+    for _ in range(RELINEARISED_PASSES - 1):
+        theta = _last(_fixed_pass(columns, train, theta)).theta
+    refined, state = curve(_fixed_pass(columns, train, theta), 0.5, 1.0)
+    return Recursion(_as_fit(columns, train, state, total), refined, as_published)
+
+
+def _curve(
+    columns: ModelColumns, held_out: Samples, states: Iterable[_State], total: int, progress: Progress
+) -> tuple[Curve, _State]:
+    """`CURVE_POINTS` of the errors of `total` states, and the last state."""
     every = max(1, total // CURVE_POINTS)
-    curve = [CurvePoint(0, rmse(columns, held_out, columns.start, CURVE_CHANNELS))]
-    for number, state in enumerate(_moving_pass(columns, train), start=1):
+    points = [CurvePoint(0, rmse(columns, held_out, columns.start, CURVE_CHANNELS))]
+    for number, state in enumerate(states, start=1):
         if number % every == 0 or number == total:
-            curve.append(CurvePoint(number, rmse(columns, held_out, state.theta, CURVE_CHANNELS)))
-            progress(0.5 * number / total)
-    for _ in range(RELINEARISED_PASSES):
-        state = _fixed_pass(columns, train, state.theta)
-    progress(1.0)
-    return Recursion(_as_fit(columns, train, state, total), tuple(curve))
+            points.append(CurvePoint(number, rmse(columns, held_out, state.theta, CURVE_CHANNELS)))
+            progress(number / total)
+    return tuple(points), state
 
 
 RELINEARISED_PASSES = 2
@@ -109,8 +130,23 @@ def _moving_pass(columns: ModelColumns, samples: Samples) -> Iterator[_State]:
         yield _State(whole.theta(u), information)
 
 
-def _fixed_pass(columns: ModelColumns, samples: Samples, theta: Array) -> _State:
-    """All batches linearised at `theta`; of each, only as many samples count as are independent."""
+def _published_pass(columns: ModelColumns, samples: Samples) -> Iterator[_State]:
+    """States after each batch as the paper takes them: loss and descent direction averaged over the batch, which so
+    counts for one sample, linearised once at the estimate before it; Sigma_z is constant, what the initial parameters
+    leave."""
+    whole = AlgebraicProblem(columns, samples, FitSettings(prior=False))
+    u = whole.scaled(columns.start)
+    spread, information = whole.first_spread(u), np.eye(len(u))
+    for problem in _batches(columns, samples):
+        problem.spread = spread
+        H, g = problem.normal_equations(u)
+        information = information + H / len(problem.samples)
+        u = np.clip(u - np.linalg.solve(information, g / len(problem.samples)), whole.lower, whole.upper)
+        yield _State(whole.theta(u), information)
+
+
+def _fixed_pass(columns: ModelColumns, samples: Samples, theta: Array) -> Iterator[_State]:
+    """States after each batch, all linearised at `theta`; of each, only as many samples count as are independent."""
     whole = AlgebraicProblem(columns, samples, FitSettings(prior=False))
     u = whole.scaled(theta)
     spread, share = whole.robust_spread(u), 1.0 / correlation_time(columns, samples, theta)
@@ -118,9 +154,10 @@ def _fixed_pass(columns: ModelColumns, samples: Samples, theta: Array) -> _State
     for problem in _batches(columns, samples):
         problem.spread = spread
         H, g = problem.normal_equations(u)
-        information += share * H
-        right += share * (H @ u - g)
-    return _State(whole.theta(np.clip(np.linalg.solve(information, right), whole.lower, whole.upper)), information)
+        information = information + share * H
+        right = right + share * (H @ u - g)
+        estimate = np.clip(np.linalg.solve(information, right), whole.lower, whole.upper)
+        yield _State(whole.theta(estimate), information)
 
 
 def correlation_time(columns: ModelColumns, samples: Samples, theta: Array) -> float:
@@ -167,30 +204,27 @@ def sample(
     the second time it starts from the first estimate with its covariance inflated. Nuisance parameters are those of
     the batches.
     """
-    theta = _fixed_pass(columns, train, _last(_moving_pass(columns, train)).theta).theta
+    theta = _last(_fixed_pass(columns, train, _last(_moving_pass(columns, train)).theta)).theta
     nuisance = theta[len(columns.model.tyre_table) :]
     problem = AlgebraicProblem(columns, train, FitSettings(prior=False))
     noise = problem.robust_spread(problem.scaled(theta))
     settings = _belief_settings(noise, correlation_time(columns, train, theta))
     belief = TyreBelief(columns.model, settings)
-    curve = [CurvePoint(0, rmse(columns, held_out, columns.start, CURVE_CHANNELS))]
-    every = max(1, len(train) // CURVE_POINTS)
-    for i, one in enumerate(_samples_of(train, nuisance), start=1):
-        belief.update(one, train.step)
-        if i % every == 0:
-            here = np.concatenate([belief.mean, nuisance])
-            curve.append(CurvePoint(i, rmse(columns, held_out, here, CURVE_CHANNELS)))
-            progress(0.5 * i / len(train))
-    again = TyreBelief(columns.model, settings)
-    again.deviation = belief.deviation
-    again.scaled_covariance = REPEAT_INFLATION * belief.scaled_covariance
-    for one in _samples_of(train, nuisance):
-        again.update(one, train.step)
-    information = np.eye(len(theta))
-    known = len(again.mean)
-    information[:known, :known] = np.linalg.inv(again.scaled_covariance)
-    state = _State(np.concatenate([again.mean, nuisance]), information)
-    return Recursion(_as_fit(columns, train, state, again.samples), tuple(curve))
+    curve, state = _curve(columns, held_out, _two_passes(belief, train, nuisance), 2 * len(train), progress)
+    return Recursion(_as_fit(columns, train, state, belief.samples), curve)
+
+
+def _two_passes(belief: TyreBelief, samples: Samples, nuisance: Array) -> Iterator[_State]:
+    """States after each sample; the nuisance parameters stay."""
+    known = len(belief.mean)
+    for inflation in (REPEAT_INFLATION, None):
+        for one in _samples_of(samples, nuisance):
+            belief.update(one, samples.step)
+            information = np.eye(known + len(nuisance))
+            information[:known, :known] = np.linalg.inv(belief.scaled_covariance)
+            yield _State(np.concatenate([belief.mean, nuisance]), information)
+        if inflation is not None:
+            belief.scaled_covariance = inflation * belief.scaled_covariance
 
 
 def _belief_settings(noise: Array, correlated: float) -> BeliefSettings:
@@ -213,7 +247,7 @@ def _samples_of(samples: Samples, phi: Array) -> Iterator[Sample]:
         yield Sample(inputs[:k], covariance, samples.channels[:3, i], inputs[k : k + len(AUXILIARY)], phi)
 
 
-def _last(states: Iterator[_State]) -> _State:
+def _last(states: Iterable[_State]) -> _State:
     for state in states:
         last = state
     return last

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.offline.predict.propagate import Propagator
+from estimator.offline.predict.compiled_windows import VECTOR, windows_library
+from estimator.offline.predict.propagate import Propagator, product
 from estimator.offline.record.noise import Noise
 from estimator.offline.record.record import Record
 from hil_gateway.process.arrays import Array
@@ -45,26 +46,22 @@ class Innovations:
     scale: Array
 
     @classmethod
-    def make(cls, record: Record, propagator: Propagator, forces_by: Array, noise: Noise) -> Innovations:
-        """Gains of all blocks; `forces_by` (2, 3, windows, blocks) are the derivatives of ax, ay by the states."""
-        H, A, G = (_by_block(m) for m in (propagator.mean_decay, propagator.decay, propagator.mean_gain))
-        F = forces_by.swapaxes(2, 3)
-        variance = np.where(record.used, noise.deviation**2, NOT_MEASURED)
-        gains, relative, after = _riccati(record, H, A, variance[STATE_ROWS], noise)
-        felt = _product(F, H)
-        relative_forces = 1.0 + (_product(felt, after) * felt).sum(axis=1) / variance[:2, None, None]
-        ratio = np.concatenate([relative_forces, relative[[2, 0, 1]]])
-        scale = np.exp(0.5 * np.mean(np.log(ratio), axis=(1, 2)))
-        weight = scale[:, None, None] / np.sqrt(ratio) * record.used[:, None, None]
-        return cls(_maps((H, G, A), F, gains, weight), scale)
+    def make(cls, record: Record, propagator: Propagator, noise: Noise) -> Innovations:
+        """Gains of all blocks."""
+        gains, weight, scale = _gains(record, propagator, noise)
+        return cls(maps(propagator, gains, weight), scale)
 
     def run(self, inputs: Array) -> Array:
-        """(blocks, windows, 5, k) whitened innovations of `inputs` (blocks, windows, 11, k).
+        """(blocks, windows, 5, 1) whitened innovations of `inputs` (blocks, windows, 11, 1).
 
         The first three rows of the first block are the state error at the start; those of the others are overwritten.
         """
-        blocks, windows, _, k = inputs.shape
-        out = np.empty((blocks, windows, 5, k))
+        blocks, windows = inputs.shape[:2]
+        out = np.empty((blocks, windows, 5, 1))
+        library = windows_library()
+        if library is not None:
+            library.call("run", blocks, windows, self.step, inputs, out)
+            return out
         for b in range(blocks):
             result = self.step[b] @ inputs[b]
             out[b] = result[:, :5]
@@ -77,8 +74,19 @@ class Innovations:
 
         `moved` (3,): change of the error of yaw rate, vx, vy over a block for a unit of its channel.
         """
+        factor = np.concatenate([np.ones(5), moved])
+        library = windows_library()
+        if library is None:
+            return self._run_columns(columns, factor)
+        columns = np.ascontiguousarray(columns)
+        out = np.empty_like(columns)
         blocks, windows, _, c = columns.shape
-        step = self.step[..., FROM_CHANNELS] * np.concatenate([np.ones(5), moved])
+        library.call("run_columns", blocks, windows, c, self.step, np.array(FROM_CHANNELS), factor, columns, out)
+        return out
+
+    def _run_columns(self, columns: Array, factor: Array) -> Array:
+        blocks, windows, _, c = columns.shape
+        step = self.step[..., FROM_CHANNELS] * factor
         out, inputs, result = np.empty_like(columns), np.zeros((windows, 8, c)), np.empty((windows, 8, c))
         for b in range(blocks):
             inputs[:, 3:] = columns[b]
@@ -87,23 +95,53 @@ class Innovations:
         return out
 
 
-def _by_block(matrices: Array) -> Array:
-    """(3, 3, blocks, windows) from (windows, blocks, 3, 3): products are several times faster with samples last."""
-    return np.ascontiguousarray(matrices.transpose(2, 3, 1, 0))
+def residuals(record: Record, propagator: Propagator, noise: Noise, inputs: Array) -> tuple[Array, Array]:
+    """(5, windows, blocks) whitened innovations of `inputs` (blocks, windows, 11, 1), and `Innovations.scale`."""
+    gains, weight, scale = _gains(record, propagator, noise)
+    blocks, windows = inputs.shape[:2]
+    library = windows_library()
+    if library is None or windows < VECTOR:
+        innovations = Innovations(maps(propagator, gains, weight), scale)
+        return np.ascontiguousarray(innovations.run(inputs.copy())[..., 0].transpose(2, 1, 0)), scale
+    motion = propagator.mean_decay, propagator.mean_gain, propagator.decay, propagator.forces_by
+    out = np.empty((5, windows, blocks))
+    library.call("residuals", blocks, windows, *motion, gains, weight, inputs, out)
+    return out, scale
 
 
-def _product(a: Array, b: Array) -> Array:
-    """Matrix products of (i, j, blocks, windows) by (j, k, blocks, windows)."""
-    return np.asarray(np.einsum("ijbw,jkbw->ikbw", a, b))
+def _gains(record: Record, propagator: Propagator, noise: Noise) -> tuple[Array, Array, Array]:
+    """Gains (3, 3 signals, b, w), weights (5, b, w) of the innovations, and `Innovations.scale`."""
+    variance = np.where(record.used, noise.deviation**2, NOT_MEASURED)
+    walk = (record.used * noise.drift * noise.deviation**2)[STATE_ROWS]
+    gains, ratio = riccati(propagator, variance, walk, _start(record, noise))
+    scale = np.exp(0.5 * np.mean(np.log(ratio), axis=(1, 2)))
+    return gains, scale[:, None, None] / np.sqrt(ratio) * record.used[:, None, None], scale
 
 
-def _riccati(record: Record, H: Array, A: Array, variance: Array, noise: Noise) -> tuple[Array, Array, Array]:
-    """Gain of each motion signal in turn (3, 3 signals, b, w), its innovation variance (3, b, w) over the noise's,
-    covariance (3, 3, b, w)."""
+def riccati(propagator: Propagator, variance: Array, walk: Array, start: Array) -> tuple[Array, Array]:
+    """Gain of each motion signal in turn (3, 3 signals, b, w); variance (5, b, w) of the predicted over the noise's.
+
+    `variance` (5,) is the noise's; `walk` (3,) that of a block's random step of the states, `start` (3,) deviation.
+    """
+    H, A, F = propagator.mean_decay, propagator.decay, propagator.forces_by
+    blocks, windows = H.shape[2:]
+    library, states = windows_library(), variance[STATE_ROWS]
+    if library is None or windows < VECTOR:
+        gains, relative, after = _riccati(H, A, states, walk, start)
+        felt = product(F, H)
+        forces = 1.0 + (product(felt, after) * felt).sum(axis=1) / variance[:2, None, None]
+        return gains, np.concatenate([forces, relative[[2, 0, 1]]])
+    gains, ratio = np.empty_like(H), np.empty((5, blocks, windows))
+    by_row = np.concatenate([variance[:2], states])
+    library.call("riccati", blocks, windows, H, A, F, by_row, walk, start, gains, ratio)
+    return gains, ratio
+
+
+def _riccati(H: Array, A: Array, variance: Array, walk: Array, start: Array) -> tuple[Array, Array, Array]:
+    """Gains, innovation variances (3, b, w) over the noise's, covariances (3, 3, b, w)."""
     blocks, windows = H.shape[2:]
     gains, relative, after = np.empty_like(H), np.empty((3, blocks, windows)), np.empty_like(H)
-    walk = np.diag((record.used * noise.drift * noise.deviation**2)[STATE_ROWS])[:, :, None]
-    P = np.broadcast_to(np.diag(_start(record, noise) ** 2)[:, :, None], (3, 3, windows))
+    P = np.broadcast_to(np.diag(start**2)[:, :, None], (3, 3, windows))
     for b in range(blocks):
         for i in range(3):
             row = H[i, :, b]
@@ -114,7 +152,8 @@ def _riccati(record: Record, H: Array, A: Array, variance: Array, noise: Noise) 
             P = P - gain[:, None] * seen
         after[:, :, b] = P
         step = A[:, :, b]
-        P = np.einsum("ijw,ljw->ilw", np.einsum("ijw,jkw->ikw", step, P), step) + walk
+        moved = np.einsum("ijw,ljw->ilw", np.einsum("ijw,jkw->ikw", step, P), step)
+        P = moved + np.diag(walk)[:, :, None]
     return gains, relative, after
 
 
@@ -127,31 +166,42 @@ def _start(record: Record, noise: Noise) -> Array:
     return start
 
 
-def _joint(H: Array, gains: Array) -> tuple[Array, Array]:
-    """Gain (3, 3, b, w) by the three residuals together, and the unit triangular map that makes them independent."""
-    L = _product(H, gains)
-    T = np.broadcast_to(np.eye(3)[:, :, None, None], L.shape).copy()
-    T[1, 0], T[2, 1] = -L[1, 0], -L[2, 1]
-    T[2, 0] = L[2, 1] * L[1, 0] - L[2, 0]
-    return _product(gains, T), T
-
-
-def _maps(motion: tuple[Array, Array, Array], F: Array, gains: Array, weight: Array) -> Array:
-    """`Innovations.step` from the block's exponentials, force derivatives, gains and weights (5, b, w).
+def maps(propagator: Propagator, gains: Array, weight: Array) -> Array:
+    """`Innovations.step` from the motion, the gains and the weights (5, b, w).
 
     With the residual r = m - H e - G g of the motion (m: measured less predicted, e: state error, g: its change over
     the block) the mean error is H e + G g + H K r and the next one A e + H g + A K r.
     """
+    H, G, A, F = propagator.mean_decay, propagator.mean_gain, propagator.decay, propagator.forces_by
+    blocks, windows = H.shape[2:]
+    library = windows_library()
+    if library is None or windows < VECTOR:
+        return _maps((H, G, A), F, gains, weight)
+    out = np.zeros((blocks, windows, 8, 11))
+    library.call("maps", blocks, windows, H, G, A, F, gains, weight, out)
+    return out
+
+
+def _maps(motion: tuple[Array, Array, Array], F: Array, gains: Array, weight: Array) -> Array:
     H, G, A = motion
     K, T = _joint(H, gains)
-    AK = _product(A, K)
-    corrected = _product(F, _product(H, K))
+    AK = product(A, K)
+    corrected = product(F, product(H, K))
     felt = F - corrected
     step = np.zeros((8, 11, *H.shape[2:]))
-    step[:2, :3], step[:2, 3:6], step[:2, 8:] = -_product(felt, H), -_product(felt, G), -corrected
+    step[:2, :3], step[:2, 3:6], step[:2, 8:] = -product(felt, H), -product(felt, G), -corrected
     step[0, 6], step[1, 7] = 1.0, 1.0
-    by_signal = np.concatenate([-_product(T, H), -_product(T, G), T], axis=1)
+    by_signal = np.concatenate([-product(T, H), -product(T, G), T], axis=1)
     step[[3, 4, 2], :6], step[[3, 4, 2], 8:] = by_signal[:, :6], by_signal[:, 6:]
     step[:5] *= weight[:, None]
-    step[5:, :3], step[5:, 3:6], step[5:, 8:] = A - _product(AK, H), H - _product(AK, G), AK
+    step[5:, :3], step[5:, 3:6], step[5:, 8:] = A - product(AK, H), H - product(AK, G), AK
     return np.ascontiguousarray(step.transpose(2, 3, 0, 1))
+
+
+def _joint(H: Array, gains: Array) -> tuple[Array, Array]:
+    """Gain (3, 3, b, w) by the three residuals together, and the unit triangular map that makes them independent."""
+    L = product(H, gains)
+    T = np.broadcast_to(np.eye(3)[:, :, None, None], L.shape).copy()
+    T[1, 0], T[2, 1] = -L[1, 0], -L[2, 1]
+    T[2, 0] = L[2, 1] * L[1, 0] - L[2, 0]
+    return product(gains, T), T

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.offline.predict.innovations import STATE_ROWS, VY_ROW, YAW_RATE_ROW, Innovations
+from estimator.offline.predict.innovations import STATE_ROWS, VY_ROW, YAW_RATE_ROW, Innovations, residuals
 from estimator.offline.predict.propagate import MOTION, Propagator
 from estimator.offline.record.noise import Noise
 from estimator.offline.record.record import Record
@@ -19,14 +19,13 @@ class Linearised:
     """What a model leaves of the measured signals around one set of parameters.
 
     Attributes:
-        propagator, forces_by: the motion, and the derivatives (2, 3, windows, blocks) of ax, ay by the states.
+        propagator: the motion, and what ax and ay feel of it.
         inputs: (blocks, windows, 11, 1) of the predictor, see `Innovations`.
         error: (5, windows, blocks) whitened residual of the measured signals.
     """
 
     record: Record
     propagator: Propagator
-    forces_by: Array
     innovations: Innovations
     inputs: Array
     error: Array
@@ -44,12 +43,11 @@ class Linearised:
 
     def error_under(self, noise: Noise) -> tuple[Array, Array]:
         """Residual (5, windows, blocks) as it would be with other noise, and the scale of its whitening (5,)."""
-        innovations = Innovations.make(self.record, self.propagator, self.forces_by, noise)
-        return _residual(innovations, self.inputs.copy()), innovations.scale
+        return residuals(self.record, self.propagator, noise, self.inputs)
 
     def under(self, noise: Noise) -> Linearised:
         """The same with other noise."""
-        innovations = Innovations.make(self.record, self.propagator, self.forces_by, noise)
+        innovations = Innovations.make(self.record, self.propagator, noise)
         inputs = self.inputs.copy()
         error = _residual(innovations, inputs)
         return replace(self, innovations=innovations, inputs=inputs, error=error)
@@ -67,11 +65,10 @@ def linearised(record: Record, values: Array, state_by: Array, noise: Noise) -> 
         state_by = state_by.copy()
         state_by[[2, 4]] = 0.0
     propagator = Propagator.make(state_by, record.block_step)
-    forces_by = state_by[:2]
-    innovations = Innovations.make(record, propagator, forces_by, noise)
+    innovations = Innovations.make(record, propagator, noise)
     inputs = _errors(record, values)
     error = _residual(innovations, inputs)
-    return Linearised(record, propagator, forces_by, innovations, inputs, error)
+    return Linearised(record, propagator, innovations, inputs, error)
 
 
 def _residual(innovations: Innovations, inputs: Array) -> Array:

@@ -10,16 +10,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 
-from estimator.model.columns import Columns
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
-from estimator.model.single_track import AUXILIARY, CHANNELS, SIGNALS, SingleTrack, Terms
+from estimator.model.single_track import CHANNELS, SingleTrack
+from estimator.offline.predict.compiled_windows import arrange
+from estimator.offline.predict.expressions import STATES, Functions, functions_of, memory_names
 from estimator.offline.record.record import Record
 from estimator.offline.record.window_columns import WindowBasis, WindowColumns
-from hil_gateway.process.arrays import Array, Expr
+from hil_gateway.process.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Predictor:
     """Predictions of one model on one record."""
 
     def __init__(self, model: SingleTrack, record: Record) -> None:
-        """Nothing is evaluated yet; the symbolic function is built on first use."""
+        """Nothing is evaluated yet; the symbolic functions are built on first use."""
         self.model, self.record = model, record
         start = len(model.tyre_table)
         blocks = []
@@ -45,7 +45,7 @@ class Predictor:
         self.blocks, self.size = tuple(blocks), start
 
     def __reduce__(self) -> tuple[type[Predictor], tuple[SingleTrack, Record]]:
-        """Another process builds the symbolic functions anew."""
+        """Another process has its own symbolic functions."""
         return Predictor, (self.model, self.record)
 
     @cached_property
@@ -104,36 +104,8 @@ class Predictor:
         return precision
 
     @cached_property
-    def _expressions(self) -> tuple[Expr, Expr, Expr, Expr]:
-        """Inputs, parameters that are the same for all samples, channels, and what these are differentiated by."""
-        names = (*SIGNALS, *AUXILIARY, *self._memory_names)
-        inputs = ca.SX.sym("inputs", len(names) + len(self._profiles))
-        theta = ca.SX.sym("theta", len(self.model.tyre_table) + len(self._points))
-        parts, given = ca.vertsplit(theta), ca.vertsplit(inputs)
-        aux = dict(zip(names[len(SIGNALS) :], given[len(SIGNALS) : len(names)], strict=True))
-        terms = Terms(self.model.vehicle, **dict(zip(SIGNALS, given, strict=False)), aux=aux)
-        points, profiles = iter(parts[len(self.model.tyre_table) :]), iter(given[len(names) :])
-        phi = [next(profiles) if e.profile else next(points) for e in self.model.effects for _ in e.parameters]
-        self.model.evaluate(terms, parts[: len(self.model.tyre_table)], phi)
-        by, out = ca.vertcat(*given[:STATES], theta, *given[len(names) :]), ca.vertcat(*terms.channels())
-        return inputs, theta, out, by
-
-    @cached_property
-    def _values(self) -> Columns:
-        inputs, theta, out, _ = self._expressions
-        return Columns(ca.Function("values", [inputs, theta], [ca.densify(out)], {"cse": True}))
-
-    @cached_property
-    def _by_states(self) -> Columns:
-        inputs, theta, out, by = self._expressions
-        full = ca.vertcat(out, ca.vec(ca.densify(ca.jacobian(out, by[:STATES]))))
-        return Columns(ca.Function("by_states", [inputs, theta], [ca.densify(full)], {"cse": True}))
-
-    @cached_property
-    def _derivatives(self) -> Columns:
-        inputs, theta, out, by = self._expressions
-        full = ca.vertcat(out, ca.vec(ca.densify(ca.jacobian(out, by))))
-        return Columns(ca.Function("derivatives", [inputs, theta], [ca.densify(full)], {"cse": True}))
+    def _functions(self) -> Functions:
+        return functions_of(self.model)
 
     @property
     def _profiles(self) -> tuple[Block, ...]:
@@ -142,10 +114,6 @@ class Predictor:
     @property
     def _memory(self) -> tuple[Block, ...]:
         return tuple(b for b in self.blocks if b.effect.prepare)
-
-    @cached_property
-    def _memory_names(self) -> tuple[str, ...]:
-        return tuple(n for b in self._memory for n in b.effect.remembers)
 
     @property
     def _points(self) -> list[int]:
@@ -160,75 +128,80 @@ class Predictor:
         lateral = self.record.used[list(LATERAL)].any()
         return [i for i, p in enumerate(self.model.tyre_table) if not lateral and p.name != "cx"]
 
-    @cached_property
-    def _plain_inputs(self) -> Array:
-        record = self.record
-        zero = np.zeros(record.rows.shape[:2])
-        others = (*SIGNALS[STATES:], *AUXILIARY)
-        rows = [record.thin(record.signals[n]) if n in record.signals else zero for n in others]
-        return np.stack([*record.state_means, *rows]).reshape(STATES + len(rows), -1)
-
     def inputs(self, parameters: Array) -> Array:
         """(k, windows * blocks) everything the model is evaluated at, states first."""
-        rows = [self._plain_inputs]
+        profiles = [self._basis(b).at(parameters[b.parameters])[None] for b in self._profiles]
+        return np.concatenate([self.record.inputs, self._remembered(parameters), *profiles])
+
+    def _remembered(self, parameters: Array) -> Array:
+        """(m, windows * blocks) what the effects with memory make of the past."""
         signals = dict(self.record.signals)
-        memory: dict[str, Array] = {}
         for block in self._memory:
             assert block.effect.prepare is not None
-            made = block.effect.prepare(signals, self.record.vehicle, tuple(parameters[block.parameters]))
-            signals |= made
-            memory |= made
-        rows.extend(self.record.thin(memory[n]).reshape(1, -1) for n in self._memory_names)
-        rows.extend(self._basis(b).at(parameters[b.parameters])[None] for b in self._profiles)
-        return np.concatenate(rows)
+            signals |= block.effect.prepare(signals, self.record.vehicle, tuple(parameters[block.parameters]))
+        made = [self.record.thin(signals[name]).ravel() for name in memory_names(self.model)]
+        return np.reshape(made, (len(made), self.record.rows.shape[0] * self.record.rows.shape[1]))
 
     def _theta(self, parameters: Array) -> Array:
         return parameters[[*range(len(self.model.tyre_table)), *self._points]]
 
     def at_inputs(self, inputs: Array, parameters: Array) -> Array:
         """(5, n) predictions at given `inputs` (k, n)."""
-        return self._values(inputs, self._theta(parameters))
+        return self._functions.values(inputs, self._theta(parameters))
 
     def predict(self, parameters: Array) -> Array:
         """(5, windows, blocks) predictions, motion channels as derivatives."""
-        return self._values(self.inputs(parameters), self._theta(parameters)).reshape(5, *self.record.rows.shape[:2])
+        return self.at_inputs(self.inputs(parameters), parameters).reshape(5, *self.record.rows.shape[:2])
 
     def linearise_motion(self, parameters: Array) -> tuple[Array, Array]:
         """Predictions (5, windows, blocks) and their derivatives by the states (5, 3, windows, blocks)."""
-        out = self._by_states(self.inputs(parameters), self._theta(parameters))
+        out = self._functions.by_states(self.inputs(parameters), self._theta(parameters))
         c, shape = len(CHANNELS), self.record.rows.shape[:2]
         return out[:c].reshape(c, *shape), out[c:].reshape(STATES, c, *shape).swapaxes(0, 1)
 
     def linearise(self, parameters: Array) -> tuple[Array, Array, WindowColumns]:
         """The same, and the derivatives by the parameters."""
-        out = self._derivatives(self.inputs(parameters), self._theta(parameters))
+        inputs = self.inputs(parameters)
+        out = self._functions.derivatives(inputs, self._theta(parameters))
         c, shape = len(CHANNELS), self.record.rows.shape[:2]
         values, by = out[:c].reshape(c, *shape), out[c:].reshape(-1, c, *shape)
         points = [*range(len(self.model.tyre_table)), *self._points]
-        by_points, by_profiles = by[STATES : STATES + len(points)], by[STATES + len(points) :]
-        for block in self._memory:
-            for i in range(block.parameters.start, block.parameters.stop):
-                step = MEMORY_STEP * self.table[i].prior_std
-                by_points[points.index(i)] = (self.predict(parameters + step * np.eye(self.size)[i]) - values) / step
+        ends = STATES + len(points), STATES + len(points) + len(self._profiles)
+        by_points, by_profiles, by_past = by[STATES : ends[0]], by[ends[0] : ends[1]], by[ends[1] :]
+        if self._memory:
+            self._add_past(parameters, inputs, by_past, points, by_points)
         by_points[self._unseen] = 0.0
         return values, by[:STATES].swapaxes(0, 1), self._columns(points, by_points, by_profiles)
 
+    def _add_past(
+        self, parameters: Array, inputs: Array, by_past: Array, points: Sequence[int], by_points: Array
+    ) -> None:
+        """Add to the derivatives by parameters at `points` what these do through the past, by the chain rule."""
+        at = len(self.record.inputs)
+        here = inputs[at : at + len(by_past)]
+        for i in (i for b in self._memory for i in range(b.parameters.start, b.parameters.stop)):
+            step = MEMORY_STEP * self.table[i].prior_std
+            change = (self._remembered(parameters + step * np.eye(self.size)[i]) - here) / step
+            by_points[points.index(i)] += np.einsum("mcwb,mwb->cwb", by_past, change.reshape(-1, *by_past.shape[2:]))
+
     def _columns(self, points: Sequence[int], by_points: Array, by_profiles: Array) -> WindowColumns:
         """Derivatives from those by parameters at `points` and by the values of profiles, (k, 5, windows, blocks)."""
-        constant = np.broadcast_to(np.array(points, dtype=np.int64), (self.record.windows, len(points)))
-        values, parameters = [by_points.transpose(3, 2, 1, 0)], [constant]
-        for block, unit in zip(self._profiles, by_profiles, strict=True):
-            own = self._basis(block).times(unit.transpose(2, 1, 0))
-            values.append(own.values)
-            parameters.append(block.parameters.start + own.parameters)
-        return WindowColumns(np.concatenate(values, axis=3), np.concatenate(parameters, axis=1), self.size)
+        own = [self._basis(b).times(u.transpose(2, 1, 0)) for b, u in zip(self._profiles, by_profiles, strict=True)]
+        first = [0, len(points), *(len(points) + n for n in np.cumsum([o.values.shape[3] for o in own]))]
+        windows, blocks = self.record.rows.shape[:2]
+        values = np.empty((blocks, windows, len(CHANNELS), first[-1]))
+        parameters = np.empty((windows, first[-1]), np.int64)
+        arrange(by_points, values)
+        parameters[:, : len(points)] = points
+        for block, columns, start in zip(self._profiles, own, first[1:], strict=False):
+            place = slice(start, start + columns.values.shape[3])
+            values[..., place], parameters[:, place] = columns.values, block.parameters.start + columns.parameters
+        return WindowColumns(values, parameters, self.size)
 
     def _basis(self, block: Block) -> WindowBasis:
         return self.record.basis_over_windows(block.effect.profile)
 
 
-STATES = 3
-"""vx, vy, yaw_rate: the first of `SIGNALS`, and the integrals of the last three channels (other order)."""
 LATERAL = (1, 2, 4)
 """Rows of ay, yaw rate and vy (`record.MEASURED`)."""
 OFF_NEUTRAL = 0.1

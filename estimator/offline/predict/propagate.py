@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.offline.predict.compiled_windows import VECTOR, windows_library
 from hil_gateway.process.arrays import Array
 
 ORDER, DOUBLINGS = 8, 3
@@ -23,41 +24,62 @@ class Propagator:
     """The linearised motion of one record at one set of parameters.
 
     Attributes:
-        decay, gain: (windows, blocks, 3, 3): e at the next edge is decay e + gain g, with g the defect.
+        decay, gain: (3, 3, blocks, windows): e at the next edge is decay e + gain g, with g the defect.
         mean_decay, mean_gain: the same for the mean over the block.
+        forces_by: (2, 3, blocks, windows) derivatives of ax, ay by the states.
     """
 
     decay: Array
     gain: Array
     mean_decay: Array
     mean_gain: Array
+    forces_by: Array
 
     @classmethod
     def make(cls, state_by: Array, step: float) -> Propagator:
-        """Exponential series of every block, of a fraction of it first and then doubled (scaling and squaring).
+        """Linearise: `state_by` (5, 3, windows, blocks) are the derivatives of the channels by vx, vy, yaw_rate.
 
-        `state_by` (5, 3, windows, blocks) are the derivatives of the channels by vx, vy, yaw_rate; `step` in s.
+        `step` in s.
         """
-        shape = state_by.shape[2:]
-        a = state_by[list(MOTION)].reshape(3, 3, -1) * (step / 2**DOUBLINGS)
-        identity = np.eye(3)[:, :, None]
-        power, decay, first, second = (np.broadcast_to(identity / d, a.shape).copy() for d in (1.0, 1.0, 1.0, 2.0))
-        factorial = 1.0
-        for j in range(1, ORDER):
-            power = _product(power, a)
-            factorial *= j
-            decay += power / factorial
-            first += power / (factorial * (j + 1))
-            second += power / (factorial * (j + 1) * (j + 2))
-        for _ in range(DOUBLINGS):
-            second = (_product(first, first) + 2.0 * second) / 4.0
-            first = _product(first, decay + identity) / 2.0
-            decay = _product(decay, decay)
-        rows = (np.ascontiguousarray(np.moveaxis(m, 2, 0)).reshape(*shape, 3, 3) for m in (decay, first, second))
-        decay, first, second = rows
-        return cls(decay, first, first, second)
+        by_block = np.ascontiguousarray(state_by.swapaxes(2, 3))
+        decay, first, second = exponentials(by_block[list(MOTION)] * step)
+        return cls(decay, first, first, second, by_block[:2])
 
 
-def _product(a: Array, b: Array) -> Array:
-    """Matrix products of (3, 3, n) by (3, 3, n): with n last, several times faster than `@` on small matrices."""
-    return np.asarray(np.einsum("ijn,jkn->ikn", a, b))
+def exponentials(a: Array) -> tuple[Array, Array, Array]:
+    """exp(a) and its first and second integral over the block, of (3, 3, blocks, windows), each of that shape.
+
+    Series of a fraction of a block first, then doubled (scaling and squaring).
+    """
+    a = a / 2**DOUBLINGS
+    library = windows_library()
+    if library is None or a[0, 0].size < VECTOR:
+        return _exponentials(a)
+    decay, first, second = (np.empty_like(a) for _ in range(3))
+    library.call("exponentials", a[0, 0].size, ORDER, DOUBLINGS, a, decay, first, second)
+    return decay, first, second
+
+
+def _exponentials(a: Array) -> tuple[Array, Array, Array]:
+    identity = np.eye(3)[:, :, None, None]
+    power, decay, first, second = (np.broadcast_to(identity / d, a.shape).copy() for d in (1.0, 1.0, 1.0, 2.0))
+    factorial = 1.0
+    for j in range(1, ORDER):
+        power = product(power, a)
+        factorial *= j
+        decay += power / factorial
+        first += power / (factorial * (j + 1))
+        second += power / (factorial * (j + 1) * (j + 2))
+    for _ in range(DOUBLINGS):
+        second = (product(first, first) + 2.0 * second) / 4.0
+        first = product(first, decay + identity) / 2.0
+        decay = product(decay, decay)
+    return decay, first, second
+
+
+def product(a: Array, b: Array) -> Array:
+    """Matrix products of (i, j, blocks, windows) by (j, k, blocks, windows).
+
+    With the samples last, several times faster than `@` on small matrices.
+    """
+    return np.asarray(np.einsum("ijbw,jkbw->ikbw", a, b))

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from estimator.drive_log.smoothing import Smoothed, wiener
 from estimator.drive_log.table import DriveLog
 from estimator.model.basis import Basis, make_basis
 from estimator.model.extra_load import extra_loads
-from estimator.model.single_track import AUXILIARY
+from estimator.model.single_track import AUXILIARY, SIGNALS
 from estimator.offline.record.laps import lap_numbers, scored_laps, track_position
 from estimator.offline.record.prepare import smoothed_velocity
 from estimator.offline.record.reported_inputs import without_noise
@@ -95,6 +96,10 @@ class Record:
     road: Mapping[str, RoadProfile] = field(default_factory=dict)
     pedals: bool = False
 
+    def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
+        """Another process computes anew what is derived from the fields."""
+        return Record, tuple(getattr(self, entry.name) for entry in fields(self))
+
     @property
     def windows(self) -> int:
         """Number of windows."""
@@ -122,6 +127,26 @@ class Record:
     def window_laps(self) -> Ints:
         """(windows,) number of the lap by the log, whatever groups are held out together."""
         return self.lap_of_row[self.rows[:, 0, 0]]
+
+    def every(self, stride: int) -> Record:
+        """Every so many windows, the groups that are held out together numbered anew; always the same object."""
+        if stride not in self._thinned:
+            part = self.select(np.arange(self.windows) % stride == 0)
+            number = np.unique(part.lap, return_inverse=True)[1]
+            self._thinned[stride] = replace(part, lap=number.astype(np.int64))
+        return self._thinned[stride]
+
+    @cached_property
+    def _thinned(self) -> dict[int, Record]:
+        return {}
+
+    @cached_property
+    def inputs(self) -> Array:
+        """(k, windows * blocks) block means of smoothed states, steer, drive and `AUXILIARY`; 0 where there is none."""
+        zero = np.zeros(self.rows.shape[:2])
+        others = (*SIGNALS[len(STATES) :], *AUXILIARY)
+        rows = [self.thin(self.signals[n]) if n in self.signals else zero for n in others]
+        return np.stack([*self.state_means, *rows]).reshape(len(STATES) + len(rows), -1)
 
     @cached_property
     def measured_blocks(self) -> Array:

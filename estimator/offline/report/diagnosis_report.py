@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +30,15 @@ MAP_POINTS = 6000
 TONES: Mapping[str, Tone] = {"none": "good", "effect": "good", "unexplained": "warn"}
 
 
-def write_report(diagnosis: Diagnosis, summary: dict[str, Any], log: DriveLog, path: Path) -> Path:
-    """Write the self-contained page."""
-    report = Report("What the model does not explain", ", ".join(Path(p).name for p in log.sources))
+def write_report(
+    diagnosis: Diagnosis,
+    summary: dict[str, Any],
+    log: DriveLog,
+    path: Path,
+    told: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Write the self-contained page; `told` hears the title of every section that begins."""
+    report = Report("What the model does not explain", ", ".join(Path(p).name for p in log.sources), told)
     report.verdict(verdict_sentence(summary), TONES[summary["verdict"]])
     report.tiles(_tiles(summary))
     _before_after(report, summary)
@@ -145,7 +151,9 @@ def _on_map(axes: Any, diagnosis: Diagnosis, residual: Any, channel: str) -> Non
     else:
         x = signals["track_position" if diagnosis.record.has_laps else "t"][rows][thin]
         y = smooth[thin]
-    points = axes.scatter(x, y, c=smooth[thin], cmap="RdBu_r", vmin=-limit, vmax=limit, s=3, linewidths=0)
+    points = axes.scatter(
+        x, y, c=smooth[thin], cmap="RdBu_r", vmin=-limit, vmax=limit, s=3, linewidths=0, rasterized=True
+    )
     axes.figure.colorbar(points, ax=axes, shrink=0.85)
     axes.grid(False)
     axes.set_title(f"{channel} along the lap, before")

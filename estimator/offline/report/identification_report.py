@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from estimator.offline.identification import Identification
@@ -18,9 +18,14 @@ WORSE = 1.01
 """an error that has grown by more than this is said"""
 
 
-def write_report(result: Identification, scores: Mapping[str, LogScore], path: Path) -> Path:
-    """Write the page of `result`, with its `scores` on other logs by their path, and return its path."""
-    report = Report("Tyre identification", _subtitle(result))
+def write_report(
+    result: Identification, scores: Mapping[str, LogScore], path: Path, told: Callable[[str], None] = lambda _: None
+) -> Path:
+    """Write the page of `result`, with its `scores` on other logs by their path, and return its path.
+
+    `told` hears the title of every section that begins.
+    """
+    report = Report("Tyre identification", _subtitle(result), told)
     with plot_style():
         _headline(report, result)
         _parameters(report, result)
@@ -94,7 +99,9 @@ def _predictions(report: Report, result: Identification) -> None:
     report.section("Predicted against measured", "Held-out data only: no fit has seen it.")
     report.figure(plots.time_histories(result), "Measured, and predicted before and after, over one held-out stretch.")
     report.figure(
-        plots.learning_curve(result), "Held-out RMSE over the batches of 100 samples, from the initial parameters."
+        plots.learning_curve(result),
+        "Held-out RMSE over the batches of 100 samples (or over samples), from the initial parameters: as published in"
+        " section III of the paper, refined, and where the reported result stands.",
     )
     report.figure(
         plots.residual_spectra(result), "What remains, by frequency: a flat line is noise, a hump is physics."

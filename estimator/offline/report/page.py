@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import datetime as dt
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -103,6 +103,8 @@ class Report:
 
     title: str
     subtitle: str = ""
+    told: Callable[[str], None] = lambda _: None
+    """called with the title of every section that begins"""
     _blocks: list[_Block] = field(default_factory=list)
 
     def verdict(self, sentence: str, tone: Tone = "neutral") -> None:
@@ -111,6 +113,7 @@ class Report:
 
     def section(self, title: str, lead: str = "") -> None:
         """Start a section."""
+        self.told(title)
         self._add("section", title=title, lead=lead)
 
     def text(self, paragraph: str) -> None:

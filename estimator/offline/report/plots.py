@@ -103,14 +103,20 @@ def _thetas(result: Identification) -> tuple[Array, Array]:
 
 
 def learning_curve(result: Identification) -> Any:
-    """RMSE of each channel over the batches, each over its own start."""
+    """RMSE of each channel over the batches or samples: refined, as published, and where the reported result stands."""
     figure, axes = new_figure(1, 3, (9.0, 2.7))
-    batches = [p.batch for p in result.curve]
-    what = "sample" if result.options.method == "sample" else "batch"
+    recursion, by_sample = result.recursion, result.options.method == "sample"
+    curves = {"refined": (recursion.curve, "after"), "as published": (recursion.as_published, "before")}
     for axis, channel in zip(axes, ALGEBRAIC_CHANNELS, strict=True):
-        axis.plot(batches, [p.rmse[channel] for p in result.curve], color=COLOURS["after"])
-        axis.set(title=LABELS[channel], xlabel=what, ylim=(0, None))
+        for name, (curve, colour) in curves.items():
+            if curve:
+                values = [p.rmse[channel] for p in curve]
+                axis.plot([p.batch for p in curve], values, color=COLOURS[colour], label=name)
+        reported = result.rmse_at_states[channel][1]
+        axis.axhline(reported, color=COLOURS["measured"], linewidth=0.8, linestyle=":", label="reported")
+        axis.set(title=LABELS[channel], xlabel="sample" if by_sample else "batch", ylim=(0, None))
     axes[0].set_ylabel("held-out RMSE")
+    axes[0].legend(fontsize=8)
     return figure
 
 
@@ -157,6 +163,6 @@ def correlations(result: Identification) -> Any:
     known = result.identifiability.identifiable
     colours = [COLOURS["after"] if known[n] else COLOURS["before"] for n in names]
     right.barh(names[::-1], (100 * std / np.abs(list(result.final.values())))[::-1], color=colours[::-1])
-    right.set(xlabel="standard deviation, % of the value", title="teal: identified, red: not")
+    right.set(xlabel="standard deviation, % of the value", title="blue: identified, red: not")
     right.set_xlim(0, min(100.0, 110.0 * float(np.max(std / np.abs(list(result.final.values()))))))
     return figure

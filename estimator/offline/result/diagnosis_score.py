@@ -13,7 +13,8 @@ import numpy as np
 
 from estimator.drive_log.smoothing import second_difference_noise
 from estimator.model.single_track import CHANNELS, SingleTrack
-from estimator.offline.predict.predict import STATES, Predictor
+from estimator.offline.predict.expressions import STATES
+from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record
 from hil_gateway.process.arrays import Array, Ints
 

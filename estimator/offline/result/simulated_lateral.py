@@ -12,7 +12,7 @@ from typing import Any
 
 from estimator.drive_log.table import DriveLog
 from estimator.model.parameters import Layout
-from estimator.offline.identification import Identification, Options, identify
+from estimator.offline.identification import Identification, Options, Progress, identify
 from estimator.offline.record.record import Record
 from estimator.offline.result.tyre_export import exported
 from hil_gateway.car.vehicle import Vehicle
@@ -25,13 +25,18 @@ NOTE = (
 )
 
 
-def identified_laterally(
-    log: DriveLog, record: Record, vehicle: Vehicle, prior: Mapping[str, float], layout: Layout
+def identified_laterally(  # noqa: PLR0917 - as `identify`
+    log: DriveLog,
+    record: Record,
+    vehicle: Vehicle,
+    prior: Mapping[str, float],
+    layout: Layout,
+    progress: Progress = lambda what, share: None,
 ) -> Identification | None:
     """The identification of a `log` whose `record` has no lateral sensor that can be used; None where it has one."""
     if record.used[list(LATERAL_ROWS)].any():
         return None
-    return identify(log, vehicle, prior, Options(layout=layout))
+    return identify(log, vehicle, prior, Options(layout=layout), progress)
 
 
 def lateral_prior(result: Identification, prior: Mapping[str, float]) -> dict[str, float]:

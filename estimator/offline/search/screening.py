@@ -15,7 +15,7 @@ from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record, available
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.trial import Setting, Trial, warm_start
-from estimator.offline.search.workers import Job, fit_each
+from estimator.offline.search.workers import Job, begin_each, fit_each
 from hil_gateway.process.arrays import Array
 
 SCREENING_STRIDE = 3
@@ -53,24 +53,22 @@ def screen(
     setting, current = _thinned(setting, current)
     before, count = current.held_out(), SCREENING_STRIDE * current.normal.count
     alone = [e for e in effects if e.initial or e.profile]
+    short = begin_each(setting, current, [_short_fit(accepted, e) for e in alone], progress)
     trials, far = _screen_together(setting, accepted, [e for e in effects if e not in alone], current, before)
-    jobs = [
-        _short_fit([*accepted, effect.name], 1 if effect.profile else SCREENING_ITERATIONS) for effect in (*alone, *far)
-    ]
-    for effect, done in zip((*alone, *far), fit_each(setting, current, jobs, progress), strict=True):
+    fits = [*short(), *fit_each(setting, current, [_short_fit(accepted, e) for e in far], progress)]
+    for effect, done in zip((*alone, *far), fits, strict=True):
         trials.append(Trial(effect.name, compare(before, done.held_out(), count)))
     return sorted(trials, key=lambda t: -t.evidence.gain)
 
 
-def _short_fit(names: Sequence[str], steps: int) -> Job:
-    return Job(" + ".join(names), tuple(names), iterations=steps)
+def _short_fit(accepted: Sequence[str], effect: Effect) -> Job:
+    names = (*accepted, effect.name)
+    return Job(" + ".join(names), names, iterations=1 if effect.profile else SCREENING_ITERATIONS)
 
 
 def _thinned(setting: Setting, current: Fit) -> tuple[Setting, Fit]:
     """The search and its fit on every so many windows."""
-    chosen = np.arange(setting.record.windows) % SCREENING_STRIDE == 0
-    _, number = np.unique(setting.record.lap[chosen], return_inverse=True)
-    record = replace(current.predictor.record.select(chosen), lap=number.astype(np.int64))
+    record = current.predictor.record.every(SCREENING_STRIDE)
     predictor = Predictor(current.predictor.model, record)
     normal = Point.at(predictor, current.parameters, current.noise).normal()
     return replace(setting, record=record), Fit(predictor, current.parameters, normal, current.noise)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +19,7 @@ from estimator.offline.record.record import Record
 from estimator.offline.record.road_load import road_load
 from estimator.offline.record.unknown_inputs import pedal_effects, sampling_effects
 from estimator.offline.search.evidence import Evidence
+from estimator.offline.search.pool import Pool
 from hil_gateway.process.arrays import Array
 
 REWEIGHINGS = 1
@@ -49,7 +49,7 @@ class Setting:
     prior: Mapping[str, float] | None
     extra: tuple[Effect, ...] = ()
     least: tuple[float, ...] = (0.0,) * 5
-    pool: Executor | None = None
+    pool: Pool | None = None
     """processes that fits are done in"""
     active: tuple[Effect, ...] = ()
     """effects of the model in force, always fitted, with its values as their prior"""

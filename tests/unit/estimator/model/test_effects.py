@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from estimator.model import memory
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
 from estimator.model.memory import after_play, delayed, relaxed
 from estimator.model.profile import profile_basis, profile_value
 from estimator.model.single_track import CHANNELS, SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.process.compiled import find_compiler
 
 VEHICLE = Vehicle()
 AUXILIARY = {"brake": 0.3, "yaw": 0.4, "t": 100.0, "steer_rate": 0.3, "drive_rate": -0.2, "track_position": 250.0}
@@ -198,6 +200,16 @@ def test_delay_and_relaxation_follow_their_definitions() -> None:
     tau = 0.2
     expected = (np.sin(2 * t) - 2 * tau * np.cos(2 * t) + 2 * tau * np.exp(-t / tau)) / (1 + 4 * tau**2)
     np.testing.assert_allclose(relaxed(t, wave, np.full(len(t), tau)), expected, atol=2e-4)
+
+
+@pytest.mark.skipif(find_compiler() is None, reason="no C compiler: there is nothing to compare")
+def test_the_compiled_lag_is_that_of_the_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, t = np.random.default_rng(4), np.arange(500) * 0.01
+    signals, lag = rng.normal(size=(2, 500)), rng.uniform(0.0, 0.3, 500)
+    compiled = relaxed(t, signals, lag)
+    monkeypatch.setattr(memory, "_library", lambda: None)
+    np.testing.assert_allclose(compiled, relaxed(t, signals, lag), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(compiled[1], relaxed(t, signals[1], lag), rtol=1e-9, atol=1e-12)
 
 
 def test_wheels_with_play_follow_the_angle_one_sample_after_the_other() -> None:

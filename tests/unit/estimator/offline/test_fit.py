@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,7 +15,7 @@ from estimator.model.columns import CHANNELS, Columns, ModelColumns
 from estimator.model.effects import catalogue
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.coordinates import StepCoordinates
-from estimator.offline.fit.equation_error import fit, residuals
+from estimator.offline.fit.equation_error import fit, residuals, rmse
 from estimator.offline.fit.gauss_newton import bounded_step
 from estimator.offline.fit.identifiability import analyse
 from estimator.offline.fit.output_error import OutputErrorProblem, OutputErrorSettings, fit_output_error
@@ -131,12 +132,31 @@ def test_recursions_agree_with_the_full_fit_within_their_uncertainty(drive: Driv
 def test_batch_curves_fall_and_level_off_as_in_figure_4(drive: Drive) -> None:
     columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (), PRIOR))
     samples = prepare(as_log(drive))
-    curve = batch(columns, samples, averaged(samples)).curve
+    result = batch(columns, samples, averaged(samples))
     for channel in ("ax", "ay"):
-        values = np.array([point.rmse[channel] for point in curve])
-        tail = values[-len(values) // 4 :]
-        assert values[-1] < 0.5 * values[0]
-        assert np.ptp(tail) < 0.25 * (values[0] - values[-1])
+        for curve in (result.curve, result.as_published):
+            values = np.array([point.rmse[channel] for point in curve])
+            tail = values[-len(values) // 4 :]
+            assert values[-1] < 0.5 * values[0]
+            assert np.ptp(tail) < 0.25 * (values[0] - values[-1])
+
+
+@pytest.mark.parametrize("method", [batch, sample])
+def test_a_curve_begins_at_the_initial_parameters_and_ends_at_those_reported(method: Any, drive: Drive) -> None:
+    columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (), PRIOR))
+    samples = averaged(prepare(as_log(drive)))
+    result = method(columns, samples, samples)
+    for point, theta in ((result.curve[0], columns.start), (result.curve[-1], result.fit.theta)):
+        assert point.rmse == rmse(columns, samples, theta, tuple(point.rmse))
+
+
+def test_a_published_batch_counts_for_one_sample(drive: Drive) -> None:
+    """It learns more slowly than a batch that counts for all it holds."""
+    columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (), PRIOR))
+    samples = averaged(prepare(as_log(drive)))
+    result = batch(columns, samples, samples)
+    published, refined = (curve[1].rmse["ay"] for curve in (result.as_published, result.curve))
+    assert published > refined + 0.2 * result.curve[0].rmse["ay"]
 
 
 def test_outliers_do_not_move_the_estimate(drive: Drive, columns: ModelColumns) -> None:

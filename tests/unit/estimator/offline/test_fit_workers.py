@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 from support.practice_drives import PRIOR, record_of, shared_drives
 
+from estimator.offline.record.record import Record
 from estimator.offline.search.every_car import fitted_together, on_every_car
+from estimator.offline.search.pool import RECORDS, Pool, workers
 from estimator.offline.search.screening import open_candidates, screen
 from estimator.offline.search.trial import Setting, fit_names
-from estimator.offline.search.workers import Job, fit_each, workers
+from estimator.offline.search.workers import Job, fit_each
 
 
 def test_fits_side_by_side_agree_with_fits_in_turn(tmp_path_factory: pytest.TempPathFactory) -> None:
@@ -43,12 +45,35 @@ def test_what_is_screened_with_short_fits_and_forms_of_one_effect_are_fitted_sid
     setting = Setting(record.select(record.lap == 0), "per_axle", PRIOR)
     current = fit_names(setting, (), None)
     effects = [e for e in open_candidates(setting, []) if e.initial]
-    with ThreadPoolExecutor(1) as pool:
-        sent = Mock(wraps=pool, spec=Executor)
-        screen(replace(setting, pool=sent), [], current, lambda _: None, effects)
+    with ThreadPoolExecutor(1) as executor:
+        sent = Mock(wraps=executor, spec=Executor)
+        beside = replace(setting, pool=Pool(sent, tmp_path_factory.mktemp("records")))
+        screen(beside, [], current, lambda _: None, effects)
         assert sent.submit.call_count == len(effects) > 1
-        fitted_together(replace(setting, pool=sent), [], current)
+        fitted_together(beside, [], current)
         assert sent.submit.call_count == len(effects) + len(on_every_car(setting, [])) > len(effects) + 1
+
+
+def number_of_windows(record: Record, other: Record) -> tuple[int, bool]:
+    """What a task says of the records that it got."""
+    return record.windows, record is other
+
+
+def test_a_record_is_written_once_for_all_tasks_and_old_ones_are_deleted(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    record = record_of(shared_drives(tmp_path_factory)["single"])
+    with ThreadPoolExecutor(1) as executor:
+        pool = Pool(executor, tmp_path)
+        done = [pool.submit(number_of_windows, record, record).result() for _ in range(3)]
+        assert done == [(record.windows, True)] * 3
+        assert len(list(tmp_path.iterdir())) == 1
+        for lap in range(2 * RECORDS):
+            part = record.select(record.lap == lap % 2)
+            assert pool.submit(number_of_windows, part, record).result() == (part.windows, False)
+        pool.forget_old()
+        assert len(list(tmp_path.iterdir())) == RECORDS
+        assert pool.submit(number_of_windows, record, record).result() == (record.windows, True)
 
 
 THREADS_AT_IMPORT = """

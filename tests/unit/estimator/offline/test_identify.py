@@ -98,6 +98,13 @@ def test_shared_layout_takes_a_prior_per_axle(log_file: Path, tmp_path: Path) ->
     assert summary["initial"]["b"] == pytest.approx(0.5 * (TYRE["bf"] + TYRE["br"]))
 
 
+def test_one_tyre_for_both_axles_is_fitted_to_measured_accelerations(log_file: Path) -> None:
+    """Simulated, the balance that it fixes would bend the tyre."""
+    done = identify(read_logs([log_file]), read_vehicle(None), None, Options(layout="shared"))
+    assert done.formulation == "algebraic"
+    assert done.rmse["ay"][1] < 0.25 * done.rmse["ay"][0]
+
+
 def test_a_log_too_short_to_hold_anything_out_is_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "short.csv"
     path.write_text(to_csv(simulate([TYRE], 15.0, seed=32)[0].columns))

@@ -25,13 +25,13 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Record:
 
 def joint_covariance(propagator: Propagator, start: np.ndarray, walk: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Covariance of the motion signals of one window, all blocks at once: each as a sum of its independent causes."""
-    blocks = propagator.decay.shape[1]
+    blocks = propagator.decay.shape[2]
     causes = 3 * (1 + blocks)
     state, rows = np.zeros((3, causes)), []
     state[:, :3] = np.diag(start)
     for b in range(blocks):
-        rows.append(propagator.mean_decay[0, b] @ state)
-        state = propagator.decay[0, b] @ state
+        rows.append(propagator.mean_decay[:, :, b, 0] @ state)
+        state = propagator.decay[:, :, b, 0] @ state
         state[:, 3 * (b + 1) : 3 * (b + 2)] += np.diag(walk)
     stacked = np.concatenate(rows)
     return stacked @ stacked.T + np.diag(np.tile(noise**2, blocks))
@@ -44,7 +44,7 @@ def test_innovations_have_the_likelihood_of_the_joint_distribution(record: Recor
     state_by = rng.normal(scale=2.0, size=(5, 3, windows, blocks))
     propagator = Propagator.make(state_by, record.block_step)
     noise = Noise(2.0 * record.block_noise, np.array([0.0, 0.0, drift, drift, drift]))
-    innovations = Innovations.make(record, propagator, state_by[:2], noise)
+    innovations = Innovations.make(record, propagator, noise)
     measured = rng.normal(scale=0.01, size=(blocks, windows, 3))
     inputs = np.zeros((blocks, windows, 11, 1))
     inputs[:, :, 8:, 0] = measured
@@ -60,7 +60,7 @@ def test_a_signal_that_is_not_used_changes_nothing(record: Record) -> None:
     windows, blocks = record.rows.shape[:2]
     state_by = np.random.default_rng(8).normal(size=(5, 3, windows, blocks))
     propagator = Propagator.make(state_by, record.block_step)
-    innovations = Innovations.make(blind, propagator, state_by[:2], Noise.white(record.block_noise))
+    innovations = Innovations.make(blind, propagator, Noise.white(record.block_noise))
     inputs = np.zeros((blocks, windows, 11, 1))
     inputs[:, :, [9, 10]] = 1.0
     out = innovations.run(inputs)
