@@ -1,0 +1,109 @@
+"""Brakes of a stop, axle by axle: no more on either than its tyres give beside the lateral force.
+
+What a stop asks for fits the car as a whole. Its axles bear different shares of the load, and the engine drags at the
+rear one alone. A front axle that is braked too hard turns the car less; a rear one spins it. So the rear tyres are
+reckoned with less grip than declared, and the front brakes take over what the rear ones leave, as far as their own
+tyres bear it. Of an axle with load N and the share m of the mass: F <= sqrt((mu N)^2 - (m a_y)^2) beside the lateral
+specific force a_y (friction circle; W. F. Milliken and D. L. Milliken, Race Car Vehicle Dynamics, 1995, ch. 2).
+An axle whose wheels slip all the same is let go until they roll.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.powertrain import Powertrain
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.gateway.perceive.motion import Motion
+
+PERIOD_S = 0.01
+"""of the gateway"""
+REAR_SHARE = 0.8
+"""of the declared grip the rear tyres are reckoned with: tyres differ by a fifth"""
+ENGINE_DRAG = 600.0
+"""N at the rear wheels with the throttle closed (45 N m of the engine in third gear)"""
+LEAST_SHARE = 0.3
+"""of its grip the front axle is braked with at least, however large the lateral force: as the whole car is"""
+SLIPS = (0.08, 0.06)
+"""slip of the faster wheel, front and rear, beyond which an axle is let go: racing tyres give most at 0.1, and without
+lateral force"""
+LET_GO = 100.0
+"""1/s a unit of slip beyond: at 0.05 the pressure halves within 0.14 s, before a wheel stands"""
+PRESS_AGAIN = 4e6
+"""Pa/s: the whole pressure within a second"""
+LEAST_PRESSURE = 0.1e6
+"""Pa that are left: with less the brakes do not bite"""
+SLIP_FROM = 6.0
+"""m/s: slower, noise and rounding of the wheel speeds are slip"""
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """What limits the brakes in this period."""
+
+    lateral: float
+    """specific force that the car has or its way needs, m/s2"""
+    flat_rear: bool
+    """a rear tyre is flat: both rear brakes press alike, and would lock it"""
+
+
+class AxleBrakes:
+    """Pressures of both circuits, once a period of a stop; `start` with it."""
+
+    def __init__(self, vehicle: Vehicle, lateral_grip: float, train: Powertrain) -> None:
+        """`lateral_grip`: declared friction coefficient of the tyres."""
+        self._vehicle, self._grip = vehicle, lateral_grip
+        self._per_pa, self._most = train.brake_force_per_pa, train.brake_pressure_max
+        self._held = [self._most, self._most]
+        """Pa that slipping wheels have left to the front and to the rear circuit"""
+
+    def start(self) -> None:
+        """A stop begins: nothing slips yet."""
+        self._held = [self._most, self._most]
+
+    def step(self, wanted: Actuators, demand: Demand, state: VehicleState, motion: Motion) -> Actuators:
+        """`wanted` with the pressures that the axles bear."""
+        pressures = self.shared(wanted, demand, motion.speed)
+        if state.sources["wheel_speeds"].valid and motion.speed > SLIP_FROM:
+            self._watch(pressures, self._slips(state, motion))
+        front, rear = (min(pair) for pair in zip(pressures, self._held, strict=True))
+        return replace(wanted, brake_front=front, brake_rear=rear)
+
+    def shared(self, wanted: Actuators, demand: Demand, speed: float) -> tuple[float, float]:
+        """Pressures of both circuits: what the rear one leaves is asked of the front one, as far as it goes, Pa."""
+        total = wanted.brake_front + wanted.brake_rear
+        front_most, rear_most = self._bears(speed, total * self._per_pa, demand.lateral)
+        rear = 0.0 if demand.flat_rear else min(wanted.brake_rear, rear_most / self._per_pa)
+        front = min(total - rear, max(front_most / self._per_pa, wanted.brake_front), self._most)
+        return front, rear
+
+    def _bears(self, speed: float, braking: float, lateral: float) -> tuple[float, float]:
+        """Force of the front and of the rear brakes at most, N, in a car that brakes with `braking` (N)."""
+        car, grip = self._vehicle, self._grip
+        pressed, moved = 0.5 * car.air_density * speed**2, braking * car.cg_height / car.wheelbase
+        front = grip * (car.static_load_front - car.lift_area_front * pressed + moved)
+        rear = REAR_SHARE * grip * (car.static_load_rear - car.lift_area_rear * pressed - moved)
+        across_front, across_rear = (lateral * load / GRAVITY for load in (car.static_load_front, car.static_load_rear))
+        return (
+            math.sqrt(max(front**2 - across_front**2, (LEAST_SHARE * front) ** 2)),
+            max(math.sqrt(max(rear**2 - across_rear**2, 0.0)) - ENGINE_DRAG, 0.0),
+        )
+
+    def _slips(self, state: VehicleState, motion: Motion) -> tuple[float, float]:
+        """Slip of the faster wheel of each axle: an inner one may lock in a bend, and carries little."""
+        front, rear = (0.5 * track * motion.yaw_rate for track in (self._vehicle.track_front, self._vehicle.track_rear))
+        fastest_front = max(state.wheel_speed_fl + front, state.wheel_speed_fr - front)
+        fastest_rear = max(state.wheel_speed_rl + rear, state.wheel_speed_rr - rear)
+        return 1.0 - fastest_front / motion.speed, 1.0 - fastest_rear / motion.speed
+
+    def _watch(self, pressures: tuple[float, float], slips: tuple[float, float]) -> None:
+        """Let an axle go that slips, and press again where it rolls."""
+        for axle, (pressure, slip, bound) in enumerate(zip(pressures, slips, SLIPS, strict=True)):
+            if slip > bound:
+                share = max(1.0 - LET_GO * (slip - bound) * PERIOD_S, LEAST_SHARE)
+                self._held[axle] = max(share * min(self._held[axle], pressure), LEAST_PRESSURE)
+            else:
+                self._held[axle] = min(self._held[axle] + PRESS_AGAIN * PERIOD_S, self._most)
