@@ -57,8 +57,8 @@ class Actor:
         self.stopping = Stopping(config.vehicle, config.gateway.stop, config.powertrain.force_per_drive, track)
         self._stuck = StuckSteering(config.vehicle, config.gateway.stop, track)
         self._axles = AxleBrakes(config.vehicle, config.gateway.stop.lateral_grip, config.powertrain)
-        self.flat_rear = False
-        """whether a rear tyre is flat"""
+        self.flat_front = self.flat_rear = False
+        """whether a tyre of that axle is flat"""
         self.sent = self.limited = 0
 
     @property
@@ -129,7 +129,7 @@ class Actor:
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
         lateral = self.stopping.lateral
         if not driving and lateral is not None:
-            wanted = self._axles.step(wanted, Demand(lateral, self.flat_rear), state, motion)
+            wanted = self._axles.step(wanted, Demand(lateral, self.flat_front, self.flat_rear), state, motion)
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
         return Actuators(wanted.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)

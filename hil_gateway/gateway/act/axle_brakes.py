@@ -26,7 +26,8 @@ REAR_SHARE = 0.8
 ENGINE_DRAG = 600.0
 """N at the rear wheels with the throttle closed (45 N m of the engine in third gear)"""
 LEAST_SHARE = 0.3
-"""of its grip the front axle is braked with at least, however large the lateral force: as the whole car is"""
+"""of its grip an axle is braked with at least, however large the lateral force, as the whole car is: in a banked bend
+tyres bear more"""
 SLIPS = (0.08, 0.06)
 """slip of the faster wheel, front and rear, beyond which an axle is let go: racing tyres give most at 0.1, and without
 lateral force"""
@@ -46,8 +47,9 @@ class Demand:
 
     lateral: float
     """specific force that the car has or its way needs, m/s2"""
+    flat_front: bool
     flat_rear: bool
-    """a rear tyre is flat: both rear brakes press alike, and would lock it"""
+    """a tyre of that axle is flat: both of its brakes press alike, and would lock it"""
 
 
 class AxleBrakes:
@@ -67,7 +69,7 @@ class AxleBrakes:
     def step(self, wanted: Actuators, demand: Demand, state: VehicleState, motion: Motion) -> Actuators:
         """`wanted` with the pressures that the axles bear."""
         pressures = self.shared(wanted, demand, motion.speed)
-        if state.sources["wheel_speeds"].valid and motion.speed > SLIP_FROM:
+        if motion.by_wheels and motion.speed > SLIP_FROM:
             self._watch(pressures, self._slips(state, motion))
         front, rear = (min(pair) for pair in zip(pressures, self._held, strict=True))
         return replace(wanted, brake_front=front, brake_rear=rear)
@@ -77,7 +79,8 @@ class AxleBrakes:
         total = wanted.brake_front + wanted.brake_rear
         front_most, rear_most = self._bears(speed, total * self._per_pa, demand.lateral)
         rear = 0.0 if demand.flat_rear else min(wanted.brake_rear, rear_most / self._per_pa)
-        front = min(total - rear, max(front_most / self._per_pa, wanted.brake_front), self._most)
+        more = 0.0 if demand.flat_front else front_most / self._per_pa
+        front = min(total - rear, max(wanted.brake_front, more), self._most)
         return front, rear
 
     def _bears(self, speed: float, braking: float, lateral: float) -> tuple[float, float]:
@@ -88,8 +91,8 @@ class AxleBrakes:
         rear = REAR_SHARE * grip * (car.static_load_rear - car.lift_area_rear * pressed - moved)
         across_front, across_rear = (lateral * load / GRAVITY for load in (car.static_load_front, car.static_load_rear))
         return (
-            math.sqrt(max(front**2 - across_front**2, (LEAST_SHARE * front) ** 2)),
-            max(math.sqrt(max(rear**2 - across_rear**2, 0.0)) - ENGINE_DRAG, 0.0),
+            _beside(across_front, front),
+            max(_beside(across_rear, rear) - ENGINE_DRAG, 0.0),
         )
 
     def _slips(self, state: VehicleState, motion: Motion) -> tuple[float, float]:
@@ -107,3 +110,8 @@ class AxleBrakes:
                 self._held[axle] = max(share * min(self._held[axle], pressure), LEAST_PRESSURE)
             else:
                 self._held[axle] = min(self._held[axle] + PRESS_AGAIN * PERIOD_S, self._most)
+
+
+def _beside(across: float, most: float) -> float:
+    """What is left along the wheels of `most` beside a force across them, N."""
+    return math.sqrt(max(most**2 - across**2, (LEAST_SHARE * most) ** 2))

@@ -119,7 +119,7 @@ def _along_its_way(car: Car, config: Config, deceleration: float, grip: float, b
         wanted = actuation.to_actuators(steer, braking, car.gear, 0.0, car.gear)
         if not by_axle:
             return wanted
-        demand = Demand(stopping.lateral or 0.0, flat_rear=any(car.flats[2:]))
+        demand = Demand(stopping.lateral or 0.0, any(car.flats[:2]), any(car.flats[2:]))
         front, rear = axles.shared(wanted, demand, car["vx"])
         return replace(wanted, brake_front=front, brake_rear=rear)
 
