@@ -117,6 +117,7 @@ class Actor:
     ) -> Actuators:
         gear = self._gears.step(now_ns, motion.speed, state.engine_speed, state.gear)
         self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor), motion.speed)
+        self._axles.watch(state, self.on_wire)
         driving = decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
             return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S)
@@ -129,7 +130,9 @@ class Actor:
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
         lateral = self.stopping.lateral
         if not driving and lateral is not None:
-            wanted = self._axles.step(wanted, Demand(lateral, self.flat_front, self.flat_rear), state, motion)
+            wanted = self._axles.step(
+                wanted, Demand(lateral, self.flat_front, self.flat_rear, motion.by_gyro), state, motion
+            )
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
         return Actuators(wanted.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)

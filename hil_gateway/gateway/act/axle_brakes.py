@@ -5,12 +5,14 @@ rear one alone. A front axle that is braked too hard turns the car less; a rear 
 reckoned with less grip than declared, and the front brakes take over what the rear ones leave, as far as their own
 tyres bear it. Of an axle with load N and the share m of the mass: F <= sqrt((mu N)^2 - (m a_y)^2) beside the lateral
 specific force a_y (friction circle; W. F. Milliken and D. L. Milliken, Race Car Vehicle Dynamics, 1995, ch. 2).
-An axle whose wheels slip all the same is let go until they roll.
+An axle whose wheels slip all the same is let go until they roll. A circuit that reports less than it is asked for is
+asked for more; then every brake is needed, and the rear tyres count with all of the declared grip.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, replace
 
 from hil_gateway.bus.messages import VehicleState
@@ -37,6 +39,18 @@ PRESS_AGAIN = 4e6
 """Pa/s: the whole pressure within a second"""
 LEAST_PRESSURE = 0.1e6
 """Pa that are left: with less the brakes do not bite"""
+WATCHED, LATE = 20, 5
+"""periods a circuit is compared over, and those of them that its report is behind: delay and lag of the brakes"""
+JUDGED_FROM = 0.8e6
+"""Pa of command from which a report says what a circuit does"""
+STEADY = 1.5
+"""largest over least command of those periods: a circuit that is late is not weak"""
+ANSWERS = 0.8
+"""of its command a sound circuit reports: pads, lines and sensors scatter by a tenth"""
+WEAKEST = 0.15
+"""share below which a circuit is not asked for still more"""
+LEARNT = 0.1
+"""weight of a period: 0.1 s"""
 SLIP_FROM = 6.0
 """m/s: slower, noise and rounding of the wheel speeds are slip"""
 
@@ -50,6 +64,8 @@ class Demand:
     flat_front: bool
     flat_rear: bool
     """a tyre of that axle is flat: both of its brakes press alike, and would lock it"""
+    steadied: bool = True
+    """a gyro shows how the car turns; without one it is rear wheels that roll which steady it"""
 
 
 class AxleBrakes:
@@ -61,6 +77,21 @@ class AxleBrakes:
         self._per_pa, self._most = train.brake_force_per_pa, train.brake_pressure_max
         self._held = [self._most, self._most]
         """Pa that slipping wheels have left to the front and to the rear circuit"""
+        self._asked: deque[tuple[float, float]] = deque(maxlen=WATCHED)
+        self._answers = [1.0, 1.0]
+        """share of its command that the front and the rear circuit report, 1 where that is a sound one's"""
+
+    def watch(self, state: VehicleState, on_wire: Actuators) -> None:
+        """What the circuits report of their commands; in every period, so that a stop begins with what is known."""
+        self._asked.append((on_wire.brake_front, on_wire.brake_rear))
+        if len(self._asked) < WATCHED or not state.sources["pedals"].valid:
+            return
+        for circuit, reported in enumerate((state.brake_front, state.brake_rear)):
+            asked = [pressures[circuit] for pressures in self._asked][:-LATE]
+            if min(asked) > JUDGED_FROM and max(asked) < STEADY * min(asked):
+                share = reported * len(asked) / sum(asked)
+                share = share if share < ANSWERS else 1.0
+                self._answers[circuit] += LEARNT * (share - self._answers[circuit])
 
     def start(self) -> None:
         """A stop begins: nothing slips yet."""
@@ -71,29 +102,33 @@ class AxleBrakes:
         pressures = self.shared(wanted, demand, motion.speed)
         if motion.by_wheels and motion.speed > SLIP_FROM:
             self._watch(pressures, self._slips(state, motion))
-        front, rear = (min(pair) for pair in zip(pressures, self._held, strict=True))
+        limited = (min(pair) for pair in zip(pressures, self._held, strict=True))
+        front, rear = (min(p / max(a, WEAKEST), self._most) for p, a in zip(limited, self._answers, strict=True))
         return replace(wanted, brake_front=front, brake_rear=rear)
 
     def shared(self, wanted: Actuators, demand: Demand, speed: float) -> tuple[float, float]:
         """Pressures of both circuits: what the rear one leaves is asked of the front one, as far as it goes, Pa."""
         total = wanted.brake_front + wanted.brake_rear
-        front_most, rear_most = self._bears(speed, total * self._per_pa, demand.lateral)
+        front_most, rear_most = self._bears(speed, total * self._per_pa, demand)
         rear = 0.0 if demand.flat_rear else min(wanted.brake_rear, rear_most / self._per_pa)
         more = 0.0 if demand.flat_front else front_most / self._per_pa
         front = min(total - rear, max(wanted.brake_front, more), self._most)
         return front, rear
 
-    def _bears(self, speed: float, braking: float, lateral: float) -> tuple[float, float]:
+    def _bears(self, speed: float, braking: float, demand: Demand) -> tuple[float, float]:
         """Force of the front and of the rear brakes at most, N, in a car that brakes with `braking` (N)."""
         car, grip = self._vehicle, self._grip
         pressed, moved = 0.5 * car.air_density * speed**2, braking * car.cg_height / car.wheelbase
         front = grip * (car.static_load_front - car.lift_area_front * pressed + moved)
-        rear = REAR_SHARE * grip * (car.static_load_rear - car.lift_area_rear * pressed - moved)
-        across_front, across_rear = (lateral * load / GRAVITY for load in (car.static_load_front, car.static_load_rear))
-        return (
-            _beside(across_front, front),
-            max(_beside(across_rear, rear) - ENGINE_DRAG, 0.0),
+        rear = (
+            (REAR_SHARE if min(self._answers) > ANSWERS else 1.0)
+            * grip
+            * (car.static_load_rear - car.lift_area_rear * pressed - moved)
         )
+        across = demand.lateral / GRAVITY
+        left_front = _beside(across * car.static_load_front, front, LEAST_SHARE)
+        left_rear = _beside(across * car.static_load_rear, rear, LEAST_SHARE if demand.steadied else 0.0)
+        return left_front, max(left_rear - ENGINE_DRAG, 0.0)
 
     def _slips(self, state: VehicleState, motion: Motion) -> tuple[float, float]:
         """Slip of the faster wheel of each axle: an inner one may lock in a bend, and carries little."""
@@ -112,6 +147,6 @@ class AxleBrakes:
                 self._held[axle] = min(self._held[axle] + PRESS_AGAIN * PERIOD_S, self._most)
 
 
-def _beside(across: float, most: float) -> float:
-    """What is left along the wheels of `most` beside a force across them, N."""
-    return math.sqrt(max(most**2 - across**2, (LEAST_SHARE * most) ** 2))
+def _beside(across: float, most: float, least_share: float) -> float:
+    """What is left along the wheels of `most` beside a force across them, at least that share of it, N."""
+    return math.sqrt(max(most**2 - across**2, (least_share * most) ** 2))

@@ -117,3 +117,37 @@ def test_wheels_that_are_not_believed_let_nothing_go(rig):
     slow = state.model_copy(update={f"wheel_speed_{wheel}": 20.0 for wheel in ("fl", "fr", "rl", "rr")})
     sent = car.step(asked(8.0), STRAIGHT, slow, Motion(30.0, by_wheels=False))
     assert (sent.brake_front, sent.brake_rear) == car.shared(asked(8.0), STRAIGHT, 30.0)
+
+
+def watched(rig: Rig, share: float) -> AxleBrakes:
+    """Brakes whose front circuit has reported so much of its command for half a second."""
+    state, car, wire = rig.gateway.seen[0], brakes(), asked(8.0)
+    reported = {"brake_front": share * wire.brake_front, "brake_rear": wire.brake_rear}
+    for _ in range(50):
+        car.watch(state.model_copy(update=reported), wire)
+    return car
+
+
+def test_a_weak_circuit_is_asked_for_more_and_the_rear_tyres_count_with_all_their_grip(rig):
+    state, sound, weak = rig.gateway.seen[0], watched(rig, 0.95), watched(rig, 0.3)
+    usual, more = (car.step(asked(8.0), BEND, state, Motion(50.0, by_wheels=False)) for car in (sound, weak))
+    assert usual.brake_front == sound.shared(asked(8.0), BEND, 50.0)[0]
+    assert more.brake_front == pytest.approx(
+        min(weak.shared(asked(8.0), BEND, 50.0)[0] / 0.3, TRAIN.brake_pressure_max), rel=0.05
+    )
+    assert more.brake_rear > 1.2 * usual.brake_rear
+
+
+def test_a_circuit_that_is_late_is_not_weak(rig):
+    state, car = rig.gateway.seen[0], brakes()
+    for period in range(20):
+        wire, before = asked(1.0 * period), asked(max(period - 7.0, 0.0))
+        car.watch(state.model_copy(update={"brake_front": before.brake_front}), wire)
+    sent = car.step(asked(8.0), STRAIGHT, state, Motion(50.0, by_wheels=False))
+    assert sent.brake_front == car.shared(asked(8.0), STRAIGHT, 50.0)[0]
+
+
+def test_without_a_gyro_a_car_at_its_limit_leaves_its_rear_wheels_rolling():
+    limit = Demand(30.0, False, False), Demand(30.0, False, False, steadied=False)
+    with_gyro, without = (brakes().shared(asked(8.0), demand, 50.0)[1] for demand in limit)
+    assert with_gyro > 0.0 == without
