@@ -338,6 +338,17 @@ def test_a_car_that_no_longer_steers_is_braked_with_all_its_grip(rig):
     assert steering[1] < 1.2 * steering[0]
 
 
+def test_a_stop_says_for_which_lateral_force_its_brakes_leave_grip(rig):
+    """That of its way where the car has less; none where nothing steers any more."""
+    stop, pose = on_a_circle(rig)
+    stop.command(motion(30.0, ay=2.0), pose, emergency=True)
+    assert stop.lateral == pytest.approx(30.0**2 / 80.0, rel=0.05)
+    stop.command(motion(30.0, ay=15.0), pose, emergency=True)
+    assert stop.lateral == 15.0
+    stop.command(motion(30.0, ay=15.0), pose, emergency=True, steers=False)
+    assert stop.lateral is None
+
+
 def test_a_stop_without_brakes_takes_a_way_on_which_a_car_that_rolls_out_needs_less_lateral_force():
     """From the straight before a bend, at 45 m/s."""
     track = load_track("road_course")
