@@ -26,7 +26,7 @@ PERIOD_S = 0.01
 REAR_SHARE = 0.8
 """of the declared grip the rear tyres are reckoned with: tyres differ by a fifth"""
 ENGINE_DRAG = 600.0
-"""N at the rear wheels with the throttle closed (45 N m of the engine in third gear)"""
+"""N at the rear wheels with the throttle closed: 45 N m of the engine in third gear, assumed as in docs/plant.md"""
 LEAST_SHARE = 0.3
 """of its grip an axle is braked with at least, however large the lateral force, as the whole car is: in a banked bend
 tyres bear more"""
