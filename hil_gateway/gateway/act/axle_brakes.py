@@ -35,8 +35,10 @@ SLIPS = (0.08, 0.06)
 lateral force"""
 LET_GO = 100.0
 """1/s a unit of slip beyond: at 0.05 the pressure halves within 0.14 s, before a wheel stands"""
+LEAST_LEFT = 0.3
+"""of the pressure, after one period"""
 PRESS_AGAIN = 4e6
-"""Pa/s: the whole pressure within a second"""
+"""Pa/s: the whole pressure in 1.5 s"""
 LEAST_PRESSURE = 0.1e6
 """Pa that are left: with less the brakes do not bite"""
 WATCHED, LATE = 20, 5
@@ -141,7 +143,7 @@ class AxleBrakes:
         """Let an axle go that slips, and press again where it rolls."""
         for axle, (pressure, slip, bound) in enumerate(zip(pressures, slips, SLIPS, strict=True)):
             if slip > bound:
-                share = max(1.0 - LET_GO * (slip - bound) * PERIOD_S, LEAST_SHARE)
+                share = max(1.0 - LET_GO * (slip - bound) * PERIOD_S, LEAST_LEFT)
                 self._held[axle] = max(share * min(self._held[axle], pressure), LEAST_PRESSURE)
             else:
                 self._held[axle] = min(self._held[axle] + PRESS_AGAIN * PERIOD_S, self._most)
