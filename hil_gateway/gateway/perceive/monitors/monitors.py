@@ -199,14 +199,12 @@ class Monitors:
     def _distrust(self, held_s: float, sensors: Sensors) -> None:
         """From a first contradiction of the IMU, which has `held_s`, no estimate is believed; after some of it, until
         the car stands, no IMU where there are fixes to go by, or no wheels where it is they that neither the fixes nor
-        the IMU agree with. A gyro that is outvoted is what made the fixes not fit. It stays believed in a car that
-        slides as it steers to the wrong side first, which the gyro has shown, or as a tyre is flat: a slide contradicts
-        everything, and without a gyro nothing catches it."""
+        the IMU agree with. A gyro that is outvoted is what made the fixes not fit. One that has shown which way the
+        steering goes stays believed: a car that steers to the wrong side first slides, and contradicts everything."""
         moving = self.motion.motion.speed > STANDSTILL
         self.wheels_wrong = moving and (self.wheels_wrong or (sensors.slipping and not self.imu_wrong))
-        slides = self.steering_reversed or self.flat
-        held_s = 0.0 if slides else held_s
-        outvoted = sensors.outvoted and not slides
+        held_s = 0.0 if self.steering_reversed else held_s
+        outvoted = sensors.outvoted and not self.steering_reversed
         found = outvoted or (held_s > IMU_WRONG_S and sensors.fixes)
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
         self.motion.believe_imu = not self.imu_wrong and not self._imu_gone

@@ -114,7 +114,6 @@ def test_without_a_gyro_the_wheels_tell_at_once_what_the_course_does_not_know_ye
         now_ns += PERIOD_NS
         reader.step(now_ns, state, course)
     assert reader.motion.prompt is wheels
-    assert reader.motion.by_wheels is wheels
     assert reader.motion.yaw_rate == pytest.approx(0.3 * (1.0 - 13 / 38) if wheels else 0.0, abs=0.03)
 
 

@@ -52,8 +52,8 @@ def test_a_plan_of_one_point_is_no_path(rig):
     assert plan_path(standing.model_copy(update={"x": (), "y": ()})) is None
 
 
-def test_a_stop_without_the_planner_forgets_the_balance_that_was_asked_for(rig):
-    """It brakes as declared, and in front by what the rear tyres leave: at 12 m/s2 and 10 m/s a sixth of theirs."""
+def test_a_stop_without_the_planner_brakes_with_the_declared_balance(rig):
+    """Whatever balance was asked for before."""
     rig.drive = 0.1
     rig.drive_off(12.0)
     rig.drive, rig.brake_balance = -0.1, -0.1
@@ -62,7 +62,7 @@ def test_a_stop_without_the_planner_forgets_the_balance_that_was_asked_for(rig):
     rig.planner_runs = False
     rig.run(0.5)
     assert rig.action is not FailsafeAction.DRIVE
-    assert front_share(rig) == pytest.approx(0.61, abs=0.01)
+    assert front_share(rig) == pytest.approx(0.54, abs=0.002)
 
 
 def front_share(rig: Rig) -> float:
@@ -336,17 +336,6 @@ def test_a_car_that_no_longer_steers_is_braked_with_all_its_grip(rig):
     stop, pose = on_a_circle(rig)
     steering = [stop.command(motion(30.0, ay=2.0), pose, emergency=True, steers=steers)[1] for steers in (True, False)]
     assert steering[1] < 1.2 * steering[0]
-
-
-def test_a_stop_says_for_which_lateral_force_its_brakes_leave_grip(rig):
-    """That of its way where the car has less; none where nothing steers any more."""
-    stop, pose = on_a_circle(rig)
-    stop.command(motion(30.0, ay=2.0), pose, emergency=True)
-    assert stop.lateral == pytest.approx(30.0**2 / 80.0, rel=0.05)
-    stop.command(motion(30.0, ay=15.0), pose, emergency=True)
-    assert stop.lateral == 15.0
-    stop.command(motion(30.0, ay=15.0), pose, emergency=True, steers=False)
-    assert stop.lateral is None
 
 
 def test_a_stop_without_brakes_takes_a_way_on_which_a_car_that_rolls_out_needs_less_lateral_force():
