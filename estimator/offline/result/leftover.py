@@ -80,7 +80,7 @@ def leftovers(  # noqa: PLR0917 - what is left of what, over what, and why
     model: SingleTrack,
     parameters: Array,
     floor: Mapping[str, float],
-    grip: Candidate | None,
+    grip: Candidate | None = None,
 ) -> tuple[Leftover, ...]:
     """Channels measured by a sensor of their own whose residual exceeds noise, strongest first.
 
