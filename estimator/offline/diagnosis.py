@@ -23,7 +23,8 @@ from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.pool import Pool, keep_freed_memory
 from estimator.offline.search.search import Search, search
-from estimator.offline.search.stretch import Candidate, can_tell, most_gaining
+from estimator.offline.search.stretches.cells import Candidate, most_gaining
+from estimator.offline.search.stretches.term import can_tell
 from estimator.offline.search.terms import TERM_SHARE, Outcome, Rival, with_terms
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from hil_gateway.process.arrays import Array, Ints

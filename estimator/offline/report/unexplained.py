@@ -21,7 +21,8 @@ from estimator.offline.report.words import (
 from estimator.offline.result.leftover import Leftover
 from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.empirical import Term
-from estimator.offline.search.stretch import Stretch, StretchTerm
+from estimator.offline.search.stretches.cells import Stretch
+from estimator.offline.search.stretches.term import StretchTerm
 
 NEARLY = 0.8
 """A signal whose term gains more than this share of the accepted one's is an alternative."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from estimator.model.basis import Basis
-from estimator.offline.search.stretch import Stretch
+from estimator.offline.search.stretches.cells import Stretch
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import figure
 

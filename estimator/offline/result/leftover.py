@@ -15,7 +15,7 @@ from estimator.offline.record.record import Record
 from estimator.offline.result.diagnosis_score import channel_residuals
 from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.empirical import explanatory
-from estimator.offline.search.stretch import LATERAL_ROWS, MOST, Candidate
+from estimator.offline.search.stretches.cells import LATERAL_ROWS, MOST, Candidate
 from hil_gateway.process.arrays import Array, Ints
 
 AVERAGED_S = 0.2

@@ -21,16 +21,8 @@ from estimator.offline.search.greedy import Checked, check_each, recheck
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.search import Search, search
 from estimator.offline.search.stand_ins import without_stand_ins
-from estimator.offline.search.stretch import (
-    LEAST_LAPS,
-    MOST,
-    StretchTerm,
-    around,
-    fitted,
-    localised,
-    search_stretch,
-    without,
-)
+from estimator.offline.search.stretches.cells import LEAST_LAPS, MOST, around
+from estimator.offline.search.stretches.term import StretchTerm, fitted, localised, search_stretch, without
 from estimator.offline.search.trial import Setting, fit_names
 from estimator.offline.search.whiteness import structured
 

@@ -14,18 +14,8 @@ from support.practice_drives import PRIOR, record_of
 from estimator.offline.record.record import SPUN, Record
 from estimator.offline.report.words import grip_words
 from estimator.offline.search.evidence import Evidence
-from estimator.offline.search.stretch import (
-    CELL_M,
-    FORMS,
-    GRIP_STD,
-    LONGEST_SHARE,
-    Candidate,
-    Cells,
-    Stretch,
-    StretchTerm,
-    localised,
-    without,
-)
+from estimator.offline.search.stretches.cells import CELL_M, FORMS, GRIP_STD, LONGEST_SHARE, Candidate, Cells, Stretch
+from estimator.offline.search.stretches.term import StretchTerm, localised, without
 from estimator.offline.search.trial import Setting, fit_names
 
 COUNT, LAPS, WEIGHT = 60, 5, 4000.0

@@ -3,31 +3,25 @@
 Neither a function of the place nor one of time, and no effect of the catalogue. Every cell, some metres of one lap,
 has a gain by which the model would predict better if the grip of both axles were another one there. The rectangle of
 places and laps with the largest gain for one change of grip is the candidate: for given places the laps are those with
-the largest quotient of gradient and curvature (linear-time subset scan; Neill, J. R. Stat. Soc. B 74, 2012). It is
-fitted, and its edges sought again around that fit, whose tyres are not bent by the stretch any more.
+the largest quotient of gradient and curvature (linear-time subset scan; Neill, J. R. Stat. Soc. B 74, 2012).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.model.basis import Proportional
 from estimator.model.effects.base import Effect, Hook
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from estimator.offline.fit.normal import accumulate
-from estimator.offline.fit.prediction_error import Fit, Point, residual
+from estimator.offline.fit.prediction_error import Fit, Point
 from estimator.offline.predict.places import LATERAL, PLACES
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import Noise
 from estimator.offline.record.record import Record
 from estimator.offline.record.window_columns import WindowBasis
-from estimator.offline.search.empirical import Term
-from estimator.offline.search.evidence import SIGNIFICANCE, compare
-from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.process.arrays import Array, Expr, Ints
 
 CELL_M, MOST_CELLS = 10.0, 400
@@ -38,16 +32,14 @@ GRIP_STD = 0.3
 """Prior standard deviation of the relative change: a wet road has about 0.7 of the grip of a dry one."""
 TELLS = 3.0
 """A lap says whether it has the other grip where that would be so many of its own standard errors."""
-LEAST_LAPS = 2
-"""What acts in one lap predicts no other."""
 MOST = 0.5
 """Share of what is left in the lateral channels that a stretch must hold to be named as its cause."""
 LATERAL_ROWS = (1, 2, 4)
 """ay, yaw rate and vy of `record.MEASURED`"""
 PIECES = 4
 """of a stretch, whose errors are taken as independent: some seconds each"""
-AGAIN = 3
-"""times that the edges are sought anew at most"""
+LEAST_LAPS = 2
+"""What acts in one lap predicts no other."""
 
 
 def _stiffness_kept(terms: Terms, change: Expr) -> None:
@@ -59,7 +51,7 @@ FORMS: tuple[Hook, ...] = (PLACES["grip"].hook, _stiffness_kept)
 """Water takes from the peak D of a tyre, and from its cornering stiffness B C D as much or nothing."""
 
 
-def _effect(name: str, hook: Hook, prior: tuple[float, float] = (0.0, GRIP_STD)) -> Effect:
+def effect_of(name: str, hook: Hook, prior: tuple[float, float] = (0.0, GRIP_STD)) -> Effect:
     """Another grip of both axles in proportion to the profile of this name; `prior` is mean and deviation."""
     change = Parameter("change", "1", *prior, -0.9, 1.0, "of the grip of both axles, relative")
     return Effect(
@@ -92,6 +84,9 @@ class Stretch:
         position = record.signals["track_position"]
         inside = (position >= self.start) & (position < self.end)
         return (inside & (self.every_lap | np.isin(record.lap_of_row, self.laps))).astype(np.float64)
+
+
+NOWHERE = Stretch(0.0, 0.0, (), every_lap=False)
 
 
 @dataclass(frozen=True)
@@ -176,7 +171,7 @@ def cells(predictor: Predictor, parameters: Array, noise: Noise, variance: Array
     """
     record, model = predictor.record, predictor.model
     point = Point.at(predictor, parameters, noise)
-    unit = replace(_effect("unit", hook), profile="")
+    unit = replace(effect_of("unit", hook), profile="")
     wide = Predictor(replace(model, effects=(*model.effects, unit)), record)
     dry, wet = (wide.predict(np.insert(parameters, wide.blocks[-1].parameters.start, x)) for x in (0.0, -GRIP_STD))
     count = int(np.clip(round(record.lap_length / CELL_M), 1, MOST_CELLS))
@@ -197,120 +192,6 @@ def most_gaining(predictor: Predictor, parameters: Array, noise: Noise, variance
     return max(each, key=lambda one: one.gain)
 
 
-@dataclass(frozen=True)
-class StretchTerm(Term):
-    """Another grip of both axles on a stretch; its signal is track position, its one coefficient the change.
-
-    `known` are mean and deviation of the change before the fit.
-    """
-
-    hook: Hook = FORMS[0]
-    stretch: Stretch = Stretch(0.0, 0.0, (), False)
-    known: tuple[float, float] = (0.0, GRIP_STD)
-
-    @classmethod
-    def of(cls, found: Candidate, known: tuple[float, float] = (0.0, GRIP_STD)) -> StretchTerm:
-        """The term before it is fitted."""
-        stretch = found.stretch
-        name = f"empirical_grip_from_{stretch.start:.0f}_to_{stretch.end:.0f}_m"
-        nothing = compare(np.ones((5, 1)), np.ones((5, 1)), np.ones(1))
-        return cls(name, "track_position", Proportional(name, 1), nothing, None, found.hook, stretch, known)
-
-    @property
-    def label(self) -> str:
-        """What it is, in words."""
-        return f"grip from {self.stretch.start:.0f} to {self.stretch.end:.0f} m"
-
-    @property
-    def effect(self) -> Effect:
-        """The term as an effect."""
-        return _effect(self.place, self.hook, self.known)
-
-    def added_to(self, setting: Setting) -> Setting:
-        """The search with this term always active."""
-        record = setting.record
-        signals = {**record.signals, self.place: self.stretch.covers(record)}
-        setting = replace(setting, record=replace(record, signals=signals))
-        return setting.with_term(self.effect, self.basis, self.evidence.channels)
-
-    def repeats(self, record: Record) -> bool:
-        """Whether the stretch gains wherever it acts, beyond scatter, and in more than one lap.
-
-        Where it does not act it cannot gain, so that the other stretches and the halves of the time say nothing.
-        """
-        acts = record.thin(self.stretch.covers(record)).any(axis=1)
-        gains = self.evidence.laps[np.unique(record.lap[acts])]
-        if len(np.unique(record.window_laps[acts])) < LEAST_LAPS or len(gains) < LEAST_LAPS:
-            return False
-        return bool(gains.mean() > SIGNIFICANCE * gains.std(ddof=1) / np.sqrt(len(gains)) or np.all(gains > 0))
-
-
-def search_stretch(
-    setting: Setting, accepted: Sequence[str], current: Fit, least: float, progress: Callable[[str], None]
-) -> list[StretchTerm]:
-    """The stretch that gains most, fitted; none below a gain of `least`, and none of a single lap."""
-    found = localised(setting, accepted, current, least)
-    if found is None or len(found[0].stretch.laps) < LEAST_LAPS:
-        return []
-    return [fitted(setting, accepted, current, found[0], progress)]
-
-
-def fitted(
-    setting: Setting, accepted: Sequence[str], current: Fit, found: Candidate, progress: Callable[[str], None]
-) -> StretchTerm:
-    """The term of a candidate, fitted together with all else."""
-    term = StretchTerm.of(found)
-    progress(term.label)
-    fit = fit_names(term.added_to(setting), accepted, current)
-    return replace(term, evidence=compare(current.held_out(), fit.held_out(), fit.normal.count), fit=fit)
-
-
-def localised(setting: Setting, accepted: Sequence[str], current: Fit, least: float) -> tuple[Candidate, float] | None:
-    """The candidate beside these effects, and the share that it holds of what they leave in the lateral channels.
-
-    Tyres that were fitted to the stretch as well hide its edges: it is left out and sought again. None below a gain of
-    `least`, or where no sensor tells.
-    """
-    if not can_tell(setting.record):
-        return None
-    whole = replace(current, predictor=Predictor(setting.model(accepted), setting.record))
-    found = around(whole)
-    for _ in range(AGAIN):
-        if found.gain < least:
-            return None
-        elsewhere = replace(setting, record=without(setting.record, [found.stretch]))
-        fit = fit_names(elsewhere, accepted, whole)
-        whole, last = replace(fit, predictor=whole.predictor), found
-        found = around(whole)
-        if (found.stretch, found.hook) == (last.stretch, last.hook):
-            break
-    return found, share_of_excess(whole, found.stretch)
-
-
 def around(fit: Fit) -> Candidate:
     """The stretch that gains most around a fit."""
     return most_gaining(fit.predictor, fit.parameters, fit.noise, fit.normal.variance)
-
-
-def can_tell(record: Record) -> bool:
-    """Whether there are laps, places, and a sensor of the lateral motion."""
-    return "track_position" in record.bases and bool(record.used[list(LATERAL_ROWS)].any())
-
-
-def share_of_excess(fit: Fit, stretch: Stretch) -> float:
-    """Of the squares beyond noise that a fit leaves in the lateral channels, the part on the stretch."""
-    record, rows = fit.predictor.record, list(LATERAL_ROWS)
-    squares = residual(fit.predictor, fit.parameters, fit.noise)[rows] ** 2
-    weight = (record.used / fit.normal.variance)[rows]
-    excess = np.einsum("cwb,c->wb", squares - fit.normal.floor[rows, None, None], weight)
-    return float(excess[record.thin(stretch.covers(record)) > 0.0].sum() / max(float(excess.sum()), 1e-9))
-
-
-def without(record: Record, stretches: Sequence[Stretch]) -> Record:
-    """The record less the windows that have a part in one of the stretches."""
-    inside = np.zeros(record.windows, bool)
-    for stretch in stretches:
-        inside |= record.thin(stretch.covers(record)).any(axis=1)
-    elsewhere = record.select(~inside)
-    _, group = np.unique(elsewhere.lap, return_inverse=True)
-    return replace(elsewhere, lap=group.astype(np.int64))
