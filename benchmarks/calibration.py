@@ -3,9 +3,10 @@
     python -P benchmarks/calibration.py --drives 60 --first 0 --out DIR
 
 A drive has none to three effects of sensible size on one car, a road course or an oval, 4 to 8 laps and 25 to 200 rows
-a second, all drawn from its number (course, laps and rate for twelve drives together). Of what is stated: how often the 95 % intervals of sizes and tyre parameters hold
-the truth, how often a name is of an effect that is not there, and how often a name of a given confidence is right; with
-95 % intervals (Clopper and Pearson 1934), in `DIR/calibration.json` and `DIR/report.html`.
+a second, all drawn from its number (course, laps and rate for twelve drives together). Of what is stated: how often the
+95 % intervals of sizes and tyre parameters hold the truth, how often a name is of an effect that is not there, and how
+often a name of a given confidence is right; with 95 % intervals (Clopper and Pearson 1934), in `DIR/calibration.json`
+and `DIR/report.html`.
 """
 
 from __future__ import annotations
