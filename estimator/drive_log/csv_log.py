@@ -64,6 +64,9 @@ def _split(path: Path) -> tuple[list[str], list[str], list[str]]:
 
 
 def _check_header(path: Path, header: list[str], required: Sequence[str]) -> None:
+    separator = next((c for c in ";\t" if len(header) == 1 and c in header[0]), None)
+    if separator:
+        raise InputError(f"{path}: row 1: values are separated by {separator!r}: write commas, with points in numbers")
     for name in required:
         if name not in header:
             raise InputError(f"{path}: row 1: column {name} is missing; found {', '.join(header)}")

@@ -42,6 +42,13 @@ def test_missing_column_is_named(tmp_path: Path) -> None:
     _refused(_write(tmp_path, without=("vy",)), "row 1", "vy", "missing")
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_another_separator_is_named_with_the_remedy(tmp_path: Path, separator: str) -> None:
+    path = _write(tmp_path)
+    path.write_text(path.read_text().replace(",", separator))
+    _refused(path, "row 1", repr(separator), "write commas")
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_non_finite_value_is_named_by_row_and_column(tmp_path: Path, value: float) -> None:
     ay = DRIVE["ay"].copy()
