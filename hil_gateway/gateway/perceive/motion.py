@@ -75,6 +75,8 @@ class Motion:
     """rad of steering angle a m/s2 of lateral force, as the gyro has taught it"""
     prompt: bool = True
     """whether the yaw rate is that of now: the gyro's, or one that the wheels have told the changes of"""
+    by_wheels: bool = True
+    """whether the speed is that of the wheels"""
 
 
 class MotionReader:
@@ -139,7 +141,7 @@ class MotionReader:
             self._mismatch += share * ((rear - state.yaw_rate) / speed - self._mismatch)
         force = state.ay if imu else speed * max(yaw_rate, self._steered[-1], key=abs)
         prompt = imu or (course is not None and self._wheels_tell)
-        self.motion = Motion(speed, yaw_rate, force, imu, self._understeer, prompt)
+        self.motion = Motion(speed, yaw_rate, force, imu, self._understeer, prompt, wheels)
         return self.motion
 
     def teach(self, now_ns: int, state: VehicleState, estimate: Estimate) -> None:
