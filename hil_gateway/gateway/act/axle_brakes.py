@@ -55,6 +55,8 @@ UNDERSTEERS = 0.0015
 """rad a m/s2 of lateral force, taught by the gyro, from which the rear tyres are not the weak ones"""
 OVERSTEER = 0.1
 """rad/s by which a car turns faster than its steering means, from which its rear axle slides"""
+LATE_STEERING = 10
+"""periods (0.1 s) that a report of the steering is behind its command: delay, lag of the motor, its own way"""
 STRAIGHT = 0.3
 """of the declared grip of lateral force below which a rear axle that has slid is braked again"""
 SLIP_FROM = 6.0
@@ -84,6 +86,8 @@ class AxleBrakes:
         self._held = [self._most, self._most]
         """Pa that slipping wheels have left to the front and to the rear circuit"""
         self._asked: deque[tuple[float, float]] = deque(maxlen=WATCHED)
+        self._steered: deque[float] = deque(maxlen=LATE_STEERING)
+        """commanded angles at the wheels, rad"""
         self._answers = [1.0, 1.0]
         """share of its command that the front and the rear circuit report, 1 where that is a sound one's"""
         self._slides = self._understeers = False
@@ -92,6 +96,7 @@ class AxleBrakes:
     def watch(self, state: VehicleState, on_wire: Actuators) -> None:
         """What the circuits report of their commands; in every period, so that a stop begins with what is known."""
         self._asked.append((on_wire.brake_front, on_wire.brake_rear))
+        self._steered.append(on_wire.steering_motor / self._vehicle.steering_ratio)
         if len(self._asked) < WATCHED or not state.sources["pedals"].valid:
             return
         for circuit, reported in enumerate((state.brake_front, state.brake_rear)):
@@ -142,11 +147,13 @@ class AxleBrakes:
         return left_front, max(left_rear - ENGINE_DRAG, 0.0)
 
     def _note_slide(self, demand: Demand, state: VehicleState, motion: Motion) -> None:
-        """A rear axle that slides is not braked until the bend is over: pressed again at its limit it slides again."""
-        if motion.by_gyro and state.sources["steering"].valid:
+        """A rear axle that slides is not braked until the bend is over: pressed again at its limit it slides again. The
+        sensor of the steering may be what is wrong: its command, as late as a report, must mean as little."""
+        if motion.by_gyro and state.sources["steering"].valid and self._steered:
             path = self._vehicle.wheelbase + BRAKED_UNDERSTEER * motion.understeer * motion.speed**2
-            beyond = motion.yaw_rate - motion.speed * math.tan(state.steer) / path
-            self._slides = self._slides or math.copysign(beyond, beyond * motion.yaw_rate) > OVERSTEER
+            meant = (motion.speed * math.tan(angle) / path for angle in (state.steer, self._steered[0]))
+            side = math.copysign(1.0, motion.yaw_rate)
+            self._slides = self._slides or min(side * (motion.yaw_rate - rate) for rate in meant) > OVERSTEER
         straight = demand.lateral < STRAIGHT * self._grip * GRAVITY and abs(motion.ay) < STRAIGHT * self._grip * GRAVITY
         self._slides = self._slides and not straight
 
