@@ -19,7 +19,7 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
+from hil_gateway.gateway.perceive.motion import Motion
 
 PERIOD_S = 0.01
 """of the gateway"""
@@ -53,12 +53,6 @@ LEARNT = 0.1
 """weight of a period: 0.1 s"""
 UNDERSTEERS = 0.0015
 """rad a m/s2 of lateral force, taught by the gyro, from which the rear tyres are not the weak ones"""
-OVERSTEER = 0.1
-"""rad/s by which a car turns faster than its steering means, from which its rear axle slides"""
-LATE_STEERING = 10
-"""periods (0.1 s) that a report of the steering is behind its command: delay, lag of the motor, its own way"""
-STRAIGHT = 0.3
-"""of the declared grip of lateral force below which a rear axle that has slid is braked again"""
 SLIP_FROM = 6.0
 """m/s: slower, noise and rounding of the wheel speeds are slip"""
 
@@ -86,17 +80,14 @@ class AxleBrakes:
         self._held = [self._most, self._most]
         """Pa that slipping wheels have left to the front and to the rear circuit"""
         self._asked: deque[tuple[float, float]] = deque(maxlen=WATCHED)
-        self._steered: deque[float] = deque(maxlen=LATE_STEERING)
-        """commanded angles at the wheels, rad"""
         self._answers = [1.0, 1.0]
         """share of its command that the front and the rear circuit report, 1 where that is a sound one's"""
-        self._slides = self._understeers = False
-        """whether the rear axle has slid in this bend; whether the car understeers as it is driven"""
+        self._understeers = False
+        """whether the car understeers as it is driven"""
 
     def watch(self, state: VehicleState, on_wire: Actuators) -> None:
         """What the circuits report of their commands; in every period, so that a stop begins with what is known."""
         self._asked.append((on_wire.brake_front, on_wire.brake_rear))
-        self._steered.append(on_wire.steering_motor / self._vehicle.steering_ratio)
         if len(self._asked) < WATCHED or not state.sources["pedals"].valid:
             return
         for circuit, reported in enumerate((state.brake_front, state.brake_rear)):
@@ -110,11 +101,9 @@ class AxleBrakes:
         """A stop begins: nothing slips yet. `understeer` as the gyro has taught it, rad a m/s2 of lateral force."""
         self._understeers = understeer > UNDERSTEERS
         self._held = [self._most, self._most]
-        self._slides = False
 
     def step(self, wanted: Actuators, demand: Demand, state: VehicleState, motion: Motion) -> Actuators:
         """`wanted` with the pressures that the axles bear."""
-        self._note_slide(demand, state, motion)
         pressures = self.shared(wanted, demand, motion.speed)
         if motion.by_wheels and motion.speed > SLIP_FROM:
             self._watch(pressures, self._slips(state, motion))
@@ -126,7 +115,7 @@ class AxleBrakes:
         """Pressures of both circuits: what the rear one leaves is asked of the front one, as far as it goes, Pa."""
         total = wanted.brake_front + wanted.brake_rear
         front_most, rear_most = self._bears(speed, total * self._per_pa, demand)
-        rear = 0.0 if demand.flat_rear or self._slides else min(wanted.brake_rear, rear_most / self._per_pa)
+        rear = 0.0 if demand.flat_rear else min(wanted.brake_rear, rear_most / self._per_pa)
         more = 0.0 if demand.flat_front else front_most / self._per_pa
         front = min(total - rear, max(wanted.brake_front, more), self._most)
         return front, rear
@@ -145,17 +134,6 @@ class AxleBrakes:
         left_front = _beside(across * car.static_load_front, front, LEAST_SHARE)
         left_rear = _beside(across * car.static_load_rear, rear, LEAST_SHARE if demand.steadied else 0.0)
         return left_front, max(left_rear - ENGINE_DRAG, 0.0)
-
-    def _note_slide(self, demand: Demand, state: VehicleState, motion: Motion) -> None:
-        """A rear axle that slides is not braked until the bend is over: pressed again at its limit it slides again. The
-        sensor of the steering may be what is wrong: its command, as late as a report, must mean as little."""
-        if motion.by_gyro and state.sources["steering"].valid and self._steered:
-            path = self._vehicle.wheelbase + BRAKED_UNDERSTEER * motion.understeer * motion.speed**2
-            meant = (motion.speed * math.tan(angle) / path for angle in (state.steer, self._steered[0]))
-            side = math.copysign(1.0, motion.yaw_rate)
-            self._slides = self._slides or min(side * (motion.yaw_rate - rate) for rate in meant) > OVERSTEER
-        straight = demand.lateral < STRAIGHT * self._grip * GRAVITY and abs(motion.ay) < STRAIGHT * self._grip * GRAVITY
-        self._slides = self._slides and not straight
 
     def _slips(self, state: VehicleState, motion: Motion) -> tuple[float, float]:
         """Slip of the faster wheel of each axle: an inner one may lock in a bend, and carries little."""

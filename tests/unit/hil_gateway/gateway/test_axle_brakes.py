@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from support.scripted_car import Rig
 
-from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import Actuation, Actuators
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
@@ -161,29 +158,3 @@ def test_the_rear_tyres_of_a_car_that_understeers_count_with_all_their_grip():
     usual.start(0.001)
     understeers.start(0.002)
     assert understeers.shared(asked(8.0), BEND, 50.0)[1] > 1.2 * usual.shared(asked(8.0), BEND, 50.0)[1]
-
-
-def steered(rig: Rig, commanded: float, reported: float) -> tuple[AxleBrakes, VehicleState]:
-    """Brakes that have seen so much steering at the wheels for half a second, and the state that reports it, rad."""
-    car, state = brakes(), rig.gateway.seen[0].model_copy(update={"steer": reported})
-    for _ in range(50):
-        car.watch(state, replace(asked(8.0), steering_motor=VEHICLE.steering_ratio * commanded))
-    return car, state
-
-
-def test_a_rear_axle_that_slides_is_not_braked_before_the_bend_is_over(rig):
-    car, state = steered(rig, 0.02, 0.02)
-    slides, turns = (Motion(50.0, rate, 14.0, by_wheels=False) for rate in (0.5, 0.28))
-    assert car.step(asked(8.0), BEND, state, turns).brake_rear > 0.0
-    assert car.step(asked(8.0), BEND, state, slides).brake_rear == 0.0
-    assert car.step(asked(8.0), BEND, state, turns).brake_rear == 0.0
-    assert car.step(asked(8.0), STRAIGHT, state, Motion(50.0, 0.0, 0.5, by_wheels=False)).brake_rear > 0.0
-
-
-@pytest.mark.parametrize(
-    ("commanded", "reported"), [(-0.04, -0.04), (-0.02, 0.02), (0.02, -0.02)],
-    ids=["turns less than it is steered", "a wrong report", "steering reversed"],
-)  # fmt: skip
-def test_a_car_that_turns_as_one_of_command_and_report_means_is_braked_at_the_rear(rig, commanded, reported):
-    car, state = steered(rig, commanded, reported)
-    assert car.step(asked(8.0), BEND, state, Motion(50.0, -0.28, -14.0, by_wheels=False)).brake_rear > 0.0
