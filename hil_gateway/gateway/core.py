@@ -126,13 +126,14 @@ class Gateway:
         self.seen = state, situation.conditions
         self._reporter.note_change(situation, before, self.decision, self.inbox.estimate.age_s(now_ns))
         if self.decision.stopping and not before.stopping:
-            self._actor.start_stop()
+            self._actor.start_stop(self.monitors.motion.motion.understeer)
         return situation
 
     def _act(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None) -> None:
         """Ladder and actuator commands on the wire, and what was sent on the bus."""
         decision, command = self.decision, self.inbox.gate.newest
         self._actor.stopping.flat, self._actor.stopping.blind = self._tyres.flat, self.monitors.blind
+        self._actor.flat_front, self._actor.flat_rear = self._tyres.flat_front, self._tyres.flat_rear
         self._actor.report_ladder(now_ns, decision.race_control.ct_state, flags_received(self.builder))
         self._actor.steering_reversed = self.monitors.steering_reversed
         self._actor.caution_speed = caution_speed(self.builder, self._caution_speed)

@@ -12,6 +12,7 @@ from hil_gateway.car.powertrain import GearChoice
 from hil_gateway.car.states import CtState
 from hil_gateway.config import Config
 from hil_gateway.gateway.act import actuator_test
+from hil_gateway.gateway.act.axle_brakes import AxleBrakes, Demand
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.act.stuck_steering import StuckSteering
@@ -55,6 +56,9 @@ class Actor:
         self._on_wire = self._limits.resting(0.0)
         self.stopping = Stopping(config.vehicle, config.gateway.stop, config.powertrain.force_per_drive, track)
         self._stuck = StuckSteering(config.vehicle, config.gateway.stop, track)
+        self._axles = AxleBrakes(config.vehicle, config.gateway.stop.lateral_grip, config.powertrain)
+        self.flat_front = self.flat_rear = False
+        """whether a tyre of that axle is flat"""
         self.sent = self.limited = 0
 
     @property
@@ -72,10 +76,12 @@ class Actor:
         if self._transmits:
             self._transmitter.race_control(now_ns, ct_state, flags)
 
-    def start_stop(self) -> None:
-        """A stop begins: the angle on the wire is where steering goes on from."""
+    def start_stop(self, understeer: float) -> None:
+        """A stop begins: the angle on the wire is where steering goes on from. `understeer` as the gyro has taught it,
+        rad a m/s2 of lateral force."""
         self.stopping.start(self._actuation.to_steer(self.on_wire.steering_motor))
         self._stuck.start()
+        self._axles.start(understeer)
 
     def step(  # noqa: PLR0917 - a period
         self,
@@ -112,6 +118,7 @@ class Actor:
     ) -> Actuators:
         gear = self._gears.step(now_ns, motion.speed, state.engine_speed, state.gear)
         self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor), motion.speed)
+        self._axles.watch(state, self.on_wire)
         driving = decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
             return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S)
@@ -122,6 +129,11 @@ class Actor:
         else:
             steer, drive = self._stop(state, motion, decision, pose)
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
+        lateral = self.stopping.lateral
+        if not driving and lateral is not None:
+            wanted = self._axles.step(
+                wanted, Demand(lateral, self.flat_front, self.flat_rear, motion.by_gyro), state, motion
+            )
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
         return Actuators(wanted.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)

@@ -67,6 +67,8 @@ class Stopping:
         """whether a tyre is flat"""
         self.blind = False
         """whether no fixes hold the pose"""
+        self.lateral: float | None = None
+        """specific force that the car has or its way needs, m/s2; None where it does not steer: brakes take all"""
         self._brakes = True
         self._clear = CLEAR
         self._yields = 0.0
@@ -110,6 +112,7 @@ class Stopping:
         if self._path is not None and pose is not None:
             wanted = max(wanted, self._for_bends(self._path, pose, motion.speed))
             lateral = max(lateral, self._for_way(self._path, pose, motion.speed)) if steers else lateral
+        self.lateral = lateral if steers else None
         left = self._grip_left(motion.speed, lateral)
         force = self._vehicle.mass * (min(wanted, left) if steers else left)
         return self._steer, -force / self._force_per_drive

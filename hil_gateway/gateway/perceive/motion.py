@@ -53,6 +53,9 @@ SPIN_LEAST = 0.6
 """front over rear wheels' speed: driven wheels do not spin by more than two thirds; less is a dead front sensor"""
 TURNED_S = 0.04
 """time constant, s: noise of the wheel speeds (0.3 % of a sample, 0.1 rad/s at 50 m/s)"""
+WHEELS_SHARE = 0.5
+"""of what the wheels say of a change, beside the steering: where brakes press, inner wheels slip and show up to twice
+the turn; in a slide the steering shows less than there is, or the other way"""
 TURNED_MOST = 30.0
 """m/s2 of lateral force: wheels whose difference means more have locked"""
 LEAST_AHEAD = 0.8
@@ -75,6 +78,8 @@ class Motion:
     """rad of steering angle a m/s2 of lateral force, as the gyro has taught it"""
     prompt: bool = True
     """whether the yaw rate is that of now: the gyro's, or one that the wheels have told the changes of"""
+    by_wheels: bool = True
+    """whether the speed is that of the wheels"""
 
 
 class MotionReader:
@@ -84,8 +89,8 @@ class MotionReader:
     have taught, held against locking by what tyres can do; without wheels that of the fixes, then the IMU carries it
     on. Yaw rate: the gyro; without it the turn rate of the fixes' course, then the rear wheels' difference (which
     braking falsifies), then v tan(delta) / (L + K v^2) with the understeer K that the gyro has taught. Turn rates are
-    late by half the time they span: what has changed since then is added, by the differences of the wheels (under the
-    brakes up to twice what it is, but in time), else by the steering.
+    late by half the time they span: what has changed since then is added, half of it by the differences of the wheels
+    (under the brakes up to twice what it is) and half by the steering; by the steering alone without wheels.
     Lateral force without an IMU: by that yaw rate, or by the steering where that is more, which is not late: brakes
     leave grip for it. Where nothing reports any more, what stands on the wire is taken for done.
     """
@@ -139,7 +144,7 @@ class MotionReader:
             self._mismatch += share * ((rear - state.yaw_rate) / speed - self._mismatch)
         force = state.ay if imu else speed * max(yaw_rate, self._steered[-1], key=abs)
         prompt = imu or (course is not None and self._wheels_tell)
-        self.motion = Motion(speed, yaw_rate, force, imu, self._understeer, prompt)
+        self.motion = Motion(speed, yaw_rate, force, imu, self._understeer, prompt, wheels)
         return self.motion
 
     def teach(self, now_ns: int, state: VehicleState, estimate: Estimate) -> None:
@@ -249,8 +254,9 @@ class MotionReader:
 
     def _without_gyro(self, state: VehicleState, speed: float, wheels: bool, course: Course | None) -> float:
         if course is not None:
-            kept = self._turned if self._wheels_tell else self._steered
-            return course.turn_rate + kept[-1] - sum(kept) / len(kept)
+            share = WHEELS_SHARE if self._wheels_tell else 0.0
+            steered, turned = _since_mean(self._steered), _since_mean(self._turned)
+            return course.turn_rate + share * turned + (1.0 - share) * steered
         return self.rear_yaw_rate(state, speed) if wheels else self._steered[-1]
 
     @property
@@ -274,6 +280,11 @@ class MotionReader:
 
     def _rear_difference(self, state: VehicleState) -> float:
         return (state.wheel_speed_rr - state.wheel_speed_rl) / self._vehicle.track_rear
+
+
+def _since_mean(rates: deque[float]) -> float:
+    """By how much the newest differs from the mean of all, rad/s; 0 where there is none."""
+    return rates[-1] - sum(rates) / len(rates) if rates else 0.0
 
 
 def wheel_speeds(state: VehicleState) -> tuple[float, float, float, float]:

@@ -31,13 +31,14 @@ class TyreReports:
         self._had: dict[str, float] = {}
         self._flat = Held()
         self._due_ns = self._seq = 0
-        self.flat = False
-        """whether a tyre was flat when it was last asked"""
+        self.flat = self.flat_front = self.flat_rear = False
+        """whether a tyre, of any or of one axle, was flat when it was last asked"""
 
     def flat_s(self, now_ns: int) -> float:
         """Seconds a tyre has had less than half of the pressure it had; once a period."""
         flat = [self._is_flat(wheel) for wheel in WHEELS]  # each keeps its own pressure
-        self.flat = any(flat)
+        self.flat_front, self.flat_rear = any(flat[:2]), any(flat[2:])
+        self.flat = self.flat_front or self.flat_rear
         return self._flat.update(self.flat, now_ns)
 
     def message(self, now_ns: int) -> Tyres | None:

@@ -1,9 +1,10 @@
 """Whether physics allows a stop on the road: the best of many stops that know the true state and the fault at once.
 
 The plant alone is driven on from the present state, once for each of a family of stops: steering along the way of a
-stop by the true pose, with several decelerations and shares of grip, and brakes held at several pressures and balances
-with the steering as it is. The actuators are as broken as in the fault. Where even the best of them leaves the road,
-physics does not allow a stop, as far as this family goes: a fault is then no fault of monitors or of the stop.
+stop by the true pose, with several decelerations and shares of grip, the brakes as declared or axle by axle, and
+brakes held at several pressures and balances with the steering as it is. The actuators are as broken as in the fault.
+Where even the best of them leaves the road, physics does not allow a stop, as far as this family goes: a fault is then
+no fault of monitors or of the stop.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import Any
 from can_dbc.codec import load_codec
 from hil_gateway.car.actuation import Actuation, Actuators
 from hil_gateway.config import Config
+from hil_gateway.gateway.act.axle_brakes import AxleBrakes, Demand
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
@@ -84,8 +86,9 @@ def _stops(plant: Plant, config: Config) -> Iterator[tuple[str, Callable[[], Dri
     """Name and maker of each stop of the family."""
     for grip in GRIPS:
         for deceleration in DECELERATIONS:
-            name = f"along its way, {deceleration:g} m/s2 at {grip:g} g"
-            yield name, partial(_along_its_way, plant.car, config, deceleration, grip)
+            for by_axle in (False, True):
+                name = f"along its way, {deceleration:g} m/s2 at {grip:g} g{', axle by axle' if by_axle else ''}"
+                yield name, partial(_along_its_way, plant.car, config, deceleration, grip, by_axle)
     held = plant.car["steer"] * config.vehicle.steering_ratio
     for pressure in PRESSURES:
         for balance in BALANCES if pressure else (0.0,):
@@ -98,7 +101,7 @@ def _held(brakes: Actuators) -> Driver:
     return lambda: brakes
 
 
-def _along_its_way(car: Car, config: Config, deceleration: float, grip: float) -> Driver:
+def _along_its_way(car: Car, config: Config, deceleration: float, grip: float, by_axle: bool) -> Driver:
     changes = {
         "controlled_deceleration": deceleration, "emergency_deceleration": max(deceleration, 12.0), "lateral_grip": grip
     }  # fmt: skip
@@ -106,12 +109,19 @@ def _along_its_way(car: Car, config: Config, deceleration: float, grip: float) -
     actuation = Actuation(config.vehicle, config.powertrain)
     stopping = Stopping(config.vehicle, stop, config.powertrain.force_per_drive, car.road.track)
     stopping.start(car["steer"])
+    stopping.flat = by_axle and any(car.flats)
+    axles = AxleBrakes(config.vehicle, grip, config.powertrain)
 
     def drive() -> Actuators:
         motion = Motion(car["vx"], car["yaw_rate"], car["vx"] * car["yaw_rate"])
         pose = Pose(car["x"], car["y"], car["yaw"], car["vx"], math.atan2(car["vy"], car["vx"]))
         steer, braking = stopping.command(motion, pose, emergency=False)
-        return actuation.to_actuators(steer, braking, car.gear, 0.0, car.gear)
+        wanted = actuation.to_actuators(steer, braking, car.gear, 0.0, car.gear)
+        if not by_axle:
+            return wanted
+        demand = Demand(stopping.lateral or 0.0, any(car.flats[:2]), any(car.flats[2:]))
+        front, rear = axles.shared(wanted, demand, car["vx"])
+        return replace(wanted, brake_front=front, brake_rear=rear)
 
     return drive
 

@@ -159,11 +159,17 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     ),
     CarFault("IMU missing", IMU, ("state_invalid",), 0.15, "its age", _lost),
     CarFault("IMU frozen", IMU, ("state_invalid",), 0.35, "noise changes the last bit of every frame", _frozen),
-    CarFault("IMU constant with dither", IMU, _MOTION, 6.0, "steering, wheels, pedals, when they move", _dithering),
-    CarFault("IMU near zero", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _scaled(0.02, *INERTIAL)),
-    CarFault("IMU sign flipped", IMU, _MOTION, 6.0, "wheels and steering, in the next bend", _scaled(-1.0, *INERTIAL)),
     CarFault(
-        "yaw rate off by 0.3 rad/s", IMU, _MOTION, 1.5, "v r against lateral force; wheels", _plus(0.3, "imu_yaw_rate")
+        "IMU constant with dither", IMU, _MOTION, 6.0, "its own noise; steering, wheels, pedals, when they move",
+        _dithering
+    ),
+    CarFault("IMU near zero", IMU, _MOTION, 6.0, "its own noise, a step", _scaled(0.02, *INERTIAL)),
+    CarFault(
+        "IMU sign flipped", IMU, _MOTION, 6.0, "a step, or wheels and steering, in the next bend",
+        _scaled(-1.0, *INERTIAL)
+    ),
+    CarFault(
+        "yaw rate off by 0.3 rad/s", IMU, _MOTION, 1.5, "a step", _plus(0.3, "imu_yaw_rate")
     ),
     CarFault("wheel speeds missing", WHEELS, ("state_invalid",), 0.15, "their age", _lost),
     CarFault("wheel speeds frozen", WHEELS, ("state_invalid",), 0.35, "noise changes the last bit", _frozen),
@@ -236,7 +242,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         actuate=lambda asked, before: replace(asked, throttle=max(asked.throttle, 0.6)),
     ),
     CarFault(
-        "IMU turned by 180 deg", IMU, _MOTION, 6.0, "wheels and steering, in the next bend",
+        "IMU turned by 180 deg", IMU, _MOTION, 6.0, "a step, or wheels and steering, in the next bend",
         _scaled(-1.0, "imu_ax", "imu_ay"),
     ),
     CarFault(

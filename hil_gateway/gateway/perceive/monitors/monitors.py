@@ -14,6 +14,7 @@ from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
 from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
 from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.monitors.imu import ImuMonitor
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.gateway.perceive.monitors.sensors import (
@@ -69,6 +70,7 @@ class Monitors:
         self._sides = SideMonitor(vehicle)
         self._gyro = GyroMonitor(vehicle)
         self._still = StillMonitor(config)
+        self._imu = ImuMonitor()
         self._lateral = LateralMonitor()
         self._steady = SteadyCourse()
         self._course = CourseMonitor()
@@ -128,6 +130,7 @@ class Monitors:
     ) -> dict[str, float]:
         """`commanded` is what stands on the wire, None while nothing is sent; after `motion` and `position`. `course`
         is that of the fixes, None where they say nothing."""
+        self._imu.step(state, self.motion.motion.speed)
         self._miss(now_ns, state)
         speed, imu = self.motion.motion.speed, self._reports(state)
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
@@ -179,7 +182,7 @@ class Monitors:
         rates = state.yaw_rate, self.motion.wheel_yaw_rate(state, speed), steered
         return Sensors(
             wheels=max(one_differs, swapped, sided),
-            yaw_rate=max(turns, hangs, contradicted.yaw_rate),
+            yaw_rate=INFINITE if self._imu.found else max(turns, hangs, contradicted.yaw_rate),
             acceleration=max(changes, lateral, contradicted.acceleration),
             slipping=(wheels and self._wheels.all_fell) or (changes > 0.0 and contradicted.wheels > 0.0 and not locked),
             fixes=trusted is not None,
@@ -194,17 +197,19 @@ class Monitors:
         """An IMU that is gone while the wheels go on reporting."""
         alone = state.sources["wheel_speeds"].valid and not state.sources["imu"].valid
         held_s = self._imu_missed.update(alone, now_ns)
-        self._imu_gone = self.stopping and (self._imu_gone or held_s > IMU_GONE_S)
+        self._imu_gone = self._imu.found or (self.stopping and (self._imu_gone or held_s > IMU_GONE_S))
 
     def _distrust(self, held_s: float, sensors: Sensors) -> None:
         """From a first contradiction of the IMU, which has `held_s`, no estimate is believed; after some of it, until
         the car stands, no IMU where there are fixes to go by, or no wheels where it is they that neither the fixes nor
-        the IMU agree with. A gyro that is outvoted is what made the fixes not fit. One that has shown which way the
-        steering goes stays believed: a car that steers to the wrong side first slides, and contradicts everything."""
+        the IMU agree with. A gyro that is outvoted is what made the fixes not fit. It stays believed in a car that
+        slides as it steers to the wrong side first, which the gyro has shown, or as a tyre is flat: a slide contradicts
+        everything, and without a gyro nothing catches it."""
         moving = self.motion.motion.speed > STANDSTILL
         self.wheels_wrong = moving and (self.wheels_wrong or (sensors.slipping and not self.imu_wrong))
-        held_s = 0.0 if self.steering_reversed else held_s
-        outvoted = sensors.outvoted and not self.steering_reversed
+        slides = self.steering_reversed or self.flat
+        held_s = 0.0 if slides else held_s
+        outvoted = sensors.outvoted and not slides
         found = outvoted or (held_s > IMU_WRONG_S and sensors.fixes)
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
         self.motion.believe_imu = not self.imu_wrong and not self._imu_gone

@@ -14,7 +14,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.sensors import SpeedChangeMonitor
 from hil_gateway.gateway.perceive.monitors.wheels import LockedWheels
-from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
+from hil_gateway.gateway.perceive.motion import WHEELS_SHARE, MotionReader, second_fastest
 
 PERIOD_NS = 10_000_000
 CONFIG = Config()
@@ -102,7 +102,7 @@ def test_what_a_wrong_imu_has_taught_at_last_is_not_gone_by(wrong: bool) -> None
 
 
 @pytest.mark.parametrize("wheels", [True, False])
-def test_without_a_gyro_the_wheels_tell_at_once_what_the_course_does_not_know_yet(wheels: bool) -> None:
+def test_without_a_gyro_the_wheels_tell_at_once_half_of_what_the_course_does_not_know_yet(wheels: bool) -> None:
     """A car that begins to slide turns faster, with the steering as it was; the course of the fixes is late."""
     speed = 40.0
     reader, straight = MotionReader(CAR, PER_PA), driving(speed, 0.0, sources=True)
@@ -114,7 +114,7 @@ def test_without_a_gyro_the_wheels_tell_at_once_what_the_course_does_not_know_ye
         now_ns += PERIOD_NS
         reader.step(now_ns, state, course)
     assert reader.motion.prompt is wheels
-    assert reader.motion.yaw_rate == pytest.approx(0.3 * (1.0 - 13 / 38) if wheels else 0.0, abs=0.03)
+    assert reader.motion.yaw_rate == pytest.approx(WHEELS_SHARE * 0.3 * (1.0 - 13 / 38) if wheels else 0.0, abs=0.015)
 
 
 @pytest.mark.parametrize("drive", [0.1, 0.0])

@@ -128,3 +128,23 @@ def test_sound_tyres_that_turn_and_push_the_same_way_outvote_the_gyro() -> None:
     rig = pulling_to_its_side(SOUND_MBAR)
     rig.run(0.1)
     assert rig.gateway.monitors.shares["gyro, wheels"] > 1.0
+
+
+@pytest.mark.parametrize(("wheel", "braked"), [("FL", True), ("RR", False)])
+def test_a_stop_with_a_flat_rear_tyre_brakes_in_front_alone(wheel: str, braked: bool) -> None:
+    rig, pressures = driving(12.0)
+    pressures[wheel] = FLAT_MBAR
+    rig.run(0.5)
+    assert rig.car.commands["F_brake_pressure_cmd"] > 1000.0
+    assert (rig.car.commands["R_brake_pressure_cmd"] > 1000.0) is braked
+
+
+@pytest.mark.parametrize("mbar", [FLAT_MBAR, SOUND_MBAR])
+def test_a_car_that_slides_on_a_flat_tyre_keeps_its_gyro(mbar: float) -> None:
+    """Yaw rate and lateral force do not fit each other then: that is the slide, and the gyro is what can catch it."""
+    rig, pressures = driving(12.0)
+    pressures["RR"] = mbar
+    rig.run(0.4)
+    rig.hooks.append(lambda rig: rig.car.overrides.update(imu_yaw_rate=40.0))
+    rig.run(0.5)
+    assert rig.gateway.monitors.imu_wrong is (mbar == SOUND_MBAR)

@@ -1,0 +1,157 @@
+"""Brakes of a stop, axle by axle: no more on either than its tyres give beside the lateral force.
+
+What a stop asks for fits the car as a whole. Its axles bear different shares of the load, and the engine drags at the
+rear one alone. A front axle that is braked too hard turns the car less; a rear one spins it. So the rear tyres are
+reckoned with less grip than declared, and the front brakes take over what the rear ones leave, as far as their own
+tyres bear it. Of an axle with load N and the share m of the mass: F <= sqrt((mu N)^2 - (m a_y)^2) beside the lateral
+specific force a_y (friction circle; W. F. Milliken and D. L. Milliken, Race Car Vehicle Dynamics, 1995, ch. 2).
+An axle whose wheels slip all the same is let go until they roll. A circuit that reports less than it is asked for is
+asked for more; then every brake is needed, and the rear tyres count with all of the declared grip.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.powertrain import Powertrain
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.gateway.perceive.motion import Motion
+
+PERIOD_S = 0.01
+"""of the gateway"""
+REAR_SHARE = 0.8
+"""of the declared grip the rear tyres are reckoned with: tyres differ by a fifth"""
+ENGINE_DRAG = 600.0
+"""N at the rear wheels with the throttle closed (45 N m of the engine in third gear)"""
+LEAST_SHARE = 0.3
+"""of its grip an axle is braked with at least, however large the lateral force, as the whole car is: in a banked bend
+tyres bear more"""
+SLIPS = (0.08, 0.06)
+"""slip of the faster wheel, front and rear, beyond which an axle is let go: racing tyres give most at 0.1, and without
+lateral force"""
+LET_GO = 100.0
+"""1/s a unit of slip beyond: at 0.05 the pressure halves within 0.14 s, before a wheel stands"""
+PRESS_AGAIN = 4e6
+"""Pa/s: the whole pressure within a second"""
+LEAST_PRESSURE = 0.1e6
+"""Pa that are left: with less the brakes do not bite"""
+WATCHED, LATE = 20, 5
+"""periods a circuit is compared over, and those of them that its report is behind: delay and lag of the brakes"""
+JUDGED_FROM = 0.8e6
+"""Pa of command from which a report says what a circuit does"""
+STEADY = 1.5
+"""largest over least command of those periods: a circuit that is late is not weak"""
+ANSWERS = 0.8
+"""of its command a sound circuit reports: pads, lines and sensors scatter by a tenth"""
+WEAKEST = 0.15
+"""share below which a circuit is not asked for still more"""
+LEARNT = 0.1
+"""weight of a period: 0.1 s"""
+UNDERSTEERS = 0.0015
+"""rad a m/s2 of lateral force, taught by the gyro, from which the rear tyres are not the weak ones"""
+SLIP_FROM = 6.0
+"""m/s: slower, noise and rounding of the wheel speeds are slip"""
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """What limits the brakes in this period."""
+
+    lateral: float
+    """specific force that the car has or its way needs, m/s2"""
+    flat_front: bool
+    flat_rear: bool
+    """a tyre of that axle is flat: both of its brakes press alike, and would lock it"""
+    steadied: bool = True
+    """a gyro shows how the car turns; without one it is rear wheels that roll which steady it"""
+
+
+class AxleBrakes:
+    """Pressures of both circuits, once a period of a stop; `start` with it."""
+
+    def __init__(self, vehicle: Vehicle, lateral_grip: float, train: Powertrain) -> None:
+        """`lateral_grip`: declared friction coefficient of the tyres."""
+        self._vehicle, self._grip = vehicle, lateral_grip
+        self._per_pa, self._most = train.brake_force_per_pa, train.brake_pressure_max
+        self._held = [self._most, self._most]
+        """Pa that slipping wheels have left to the front and to the rear circuit"""
+        self._asked: deque[tuple[float, float]] = deque(maxlen=WATCHED)
+        self._answers = [1.0, 1.0]
+        """share of its command that the front and the rear circuit report, 1 where that is a sound one's"""
+        self._understeers = False
+        """whether the car understeers as it is driven"""
+
+    def watch(self, state: VehicleState, on_wire: Actuators) -> None:
+        """What the circuits report of their commands; in every period, so that a stop begins with what is known."""
+        self._asked.append((on_wire.brake_front, on_wire.brake_rear))
+        if len(self._asked) < WATCHED or not state.sources["pedals"].valid:
+            return
+        for circuit, reported in enumerate((state.brake_front, state.brake_rear)):
+            asked = [pressures[circuit] for pressures in self._asked][:-LATE]
+            if min(asked) > JUDGED_FROM and max(asked) < STEADY * min(asked):
+                share = reported * len(asked) / sum(asked)
+                share = share if share < ANSWERS else 1.0
+                self._answers[circuit] += LEARNT * (share - self._answers[circuit])
+
+    def start(self, understeer: float) -> None:
+        """A stop begins: nothing slips yet. `understeer` as the gyro has taught it, rad a m/s2 of lateral force."""
+        self._understeers = understeer > UNDERSTEERS
+        self._held = [self._most, self._most]
+
+    def step(self, wanted: Actuators, demand: Demand, state: VehicleState, motion: Motion) -> Actuators:
+        """`wanted` with the pressures that the axles bear."""
+        pressures = self.shared(wanted, demand, motion.speed)
+        if motion.by_wheels and motion.speed > SLIP_FROM:
+            self._watch(pressures, self._slips(state, motion))
+        limited = (min(pair) for pair in zip(pressures, self._held, strict=True))
+        front, rear = (min(p / max(a, WEAKEST), self._most) for p, a in zip(limited, self._answers, strict=True))
+        return replace(wanted, brake_front=front, brake_rear=rear)
+
+    def shared(self, wanted: Actuators, demand: Demand, speed: float) -> tuple[float, float]:
+        """Pressures of both circuits: what the rear one leaves is asked of the front one, as far as it goes, Pa."""
+        total = wanted.brake_front + wanted.brake_rear
+        front_most, rear_most = self._bears(speed, total * self._per_pa, demand)
+        rear = 0.0 if demand.flat_rear else min(wanted.brake_rear, rear_most / self._per_pa)
+        more = 0.0 if demand.flat_front else front_most / self._per_pa
+        front = min(total - rear, max(wanted.brake_front, more), self._most)
+        return front, rear
+
+    def _bears(self, speed: float, braking: float, demand: Demand) -> tuple[float, float]:
+        """Force of the front and of the rear brakes at most, N, in a car that brakes with `braking` (N)."""
+        car, grip = self._vehicle, self._grip
+        pressed, moved = 0.5 * car.air_density * speed**2, braking * car.cg_height / car.wheelbase
+        front = grip * (car.static_load_front - car.lift_area_front * pressed + moved)
+        rear = (
+            (REAR_SHARE if min(self._answers) > ANSWERS and not self._understeers else 1.0)
+            * grip
+            * (car.static_load_rear - car.lift_area_rear * pressed - moved)
+        )
+        across = demand.lateral / GRAVITY
+        left_front = _beside(across * car.static_load_front, front, LEAST_SHARE)
+        left_rear = _beside(across * car.static_load_rear, rear, LEAST_SHARE if demand.steadied else 0.0)
+        return left_front, max(left_rear - ENGINE_DRAG, 0.0)
+
+    def _slips(self, state: VehicleState, motion: Motion) -> tuple[float, float]:
+        """Slip of the faster wheel of each axle: an inner one may lock in a bend, and carries little."""
+        front, rear = (0.5 * track * motion.yaw_rate for track in (self._vehicle.track_front, self._vehicle.track_rear))
+        fastest_front = max(state.wheel_speed_fl + front, state.wheel_speed_fr - front)
+        fastest_rear = max(state.wheel_speed_rl + rear, state.wheel_speed_rr - rear)
+        return 1.0 - fastest_front / motion.speed, 1.0 - fastest_rear / motion.speed
+
+    def _watch(self, pressures: tuple[float, float], slips: tuple[float, float]) -> None:
+        """Let an axle go that slips, and press again where it rolls."""
+        for axle, (pressure, slip, bound) in enumerate(zip(pressures, slips, SLIPS, strict=True)):
+            if slip > bound:
+                share = max(1.0 - LET_GO * (slip - bound) * PERIOD_S, LEAST_SHARE)
+                self._held[axle] = max(share * min(self._held[axle], pressure), LEAST_PRESSURE)
+            else:
+                self._held[axle] = min(self._held[axle] + PRESS_AGAIN * PERIOD_S, self._most)
+
+
+def _beside(across: float, most: float, least_share: float) -> float:
+    """What is left along the wheels of `most` beside a force across them, at least that share of it, N."""
+    return math.sqrt(max(most**2 - across**2, (least_share * most) ** 2))

@@ -1,0 +1,86 @@
+"""The IMU against itself: readings that step as no car moves, and a gyro that has lost its noise.
+
+Mass and inertia make forces and rates change over some periods. A reading that is steady, differs by a lot in the next
+period and is steady there has another reason: an offset, a sign, a scale that went wrong. Noise of a gyro is its own,
+and does not fall by an order of magnitude while the car drives: what has lost it no longer measures.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from itertools import pairwise
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM
+
+STEADY = 4
+"""periods before and after a step: a spike of a kerb has passed by then"""
+LEVEL_SHARE = 0.4
+"""of a step that a reading on either side of it may differ from the one before: on a ramp all differ alike, and a spike
+goes back"""
+TURN, FORCE = 0.04, 3.0
+"""rad/s and m/s2: steps beside noise (0.0015 and 0.1); sound drives come to 0.02 and 1.5"""
+KICK = 0.15
+"""rad/s of a step of the yaw rate alone: 15 rad/s2, which tyres of 1.5 g reach with both axles against each other"""
+QUIET = 0.08
+"""of its usual noise that a gyro has at least: 0.145 was the least on a measured drive of an AV-21 (25 Hz, filtered,
+mostly motion), 0.26 on simulated ones"""
+WINDOW = 20
+"""periods (0.2 s) of noise; a mean of so many differs from the usual one by a fifth"""
+USUAL = 500
+"""periods (5 s) over which the usual noise is learnt"""
+RESOLVED = 5e-4
+"""rad/s of usual noise, six steps of 0.005 deg/s, from which less can be told"""
+
+
+class ImuMonitor:
+    """Keeps the newest readings; what it has found holds until the car stands."""
+
+    def __init__(self) -> None:
+        self._readings: deque[tuple[float, float, float]] = deque(maxlen=2 * STEADY)
+        """yaw rate, rad/s; lateral and longitudinal specific force, m/s2"""
+        self._noise: deque[float] = deque(maxlen=WINDOW)
+        """second differences of the yaw rate, rad/s"""
+        self._usual, self._learnt = 0.0, 0
+        self.found = False
+
+    def step(self, state: VehicleState, speed: float) -> None:
+        """One period; `speed` in m/s."""
+        self.found = self.found and speed > 0.0
+        if speed < JUDGED_FROM or not state.sources["imu"].valid:
+            self._readings.clear()
+            self._noise.clear()
+            return
+        self._readings.append((state.yaw_rate, state.ay, state.ax))
+        self.found = self.found or self._stepped() or self._quiet()
+
+    def _stepped(self) -> bool:
+        """Whether the yaw rate has stepped by `KICK`, or two of the three, one of them the yaw rate or to the other
+        sign: on a patch of less grip both forces fall."""
+        if len(self._readings) < 2 * STEADY:
+            return False
+        turn, *forces = (_step(reading) for reading in zip(*self._readings, strict=True))
+        stepped = [abs(force) > FORCE for force in forces]
+        _, *before = self._readings[STEADY - 1]
+        mirrored = any(was * (was + force) < 0.0 for force, was in zip(forces, before, strict=True))
+        return abs(turn) > KICK or (abs(turn) > TURN and any(stepped)) or (all(stepped) and mirrored)
+
+    def _quiet(self) -> bool:
+        """Whether the noise has fallen; learns what is usual."""
+        if len(self._readings) < 3:
+            return False
+        (before, *_), (last, *_), (now, *_) = list(self._readings)[-3:]
+        self._noise.append(abs(now - 2.0 * last + before))
+        if len(self._noise) < WINDOW:
+            return False
+        self._learnt = min(self._learnt + 1, USUAL)
+        self._usual += (self._noise[0] - self._usual) / self._learnt
+        usual = self._usual if self._learnt == USUAL else 0.0
+        return usual > RESOLVED and sum(self._noise) / WINDOW < QUIET * usual
+
+
+def _step(readings: tuple[float, ...]) -> float:
+    """By how much the later half of the readings differs from the earlier one at once; 0 where it does not step."""
+    changes = [now - before for before, now in pairwise(readings)]
+    step = changes.pop(STEADY - 1)
+    return step if max(map(abs, changes)) < LEVEL_SHARE * abs(step) else 0.0
