@@ -29,6 +29,8 @@ WINDOW = 20
 """periods (0.2 s) of noise; a mean of so many differs from the usual one by a fifth"""
 USUAL = 500
 """periods (5 s) over which the usual noise is learnt"""
+HELD_S, MISSED_S = 0.01, 0.02
+"""s; age of a reading that is the one before, and of one after which two were missed: all that changed comes at once"""
 RESOLVED = 5e-4
 """rad/s of usual noise, six steps of 0.005 deg/s, from which less can be told"""
 
@@ -47,9 +49,12 @@ class ImuMonitor:
     def step(self, state: VehicleState, speed: float) -> None:
         """One period; `speed` in m/s."""
         self.found = self.found and speed > 0.0
-        if speed < JUDGED_FROM or not state.sources["imu"].valid:
+        imu = state.sources["imu"]
+        if speed < JUDGED_FROM or not imu.valid or imu.age_s is None or imu.age_s >= MISSED_S:
             self._readings.clear()
             self._noise.clear()
+            return
+        if imu.age_s >= HELD_S:
             return
         self._readings.append((state.yaw_rate, state.ay, state.ax))
         self.found = self.found or self._stepped() or self._quiet()

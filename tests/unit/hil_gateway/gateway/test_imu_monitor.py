@@ -31,11 +31,12 @@ class Drive:
         self._state, self._rng = state, random.Random(1)
         self.monitor = ImuMonitor()
 
-    def read(self, turn: float, ay: float, ax: float, noise: float = 1.0) -> bool:
+    def read(self, turn: float, ay: float, ax: float, noise: float = 1.0, age_s: float = 0.0) -> bool:
         draw = self._rng.gauss
         yaw_rate = turn + noise * draw(0.0, GYRO_NOISE)
         forces = {"ay": ay + draw(0.0, FORCE_NOISE), "ax": ax + draw(0.0, FORCE_NOISE)}
-        self.monitor.step(self._state.model_copy(update={"yaw_rate": yaw_rate, **forces}), SPEED)
+        sources = self._state.sources | {"imu": self._state.sources["imu"].model_copy(update={"age_s": age_s})}
+        self.monitor.step(self._state.model_copy(update={"yaw_rate": yaw_rate, "sources": sources, **forces}), SPEED)
         return self.monitor.found
 
     def steps(self, before: tuple[float, float, float], after: tuple[float, float, float]) -> bool:
@@ -71,6 +72,16 @@ def test_a_kerb_is_no_wrong_imu(state):
     drive = Drive(state)
     readings = [(0.1, 8.0, -2.0)] * 10 + [(0.25, 20.0, 6.0)] + [(0.1, 8.0, -2.0)] * 10
     assert not any(drive.read(*reading) for reading in readings)
+
+
+@pytest.mark.parametrize("missed", [1, 2, 4])
+def test_frames_that_a_busy_bus_holds_back_while_the_car_turns_in_are_no_wrong_imu(state, missed):
+    """2 rad/s2 and 100 m/s3: what has changed since the last frame comes at once."""
+    drive = Drive(state)
+    for n in range(60):
+        behind = n - 30 + 1 if 30 <= n < 30 + missed else 0
+        turned = n - behind
+        assert not drive.read(0.02 * turned, 1.0 * turned, -2.0, noise=0.0, age_s=0.01 * behind)
 
 
 @pytest.mark.parametrize(("noise", "found"), [(0.02, True), (0.5, False)])
