@@ -57,13 +57,12 @@ class HealthReport:
     def doubtful(self) -> tuple[str, ...]:
         """Channels not to be explained by effects: repaired too coarsely for it, or found to be useless.
 
-        Of vy and yaw rate neither tells the slip without the other, unless a lateral accelerometer stands in for it.
+        Of vy and yaw rate neither tells the slip without the other, unless there is a lateral accelerometer: then what
+        the repair of vy has left is estimated (`vy_is_displaced`).
         """
         useless = tuple(f.channel for f in self.findings if f.action is Action.EXCLUDED and f.repair is None)
-        displaced, moved = self.vy_is_displaced, self.yaw_rate_was_moved
-        if "ay" in self.log.derived:
-            return ("vy", "yaw_rate") * (displaced or moved) + useless
-        return ("vy",) * displaced + ("yaw_rate",) * (moved and not displaced) + useless
+        repaired = self.vy_is_displaced or self.yaw_rate_was_moved
+        return ("vy", "yaw_rate") * (repaired and "ay" in self.log.derived) + useless
 
     def repaired(self, finding: Finding) -> HealthReport:
         """This report with one more finding and its repair, for what only a fit can find; sizes of one name add up."""

@@ -15,12 +15,12 @@ from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from estimator.offline.record.road_load import bank_load
+from estimator.offline.record.unknown_inputs import DISPLACED_VY
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
 
 STEER_TIMING = "steer_timing"
 STEER_ZERO = "steer_offset"
-VY_SENSOR = "vy_sensor"
 YAW_RATE_TIMING = "yaw_rate_timing"
 KNOWN_BANK = "known_bank"
 DOWNFORCE = "aero_downforce"
@@ -62,25 +62,20 @@ def downforce() -> Effect:
 
 def _along(name: str) -> Effect:
     """An effect of the catalogue with parameters named `effect.parameter`."""
-    effect = catalogue()[name]
-    return replace(effect, parameters=tuple(replace(p, name=f"{name}.{p.name}") for p in effect.parameters))
+    return _renamed(catalogue()[name])
+
+
+def _renamed(effect: Effect) -> Effect:
+    parameters = tuple(replace(p, name=f"{effect.name}.{p.name}") for p in effect.parameters)
+    return replace(effect, parameters=parameters)
 
 
 def vy_sensor() -> Effect:
-    """Sensor of vy ahead of the CoG, turned against the car, with a bias: used where log health finds it so."""
-    return Effect(
-        name=VY_SENSOR,
-        lacks="vy is that of the centre of gravity",
-        equation="vy reported = vy + x yaw_rate + angle vx + bias",
-        source="rigid-body kinematics",
-        parameters=(
-            Parameter(f"{VY_SENSOR}.x", "m", 0.0, 1.0, -5.0, 5.0, "position ahead of the CoG"),
-            Parameter(f"{VY_SENSOR}.angle", "rad", 0.0, 0.02, -0.2, 0.2, "misalignment"),
-            Parameter(f"{VY_SENSOR}.bias", "m/s", 0.0, 0.1, -2.0, 2.0, "bias"),
-        ),
-        channels=(),
-        hooks={},
-    )
+    """Sensor of vy ahead of the CoG, turned against the car, with a bias: used where log health finds it so.
+
+    Where vy is simulated it is no input, and what the sensor makes of it is an output (`reported_vy`).
+    """
+    return replace(_renamed(DISPLACED_VY), hooks={})
 
 
 def yaw_rate_timing() -> Effect:

@@ -21,7 +21,7 @@ from estimator.offline.identification import Options, identify
 from estimator.offline.known_bank import examine_on_its_road
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
-from estimator.offline.record.unknown_inputs import PEDALS
+from estimator.offline.record.unknown_inputs import PEDALS, VY_SENSOR
 from estimator.offline.result.simulated_lateral import identified_laterally, lateral_prior, with_simulated_lateral
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
@@ -110,7 +110,17 @@ def test_an_accelerometer_is_not_blamed_for_a_late_yaw_rate() -> None:
     health = examine(late(0.3, ay=True), Vehicle())
     assert {"offset_yaw_rate", "offset_vy"} <= {f.name for f in health.findings}
     assert "useless_ay" not in {f.name for f in health.findings}
-    assert health.doubtful == ("vy",)
+    assert health.doubtful == (), "what the repair of vy leaves is estimated with the tyres"
+
+
+def test_what_a_displaced_sensor_of_vy_reports_is_estimated_along_with_the_tyres(drives: dict[str, Any]) -> None:
+    c = drives["flat"].columns
+    vy = c["vy"] + 0.6 * c["yaw_rate"] + 0.01 * c["vx"] + 0.05
+    log = DriveLog(c | {"vy": vy}, np.zeros(len(vy), np.int64))
+    record = make_record(log, Vehicle(), vy_displaced=True)
+    fit = fit_names(Setting(record, "per_axle", PRIOR), (), None, exact=True)
+    sensor = next(b for b in fit.predictor.blocks if b.effect.name == VY_SENSOR).parameters
+    assert fit.parameters[sensor] == pytest.approx([0.6, 0.01, 0.05], rel=0.2, abs=0.02)
 
 
 def test_without_an_accelerometer_neither_vy_nor_yaw_rate_is_explained_by_effects() -> None:
