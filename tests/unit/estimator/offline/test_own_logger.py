@@ -16,9 +16,11 @@ from estimator.cli.diagnose import app
 from estimator.drive_log.derived import add_missing_channels
 from estimator.drive_log.health import examine
 from estimator.drive_log.table import DriveLog
-from estimator.model.single_track import FULL_BRAKE_PA
+from estimator.model.columns import CHANNELS, ModelColumns
+from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS, SingleTrack
 from estimator.offline.identification import Options, identify
 from estimator.offline.known_bank import examine_on_its_road
+from estimator.offline.predict.nuisance import known_bank, presses
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
 from estimator.offline.record.unknown_inputs import PEDALS, VY_SENSOR
@@ -70,6 +72,27 @@ def test_a_bank_the_log_shows_is_an_input_and_not_felt(drives: dict[str, Any]) -
     assert np.allclose(added, GRAVITY * np.sin(on_its_road["known_bank"]), atol=0.05)
     level, _ = banked(drives["flat"], 0.0, 1.0)
     assert "known_bank" not in examine_on_its_road(level, Vehicle()).log
+
+
+@pytest.mark.parametrize("ay_is_derived", [True, False])
+def test_another_zero_of_the_bank_pulls_the_car_and_leaves_an_ay_that_was_derived_with_the_bank_found(
+    ay_is_derived: bool,
+) -> None:
+    columns = ModelColumns(SingleTrack(Vehicle(), "per_axle", (known_bank(ay_is_derived=ay_is_derived),)))
+    inputs = np.zeros((len(SIGNALS) + len(AUXILIARY), 1))
+    inputs[:3, 0] = 50.0, -0.5, 0.2
+    inputs[len(SIGNALS) + AUXILIARY.index("known_bank")] = -0.3
+    theta = columns.start.copy()
+    theta[-1] = 0.02
+    channels = columns.predict(inputs, theta)[:, 0]
+    felt = channels[CHANNELS.index("vy_dot")] + 50.0 * 0.2
+    bank = -0.3 if ay_is_derived else -0.28
+    assert channels[CHANNELS.index("ay")] - felt == pytest.approx(GRAVITY * np.sin(bank))
+
+
+def test_the_air_presses_on_axles_at_the_speed_of_ovals_and_hardly_on_road_courses() -> None:
+    assert presses(55.0, Vehicle())
+    assert not presses(32.0, Vehicle())
 
 
 def test_zero_and_scales_of_pedals_are_fitted_where_the_drive_comes_from_them(drives: dict[str, Any]) -> None:
