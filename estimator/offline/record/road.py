@@ -3,8 +3,8 @@
 For any tyre, d/dt vy + vx omega - ay = -g sin(bank) and d/dt vx - vy omega - ax = -g sin(grade): gravity moves the car
 and is not felt. What the sensors add (offset, roll and turn of the accelerometer, its place, errors of speed and yaw
 rate) follows the motion; what the road adds repeats over track position, at any speed. Both are fitted together, and a
-road is there where it predicts laps that it was not fitted to. Where no accelerometer tells, the roll of the body does
-(`roll`).
+road is there where it predicts laps that it was not fitted to. Where that shows no bank, the roll of the body may
+(`roll`): in steep bends an accelerometer with a gain of its own looks much the same.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def find_road(record: Record) -> dict[str, RoadProfile]:
             profile = _profile(record, kinematics, None if name == "road_grade" else _straights(record))
             if profile is not None:
                 found[name] = profile
-    rolled = None if _of(record, "road_bank") else _by_roll(record)
+    rolled = None if "road_bank" in found else _by_roll(record)
     return found if rolled is None else {**found, "road_bank": rolled}
 
 
