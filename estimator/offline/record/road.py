@@ -172,9 +172,7 @@ def _confidence(gains: Array) -> float:
     return min(0.999, float(stdtr(len(gains) - 1, float(gains.mean()) / max(spread, 1e-9))))
 
 
-def _level(
-    record: Record, basis: Basis, position: Array, straight: tuple[float, float] | None
-) -> tuple[Array, float]:
+def _level(record: Record, basis: Basis, position: Array, straight: tuple[float, float] | None) -> tuple[Array, float]:
     """Row (n,) that is the profile's mean over its standard deviation, and what it is known to be.
 
     A lap's grade adds up to nothing; of a bank the straights are known.
