@@ -56,11 +56,9 @@ def add_missing_channels(
 
 
 def specific_force(axis: str, columns: Mapping[str, Array], segment: NDArray[np.int64]) -> Array:
-    """(n,) `ax` or `ay` on a level road from velocities, m/s2, all of it with the bandwidth of the derivative."""
+    """(n,) `ax` or `ay` on a level road from velocities, m/s2."""
     t, vx, vy, rate = (columns[name] for name in ("t", "vx", "vy", "yaw_rate"))
-    if axis == "ax":
-        return derivative(t, vx, segment) - smoothed(t, vy * rate, segment)
-    return derivative(t, vy, segment) + smoothed(t, vx * rate, segment)
+    return derivative(t, vx, segment) - vy * rate if axis == "ax" else derivative(t, vy, segment) + vx * rate
 
 
 def derivative(t: Array, values: Array, segment: NDArray[np.int64], span: float = DERIVATIVE_SPAN_S) -> Array:

@@ -75,6 +75,7 @@ class Record:
         lap: (windows,) number of the lap, or of any other group that is held out together, consecutive from 0.
         lap_of_row: (n,) number of the lap by the log, or of a stretch of time where it has no laps.
         lap_length: m; 0 where there is no track position.
+        vy_displaced: whether what the repair of a vy that is used has left is estimated along with the tyres.
         pedals: whether the drive was derived from throttle and brake, whose zero and scales nobody measured.
         road: what kinematics say of `road_bank` and `road_grade`; empty where there is none or it is not known.
     """
@@ -226,7 +227,7 @@ def make_record(
         tuple(name for name in log.extra if name not in distrusted),
         bases,
         pedals=OF_PEDALS in log.derived.get("drive", ""),
-        vy_displaced=vy_displaced,
+        vy_displaced=vy_displaced and "vy" not in distrusted,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.drive_simulator import TYRE, simulate, to_csv
 
-from estimator.drive_log.derived import specific_force
+from estimator.drive_log.derived import smoothed
 from estimator.drive_log.table import DriveLog, read_log, read_logs
 from hil_gateway.process.errors import InputError
 
@@ -31,14 +31,12 @@ def _refused(path: Path, *words: str) -> None:
         assert word in str(caught.value)
 
 
-def test_a_derived_lateral_acceleration_has_half_of_the_yaw_rates_noise_and_all_of_its_shape() -> None:
+def test_smoothing_takes_half_of_the_noise_and_nothing_of_a_parabola() -> None:
     t = 0.04 * np.arange(500)
     noise = np.random.default_rng(0).normal(0.0, 0.002, 500)
-    columns = {"t": t, "vx": np.full(500, 60.0), "vy": 0.1 * t**2, "yaw_rate": 0.01 * t**2}
     one = np.zeros(500, np.int64)
-    assert np.allclose(specific_force("ay", columns, one), 0.2 * t + 0.6 * t**2)
-    noisy = specific_force("ay", columns | {"yaw_rate": columns["yaw_rate"] + noise}, one)
-    assert np.std(noisy - 0.2 * t - 0.6 * t**2) < 0.6 * 60.0 * np.std(noise)
+    assert np.allclose(smoothed(t, 0.01 * t**2, one), 0.01 * t**2)
+    assert np.std(smoothed(t, noise, one)) < 0.6 * np.std(noise)
 
 
 def test_columns_come_back_as_written(tmp_path: Path) -> None:

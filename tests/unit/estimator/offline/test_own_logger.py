@@ -144,6 +144,8 @@ def test_what_a_displaced_sensor_of_vy_reports_is_estimated_along_with_the_tyres
     fit = fit_names(Setting(record, "per_axle", PRIOR), (), None, exact=True)
     sensor = next(b for b in fit.predictor.blocks if b.effect.name == VY_SENSOR).parameters
     assert fit.parameters[sensor] == pytest.approx([0.6, 0.01, 0.05], rel=0.2, abs=0.02)
+    unused = make_record(log, Vehicle(), ("vy", "yaw_rate"), vy_displaced=True)
+    assert not unused.vy_displaced, "where it is no sensor of the fit it is what it is"
 
 
 def test_without_an_accelerometer_neither_vy_nor_yaw_rate_is_explained_by_effects() -> None:
