@@ -143,7 +143,7 @@ def _examined(
     progress("log health")
     health = examine(log, car)
     progress("windows")
-    record = make_record(health.log, car, health.doubtful)
+    record = make_record(health.log, car, health.doubtful, vy_displaced=health.vy_is_displaced)
     if known is not None:
         record = record_on_map(record, health.log, known[1], known[0])
     return record, health.log, [finding.description for finding in health.findings]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,12 @@ from hil_gateway.process.errors import InputError
 
 DERIVATIVE_SPAN_S = 0.3
 """Span of the local parabola that differentiates velocities: passes what a car does, up to about 3 Hz."""
+
+BY_VELOCITIES = {
+    "ax": "d/dt vx - vy yaw_rate, so grade counts as acceleration",
+    "ay": "d/dt vy + vx yaw_rate, so bank counts as acceleration",
+}
+"""How an acceleration is described that was derived."""
 
 FULL_THROTTLE_DRIVE = 0.10
 """Slip ratio taken to stand for full throttle."""
@@ -40,39 +47,74 @@ def add_missing_channels(
         InputError: `drive` is missing and nothing it could be derived from is there.
     """
     complete, derived = dict(columns), {}
-    if "ax" not in columns:
-        vx_dot = derivative(columns["t"], columns["vx"], segment)
-        complete["ax"] = vx_dot - columns["vy"] * columns["yaw_rate"]
-        derived["ax"] = "d/dt vx - vy yaw_rate, so grade counts as acceleration"
-    if "ay" not in columns:
-        vy_dot = derivative(columns["t"], columns["vy"], segment)
-        complete["ay"] = vy_dot + columns["vx"] * columns["yaw_rate"]
-        derived["ay"] = "d/dt vy + vx yaw_rate, so bank counts as acceleration"
+    for axis, how in BY_VELOCITIES.items():
+        if axis not in columns:
+            complete[axis], derived[axis] = specific_force(axis, columns, segment), how
     if "drive" not in columns:
         complete["drive"], derived["drive"] = derive_drive(path, columns, segment)
     return complete, derived
 
 
+def specific_force(axis: str, columns: Mapping[str, Array], segment: NDArray[np.int64]) -> Array:
+    """(n,) `ax` or `ay` on a level road from velocities, m/s2."""
+    t, vx, vy, rate = (columns[name] for name in ("t", "vx", "vy", "yaw_rate"))
+    return derivative(t, vx, segment) - vy * rate if axis == "ax" else derivative(t, vy, segment) + vx * rate
+
+
 def derivative(t: Array, values: Array, segment: NDArray[np.int64], span: float = DERIVATIVE_SPAN_S) -> Array:
     """d/dt of (n,) `values` by local parabolas (Savitzky & Golay 1964) within each uninterrupted segment."""
-    step = float(np.median(np.diff(t)))
-    window = max(5, 2 * round(0.5 * span / step) + 1)
+    step, half = _parabola(t, span)
     result = np.zeros_like(values)
-    bounds = np.concatenate([[0], np.flatnonzero(np.diff(segment)) + 1, [len(t)]])
-    for a, b in itertools.pairwise(bounds):
-        if b - a >= window:
-            result[a:b] = _parabola_slopes(values[a:b], window // 2) / step
-        elif b - a > 1:
-            result[a:b] = np.gradient(values[a:b], t[a:b])
+    for rows in _segments(segment):
+        if rows.stop - rows.start > 2 * half:
+            result[rows] = _slopes(values[rows], half) / step
+        elif rows.stop - rows.start > 1:
+            result[rows] = np.gradient(values[rows], t[rows])
     return result
 
 
-def _parabola_slopes(values: Array, half: int) -> Array:
+def smoothed(t: Array, values: Array, segment: NDArray[np.int64], span: float = DERIVATIVE_SPAN_S) -> Array:
+    """(n,) `values` by the same parabolas."""
+    _, half = _parabola(t, span)
+    result = values.copy()
+    for rows in _segments(segment):
+        if rows.stop - rows.start > 2 * half:
+            result[rows] = _heights(values[rows], half)
+    return result
+
+
+def _parabola(t: Array, span: float) -> tuple[float, int]:
+    """Time between samples, s, and samples on either side of a parabola of `span` s."""
+    step = float(np.median(np.diff(t)))
+    return step, max(2, round(0.5 * span / step))
+
+
+def _segments(segment: NDArray[np.int64]) -> Iterator[slice]:
+    bounds = np.concatenate([[0], np.flatnonzero(np.diff(segment)) + 1, [len(segment)]])
+    return (slice(int(a), int(b)) for a, b in itertools.pairwise(bounds))
+
+
+def _slopes(values: Array, half: int) -> Array:
     """Slope per sample of the parabola through each sample and `half` on either side; at the ends of the last one."""
     at = np.arange(-half, half + 1)
+    first, last = (np.polyder(parabola) for parabola in _at_the_ends(values, half))
     inner = np.convolve(values, -at / (at @ at), "valid")
-    first, last = (np.polyder(np.polyfit(at, part, 2)) for part in (values[: len(at)], values[-len(at) :]))
     return np.concatenate([np.polyval(first, at[:half]), inner, np.polyval(last, at[-half:])])
+
+
+def _heights(values: Array, half: int) -> Array:
+    """Height of the same parabola."""
+    at = np.arange(-half, half + 1)
+    first, last = _at_the_ends(values, half)
+    weights = np.linalg.pinv(np.stack([np.ones_like(at), at, at**2], axis=1).astype(float))[0]
+    inner = np.convolve(values, weights, "valid")
+    return np.concatenate([np.polyval(first, at[:half]), inner, np.polyval(last, at[-half:])])
+
+
+def _at_the_ends(values: Array, half: int) -> tuple[Array, Array]:
+    """Coefficients (3,) of the first and the last parabola."""
+    at, size = np.arange(-half, half + 1), 2 * half + 1
+    return np.polyfit(at, values[:size], 2), np.polyfit(at, values[-size:], 2)
 
 
 def derive_drive(path: Path, columns: dict[str, Array], segment: NDArray[np.int64]) -> tuple[Array, str]:

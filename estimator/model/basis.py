@@ -21,6 +21,8 @@ TIME_COEFFICIENTS = 12
 """Wider than the stretches held out: a knot that only one of them determines predicts nothing there."""
 QUANTILES = (0.0, 0.01, 0.05, 0.15, 0.3, 0.42, 0.5, 0.58, 0.7, 0.85, 0.95, 0.99, 1.0)
 """Knots over a signal without a period: dense in the middle, where a sign changes, and out to the ends."""
+LEVEL_SHARE = 0.01
+"""Prior standard deviation of a mean that is nothing, over that of the function: less than any term states"""
 FEW_VALUES = 6
 """A signal with no more distinct values has a knot at each."""
 PERIODIC_ROUGHNESS, ROUGHNESS = 4.0, 3.0
@@ -32,13 +34,14 @@ class Basis:
     """A function of one signal as `matrix(signal) @ coefficients`.
 
     `knots` are those of hat functions, which go around where there is a `period`. Without knots: periodic cubic splines
-    on equal intervals.
+    on equal intervals. `level` (size,) are weights of a mean of the function that is nothing, where there is one.
     """
 
     signal: str
     size: int
     period: float = 0.0
     knots: tuple[float, ...] = ()
+    level: tuple[float, ...] = ()
 
     def matrix(self, signal: Array) -> Array:
         """(n, size) values of the basis at an (n,) signal; constant beyond the last knots."""
@@ -66,6 +69,8 @@ class Basis:
         else:
             rough = np.diff(np.eye(self.size), 2, axis=0) / (ROUGHNESS * std)
         precision: Array = np.eye(self.size) / std**2 + rough.T @ rough
+        if self.level:
+            precision += np.outer(self.level, self.level) / (LEVEL_SHARE * std) ** 2
         return precision
 
     def moved(self, coefficients: Array, values: Array) -> Basis:

@@ -27,6 +27,7 @@ from estimator.offline.predict.nuisance import (
     KNOWN_BANK,
     downforce,
     known_bank,
+    presses,
     steer_timing,
     steer_zero,
     vy_sensor,
@@ -34,7 +35,7 @@ from estimator.offline.predict.nuisance import (
 )
 from estimator.offline.predict.rollout import Rollout
 from estimator.offline.progress import approached
-from estimator.offline.record.prepare import Samples, prepare, spinning
+from estimator.offline.record.prepare import Samples, fast_speed, prepare, spinning
 from estimator.offline.record.split import Split, split
 from estimator.offline.result.grip import Grip, grip_of, slides
 from estimator.offline.result.identification_score import (
@@ -277,7 +278,9 @@ def _columns(task: _Task, health: HealthReport) -> ModelColumns:
     if task.formulation == "output_error" and health.vy_is_displaced:
         nuisances.append(vy_sensor())
     if KNOWN_BANK in task.log:
-        nuisances += [known_bank(), downforce()]
+        nuisances.append(known_bank(ay_is_derived="ay" in task.log.derived))
+    if KNOWN_BANK in task.log or (health.lateral_was_repaired and presses(fast_speed(task.log), task.vehicle)):
+        nuisances.append(downforce())
     if task.formulation == "output_error" and health.yaw_rate_was_moved:
         nuisances.append(yaw_rate_timing())
     return ModelColumns(SingleTrack(task.vehicle, options.layout, tuple(nuisances), task.prior))

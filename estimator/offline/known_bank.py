@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimator.drive_log.derived import smoothed
 from estimator.drive_log.health import HealthReport, examine
 from estimator.drive_log.health.acceleration import rederived
 from estimator.drive_log.table import DriveLog
@@ -24,7 +25,8 @@ def examine_on_its_road(log: DriveLog, vehicle: Vehicle, keep: Collection[str] =
     """Log health; where the repaired log shows a bank it becomes an input."""
     health = examine(log, vehicle, keep)
     bank = _bank_of(health.log, vehicle, health.doubtful)
-    return health if bank is None else replace(health, log=_with_known_bank(health.log, bank))
+    log = health.log if bank is None else _with_known_bank(health.log, bank)
+    return replace(health, log=_of_one_bandwidth(log) if "ay" in log.derived else log)
 
 
 def _bank_of(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str]) -> Array | None:
@@ -38,6 +40,13 @@ def _bank_of(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str]) -> Ar
         return None
     bank = record.bases["track_position"].matrix(record.signals["track_position"]) @ profile.coefficients
     return np.asarray(bank) if np.ptp(bank) > STEEP else None
+
+
+def _of_one_bandwidth(log: DriveLog) -> DriveLog:
+    """A derived ay with the yaw rate in it smoothed as d/dt vy is: its noise, times vx, is no acceleration."""
+    turning = log["vx"] * log["yaw_rate"]
+    ay = log["ay"] + smoothed(log["t"], turning, log.segment) - turning
+    return log.with_columns({"ay": ay}, "vx yaw_rate in the derived ay is smoothed as d/dt vy is")
 
 
 def _with_known_bank(log: DriveLog, bank: Array) -> DriveLog:

@@ -45,6 +45,11 @@ class HealthReport:
         return any(f.channel == "yaw_rate" and f.action is Action.REALIGNED for f in self.findings)
 
     @property
+    def lateral_was_repaired(self) -> bool:
+        """Whether a car's own logger recorded vy or the yaw rate."""
+        return self.vy_is_displaced or self.yaw_rate_was_moved
+
+    @property
     def steering_is_off(self) -> bool:
         """Whether the steering's zero is off: a fit then estimates it along with the tyres."""
         return any(f.name == steering.OFFSET_STEER and f.action is Action.CORRECTED for f in self.findings)
@@ -57,13 +62,11 @@ class HealthReport:
     def doubtful(self) -> tuple[str, ...]:
         """Channels not to be explained by effects: repaired too coarsely for it, or found to be useless.
 
-        Of vy and yaw rate neither tells the slip without the other, unless a lateral accelerometer stands in for it.
+        Of vy and yaw rate neither tells the slip without the other, unless there is a lateral accelerometer: then what
+        the repair of vy has left is estimated (`vy_is_displaced`).
         """
         useless = tuple(f.channel for f in self.findings if f.action is Action.EXCLUDED and f.repair is None)
-        displaced, moved = self.vy_is_displaced, self.yaw_rate_was_moved
-        if "ay" in self.log.derived:
-            return ("vy", "yaw_rate") * (displaced or moved) + useless
-        return ("vy",) * displaced + ("yaw_rate",) * (moved and not displaced) + useless
+        return ("vy", "yaw_rate") * (self.lateral_was_repaired and "ay" in self.log.derived) + useless
 
     def repaired(self, finding: Finding) -> HealthReport:
         """This report with one more finding and its repair, for what only a fit can find; sizes of one name add up."""

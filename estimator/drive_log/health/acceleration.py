@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from estimator.drive_log.derived import derivative
+from estimator.drive_log.derived import specific_force
 from estimator.drive_log.health.finding import Action, Finding
 from estimator.drive_log.health.lag import Lag, lag_between
 from estimator.drive_log.table import DriveLog
@@ -39,8 +39,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
 
 def _kinematic(log: DriveLog) -> dict[str, Array]:
     """Specific forces that the velocities tell; gravity on a bank that is known moves the car and is not felt."""
-    forward = derivative(log["t"], log["vx"], log.segment) - log["vy"] * log["yaw_rate"]
-    sideways = derivative(log["t"], log["vy"], log.segment) + log["vx"] * log["yaw_rate"]
+    forward, sideways = (specific_force(axis, log.columns, log.segment) for axis in ("ax", "ay"))
     pulled = GRAVITY * np.sin(log["known_bank"]) if "known_bank" in log else 0.0
     return {"ax": forward, "ay": sideways + pulled}
 

@@ -2,6 +2,9 @@
 
 The acceleration is the one the longitudinal forces give, (F_x,f + F_x,r + F_x,body) / m. The small part
 -F_y,f sin(delta) is left out: it depends on the load, and would close an algebraic loop.
+
+The height is the one that explains what the tyres do at once: tyres that lose a share k of D as their load doubles make
+(1 - k) of the moved load, and loads that follow the acceleration late move less.
 """
 
 from __future__ import annotations
@@ -21,7 +24,8 @@ def _load(terms: Terms, height: Expr) -> None:
 EFFECT = Effect(
     name="load_transfer",
     lacks="axle loads move with longitudinal acceleration",
-    equation="F_z,f = F_z0,f - h m a_x / L; F_z,r = F_z0,r + h m a_x / L",
+    equation="F_z,f = F_z0,f - h m a_x / L; F_z,r = F_z0,r + h m a_x / L, h the effective height: "
+    "less than the true one as tyres lose D with load and loads follow late",
     source="Gillespie, Fundamentals of Vehicle Dynamics, eq. 1.7",
     parameters=(
         Parameter(
@@ -31,7 +35,7 @@ EFFECT = Effect(
             0.2,
             0.0,
             1.5,
-            "effective height of the centre of gravity",
+            "effective height of the centre of gravity: 0.55 to 0.9 of the true one on real tyres",
             Plausible(0.0, 0.6, "race cars 0.25 to 0.4, road cars 0.5 to 0.6"),
         ),
     ),

@@ -15,15 +15,17 @@ from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from estimator.offline.record.road_load import bank_load
-from hil_gateway.car.vehicle import GRAVITY
+from estimator.offline.record.unknown_inputs import DISPLACED_VY
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Expr
 
 STEER_TIMING = "steer_timing"
 STEER_ZERO = "steer_offset"
-VY_SENSOR = "vy_sensor"
 YAW_RATE_TIMING = "yaw_rate_timing"
 KNOWN_BANK = "known_bank"
 DOWNFORCE = "aero_downforce"
+PRESSED = 0.25
+"""Share of an axle's static load: as much more cornering stiffness as a log leaves unknown"""
 
 
 def _delayed(terms: Terms, tau: Expr) -> None:
@@ -56,31 +58,32 @@ def steer_zero() -> Effect:
 
 
 def downforce() -> Effect:
-    """Axle loads by the air, for steep banks: there cars are so fast that it is half of their weight."""
+    """Axle loads by the air: at the speeds of ovals half of the weight."""
     return _along(DOWNFORCE)
+
+
+def presses(fast: float, vehicle: Vehicle) -> bool:
+    """Whether the air of a race car presses on an axle at `fast` m/s with more than `PRESSED` of its static load."""
+    typical = catalogue()[DOWNFORCE].parameters[0].prior_std
+    return bool(typical * fast**2 > PRESSED * min(vehicle.static_load_front, vehicle.static_load_rear))
 
 
 def _along(name: str) -> Effect:
     """An effect of the catalogue with parameters named `effect.parameter`."""
-    effect = catalogue()[name]
-    return replace(effect, parameters=tuple(replace(p, name=f"{name}.{p.name}") for p in effect.parameters))
+    return _renamed(catalogue()[name])
+
+
+def _renamed(effect: Effect) -> Effect:
+    parameters = tuple(replace(p, name=f"{effect.name}.{p.name}") for p in effect.parameters)
+    return replace(effect, parameters=parameters)
 
 
 def vy_sensor() -> Effect:
-    """Sensor of vy ahead of the CoG, turned against the car, with a bias: used where log health finds it so."""
-    return Effect(
-        name=VY_SENSOR,
-        lacks="vy is that of the centre of gravity",
-        equation="vy reported = vy + x yaw_rate + angle vx + bias",
-        source="rigid-body kinematics",
-        parameters=(
-            Parameter(f"{VY_SENSOR}.x", "m", 0.0, 1.0, -5.0, 5.0, "position ahead of the CoG"),
-            Parameter(f"{VY_SENSOR}.angle", "rad", 0.0, 0.02, -0.2, 0.2, "misalignment"),
-            Parameter(f"{VY_SENSOR}.bias", "m/s", 0.0, 0.1, -2.0, 2.0, "bias"),
-        ),
-        channels=(),
-        hooks={},
-    )
+    """Sensor of vy ahead of the CoG, turned against the car, with a bias: used where log health finds it so.
+
+    Where vy is simulated it is no input, and what the sensor makes of it is an output (`reported_vy`).
+    """
+    return replace(_renamed(DISPLACED_VY), hooks={})
 
 
 def yaw_rate_timing() -> Effect:
@@ -96,24 +99,40 @@ def yaw_rate_timing() -> Effect:
     )
 
 
-def _banked(terms: Terms, share: Expr) -> None:
-    terms.bank = terms.aux[KNOWN_BANK]
+def _banked(terms: Terms, share: Expr, zero: Expr) -> None:
+    terms.bank = terms.aux[KNOWN_BANK] + zero
 
 
-def _pulled(terms: Terms, share: Expr) -> None:
+def _loaded(terms: Terms, share: Expr, zero: Expr) -> None:
+    bank_load(terms, share)
+
+
+def _pulled(terms: Terms, share: Expr, zero: Expr) -> None:
     terms.gravity_y = terms.gravity_y - GRAVITY * ca.sin(terms.bank)
 
 
-def known_bank() -> Effect:
-    """Bank that the log shows before any tyre is fitted: gravity across the car, and so much of the axle loads."""
+def _as_derived(terms: Terms, share: Expr, zero: Expr) -> None:
+    terms.imu_ay = terms.imu_ay + GRAVITY * (ca.sin(terms.aux[KNOWN_BANK]) - ca.sin(terms.bank))
+
+
+def known_bank(*, ay_is_derived: bool) -> Effect:
+    """Bank that the log shows before any tyre is fitted: gravity across the car, and so much of the axle loads.
+
+    A roll channel has a zero, and so has an accelerometer: only the tyres tell how level the straights are. An ay that
+    was derived from velocities has the bank in it as it was found.
+    """
+    derived = {"SENSOR": _as_derived} if ay_is_derived else {}
     return Effect(
         name=KNOWN_BANK,
         lacks="the road is level across the car",
-        equation="d/dt vy + vx w - ay = -g sin(bank), axle loads as in `road_load`",
+        equation="d/dt vy + vx w - ay = -g sin(bank + zero), axle loads as in `road_load`",
         source="Rajamani, Vehicle Dynamics and Control, eq. 2.40",
-        parameters=(Parameter(f"{KNOWN_BANK}.share", "1", 1.0, 0.25, 0.0, 1.2, "of the load that the bank adds"),),
+        parameters=(
+            Parameter(f"{KNOWN_BANK}.share", "1", 1.0, 0.25, 0.0, 1.2, "of the load that the bank adds"),
+            Parameter(f"{KNOWN_BANK}.zero", "rad", 0.0, 0.02, -0.1, 0.1, "bank less the one found, everywhere"),
+        ),
         channels=("ay", "yaw_acc", "vy_dot"),
-        hooks={"INPUT": _banked, "LOAD": bank_load, "MOTION": _pulled},
+        hooks={"INPUT": _banked, "LOAD": _loaded, "MOTION": _pulled, **derived},
         needs=(KNOWN_BANK,),
     )
 

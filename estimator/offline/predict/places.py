@@ -16,7 +16,7 @@ from hil_gateway.process.arrays import Expr
 
 @dataclass(frozen=True)
 class Place:
-    """Where an empirical term acts."""
+    """Where an empirical term acts; `constant` is the effect that a term without its signal would be."""
 
     stage: str
     hook: Callable[..., None]
@@ -24,6 +24,7 @@ class Place:
     std: float
     channels: tuple[str, ...]
     words: str
+    constant: str = ""
 
 
 def _force_x(terms: Terms, value: Expr) -> None:
@@ -100,16 +101,18 @@ def _sensor_y_gain(terms: Terms, value: Expr) -> None:
 
 LATERAL, FORWARD = ("ay", "yaw_acc", "vy_dot"), ("ax", "vx_dot")
 PLACES = {
-    "force_x": Place("LONGITUDINAL", _force_x, "m/s2", 0.5, FORWARD, "longitudinal force"),
-    "air_force": Place("LONGITUDINAL", _air_force, "N s2/m2", 0.3, FORWARD, "longitudinal force by speed squared"),
+    "force_x": Place("LONGITUDINAL", _force_x, "m/s2", 0.5, FORWARD, "longitudinal force", "rolling_resistance"),
+    "air_force": Place(
+        "LONGITUDINAL", _air_force, "N s2/m2", 0.3, FORWARD, "longitudinal force by speed squared", "aero_drag"
+    ),
     "force_y": Place("BODY", _force_y, "m/s2", 0.5, ("ay", "vy_dot"), "lateral force"),
     "moment": Place("BODY", _moment, "rad/s2", 0.3, ("yaw_acc",), "yaw moment"),
     "damping": Place("BODY", _damping, "1/s", 1.0, ("yaw_acc",), "yaw moment by yaw rate"),
     "grip": Place("GRIP", _grip, "1", 0.1, LATERAL, "tyre grip of both axles"),
     "grip_front": Place("GRIP", _grip_front, "1", 0.1, LATERAL, "tyre grip of the front axle"),
     "grip_rear": Place("GRIP", _grip_rear, "1", 0.1, LATERAL, "tyre grip of the rear axle"),
-    "steer": Place("INPUT", _steer, "rad", 0.005, LATERAL, "road-wheel angle"),
-    "steer_gain": Place("INPUT", _steer_gain, "1", 0.1, LATERAL, "gain of the steering"),
+    "steer": Place("INPUT", _steer, "rad", 0.005, LATERAL, "road-wheel angle", "steer_offset"),
+    "steer_gain": Place("INPUT", _steer_gain, "1", 0.1, LATERAL, "gain of the steering", "steer_scale"),
     "power_gain": Place("INPUT", _power_gain, "1", 0.1, FORWARD, "gain of the drive command, driving"),
     "brake_gain": Place("INPUT", _brake_gain, "1", 0.1, FORWARD, "gain of the drive command, braking"),
     "motion_x": Place("MOTION", _motion_x, "m/s2", 0.3, ("vx_dot",), "longitudinal motion, not felt in ax"),

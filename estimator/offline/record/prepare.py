@@ -156,7 +156,12 @@ def prepare(log: DriveLog, auxiliary: Mapping[str, Array] | None = None, smooth:
 
 def moving_speed(log: DriveLog) -> float:
     """Speed gate, m/s, in proportion to the car's own speeds so that a model car passes it too."""
-    return MOVING_SHARE * float(np.quantile(log["vx"], 0.95))
+    return MOVING_SHARE * fast_speed(log)
+
+
+def fast_speed(log: DriveLog) -> float:
+    """Speed, m/s, that the car exceeds in a twentieth of the log."""
+    return float(np.quantile(log["vx"], 0.95))
 
 
 def spinning(log: DriveLog) -> NDArray[np.bool_]:

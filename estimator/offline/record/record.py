@@ -75,6 +75,7 @@ class Record:
         lap: (windows,) number of the lap, or of any other group that is held out together, consecutive from 0.
         lap_of_row: (n,) number of the lap by the log, or of a stretch of time where it has no laps.
         lap_length: m; 0 where there is no track position.
+        vy_displaced: whether what the repair of a vy that is used has left is estimated along with the tyres.
         pedals: whether the drive was derived from throttle and brake, whose zero and scales nobody measured.
         road: what kinematics say of `road_bank` and `road_grade`; empty where there is none or it is not known.
     """
@@ -95,6 +96,7 @@ class Record:
     bases: Mapping[str, Basis] = field(default_factory=dict)
     road: Mapping[str, RoadProfile] = field(default_factory=dict)
     pedals: bool = False
+    vy_displaced: bool = False
 
     def __reduce__(self) -> tuple[type[Record], tuple[Any, ...]]:
         """Another process computes anew what is derived from the fields."""
@@ -177,7 +179,9 @@ class Record:
         return np.stack([0.5 * (self.signals[n][edge - 1] + self.signals[n][edge]) for n in STATES])
 
 
-def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = ()) -> Record:
+def make_record(
+    log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = (), *, vy_displaced: bool = False
+) -> Record:
     """Smooth, differentiate inputs, find laps, cut windows; signals in `distrusted` are neither fitted nor causes.
 
     Noise, knots and the line that track positions refer to come from the laps that are learnt from alone.
@@ -223,6 +227,7 @@ def make_record(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str] = (
         tuple(name for name in log.extra if name not in distrusted),
         bases,
         pedals=OF_PEDALS in log.derived.get("drive", ""),
+        vy_displaced=vy_displaced and "vy" not in distrusted,
     )
 
 

@@ -3,8 +3,8 @@
 For any tyre, d/dt vy + vx omega - ay = -g sin(bank) and d/dt vx - vy omega - ax = -g sin(grade): gravity moves the car
 and is not felt. What the sensors add (offset, roll and turn of the accelerometer, its place, errors of speed and yaw
 rate) follows the motion; what the road adds repeats over track position, at any speed. Both are fitted together, and a
-road is there where it predicts laps that it was not fitted to. Where no accelerometer tells, the roll of the body does
-(`roll`).
+road is there where it predicts laps that it was not fitted to. Where that shows no bank, the roll of the body may
+(`roll`): in steep bends an accelerometer with a gain of its own looks much the same.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.model.basis import Basis
 from estimator.offline.record.record import Record, RoadProfile
-from estimator.offline.record.roll import ROLL_PRIORS, ROLL_STRAIGHT, bank_by_roll, no_surer_than_roll
+from estimator.offline.record.roll import ROLL_PRIORS, ROLL_STD, ROLL_STRAIGHT, bank_by_roll, no_surer_than_roll
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array, Ints
 
@@ -38,7 +39,9 @@ SLOW_BLOCKS = 5
 """Blocks (0.2 s) over which residuals are averaged, for an information that does not count correlated noise twice."""
 LEAST_ANGLE = 0.005
 """rad; half the range over the lap: body pitch and roll on the springs repeat by about 0.002 on a flat course"""
-LEAST_LAPS = 3
+LEAST_LAPS = 2
+"""One predicts the other: no tyre is in the equation, so that only a road repeats. A bank left to the fit of the tyres
+because of too few laps comes out at half its size."""
 LEAST_GAIN = 0.02
 """Log-likelihood per block, on laps held out: a fifth of the noise, as for any effect of the search"""
 LEAST_GAINING = 0.8
@@ -66,11 +69,27 @@ def find_road(record: Record) -> dict[str, RoadProfile]:
     for name in TOLD_BY:
         kinematics = _of(record, name)
         if kinematics is not None:
-            profile = _profile(record, kinematics, None if name == "road_grade" else STRAIGHT_BANK)
+            profile = _profile(record, kinematics, None if name == "road_grade" else _straights(record))
             if profile is not None:
                 found[name] = profile
-    rolled = None if _of(record, "road_bank") else _by_roll(record)
+    rolled = None if "road_bank" in found else _by_roll(record)
     return found if rolled is None else {**found, "road_bank": rolled}
+
+
+def _straights(record: Record) -> tuple[float, float]:
+    """Mean bank of the straights and its standard deviation, rad: level, or as a roll channel of a steep oval says."""
+    rolled = bank_by_roll(record)
+    if rolled is None:
+        return 0.0, STRAIGHT_BANK
+    sine = -float(rolled[0][_is_straight(record)].mean()) / GRAVITY
+    return float(np.arcsin(np.clip(sine, -0.9, 0.9))), float(np.hypot(ROLL_PRIORS[0] / GRAVITY, ROLL_STD))
+
+
+def _is_straight(record: Record) -> NDArray[np.bool_]:
+    """(windows, blocks) where the track hardly bends."""
+    vx, _, rate = record.state_means
+    curvature = np.abs(rate / np.maximum(vx, 1.0))
+    return np.asarray(curvature < STRAIGHT_SHARE * np.quantile(curvature, 0.95))
 
 
 def share_in_kinematics(record: Record, name: str, coefficients: Array) -> float | None:
@@ -100,7 +119,7 @@ def _by_roll(record: Record) -> RoadProfile | None:
         return None
     lean, felt = signals
     kinematics = _Kinematics(lean, np.stack([np.ones_like(lean), felt], axis=-1), np.array(ROLL_PRIORS))
-    profile = _profile(record, kinematics, ROLL_STRAIGHT)
+    profile = _profile(record, kinematics, (0.0, ROLL_STRAIGHT))
     return None if profile is None else no_surer_than_roll(profile)
 
 
@@ -124,17 +143,19 @@ def _kinematics(y: Array, columns: tuple[Array, ...]) -> _Kinematics:
     return _Kinematics(y, np.stack([np.ones_like(y), *columns], axis=-1), np.array(list(SENSORS.values())))
 
 
-def _profile(record: Record, kinematics: _Kinematics, straight: float | None) -> RoadProfile | None:
+def _profile(record: Record, kinematics: _Kinematics, straight: tuple[float, float] | None) -> RoadProfile | None:
     """The road's component, if laps left out in turn say that there is one.
 
-    `straight`: how far from level its straights may be, rad; None for a grade, which adds up to nothing over a lap.
+    `straight`: mean of its straights and how well that is known, rad; None for a grade, which adds up to nothing over a
+    lap.
     """
     basis = record.bases["track_position"]
     position = record.thin(record.signals["track_position"])
     B = basis.matrix(position.ravel())
-    prior = basis.precision(GRAVITY * PRIOR_STD) + _level(record, basis, position, straight)
-    with_road = _Regression.make(kinematics, B, prior, record.lap)
-    without = _Regression.make(kinematics, B[:, :0], prior[:0, :0], record.lap)
+    mean, pull = _level(record, basis, position, straight)
+    prior = basis.precision(GRAVITY * PRIOR_STD) + np.outer(mean, mean)
+    with_road = _Regression.make(kinematics, B, prior, pull * mean, record.lap)
+    without = _Regression.make(kinematics, B[:, :0], prior[:0, :0], mean[:0], record.lap)
     before, after = without.held_out(), with_road.held_out()
     gain = 0.5 * np.log(before.sum() / after.sum())
     if gain < LEAST_GAIN or np.mean(after < before) < LEAST_GAINING:
@@ -151,31 +172,35 @@ def _confidence(gains: Array) -> float:
     return min(0.999, float(stdtr(len(gains) - 1, float(gains.mean()) / max(spread, 1e-9))))
 
 
-def _level(record: Record, basis: Basis, position: Array, straight_std: float | None) -> Array:
-    """Precision of the profile's mean: a lap's grade adds up to nothing, the straights lie about level on average."""
-    if straight_std is None:
-        mean = basis.matrix(np.linspace(0.0, basis.period, 4 * basis.size, endpoint=False)).mean(axis=0)
-        return np.outer(mean, mean) / (GRAVITY * CLOSED) ** 2
-    vx, _, rate = record.state_means
-    curvature = np.abs(rate / np.maximum(vx, 1.0))
-    straight = curvature < STRAIGHT_SHARE * np.quantile(curvature, 0.95)
-    mean = basis.matrix(position[straight]).mean(axis=0)
-    return np.outer(mean, mean) / (GRAVITY * straight_std) ** 2
+def _level(record: Record, basis: Basis, position: Array, straight: tuple[float, float] | None) -> tuple[Array, float]:
+    """Row (n,) that is the profile's mean over its standard deviation, and what it is known to be.
+
+    A lap's grade adds up to nothing; of a bank the straights are known.
+    """
+    if straight is None:
+        everywhere = basis.matrix(np.linspace(0.0, basis.period, 4 * basis.size, endpoint=False))
+        return everywhere.mean(axis=0) / (GRAVITY * CLOSED), 0.0
+    mean, std = straight
+    return basis.matrix(position[_is_straight(record)]).mean(axis=0) / (GRAVITY * std), -np.sin(mean) / std
 
 
 @dataclass(frozen=True)
 class _Regression:
-    """Ridge regression of a gravity component, normal equations per lap: (laps, p, p), (laps, p), (laps,)."""
+    """Ridge regression of a gravity component, normal equations per lap: (laps, p, p), (laps, p), (laps,).
+
+    `precision` (p, p) and `known` (p,) are those of the prior.
+    """
 
     hessian: Array
     pull: Array
     squares: Array
     precision: Array
+    known: Array
     variance: float
     road: int
 
     @classmethod
-    def make(cls, kinematics: _Kinematics, B: Array, prior: Array, lap: Ints) -> _Regression:
+    def make(cls, kinematics: _Kinematics, B: Array, prior: Array, known: Array, lap: Ints) -> _Regression:
         k, n = kinematics.sensors.shape[-1], B.shape[1]
         X = np.concatenate([B.reshape(*kinematics.y.shape, n), kinematics.sensors], axis=-1)
         precision = np.zeros((n + k, n + k))
@@ -185,13 +210,14 @@ class _Regression:
         g = np.array([np.einsum("wbi,wb->i", X[o], kinematics.y[o]) for o in own])
         squares = np.array([np.sum(kinematics.y[o] ** 2) for o in own])
         solved = np.linalg.lstsq(H.sum(0), g.sum(0), rcond=1e-10)[0]
-        return cls(H, g, squares, precision, _slow_variance(kinematics.y - X @ solved), n)
+        pull = np.concatenate([known, np.zeros(k)])
+        return cls(H, g, squares, precision, pull, _slow_variance(kinematics.y - X @ solved), n)
 
     def solve(self, without: int | None = None) -> Array:
         """Coefficients (p,) of all laps, or of all but one."""
         own = np.arange(len(self.squares)) != (-1 if without is None else without)
         total = self.hessian[own].sum(0) / self.variance + self.precision
-        return np.linalg.solve(total, self.pull[own].sum(0) / self.variance)
+        return np.linalg.solve(total, self.pull[own].sum(0) / self.variance + self.known)
 
     def held_out(self) -> Array:
         """(laps,) squares of each lap predicted by the others."""

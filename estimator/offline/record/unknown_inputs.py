@@ -72,3 +72,37 @@ def pedal_effects(pedals: bool) -> tuple[Effect, ...]:
         hooks={"INPUT": _pedals},
     )
     return (effect,)
+
+
+VY_SENSOR = "vy_sensor"
+
+
+def _at_the_centre(terms: Terms, x: Expr, angle: Expr, bias: Expr) -> None:
+    terms.vy = terms.vy - x * terms.yaw_rate - angle * terms.vx - bias
+
+
+def _at_its_sensor(terms: Terms, x: Expr, angle: Expr, bias: Expr) -> None:
+    terms.vy_dot = terms.vy_dot + x * terms.yaw_acc + angle * terms.vx_dot
+
+
+DISPLACED_VY = Effect(
+    name=VY_SENSOR,
+    lacks="vy is that of the centre of gravity",
+    equation="vy_reported = vy + x omega + psi vx + b",
+    source="rigid-body kinematics",
+    parameters=(
+        Parameter("x", "m", 0.0, 1.0, -5.0, 5.0, "position ahead of the centre of gravity"),
+        Parameter("angle", "rad", 0.0, 0.02, -0.2, 0.2, "misalignment"),
+        Parameter("bias", "m/s", 0.0, 0.1, -2.0, 2.0, "bias"),
+    ),
+    channels=(),
+    hooks={"INPUT": _at_the_centre, "SENSOR": _at_its_sensor},
+)
+
+
+def vy_effects(displaced: bool) -> tuple[Effect, ...]:
+    """What log health has left of the place, turn and bias of a sensor of vy that it corrected.
+
+    It saw them through tyres without downforce, bank and load transfer.
+    """
+    return (DISPLACED_VY,) if displaced else ()

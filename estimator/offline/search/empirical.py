@@ -73,9 +73,9 @@ def search_terms(
     """Empirical terms by held-out evidence, best first; the most promising fitted to the end."""
     progress("anything else, by any signal")
     there = {effect.name for effect in setting.extra}
-    screened = [t for t in _Screening.make(setting, accepted, current, True).terms() if t.effect.name not in there]
-    whole = _Screening.make(setting, accepted, current, False)
-    screened[:FITTED] = [whole.refined(term) for term in screened[:FITTED]]
+    screened = [t for t in Screening.make(setting, accepted, current, True).terms() if t.effect.name not in there]
+    whole = Screening.make(setting, accepted, current, False)
+    screened[:FITTED] = [whole.levelled(whole.refined(term), accepted) for term in screened[:FITTED]]
     before, count = current.held_out(), current.normal.count
     best = screened[:FITTED]
     jobs = [Job(t.label, tuple(accepted), t.added_to(setting)) for t in best]
@@ -90,7 +90,7 @@ def explanatory(record: Record) -> list[str]:
 
 
 @dataclass(frozen=True)
-class _Screening:
+class Screening:
     """One linearisation of a model and of a unit at every place.
 
     Attributes:
@@ -107,7 +107,7 @@ class _Screening:
     units: Array
 
     @classmethod
-    def make(cls, setting: Setting, accepted: Sequence[str], current: Fit, thinned: bool) -> _Screening:
+    def make(cls, setting: Setting, accepted: Sequence[str], current: Fit, thinned: bool) -> Screening:
         """Linearise at the current fit."""
         stride = SCREENING_STRIDE if thinned else 1
         chosen = np.arange(setting.record.windows) % stride == 0
@@ -154,6 +154,15 @@ class _Screening:
         basis = basis.moved(coefficients[-basis.size :], driven)
         evidence, _ = self._evidence(self._normal(term.place, basis))
         return replace(term, basis=basis, evidence=evidence) if evidence.gain > term.evidence.gain else term
+
+    def levelled(self, term: Term, accepted: Sequence[str]) -> Term:
+        """The term without a constant, where an accepted effect has it: its size would be no size of that effect."""
+        if PLACES[term.place].constant not in accepted:
+            return term
+        record = self.predictor.record
+        does = np.sum(self.units[..., list(PLACES).index(term.place)] ** 2, axis=2).T.ravel()
+        rows = term.basis.matrix(record.thin(record.signals[term.signal]).ravel())
+        return replace(term, basis=replace(term.basis, level=tuple((does @ rows / does.sum()).tolist())))
 
     def _evidence(self, normal: Normal) -> tuple[Evidence, Array]:
         """Predicted evidence over the model alone, and the step of all parameters."""

@@ -24,6 +24,8 @@ CONFIRMED_SHARE = 0.5
 """of the accelerometer's place, or of a road, by which kinematics may be off beyond error: sensors differ in timing"""
 LEVEL = 0.01
 """rad; mean grade beyond which a lap does not end at the height where it began: 10 m a km"""
+CLOSED_SHARE = 0.25
+"""of the range of a grade, that its mean must stay below: one that mostly climbs is a force, as drag is at one speed"""
 LOWEST, HIGHEST = 0.04, 0.2
 """Height of the centre of gravity over the wheelbase: half of that of the flattest cars, open-wheel ones (0.08), and
 that of road cars (0.55 m over 2.7 m)"""
@@ -123,8 +125,9 @@ def _a_road(fit: Fit, block: Block) -> bool:
     basis = record.bases[block.effect.profile]
     at = np.linspace(0.0, basis.period, 4 * basis.size, endpoint=False)
     angle = basis.matrix(at) @ coefficients
-    level = block.effect.name != "road_grade" or abs(float(angle.mean())) < LEVEL
-    return level and float(np.ptp(angle)) > 2.0 * LEAST_ANGLE
+    extent = float(np.ptp(angle))
+    level = block.effect.name != "road_grade" or abs(float(angle.mean())) < min(LEVEL, CLOSED_SHARE * extent)
+    return level and extent > 2.0 * LEAST_ANGLE
 
 
 def _as_high_as_a_car(fit: Fit, block: Block) -> bool:

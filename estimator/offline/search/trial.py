@@ -17,7 +17,7 @@ from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import MOTION_ROWS, Noise
 from estimator.offline.record.record import Record
 from estimator.offline.record.road_load import road_load
-from estimator.offline.record.unknown_inputs import pedal_effects, sampling_effects
+from estimator.offline.record.unknown_inputs import pedal_effects, sampling_effects, vy_effects
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.pool import Pool
 from hil_gateway.process.arrays import Array
@@ -71,7 +71,8 @@ class Setting:
         effects = tuple(e for e in all_candidates().values() if e.name in names)
         there = frozenset(names) | self.active_names
         sampling = sampling_effects(self.record.step, there)
-        always = self.extra + sampling + pedal_effects(self.record.pedals) + road_load(there, self.record.signals)
+        logged = pedal_effects(self.record.pedals) + vy_effects(self.record.vy_displaced)
+        always = self.extra + sampling + logged + road_load(there, self.record.signals)
         return SingleTrack(self.record.vehicle, self.layout, self.active + effects + always, self.prior, self.tyre_std)
 
     @property

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.drive_simulator import TYRE, simulate, to_csv
 
+from estimator.drive_log.derived import smoothed
 from estimator.drive_log.table import DriveLog, read_log, read_logs
 from hil_gateway.process.errors import InputError
 
@@ -28,6 +29,14 @@ def _refused(path: Path, *words: str) -> None:
         read_log(path)
     for word in (path.name, *words):
         assert word in str(caught.value)
+
+
+def test_smoothing_takes_half_of_the_noise_and_nothing_of_a_parabola() -> None:
+    t = 0.04 * np.arange(500)
+    noise = np.random.default_rng(0).normal(0.0, 0.002, 500)
+    one = np.zeros(500, np.int64)
+    assert np.allclose(smoothed(t, 0.01 * t**2, one), 0.01 * t**2)
+    assert np.std(smoothed(t, noise, one)) < 0.6 * np.std(noise)
 
 
 def test_columns_come_back_as_written(tmp_path: Path) -> None:

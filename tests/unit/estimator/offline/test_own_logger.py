@@ -13,15 +13,17 @@ from support.practice_drives import PRIOR, record_of
 from typer.testing import CliRunner
 
 from estimator.cli.diagnose import app
-from estimator.drive_log.derived import add_missing_channels
+from estimator.drive_log.derived import add_missing_channels, smoothed
 from estimator.drive_log.health import examine
 from estimator.drive_log.table import DriveLog
-from estimator.model.single_track import FULL_BRAKE_PA
+from estimator.model.columns import CHANNELS, ModelColumns
+from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS, SingleTrack
 from estimator.offline.identification import Options, identify
 from estimator.offline.known_bank import examine_on_its_road
+from estimator.offline.predict.nuisance import known_bank, presses
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
-from estimator.offline.record.unknown_inputs import PEDALS
+from estimator.offline.record.unknown_inputs import PEDALS, VY_SENSOR
 from estimator.offline.result.simulated_lateral import identified_laterally, lateral_prior, with_simulated_lateral
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
@@ -66,10 +68,32 @@ def test_a_bank_the_log_shows_is_an_input_and_not_felt(drives: dict[str, Any]) -
     log, bank = banked(drives["flat"], 0.3, 1.0)
     on_its_road = examine_on_its_road(log, Vehicle()).log
     assert np.std(on_its_road["known_bank"] - bank) < 0.04
-    added = on_its_road["ay"] - log["ay"]
+    turning = log["vx"] * log["yaw_rate"]
+    added = on_its_road["ay"] - log["ay"] - (smoothed(log["t"], turning, log.segment) - turning)
     assert np.allclose(added, GRAVITY * np.sin(on_its_road["known_bank"]), atol=0.05)
     level, _ = banked(drives["flat"], 0.0, 1.0)
     assert "known_bank" not in examine_on_its_road(level, Vehicle()).log
+
+
+@pytest.mark.parametrize("ay_is_derived", [True, False])
+def test_another_zero_of_the_bank_pulls_the_car_and_leaves_an_ay_that_was_derived_with_the_bank_found(
+    ay_is_derived: bool,
+) -> None:
+    columns = ModelColumns(SingleTrack(Vehicle(), "per_axle", (known_bank(ay_is_derived=ay_is_derived),)))
+    inputs = np.zeros((len(SIGNALS) + len(AUXILIARY), 1))
+    inputs[:3, 0] = 50.0, -0.5, 0.2
+    inputs[len(SIGNALS) + AUXILIARY.index("known_bank")] = -0.3
+    theta = columns.start.copy()
+    theta[-1] = 0.02
+    channels = columns.predict(inputs, theta)[:, 0]
+    felt = channels[CHANNELS.index("vy_dot")] + 50.0 * 0.2
+    bank = -0.3 if ay_is_derived else -0.28
+    assert channels[CHANNELS.index("ay")] - felt == pytest.approx(GRAVITY * np.sin(bank))
+
+
+def test_the_air_presses_on_axles_at_the_speed_of_ovals_and_hardly_on_road_courses() -> None:
+    assert presses(55.0, Vehicle())
+    assert not presses(32.0, Vehicle())
 
 
 def test_zero_and_scales_of_pedals_are_fitted_where_the_drive_comes_from_them(drives: dict[str, Any]) -> None:
@@ -110,7 +134,19 @@ def test_an_accelerometer_is_not_blamed_for_a_late_yaw_rate() -> None:
     health = examine(late(0.3, ay=True), Vehicle())
     assert {"offset_yaw_rate", "offset_vy"} <= {f.name for f in health.findings}
     assert "useless_ay" not in {f.name for f in health.findings}
-    assert health.doubtful == ("vy",)
+    assert health.doubtful == (), "what the repair of vy leaves is estimated with the tyres"
+
+
+def test_what_a_displaced_sensor_of_vy_reports_is_estimated_along_with_the_tyres(drives: dict[str, Any]) -> None:
+    c = drives["flat"].columns
+    vy = c["vy"] + 0.6 * c["yaw_rate"] + 0.01 * c["vx"] + 0.05
+    log = DriveLog(c | {"vy": vy}, np.zeros(len(vy), np.int64))
+    record = make_record(log, Vehicle(), vy_displaced=True)
+    fit = fit_names(Setting(record, "per_axle", PRIOR), (), None, exact=True)
+    sensor = next(b for b in fit.predictor.blocks if b.effect.name == VY_SENSOR).parameters
+    assert fit.parameters[sensor] == pytest.approx([0.6, 0.01, 0.05], rel=0.2, abs=0.02)
+    unused = make_record(log, Vehicle(), ("vy", "yaw_rate"), vy_displaced=True)
+    assert not unused.vy_displaced, "where it is no sensor of the fit it is what it is"
 
 
 def test_without_an_accelerometer_neither_vy_nor_yaw_rate_is_explained_by_effects() -> None:

@@ -33,6 +33,14 @@ def test_bank_and_grade_are_found_to_a_third_of_a_degree(drives: dict[str, Any])
         assert np.ptp(found) <= 2 * size + 0.01
 
 
+@pytest.mark.parametrize("name", ["hilly", "flat"])
+def test_two_laps_tell_a_road_and_one_does_not(drives: dict[str, Any], name: str) -> None:
+    record = record_of(drives[name])
+    two = record.select(np.isin(record.lap, np.unique(record.lap)[1:3]))
+    assert set(find_road(two)) == ({"road_bank", "road_grade"} if name == "hilly" else set())
+    assert find_road(record.select(record.lap == record.lap[0])) == {}
+
+
 def test_a_flat_road_is_no_road(drives: dict[str, Any]) -> None:
     assert find_road(record_of(drives["flat"])) == {}
 

@@ -13,6 +13,7 @@ from estimator.offline.diagnosis import alternatives
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search import every_car
 from estimator.offline.search.acceptance import explains_more_than_is_left
+from estimator.offline.search.empirical import Screening, Term
 from estimator.offline.search.every_car import on_every_car
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import Greedy, check_each
@@ -28,6 +29,20 @@ def _quiet(_: str) -> None:
 
 def _never_enough(_base: Fit, _current: Fit) -> bool:
     return False
+
+
+def test_a_term_leaves_its_constant_to_an_accepted_effect_that_has_it(drives: dict[str, Any]) -> None:
+    setting, accepted = Setting(record_of(drives["single"]), "per_axle", PRIOR), ["rolling_resistance"]
+    base = fit_names(setting, accepted, None)
+    screening = Screening.make(setting, accepted, base, thinned=False)
+    free = Term("force_x", "steer", setting.record.bases["steer"], compare(*[base.held_out()] * 2, base.normal.count))
+    assert screening.levelled(free, []) == free
+    level = screening.levelled(free, accepted)
+    fits = [fit_names(term.added_to(setting), accepted, base, exact=True) for term in (free, level)]
+    rows = [next(b for b in f.predictor.blocks if b.effect.name == "rolling_resistance").parameters for f in fits]
+    error = [float(np.sqrt(f.covariance[r, r][0, 0])) for f, r in zip(fits, rows, strict=True)]
+    assert error[1] < 0.2 * error[0], "of a constant that both have neither is known"
+    assert fits[1].parameters[rows[1]][0] == pytest.approx(420.0, rel=0.02)
 
 
 def test_what_stands_in_for_another_effect_is_exchanged_for_it(drives: dict[str, Any]) -> None:
