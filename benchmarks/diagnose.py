@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator.drive_log.derived import add_missing_channels
 from estimator.drive_log.health import examine
 from estimator.drive_log.table import DriveLog
 from estimator.offline.diagnosis import diagnose
@@ -37,6 +38,7 @@ from hil_gateway.car.vehicle import Vehicle
 
 sys.path.append(str(Path(__file__).parent))
 from practice import COLUMNS, LAPS, OUTSIDE, SIZES, Drive, draw_size, simulate
+from practice.car import Chassis
 
 BATCH = 48
 """Drives simulated side by side."""
@@ -65,7 +67,12 @@ FACTORS = {"steer_scale": "scale", "speed_scale": "scale"}
 
 @dataclass(frozen=True)
 class Wanted:
-    """A drive to be simulated and diagnosed; `wrong`: factors on numbers of the vehicle file."""
+    """A drive to be simulated and diagnosed.
+
+    Attributes:
+        wrong: factors on numbers of the vehicle file; without: columns that the log has not.
+        noise: of the sensors, relative to `practice.drive.NOISE`.
+    """
 
     effects: dict[str, float]
     seed: int
@@ -73,6 +80,16 @@ class Wanted:
     laps: int = LAPS
     rate_hz: float = 100.0
     wrong: Mapping[str, float] = field(default_factory=dict)
+    chassis: Chassis = field(default_factory=Chassis)
+    noise: float = 1.0
+    without: tuple[str, ...] = ()
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle file that is declared."""
+        car = self.chassis
+        numbers = {"mass": car.mass, "yaw_inertia": car.inertia, "lf": car.lf, "lr": car.lr}
+        return Vehicle(**{name: value * self.wrong.get(name, 1.0) for name, value in numbers.items()})
 
     @property
     def batch(self) -> tuple[str, int, float]:
@@ -155,10 +172,11 @@ def run(wanted: Wanted, drive: Drive) -> Case:
     np.seterr(all="ignore")
     start = time.process_time()
     extra = tuple(name for name in COLUMNS if name in drive.columns)
-    log = DriveLog(drive.columns, np.zeros(len(drive.columns["t"]), np.int64), extra=extra)
+    segment = np.zeros(len(drive.columns["t"]), np.int64)
+    logged = {name: column for name, column in drive.columns.items() if name not in wanted.without}
+    columns, derived = add_missing_channels(Path(), logged, segment)
+    log, vehicle = DriveLog(columns, segment, derived, extra=extra), wanted.vehicle
     prior = {"cx": 50000.0, "bf": 9.0, "cf": 1.35, "df": 1.3567, "br": 10.0, "cr": 1.4, "dr": 1.3392}
-    right = Vehicle()
-    vehicle = right.model_copy(update={name: getattr(right, name) * k for name, k in wanted.wrong.items()})
     health = examine(log, vehicle)
     result = as_json(diagnose(make_record(health.log, vehicle, health.doubtful), "per_axle", prior), "", "")
     return Case(wanted, result, time.process_time() - start)
@@ -246,8 +264,11 @@ def drives(wanted: Sequence[Wanted]) -> Iterator[Drive]:
     for (course, laps, rate_hz), group in itertools.groupby(wanted, lambda w: w.batch):
         alike = list(group)
         for start in range(0, len(alike), BATCH):
-            effects, seeds = zip(*((w.effects, w.seed) for w in alike[start : start + BATCH]), strict=True)
-            yield from simulate(effects, seeds, laps, course=course, log_step=1.0 / rate_hz)
+            asked = ((w.effects, w.seed, w.chassis, w.noise) for w in alike[start : start + BATCH])
+            effects, seeds, chassis, noise = zip(*asked, strict=True)
+            yield from simulate(
+                effects, seeds, laps, course=course, log_step=1.0 / rate_hz, chassis=chassis, noise=noise
+            )
 
 
 def main() -> None:

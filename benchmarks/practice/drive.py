@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from . import outside
-from .car import MASS, TYRE, WHEELBASE, Array, Car
+from .car import TYRE, Array, Car, Chassis
 from .outside import Motion
 
 NOISE = {
@@ -101,7 +101,16 @@ def _oval(rng: np.random.Generator) -> tuple[float, Array, Array, Array, Array]:
     return length, curvature, np.cumsum(np.cos(heading)) * ds, np.cumsum(np.sin(heading)) * ds, heading
 
 
-COURSES = {"road": _course, "oval": _oval}
+def _circle(rng: np.random.Generator) -> tuple[float, Array, Array, Array, Array]:
+    """An open circle, turned to the left."""
+    length = rng.uniform(300.0, 600.0)
+    angle = 2 * np.pi * np.arange(STATIONS) / STATIONS
+    radius = length / (2 * np.pi)
+    x, y = radius * np.sin(angle), radius * (1 - np.cos(angle))
+    return length, np.full(STATIONS, 1 / radius), x, y, angle
+
+
+COURSES = {"road": _course, "oval": _oval, "circle": _circle}
 
 
 def _speed_profiles(tracks: _Tracks, laps: int) -> Array:
@@ -131,17 +140,23 @@ def simulate(
     *,
     course: str = "road",
     log_step: float = LOG_STEP,
+    chassis: Sequence[Chassis] = (),
+    noise: Sequence[float] = (),
 ) -> list[Drive]:
-    """Drive every car for `laps` laps of its own course, integrated at `step` s (a divisor of 10 ms and `log_step`)."""
+    """Drive every car for `laps` laps of its own course, integrated at `step` s (a divisor of 10 ms and `log_step`).
+
+    `chassis` and `noise`, the latter in units of `NOISE`: one a car; without them all are alike.
+    """
     generators = [np.random.default_rng(seed) for seed in seeds]
     courses = [COURSES[course](rng) for rng in generators]
     tracks = _Tracks(*(np.array(column) for column in zip(*courses, strict=True)))
     careful = [any(name.startswith(CAREFUL) for name in own) for own in effects]
     reference = _speed_profiles(tracks, laps) * np.where(careful, CAREFUL_PACE, 1.0)[:, None]
-    car = Car(effects, seeds)
+    car = Car(effects, seeds, chassis)
     raw = _drive(car, tracks, reference, step, log_step=log_step)
     bare = [Drive({}, dict(own), seed) for own, seed in zip(effects, seeds, strict=True)]
-    return [_logged(raw, i, car, drive, laps, log_step=log_step) for i, drive in enumerate(bare)]
+    noise = noise or [1.0] * len(seeds)
+    return [_logged(raw, i, car, drive, laps, log_step=log_step, noise=noise[i]) for i, drive in enumerate(bare)]
 
 
 @dataclass
@@ -181,12 +196,13 @@ class _Fleet:
         ahead = (station + (0.25 * vx / tracks.length * STATIONS).astype(int)) % STATIONS
         lap = np.minimum(share.astype(int), len(self.reference) - 1)
         kappa, target = tracks.curvature[rows, ahead], self.reference[lap, rows, ahead]
-        wanted = kappa * (WHEELBASE + 0.0012 * vx * vx)
+        wanted = kappa * (self.car.wheelbase + 0.0012 * vx * vx)
         wanted = wanted - 0.012 * offset - (0.25 + 1.0 / vx) * mu - 0.02 * (rate - kappa * vx)
         wanted = wanted + 0.11 / vx * np.sin(2 * np.pi * 0.9 * self.tick * self.step)
         most = STEER_RATE * self.step
         self.steer = np.clip(self.steer + np.clip(wanted - self.steer, -most, most), -STEER_MAX, STEER_MAX)
-        pedal = np.clip((1.2 * (target - vx) + 0.3 * np.sign(target - vx)) * MASS / TYRE["cx"], -0.075, 0.06)
+        force = (1.2 * (target - vx) + 0.3 * np.sign(target - vx)) * self.car.mass
+        pedal = np.clip(force / self.car.tyre["cx"], -0.075, 0.06)
         most = DRIVE_RATE * self.step
         self.drive = np.clip(self.drive + np.clip(pedal - self.drive, -most, most), -DRIVE_MAX, DRIVE_MAX)
         self.past_steer[self.tick % HISTORY], self.past_drive[self.tick % HISTORY] = self.steer, self.drive
@@ -260,7 +276,9 @@ def _drive(car: Car, tracks: _Tracks, reference: Array, step: float, *, log_step
     return {key: np.array(values) for key, values in log.items()}
 
 
-def _logged(raw: Mapping[str, Array], i: int, car: Car, drive: Drive, laps: int, *, log_step: float) -> Drive:
+def _logged(
+    raw: Mapping[str, Array], i: int, car: Car, drive: Drive, laps: int, *, log_step: float, noise: float
+) -> Drive:
     """What the sensors of drive `i` report: mounting errors, then white noise."""
     effects, seed = drive.effects, drive.seed
     rng = np.random.default_rng([seed, 77])
@@ -287,7 +305,7 @@ def _logged(raw: Mapping[str, Array], i: int, car: Car, drive: Drive, laps: int,
     columns["vx"] *= (1 + effects.get("speed_scale", 0.0)) * both
     columns["vy"] *= both
     for name, std in NOISE.items():
-        columns[name] = columns[name] + std * rng.normal(size=stop)
+        columns[name] = columns[name] + noise * std * rng.normal(size=stop)
     decimals = {"yaw": 5, "yaw_rate": 5, "steer": 5, "drive": 5}
     logged: dict[str, Array] = {"t": t} | {k: np.round(v, decimals.get(k, 3)) for k, v in columns.items()}
     logged["lap"] = lap[:stop]
