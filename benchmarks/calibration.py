@@ -21,15 +21,16 @@ from typing import Any
 
 import numpy as np
 
-from planner.studies.campaign.run import Job, Machines, drive_all
-
-sys.path.append(str(Path(__file__).parent))
+# the project before its benchmarks, one of which is called `planner` too; processes that drive have the same path
+sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
 import double_track
 from calibration_report import summary, write_report
 from diagnose import FACTORS, MAIN, NEEDS_ANOTHER, PROFILE_RMS, Wanted, drives, run
 from practice import SIZES, draw_size
 from practice.car import TYRE, Chassis
 from practice.double_track import Setup
+
+from planner.studies.campaign.run import Job, Machines, drive_all
 
 ROOTS = {"effects": 8100, "cars": 8200, "double_track": 8300}
 """of all draws; nothing is tuned on these drives"""
