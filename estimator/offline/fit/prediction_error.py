@@ -22,14 +22,15 @@ from hil_gateway.process.arrays import Array
 
 MAX_ITERATIONS = 14
 CONVERGED = 0.3, 1e-4
-"""A step that lowers the deviance by less, absolutely or relative to all it was lowered by, ends the fit."""
+"""A step that lowers the deviance by less, absolutely or relative to all it was lowered by, ends the fit where an
+undamped one would not lower it by more: in a curved valley short steps gain little long before its end."""
 SETTLED = 0.01
 """Predicted fall of the deviance below which a step is not made: no parameter would move by more than a tenth of its
 standard deviation."""
 REWEIGH_ABOVE = 0.1
 """A fit goes on with the deviations that its residuals show if these changed by more than a tenth."""
-RELIEF = 10.0
-"""by which damping falls after a good step; its root after each step that was too long"""
+FIRST_DAMPING, RELIEF = 1e-4, 10.0
+"""of the steps; factor by which damping falls after a good step; its root after each step that was too long"""
 
 
 @dataclass(frozen=True)
@@ -151,7 +152,7 @@ def _descended(point: Point, iterations: int, least: float) -> tuple[Point, Norm
     coordinates = Coordinates.of([p.name for p in predictor.model.tyre_table], *predictor.bounds)
     normal = point.normal()
     first = best = _objective(point, normal)
-    damping, relief = 1e-4, RELIEF
+    damping, relief = FIRST_DAMPING, RELIEF
     for _ in range(iterations):
         trial, fall = coordinates.damped_step(normal, point.parameters, damping)
         if 0.0 <= fall < SETTLED:
@@ -161,16 +162,17 @@ def _descended(point: Point, iterations: int, least: float) -> tuple[Point, Norm
             tried = Point.at(predictor, trial, point.noise)
             new = tried.normal()
             value = _objective(tried, new)
+        enough = least + CONVERGED[1] * (first - best)
         if not np.isfinite(value) or value > best:
-            if value < best + least:
+            if value < best + least and fall < enough:
                 break
-            damping, relief = max(damping, 1e-3) * 10, np.sqrt(relief)
+            damping, relief = max(damping, FIRST_DAMPING) * 10, np.sqrt(relief)
             if damping > 1e4:
                 break
             continue
         gained, best, damping = best - value, value, damping / relief
         point, normal = tried, new
-        if gained < least + CONVERGED[1] * (first - best):
+        if gained < enough and coordinates.damped_step(normal, point.parameters, 0.0)[1] < enough:
             break
     return point, normal
 
