@@ -23,11 +23,12 @@ from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import CONVERGED
 from estimator.offline.fit.steps import Coordinates
 from estimator.offline.record.laps import scored_laps
-from estimator.offline.report.diagnosis_result import as_json, as_revision, sizes_of, standard_deviations
+from estimator.offline.report.diagnosis_result import as_json, as_revision, sizes_of
 from estimator.offline.report.unexplained import unexplained
 from estimator.offline.report.words import describe, follows_turn_direction, parameter_words
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.result.leftover import Leftover, leftovers
+from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from hil_gateway.car.vehicle import Vehicle
@@ -71,7 +72,7 @@ def test_a_parameter_that_the_data_do_not_tell_is_said_to_be_undetermined(
     setting = Setting(record_of(drives["single"]), "per_axle", PRIOR)  # no throttle is recorded, so no pedal acts
     done = fit_names(setting, ["rolling_resistance", "engine_braking"], None)
     found = replace(diagnosed("single"), fit=done)
-    sizes = {b.effect.name: sizes_of(found, b, standard_deviations(found)) for b in done.predictor.blocks}
+    sizes = {b.effect.name: sizes_of(found, b, covariance(found.fit)) for b in done.predictor.blocks}
     assert parameter_words("pedal", sizes["engine_braking"]["pedal"]) == "pedal undetermined"
     assert parameter_words("force", sizes["rolling_resistance"]["force"]).startswith("force 4")
 
