@@ -4,7 +4,8 @@
     python -P benchmarks/diagnose.py --cases benchmarks/diagnose_cases.json
 
 A list of cases may ask for several effects, another course, number of laps or rate of the log, and for a vehicle file
-with wrong numbers: `{"effects": [], "seed": 1, "course": "oval", "laps": 5, "rate_hz": 50, "wrong": {"lf": 0.9}}`.
+with wrong numbers: `{"effects": [], "seed": 1, "course": "oval", "laps": 5, "rate_hz": 50, "wrong": {"lf": 0.9}}`,
+for another car (`"car": {"mass": 900}`), other `"noise"`, and a log `"without"` columns.
 
 The drives come from `practice/`, whose equations are independent of the estimator's model. A single effect
 counts as right when it is named first, as alone when nothing else is named; outside the catalogue the verdict
@@ -60,8 +61,8 @@ MAIN = {
 }  # fmt: skip
 PROFILE_RMS = {"road_grade": np.sqrt(0.29), "road_bank": np.sqrt(0.26)}
 """of the profiles of `practice.car` for a size of 1"""
-WHEELBASE_LESS_LF = "lr"
-"""A place of the centre of gravity is reported as `lf`, at the declared wheelbase."""
+NOT_TOLD = {"lr", "mass"}
+"""A place of the centre of gravity is reported as `lf`, at the declared wheelbase; motion does not tell the mass."""
 FACTORS = {"steer_scale": "scale", "speed_scale": "scale"}
 
 
@@ -132,7 +133,7 @@ class Case:
         wanted = self.ids
         if self.wanted.wrong:
             corrected = {datum["name"] for datum in self.result["vehicle"]}
-            return corrected == set(self.wanted.wrong) - {WHEELBASE_LESS_LF} and wanted <= set(self.named)
+            return corrected == set(self.wanted.wrong) - NOT_TOLD and wanted <= set(self.named)
         if not wanted:
             return bool(self.result["verdict"] == "none")
         if outside := wanted & set(OUTSIDE):
@@ -202,7 +203,10 @@ def drawn(group: Sequence[str], seed: int) -> tuple[dict[str, float], int]:
 def listed(path: Path, key: str) -> list[Wanted]:
     """The cases of a list in a file."""
     cases = json.loads(path.read_text())[key]
-    return [Wanted(*drawn(case.pop("effects"), case.pop("seed")), **case) for case in cases]
+    return [
+        Wanted(*drawn(case.pop("effects"), case.pop("seed")), chassis=Chassis(**case.pop("car", {})), **case)
+        for case in cases
+    ]
 
 
 def report(cases: list[Case]) -> None:

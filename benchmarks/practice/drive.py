@@ -31,7 +31,7 @@ STATIONS = 2048
 LAPS = 8
 CAREFUL = (
     "combined_slip", "load_transfer", "load_sensitivity", "grip_", "speed_stall", "turn_asymmetry", "gust", "puncture",
-    "brake_oversteer", "temperature_grip", "kerb", "right_push",
+    "brake_oversteer", "temperature_grip", "kerb", "right_push", "short_gusts", "tyre_heat", "slosh",
 )  # fmt: skip
 CAREFUL_PACE = 0.87
 """The driver is so much slower in a car that has less grip than the reference speed presumes."""
@@ -186,7 +186,8 @@ class _Fleet:
             -np.expm1(-self.step / np.maximum(size[f"{name}_delay/lag"], 1e-9)) for name in ("steer", "drive")
         )
         self.hold = STATIONS / np.round(tracks.length / 2.5)
-        self.angle, self.torque, self.lagging = np.zeros((3, n))
+        self.angle, self.torque, self.lagging, self.wheel, self.wheel_rate = np.zeros((5, n))
+        self.slack, self.ay, self.slosh, self.heat = np.zeros((4, n))
 
     def act(self) -> None:
         """What the driver does, and what of it reaches wheels and axle."""
@@ -211,15 +212,30 @@ class _Fleet:
         angle = self.lagging
         half = 0.5 * self.car.size["steer_play"]
         self.play = np.clip(self.play, angle - half, angle + half)
-        self.angle = np.where(half > 0, self.play, angle)
-        self.torque = self.torque + self.follow_drive * (
-            self.past_drive[(self.tick - self.lag_drive) % HISTORY, rows] - self.torque
-        )
+        self.angle = self._swung(np.where(half > 0, self.play, angle))
+        asked = self._slackened(self.past_drive[(self.tick - self.lag_drive) % HISTORY, rows])
+        self.torque = self.torque + self.follow_drive * (asked - self.torque)
         if self.tick % round(20.0 / self.step) == 0:
             self.flap = np.where(np.sin(0.37 * self.tick * self.step / 20.0 + rows) > 0, 1.0, 0.0)
 
         at = self.tick * self.step + 40.0 * self.rows
         self.temperature = 80.0 + 14.0 * np.sin(at / 47.0) + 9.0 * np.sin(at / 18.0)
+        self.slosh += self.step / outside.SLOSH_S * (self.ay - self.slosh)
+        self.heat += self.step / outside.HEAT_S * (self.ay**2 / 100.0 - self.heat)
+
+    def _swung(self, angle: Array) -> Array:
+        """Angle of wheels that swing about their steering axis."""
+        damping, w, h = self.car.size["steer_resonance"], outside.RESONANCE, self.step
+        self.wheel_rate += h * (w * w * (angle - self.wheel) - 2 * damping * w * self.wheel_rate)
+        self.wheel = np.where(damping > 0, self.wheel + h * self.wheel_rate, angle)
+        self.wheel_rate = np.where(damping > 0, self.wheel_rate, 0.0)
+        return self.wheel
+
+    def _slackened(self, drive: Array) -> Array:
+        """Drive behind a driveline with play."""
+        half = 0.5 * self.car.size["drive_play"]
+        self.slack = np.clip(self.slack, drive - half, drive + half)
+        return np.where(half > 0, self.slack, drive)
 
     def rates(self, state: tuple[Array, ...]) -> tuple[Array, ...]:
         """Derivative of the state, then ax and ay."""
@@ -229,8 +245,9 @@ class _Fleet:
         slip = self.car.slips(vx, vy, rate, steer)
         used = (np.where(sigma > 0, a_f, slip[0]), np.where(sigma > 0, a_r, slip[1]))
         motion = Motion(
-            self.tick * self.step, share, yaw, vx, vy, rate, steer, self.torque, self.ax, self.flap, self.temperature
-        )
+            self.tick * self.step, share, yaw, vx, vy, rate, steer, self.torque, self.ax, self.flap, self.temperature,
+            self.slosh, self.heat,
+        )  # fmt: skip
         ax, ay, yaw_acc, vx_dot, vy_dot = self.car.accelerations(motion, used)
         kappa = self.tracks.curvature[self.rows, (share % 1.0 * STATIONS).astype(int) % STATIONS]
         along = (vx * np.cos(mu) - vy * np.sin(mu)) / (1 - kappa * offset)
@@ -251,7 +268,7 @@ class _Fleet:
         self.y = self.y + h * (vx * np.sin(course) + vy * np.cos(course))
         state = [a + 0.5 * h * (b + c) for a, b, c in zip(self.state, first, second, strict=False)]
         state[4] = np.maximum(state[4], 3.0)
-        self.state, self.ax = tuple(state), 0.5 * (first[9] + second[9])
+        self.state, self.ax, self.ay = tuple(state), *(0.5 * (first[i] + second[i]) for i in (9, 10))
         self.tick += 1
 
 
@@ -300,6 +317,8 @@ def _logged(
     t: Array = np.arange(stop, dtype=float) * log_step
     own = {name: size[i] for name, size in car.size.items()}
     columns["ay"] = outside.sensed(own, ay, columns["vx"], t, car.local.moment[i]) + bias * (car.axis[i] == 1)
+    if drift := effects.get("accelerometer_drift", 0.0):
+        columns["ax" if car.axis[i] == 0 else "ay"] += _drifting(stop, drift, log_step, seed)
     columns["yaw_rate"] += effects.get("imu_bias/yaw_rate", 0.0)
     both = 1 + effects.get("speed_scale/both", 0.0)
     columns["vx"] *= (1 + effects.get("speed_scale", 0.0)) * both
@@ -312,3 +331,12 @@ def _logged(
     if outside.CAUSED_BY_COLUMN & set(effects):
         logged |= {name: np.round(raw[name][:stop, i], 2) for name in outside.COLUMNS}
     return Drive(logged, effects, seed)
+
+
+def _drifting(count: int, std: float, step: float, seed: int) -> Array:
+    """Noise (count,) of a first-order Markov process."""
+    rng, keep = np.random.default_rng([seed, 78]), float(np.exp(-step / outside.DRIFT_S))
+    out = std * rng.normal(size=count)
+    for k in range(1, count):
+        out[k] = keep * out[k - 1] + np.sqrt(1 - keep**2) * out[k]
+    return out
