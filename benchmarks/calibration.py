@@ -111,7 +111,7 @@ def _judged(wanted: Wanted, result: Mapping[str, Any]) -> dict[str, Any]:
         if parameter is not None:
             true = 1.0 + size if name in FACTORS else size * PROFILE_RMS.get(name, 1.0)
             sizes[f"{name}.{parameter}"] = true
-    label = f"{wanted.seed} {wanted.batch} {', '.join(wanted.without)}"
+    label = f"{wanted.seed} {wanted.batch} {wanted.rate_hz:g} Hz {', '.join(wanted.without)}"
     there = sorted(wanted.effects)
     return {
         "label": label, "there": there, "may": [], "sizes": sizes, "tyre": wanted.chassis.tyre, "result": result

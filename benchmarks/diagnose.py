@@ -93,9 +93,9 @@ class Wanted:
         return Vehicle(**{name: value * self.wrong.get(name, 1.0) for name, value in numbers.items()})
 
     @property
-    def batch(self) -> tuple[str, int, float]:
+    def batch(self) -> tuple[str, int]:
         """Drives for which this is the same are simulated side by side."""
-        return self.course, self.laps, self.rate_hz
+        return self.course, self.laps
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ def line(case: Case) -> str:
     said = [*case.named, *(f"{u['signal']} in {u['channel']}" for u in case.result["unexplained"])]
     return (
         f"{'alone' if case.alone else 'right' if case.right else 'WRONG'} {case.label} {case.effects}"
-        f" seed {case.wanted.seed} {case.wanted.batch}:"
+        f" seed {case.wanted.seed} {case.wanted.batch} {case.wanted.rate_hz:g} Hz:"
         f" {said or case.result['verdict']}, size off {f'{size[0]:.1%} {size[1]:.1f} sd' if size else '-'},"
         f" removed {case.removed():.2f}, {case.seconds:.0f} s"
     )  # fmt: skip
@@ -259,20 +259,24 @@ def line(case: Case) -> str:
 
 def row(case: Case) -> dict[str, Any]:
     """A finished case for the JSON file."""
-    asked = {"label": case.label, "effects": case.effects, "seed": case.wanted.seed, "batch": case.wanted.batch}
+    asked = {
+        "label": case.label,
+        "effects": case.effects,
+        "seed": case.wanted.seed,
+        "batch": case.wanted.batch,
+        "rate_hz": case.wanted.rate_hz,
+    }
     return asked | {"right": case.right, "alone": case.alone, "seconds": case.seconds, "result": case.result}
 
 
 def drives(wanted: Sequence[Wanted]) -> Iterator[Drive]:
     """Simulate in batches, in order."""
-    for (course, laps, rate_hz), group in itertools.groupby(wanted, lambda w: w.batch):
+    for (course, laps), group in itertools.groupby(wanted, lambda w: w.batch):
         alike = list(group)
         for start in range(0, len(alike), BATCH):
-            asked = ((w.effects, w.seed, w.chassis, w.noise) for w in alike[start : start + BATCH])
-            effects, seeds, chassis, noise = zip(*asked, strict=True)
-            yield from simulate(
-                effects, seeds, laps, course=course, log_step=1.0 / rate_hz, chassis=chassis, noise=noise
-            )
+            asked = ((w.effects, w.seed, 1.0 / w.rate_hz, w.chassis, w.noise) for w in alike[start : start + BATCH])
+            effects, seeds, steps, chassis, noise = zip(*asked, strict=True)
+            yield from simulate(effects, seeds, laps, course=course, log_step=steps, chassis=chassis, noise=noise)
 
 
 def main() -> None:

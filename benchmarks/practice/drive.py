@@ -8,6 +8,7 @@ right about. Many drives run side by side as arrays: 64 drives of 15 minutes tak
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -139,13 +140,13 @@ def simulate(
     step: float = 0.005,
     *,
     course: str = "road",
-    log_step: float = LOG_STEP,
+    log_step: float | Sequence[float] = LOG_STEP,
     chassis: Sequence[Chassis] = (),
     noise: Sequence[float] = (),
 ) -> list[Drive]:
     """Drive every car for `laps` laps of its own course, integrated at `step` s (a divisor of 10 ms and `log_step`).
 
-    `chassis` and `noise`, the latter in units of `NOISE`: one a car; without them all are alike.
+    `chassis`, `noise`, in units of `NOISE`, and steps of the log may be one a car; without them all are alike.
     """
     generators = [np.random.default_rng(seed) for seed in seeds]
     courses = [COURSES[course](rng) for rng in generators]
@@ -153,10 +154,20 @@ def simulate(
     careful = [any(name.startswith(CAREFUL) for name in own) for own in effects]
     reference = _speed_profiles(tracks, laps) * np.where(careful, CAREFUL_PACE, 1.0)[:, None]
     car = Car(effects, seeds, chassis)
-    raw = _drive(car, tracks, reference, step, log_step=log_step)
+    steps = [log_step] * len(seeds) if isinstance(log_step, float) else log_step
+    fastest = math.gcd(*(round(one / step) for one in steps)) * step
+    raw = _drive(car, tracks, reference, step, log_step=fastest)
     bare = [Drive({}, dict(own), seed) for own, seed in zip(effects, seeds, strict=True)]
     noise = noise or [1.0] * len(seeds)
-    return [_logged(raw, i, car, drive, laps, log_step=log_step, noise=noise[i]) for i, drive in enumerate(bare)]
+    return [
+        _logged(_every(raw, round(own / fastest)), i, car, drive, laps, log_step=own, noise=noise[i])
+        for i, (drive, own) in enumerate(zip(bare, steps, strict=True))
+    ]
+
+
+def _every(raw: Mapping[str, Array], stride: int) -> Mapping[str, Array]:
+    """Every so many samples."""
+    return {name: values[::stride] for name, values in raw.items()}
 
 
 @dataclass
