@@ -22,14 +22,15 @@ MASS_ERROR, PLACE_ERROR, INERTIA_ERROR = 0.01, 0.01, 0.025
 weigh; centre of gravity, m, by the axle loads; yaw inertia, relative, by a swing test (95 % within 5 %)"""
 UNIFORM = 12.0**-0.5
 """Standard deviation of a uniform distribution over its width: when within a row a sensor was read."""
-MEASURED_INPUTS = {"ax": 6, "ay": 7, "vx": 8, "vy": 9, "yaw_rate": 10}
-"""Rows of the predictor's inputs (`Linearised.inputs`) that hold a measured channel less its prediction."""
+MEASURED_INPUTS = {"vx": 8, "vy": 9, "yaw_rate": 10}
+"""Rows of the predictor's inputs (`Linearised.inputs`) of a measured signal less its prediction. When ay was read
+is fitted (`unknown_inputs`), and no effect is told by when ax was."""
 CHANGES = {"vx": 3, "vy": 4, "yaw_rate": 2}
-"""Predicted channel that is the change of a measured one."""
+"""Predicted channel that is the change of a measured signal."""
 
 
 def by_sampling(fit: Fit) -> Array:
-    """(5, p) by which the parameters move where one channel was read by a standard deviation later than the others."""
+    """(3, p) by which the parameters move where one signal was read by a standard deviation later than the others."""
     at = Point.at(fit.predictor, fit.parameters, fit.noise)
     return _moved(at, fit, list(_read_later(at)))
 
@@ -59,13 +60,9 @@ def _moved(at: Point, fit: Fit, errors: Sequence[Array]) -> Array:
 def _read_later(at: Point) -> Iterator[Array]:
     """(5, windows, blocks) change of the residual where one channel was read by a standard deviation later."""
     record, predicted = at.predictor.record, at.predictor.predict(at.parameters)
-    for channel, row in MEASURED_INPUTS.items():
-        if channel in CHANGES:
-            change = predicted[CHANGES[channel]]
-        else:
-            change = np.gradient(predicted[row - MEASURED_INPUTS["ax"]], record.block_step, axis=1)
+    for signal, row in MEASURED_INPUTS.items():
         inputs = np.zeros_like(at.left.inputs)
-        inputs[:, :, row, 0] = record.step * UNIFORM * change.T
+        inputs[:, :, row, 0] = record.step * UNIFORM * predicted[CHANGES[signal]].T
         yield at.left.innovations.run(inputs)[..., 0].transpose(2, 1, 0)
 
 
