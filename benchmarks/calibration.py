@@ -111,6 +111,8 @@ def _judged(wanted: Wanted, result: Mapping[str, Any]) -> dict[str, Any]:
         if parameter is not None:
             true = 1.0 + size if name in FACTORS else size * PROFILE_RMS.get(name, 1.0)
             sizes[f"{name}.{parameter}"] = true
+    if {"steer_scale", "steer_offset"} <= set(wanted.effects):  # the model scales the offset too
+        sizes["steer_offset.offset"] /= sizes["steer_scale.scale"]
     label = f"{wanted.seed} {wanted.batch} {wanted.rate_hz:g} Hz {', '.join(wanted.without)}"
     there = sorted(wanted.effects)
     return {

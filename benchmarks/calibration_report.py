@@ -149,9 +149,10 @@ def write_report(drives: Sequence[Drive], subtitle: str, path: Path) -> Path:
         for n, z in by_parameter(drives).items()
     ]
     report.table(["Parameter", "Stated", "Mean", "RMS", "Largest"], rows)
-    report.section("Names that are not there")
-    wrong = [[d["label"], ", ".join(d["there"]) or "nothing", ", ".join(false_names(d))] for d in drives]
-    report.table(["Drive", "There", "Not there"], [row for row in wrong if row[2]])
+    wrong = [[d["label"], ", ".join(d["there"]) or "nothing", ", ".join(n)] for d in drives if (n := false_names(d))]
+    report.section("Names that are not there", "" if wrong else "None.")
+    if wrong:
+        report.table(["Drive", "There", "Not there"], wrong)
     return report.write(path)
 
 
