@@ -4,7 +4,8 @@
     python -P benchmarks/diagnose.py --cases benchmarks/diagnose_cases.json
 
 A list of cases may ask for several effects, another course, number of laps or rate of the log, and for a vehicle file
-with wrong numbers: `{"effects": [], "seed": 1, "course": "oval", "laps": 5, "rate_hz": 50, "wrong": {"lf": 0.9}}`.
+with wrong numbers: `{"effects": [], "seed": 1, "course": "oval", "laps": 5, "rate_hz": 50, "wrong": {"lf": 0.9}}`,
+for another car (`"car": {"mass": 900}`), other `"noise"`, and a log `"without"` columns.
 
 The drives come from `practice/`, whose equations are independent of the estimator's model. A single effect
 counts as right when it is named first, as alone when nothing else is named; outside the catalogue the verdict
@@ -28,6 +29,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator.drive_log.derived import add_missing_channels
 from estimator.drive_log.health import examine
 from estimator.drive_log.table import DriveLog
 from estimator.offline.diagnosis import diagnose
@@ -37,6 +39,7 @@ from hil_gateway.car.vehicle import Vehicle
 
 sys.path.append(str(Path(__file__).parent))
 from practice import COLUMNS, LAPS, OUTSIDE, SIZES, Drive, draw_size, simulate
+from practice.car import Chassis
 
 BATCH = 48
 """Drives simulated side by side."""
@@ -58,14 +61,19 @@ MAIN = {
 }  # fmt: skip
 PROFILE_RMS = {"road_grade": np.sqrt(0.29), "road_bank": np.sqrt(0.26)}
 """of the profiles of `practice.car` for a size of 1"""
-WHEELBASE_LESS_LF = "lr"
-"""A place of the centre of gravity is reported as `lf`, at the declared wheelbase."""
+NOT_TOLD = {"lr", "mass"}
+"""A place of the centre of gravity is reported as `lf`, at the declared wheelbase; motion does not tell the mass."""
 FACTORS = {"steer_scale": "scale", "speed_scale": "scale"}
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """A drive to be simulated and diagnosed; `wrong`: factors on numbers of the vehicle file."""
+    """A drive to be simulated and diagnosed.
+
+    Attributes:
+        wrong: factors on numbers of the vehicle file; without: columns that the log has not.
+        noise: of the sensors, relative to `practice.drive.NOISE`.
+    """
 
     effects: dict[str, float]
     seed: int
@@ -73,11 +81,21 @@ class Wanted:
     laps: int = LAPS
     rate_hz: float = 100.0
     wrong: Mapping[str, float] = field(default_factory=dict)
+    chassis: Chassis = field(default_factory=Chassis)
+    noise: float = 1.0
+    without: tuple[str, ...] = ()
 
     @property
-    def batch(self) -> tuple[str, int, float]:
+    def vehicle(self) -> Vehicle:
+        """The vehicle file that is declared."""
+        car = self.chassis
+        numbers = {"mass": car.mass, "yaw_inertia": car.inertia, "lf": car.lf, "lr": car.lr}
+        return Vehicle(**{name: value * self.wrong.get(name, 1.0) for name, value in numbers.items()})
+
+    @property
+    def batch(self) -> tuple[str, int]:
         """Drives for which this is the same are simulated side by side."""
-        return self.course, self.laps, self.rate_hz
+        return self.course, self.laps
 
 
 @dataclass(frozen=True)
@@ -115,7 +133,7 @@ class Case:
         wanted = self.ids
         if self.wanted.wrong:
             corrected = {datum["name"] for datum in self.result["vehicle"]}
-            return corrected == set(self.wanted.wrong) - {WHEELBASE_LESS_LF} and wanted <= set(self.named)
+            return corrected == set(self.wanted.wrong) - NOT_TOLD and wanted <= set(self.named)
         if not wanted:
             return bool(self.result["verdict"] == "none")
         if outside := wanted & set(OUTSIDE):
@@ -155,10 +173,11 @@ def run(wanted: Wanted, drive: Drive) -> Case:
     np.seterr(all="ignore")
     start = time.process_time()
     extra = tuple(name for name in COLUMNS if name in drive.columns)
-    log = DriveLog(drive.columns, np.zeros(len(drive.columns["t"]), np.int64), extra=extra)
+    segment = np.zeros(len(drive.columns["t"]), np.int64)
+    logged = {name: column for name, column in drive.columns.items() if name not in wanted.without}
+    columns, derived = add_missing_channels(Path(), logged, segment)
+    log, vehicle = DriveLog(columns, segment, derived, extra=extra), wanted.vehicle
     prior = {"cx": 50000.0, "bf": 9.0, "cf": 1.35, "df": 1.3567, "br": 10.0, "cr": 1.4, "dr": 1.3392}
-    right = Vehicle()
-    vehicle = right.model_copy(update={name: getattr(right, name) * k for name, k in wanted.wrong.items()})
     health = examine(log, vehicle)
     result = as_json(diagnose(make_record(health.log, vehicle, health.doubtful), "per_axle", prior), "", "")
     return Case(wanted, result, time.process_time() - start)
@@ -184,7 +203,10 @@ def drawn(group: Sequence[str], seed: int) -> tuple[dict[str, float], int]:
 def listed(path: Path, key: str) -> list[Wanted]:
     """The cases of a list in a file."""
     cases = json.loads(path.read_text())[key]
-    return [Wanted(*drawn(case.pop("effects"), case.pop("seed")), **case) for case in cases]
+    return [
+        Wanted(*drawn(case.pop("effects"), case.pop("seed")), chassis=Chassis(**case.pop("car", {})), **case)
+        for case in cases
+    ]
 
 
 def report(cases: list[Case]) -> None:
@@ -229,7 +251,7 @@ def line(case: Case) -> str:
     said = [*case.named, *(f"{u['signal']} in {u['channel']}" for u in case.result["unexplained"])]
     return (
         f"{'alone' if case.alone else 'right' if case.right else 'WRONG'} {case.label} {case.effects}"
-        f" seed {case.wanted.seed} {case.wanted.batch}:"
+        f" seed {case.wanted.seed} {case.wanted.batch} {case.wanted.rate_hz:g} Hz:"
         f" {said or case.result['verdict']}, size off {f'{size[0]:.1%} {size[1]:.1f} sd' if size else '-'},"
         f" removed {case.removed():.2f}, {case.seconds:.0f} s"
     )  # fmt: skip
@@ -237,17 +259,24 @@ def line(case: Case) -> str:
 
 def row(case: Case) -> dict[str, Any]:
     """A finished case for the JSON file."""
-    asked = {"label": case.label, "effects": case.effects, "seed": case.wanted.seed, "batch": case.wanted.batch}
+    asked = {
+        "label": case.label,
+        "effects": case.effects,
+        "seed": case.wanted.seed,
+        "batch": case.wanted.batch,
+        "rate_hz": case.wanted.rate_hz,
+    }
     return asked | {"right": case.right, "alone": case.alone, "seconds": case.seconds, "result": case.result}
 
 
 def drives(wanted: Sequence[Wanted]) -> Iterator[Drive]:
     """Simulate in batches, in order."""
-    for (course, laps, rate_hz), group in itertools.groupby(wanted, lambda w: w.batch):
+    for (course, laps), group in itertools.groupby(wanted, lambda w: w.batch):
         alike = list(group)
         for start in range(0, len(alike), BATCH):
-            effects, seeds = zip(*((w.effects, w.seed) for w in alike[start : start + BATCH]), strict=True)
-            yield from simulate(effects, seeds, laps, course=course, log_step=1.0 / rate_hz)
+            asked = ((w.effects, w.seed, 1.0 / w.rate_hz, w.chassis, w.noise) for w in alike[start : start + BATCH])
+            effects, seeds, steps, chassis, noise = zip(*asked, strict=True)
+            yield from simulate(effects, seeds, laps, course=course, log_step=steps, chassis=chassis, noise=noise)
 
 
 def main() -> None:

@@ -91,11 +91,13 @@ CASES = {
 before sizes beside an empirical term were looked at."""
 
 
-def results(cases: Mapping[str, Case]) -> Iterator[tuple[str, Case, dict[str, Any]]]:
-    """Every drive with what `hil diagnose` says of it."""
+def results(
+    cases: Mapping[str, Case], processes: int = os.cpu_count() or 1
+) -> Iterator[tuple[str, Case, dict[str, Any]]]:
+    """Every drive with what `hil diagnose` says of it, fits in so many processes."""
     drives = simulate([case.setup for case in cases.values()], [case.seed for case in cases.values()])
     vehicle, prior = Vehicle(), default_tyre_prior("per_axle", Vehicle())
-    with workers(os.cpu_count() or 1) as pool:
+    with workers(processes) as pool:
         for (name, case), drive in zip(cases.items(), track(drives, "diagnosing"), strict=True):
             log = DriveLog(drive.columns, segment_numbers(drive.columns["t"]))
             health = examine(log, vehicle)

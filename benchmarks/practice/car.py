@@ -7,6 +7,7 @@ does not read the catalogue either.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,8 +17,6 @@ from . import outside
 from .outside import Local, Motion
 
 GRAVITY = 9.80665
-MASS, INERTIA, LF, LR = 787.3, 1000.0, 1.724, 1.248
-WHEELBASE = LF + LR
 TYRE = {"cx": 62000.0, "bf": 11.5, "cf": 1.55, "df": 1.6033, "br": 13.0, "cr": 1.6, "dr": 1.5847}
 WARM_UP_S = 200.0
 
@@ -76,16 +75,36 @@ def draw_size(name: str, rng: np.random.Generator) -> float:
     return -size if signed and rng.random() < 0.5 else size
 
 
+@dataclass(frozen=True)
+class Chassis:
+    """What a vehicle file declares of a car, SI, and its tyres."""
+
+    mass: float = 787.3
+    inertia: float = 1000.0
+    lf: float = 1.724
+    lr: float = 1.248
+    tyre: Mapping[str, float] = field(default_factory=lambda: dict(TYRE))
+
+
 class Car:
     """Forces of many cars at once; every effect is a column of sizes, zero (or one) where it is off."""
 
-    def __init__(self, effects: Sequence[Mapping[str, float]], seeds: Sequence[int]) -> None:
+    def __init__(
+        self, effects: Sequence[Mapping[str, float]], seeds: Sequence[int], chassis: Sequence[Chassis] = ()
+    ) -> None:
+        each = chassis or [Chassis()] * len(seeds)
+        self.mass, self.inertia, self.lf, self.lr = (
+            np.array([getattr(one, name) for one in each]) for name in ("mass", "inertia", "lf", "lr")
+        )
+        self.wheelbase = self.lf + self.lr
+        self.tyre = {name: np.array([one.tyre[name] for one in each]) for name in TYRE}
         self.size = {name: np.array([e.get(name, 0.0) for e in effects]) for name in SIZES}
         drawn = np.array([np.random.default_rng([seed, 5]).uniform(size=8) for seed in seeds]).T
         self.phase, self.wind_from = 2 * np.pi * drawn[:4], 2 * np.pi * drawn[4]
         self.local = Local(0.1 + 0.5 * drawn[5], 900.0 * (0.3 + 0.2 * drawn[6]))
         self.axis = (drawn[7] > 0.5).astype(int)
-        self.front, self.rear = MASS * GRAVITY * LR / WHEELBASE, MASS * GRAVITY * LF / WHEELBASE
+        weight = self.mass * GRAVITY
+        self.front, self.rear = weight * self.lr / self.wheelbase, weight * self.lf / self.wheelbase
         self.fmax, self.fmagic = (
             np.where(self.size[name] > 0, self.size[name], 1e9)
             for name in ("drive_saturation", "drive_saturation/magic")
@@ -101,11 +120,11 @@ class Car:
 
     def slips(self, vx: Array, vy: Array, rate: Array, steer: Array) -> tuple[Array, Array]:
         """Slip angles, Eq. (3)."""
-        return steer - np.arctan2(vy + LF * rate, vx), -np.arctan2(vy - LR * rate, vx)
+        return steer - np.arctan2(vy + self.lf * rate, vx), -np.arctan2(vy - self.lr * rate, vx)
 
     def longitudinal(self, at: Motion) -> tuple[Array, Array, Array]:
         """Longitudinal force of front and rear tyres and on the body, N."""
-        s, vx, drive, cx = self.size, at.vx, at.drive, TYRE["cx"]
+        s, vx, drive, cx = self.size, at.vx, at.drive, self.tyre["cx"]
         front_x = s["front_brake"] * np.minimum(drive, 0.0) * cx
         rear_x = cx * outside.driven(s, at) - front_x
         rear_x = rear_x - (s["engine_braking"] + s["engine_braking/speed"] * vx / 30.0) * (drive <= 0)
@@ -121,14 +140,14 @@ class Car:
     def peaks(self, at: Motion, slip: tuple[Array, Array]) -> tuple[Array, Array]:
         """D F_z of both axles, N."""
         s, t, vx = self.size, at.t, at.vx
-        transfer = s["load_transfer"] * MASS * at.ax_before / WHEELBASE
+        transfer = s["load_transfer"] * self.mass * at.ax_before / self.wheelbase
         down = s["aero_downforce"] * vx * vx
         fz_f, fz_r = self.front + 0.4 * down - transfer, self.rear + 0.6 * down + transfer
         grip = 1 + s["grip_drift"] * t + s["grip_drift/warmup"] * (1 - np.exp(-t / WARM_UP_S))
         grip_f, grip_r = (grip * g for g in outside.grip(s, at, self.local))
         left = [1 + s["turn_asymmetry"] * np.sign(alpha) for alpha in slip]
-        d_f = TYRE["df"] * (1 - s["load_sensitivity"] * (fz_f / self.front - 1)) * grip_f * left[0]
-        d_r = TYRE["dr"] * (1 - s["load_sensitivity"] * (fz_r / self.rear - 1)) * grip_r * left[1]
+        d_f = self.tyre["df"] * (1 - s["load_sensitivity"] * (fz_f / self.front - 1)) * grip_f * left[0]
+        d_r = self.tyre["dr"] * (1 - s["load_sensitivity"] * (fz_r / self.rear - 1)) * grip_r * left[1]
         return d_f * fz_f, d_r * fz_r
 
     def left_over(self, force: Array, peak: Array, drive: Array) -> Array:
@@ -143,14 +162,18 @@ class Car:
         s, vx, vy, rate = self.size, at.vx, at.vy, at.rate
         front_x, rear_x, body_x = self.longitudinal(at)
         peak_f, peak_r = self.peaks(at, slip)
-        fy_f = peak_f * np.sin(TYRE["cf"] * np.arctan(TYRE["bf"] * slip[0])) * self.left_over(front_x, peak_f, 0 * vx)
-        fy_r = peak_r * np.sin(TYRE["cr"] * np.arctan(TYRE["br"] * slip[1])) * self.left_over(rear_x, peak_r, at.drive)
+        curve_f, curve_r = (
+            np.sin(self.tyre[f"c{axle}"] * np.arctan(self.tyre[f"b{axle}"] * alpha))
+            for axle, alpha in zip("fr", slip, strict=True)
+        )
+        fy_f = peak_f * curve_f * self.left_over(front_x, peak_f, 0 * vx)
+        fy_r = peak_r * curve_r * self.left_over(rear_x, peak_r, at.drive)
         body_y = 0.7 * s["wind"] * np.sin(self.wind_from - at.yaw) * vx + outside.side_force(s, at, self.local)
         sin, cos = np.sin(at.steer), np.cos(at.steer)
         moment = -s["yaw_damping"] * rate + outside.moment(s, at)
-        ax = (rear_x + front_x * cos - fy_f * sin + body_x) / MASS
-        ay = (fy_r + fy_f * cos + front_x * sin + body_y) / MASS
-        yaw_acc = ((fy_f * cos + front_x * sin) * LF - fy_r * LR + moment) / INERTIA
+        ax = (rear_x + front_x * cos - fy_f * sin + body_x) / self.mass
+        ay = (fy_r + fy_f * cos + front_x * sin + body_y) / self.mass
+        yaw_acc = ((fy_f * cos + front_x * sin) * self.lf - fy_r * self.lr + moment) / self.inertia
         grade, bank = self.grade(at.share)
         vx_dot = ax + vy * rate - GRAVITY * np.sin(grade)
         vy_dot = ay - vx * rate - GRAVITY * np.sin(bank)

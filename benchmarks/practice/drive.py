@@ -8,6 +8,7 @@ right about. Many drives run side by side as arrays: 64 drives of 15 minutes tak
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from . import outside
-from .car import MASS, TYRE, WHEELBASE, Array, Car
+from .car import TYRE, Array, Car, Chassis
 from .outside import Motion
 
 NOISE = {
@@ -31,7 +32,7 @@ STATIONS = 2048
 LAPS = 8
 CAREFUL = (
     "combined_slip", "load_transfer", "load_sensitivity", "grip_", "speed_stall", "turn_asymmetry", "gust", "puncture",
-    "brake_oversteer", "temperature_grip", "kerb", "right_push",
+    "brake_oversteer", "temperature_grip", "kerb", "right_push", "short_gusts", "tyre_heat", "slosh",
 )  # fmt: skip
 CAREFUL_PACE = 0.87
 """The driver is so much slower in a car that has less grip than the reference speed presumes."""
@@ -101,7 +102,16 @@ def _oval(rng: np.random.Generator) -> tuple[float, Array, Array, Array, Array]:
     return length, curvature, np.cumsum(np.cos(heading)) * ds, np.cumsum(np.sin(heading)) * ds, heading
 
 
-COURSES = {"road": _course, "oval": _oval}
+def _circle(rng: np.random.Generator) -> tuple[float, Array, Array, Array, Array]:
+    """An open circle, turned to the left."""
+    length = rng.uniform(300.0, 600.0)
+    angle = 2 * np.pi * np.arange(STATIONS) / STATIONS
+    radius = length / (2 * np.pi)
+    x, y = radius * np.sin(angle), radius * (1 - np.cos(angle))
+    return length, np.full(STATIONS, 1 / radius), x, y, angle
+
+
+COURSES = {"road": _course, "oval": _oval, "circle": _circle}
 
 
 def _speed_profiles(tracks: _Tracks, laps: int) -> Array:
@@ -130,18 +140,34 @@ def simulate(
     step: float = 0.005,
     *,
     course: str = "road",
-    log_step: float = LOG_STEP,
+    log_step: float | Sequence[float] = LOG_STEP,
+    chassis: Sequence[Chassis] = (),
+    noise: Sequence[float] = (),
 ) -> list[Drive]:
-    """Drive every car for `laps` laps of its own course, integrated at `step` s (a divisor of 10 ms and `log_step`)."""
+    """Drive every car for `laps` laps of its own course, integrated at `step` s (a divisor of 10 ms and `log_step`).
+
+    `chassis`, `noise`, in units of `NOISE`, and steps of the log may be one a car; without them all are alike.
+    """
     generators = [np.random.default_rng(seed) for seed in seeds]
     courses = [COURSES[course](rng) for rng in generators]
     tracks = _Tracks(*(np.array(column) for column in zip(*courses, strict=True)))
     careful = [any(name.startswith(CAREFUL) for name in own) for own in effects]
     reference = _speed_profiles(tracks, laps) * np.where(careful, CAREFUL_PACE, 1.0)[:, None]
-    car = Car(effects, seeds)
-    raw = _drive(car, tracks, reference, step, log_step=log_step)
+    car = Car(effects, seeds, chassis)
+    steps = [log_step] * len(seeds) if isinstance(log_step, float) else log_step
+    fastest = math.gcd(*(round(one / step) for one in steps)) * step
+    raw = _drive(car, tracks, reference, step, log_step=fastest)
     bare = [Drive({}, dict(own), seed) for own, seed in zip(effects, seeds, strict=True)]
-    return [_logged(raw, i, car, drive, laps, log_step=log_step) for i, drive in enumerate(bare)]
+    noise = noise or [1.0] * len(seeds)
+    return [
+        _logged(_every(raw, round(own / fastest)), i, car, drive, laps, log_step=own, noise=noise[i])
+        for i, (drive, own) in enumerate(zip(bare, steps, strict=True))
+    ]
+
+
+def _every(raw: Mapping[str, Array], stride: int) -> Mapping[str, Array]:
+    """Every so many samples."""
+    return {name: values[::stride] for name, values in raw.items()}
 
 
 @dataclass
@@ -171,7 +197,8 @@ class _Fleet:
             -np.expm1(-self.step / np.maximum(size[f"{name}_delay/lag"], 1e-9)) for name in ("steer", "drive")
         )
         self.hold = STATIONS / np.round(tracks.length / 2.5)
-        self.angle, self.torque, self.lagging = np.zeros((3, n))
+        self.angle, self.torque, self.lagging, self.wheel, self.wheel_rate = np.zeros((5, n))
+        self.slack, self.ay, self.slosh, self.heat = np.zeros((4, n))
 
     def act(self) -> None:
         """What the driver does, and what of it reaches wheels and axle."""
@@ -181,12 +208,13 @@ class _Fleet:
         ahead = (station + (0.25 * vx / tracks.length * STATIONS).astype(int)) % STATIONS
         lap = np.minimum(share.astype(int), len(self.reference) - 1)
         kappa, target = tracks.curvature[rows, ahead], self.reference[lap, rows, ahead]
-        wanted = kappa * (WHEELBASE + 0.0012 * vx * vx)
+        wanted = kappa * (self.car.wheelbase + 0.0012 * vx * vx)
         wanted = wanted - 0.012 * offset - (0.25 + 1.0 / vx) * mu - 0.02 * (rate - kappa * vx)
         wanted = wanted + 0.11 / vx * np.sin(2 * np.pi * 0.9 * self.tick * self.step)
         most = STEER_RATE * self.step
         self.steer = np.clip(self.steer + np.clip(wanted - self.steer, -most, most), -STEER_MAX, STEER_MAX)
-        pedal = np.clip((1.2 * (target - vx) + 0.3 * np.sign(target - vx)) * MASS / TYRE["cx"], -0.075, 0.06)
+        force = (1.2 * (target - vx) + 0.3 * np.sign(target - vx)) * self.car.mass
+        pedal = np.clip(force / self.car.tyre["cx"], -0.075, 0.06)
         most = DRIVE_RATE * self.step
         self.drive = np.clip(self.drive + np.clip(pedal - self.drive, -most, most), -DRIVE_MAX, DRIVE_MAX)
         self.past_steer[self.tick % HISTORY], self.past_drive[self.tick % HISTORY] = self.steer, self.drive
@@ -195,15 +223,30 @@ class _Fleet:
         angle = self.lagging
         half = 0.5 * self.car.size["steer_play"]
         self.play = np.clip(self.play, angle - half, angle + half)
-        self.angle = np.where(half > 0, self.play, angle)
-        self.torque = self.torque + self.follow_drive * (
-            self.past_drive[(self.tick - self.lag_drive) % HISTORY, rows] - self.torque
-        )
+        self.angle = self._swung(np.where(half > 0, self.play, angle))
+        asked = self._slackened(self.past_drive[(self.tick - self.lag_drive) % HISTORY, rows])
+        self.torque = self.torque + self.follow_drive * (asked - self.torque)
         if self.tick % round(20.0 / self.step) == 0:
             self.flap = np.where(np.sin(0.37 * self.tick * self.step / 20.0 + rows) > 0, 1.0, 0.0)
 
         at = self.tick * self.step + 40.0 * self.rows
         self.temperature = 80.0 + 14.0 * np.sin(at / 47.0) + 9.0 * np.sin(at / 18.0)
+        self.slosh += self.step / outside.SLOSH_S * (self.ay - self.slosh)
+        self.heat += self.step / outside.HEAT_S * (self.ay**2 / 100.0 - self.heat)
+
+    def _swung(self, angle: Array) -> Array:
+        """Angle of wheels that swing about their steering axis."""
+        damping, w, h = self.car.size["steer_resonance"], outside.RESONANCE, self.step
+        self.wheel_rate += h * (w * w * (angle - self.wheel) - 2 * damping * w * self.wheel_rate)
+        self.wheel = np.where(damping > 0, self.wheel + h * self.wheel_rate, angle)
+        self.wheel_rate = np.where(damping > 0, self.wheel_rate, 0.0)
+        return self.wheel
+
+    def _slackened(self, drive: Array) -> Array:
+        """Drive behind a driveline with play."""
+        half = 0.5 * self.car.size["drive_play"]
+        self.slack = np.clip(self.slack, drive - half, drive + half)
+        return np.where(half > 0, self.slack, drive)
 
     def rates(self, state: tuple[Array, ...]) -> tuple[Array, ...]:
         """Derivative of the state, then ax and ay."""
@@ -213,8 +256,9 @@ class _Fleet:
         slip = self.car.slips(vx, vy, rate, steer)
         used = (np.where(sigma > 0, a_f, slip[0]), np.where(sigma > 0, a_r, slip[1]))
         motion = Motion(
-            self.tick * self.step, share, yaw, vx, vy, rate, steer, self.torque, self.ax, self.flap, self.temperature
-        )
+            self.tick * self.step, share, yaw, vx, vy, rate, steer, self.torque, self.ax, self.flap, self.temperature,
+            self.slosh, self.heat,
+        )  # fmt: skip
         ax, ay, yaw_acc, vx_dot, vy_dot = self.car.accelerations(motion, used)
         kappa = self.tracks.curvature[self.rows, (share % 1.0 * STATIONS).astype(int) % STATIONS]
         along = (vx * np.cos(mu) - vy * np.sin(mu)) / (1 - kappa * offset)
@@ -235,7 +279,7 @@ class _Fleet:
         self.y = self.y + h * (vx * np.sin(course) + vy * np.cos(course))
         state = [a + 0.5 * h * (b + c) for a, b, c in zip(self.state, first, second, strict=False)]
         state[4] = np.maximum(state[4], 3.0)
-        self.state, self.ax = tuple(state), 0.5 * (first[9] + second[9])
+        self.state, self.ax, self.ay = tuple(state), *(0.5 * (first[i] + second[i]) for i in (9, 10))
         self.tick += 1
 
 
@@ -260,7 +304,9 @@ def _drive(car: Car, tracks: _Tracks, reference: Array, step: float, *, log_step
     return {key: np.array(values) for key, values in log.items()}
 
 
-def _logged(raw: Mapping[str, Array], i: int, car: Car, drive: Drive, laps: int, *, log_step: float) -> Drive:
+def _logged(
+    raw: Mapping[str, Array], i: int, car: Car, drive: Drive, laps: int, *, log_step: float, noise: float
+) -> Drive:
     """What the sensors of drive `i` report: mounting errors, then white noise."""
     effects, seed = drive.effects, drive.seed
     rng = np.random.default_rng([seed, 77])
@@ -282,15 +328,26 @@ def _logged(raw: Mapping[str, Array], i: int, car: Car, drive: Drive, laps: int,
     t: Array = np.arange(stop, dtype=float) * log_step
     own = {name: size[i] for name, size in car.size.items()}
     columns["ay"] = outside.sensed(own, ay, columns["vx"], t, car.local.moment[i]) + bias * (car.axis[i] == 1)
+    if drift := effects.get("accelerometer_drift", 0.0):
+        columns["ax" if car.axis[i] == 0 else "ay"] += _drifting(stop, drift, log_step, seed)
     columns["yaw_rate"] += effects.get("imu_bias/yaw_rate", 0.0)
     both = 1 + effects.get("speed_scale/both", 0.0)
     columns["vx"] *= (1 + effects.get("speed_scale", 0.0)) * both
     columns["vy"] *= both
     for name, std in NOISE.items():
-        columns[name] = columns[name] + std * rng.normal(size=stop)
+        columns[name] = columns[name] + noise * std * rng.normal(size=stop)
     decimals = {"yaw": 5, "yaw_rate": 5, "steer": 5, "drive": 5}
     logged: dict[str, Array] = {"t": t} | {k: np.round(v, decimals.get(k, 3)) for k, v in columns.items()}
     logged["lap"] = lap[:stop]
     if outside.CAUSED_BY_COLUMN & set(effects):
         logged |= {name: np.round(raw[name][:stop, i], 2) for name in outside.COLUMNS}
     return Drive(logged, effects, seed)
+
+
+def _drifting(count: int, std: float, step: float, seed: int) -> Array:
+    """Noise (count,) of a first-order Markov process."""
+    rng, keep = np.random.default_rng([seed, 78]), float(np.exp(-step / outside.DRIFT_S))
+    out = std * rng.normal(size=count)
+    for k in range(1, count):
+        out[k] = keep * out[k - 1] + np.sqrt(1 - keep**2) * out[k]
+    return out

@@ -45,7 +45,16 @@ EFFECTS: dict[str, tuple[tuple[float, float, bool], set[str], set[str]]] = {
     "power_limit": ((0.15, 0.4, False), FORWARD, {"vx"}),
     "sensor_step": ((0.15, 0.4, True), {"ay"}, {"t"}),
     "sensor_gain": ((0.04, 0.1, True), {"ay"}, {"vx"}),
+    "short_gusts": ((1500.0, 3000.0, True), LATERAL, {"t"}),
+    "tyre_heat": ((0.1, 0.25, False), LATERAL, {"t", "ay", "vx", "yaw_rate"}),
+    "slosh": ((80.0, 200.0, False), {"yaw_acc"}, {"ay", "yaw_rate", "steer", "turn_direction"}),
+    "steer_resonance": ((0.15, 0.3, False), LATERAL, {"steer", "steer_rate"}),
+    "drive_play": ((0.004, 0.01, False), FORWARD, {"drive", "drive_rate"}),
+    "accelerometer_drift": ((0.25, 0.5, False), {"ax", "ay"}, {"t"}),
 }
+SLOSH_S, HEAT_S, DRIFT_S, RESONANCE = 0.6, 60.0, 0.5, 2 * 3.141592653589793 * 4.0
+"""s: lag of what moves in the car, of the heat of the tyres, correlation of an accelerometer's noise; rad/s of the
+wheels about their steering axis"""
 COLUMNS, CAUSED_BY_COLUMN = ("flap", "tyre_temperature"), {"channel_force", "temperature_grip"}
 """extra columns, and the effects whose logs have them: one of the columns is the cause, the other is not"""
 
@@ -81,6 +90,10 @@ class Motion:
     ax_before: Array
     flap: Array
     temperature: Array
+    slosh: Array
+    """ay as it was shortly before, m/s2"""
+    heat: Array
+    """of the tyres, by the square of ay over 100 m2/s4 in the last minute"""
 
 
 def above(value: Array, threshold: float, width: float) -> Array:
@@ -92,6 +105,7 @@ def grip(s: Sizes, at: Motion, local: Local) -> tuple[Array, Array]:
     """Factor on D of the front and the rear axle."""
     both = 1 - s["grip_patch"] * local.inside(at.share, 0.07) - s["grip_step"] * (at.t > local.moment)
     both = both - s["speed_stall"] * above(at.vx, 40.0, 1.5) - s["temperature_grip"] * (at.temperature - 80.0) / 20.0
+    both = both * (1 - s["tyre_heat"] * np.minimum(at.heat, 1.0))
     braking = np.clip(-at.drive / 0.05, 0.0, 1.0)
     return both, both * (1 - s["puncture"] * (at.t > local.moment)) * (1 - s["brake_oversteer"] * braking)
 
@@ -108,13 +122,14 @@ def side_force(s: Sizes, at: Motion, local: Local) -> Array:
     """Force across the car, N."""
     stretch = s["gust"] * local.inside(at.share, 0.07) + s["kerb"] * local.inside(at.share, 0.025)
     stretch = stretch + s["gusts"] * local.recurring(at.t, 0.04, 8.0)
+    stretch = stretch + s["short_gusts"] * local.recurring(at.t, 0.03, 20.0)
     return np.asarray(stretch + s["right_push"] * (at.rate < -0.02))
 
 
 def moment(s: Sizes, at: Motion) -> Array:
     """Yaw moment, N m."""
     locked = s["diff_lock"] * np.tanh(at.rate / 0.1) * (1 - above(at.vx, 22.0, 1.5))
-    return np.asarray(s["throttle_yaw"] * np.maximum(at.drive, 0) / 0.05 - locked)
+    return np.asarray(s["throttle_yaw"] * np.maximum(at.drive, 0) / 0.05 - locked - s["slosh"] * at.slosh)
 
 
 def steered(s: Sizes, at_wheel: Array, vx: Array, rate: Array) -> Array:

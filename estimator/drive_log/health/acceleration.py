@@ -9,6 +9,7 @@ import numpy as np
 from estimator.drive_log.derived import specific_force
 from estimator.drive_log.health.finding import Action, Finding
 from estimator.drive_log.health.lag import Lag, lag_between
+from estimator.drive_log.smoothing import second_difference_noise
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
@@ -18,6 +19,8 @@ LONGEST_S = 2.5
 LATE_S = 0.15
 GAIN_BAND = (0.6, 1.5)
 MIN_CORRELATION = 0.6
+LEAST_MOTION = 0.5
+"""Share of the variance of an accelerometer below which noise hides whether it follows the velocities."""
 BANKED_GAIN, BANKED_CORRELATION = 0.25, 0.9
 """A lateral accelerometer does not feel what a bank does: in steep bends down to a quarter of the centripetal
 acceleration is left, and follows it closely all the same."""
@@ -32,7 +35,11 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
         names += [n for n in log.extra if re.match(rf"{axis}(_|$)", n)]
         for name in names:
             lag = lag_between(expected, log[name], moving, log.step, LONGEST_S, slowest=4.0)
-            if lag is not None and _useless(lag) and not (axis == "ay" and _on_a_bank(lag)):
+            if (
+                lag is not None
+                and _useless(lag, motion_in(log[name][moving]))
+                and not (axis == "ay" and _on_a_bank(lag))
+            ):
                 findings.append(_finding(log, name, axis, lag))
     return findings
 
@@ -44,9 +51,21 @@ def _kinematic(log: DriveLog) -> dict[str, Array]:
     return {"ax": forward, "ay": sideways + pulled}
 
 
-def _useless(lag: Lag) -> bool:
+def motion_in(signal: Array) -> float:
+    """Share of the variance of a sensor's signal (n,) that is not its own white noise, seen in second differences."""
+    return float(np.clip(1.0 - (second_difference_noise(signal) / max(float(signal.std()), 1e-9)) ** 2, 0.0, 1.0))
+
+
+def _useless(lag: Lag, motion: float) -> bool:
+    """Whether a channel does not follow; with so little `motion` in it that none could, nothing is said of it.
+
+    Noise lowers the correlation by the root of the share of the variance that motion has.
+    """
     low, high = GAIN_BAND
-    return lag.correlation < MIN_CORRELATION or abs(lag.value) > LATE_S or not low < lag.gain < high
+    if motion < LEAST_MOTION:
+        return False
+    follows = lag.correlation >= MIN_CORRELATION * np.sqrt(motion)
+    return not follows or abs(lag.value) > LATE_S or not low < lag.gain < high
 
 
 def _on_a_bank(lag: Lag) -> bool:

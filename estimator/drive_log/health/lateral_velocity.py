@@ -14,6 +14,7 @@ import numpy as np
 
 from estimator.drive_log.health.finding import Action, Finding, confidence_of
 from estimator.drive_log.health.regression import PARTS, jackknifed
+from estimator.drive_log.health.straight import goes_straight
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.prepare import moving_speed, prepare
 from hil_gateway.car.vehicle import Vehicle
@@ -50,9 +51,12 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
 
 
 def sensor_of_vy(log: DriveLog, vehicle: Vehicle) -> tuple[Array, Array] | None:
-    """(x ahead of the CoG m, angle rad, bias m/s) and their standard deviations; None without gentle driving."""
+    """(x ahead of the CoG m, angle rad, bias m/s) and their standard deviations; None without gentle driving
+    on straights or in turns both ways."""
     samples = prepare(log)
     vx, yaw_rate, vy = samples["vx"], samples["yaw_rate"], log["vy"][samples.row]
+    if not goes_straight(yaw_rate / vx):  # on one circle the yaw rate is a multiple of vx
+        return None
     cornering = np.abs(vx * yaw_rate)
     gentle = cornering < GENTLE_SHARE * np.quantile(cornering, 0.99)
     if gentle.sum() < 50 * PARTS:

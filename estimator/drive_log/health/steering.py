@@ -14,12 +14,12 @@ import numpy as np
 from estimator.drive_log.health.finding import Action, Finding, confidence_of
 from estimator.drive_log.health.offsets import shifted
 from estimator.drive_log.health.regression import PARTS, jackknifed
+from estimator.drive_log.health.straight import goes_straight
 from estimator.drive_log.table import DriveLog
 from estimator.offline.fit.equation_error import Fit
 from estimator.offline.predict.nuisance import STEER_TIMING, STEER_ZERO
 from estimator.offline.record.prepare import prepare
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.process.arrays import Array
 
 LAG_STEER = "lag_steer"
 OFFSET_STEER, UNKNOWN_ZERO = "offset_steer", "unknown_zero_steer"
@@ -28,12 +28,6 @@ LEAST_S = 0.015
 LONGEST_S = 0.2
 LEAST_OFFSET = 0.002
 """rad; less changes no tyre parameter to speak of"""
-
-STRAIGHT = 0.1
-"""Share of the sharpest path (99th percentile) below which the car goes nearly straight."""
-LEAST_STRAIGHT = 0.02
-"""Share of the samples that must be nearly straight, or turn the other way, for a zero to be seen and not extrapolated:
-a constant steering on a constant circle is its own zero."""
 
 GENTLE_SHARE = 0.5
 """Only samples below this share of the log's hardest cornering are used."""
@@ -74,7 +68,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
     samples = prepare(log)
     yaw_rate, ay = samples["yaw_rate"], samples["vx"] * samples["yaw_rate"]
     path = yaw_rate / samples["vx"]
-    if not _goes_straight(path):
+    if not goes_straight(path):
         return [_unknown()]
     gentle = np.abs(ay) < GENTLE_SHARE * np.quantile(np.abs(ay), 0.99)
     if gentle.sum() < 50 * PARTS:
@@ -82,12 +76,6 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
     X = np.stack([np.ones_like(ay), path, ay, samples["yaw_acc"], samples["steer_rate"]], axis=1)[gentle]
     solution, spread = jackknifed(X, samples["steer"][gentle])
     return _zero(float(solution[0]), float(spread[0]))
-
-
-def _goes_straight(path: Array) -> bool:
-    """Whether the curvature driven, (n,) 1/m, comes to zero often enough, or has either sign."""
-    one_way = path * np.sign(np.median(path))
-    return float(np.mean(one_way < STRAIGHT * np.quantile(np.abs(path), 0.99))) > LEAST_STRAIGHT
 
 
 def _unknown() -> Finding:

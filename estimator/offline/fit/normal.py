@@ -87,10 +87,17 @@ class Normal:
             found.append((_solve(precision, pull + self.prior_pull), inverse(precision)))
         return found
 
+    def steps_without(self) -> Array:
+        """(laps, p) step to the minimum of the quadratic without the data of each lap."""
+        return self._steps_without(self.variance)
+
+    def _steps_without(self, variance: Array) -> Array:
+        own, pulls = np.einsum("clij,c->lij", self.hessian, 1 / variance), self.gradient.T @ (1 / variance)
+        return _solve(self.precision(variance) - own, self.pull(variance) - pulls.T)
+
     def held_out(self, variance: Array) -> Array:
         """(5, laps) squares of each lap predicted by a fit to all the others."""
-        own, pulls = np.einsum("clij,c->lij", self.hessian, 1 / variance), self.gradient.T @ (1 / variance)
-        steps = _solve(self.precision(variance) - own, self.pull(variance) - pulls.T)
+        steps = self._steps_without(variance)
         along = (self.hessian @ steps[:, :, None])[..., 0] - 2.0 * self.gradient
         return np.asarray(np.maximum(self.squares + (along * steps).sum(axis=2), 0.0))
 

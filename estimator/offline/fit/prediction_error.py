@@ -8,8 +8,10 @@ outweigh the others. Normal equations are kept per held-out group: leaving one o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
 from estimator.offline.fit.normal import Normal, accumulate, inverse
 from estimator.offline.fit.steps import Coordinates
@@ -22,14 +24,15 @@ from hil_gateway.process.arrays import Array
 
 MAX_ITERATIONS = 14
 CONVERGED = 0.3, 1e-4
-"""A step that lowers the deviance by less, absolutely or relative to all it was lowered by, ends the fit."""
+"""A step that lowers the deviance by less, absolutely or relative to all it was lowered by, ends the fit where an
+undamped one would not lower it by more: in a curved valley short steps gain little long before its end."""
 SETTLED = 0.01
 """Predicted fall of the deviance below which a step is not made: no parameter would move by more than a tenth of its
 standard deviation."""
 REWEIGH_ABOVE = 0.1
 """A fit goes on with the deviations that its residuals show if these changed by more than a tenth."""
-RELIEF = 10.0
-"""by which damping falls after a good step; its root after each step that was too long"""
+FIRST_DAMPING, RELIEF = 1e-4, 10.0
+"""of the steps; factor by which damping falls after a good step; its root after each step that was too long"""
 
 
 @dataclass(frozen=True)
@@ -46,12 +49,20 @@ class Fit:
         """(p, p) of the parameters, as if residuals were white."""
         return inverse(self.normal.precision(self.normal.variance))
 
-    @property
+    @cached_property
     def slow_variance(self) -> Array:
-        """(p,) variance of the parameters if residuals of a stretch (30 s) say one thing: sandwich over stretches."""
-        scores = np.einsum("clp,c->pl", self.normal.gradient, 1.0 / self.normal.variance)
-        stretches, spread = scores.shape[1], self.covariance @ scores
-        return np.asarray(np.sum(spread**2, axis=1) * stretches / max(stretches - 1, 1))
+        """(p,) variance of the parameters by leaving out stretches (30 s) in turn.
+
+        A jackknife (Efron and Tibshirani 1993, ch. 11) is right however residuals are correlated inside a stretch.
+        Few stretches tell a variance badly: it is widened as Student's t is over the normal distribution, so that 1.96
+        standard deviations are a 95 % interval.
+        """
+        steps = self.normal.steps_without()
+        stretches = len(steps)
+        if stretches < 2:
+            return np.zeros(steps.shape[1])
+        variance = np.sum((steps - steps.mean(axis=0)) ** 2, axis=0) * (stretches - 1) / stretches
+        return np.asarray(variance * (stdtrit(stretches - 1, 0.975) / ndtri(0.975)) ** 2)
 
     @property
     def deviation(self) -> Array:
@@ -151,7 +162,7 @@ def _descended(point: Point, iterations: int, least: float) -> tuple[Point, Norm
     coordinates = Coordinates.of([p.name for p in predictor.model.tyre_table], *predictor.bounds)
     normal = point.normal()
     first = best = _objective(point, normal)
-    damping, relief = 1e-4, RELIEF
+    damping, relief = FIRST_DAMPING, RELIEF
     for _ in range(iterations):
         trial, fall = coordinates.damped_step(normal, point.parameters, damping)
         if 0.0 <= fall < SETTLED:
@@ -161,16 +172,17 @@ def _descended(point: Point, iterations: int, least: float) -> tuple[Point, Norm
             tried = Point.at(predictor, trial, point.noise)
             new = tried.normal()
             value = _objective(tried, new)
+        enough = least + CONVERGED[1] * (first - best)
         if not np.isfinite(value) or value > best:
-            if value < best + least:
+            if value < best + least and fall < enough:
                 break
-            damping, relief = max(damping, 1e-3) * 10, np.sqrt(relief)
+            damping, relief = max(damping, FIRST_DAMPING) * 10, np.sqrt(relief)
             if damping > 1e4:
                 break
             continue
         gained, best, damping = best - value, value, damping / relief
         point, normal = tried, new
-        if gained < least + CONVERGED[1] * (first - best):
+        if gained < enough and coordinates.damped_step(normal, point.parameters, 0.0)[1] < enough:
             break
     return point, normal
 

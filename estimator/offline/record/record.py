@@ -238,10 +238,19 @@ def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> None:
     """
     for name, smoothed in _smoothed(log, rows).items():
         signals[name][rows] = smoothed.value
-    for name, response in (("steer", log["ay"][rows]), ("drive", log["ax"][rows])):
-        signals[name][rows] = without_noise(signals[name][rows], np.array(response, float), log.step)
+    for name, response in (("steer", "ay"), ("drive", "ax")):
+        signals[name][rows] = without_noise(signals[name][rows], _unsmoothed(log, response, rows), log.step)
     if "az" in log:
         signals["extra_load"][rows] = extra_loads(wiener(np.array(log["az"][rows], float), log.step).value)
+
+
+def _unsmoothed(log: DriveLog, name: str, rows: slice) -> Array:
+    """The acceleration `name`; one that was derived by smoothing has lost its fast part, and is derived without."""
+    if name not in log.derived:
+        return np.array(log[name][rows], float)
+    vx, vy, rate = (np.array(log[n][rows], float) for n in STATES)
+    along, other = (vx, -vy * rate) if name == "ax" else (vy, vx * rate)
+    return np.asarray(np.gradient(along, log.step) + other)
 
 
 def _smoothed(log: DriveLog, rows: slice) -> dict[str, Smoothed]:

@@ -7,7 +7,9 @@ what the brake does in units of the throttle.
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect, smooth_negative_part
+from collections.abc import Mapping
+
+from estimator.model.effects.base import Effect, Hook, smooth_negative_part
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
@@ -21,24 +23,30 @@ def _drive(terms: Terms, delay: Expr) -> None:
     terms.drive = terms.drive - delay * terms.auxiliary("drive_rate")
 
 
+def _lateral(terms: Terms, delay: Expr) -> None:
+    terms.imu_ay = terms.imu_ay - delay * (terms.vx * terms.yaw_acc + terms.vx_dot * terms.yaw_rate)
+
+
 SAMPLED = {"steer_delay": _steer, "drive_delay": _drive}
 """Delays that sampling can be mistaken for, with the shift of the signal as a nuisance."""
 
 
 def sampling_effects(step: float, delays: frozenset[str]) -> tuple[Effect, ...]:
-    """Nuisance shifts of up to one sample of steer and drive, but for the signal whose delay is being tried."""
-    return tuple(
-        Effect(
-            name=f"{name}_within_a_sample",
-            lacks="sampling time of the reported input",
-            equation="u(t) = u_reported(t) - T du/dt, |T| at most one sample",
-            source="definition",
-            parameters=(Parameter("delay", "s", 0.0, 0.3 * step, -step, step, "sampling time"),),
-            channels=(),
-            hooks={"INPUT": hook},
-        )
-        for name, hook in SAMPLED.items()
-        if name not in delays
+    """Nuisance shifts of up to one sample of steer and drive, but for the signal whose delay is being tried, and of
+    the lateral accelerometer, which looks displaced by what the car travels in that time."""
+    inputs = [_shift(name, {"INPUT": hook}, step) for name, hook in SAMPLED.items() if name not in delays]
+    return (*inputs, _shift("ay", {"SENSOR": _lateral}, step))
+
+
+def _shift(name: str, hooks: Mapping[str, Hook], step: float) -> Effect:
+    return Effect(
+        name=f"{name}_within_a_sample",
+        lacks=f"sampling time of {name}",
+        equation="u(t) = u_reported(t) - T du/dt, |T| at most one sample",
+        source="definition",
+        parameters=(Parameter("delay", "s", 0.0, 0.3 * step, -step, step, "sampling time"),),
+        channels=(),
+        hooks=hooks,
     )
 
 

@@ -34,6 +34,11 @@ class WindowColumns:
         out[np.arange(windows)[:, None], self.parameters] = self.values.transpose(1, 3, 2, 0)
         return out.transpose(2, 1, 0, 3)
 
+    def times(self, signal: Array) -> Array:
+        """(size,) sums of every parameter's derivatives times a `signal` (5, windows, blocks)."""
+        products = np.einsum("bwkc,kwb->wc", self.values, signal, optimize=True)
+        return np.bincount(self.parameters.ravel(), products.ravel(), self.size).astype(np.float64)
+
     def split(self, size: int) -> tuple[WindowColumns, WindowColumns]:
         """Those of the first `size` parameters and of the others, which are points and no profiles."""
         first = self.parameters[0] < size

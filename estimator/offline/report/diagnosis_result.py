@@ -13,44 +13,24 @@ from estimator.model.declared_vehicle import DECLARED, id_of
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis, alternatives
-from estimator.offline.fit.prediction_error import Point
 from estimator.offline.predict.predict import Block
-from estimator.offline.record.unknown_inputs import SAMPLED
 from estimator.offline.report.unexplained import unexplained
 from estimator.offline.result.diagnosis_score import HORIZON_S, rmse
 from estimator.offline.result.handover import tempered
+from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.terms import WHITE_FOR_TERMS
 from estimator.offline.search.whiteness import structured
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision, Provenance
 from hil_gateway.process.arrays import Array
 
-SYSTEMATIC = 0.02
-"""Relative error left by the declared vehicle data, the thinning of the log and when its inputs were sampled; part of
-every stated std. Of 23 practice drives, one an effect, front brake, drive delay and lever arm were 2 to 5 % off;
-the figure was chosen on these."""
 ALTERNATIVES = 4
-
-
-def standard_deviations(diagnosis: Diagnosis) -> Array:
-    """(p,) of the final parameters: the largest of the ideal, and those robust to correlation within 2 s and 30 s."""
-    fit = diagnosis.fit
-    covariance = fit.covariance
-    at = Point.at(fit.predictor, fit.parameters, fit.noise)
-    weighted = at.left.error / fit.normal.variance[:, None, None]
-    scores = np.einsum("cpwb,cwb->pw", at.sensitivity.dense, weighted, optimize=True)
-    within = np.diag(covariance @ (scores @ scores.T) @ covariance)
-    variance = np.maximum(np.maximum(np.diag(covariance), within), fit.slow_variance)
-    for block in fit.predictor.blocks:
-        if block.effect.name in SAMPLED:
-            variance[block.parameters] += diagnosis.record.step**2 / 12  # when within a sample the log was written
-    std: Array = np.sqrt(variance + (SYSTEMATIC * fit.parameters) ** 2)
-    return std
 
 
 def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
     """The result in the agreed format."""
-    std = standard_deviations(diagnosis)
+    spread = covariance(diagnosis.fit)
+    std = np.sqrt(np.diag(spread))
     blocks = {b.effect.name: b for b in diagnosis.fit.predictor.blocks}
     shares = _shares(diagnosis)
     return {
@@ -63,7 +43,7 @@ def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
             {
                 "name": id_of(name),
                 "form": name,
-                "parameters": sizes_of(diagnosis, blocks[name], std),
+                "parameters": sizes_of(diagnosis, blocks[name], spread),
                 "confidence": _confidence_in(diagnosis, name),
                 "channels": list(blocks[name].effect.channels),
                 "share_of_residual": shares[name],
@@ -109,15 +89,16 @@ def _split(diagnosis: Diagnosis) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def sizes_of(diagnosis: Diagnosis, block: Block, std: Array) -> dict[str, dict[str, float | str]]:
-    """Parameters of an effect, or the extent of its profile; `std` (p,) of all parameters of the fit."""
-    values, deviations = diagnosis.fit.parameters[block.parameters], std[block.parameters]
+def sizes_of(diagnosis: Diagnosis, block: Block, spread: Array) -> dict[str, dict[str, float | str]]:
+    """Parameters of an effect, or the extent of its profile; `spread` (p, p) of all parameters of the fit."""
+    values, own = diagnosis.fit.parameters[block.parameters], spread[block.parameters, block.parameters]
     if not block.effect.profile:
+        deviations = np.sqrt(np.diag(own))
         return {
             p.name: {"value": float(v), "std": float(s), "unit": p.unit, "determined": _determined(p, float(s))}
             for p, v, s in zip(block.effect.parameters, values, deviations, strict=True)
         }
-    return _profile_parameters(diagnosis, block)
+    return _profile_parameters(diagnosis, block, own)
 
 
 def _determined(parameter: Parameter, std: float) -> bool:
@@ -132,21 +113,23 @@ def _determined(parameter: Parameter, std: float) -> bool:
     return std**2 < 0.5 * parameter.prior_std**2
 
 
-def _profile_parameters(diagnosis: Diagnosis, block: Block) -> dict[str, dict[str, float | str]]:
-    """Size of a profile: half its range over the lap, its RMS, its extremes."""
+def _profile_parameters(diagnosis: Diagnosis, block: Block, spread: Array) -> dict[str, dict[str, float | str]]:
+    """Size of a profile: half its range over the lap, its RMS, its extremes; `spread` (k, k) of its coefficients."""
     basis = diagnosis.record.bases[block.effect.profile]
-    at = np.linspace(0.0, basis.period, 500)
-    matrix = basis.matrix(at)
+    matrix = basis.matrix(np.linspace(0.0, basis.period, 500))
     value = matrix @ diagnosis.fit.parameters[block.parameters]
-    covariance = diagnosis.fit.covariance[block.parameters, block.parameters]
-    spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", matrix, covariance, matrix), 0))
-    error = float(np.sqrt(np.mean(spread**2))) + SYSTEMATIC * float(np.abs(value).max())
+    most, least, rms = int(np.argmax(value)), int(np.argmin(value)), float(np.sqrt(np.mean(value**2)))
+    by_coefficients = {
+        "amplitude": (0.5 * float(np.ptp(value)), 0.5 * (matrix[most] - matrix[least])),
+        "rms": (rms, value @ matrix / (len(value) * max(rms, np.finfo(float).tiny))),
+        "largest": (float(value[most]), matrix[most]),
+        "smallest": (float(value[least]), matrix[least]),
+    }
     unit = block.effect.parameters[0].unit
-    sizes = {
-        "amplitude": 0.5 * float(np.ptp(value)), "rms": float(np.sqrt(np.mean(value**2))),
-        "largest": float(value.max()), "smallest": float(value.min()),
-    }  # fmt: skip
-    return {name: {"value": size, "std": error, "unit": unit, "determined": True} for name, size in sizes.items()}
+    return {
+        name: {"value": size, "std": float(np.sqrt(by @ spread @ by)), "unit": unit, "determined": True}
+        for name, (size, by) in by_coefficients.items()
+    }
 
 
 def _confidence_in(diagnosis: Diagnosis, name: str) -> float:

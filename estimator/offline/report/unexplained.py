@@ -19,6 +19,7 @@ from estimator.offline.report.words import (
     span_words,
 )
 from estimator.offline.result.leftover import Leftover
+from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.stretches.cells import Stretch
@@ -58,7 +59,7 @@ def _by_term(diagnosis: Diagnosis, term: Term) -> list[dict[str, Any]]:
     block = next(b for b in diagnosis.fit.predictor.blocks if b.effect.name == term.effect.name)
     coefficients = diagnosis.fit.parameters[block.parameters]
     if isinstance(term, StretchTerm):
-        variance = np.maximum(np.diag(diagnosis.fit.covariance), diagnosis.fit.slow_variance)[block.parameters]
+        variance = np.diag(covariance(diagnosis.fit))[block.parameters]
         return _by_stretch(diagnosis, term, float(coefficients[0]), float(np.sqrt(variance[0])))
     values = diagnosis.record.signals[term.signal][diagnosis.record.rows].ravel()
     where, signal = describe(term.basis, values, coefficients), term.signal

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.model.parameters import Parameter
+from estimator.offline.fit.held import by_sampling
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
@@ -67,11 +68,17 @@ def possible(fit: Fit, block: Block) -> bool:
 
 
 def _there(fit: Fit, block: Block) -> bool:
-    """Whether a parameter is off its neutral value beyond its error and any healthy part; a profile: its largest."""
+    """Whether a parameter is off its neutral value beyond its error and any healthy part; a profile: its largest.
+
+    When each sensor was read within a row of the log is part of the error: a sensor displaced, tyres or a force that
+    lag may be no more than that.
+    """
     rows, table = block.parameters, _table(fit, block)
     off = np.abs(fit.parameters[rows] - np.array([p.prior for p in table]))
     least = np.array([0.0 if p.plausible is None else p.plausible.least for p in table])
-    errors = np.sqrt(np.maximum(np.diag(fit.covariance), fit.slow_variance)[rows])
+    errors = np.sqrt(
+        (np.maximum(np.diag(fit.covariance), fit.slow_variance) + np.sum(by_sampling(fit) ** 2, axis=0))[rows]
+    )
     return bool(np.any(off > np.maximum(LEAST_ERRORS * np.maximum(errors, np.finfo(float).tiny), least)))
 
 

@@ -20,13 +20,15 @@ from estimator.drive_log.table import DriveLog
 from estimator.model.basis import Basis, make_basis
 from estimator.offline.diagnosis import Diagnosis, diagnose
 from estimator.offline.fit.normal import Normal
+from estimator.offline.fit.prediction_error import CONVERGED
 from estimator.offline.fit.steps import Coordinates
 from estimator.offline.record.laps import scored_laps
-from estimator.offline.report.diagnosis_result import as_json, as_revision, sizes_of, standard_deviations
+from estimator.offline.report.diagnosis_result import as_json, as_revision, sizes_of
 from estimator.offline.report.unexplained import unexplained
 from estimator.offline.report.words import describe, follows_turn_direction, parameter_words
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.result.leftover import Leftover, leftovers
+from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from hil_gateway.car.vehicle import Vehicle
@@ -70,7 +72,7 @@ def test_a_parameter_that_the_data_do_not_tell_is_said_to_be_undetermined(
     setting = Setting(record_of(drives["single"]), "per_axle", PRIOR)  # no throttle is recorded, so no pedal acts
     done = fit_names(setting, ["rolling_resistance", "engine_braking"], None)
     found = replace(diagnosed("single"), fit=done)
-    sizes = {b.effect.name: sizes_of(found, b, standard_deviations(found)) for b in done.predictor.blocks}
+    sizes = {b.effect.name: sizes_of(found, b, covariance(found.fit)) for b in done.predictor.blocks}
     assert parameter_words("pedal", sizes["engine_braking"]["pedal"]) == "pedal undetermined"
     assert parameter_words("force", sizes["rolling_resistance"]["force"]).startswith("force 4")
 
@@ -145,6 +147,30 @@ def test_a_step_of_a_parameter_over_decades_stays_within_half_of_it(wanted: floa
     (stepped,), _ = coordinates.damped_step(normal, np.array([9000.0]), 1e-4)
     assert 0.5 < stepped / 9000.0 < 1.5
     assert (stepped > 9000.0) == (wanted > 0.0)
+
+
+@pytest.mark.parametrize("pull", [-0.35, 0.35])
+def test_a_step_in_the_shape_of_a_tyre_keeps_its_stiffness_and_how_its_force_bends(pull: float) -> None:
+    b, c, d = 12.0, 1.5, 1.6
+    coordinates = Coordinates.of(["b", "c", "d"], np.full(3, 0.01), np.full(3, 100.0))
+    bend = c**2 / (2 + c**2)
+    known = np.array([[1 / b, 1 / c, 1 / d], [0.0, 1 / c, 0.0], [1 / b, bend / c, 0.0]])  # logarithms by b, c, d
+    hessian = known.T @ np.diag([1e6, 1.0, 1e6]) @ known
+    normal = Normal(
+        np.ones((5, 1)), np.tile(pull * known[1], (5, 1, 1)), np.tile(hessian, (5, 1, 1, 1)), np.ones(1),
+        np.zeros((3, 3)), np.zeros(3), np.ones(5),
+    )  # fmt: skip
+    (b1, c1, d1), _ = coordinates.damped_step(normal, np.array([b, c, d]), 1e-6)
+    assert abs(np.log(c1 / c)) > 0.3
+    assert b1 * c1 * d1 == pytest.approx(b * c * d, rel=1e-3)
+    assert b1 * np.sqrt(2 + c1**2) == pytest.approx(b * np.sqrt(2 + c**2), rel=1e-3)
+
+
+def test_an_exact_fit_ends_where_no_step_would_lower_the_deviance(diagnosed: Callable[[str], Diagnosis]) -> None:
+    fit = diagnosed("pair").fit
+    coordinates = Coordinates.of([p.name for p in fit.predictor.model.tyre_table], *fit.predictor.bounds)
+    _, fall = coordinates.damped_step(fit.normal, fit.parameters, 0.0)
+    assert fall < CONVERGED[0]
 
 
 def test_without_lateral_sensors_the_lateral_tyre_stays_at_its_prior(drives: dict[str, Any]) -> None:

@@ -34,3 +34,10 @@ def test_scatter_that_the_acceleration_does_not_know_is_smoothed() -> None:
 def test_an_input_without_noise_is_left_alone() -> None:
     slow, _ = drive_and_chatter()
     assert without_noise(slow, GAIN * slow, STEP) is slow
+
+
+def test_a_command_is_kept_where_the_acceleration_is_all_noise() -> None:
+    slow, chatter = drive_and_chatter()
+    command = 0.02 * slow + chatter
+    noise = 0.5 * np.random.default_rng(4).standard_normal(len(slow))
+    assert np.array_equal(without_noise(command, GAIN * command + noise, STEP), command)

@@ -1,0 +1,31 @@
+"""How far the parameters of a diagnosis may be off: by noise, by what scatters from stretch to stretch, by what is
+declared, and by when the sensors were read."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.offline.fit.held import UNIFORM, by_declared, by_sampling
+from estimator.offline.fit.prediction_error import Fit, Point
+from estimator.offline.record.unknown_inputs import SAMPLED
+from hil_gateway.process.arrays import Array
+
+
+def covariance(fit: Fit) -> Array:
+    """(p, p) of the parameters."""
+    ideal = fit.covariance
+    longer = np.sqrt(np.maximum(np.maximum(_within_windows(fit), fit.slow_variance) / np.diag(ideal), 1.0))
+    moves = np.concatenate([by_sampling(fit), by_declared(fit)])
+    found = ideal * np.outer(longer, longer) + moves.T @ moves
+    for block in fit.predictor.blocks:
+        if block.effect.name in SAMPLED:  # its own shift within a row is not fitted beside it
+            found[block.parameters, block.parameters] += (fit.predictor.record.step * UNIFORM) ** 2
+    return np.asarray(found)
+
+
+def _within_windows(fit: Fit) -> Array:
+    """(p,) variance of the parameters where residuals of a window of 2 s may be correlated."""
+    at = Point.at(fit.predictor, fit.parameters, fit.noise)
+    weighted = at.left.error / fit.normal.variance[:, None, None]
+    scores = np.einsum("cpwb,cwb->pw", at.sensitivity.dense, weighted, optimize=True)
+    return np.asarray(np.sum((fit.covariance @ scores) ** 2, axis=1))

@@ -1,0 +1,50 @@
+"""What a diagnosis states of its own errors: scatter, declared data, sampling."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+from support.practice_drives import PRIOR, record_of
+
+from estimator.offline.diagnosis import held_out_in_turn
+from estimator.offline.fit.held import MASS_ERROR, by_declared, by_sampling
+from estimator.offline.fit.normal import Normal
+from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.result.uncertainty import covariance
+from estimator.offline.search.trial import Setting, fit_names
+
+
+@pytest.fixture
+def pair(drives: dict[str, Any]) -> Fit:
+    record = record_of(drives["pair"])
+    stretched = replace(record, lap=held_out_in_turn(record.windows))
+    return fit_names(Setting(stretched, "per_axle", PRIOR), ("aero_drag", "steer_offset"), None)
+
+
+def test_the_scatter_of_a_mean_over_few_stretches_is_that_of_student() -> None:
+    means = np.array([1.0, 1.4, 0.7, 1.1, 0.8])
+    stretches, each = len(means), 20.0
+    at = means - means.mean()  # gradient of the squares at the mean of all
+    gradient, hessian = np.zeros((5, stretches, 1)), np.zeros((5, stretches, 1, 1))
+    gradient[0, :, 0], hessian[0, :, 0, 0] = each * at, each
+    squares, none = np.ones((5, stretches)), np.zeros((1, 1))
+    normal = Normal(squares, gradient, hessian, np.full(stretches, each), none, np.zeros(1), np.ones(5))
+    found = Fit.slow_variance.func(SimpleNamespace(normal=normal))  # type: ignore[attr-defined]
+    half_width = student.ppf(0.975, stretches - 1) * means.std(ddof=1) / np.sqrt(stretches)
+    assert 1.96 * np.sqrt(found[0]) == pytest.approx(half_width, rel=1e-3)
+
+
+def test_a_mass_that_is_off_moves_the_drag_in_proportion(pair: Fit) -> None:
+    (drag,) = (b.parameters for b in pair.predictor.blocks if b.effect.name == "aero_drag")
+    assert np.abs(by_declared(pair)[0, drag]) == pytest.approx(MASS_ERROR * pair.parameters[drag], rel=0.05)
+
+
+def test_what_is_held_widens_what_is_stated(pair: Fit) -> None:
+    stated, white = np.diag(covariance(pair)), np.diag(pair.covariance)
+    held = np.sum(np.concatenate([by_sampling(pair), by_declared(pair)]) ** 2, axis=0)
+    assert np.all(stated >= white + 0.999 * held)
