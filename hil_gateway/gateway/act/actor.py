@@ -131,9 +131,7 @@ class Actor:
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
         lateral = self.stopping.lateral
         if not driving and lateral is not None:
-            wanted = self._axles.step(
-                wanted, Demand(lateral, self.flat_front, self.flat_rear, motion.by_gyro), state, motion
-            )
+            wanted = self._axles.step(wanted, Demand(lateral, self.flat_front, self.flat_rear), state, motion)
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
         return Actuators(wanted.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)

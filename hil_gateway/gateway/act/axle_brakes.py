@@ -66,8 +66,6 @@ class Demand:
     flat_front: bool
     flat_rear: bool
     """a tyre of that axle is flat: both of its brakes press alike, and would lock it"""
-    steadied: bool = True
-    """a gyro shows how the car turns; without one it is rear wheels that roll which steady it"""
 
 
 class AxleBrakes:
@@ -125,14 +123,13 @@ class AxleBrakes:
         car, grip = self._vehicle, self._grip
         pressed, moved = 0.5 * car.air_density * speed**2, braking * car.cg_height / car.wheelbase
         front = grip * (car.static_load_front - car.lift_area_front * pressed + moved)
-        rear = (
-            (REAR_SHARE if min(self._answers) > ANSWERS and not self._understeers else 1.0)
-            * grip
-            * (car.static_load_rear - car.lift_area_rear * pressed - moved)
-        )
+        share = REAR_SHARE if min(self._answers) > ANSWERS and not self._understeers else 1.0
+        rear = share * grip * (car.static_load_rear - car.lift_area_rear * pressed - moved)
         across = demand.lateral / GRAVITY
-        left_front = _beside(across * car.static_load_front, front, LEAST_SHARE)
-        left_rear = _beside(across * car.static_load_rear, rear, LEAST_SHARE if demand.steadied else 0.0)
+        left_front, left_rear = (
+            _beside(across * car.static_load_front, front),
+            _beside(across * car.static_load_rear, rear),
+        )
         return left_front, max(left_rear - ENGINE_DRAG, 0.0)
 
     def _slips(self, state: VehicleState, motion: Motion) -> tuple[float, float]:
@@ -152,6 +149,6 @@ class AxleBrakes:
                 self._held[axle] = min(self._held[axle] + PRESS_AGAIN * PERIOD_S, self._most)
 
 
-def _beside(across: float, most: float, least_share: float) -> float:
-    """What is left along the wheels of `most` beside a force across them, at least that share of it, N."""
-    return math.sqrt(max(most**2 - across**2, (least_share * most) ** 2))
+def _beside(across: float, most: float) -> float:
+    """What is left along the wheels of `most` beside a force across them, at least `LEAST_SHARE` of it, N."""
+    return math.sqrt(max(most**2 - across**2, (LEAST_SHARE * most) ** 2))

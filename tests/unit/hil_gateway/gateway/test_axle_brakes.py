@@ -147,12 +147,6 @@ def test_a_circuit_that_is_late_is_not_weak(rig):
     assert sent.brake_front == car.shared(asked(8.0), STRAIGHT, 50.0)[0]
 
 
-def test_without_a_gyro_a_car_at_its_limit_leaves_its_rear_wheels_rolling():
-    limit = Demand(30.0, False, False), Demand(30.0, False, False, steadied=False)
-    with_gyro, without = (brakes().shared(asked(8.0), demand, 50.0)[1] for demand in limit)
-    assert with_gyro > 0.0 == without
-
-
 def test_the_rear_tyres_of_a_car_that_understeers_count_with_all_their_grip():
     usual, understeers = brakes(), brakes()
     usual.start(0.001)
