@@ -62,17 +62,20 @@ TOLD_BY = {"road_bank": (1, 4), "road_grade": (0, 3)}
 
 
 def find_road(record: Record) -> dict[str, RoadProfile]:
-    """`road_bank` and `road_grade`, where accelerometer and velocities of the `record`'s laps show them."""
+    """`road_bank` and `road_grade`, where accelerometer and velocities of the `record`'s laps show them.
+
+    A bank needs straights: on an open circle it is the sensor's zero.
+    """
     if "track_position" not in record.bases or len(np.unique(record.lap)) < LEAST_LAPS:
         return {}
-    found = {}
+    found, straights = {}, bool(_is_straight(record).any())
     for name in TOLD_BY:
         kinematics = _of(record, name)
-        if kinematics is not None:
+        if kinematics is not None and (straights or name == "road_grade"):
             profile = _profile(record, kinematics, None if name == "road_grade" else _straights(record))
             if profile is not None:
                 found[name] = profile
-    rolled = None if "road_bank" in found else _by_roll(record)
+    rolled = None if "road_bank" in found or not straights else _by_roll(record)
     return found if rolled is None else {**found, "road_bank": rolled}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.drive_simulator import TYRE, simulate
+from support.open_circle import circles
 
 from estimator.drive_log.health import Action, examine
 from estimator.drive_log.table import DriveLog, segment_numbers
@@ -89,22 +90,6 @@ def test_a_constant_circle_tells_no_steering_zero() -> None:
     found = {f.name: f for f in examine(DriveLog(noisy, np.zeros(n, np.int64)), Vehicle()).findings}
     assert "offset_steer" not in found
     assert "cannot be told" in found["unknown_zero_steer"].description
-
-
-def circles() -> DriveLog:
-    """One circle driven faster and faster, its small accelerations drowned in noise."""
-    rng = np.random.default_rng(5)
-    t = np.arange(0.0, 400.0, 0.02)
-    vx = 15.0 + 12.0 * t / t[-1] + 0.3 * np.sin(0.4 * t)
-    turning = vx / 70.0
-    columns = {
-        "t": t, "yaw_rate": turning, "vx": vx, "vy": 1.25 * turning - vx * (0.001 * vx * turning) ** 1.2,
-        "steer": np.full(len(t), 0.04), "drive": np.full(len(t), 0.004), "ax": np.gradient(vx, t),
-        "ay": vx * turning,
-    }  # fmt: skip
-    spread = {"yaw_rate": 0.003, "vx": 0.03, "vy": 0.03, "steer": 0.002, "drive": 0.001, "ax": 0.2, "ay": 0.2}
-    noisy = {n: c + spread.get(n, 0.0) * rng.standard_normal(len(t)) for n, c in columns.items()}
-    return DriveLog(noisy, np.zeros(len(t), np.int64))
 
 
 def test_on_one_circle_nothing_is_said_of_vy_and_an_acceleration_in_noise_is_kept() -> None:

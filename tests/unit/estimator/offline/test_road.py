@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.open_circle import circles
 from support.practice_drives import record_of
 
 from estimator.drive_log.health import examine
-from estimator.drive_log.table import read_logs
+from estimator.drive_log.table import DriveLog, read_logs
 from estimator.offline.record.declared import read_vehicle
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 
 
@@ -43,6 +45,16 @@ def test_two_laps_tell_a_road_and_one_does_not(drives: dict[str, Any], name: str
 
 def test_a_flat_road_is_no_road(drives: dict[str, Any]) -> None:
     assert find_road(record_of(drives["flat"])) == {}
+
+
+def test_an_open_circle_tells_no_bank() -> None:
+    """It has no straights: a bank would be the zero of the accelerometer."""
+    columns = dict(circles().columns)
+    angle = 0.02 * np.cumsum(columns["vx"]) / 70.0
+    columns |= {"x": 70.0 * np.sin(angle), "y": -70.0 * np.cos(angle), "lap": angle // (2 * np.pi)}
+    columns["ay"] = columns["ay"] - 0.5
+    log = DriveLog(columns, np.zeros(len(angle), np.int64))
+    assert "road_bank" not in find_road(make_record(log, Vehicle()))
 
 
 def test_errors_of_the_sensors_are_not_taken_for_a_road(drives: dict[str, Any]) -> None:
