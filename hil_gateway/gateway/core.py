@@ -126,7 +126,7 @@ class Gateway:
         self.seen = state, situation.conditions
         self._reporter.note_change(situation, before, self.decision, self.inbox.estimate.age_s(now_ns))
         if self.decision.stopping and not before.stopping:
-            self._actor.start_stop(self.monitors.motion.motion.understeer)
+            self._actor.start_stop()
         return situation
 
     def _act(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None) -> None:

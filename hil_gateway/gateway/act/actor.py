@@ -76,12 +76,11 @@ class Actor:
         if self._transmits:
             self._transmitter.race_control(now_ns, ct_state, flags)
 
-    def start_stop(self, understeer: float) -> None:
-        """A stop begins: the angle on the wire is where steering goes on from. `understeer` as the gyro has taught it,
-        rad a m/s2 of lateral force."""
+    def start_stop(self) -> None:
+        """A stop begins: the angle on the wire is where steering goes on from."""
         self.stopping.start(self._actuation.to_steer(self.on_wire.steering_motor))
         self._stuck.start()
-        self._axles.start(understeer)
+        self._axles.start()
 
     def step(  # noqa: PLR0917 - a period
         self,

@@ -1,12 +1,12 @@
-"""Brakes of a stop, axle by axle: no more on either than its tyres give beside the lateral force.
+"""Brakes of a stop in which an axle fails, a tyre flat or a circuit weak: no more on either than its tyres give.
 
-What a stop asks for fits the car as a whole. Its axles bear different shares of the load, and the engine drags at the
-rear one alone. A front axle that is braked too hard turns the car less; a rear one spins it. So the rear tyres are
-reckoned with less grip than declared, and the front brakes take over what the rear ones leave, as far as their own
-tyres bear it. Of an axle with load N and the share m of the mass: F <= sqrt((mu N)^2 - (m a_y)^2) beside the lateral
-specific force a_y (friction circle; W. F. Milliken and D. L. Milliken, Race Car Vehicle Dynamics, 1995, ch. 2).
-An axle whose wheels slip all the same is let go until they roll. A circuit that reports less than it is asked for is
-asked for more; then every brake is needed, and the rear tyres count with all of the declared grip.
+Sound brakes press as declared. Where one axle gives less, the other takes over as far as its own tyres bear it. Axles
+bear different shares of the load, and the engine drags at the rear one alone. A front axle that is braked too hard
+turns the car less; a rear one spins it. So beside a flat tyre the rear tyres are reckoned with less grip than declared.
+Of an axle with load N and the share m of the mass: F <= sqrt((mu N)^2 - (m a_y)^2) beside the lateral specific force
+a_y (friction circle; W. F. Milliken and D. L. Milliken, Race Car Vehicle Dynamics, 1995, ch. 2). An axle whose wheels
+slip all the same is let go until they roll. A circuit that reports less than it is asked for is asked for more; then
+every brake is needed, and the rear tyres count with all of the declared grip.
 """
 
 from __future__ import annotations
@@ -51,8 +51,6 @@ WEAKEST = 0.15
 """share below which a circuit is not asked for still more"""
 LEARNT = 0.1
 """weight of a period: 0.1 s"""
-UNDERSTEERS = 0.0015
-"""rad a m/s2 of lateral force, taught by the gyro, from which the rear tyres are not the weak ones"""
 SLIP_FROM = 6.0
 """m/s: slower, noise and rounding of the wheel speeds are slip"""
 
@@ -80,8 +78,6 @@ class AxleBrakes:
         self._asked: deque[tuple[float, float]] = deque(maxlen=WATCHED)
         self._answers = [1.0, 1.0]
         """share of its command that the front and the rear circuit report, 1 where that is a sound one's"""
-        self._understeers = False
-        """whether the car understeers as it is driven"""
 
     def watch(self, state: VehicleState, on_wire: Actuators) -> None:
         """What the circuits report of their commands; in every period, so that a stop begins with what is known."""
@@ -95,19 +91,25 @@ class AxleBrakes:
                 share = share if share < ANSWERS else 1.0
                 self._answers[circuit] += LEARNT * (share - self._answers[circuit])
 
-    def start(self, understeer: float) -> None:
-        """A stop begins: nothing slips yet. `understeer` as the gyro has taught it, rad a m/s2 of lateral force."""
-        self._understeers = understeer > UNDERSTEERS
+    def start(self) -> None:
+        """A stop begins: nothing slips yet."""
         self._held = [self._most, self._most]
 
     def step(self, wanted: Actuators, demand: Demand, state: VehicleState, motion: Motion) -> Actuators:
-        """`wanted` with the pressures that the axles bear."""
+        """`wanted`, where an axle fails with the pressures that the axles bear."""
+        if not (demand.flat_front or demand.flat_rear or self._weak):
+            return wanted
         pressures = self.shared(wanted, demand, motion.speed)
         if motion.by_wheels and motion.speed > SLIP_FROM:
             self._watch(pressures, self._slips(state, motion))
         limited = (min(pair) for pair in zip(pressures, self._held, strict=True))
         front, rear = (min(p / max(a, WEAKEST), self._most) for p, a in zip(limited, self._answers, strict=True))
         return replace(wanted, brake_front=front, brake_rear=rear)
+
+    @property
+    def _weak(self) -> bool:
+        """Whether a circuit reports less than it is asked for."""
+        return min(self._answers) <= ANSWERS
 
     def shared(self, wanted: Actuators, demand: Demand, speed: float) -> tuple[float, float]:
         """Pressures of both circuits: what the rear one leaves is asked of the front one, as far as it goes, Pa."""
@@ -123,7 +125,7 @@ class AxleBrakes:
         car, grip = self._vehicle, self._grip
         pressed, moved = 0.5 * car.air_density * speed**2, braking * car.cg_height / car.wheelbase
         front = grip * (car.static_load_front - car.lift_area_front * pressed + moved)
-        share = REAR_SHARE if min(self._answers) > ANSWERS and not self._understeers else 1.0
+        share = 1.0 if self._weak else REAR_SHARE
         rear = share * grip * (car.static_load_rear - car.lift_area_rear * pressed - moved)
         across = demand.lateral / GRAVITY
         left_front, left_rear = (
