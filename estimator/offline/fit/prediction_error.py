@@ -49,8 +49,15 @@ class Fit:
         """(p, p) of the parameters, as if residuals were white."""
         return inverse(self.normal.precision(self.normal.variance))
 
-    @cached_property
+    @property
     def slow_variance(self) -> Array:
+        """(p,) variance of the parameters if residuals of a stretch (30 s) say one thing: sandwich over stretches."""
+        scores = np.einsum("clp,c->pl", self.normal.gradient, 1.0 / self.normal.variance)
+        stretches, spread = scores.shape[1], self.covariance @ scores
+        return np.asarray(np.sum(spread**2, axis=1) * stretches / max(stretches - 1, 1))
+
+    @cached_property
+    def jackknife_variance(self) -> Array:
         """(p,) variance of the parameters by leaving out stretches (30 s) in turn.
 
         A jackknife (Efron and Tibshirani 1993, ch. 11) is right however residuals are correlated inside a stretch.

@@ -14,7 +14,7 @@ from hil_gateway.process.arrays import Array
 def covariance(fit: Fit) -> Array:
     """(p, p) of the parameters."""
     ideal = fit.covariance
-    longer = np.sqrt(np.maximum(np.maximum(_within_windows(fit), fit.slow_variance) / np.diag(ideal), 1.0))
+    longer = np.sqrt(np.maximum(np.maximum(_within_windows(fit), fit.jackknife_variance) / np.diag(ideal), 1.0))
     moves = np.concatenate([by_sampling(fit), by_declared(fit)])
     found = ideal * np.outer(longer, longer) + moves.T @ moves
     for block in fit.predictor.blocks:

@@ -71,7 +71,8 @@ def _there(fit: Fit, block: Block) -> bool:
     """Whether a parameter is off its neutral value beyond its error and any healthy part; a profile: its largest.
 
     When each sensor was read within a row of the log is part of the error: a sensor displaced, tyres or a force that
-    lag may be no more than that.
+    lag may be no more than that. The jackknife of what is stated at the end is not: while other effects are missing,
+    they move a size whenever a stretch is left out.
     """
     rows, table = block.parameters, _table(fit, block)
     off = np.abs(fit.parameters[rows] - np.array([p.prior for p in table]))

@@ -34,7 +34,7 @@ def test_the_scatter_of_a_mean_over_few_stretches_is_that_of_student() -> None:
     gradient[0, :, 0], hessian[0, :, 0, 0] = each * at, each
     squares, none = np.ones((5, stretches)), np.zeros((1, 1))
     normal = Normal(squares, gradient, hessian, np.full(stretches, each), none, np.zeros(1), np.ones(5))
-    found = Fit.slow_variance.func(SimpleNamespace(normal=normal))  # type: ignore[attr-defined]
+    found = Fit.jackknife_variance.func(SimpleNamespace(normal=normal))  # type: ignore[attr-defined]
     half_width = student.ppf(0.975, stretches - 1) * means.std(ddof=1) / np.sqrt(stretches)
     assert 1.96 * np.sqrt(found[0]) == pytest.approx(half_width, rel=1e-3)
 
