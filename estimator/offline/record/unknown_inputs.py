@@ -31,10 +31,16 @@ SAMPLED = {"steer_delay": _steer, "drive_delay": _drive}
 """Delays that sampling can be mistaken for, with the shift of the signal as a nuisance."""
 
 
+RESAMPLED_S = 0.015
+"""s between rows from which a log holds older readings: inertial units report at 100 Hz"""
+
+
 def sampling_effects(step: float, delays: frozenset[str]) -> tuple[Effect, ...]:
     """Nuisance shifts of up to one sample of steer and drive, but for the signal whose delay is being tried, and of
-    the lateral accelerometer, which looks displaced by what the car travels in that time."""
+    the lateral accelerometer, which looks displaced by what the car travels in that time, in logs slower than it."""
     inputs = [_shift(name, {"INPUT": hook}, step) for name, hook in SAMPLED.items() if name not in delays]
+    if step < RESAMPLED_S:
+        return tuple(inputs)
     return (*inputs, _shift("ay", {"SENSOR": _lateral}, step))
 
 
