@@ -29,8 +29,6 @@ def _lateral(terms: Terms, delay: Expr) -> None:
 
 SAMPLED = {"steer_delay": _steer, "drive_delay": _drive}
 """Delays that sampling can be mistaken for, with the shift of the signal as a nuisance."""
-
-
 RESAMPLED_S = 0.015
 """s between rows from which a log holds older readings: inertial units report at 100 Hz"""
 

@@ -11,7 +11,7 @@ from collections import deque
 from itertools import pairwise
 
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM
+from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM, PERIOD_S
 
 STEADY = 4
 """periods before and after a step: a spike of a kerb has passed by then"""
@@ -29,7 +29,7 @@ WINDOW = 20
 """periods (0.2 s) of noise; a mean of so many differs from the usual one by a fifth"""
 USUAL = 500
 """periods (5 s) over which the usual noise is learnt"""
-HELD_S, MISSED_S = 0.01, 0.02
+HELD_S, MISSED_S = PERIOD_S, 2 * PERIOD_S
 """s; age of a reading that is the one before, and of one after which two were missed: all that changed comes at once"""
 RESOLVED = 5e-4
 """rad/s of usual noise, six steps of 0.005 deg/s, from which less can be told"""

@@ -15,6 +15,7 @@ from estimator.offline.diagnosis import held_out_in_turn
 from estimator.offline.fit.held import MASS_ERROR, by_declared, by_sampling
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.record.unknown_inputs import sampling_effects
 from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.trial import Setting, fit_names
 
@@ -48,3 +49,8 @@ def test_what_is_held_widens_what_is_stated(pair: Fit) -> None:
     stated, white = np.diag(covariance(pair)), np.diag(pair.covariance)
     held = np.sum(np.concatenate([by_sampling(pair), by_declared(pair)]) ** 2, axis=0)
     assert np.all(stated >= white + 0.999 * held)
+
+
+@pytest.mark.parametrize(("step", "fitted"), [(0.04, True), (0.02, True), (0.01, False), (0.005, False)])
+def test_when_an_accelerometer_was_read_is_fitted_in_logs_slower_than_it(step: float, fitted: bool) -> None:
+    assert ("ay_within_a_sample" in {e.name for e in sampling_effects(step, frozenset())}) == fitted
