@@ -30,6 +30,7 @@ from practice import SIZES, draw_size
 from practice.car import TYRE, Chassis
 from practice.double_track import Setup
 
+from estimator.offline.fit.held import INERTIA_ERROR, MASS_ERROR, PLACE_ERROR
 from planner.studies.campaign.run import Job, Machines, drive_all
 
 ROOTS = {"effects": 8100, "cars": 8200, "double_track": 8300}
@@ -43,9 +44,6 @@ SIDE_BY_SIDE = 12
 """drives of one course, number of laps and rate: to simulate many takes as long as to simulate one"""
 MISSING: tuple[tuple[str, ...], ...] = ((), (), (), ("ax",), ("ay",), ("x", "y", "lap"), ("lap",))
 """columns that a log may lack, each as likely"""
-MASS_ERROR, PLACE_ERROR, INERTIA_ERROR = 0.01, 0.01, 0.025
-"""Standard deviations of what a vehicle file declares: of a weighbridge, relative; of the centre of gravity, m, by its
-axle loads; of a swing test, whose 95 % are 5 % (`declared_vehicle`)"""
 
 
 def drawn_effects(rng: np.random.Generator) -> dict[str, float]:
@@ -90,7 +88,8 @@ def drawn_car(rng: np.random.Generator) -> Chassis:
 
 
 def drawn_errors(chassis: Chassis, rng: np.random.Generator) -> dict[str, float]:
-    """Factors on the numbers of the vehicle file: it knows the wheelbase, and the rest as well as it is measured."""
+    """Factors on the numbers of the vehicle file: it knows the wheelbase, and the rest as well as the diagnosis counts
+    on; what a worse file does is for the practice list `held` to say."""
     moved = PLACE_ERROR * rng.normal()
     return {
         "mass": 1.0 + MASS_ERROR * rng.normal(), "yaw_inertia": 1.0 + INERTIA_ERROR * rng.normal(),
