@@ -78,7 +78,15 @@ class Columns:
         self._sizes = tuple(f.nnz_in(i) for i in range(f.n_in()))
         self.outputs = f.nnz_out(0)
         self._work = f.sz_w()
-        self._program = [self._instruction(f, k) for k in range(f.n_instructions())]
+        self._function = f
+        unknown = {f.instruction_id(k) for k in range(f.n_instructions())} - _KNOWN
+        if unknown:
+            raise NotImplementedError(f"instructions {sorted(unknown)} of CasADi have no numpy counterpart here")
+
+    @cached_property
+    def _program(self) -> list[tuple[str, Any, list[int], list[int]]]:
+        """The instruction list for numpy, read when it is first needed."""
+        return [self._instruction(self._function, k) for k in range(self._function.n_instructions())]
 
     @staticmethod
     def _instruction(f: ca.Function, k: int) -> tuple[str, Any, list[int], list[int]]:
@@ -93,9 +101,7 @@ class Columns:
             return "unary", _UNARY[op], inputs[:1], outputs
         if op in _BINARY:
             return "binary", _BINARY[op], inputs, outputs
-        if op in _SPECIAL:
-            return "special", _SPECIAL[op], inputs, outputs
-        raise NotImplementedError(f"instruction {op} of CasADi has no numpy counterpart here")
+        return "special", _SPECIAL[op], inputs, outputs
 
     def chunks(self, *arguments: Array) -> Iterator[tuple[slice, Array]]:
         """(rows, (q, rows) outputs) of successive chunks; the array is reused by the next one.
@@ -149,6 +155,7 @@ _SPECIAL: dict[int, Callable[..., Any]] = {
     ca.OP_EXPM1: np.expm1,
     ca.OP_HYPOT: np.hypot,
 }
+_KNOWN = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, *_UNARY, *_BINARY, *_SPECIAL}
 
 
 class ModelColumns:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,8 +28,11 @@ MEASURED_INPUTS = {"vx": 8, "vy": 9, "yaw_rate": 10}
 is fitted (`unknown_inputs`), and no effect is told by when ax was."""
 CHANGES = {"vx": 3, "vy": 4, "yaw_rate": 2}
 """Predicted channel that is the change of a measured signal."""
+KEPT = 32
+"""Fits whose moves are kept: each of its effects is judged by them."""
 
 
+@lru_cache(KEPT)
 def by_sampling(fit: Fit) -> Array:
     """(3, p) by which the parameters move where one signal was read by a standard deviation later than the others."""
     at = Point.at(fit.predictor, fit.parameters, fit.noise)

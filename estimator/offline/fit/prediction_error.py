@@ -35,9 +35,9 @@ FIRST_DAMPING, RELIEF = 1e-4, 10.0
 """of the steps; factor by which damping falls after a good step; its root after each step that was too long"""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted model on one record: parameters (p,) and the normal equations there."""
+    """A fitted model on one record: parameters (p,) and the normal equations there; equal to itself alone."""
 
     predictor: Predictor
     parameters: Array

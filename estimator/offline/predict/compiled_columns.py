@@ -37,11 +37,11 @@ class CompiledColumns(Columns):
     def __init__(self, f: ca.Function) -> None:
         """Read the instruction list of an SX function with dense inputs and output."""
         super().__init__(f)
-        steps = range(f.n_instructions())
         first = np.cumsum([0, *self._sizes])
-        self._steps = np.array([_step(f, k, first) for k in steps], np.int64)
-        constants = [f.instruction_constant(k) if f.instruction_id(k) == ca.OP_CONST else 0.0 for k in steps]
-        self._constants = np.array(constants)
+        self._steps = np.array([_step(f, k, first) for k in range(f.n_instructions())], np.int64)
+        constants = np.flatnonzero(self._steps[:, 0] == ca.OP_CONST).tolist()
+        self._constants = np.zeros(len(self._steps))
+        self._constants[constants] = [f.instruction_constant(k) for k in constants]
 
     def __call__(self, *arguments: Array) -> Array:
         """(q, n) outputs of all samples."""
