@@ -13,7 +13,7 @@ from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
 from estimator.offline.record.unknown_inputs import SAMPLED
-from estimator.offline.search.sensor_place import accelerometer_ahead
+from estimator.offline.search.sensor_place import accelerometer_ahead, speed_scale
 
 LEAST_ERRORS = 3.0
 """Standard errors that one parameter at least must be off its neutral value: 99.7 % of a normal distribution."""
@@ -23,6 +23,8 @@ LEAST_STRETCHES = 4
 """of 30 s, for halves to be compared"""
 CONFIRMED_SHARE = 0.5
 """of the accelerometer's place, or of a road, by which kinematics may be off beyond error: sensors differ in timing"""
+CLOCK = 0.01
+"""share by which the speed of positions may be off besides: a logger that drops rows unseen stretches its time"""
 LEVEL = 0.01
 """rad; mean grade beyond which a lap does not end at the height where it began: 10 m a km"""
 CLOSED_SHARE = 0.25
@@ -38,7 +40,7 @@ def believed(fit: Fit, name: str) -> bool:
     """Whether an effect is more than the log's sampling, physically possible, there, alike in both halves, and not
     contradicted by kinematics."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    checks = (possible, _there, _agrees, _confirmed, _a_road, _as_high_as_a_car)
+    checks = (possible, _confirmed_by_positions, _there, _agrees, _confirmed, _a_road, _as_high_as_a_car)
     return not _within_a_sample(fit, block) and all(check(fit, block) for check in checks)
 
 
@@ -115,6 +117,16 @@ def _confirmed(fit: Fit, block: Block) -> bool:
     if seen is None:
         return bool(np.max(np.abs(place)) > travelled)
     return abs(seen[0] - ahead) < max(LEAST_ERRORS * seen[1] + 0.5 * travelled, CONFIRMED_SHARE * abs(ahead))
+
+
+def _confirmed_by_positions(fit: Fit, block: Block) -> bool:
+    """Whether positions show at least half of a scale of speed, where the log has them."""
+    if block.effect.name != "speed_scale":
+        return True
+    scale, seen = float(fit.parameters[block.parameters][0]), speed_scale(fit.predictor.record)
+    if seen is None:
+        return True
+    return abs(seen[0] - scale) < max(LEAST_ERRORS * seen[1], CONFIRMED_SHARE * abs(scale - 1.0), CLOCK)
 
 
 def _a_road(fit: Fit, block: Block) -> bool:

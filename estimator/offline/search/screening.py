@@ -20,16 +20,19 @@ from hil_gateway.process.arrays import Array
 
 SCREENING_STRIDE = 3
 """Screening uses every third window."""
+AS_ITS_PLACE = {"steer_scale"}
+"""Not told from the place of a sensor of vy that is fitted (`unknown_inputs`): by x the kinematic angle L omega / vx
+looks larger by x / L, and what both axles then lack of slip their tyres make up for."""
 SCREENING_ITERATIONS = 3
 """Steps of a candidate that is stationary at its neutral value and cannot be screened there."""
 
 
 def candidates(record: Record, active: Collection[str]) -> list[Effect]:
-    """Effects that can be tried: their signals are there, and what they build on is active."""
-    signals = available(record)
+    """Effects that can be tried: their signals are there, what they build on is active, and the log can tell them."""
+    signals, untold = available(record), AS_ITS_PLACE if record.vy_displaced else set()
     return [
         e for e in all_candidates().values()
-        if e.name not in active and set(e.needs) <= signals
+        if e.name not in {*active, *untold} and set(e.needs) <= signals
         and (not e.requires_any or set(e.requires_any) & set(active))
     ]  # fmt: skip
 

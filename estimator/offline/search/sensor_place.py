@@ -1,4 +1,4 @@
-"""Where the accelerometer lies, from kinematics alone, whatever tyres and steering do.
+"""Where the accelerometer lies and how the speed is scaled, from kinematics alone, whatever tyres and steering do.
 
 d/dt vy + vx w - ay = -g sin(bank) - x dw/dt for a sensor x ahead of the centre of gravity. All of it passes the same
 smoothing kernel, so that the filter cancels: smoothing vy alone would look like a sensor that is displaced.
@@ -16,6 +16,10 @@ from hil_gateway.process.arrays import Array, Ints
 
 AX, AY, YAW_RATE, VX, VY = range(5)
 """Rows of `record.MEASURED`."""
+CHORD_S = 0.25
+"""s between positions: the car turns by 0.1 rad at most, and drives far against their noise"""
+TRIMMED = 0.05
+"""share of the windows at either end that does not count: a receiver jumped"""
 
 
 def accelerometer_ahead(record: Record) -> tuple[float, float] | None:
@@ -62,3 +66,23 @@ def _equation(record: Record, rows: Ints) -> tuple[Array, Array]:
         return y, X
     place = record.signals["track_position"][rows][half:-half][::half]
     return y, np.concatenate([X, record.bases["track_position"].matrix(place)], axis=1)
+
+
+def speed_scale(record: Record) -> tuple[float, float] | None:
+    """Reported speed over that of the positions, and its standard deviation; None without positions.
+
+    The trimmed mean over windows: positions may be held or jump.
+    """
+    if not {"x", "y"} <= record.signals.keys():
+        return None
+    stride = max(1, round(CHORD_S / record.step))
+    rows = record.rows.reshape(record.windows, -1)
+    ends = rows[:, ::stride]
+    x, y, vx, vy = (record.signals[name] for name in ("x", "y", "vx", "vy"))
+    driven = np.hypot(np.diff(x[ends]), np.diff(y[ends])).sum(axis=1)
+    last = (ends.shape[1] - 1) * stride
+    reported = np.hypot(vx, vy)[rows[:, :last]].mean(axis=1) * last * record.step
+    cut = int(TRIMMED * record.windows)
+    inverse = np.sort(driven / reported)[cut : record.windows - cut]
+    scale = 1.0 / max(float(inverse.mean()), np.finfo(float).tiny)
+    return scale, float(inverse.std() / np.sqrt(len(inverse))) * scale**2

@@ -11,6 +11,7 @@ from support.practice_drives import PRIOR, record_of
 
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
 from estimator.offline.search.plausible import believed
+from estimator.offline.search.screening import candidates
 from estimator.offline.search.trial import Setting, fit_names
 
 
@@ -31,6 +32,25 @@ def test_a_sensor_place_without_kinematics_must_exceed_what_the_car_travels_in_a
         parameters = done.parameters.copy()
         parameters[row : row + 2] = place, 0.0
         assert believed(replace(done, parameters=parameters), "imu_lever_arm") == named
+
+
+def test_a_speed_scale_that_positions_contradict_is_not_believed(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    record = record.select(np.arange(record.windows) % 12 == 0)
+    record = replace(record, lap=np.arange(record.windows) // 4)
+    signals = {name: signal for name, signal in record.signals.items() if name != "x"}
+    for own, named in ((record, False), (replace(record, signals=signals), True)):
+        done = fit_names(Setting(own, "per_axle", PRIOR), ["speed_scale"], None)
+        parameters = done.parameters.copy()
+        parameters[next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "speed_scale")] = 1.06
+        assert believed(replace(done, parameters=parameters), "speed_scale") == named
+
+
+def test_the_steering_scale_is_not_tried_where_the_place_of_vy_is_fitted(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    for displaced in (False, True):
+        tried = {effect.name for effect in candidates(replace(record, vy_displaced=displaced), ())}
+        assert ("steer_scale" in tried) == (not displaced)
 
 
 def test_a_grade_that_ends_the_lap_at_another_height_is_not_believed(drives: dict[str, Any]) -> None:

@@ -17,7 +17,7 @@ from estimator.offline.predict.lateral_velocity import with_predicted_vy
 from estimator.offline.record.map_road import record_on_map
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.search.greedy import Greedy
-from estimator.offline.search.sensor_place import accelerometer_ahead
+from estimator.offline.search.sensor_place import accelerometer_ahead, speed_scale
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.errors import InputError
@@ -80,6 +80,21 @@ def test_kinematics_tell_where_the_accelerometer_lies_whatever_the_tyres_do(
     assert found is not None
     assert found[0] == pytest.approx(ahead, abs=0.15), "half a sample at 30 m/s is 0.15 m"
     assert found[1] < 0.05
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.96])
+def test_positions_that_are_held_and_jump_tell_how_the_speed_is_scaled(drives: dict[str, Any], scale: float) -> None:
+    columns = drives["single"].columns
+    held = np.arange(len(columns["t"])) // 10 * 10
+    x = columns["x"][held]
+    x[::1500] += 8.0
+    log = log_of(drives["single"], vx=scale * columns["vx"], x=x, y=columns["y"][held])
+    found = speed_scale(make_record(log, Vehicle()))
+    assert found is not None
+    assert found[0] == pytest.approx(scale, abs=0.004)
+    assert found[1] < 0.003
+    without = {n: c for n, c in log.columns.items() if n != "x"}
+    assert speed_scale(make_record(replace(log, columns=without), Vehicle())) is None
 
 
 def test_at_one_speed_rolling_resistance_is_not_told_from_drag(drives: dict[str, Any]) -> None:
