@@ -1,6 +1,7 @@
-"""Laps of cars with one effect more than their data sheet knows, over the least lap time of that very car.
+"""Laps of cars with one effect more than their data sheet knows, or that do not learn, over the least lap time of that
+very car.
 
-    python -P benchmarks/undeclared.py [--tracks DIR] [--seeds 830,831]
+    python -P benchmarks/undeclared.py [--cases undeclared] [--tracks DIR] [--seeds 830,831]
 
 Cars, tracks, laps and effects are those of `laps_cases.json`; one line of JSON a car, as soon as it is through. Every
 figure comes from the plant and the referee; nothing that drives hears of the car.
@@ -29,11 +30,12 @@ def track_of(case: dict[str, Any], tracks: Path) -> str:
 
 
 def drive(case: dict[str, Any], tracks: Path) -> dict[str, Any]:
-    """Drive one case, learning on."""
+    """Drive one case, learning on where it does not say otherwise."""
     seed, laps, path = case["seed"], case["laps"], track_of(case, tracks)
     car, track = random_car(seed).model_copy(update={"effects": case["effects"]}), load_track(path)
     limit_s = lap_limit(car.parameters(), track).limit_s
-    loop = Loop(load_config(None, {"track": path, "plant.seed": seed}), track=track, simulated=car)
+    settings = {"track": path, "plant.seed": seed, "estimator.learn": case.get("learn", True)}
+    loop = Loop(load_config(None, settings), track=track, simulated=car)
     result = loop.run(laps=laps, time_limit_s=laps * SLOWEST * limit_s + START_S)
     return {**case, "limit_s": round(limit_s, 3), **figures(result, limit_s)}
 
@@ -41,10 +43,14 @@ def drive(case: dict[str, Any], tracks: Path) -> dict[str, Any]:
 def main() -> None:
     """Print a line a car."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", default="undeclared", help=f"list of {CASES.name} to drive")
     parser.add_argument("--tracks", type=Path, default=Path(), help="folder of the track files")
     parser.add_argument("--seeds", default="", help="these cars alone, with commas")
     asked = parser.parse_args()
-    cases = json.loads(CASES.read_text())["undeclared"]["cars"]
+    lists = json.loads(CASES.read_text())
+    if "cars" not in lists.get(asked.cases, ()):
+        parser.error(f"--cases {asked.cases}: {CASES.name} has no such list of cars")
+    cases = lists[asked.cases]["cars"]
     chosen = [case for case in cases if not asked.seeds or str(case["seed"]) in asked.seeds.split(",")]
     if not chosen:
         parser.error(f"--seeds {asked.seeds}: none of them is among those of {CASES.name}")

@@ -57,6 +57,7 @@ class Estimator:
         self.localisation = Localisation(config.vehicle, track)
         self._use(ModelInUse.of(config, starting_revision(config, config.estimator.model), track.length))
         self._succession = Succession(config, track.length, background=background)
+        self._learns = config.estimator.learn
         self._proposals = bus.subscribe(topics.MODEL_PROPOSAL, depth=PROPOSALS)
         self._seq = self._belief_seq = self._alert_seq = 0
         self._revision_seq = 1
@@ -113,12 +114,13 @@ class Estimator:
             self._revision_seq += 1
 
     def learn(self, sample: Sample, stamp_ns: int) -> None:
-        """Watch the model with the belief held so far, then let the sample teach."""
+        """Watch the model with the belief held so far, then let the sample teach where learning is on."""
         sample, tyres = self._believed(sample)
         for finding in self.model.monitor.push(sample, tyres, stamp_ns):
             self._bus.publish(topics.ALERT, Alert(stamp_ns=stamp_ns, seq=self._alert_seq, **asdict(finding)))
             self._alert_seq += 1
-        self.belief.update(in_kind(sample, self.belief.settings.kind, self.belief.model.vehicle))
+        if self._learns:
+            self.belief.update(in_kind(sample, self.belief.settings.kind, self.belief.model.vehicle))
 
     def _compare(self, sample: Sample, slips: tuple[float, float]) -> None:
         """What tyres and brakes deliver now; `slips` of the wheels as `wheel_slips` says."""

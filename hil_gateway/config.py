@@ -69,7 +69,7 @@ class EstimatorConfig(Model):
     layout: Literal["shared", "per_axle"] = "per_axle"
     measurement: Literal["imu", "imu_yaw", "tyre_force"] = "imu_yaw"
     model: str = Field(default="", description="model revision (JSON) to start from; empty: the declared model")
-    learn: bool = Field(default=True, description="publish model revisions as the belief moves")
+    learn: bool = Field(default=True, description="learn tyres and effects; off: they stay as the model states them")
     relinearise: bool = Field(default=True, description="linearise Eq. (8) again over a history, once a second")
     revision_hysteresis: float = Field(default=0.02, gt=0, description="smallest relative change worth publishing")
     revision_max_step: float = Field(default=0.2, gt=0, description="largest relative change of a parameter at once")

@@ -221,11 +221,14 @@ class Planner:
         return (self._stopwatch() - started) / NS_PER_S > self._config.planner.deadline_s
 
     def _note_loads(self) -> None:
-        limits = self.adoption.controller.knowledge.load_max
-        for held, share, limit in zip(self._held, self._check.first_across, limits, strict=True):
-            # across alone: a start from rest says nothing of bends; the share of a sliding tyre goes on beyond its
-            # peak, what it bears does not
-            held.push(min(share, 1.0 / self._config.planner.load_use) * limit)
+        limits, most = self.adoption.controller.knowledge.load_max, 1.0 / self._config.planner.load_use
+        # across alone: a start from rest says nothing of bends; the share of a sliding tyre goes on beyond its
+        # peak, what it bears does not
+        front, rear = (min(share, most) * limit for share, limit in zip(self._check.first_across, limits, strict=True))
+        estimate = self._estimate.latest.message
+        assert estimate is not None
+        for held, load in zip(self._held, self.adoption.borne((front, rear), estimate), strict=True):
+            held.push(load)
         before = self.adoption.held
         self.adoption.held = LoadLimits(
             max(before.front, self._held[0].value), max(before.rear, self._held[1].value)

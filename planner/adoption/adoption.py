@@ -19,9 +19,10 @@ from hil_gateway.bus.messages import Belief, Estimate, ModelRevision
 from hil_gateway.config import Config
 from hil_gateway.track.track import Track
 from planner.adoption.delivered import DeliveredNow, grip_factors
-from planner.adoption.knowledge import Now, Reserves, TyreNames, next_knowledge
+from planner.adoption.knowledge import Now, Reserves, TyreNames, next_knowledge, target_of
 from planner.adoption.plausible import implausible, near
 from planner.adoption.trust import Trust, slides
+from planner.adoption.unlearnt import measured_loads
 from planner.adoption.usable_grip import PROFILE_SHARE, borne_next
 from planner.line.envelope import Brakes, envelope_of
 from planner.line.raceline import RaceLine, raceline_for
@@ -79,6 +80,7 @@ class Adoption:
         self._changed = True
         self._probation = self._failures = 0
         self.delivered = DeliveredNow()
+        self._answer = np.inf if self._by_data_sheet and not config.estimator.learn else None
         self.notes: list[str] = []
         """what was refused or rolled back, and why; newest last"""
         self._line: RaceLine | None = None
@@ -129,12 +131,15 @@ class Adoption:
         self.controller.set_knowledge(knowledge)
         settled = (knowledge.load_max, knowledge.brake_ratio) == (before.load_max, before.brake_ratio)
         factors = grip_factors(current.tyre.axles, knowledge.delivered, len(knowledge.theta))
-        self._changed = not (settled and np.array_equal(knowledge.theta, factors * current.revised.theta))
+        target = target_of(current.revised, current.revision, current.tyre, self._reserves)
+        self._changed = not (settled and np.array_equal(knowledge.theta, factors * target))
 
     def feel(self, delivered: Delivered | None) -> None:
         """Plan at once with what tyres and brakes deliver now."""
         if not self._by_data_sheet:
             return
+        if self._answer is not None and delivered is not None and delivered.front is not None:
+            self._answer, self._changed = delivered.front, True
         brakes = self.delivered.brakes
         if self.delivered.take(delivered):
             self._changed = True
@@ -153,6 +158,14 @@ class Adoption:
         if lap > self._lap:
             self._lap, self._held_by_lap, self._changed = lap, self.held, True
 
+    def borne(self, modelled: tuple[float, float], estimate: Estimate) -> tuple[float, float]:
+        """Forces over axle load (front, rear) that tyres bear, from those by the model in force."""
+        current = self.current
+        if self._answer is None:
+            return modelled
+        measured = measured_loads(estimate, self.controller.knowledge.mean, self._config.vehicle, current.tyre.axles)
+        return min(modelled[0], measured[0]), min(modelled[1], measured[1])
+
     def judge(self, accepted: bool) -> None:
         """Outcome of a plan with the model in force; rolls a new model back that keeps failing."""
         if self._probation == 0:
@@ -169,6 +182,14 @@ class Adoption:
         """Whether the belief begins with what is declared of this car; Eq. (1) to (3) alone explain too little of one
         to tell its axles' balance or what they deliver."""
         return self._config.declared_model == "race_car"
+
+    @property
+    def _reserves(self) -> Reserves:
+        """What is kept back now."""
+        return Reserves.of(
+            self._config.planner.load_use, self._settings.sigma_level, self._by_data_sheet, self._lap,
+            self._answer,
+        )  # fmt: skip
 
     def _refuse(self, revision: ModelRevision, reason: str) -> None:
         self._refused.add(revision.revision)
@@ -213,10 +234,7 @@ class Adoption:
         """Tyre parameters one slew step from those `before` towards the revision, with the newest belief."""
         belief = self._belief if before is not None else None  # a model being built has its own tyres
         held = borne_next(self.held.pair, self._held_by_lap.pair)
-        reserves = Reserves.of(
-            self._config.planner.load_use, self._settings.sigma_level, self._by_data_sheet, self._lap
-        )
-        return next_knowledge(before, revised, tyre, revision, belief, Now(self.delivered, held, reserves))
+        return next_knowledge(before, revised, tyre, revision, belief, Now(self.delivered, held, self._reserves))
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""

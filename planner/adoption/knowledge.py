@@ -12,6 +12,7 @@ from hil_gateway.bus.messages import Belief, ModelRevision
 from hil_gateway.process.arrays import Array
 from planner.adoption.brake_doubt import brake_doubt, brake_spread
 from planner.adoption.delivered import DeliveredNow, grip_factors
+from planner.adoption.unlearnt import lively
 from planner.adoption.usable_grip import Axles, capacity, rear_share
 from planner.plan.controller import TyreKnowledge
 from planner.problem.brake_law import pressure_ratio
@@ -50,11 +51,14 @@ class Reserves:
     use: float
     level: float
     by_data_sheet: bool
+    answer: float | None = None
+    """where nothing corrects the model: share of what it says that front tyres answer with, inf where not known"""
 
     @classmethod
-    def of(cls, use: float, level: float, by_data_sheet: bool, lap: int) -> Reserves:
+    def of(cls, use: float, level: float, by_data_sheet: bool, lap: int, answer: float | None = None) -> Reserves:
         """In this lap, the first being 0."""
-        return cls(use, (FIRST_LAP if by_data_sheet and lap < 1 else 1.0) * level, by_data_sheet)
+        level *= FIRST_LAP if by_data_sheet and lap < 1 else 1.0
+        return cls(use, level, by_data_sheet, answer)
 
     def uses(self, peaks: Array) -> Array:
         """(2,) share of its peak that either axle may use, from the `peaks` over axle load."""
@@ -75,8 +79,8 @@ def next_knowledge(  # noqa: PLR0917 - all that a plan's tyres depend on
     belief: Belief | None, now: Now,
 ) -> TyreKnowledge:  # fmt: skip
     """Tyre parameters one slew step from those `before` towards the revision, with what is believed of them."""
-    lasting = _one_step(before, revised.theta, tyre)
-    mean, covariance = _believed(belief, revision, tyre, lasting)
+    lasting = _one_step(before, target_of(revised, revision, tyre, now.reserves), tyre)
+    mean, covariance = _believed(belief, revision, tyre, lasting if now.reserves.answer is None else revised.theta)
     peaks, level = [d for _, _, d in tyre.axles], now.reserves.level
     use = now.reserves.uses(mean[peaks])
     # by the tyres as they last: a plan that gets by with what a sudden loss leaves may ask for all of it
@@ -91,6 +95,12 @@ def next_knowledge(  # noqa: PLR0917 - all that a plan's tyres depend on
         theta, mean, covariance, tyre.prior_std, judged, (float(use[0]), float(use[1])), asked,
         _brake_ratio(before, asked, revised), level, (front, rear), now.delivered.tyres,
     )  # fmt: skip
+
+
+def target_of(revised: RevisedModel, revision: ModelRevision, tyre: TyreNames, reserves: Reserves) -> Array:
+    """theta that parameters in force go to."""
+    stated, answer = tyre_covariance(revision), reserves.answer
+    return revised.theta if answer is None or stated is None else lively(revised.theta, stated, tyre.axles, answer)
 
 
 def _one_step(before: TyreKnowledge | None, target: Array, tyre: TyreNames) -> Array:

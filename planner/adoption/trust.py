@@ -66,12 +66,16 @@ class Trust:
 
 def slides(estimate: Estimate, knowledge: TyreKnowledge, vehicle: Vehicle, axles: Axles) -> bool:
     """Whether an axle is beyond the slip of its tyres' peak, by the estimated motion and the belief's mean."""
-    e = estimate
-    if e.vx < JUDGED_SPEED:
+    if estimate.vx < JUDGED_SPEED:
         return False
-    slips = (
+    mean, slips = knowledge.mean.tolist(), slip_angles(estimate, vehicle)
+    return any(abs(slip) > slip_at_peak(mean[b], mean[c]) for slip, (b, c, _) in zip(slips, axles, strict=True))
+
+
+def slip_angles(estimate: Estimate, vehicle: Vehicle) -> tuple[float, float]:
+    """Of front and rear axle by the estimated motion, rad; only where the car moves."""
+    e = estimate
+    return (
         e.steer - math.atan2(e.vy + vehicle.lf * e.yaw_rate, e.vx),
         -math.atan2(e.vy - vehicle.lr * e.yaw_rate, e.vx),
     )
-    mean = knowledge.mean.tolist()
-    return any(abs(slip) > slip_at_peak(mean[b], mean[c]) for slip, (b, c, _) in zip(slips, axles, strict=True))

@@ -77,15 +77,4 @@ class RecordingEstimator(Estimator):
         self._seen += 1
         if self._seen % KEEP_EVERY == 0:
             self.kept.append(sample)
-        self.take_in(sample, stamp_ns)
-
-    def take_in(self, sample: Sample, stamp_ns: int) -> None:
-        """Learn from a sample."""
         super().learn(sample, stamp_ns)
-
-
-class FixedEstimator(RecordingEstimator):
-    """Estimator that learns no tyres: its belief stays what it starts with."""
-
-    def take_in(self, sample: Sample, stamp_ns: int) -> None:
-        """Nothing."""

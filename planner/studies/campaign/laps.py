@@ -24,7 +24,6 @@ from hil_gateway.track.loading import load_track
 from planner.node import Planner
 from planner.problem.load_limits import store_limits
 from planner.simulation.loop import Loop, LoopResult
-from planner.studies.campaign.driving import FixedEstimator
 from planner.studies.campaign.run import Job
 
 SLOWEST = 4.0
@@ -78,15 +77,14 @@ def drive_trial(trial: LapsTrial) -> dict[str, Any]:
     limit_s = lap_limit(car.parameters(), track).limit_s
     config = load_config(None, {"track": trial.track, "plant.seed": trial.seed})
 
-    def drive(config: Config, laps: int, **options: Any) -> tuple[Loop, LoopResult]:
-        loop = Loop(config, keep=(MODEL_REVISION,), track=track, simulated=car, **options)
+    def drive(config: Config, laps: int) -> tuple[Loop, LoopResult]:
+        loop = Loop(config, keep=(MODEL_REVISION,), track=track, simulated=car)
         return loop, loop.run(laps=laps, time_limit_s=laps * SLOWEST * limit_s + START_S)
 
     loop, result = drive(config, trial.laps)
     with TemporaryDirectory() as folder:
         _, second = drive(second_session(config, loop, result, Path(folder)), SECOND_SESSION_LAPS)
-    plain = drive(without_learning(config), trial.laps, components={"estimator": FixedEstimator})[1] \
-        if trial.without else None  # fmt: skip
+    plain = drive(without_learning(config), trial.laps)[1] if trial.without else None
     again = lap_ratios(second.lap_times_s, limit_s)
     return {
         "settings": asdict(trial), "seed": trial.seed, "track": track.name, "limit_s": limit_s,

@@ -37,7 +37,7 @@ from planner.node import Planner
 from planner.plan.exploring import EXPLORING, exploring
 from planner.problem.load_limits import LoadLimits, store_limits
 from planner.simulation.loop import START_NS, Loop, LoopResult
-from planner.studies.campaign.driving import ADDED_SIGNAL, ExcitedBus, FixedEstimator, RecordingEstimator
+from planner.studies.campaign.driving import ADDED_SIGNAL, ExcitedBus, RecordingEstimator
 from planner.studies.campaign.run import Job
 from planner.studies.campaign.safety import SLIP_SPEED, safety_figures
 from planner.studies.safety import Watch, Watched
@@ -158,8 +158,7 @@ def _drive(trial: Trial, settings: CampaignSettings, config: Config) -> dict[str
         signal = ADDED_SIGNAL.get(trial.method)
         return Watched(config, ExcitedBus(bus, signal, trial.seed) if signal else bus, track, watch)
 
-    estimator_class = RecordingEstimator if trial.method in METHODS else FixedEstimator
-    loop = Loop(config, keep=(topics.BELIEF,), components={"estimator": estimator_class, "planner": planner})
+    loop = Loop(config, keep=(topics.BELIEF,), components={"estimator": RecordingEstimator, "planner": planner})
     seconds = settings.seconds if trial.method in METHODS else 0.0
     result = loop.run(laps=settings.laps, seconds=seconds or None, time_limit_s=settings.time_limit_s)
     estimator = loop.estimator

@@ -30,7 +30,7 @@ from planner.studies.campaign.analysis import (
     seconds_to,
     summarise,
 )
-from planner.studies.campaign.driving import EXCITATION_ACCELERATION, ExcitedBus, FixedEstimator, RecordingEstimator
+from planner.studies.campaign.driving import EXCITATION_ACCELERATION, ExcitedBus, RecordingEstimator
 from planner.studies.campaign.report import write_report
 from planner.studies.campaign.run import load, save
 from planner.studies.campaign.safety import load_shares, slip_shares
@@ -202,15 +202,17 @@ def test_beliefs_are_judged_by_a_drive_that_is_not_among_the_ways_of_driving(
     assert spread == pytest.approx(np.full(7, SETTINGS.mismatch)), "declared tyres are as doubtful as cars are off"
 
 
-def test_a_fixed_estimator_keeps_samples_and_learns_nothing() -> None:
+def test_without_learning_samples_are_kept_and_teach_nothing() -> None:
     config = trial_config(Trial("plain", 0), SETTINGS)
     sample = sample_of(np.array([40.0, -1.0, 0.3, 0.08, 0.0]))
-    learning, fixed = (kind(config, LocalBus()) for kind in (RecordingEstimator, FixedEstimator))
+    off = config.model_copy(update={"estimator": config.estimator.model_copy(update={"learn": False})})
+    learning, fixed = (RecordingEstimator(of, LocalBus()) for of in (config, off))
     for k in range(2000):
         for estimator in (learning, fixed):
             estimator.learn(sample, k * 10_000_000)
     assert learning.belief.samples == 2000
     assert fixed.belief.samples == 0
+    assert np.array_equal(fixed.belief.covariance, RecordingEstimator(off, LocalBus()).belief.covariance)
     assert len(learning.kept) == len(fixed.kept) == 400
 
 

@@ -32,8 +32,8 @@ SHORT_S = 1.8
 """most seeds end so soon: every reaction is due within 0.6 s of its fault"""
 FULL_EVERY = 10
 """each so many-th seed goes on until the car stands"""
-DEFAULTS: dict[str, Any] = {"planner": {"horizon": 20}, "estimator": {"learn": False, "relinearise": False}}
-"""A short horizon, no adoption of new revisions, the belief by Eq. (8) alone: speed."""
+DEFAULTS: dict[str, Any] = {"planner": {"horizon": 20}}
+"""A short horizon: speed."""
 
 
 class Switch(Faults):

@@ -166,7 +166,7 @@ def campaign(  # noqa: PLR0917 - what a campaign is
 
 
 def from_places(
-    track: str, car: SimulatedCar | None, places: Sequence[Place], learn: bool = False
+    track: str, car: SimulatedCar | None, places: Sequence[Place], learn: bool = True
 ) -> Iterator[FaultResult]:
     """The faults of every place, each in a forked copy of the running loop; the last result is that of the loop itself
     where it stops without a fault."""
