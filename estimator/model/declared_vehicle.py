@@ -14,6 +14,7 @@ from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
+from estimator.model.steering_swing import STEER_SWING
 from estimator.model.tyre import blend_speed, safe_speed
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Expr
@@ -104,5 +105,6 @@ def id_of(name: str) -> str:
 
 
 def all_candidates() -> dict[str, Effect]:
-    """The catalogue, and the declared data beside it."""
-    return {**catalogue(), **{name: datum.effect for name, datum in DECLARED.items()}}
+    """The catalogue with a look-alike of a delay, then the declared data; what has memory follows its causes."""
+    effects = {**catalogue(), STEER_SWING.name: STEER_SWING}
+    return dict(sorted(effects.items())) | {name: datum.effect for name, datum in DECLARED.items()}

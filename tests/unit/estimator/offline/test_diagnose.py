@@ -94,6 +94,18 @@ def test_a_wrong_yaw_inertia_is_reported_as_declared_data_and_not_as_an_effect(d
     assert abs(found["found"] - Vehicle().yaw_inertia) < min(3.0 * found["std"], 0.05 * Vehicle().yaw_inertia)
 
 
+def test_wheels_that_swing_are_unexplained_steering_and_no_delay(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("swing")
+    block = next(b for b in found.fit.predictor.blocks if b.effect.name == "steer_swing")
+    assert found.fit.parameters[block.parameters] == pytest.approx([0.25, 0.2], rel=0.1), "4 Hz, damping 0.2"
+    result = as_json(found, "r", "")
+    assert (result["verdict"], result["effects"]) == ("unexplained", [])
+    first = result["unexplained"][0]
+    assert (first["channel"], first["signal"], first["term"]) == ("yaw_acc", "steer", "steer_swing")
+    assert result["channels"]["yaw_acc"]["with_effects"] < 1.1 * result["channels"]["yaw_acc"]["noise_floor"]
+    assert result["channels"]["yaw_acc"]["catalogue"] > 1.25 * result["channels"]["yaw_acc"]["noise_floor"]
+
+
 def test_what_exceeds_the_noise_only_in_the_scored_laps_is_said_with_its_time(
     diagnosed: Callable[[str], Diagnosis],
 ) -> None:
