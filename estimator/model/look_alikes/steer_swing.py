@@ -40,7 +40,7 @@ STEER_SWING = Effect(
             0.0,
             0.8,
             "natural period T",
-            Plausible(0.08, 0.5, "wheels on the compliance of a rack: 3 to 10 Hz; below 2 Hz it is the car that yaws"),
+            Plausible(0.08, 0.33, "wheels on the compliance of a rack: 3 to 12 Hz; slower, it is the car that yaws"),
         ),
         Parameter(
             "damping",
@@ -50,7 +50,7 @@ STEER_SWING = Effect(
             0.01,
             0.6,
             "damping ratio zeta",
-            Plausible(0.02, 0.5, "beyond, the wheels overshoot by less than a sixth and lag as behind a delay"),
+            Plausible(0.08, 0.5, "below, wheels shimmy at any bump; above, they overshoot by less than a sixth"),
         ),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),

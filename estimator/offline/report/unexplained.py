@@ -22,7 +22,7 @@ from estimator.offline.result.leftover import Leftover
 from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.empirical import Term
-from estimator.offline.search.steering.swing import SwingTerm
+from estimator.offline.search.look_alikes.term import LookAlikeTerm
 from estimator.offline.search.stretches.cells import Stretch
 from estimator.offline.search.stretches.term import StretchTerm
 
@@ -62,9 +62,10 @@ def _by_term(diagnosis: Diagnosis, term: Term) -> list[dict[str, Any]]:
     if isinstance(term, StretchTerm):
         variance = np.diag(covariance(diagnosis.fit))[block.parameters]
         return _by_stretch(diagnosis, term, float(coefficients[0]), float(np.sqrt(variance[0])))
-    if isinstance(term, SwingTerm):
-        period, damping = coefficients
-        what = f"{term.label} with {1.0 / period:.2g} Hz, damping {damping:.2g} of critical"
+    if isinstance(term, LookAlikeTerm):
+        numbers = zip(term.effect.parameters, coefficients, strict=True)
+        sizes = ", ".join(f"{p.name} {value:.2g} {p.unit}".removesuffix(" 1") for p, value in numbers)
+        what = f"{term.label} ({sizes})"
         return [_entry(diagnosis, term, channel, term.signal, what) for channel in term.effect.channels]
     values = diagnosis.record.signals[term.signal][diagnosis.record.rows].ravel()
     where, signal = describe(term.basis, values, coefficients), term.signal

@@ -18,10 +18,10 @@ from estimator.offline.search.acceptance import earns_its_place
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import Checked, check_each, recheck
+from estimator.offline.search.look_alikes.term import told_apart
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.search import Search, search
 from estimator.offline.search.stand_ins import without_stand_ins
-from estimator.offline.search.steering.swing import told_apart
 from estimator.offline.search.stretches.cells import LEAST_LAPS, MOST, around
 from estimator.offline.search.stretches.term import StretchTerm, fitted, localised, search_stretch, without
 from estimator.offline.search.trial import Setting, fit_names
@@ -103,13 +103,13 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
 
     What was driven there bends tyres and names of all laps, and no lap to come is said to have it: it is left out of
     the fit and all is sought again. Where laps agree about the change it is a term, where one lap shows it a leftover.
-    Wheels that swing, which the search takes for no more than a look-alike of a delay, are a term from the start.
+    Look-alikes of effects that the search has accepted are terms from the start.
     """
-    swing, found = told_apart(found)
-    if swing is None:
-        return _with_stretches(setting, found, rival, progress)
-    outcome = _with_stretches(swing.added_to(setting), found, rival, progress)
-    return replace(outcome, terms=(swing, *outcome.terms), tried=(swing, *outcome.tried))
+    look_alikes, found = told_apart(found)
+    for term in look_alikes:
+        setting = term.added_to(setting)
+    outcome = _with_stretches(setting, found, rival, progress)
+    return replace(outcome, terms=(*look_alikes, *outcome.terms), tried=(*look_alikes, *outcome.tried))
 
 
 def _with_stretches(setting: Setting, found: Search, rival: Rival, progress: Progress) -> Outcome:

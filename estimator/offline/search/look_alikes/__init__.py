@@ -1,1 +1,1 @@
-"""Wheels that swing about their steering axis: found as a candidate, told as unexplained."""
+"""Look-alikes of effects: found as candidates, told as unexplained."""

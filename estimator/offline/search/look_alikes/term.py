@@ -1,6 +1,6 @@
-"""The term of wheels that swing about their steering axis: what a search has accepted, told as unexplained.
+"""The term of a look-alike that a search has accepted: always active from then on, told as unexplained.
 
-Among the candidates it keeps a delay from being named for it; a catalogue effect it is none.
+Among the candidates it keeps the effect that it resembles from being named for it; a catalogue effect it is none.
 """
 
 from __future__ import annotations
@@ -9,38 +9,41 @@ from dataclasses import dataclass, replace
 
 from estimator.model.basis import Proportional
 from estimator.model.effects.base import Effect
-from estimator.model.steering_swing import STEER_SWING
+from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.search import Search
 from estimator.offline.search.trial import Setting
 
 
 @dataclass(frozen=True)
-class SwingTerm(Term):
-    """Wheels that swing; the signal is the reported steering angle, of which the shape is known but for two numbers."""
+class LookAlikeTerm(Term):
+    """A look-alike by the name that is its place; its signal is its cause, its coefficients are its parameters."""
+
+    @classmethod
+    def of(cls, name: str, found: Search) -> LookAlikeTerm:
+        """The term of a look-alike that a search has accepted."""
+        cause = LOOK_ALIKES[name].cause
+        return cls(name, cause, Proportional(cause, 1), found.gains[name], found.final)
 
     @property
     def label(self) -> str:
         """What it is, in words."""
-        return "wheels that swing about their steering axis"
+        return self.effect.lacks
 
     @property
     def effect(self) -> Effect:
         """The term as an effect."""
-        return STEER_SWING
+        return LOOK_ALIKES[self.place]
 
     def added_to(self, setting: Setting) -> Setting:
-        """The search with the swing always active, and neither it nor a delay in its place tried."""
-        untried = setting.untried | {STEER_SWING.name, STEER_SWING.id}
-        return replace(setting, extra=(*setting.extra, STEER_SWING), untried=untried)
+        """The search with it always active, and neither it nor the effect that it resembles tried."""
+        untried = setting.untried | {self.effect.name, self.effect.id}
+        return replace(setting, extra=(*setting.extra, self.effect), untried=untried)
 
 
-def told_apart(found: Search) -> tuple[SwingTerm | None, Search]:
-    """The swing that a search has accepted, and the search with all else."""
-    name = STEER_SWING.name
-    if name not in found.accepted:
-        return None, found
-    term = SwingTerm(name, "steer", Proportional("steer", 1), found.gains[name], found.final)
-    checked = replace(found.checked, gains={n: gain for n, gain in found.gains.items() if n != name})
-    accepted = tuple(n for n in found.accepted if n != name)
-    return term, replace(found, accepted=accepted, checked=checked)
+def told_apart(found: Search) -> tuple[tuple[LookAlikeTerm, ...], Search]:
+    """The look-alikes that a search has accepted, and the search with all else."""
+    terms = tuple(LookAlikeTerm.of(name, found) for name in found.accepted if name in LOOK_ALIKES)
+    checked = replace(found.checked, gains={n: gain for n, gain in found.gains.items() if n not in LOOK_ALIKES})
+    accepted = tuple(n for n in found.accepted if n not in LOOK_ALIKES)
+    return terms, replace(found, accepted=accepted, checked=checked)
