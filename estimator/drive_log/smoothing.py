@@ -24,8 +24,9 @@ NOISE_BAND = 0.7
 BANDS = 200
 """Logarithmic frequency bands over which the spectrum is averaged."""
 
-CUT_GAIN = 0.05
-"""From the first band with a smaller gain on, nothing is passed: what follows is noise."""
+CUT_GAIN, TELLING_BINS = 0.05, 8
+"""From the first band with a smaller gain on, nothing is passed: what follows is noise. A band of so many bins tells:
+one bin alone, as the mean is, may be below the noise by chance."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def _gain(spectrum: NDArray[np.complex128], frequency: Array) -> tuple[Array, fl
     counts = np.diff(np.append(starts, len(power)))
     bands = np.add.reduceat(power, starts) / counts
     gain = np.clip(1.0 - floor / np.maximum(bands, 1e-300), 0.0, 1.0)
-    low = np.flatnonzero(gain < CUT_GAIN)
+    low = np.flatnonzero((gain < CUT_GAIN) & (counts >= TELLING_BINS))
     if low.size:
         gain[low[0] :] = 0.0
     return np.repeat(gain, counts), floor

@@ -22,6 +22,7 @@ from estimator.learner.taught import SPREAD, Laps, parameters_of, taught
 from estimator.model.declared_vehicle import DECLARED
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
+from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.offline.diagnosis import held_out_in_turn
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.map_road import ROAD, on_map, projected, road_effects, with_map_road
@@ -39,7 +40,7 @@ from hil_gateway.track.track import Track
 
 UNTRIED = frozenset({
     *DECLARED, "imu_bias", "imu_misalignment", "speed_scale", "grip_drift", "brake_pressure", "total_slip",
-    "limited_slip",
+    "limited_slip", *LOOK_ALIKES,
 })  # fmt: skip
 """what a running loop cannot have: vehicle data, which are declared; what the state filter estimates itself; what needs
 the time since the start of the log or the brakes' pressure, which no plan knows; a differential, with which no laps

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
+from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from estimator.model.tyre import blend_speed, safe_speed
@@ -104,5 +105,6 @@ def id_of(name: str) -> str:
 
 
 def all_candidates() -> dict[str, Effect]:
-    """The catalogue, and the declared data beside it."""
-    return {**catalogue(), **{name: datum.effect for name, datum in DECLARED.items()}}
+    """The catalogue with the look-alikes of its effects, then the declared data; what has memory follows its causes."""
+    effects = {**catalogue(), **LOOK_ALIKES}
+    return dict(sorted(effects.items())) | {name: datum.effect for name, datum in DECLARED.items()}

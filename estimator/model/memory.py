@@ -54,6 +54,23 @@ def relaxed(t: Array, signal: Array, time_constant: Array) -> Array:
     return _recursion(signal[..., :1], decay, drive)
 
 
+def swung(t: Array, signal: Array, period: float, damping: float) -> Array:
+    """What follows a signal (n,) as a mass on a spring does: natural period, s, and damping ratio below 1.
+
+    Its two modes are conjugate, each a first-order lag with a complex pole; linear between samples, at rest before.
+    """
+    if period <= 0.0:
+        return signal.copy()
+    root = np.sqrt(1.0 - damping**2)
+    pole = 2.0 * np.pi / period * (-damping + 1j * root)
+    ratio = -pole * np.diff(t)
+    decay = np.exp(-ratio)
+    slope_gain = 1.0 - (1.0 - decay) / ratio
+    drive = (1.0 - decay) * signal[:-1] + slope_gain * np.diff(signal)
+    mode = _scan(signal[:1].astype(complex), decay, drive)
+    return np.asarray(np.real((1.0 - 1j * damping / root) * mode))
+
+
 def after_play(signal: Array, gap: float) -> Array:
     """What follows a signal (n,) across a `gap`, in its unit: y[i] = y[i-1], moved to within half a gap of signal[i].
 

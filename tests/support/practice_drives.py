@@ -39,6 +39,8 @@ EFFECTS: dict[str, tuple[int, dict[str, float]]] = {
     "nothing": (51, {}),
     "much": (52, {"aero_downforce": 1.5, "combined_slip": 1.0, "yaw_damping": 2000.0}),
     "play": (61, {"steer_play": 0.006}),
+    "swing": (65, {"steer_resonance": 0.2}),
+    "heat": (66, {"tyre_heat": 0.2}),
     "pulses": (62, {"pulses": 600.0}),
     "patch": (64, {"aero_drag": 0.6, "grip_patch": 0.3}),
     "car": (63, {"aero_drag": 0.6, "aero_downforce": 1.2, "load_transfer": 0.3, "combined_slip": 1.0}),
@@ -48,7 +50,7 @@ LAPS = 4
 
 
 def shared_drives(factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """The drives of `EFFECTS`, of four laps, side by side: ten take as long as one."""
+    """The drives of `EFFECTS`, of four laps, side by side: all take as long as one."""
     module = practice()
 
     def make() -> list[Any]:

@@ -20,7 +20,7 @@ from estimator.offline.result.handover import tempered
 from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.terms import WHITE_FOR_TERMS
-from estimator.offline.search.whiteness import structured
+from estimator.offline.search.whiteness import laterally_structured
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision, Provenance
 from hil_gateway.process.arrays import Array
 
@@ -175,11 +175,11 @@ def _shares(diagnosis: Diagnosis) -> dict[str, float]:
 
 
 def _vehicle(diagnosis: Diagnosis, std: Array) -> list[dict[str, Any]]:
-    """Declared vehicle data that were found wrong, where nothing else is left to explain.
+    """Declared vehicle data that were found wrong, where nothing else of the lateral motion is left to explain.
 
     A larger inertia, say, shrinks whatever error the predicted moment has: beside other structure it is no finding.
     """
-    if structured(diagnosis.fit, WHITE_FOR_TERMS):
+    if laterally_structured(diagnosis.fit, WHITE_FOR_TERMS):
         return []
     blocks = {b.effect.name: b for b in diagnosis.fit.predictor.blocks}
     car, out = diagnosis.record.vehicle, []

@@ -22,6 +22,7 @@ from estimator.offline.result.leftover import Leftover
 from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.empirical import Term
+from estimator.offline.search.look_alikes.term import LookAlikeTerm
 from estimator.offline.search.stretches.cells import Stretch
 from estimator.offline.search.stretches.term import StretchTerm
 
@@ -61,20 +62,27 @@ def _by_term(diagnosis: Diagnosis, term: Term) -> list[dict[str, Any]]:
     if isinstance(term, StretchTerm):
         variance = np.diag(covariance(diagnosis.fit))[block.parameters]
         return _by_stretch(diagnosis, term, float(coefficients[0]), float(np.sqrt(variance[0])))
+    if isinstance(term, LookAlikeTerm):
+        numbers = zip(term.effect.parameters, coefficients, strict=True)
+        sizes = ", ".join(f"{p.name} {value:.2g} {p.unit}".removesuffix(" 1") for p, value in numbers)
+        what = f"{term.label} ({sizes})"
+        return [_entry(diagnosis, term, channel, term.signal, what) for channel in term.effect.channels]
     values = diagnosis.record.signals[term.signal][diagnosis.record.rows].ravel()
     where, signal = describe(term.basis, values, coefficients), term.signal
     if follows_turn_direction(term.basis, values, coefficients):
         signal = "turn_direction"
-    what = f"{PLACES[term.place].words} as a function of {NAMES.get(signal, signal)}"
-    entries = []
-    for channel in term.effect.channels:
-        before, after = (diagnosis.channels[channel][m] for m in ("catalogue", "with_effects"))
-        entries.append({
-            "channel": channel, "signal": signal, "share_of_residual": round(max(0.0, 1.0 - (after / before) ** 2), 4),
-            "description": f"{CHANNEL_NAMES[channel]}: {what}; acts at {where}",
-            "empirical": True, "term": term.effect.name, "alternatives": _other_causes(diagnosis, term),
-        })  # fmt: skip
-    return entries
+    what = f"{PLACES[term.place].words} as a function of {NAMES.get(signal, signal)}; acts at {where}"
+    return [_entry(diagnosis, term, channel, signal, what) for channel in term.effect.channels]
+
+
+def _entry(diagnosis: Diagnosis, term: Term, channel: str, signal: str, what: str) -> dict[str, Any]:
+    """What a term explains of a channel, by its errors on the scored laps."""
+    before, after = (diagnosis.channels[channel][m] for m in ("catalogue", "with_effects"))
+    return {
+        "channel": channel, "signal": signal, "share_of_residual": round(max(0.0, 1.0 - (after / before) ** 2), 4),
+        "description": f"{CHANNEL_NAMES[channel]}: {what}",
+        "empirical": True, "term": term.effect.name, "alternatives": _other_causes(diagnosis, term),
+    }  # fmt: skip
 
 
 def _by_stretch(diagnosis: Diagnosis, term: StretchTerm, change: float, std: float) -> list[dict[str, Any]]:

@@ -28,6 +28,10 @@ SHORT_S = 5.0
 """Stretches of time that show what comes and goes: shorter than that, corners and pedals come and go."""
 TIMES_OVER = 2.0
 """They follow whatever varies slowly, and are the cause where they explain so many times what any signal does."""
+RESPONSES = ("vy", "ay", "yaw_rate")
+"""What follows from a force across the car as much as a force follows from it."""
+CELL_M = 40.0
+"""Of the lap: what a car does there it does for a second."""
 ACTIVE = 0.5
 """Share of the strongest bin's mean square from which on a bin counts."""
 
@@ -127,13 +131,33 @@ def _where(
     groups = {n: _groups(record.signals[n][middle], n) for n in explanatory(record)}
     shares = {n: _explained(mean, g) for n, g in groups.items()}
     signal, short = max(shares, key=lambda n: shares[n]), _stretches(record.signals["t"][middle])
-    if _explained(mean, short) > max(EXPLAINS, TIMES_OVER * shares[signal]):
+    no_cause = record.has_laps and (shares[signal] < EXPLAINS or signal in RESPONSES)
+    once = no_cause and comes_back(record, middle, mean) < EXPLAINS
+    if once or _explained(mean, short) > max(EXPLAINS, TIMES_OVER * shares[signal]):
         signal, groups["t"] = "t", short
     elif shares[signal] < EXPLAINS:
         groups["t"] = short
         signal = max((n for n in ("track_position", "t") if n in groups), key=lambda n: _explained(mean**2, groups[n]))
     values = record.signals[signal][middle]
     return signal, _spans(values, groups[signal], mean**2), (float(values.min()), float(values.max()))
+
+
+def comes_back(record: Record, rows: Ints, mean: Array) -> float:
+    """Share of the averaged residual that is there again in another lap at the same place, as any law of the motion is.
+
+    1 where no two laps tell.
+    """
+    cell = np.floor(record.signals["track_position"][rows] / CELL_M).astype(np.int64)
+    laps, lap = np.unique(record.lap_of_row[rows], return_inverse=True)
+    sums, count = np.zeros((2, len(laps), cell.max() + 1))
+    np.add.at(sums, (lap, cell), mean)
+    np.add.at(count, (lap, cell), 1.0)
+    there = count > 0
+    average = np.divide(sums, count, out=np.zeros_like(sums), where=there)
+    both = there[:-1] & there[1:]
+    one, other = average[:-1][both], average[1:][both]
+    square = 0.5 * float(np.sum(one**2 + other**2))
+    return float(np.sum(one * other)) / square if square > 0.0 else 1.0
 
 
 def _stretches(t: Array) -> Ints:

@@ -7,7 +7,7 @@ from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.trial import Setting, Trial
-from estimator.offline.search.whiteness import structured
+from estimator.offline.search.whiteness import laterally_structured
 from hil_gateway.process.arrays import Array
 
 SMALLEST_SHARE = 0.02
@@ -30,13 +30,14 @@ def can_be_accepted(trial: Trial, setting: Setting, total: float) -> bool:
 
 
 def eligible(trial: Trial) -> bool:
-    """Whether the fit is believed; a declared datum must leave nothing else to explain.
+    """Whether the fit is believed; a declared datum must leave nothing else of the lateral motion to explain.
 
-    A larger inertia, say, shrinks whatever error the predicted moment has.
+    A larger inertia, say, shrinks whatever error the predicted moment has. A force along the car, which a pedal that
+    chatters between the rows of the log leaves in vx, is no error of the moment.
     """
     if trial.fit is None or not believed(trial.fit, trial.name):
         return False
-    return trial.name not in DECLARED or not structured(trial.fit, WHITE_FOR_DATA)
+    return trial.name not in DECLARED or not laterally_structured(trial.fit, WHITE_FOR_DATA)
 
 
 def earns_its_place(evidence: Evidence, setting: Setting, total: float) -> bool:

@@ -18,6 +18,7 @@ from estimator.offline.search.acceptance import earns_its_place
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import Checked, check_each, recheck
+from estimator.offline.search.look_alikes.term import told_apart
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.search import Search, search
 from estimator.offline.search.stand_ins import without_stand_ins
@@ -102,7 +103,17 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
 
     What was driven there bends tyres and names of all laps, and no lap to come is said to have it: it is left out of
     the fit and all is sought again. Where laps agree about the change it is a term, where one lap shows it a leftover.
+    Look-alikes of effects that the search has accepted are terms from the start.
     """
+    look_alikes, found = told_apart(found)
+    for term in look_alikes:
+        setting = term.added_to(setting)
+    outcome = _with_stretches(setting, found, rival, progress)
+    return replace(outcome, terms=(*look_alikes, *outcome.terms), tried=(*look_alikes, *outcome.tried))
+
+
+def _with_stretches(setting: Setting, found: Search, rival: Rival, progress: Progress) -> Outcome:
+    """What the catalogue found, empirical terms, and a stretch of other grip in some laps."""
     bent = None if rival.suffices(found.start, found.final) else _of_some_laps(setting, found, progress)
     if bent is None:
         return _with_terms(setting, found, rival, progress)

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.offline.fit.normal import TINY
 from estimator.offline.fit.prediction_error import Fit, residual
-from estimator.offline.predict.predict import Predictor
+from estimator.offline.predict.predict import LATERAL, Predictor
 from estimator.offline.record.noise import Noise
 from hil_gateway.process.arrays import Array
 
@@ -26,3 +26,8 @@ def slow_ratio(predictor: Predictor, parameters: Array, deviation: Array) -> Arr
 def structured(fit: Fit, limit: float) -> bool:
     """Whether the residual of any channel varies slowly by more than `limit` times white noise."""
     return bool(np.any(slow_ratio(fit.predictor, fit.parameters, fit.deviation) > limit))
+
+
+def laterally_structured(fit: Fit, limit: float) -> bool:
+    """The same of the lateral channels and the yaw rate alone."""
+    return bool(np.any(slow_ratio(fit.predictor, fit.parameters, fit.deviation)[list(LATERAL)] > limit))

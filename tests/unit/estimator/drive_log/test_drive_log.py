@@ -10,6 +10,7 @@ import pytest
 from support.drive_simulator import TYRE, simulate, to_csv
 
 from estimator.drive_log.derived import smoothed
+from estimator.drive_log.smoothing import PAD, wiener
 from estimator.drive_log.table import DriveLog, read_log, read_logs
 from hil_gateway.process.errors import InputError
 
@@ -167,3 +168,19 @@ def test_a_hundred_thousand_rows_are_read_in_about_a_second(tmp_path: Path) -> N
     log = read_log(path)
     assert isinstance(log, DriveLog)
     assert time.process_time() - began < 2.0
+
+
+def _mean_off_its_trend(values: np.ndarray) -> float:
+    """What the spectrum of a padded signal has at frequency 0."""
+    ends = 2 * values[0] - values[PAD:0:-1], 2 * values[-1] - values[-2 : -PAD - 2 : -1]
+    padded = np.concatenate([ends[0], values, ends[1]])
+    return float(padded.mean() - 0.5 * (padded[0] + padded[-1]))
+
+
+def test_a_mean_that_happens_to_be_small_does_not_take_the_rest_of_a_signal_for_noise() -> None:
+    t = np.linspace(0.0, 1.0, 20_000)
+    wave, arch = np.sin(6.0 * np.pi * t) + 0.3 * t, t * (1.0 - t)
+    measured = wave + np.random.default_rng(2).normal(0.0, 0.02, len(t))
+    share = -_mean_off_its_trend(measured) / _mean_off_its_trend(arch)
+    value = wiener(measured + share * arch, 0.01).value
+    assert np.sqrt(np.mean((value - wave - share * arch) ** 2)) < 0.005

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from estimator.model import memory
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
-from estimator.model.memory import after_play, delayed, relaxed
+from estimator.model.memory import after_play, delayed, relaxed, swung
 from estimator.model.profile import profile_basis, profile_value
 from estimator.model.single_track import CHANNELS, SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
@@ -210,6 +210,15 @@ def test_the_compiled_lag_is_that_of_the_scan(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(memory, "_library", lambda: None)
     np.testing.assert_allclose(compiled, relaxed(t, signals, lag), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(compiled[1], relaxed(t, signals[1], lag), rtol=1e-9, atol=1e-12)
+
+
+def test_wheels_that_swing_follow_a_step_as_a_damped_oscillator() -> None:
+    t, period, damping = np.arange(0.0, 2.0, 0.01), 0.25, 0.2
+    step = np.where(t > 0.495, 1.0, 0.0)
+    w, root, since = 2 * np.pi / period, np.sqrt(1 - damping**2), t - 0.495
+    ringing = np.exp(-damping * w * since) * (np.cos(w * root * since) + damping / root * np.sin(w * root * since))
+    np.testing.assert_allclose(swung(t, step, period, damping), np.where(since > 0, 1.0 - ringing, 0.0), atol=0.01)
+    np.testing.assert_array_equal(swung(t, step, 0.0, damping), step)
 
 
 def test_wheels_with_play_follow_the_angle_one_sample_after_the_other() -> None:

@@ -27,7 +27,7 @@ from estimator.offline.report.diagnosis_result import as_json, as_revision, size
 from estimator.offline.report.unexplained import unexplained
 from estimator.offline.report.words import describe, follows_turn_direction, parameter_words
 from estimator.offline.result.diagnosis_score import kernel
-from estimator.offline.result.leftover import Leftover, leftovers
+from estimator.offline.result.leftover import EXPLAINS, Leftover, comes_back, leftovers
 from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.trial import Setting, Trial, fit_names
@@ -92,6 +92,42 @@ def test_a_wrong_yaw_inertia_is_reported_as_declared_data_and_not_as_an_effect(d
     found = result["vehicle"][0]
     assert found["declared"] == wrong.yaw_inertia
     assert abs(found["found"] - Vehicle().yaw_inertia) < min(3.0 * found["std"], 0.05 * Vehicle().yaw_inertia)
+
+
+def test_wheels_that_swing_are_unexplained_steering_and_no_delay(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("swing")
+    block = next(b for b in found.fit.predictor.blocks if b.effect.name == "steer_swing")
+    assert found.fit.parameters[block.parameters] == pytest.approx([0.25, 0.2], rel=0.1), "4 Hz, damping 0.2"
+    result = as_json(found, "r", "")
+    assert (result["verdict"], result["effects"]) == ("unexplained", [])
+    first = result["unexplained"][0]
+    assert (first["channel"], first["signal"], first["term"]) == ("yaw_acc", "steer", "steer_swing")
+    assert result["channels"]["yaw_acc"]["with_effects"] < 1.1 * result["channels"]["yaw_acc"]["noise_floor"]
+    assert result["channels"]["yaw_acc"]["catalogue"] > 1.25 * result["channels"]["yaw_acc"]["noise_floor"]
+
+
+def test_grip_that_falls_with_the_heat_of_the_tyres_is_no_drift(diagnosed: Callable[[str], Diagnosis]) -> None:
+    result = as_json(diagnosed("heat"), "r", "")
+    assert (result["verdict"], result["effects"]) == ("unexplained", [])
+    first = result["unexplained"][0]
+    assert (first["channel"], first["signal"], first["term"]) == ("vy_dot", "ay", "tyre_heat")
+
+
+def test_a_force_along_the_car_does_not_hide_a_wrong_yaw_inertia(drives: dict[str, Any]) -> None:
+    wrong = Vehicle().model_copy(update={"yaw_inertia": 1.2 * Vehicle().yaw_inertia})
+    record = replace(record_of(drives["none"]), vehicle=wrong)
+    measured = record.measured.copy()
+    measured[3] += 0.02 * np.sin(2.0 * np.pi * 1.1 * record.signals["t"])
+    result = as_json(diagnose(replace(record, measured=measured), "per_axle", PRIOR), "r", "")
+    assert [v["name"] for v in result["vehicle"]] == ["yaw_inertia"]
+
+
+def test_a_law_of_the_motion_comes_back_at_its_place_and_a_gust_does_not(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    rows = np.sort(record.rows.ravel())[::20]
+    gusts = np.convolve(np.random.default_rng(5).normal(size=len(rows)), np.ones(5), "same")
+    assert comes_back(record, rows, record.signals["ay"][rows]) > 0.8
+    assert abs(comes_back(record, rows, gusts)) < EXPLAINS
 
 
 def test_what_exceeds_the_noise_only_in_the_scored_laps_is_said_with_its_time(

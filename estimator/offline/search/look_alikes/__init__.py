@@ -1,0 +1,1 @@
+"""Look-alikes of effects: found as candidates, told as unexplained."""
