@@ -18,9 +18,9 @@ import numpy as np
 
 from hil_gateway.car.vehicle import HALF_WIDTH, Vehicle
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.monitors.actuators import LATE, moved_share
-from hil_gateway.gateway.perceive.motion import TURNS_IN_S, UNDERSTEER, UNDERSTEER_MOST, Motion
-from hil_gateway.gateway.settings import StopConfig
+from hil_gateway.gateway.perceive.monitors.actuators import moved_share
+from hil_gateway.gateway.perceive.motion import LATE, TURNS_IN_S, UNDERSTEER, UNDERSTEER_MOST, Motion
+from hil_gateway.gateway.settings import PERIOD_S, StopConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
 
@@ -47,8 +47,6 @@ LEARNT = 0.03
 """weight of a period: 0.3 s, in which a car's understeer stays as it is"""
 APART = 0.03
 """rad/s that the reported angle must explain the yaw rate better than the commanded one: ten times the gyro's noise"""
-PERIOD_S = 0.01
-"""of the gateway"""
 WATCHED = 40
 """periods (0.4 s) in which a report must have moved as the command has"""
 ASKED = 0.0015

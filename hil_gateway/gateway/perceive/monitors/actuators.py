@@ -12,6 +12,7 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.motion import LATE
 from hil_gateway.process.arrays import Array
 
 WINDOW = 40
@@ -24,8 +25,6 @@ ASKED = 0.05
 """rad at the motor (3 deg) of change in its command after which steering that works has moved, whatever its offset"""
 ANSWER = 20
 """periods (0.2 s) within which steering need not have answered yet: twice its delay, lag and the way of its report"""
-LATE = 10
-"""periods (0.1 s) that a report of the steering is behind its command: delay, lag of the motor, its own way"""
 ACCELERATOR = 0.12
 BRAKES = 0.7e6
 """Pa: 12 % of full pressure, the scatter of pads and lines"""
