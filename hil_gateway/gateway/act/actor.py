@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from can_dbc.codec import Codec
 from hil_gateway.bus.messages import Applied, Command, FailsafeAction, VehicleState
@@ -15,7 +14,6 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.act import actuator_test
 from hil_gateway.gateway.act.axle_brakes import AxleBrakes, Demand
 from hil_gateway.gateway.act.limits import Limits
-from hil_gateway.gateway.act.rear_slide import RearSlide
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.act.stuck_steering import StuckSteering
 from hil_gateway.gateway.act.transmitter import Transmitter
@@ -59,7 +57,6 @@ class Actor:
         self.stopping = Stopping(config.vehicle, config.gateway.stop, config.powertrain.force_per_drive, track)
         self._stuck = StuckSteering(config.vehicle, config.gateway.stop, track)
         self._axles = AxleBrakes(config.vehicle, config.gateway.stop.lateral_grip, config.powertrain)
-        self._slide = RearSlide(config.powertrain.brake_pressure_max)
         self.flat_front = self.flat_rear = False
         """whether a tyre of that axle is flat"""
         self.sent = self.limited = 0
@@ -121,7 +118,6 @@ class Actor:
         gear = self._gears.step(now_ns, motion.speed, state.engine_speed, state.gear)
         self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor), motion)
         self._axles.watch(state, self.on_wire)
-        self._slide.step(motion)
         driving = decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
             return actuator_test.position((now_ns - decision.silent_ns) / NS_PER_S)
@@ -135,7 +131,6 @@ class Actor:
         lateral = self.stopping.lateral
         if not driving and lateral is not None:
             wanted = self._axles.step(wanted, Demand(lateral, self.flat_front, self.flat_rear), state, motion)
-            wanted = replace(wanted, brake_rear=min(wanted.brake_rear, self._slide.rear_most))
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
         return Actuators(wanted.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
