@@ -9,6 +9,9 @@ from pydantic import Field, model_validator
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.model import Model
 
+PERIOD_S = 0.01
+"""of the gateway: the car expects its commands at 100 Hz (can_dbc/av24.toml)"""
+
 
 class LimitConfig(Model):
     """Fastest moves the gateway lets out; value limits are the car's own (can_dbc/av24.toml).

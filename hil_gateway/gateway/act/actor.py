@@ -116,7 +116,7 @@ class Actor:
         pose: Pose | None,
     ) -> Actuators:
         gear = self._gears.step(now_ns, motion.speed, state.engine_speed, state.gear)
-        self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor), motion.speed)
+        self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor), motion)
         self._axles.watch(state, self.on_wire)
         driving = decision.action is FailsafeAction.DRIVE
         if driving and self._testing:
@@ -140,7 +140,8 @@ class Actor:
         cause = decision.failsafe.cause
         emergency = decision.action is FailsafeAction.EMERGENCY_STOP or cause in HARD
         steers = cause != "steering_stuck" or self.steering_reversed or self._stuck.steers(motion)
-        steer, drive = self.stopping.command(motion, pose, emergency, steers, brakes=cause not in UNBRAKED)
+        held = not steers and self._stuck.stands
+        steer, drive = self.stopping.command(motion, pose, emergency, not held, brakes=cause not in UNBRAKED)
         if not steers:
             sliding = self._stuck.deceleration(motion, pose)
             drive = drive if sliding is None else -self._mass_per_force * sliding

@@ -13,10 +13,8 @@ from dataclasses import dataclass
 from can_dbc.codec import Codec
 from can_dbc.database import Signal
 from hil_gateway.car.actuation import Actuators
-from hil_gateway.gateway.settings import LimitConfig
+from hil_gateway.gateway.settings import PERIOD_S, LimitConfig
 
-PERIOD_S = 0.01
-"""Command period that turns rates into steps per frame."""
 PEDAL_OVERLAP_PA = 50e3
 """Above this brake pressure the accelerator is closed."""
 

@@ -18,8 +18,9 @@ import numpy as np
 
 from hil_gateway.car.vehicle import HALF_WIDTH, Vehicle
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.motion import TURNS_IN_S, UNDERSTEER, Motion
-from hil_gateway.gateway.settings import StopConfig
+from hil_gateway.gateway.perceive.monitors.actuators import moved_share
+from hil_gateway.gateway.perceive.motion import LATE, TURNS_IN_S, UNDERSTEER, UNDERSTEER_MOST, Motion
+from hil_gateway.gateway.settings import PERIOD_S, StopConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
 
@@ -40,14 +41,14 @@ LOST_M = -10.0
 """how far off the road does not matter any more"""
 JUDGED_S = 0.1
 """time constant of the comparison of yaw rates: as long as a car takes to answer its steering"""
+AGREE = 0.003
+"""rad at the road wheel within which report and command agree: the lag of a command that moves by 1 deg/s, and play"""
+LEARNT = 0.03
+"""weight of a period: 0.3 s, in which a car's understeer stays as it is"""
 APART = 0.03
 """rad/s that the reported angle must explain the yaw rate better than the commanded one: ten times the gyro's noise"""
-PERIOD_S = 0.01
-"""of the gateway"""
 WATCHED = 40
 """periods (0.4 s) in which a report must have moved as the command has"""
-LATE = 10
-"""periods (0.1 s) that a report is behind its command: delay, lag of the motor, its own way"""
 ASKED = 0.0015
 """rad at the road wheel (1.3 deg at the motor), root mean square, of a command that moves beyond play and noise"""
 MEANT = 0.02
@@ -76,22 +77,27 @@ class StuckSteering:
         """yaw rate, and what the commanded angle comes to by now, rad/s"""
         self._reported = self._asked = 0.0
         """that the car has had the time to turn with, rad"""
+        self._yields, self._forces = UNDERSTEER, 1.0
+        """sums of a_y times the angle beyond that of a slow car, and of a_y^2, while report and command agree"""
+        self._reported_off = self._asked_off = 0.0
+        """of the yaw rate from what the reported and the commanded angle come to, lately, rad/s"""
+        self.stands = False
+        """whether the car turns by the angle that is reported, which does not move as it is asked to: steering that is
+        reversed or slow does move"""
         self.start()
 
     def start(self) -> None:
         """A stop begins."""
-        self._reported_off = self._asked_off = 0.0
-        """of the yaw rate from what the reported and the commanded angle come to, lately, rad/s"""
-        self._locks = self._moves = self._turns = False
-        self._rates.clear()
+        self._locks = self._moves = self._turns = self.stands = False
 
-    def watch(self, reported: float, asked: float, speed: float) -> None:
+    def watch(self, reported: float, asked: float, motion: Motion) -> None:
         """Road-wheel angles of a period, rad; in every period, so that a stop begins with what is known."""
         self._angles.append((reported, asked))
         due = self._angles[max(len(self._angles) - LATE, 0)][1]
-        share = PERIOD_S / (PERIOD_S + TURNS_IN_S * speed)
+        share = PERIOD_S / (PERIOD_S + TURNS_IN_S * motion.speed)
         self._reported += share * (reported - self._reported)
         self._asked += share * (due - self._asked)
+        self._compare(motion)
 
     def steers(self, motion: Motion) -> bool:
         """Whether the steering works after all, and only its report is wrong; once a period of a stop.
@@ -102,16 +108,18 @@ class StuckSteering:
         """
         reported, asked = np.array(self._angles).T
         self._moves = _follows(reported[LATE:], asked[:-LATE], ASKED, self._moves)
-        self._compare(motion)
         turned, meant = np.array(self._rates).T
         self._turns = motion.by_gyro and _follows(turned, meant, MEANT, self._turns)
         turns_as_asked = motion.by_gyro and self._asked_off + APART < self._reported_off
-        return not self._locks and (self._moves or self._turns or turns_as_asked)
+        answers = self._moves or self._turns or turns_as_asked
+        still = bool(reported.std() < MOVED_SHARE * asked.std())
+        turns_as_reported = motion.by_gyro and self._reported_off + APART < self._asked_off
+        self.stands = not answers and (self.stands or (still and turns_as_reported))
+        return not self._locks and answers
 
     def deceleration(self, motion: Motion, pose: Pose | None) -> float | None:
         """What to ask of the brakes to slide straight on, m/s2; None where rolling on is better; after `steers`."""
-        stands_still = motion.by_gyro and self._reported_off + APART < self._asked_off
-        if pose is not None and self._track is not None and stands_still and not self._locks:
+        if pose is not None and self._track is not None and self.stands and not self._locks:
             slides, rolls = self._ways(motion, self._angles[-1][0])
             margins = [self._margin(self._track, pose, rolls, slides, after_s) for after_s in SLIDES_AFTER_S]
             best = max(margins) == margins[0]
@@ -120,13 +128,23 @@ class StuckSteering:
 
     def _compare(self, motion: Motion) -> None:
         """The car's yaw rate with what the reported and the commanded angle come to by now: a stop begins with a
-        command that jumps, and a car that obeys it is not stuck because it has not turned yet."""
-        share = PERIOD_S / (JUDGED_S + PERIOD_S)
-        path = self._vehicle.wheelbase + UNDERSTEER * motion.speed**2
-        by_report, by_command = (motion.speed * math.tan(angle) / path for angle in (self._reported, self._asked))
-        self._rates.append((motion.yaw_rate, by_command))
-        self._reported_off += share * (abs(motion.yaw_rate - by_report) - self._reported_off)
-        self._asked_off += share * (abs(motion.yaw_rate - by_command) - self._asked_off)
+        command that jumps, and a car that obeys it is not stuck because it has not turned yet.
+
+        An angle comes to r = v (tan(delta) - K a_y) / L, and by a change of it the yaw rate changes by v / (L + K v^2);
+        the force that is felt tells the understeer K on a bank, too.
+        """
+        share, length, speed = PERIOD_S / (JUDGED_S + PERIOD_S), self._vehicle.wheelbase, max(motion.speed, 1.0)
+        reported, asked = math.tan(self._reported), math.tan(self._asked)
+        if abs(reported - asked) < AGREE:
+            beyond = reported - length * motion.yaw_rate / speed
+            self._yields += LEARNT * (beyond * motion.ay - self._yields)
+            self._forces += LEARNT * (motion.ay**2 - self._forces)
+        understeer = min(max(self._yields / max(self._forces, 1.0), 0.0), UNDERSTEER_MOST)
+        gain = motion.speed / (length + understeer * motion.speed**2)
+        shown = length * motion.yaw_rate / speed + understeer * motion.ay
+        self._rates.append((motion.yaw_rate, gain * asked))
+        self._reported_off += share * (gain * abs(shown - reported) - self._reported_off)
+        self._asked_off += share * (gain * abs(shown - asked) - self._asked_off)
 
     def _ways(self, motion: Motion, steer: float) -> tuple[_Way, _Way]:
         """Sliding straight on, and rolling on along an arc that becomes tighter as understeer goes with the speed."""
@@ -167,5 +185,4 @@ def _follows(done: Array, asked: Array, least: float, before: bool) -> bool:
     these are less than `least`, root mean square."""
     if not asked.size or asked.std() <= least:
         return before
-    share = np.mean((asked - asked.mean()) * (done - done.mean())) / asked.var()
-    return bool(share > MOVED_SHARE)
+    return moved_share(done, asked) > MOVED_SHARE

@@ -60,6 +60,8 @@ TURNED_MOST = 30.0
 """m/s2 of lateral force: wheels whose difference means more have locked"""
 LEAST_AHEAD = 0.8
 """front over rear axle's speed: with 0.3 rad of steering 0.96 and more; less is a wrong yaw rate"""
+LATE = 10
+"""periods (0.1 s) that the steering, with its report, is behind its command: delay, lag of the motor"""
 LONGEST_S = 0.1
 """longest period that is integrated, s"""
 
@@ -112,6 +114,8 @@ class MotionReader:
         self._last_ns: int | None = None
         self._steered: deque[float] = deque(maxlen=COURSE_WINDOW)
         """v tan(delta) / L of the periods a course spans, rad/s"""
+        self._asked: deque[float] = deque(maxlen=LATE)
+        """steering angles on the wire, rad at the motor, the oldest of which the steering has reached"""
         self._turned: deque[float] = deque(maxlen=COURSE_WINDOW)
         """yaw rates by the wheels of both axles in those periods, rad/s; none where one of them has said nothing"""
         self.motion = Motion()
@@ -130,6 +134,7 @@ class MotionReader:
         imu = state.sources["imu"].valid and self.believe_imu
         wheels = state.sources["wheel_speeds"].valid and self.believe_wheels
         speed = self._speed(state, imu, wheels, dt, course, commanded)
+        self._asked.append(0.0 if commanded is None else commanded.steering_motor)
         steered = self._steered_rate(state, speed, commanded)
         if imu and wheels and speed > LEARNING_FROM:
             self._learn(state, speed)
@@ -179,7 +184,7 @@ class MotionReader:
         """Yaw rate that the steering angle comes to, by its sensor or else its command, rad/s."""
         steer = state.steer
         if not state.sources["steering"].valid:
-            steer = 0.0 if commanded is None else commanded.steering_motor / self._vehicle.steering_ratio
+            steer = self._asked[0] / self._vehicle.steering_ratio
         left = BRAKED_UNDERSTEER if self._braked(state, commanded) > BRAKED else 1.0
         return speed * math.tan(steer) / (self._vehicle.wheelbase + left * self._understeer * speed**2)
 

@@ -6,10 +6,14 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
+
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.motion import LATE
+from hil_gateway.process.arrays import Array
 
 WINDOW = 40
 """commands (0.4 s) among which the position must lie: delay (40 ms) and five time constants of the slowest actuator"""
@@ -109,6 +113,14 @@ class FollowingMonitor:
 
 TURNS = 0.3
 """of v tan(delta) / L: the yaw rate of heavy understeer at top speed"""
+AGAINST = -0.5
+"""share of its command by which steering moves that is reversed, or less: play takes some of -1"""
+
+
+def moved_share(done: Array, asked: Array) -> float:
+    """Least-squares share of the changes of `asked` that those of `done` are; arrays (n,); 0 where nothing is asked."""
+    least_squares = asked.var()
+    return float(np.mean((asked - asked.mean()) * (done - done.mean())) / least_squares) if least_squares else 0.0
 
 
 class ReversedMonitor:
@@ -136,13 +148,18 @@ class ReversedMonitor:
         self._asked.append(commanded.steering_motor)
         self._reported.append(motor)
         side = 1.0 if commanded.steering_motor > 0.0 else -1.0
-        went = side * (self._reported[0] - motor) > STEERING
-        if went and side * motor < 0.0 and speed > JUDGED_FROM and state.sources["imu"].valid:
+        if side * motor < 0.0 and speed > JUDGED_FROM and state.sources["imu"].valid:
             asked = list(self._asked)
             outside = not min(asked) - STEERING <= motor <= max(asked) + STEERING
             mirrored = min(asked[-ANSWER:]) - STEERING < -motor < max(asked[-ANSWER:]) + STEERING
             turns = -side * state.yaw_rate > TURNS * speed * abs(math.tan(state.steer)) / self._vehicle.wheelbase
-            self.found = self.found or (outside and mirrored and turns)
+            went = side * (self._reported[0] - motor) > STEERING
+            self.found = self.found or (outside and mirrored and turns and (went or self._moves_against()))
+
+    def _moves_against(self) -> bool:
+        """Whether it goes to the other side as its command moves, however slowly, and does not only stand there."""
+        asked, reported = np.array(self._asked)[:-LATE], np.array(self._reported)[LATE:]
+        return len(asked) == WINDOW - LATE and asked.std() > STILL and moved_share(reported, asked) < AGAINST
 
 
 class AccelerationMonitor:

@@ -11,7 +11,8 @@ from collections import deque
 from itertools import pairwise
 
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM, PERIOD_S
+from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM
+from hil_gateway.gateway.settings import PERIOD_S
 
 STEADY = 4
 """periods before and after a step: a spike of a kerb has passed by then"""

@@ -9,9 +9,7 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.held import Held
-
-PERIOD_S = 0.01
-"""of the gateway"""
+from hil_gateway.gateway.settings import PERIOD_S
 
 JUDGED_FROM = 8.0
 """m/s: slower, differences of wheel speeds are within what parking manoeuvres and clutch make"""

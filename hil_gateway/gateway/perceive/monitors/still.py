@@ -13,8 +13,9 @@ from typing import NamedTuple
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.held import Held
-from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM, PERIOD_S
+from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM
 from hil_gateway.gateway.perceive.motion import wheel_speeds
+from hil_gateway.gateway.settings import PERIOD_S
 
 WINDOWS = (80, 40, 20)
 """periods: a car follows its steering within 0.3 s, its brakes within 0.1 s"""

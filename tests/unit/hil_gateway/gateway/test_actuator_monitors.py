@@ -48,7 +48,16 @@ def stuck(tick: int) -> float:
     return 0.35
 
 
-def finds(reported: Motor, turned: Motor) -> bool:
+def turning_in(tick: int) -> float:
+    """Commanded angle of a long bend that begins slowly, 11 deg/s at the motor, rad."""
+    return 0.002 * tick
+
+
+def gently_reversed(tick: int) -> float:
+    return -turning_in(max(tick - LATE, 0))
+
+
+def finds(reported: Motor, turned: Motor, asked: Motor = chicane) -> bool:
     """`reported` and true angle of the motor; the yaw rate is that of a car that understeers by half."""
     rig = Rig()
     rig.run(0.05)
@@ -56,13 +65,18 @@ def finds(reported: Motor, turned: Motor) -> bool:
     for tick in range(200):
         steer, true = reported(tick) / CAR.steering_ratio, turned(tick) / CAR.steering_ratio
         yaw_rate = 0.5 * SPEED * math.tan(true) / CAR.wheelbase
-        commanded = Actuators(chicane(tick), 0.0, 0.0, 0.0, 3)
+        commanded = Actuators(asked(tick), 0.0, 0.0, 0.0, 3)
         monitor.step(state.model_copy(update={"steer": steer, "yaw_rate": yaw_rate}), SPEED, commanded)
     return monitor.found
 
 
 def test_reversed_steering_is_told() -> None:
     assert finds(reversed_steering, reversed_steering)
+
+
+def test_reversed_steering_is_told_where_its_command_moves_slowly() -> None:
+    assert finds(gently_reversed, gently_reversed, turning_in)
+    assert not finds(lambda tick: -0.1, lambda tick: -0.1, turning_in), "it stands to the other side"
 
 
 @pytest.mark.parametrize("turned", [late, slow, stuck])

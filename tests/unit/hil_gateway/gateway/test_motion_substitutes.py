@@ -64,6 +64,16 @@ def test_with_nothing_reported_the_car_turns_as_its_understeer_has_been_learnt(s
     assert reader.motion.yaw_rate == pytest.approx(15.0 / speed, rel=0.06)
 
 
+def test_with_nothing_reported_the_car_turns_a_tenth_of_a_second_after_its_command() -> None:
+    reader, straight = MotionReader(CAR, PER_PA), Actuators(0.0, 0.1, 0.0, 0.0, 3)
+    now_ns = run(reader, driving(30.0, 0.0, sources=True), 1.0, 0, straight)
+    turning = replace(straight, steering_motor=CAR.steering_ratio * 0.05)
+    now_ns = run(reader, driving(30.0, 0.0, sources=False), 0.09, now_ns, turning)
+    assert reader.motion.yaw_rate == 0.0
+    run(reader, driving(30.0, 0.0, sources=False), 0.5, now_ns, turning)
+    assert reader.motion.yaw_rate > 0.2
+
+
 def test_with_nothing_reported_the_brakes_take_half_of_the_understeer() -> None:
     speed, steer = 60.0, 15.0 / 60.0**2 * (CAR.wheelbase + UNDERSTEER * 60.0**2)
     reader, half_pa = MotionReader(CAR, PER_PA), 0.5 * 6.0 * CAR.mass / PER_PA

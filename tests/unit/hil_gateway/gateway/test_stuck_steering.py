@@ -30,17 +30,23 @@ def angle(curvature: float) -> float:
 
 
 def slides(track: Track | None, curvature: float, reported: float, asked: float) -> list[float]:
-    """What is asked of the brakes in 0.3 s at the beginning of the straight, m/s2; the car drives `curvature`."""
+    """What is asked of the brakes in 0.3 s at the beginning of the straight, m/s2; the car has driven `curvature` until
+    the command moved to `asked`."""
     p = OVAL.at(LONGEST_STRAIGHT)
     pose, stuck = Pose(float(p.x), float(p.y), float(p.heading), SPEED), StuckSteering(CAR, StopConfig(), track)
-    motion = Motion(SPEED, SPEED * curvature, SPEED**2 * curvature)
-    for _ in range(100):
-        stuck.watch(reported, asked, SPEED)
+    motion = moving(SPEED * curvature)
+    for tick in range(100):
+        stuck.watch(angle(curvature) if tick < 80 else reported, angle(curvature) if tick < 80 else asked, motion)
     asks = list[float | None]()
-    for _ in range(30):
-        stuck.watch(reported, asked, SPEED)
+    for _ in range(20):
+        stuck.watch(reported, asked, motion)
         asks.append(None if stuck.steers(motion) else stuck.deceleration(motion, pose))
     return [asked for asked in asks if asked is not None]
+
+
+def moving(yaw_rate: float) -> Motion:
+    """At `SPEED` on level road, rad/s."""
+    return Motion(SPEED, yaw_rate, SPEED * yaw_rate)
 
 
 def test_steering_that_stands_still_in_a_bend_that_ends_makes_the_car_slide_straight_on() -> None:
@@ -68,10 +74,11 @@ def test_steering_whose_report_moves_with_its_command_steers_whatever_its_offset
     share: float, offset: float, steers: bool
 ) -> None:
     """The report is 60 ms late; the car turns as it did before the command moved, so its yaw rate decides nothing."""
+    unknown = Motion(SPEED, 0.2, SPEED * 0.2, by_gyro=False)
     stuck, asked = StuckSteering(CAR, StopConfig(), OVAL), [0.02 - 0.0002 * tick for tick in range(100)]
     for late, angle_now in zip([asked[0]] * 6 + asked, asked, strict=False):
-        stuck.watch(asked[0] + share * (late - asked[0]) + offset, angle_now, SPEED)
-    assert stuck.steers(Motion(SPEED, 0.2, SPEED * 0.2, by_gyro=False)) is steers
+        stuck.watch(asked[0] + share * (late - asked[0]) + offset, angle_now, unknown)
+    assert stuck.steers(unknown) is steers
 
 
 @pytest.mark.parametrize(("share", "more"), [(0.3, 0.0), (0.75, 0.08)])
@@ -83,11 +90,25 @@ def test_a_car_that_has_not_turned_yet_with_a_command_that_jumps_goes_on_steerin
     pose, stuck = Pose(float(p.x), float(p.y), float(p.heading), SPEED), StuckSteering(CAR, StopConfig(), OVAL)
     yaw_rate, steers, asks = SPEED * BEND + more, False, list[float | None]()
     for tick, asked_now in enumerate(asked):
-        stuck.watch(asked[0], asked_now, SPEED)
         if tick > 100:
             yaw_rate += 0.1 * (SPEED * BEND * (1.0 if tick < 110 else share) + more - yaw_rate)
-            motion = Motion(SPEED, yaw_rate, SPEED * yaw_rate)
+        motion = moving(yaw_rate)
+        stuck.watch(asked[0], asked_now, motion)
+        if tick > 100:
             steers = stuck.steers(motion)
             asks.append(None if steers else stuck.deceleration(motion, pose))
     assert not any(asks)
     assert steers, "in the end the yaw rate says that the steering works"
+
+
+@pytest.mark.parametrize(("share", "stands"), [(0.0, True), (-1.0, False), (0.7, False)])
+def test_steering_that_moves_does_not_stand_still(share: float, stands: bool) -> None:
+    """The car turns by the angle that is reported, which moves by `share` of its command."""
+    stuck = StuckSteering(CAR, StopConfig(), OVAL)
+    for tick in range(120):
+        asked = 0.02 - 2e-4 * max(tick - 50, 0)
+        reported = 0.02 + share * (asked - 0.02)
+        motion = moving(SPEED * math.tan(reported) / (CAR.wheelbase + UNDERSTEER * SPEED**2))
+        stuck.watch(reported, asked, motion)
+        stuck.steers(motion)
+    assert stuck.stands is stands
