@@ -39,6 +39,7 @@ EFFECTS: dict[str, tuple[int, dict[str, float]]] = {
     "nothing": (51, {}),
     "much": (52, {"aero_downforce": 1.5, "combined_slip": 1.0, "yaw_damping": 2000.0}),
     "play": (61, {"steer_play": 0.006}),
+    "lag": (67, {"steer_delay/lag": 0.08}),
     "swing": (65, {"steer_resonance": 0.2}),
     "heat": (66, {"tyre_heat": 0.2}),
     "pulses": (62, {"pulses": 600.0}),

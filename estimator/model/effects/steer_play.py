@@ -21,7 +21,7 @@ def _input(terms: Terms, gap: Expr) -> None:
 
 
 def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]) -> dict[str, Array]:
-    asked = signals["steer"] + signals.get("steer_shift", 0.0)
+    asked = signals["steer"] + signals.get("steer_shift", 0.0) + signals.get("steer_behind", 0.0)
     return {"steer_lost": after_play(asked, parameters[0]) - asked}
 
 

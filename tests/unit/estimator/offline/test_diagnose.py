@@ -94,6 +94,16 @@ def test_a_wrong_yaw_inertia_is_reported_as_declared_data_and_not_as_an_effect(d
     assert abs(found["found"] - Vehicle().yaw_inertia) < min(3.0 * found["std"], 0.05 * Vehicle().yaw_inertia)
 
 
+def test_wheels_that_follow_by_a_first_order_lag_are_named_with_its_time_constant(
+    diagnosed: Callable[[str], Diagnosis],
+) -> None:
+    result = as_json(diagnosed("lag"), "r", "")
+    assert (result["verdict"], [e["name"] for e in result["effects"]]) == ("effect", ["steer_delay"])
+    found = result["effects"][0]
+    assert found["form"] == "steer_lag"
+    assert found["parameters"]["time_constant"]["value"] == pytest.approx(0.08, abs=0.006)
+
+
 def test_wheels_that_swing_are_unexplained_steering_and_no_delay(diagnosed: Callable[[str], Diagnosis]) -> None:
     found = diagnosed("swing")
     block = next(b for b in found.fit.predictor.blocks if b.effect.name == "steer_swing")
