@@ -40,11 +40,11 @@ from hil_gateway.track.track import Track
 
 UNTRIED = frozenset({
     *DECLARED, "imu_bias", "imu_misalignment", "speed_scale", "grip_drift", "brake_pressure", "total_slip",
-    "limited_slip", "steer_lag", *LOOK_ALIKES,
+    "limited_slip", "steer_lag", "drive_lag", *LOOK_ALIKES,
 })  # fmt: skip
 """what a running loop cannot have: vehicle data, which are declared; what the state filter estimates itself; what needs
-the time since the start of the log or the brakes' pressure, which no plan knows; a differential and a
-steering lag of first order, with which no laps are driven yet"""
+the time since the start of the log or the brakes' pressure, which no plan knows; a differential and
+lags of first order, with which no laps are driven yet"""
 LEAST_LAPS = 3
 """two to learn from and one to be judged by"""
 LEAST_S = 15.0

@@ -22,12 +22,25 @@ def input_delay(name: str) -> tuple[Callable[[Terms, Expr], None], Prepare]:
     u(t - T) is replaced by u - T du/dt, right to first order in T.
     """
 
-    return partial(_delay_hook, name), partial(_shifted, name)
+    return partial(_late_hook, name, "shift"), partial(_shifted, name)
 
 
-def _delay_hook(name: str, terms: Terms, delay: Expr) -> None:
-    first_order = -delay * terms.auxiliary(f"{name}_rate")
-    setattr(terms, name, getattr(terms, name) + terms.aux.get(f"{name}_shift", first_order))
+def input_lag(name: str) -> tuple[Callable[[Terms, Expr], None], Prepare]:
+    """The same of a first-order lag with a time constant, s, by the auxiliary signal `{name}_behind`."""
+    return partial(_late_hook, name, "behind"), partial(_behind, name)
+
+
+def _late_hook(name: str, change: str, terms: Terms, seconds: Expr) -> None:
+    first_order = -seconds * terms.auxiliary(f"{name}_rate")
+    setattr(terms, name, getattr(terms, name) + terms.aux.get(f"{name}_{change}", first_order))
+
+
+def _behind(
+    name: str, signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]
+) -> dict[str, Array]:
+    asked = signals[name]
+    followed = relaxed(signals["t"], asked, np.full(len(asked), parameters[0]))
+    return {f"{name}_behind": followed - asked}
 
 
 def _shifted(

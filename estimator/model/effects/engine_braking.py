@@ -33,7 +33,7 @@ def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[f
     if "throttle" in signals:
         open_by = signals["throttle"] / parameters[1] - 1.0
         return {"throttle_closed": 0.5 * (1.0 - np.tanh(STEEPNESS * open_by))}
-    drive = signals["drive"] + signals.get("drive_shift", 0.0)
+    drive = signals["drive"] + signals.get("drive_shift", 0.0) + signals.get("drive_behind", 0.0)
     return {"throttle_closed": (drive < CLOSED_BELOW).astype(float)}
 
 

@@ -46,7 +46,7 @@ def believed(fit: Fit, name: str) -> bool:
 
 def _within_a_sample(fit: Fit, block: Block) -> bool:
     """Whether it is a lag so short that the sampling of the log explains it; a length counts at the mean speed."""
-    if block.effect.name not in (*SAMPLED, "steer_lag", "tyre_relaxation"):
+    if block.effect.name not in (*SAMPLED, "steer_lag", "drive_lag", "tyre_relaxation"):
         return False
     record = fit.predictor.record
     speed = float(record.signals["vx"][record.rows].mean()) if block.effect.parameters[0].unit == "m" else 1.0

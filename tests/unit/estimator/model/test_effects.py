@@ -28,7 +28,7 @@ IDS = {
     "steer_scale", "steer_delay", "drive_delay", "tyre_relaxation", "grip_drift", "imu_misalignment",
     "imu_lever_arm", "imu_bias", "speed_scale", "wind", "yaw_damping", "turn_asymmetry",
     "brake_pressure", "traction_loss", "traction_load", "total_slip", "gear_shift", "steer_play", "limited_slip",
-    "steer_lag",
+    "steer_lag", "drive_lag",
 }  # fmt: skip
 MIRROR_BREAKING = {
     "steer_offset", "imu_misalignment", "imu_lever_arm", "imu_bias", "wind", "turn_asymmetry", "road_bank",
@@ -50,6 +50,7 @@ SIGNS = {
     "steer_scale": ((1.1,), {}, "ay", 1),
     "steer_delay": ((0.05,), {}, "ay", -1),
     "steer_lag": ((0.05,), {}, "ay", -1),
+    "drive_lag": ((0.05,), {}, "ax", 1),
     "drive_delay": ((0.05,), {}, "ax", 1),
     "grip_drift": ((-1e-3, 0.0), {}, "ay", -1),
     "imu_misalignment": ((0.02,), {}, "ax", 1),

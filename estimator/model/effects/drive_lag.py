@@ -1,0 +1,36 @@
+"""Drive lag: the true drive command follows the reported one as a first-order system does."""
+
+from __future__ import annotations
+
+from estimator.model.effects.base import Effect
+from estimator.model.memory import input_lag
+from estimator.model.parameters import Parameter, Plausible
+
+HOOK, PREPARE = input_lag("drive")
+
+EFFECT = Effect(
+    name="drive_lag",
+    form_of="drive_delay",
+    lacks="true drive command follows the reported one as a first-order system",
+    equation="T d(d)/dt = d_reported - d",
+    source="definition",
+    parameters=(
+        Parameter(
+            "time_constant",
+            "s",
+            0.0,
+            0.05,
+            0.0,
+            0.5,
+            "time constant T of engine or brakes",
+            Plausible(0.0, 0.45, "actuators and engine: 0.05 to 0.3 s"),
+        ),
+    ),
+    channels=("ax", "vx_dot"),
+    cause="drive_rate",
+    hooks={"INPUT": HOOK},
+    prepare=PREPARE,
+    initial=(0.05,),
+    remembers=("drive_behind",),
+    separated_by="fast changes of throttle or brake: a lag rounds their edges, a delay moves them",
+)
