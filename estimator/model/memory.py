@@ -15,6 +15,15 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Expr
 
 
+CHANGES = ("shift", "behind", "lost", "swing")
+"""What effects with memory take an input for instead of what is reported: auxiliary signals `{name}_{change}`."""
+
+
+def followed(signals: Mapping[str, Array], name: str) -> Array:
+    """The input `name` as the effects that were prepared before leave it, shape (n,)."""
+    return np.asarray(signals[name] + sum(signals.get(f"{name}_{change}", 0.0) for change in CHANGES))
+
+
 def input_delay(name: str) -> tuple[Callable[[Terms, Expr], None], Prepare]:
     """Hook and preparation of a pure delay, s, of the input `name` ("steer", "drive").
 

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from estimator.model.effects.base import Effect
+from estimator.model.memory import followed
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
@@ -33,8 +34,7 @@ def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[f
     if "throttle" in signals:
         open_by = signals["throttle"] / parameters[1] - 1.0
         return {"throttle_closed": 0.5 * (1.0 - np.tanh(STEEPNESS * open_by))}
-    drive = signals["drive"] + signals.get("drive_shift", 0.0) + signals.get("drive_behind", 0.0)
-    return {"throttle_closed": (drive < CLOSED_BELOW).astype(float)}
+    return {"throttle_closed": (followed(signals, "drive") < CLOSED_BELOW).astype(float)}
 
 
 EFFECT = Effect(

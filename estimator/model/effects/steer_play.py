@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from estimator.model.effects.base import Effect
-from estimator.model.memory import after_play
+from estimator.model.memory import after_play, followed
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
@@ -21,7 +21,7 @@ def _input(terms: Terms, gap: Expr) -> None:
 
 
 def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]) -> dict[str, Array]:
-    asked = signals["steer"] + signals.get("steer_shift", 0.0) + signals.get("steer_behind", 0.0)
+    asked = followed(signals, "steer")
     return {"steer_lost": after_play(asked, parameters[0]) - asked}
 
 

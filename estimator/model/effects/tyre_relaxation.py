@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from estimator.model.effects.base import Effect
-from estimator.model.memory import relaxed
+from estimator.model.memory import followed, relaxed
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
@@ -29,7 +29,7 @@ def _slip(terms: Terms, length: Expr) -> None:
 def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]) -> dict[str, Array]:
     vx, vy, rate = signals["vx"], signals["vy"], signals["yaw_rate"]
     speed = np.maximum(vx, SLOWEST)
-    steer = signals["steer"] + sum(signals.get(f"steer_{part}", 0.0) for part in ("shift", "behind", "lost", "swing"))
+    steer = followed(signals, "steer")
     front, rear = steer - np.arctan((vy + vehicle.lf * rate) / speed), -np.arctan((vy - vehicle.lr * rate) / speed)
     slips = np.stack([front, rear])
     lag = relaxed(signals["t"], slips, parameters[0] / speed) - slips

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from estimator.model.effects.base import Effect
-from estimator.model.memory import swung
+from estimator.model.memory import followed, swung
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
@@ -21,7 +21,7 @@ def _input(terms: Terms, period: Expr, damping: Expr) -> None:
 
 
 def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]) -> dict[str, Array]:
-    asked = signals["steer"] + signals.get("steer_lost", 0.0)
+    asked = followed(signals, "steer")
     return {"steer_swing": swung(signals["t"], asked, *parameters) - asked}
 
 
