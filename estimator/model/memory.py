@@ -14,7 +14,6 @@ from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Expr
 
-
 CHANGES = ("shift", "behind", "lost", "swing")
 """What effects with memory take an input for instead of what is reported: auxiliary signals `{name}_{change}`."""
 

@@ -46,6 +46,19 @@ def test_a_speed_scale_that_positions_contradict_is_not_believed(drives: dict[st
         assert believed(replace(done, parameters=parameters), "speed_scale") == named
 
 
+def test_a_lag_of_the_drive_that_tyres_have_by_themselves_is_not_believed(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    record = record.select(np.arange(record.windows) % 12 == 0)
+    done = fit_names(
+        Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR), ["drive_lag"], None
+    )
+    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "drive_lag")
+    for lag, named in ((0.03, False), (0.1, True)):
+        parameters = done.parameters.copy()
+        parameters[row] = lag
+        assert believed(replace(done, parameters=parameters), "drive_lag") == named
+
+
 def test_the_steering_scale_is_not_tried_where_the_place_of_vy_is_fitted(drives: dict[str, Any]) -> None:
     record = record_of(drives["none"])
     for displaced in (False, True):
