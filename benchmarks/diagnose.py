@@ -138,6 +138,8 @@ class Case:
             return bool(self.result["verdict"] == "none")
         if outside := wanted & set(OUTSIDE):
             channels, signals = OUTSIDE[next(iter(outside))]
+            if not channels:
+                return self.named == sorted(wanted - outside) and not self.result["unexplained"]
             return any(u["channel"] in channels and u["signal"] in signals for u in self.result["unexplained"])
         return wanted <= set(self.named) if len(wanted) > 1 else self.named[:1] == list(wanted)
 
@@ -231,6 +233,7 @@ def report(cases: list[Case]) -> None:
         "single_alone": _share([c.alone for c in single]),
         "pairs_both_named": _share([c.right for c in cases if len(c.effects) > 1]),
         "outside_right": _share([c.right for c in outside]),
+        "names_not_there": sorted(name for c in cases for name in set(c.named) - c.ids),
         "outside_removed_60": _share([c.removed() >= 0.6 for c in outside]),
         "cpu_seconds_p50_p90": [round(float(np.quantile([c.seconds for c in cases], q)), 1) for q in (0.5, 0.9)],
     }

@@ -126,7 +126,7 @@ class Car:
         """Longitudinal force of front and rear tyres and on the body, N."""
         s, vx, drive, cx = self.size, at.vx, at.drive, self.tyre["cx"]
         front_x = s["front_brake"] * np.minimum(drive, 0.0) * cx
-        rear_x = cx * outside.driven(s, at) - front_x
+        rear_x = cx * outside.driven(s, at, self.local) - front_x
         rear_x = rear_x - (s["engine_braking"] + s["engine_braking/speed"] * vx / 30.0) * (drive <= 0)
         rear_x = rear_x - s["engine_braking/coast"] * (np.abs(drive) < 0.0012)
         rear_x = self.fmax * np.tanh(rear_x / self.fmax)
@@ -148,7 +148,8 @@ class Car:
         left = [1 + s["turn_asymmetry"] * np.sign(alpha) for alpha in slip]
         d_f = self.tyre["df"] * (1 - s["load_sensitivity"] * (fz_f / self.front - 1)) * grip_f * left[0]
         d_r = self.tyre["dr"] * (1 - s["load_sensitivity"] * (fz_r / self.rear - 1)) * grip_r * left[1]
-        return d_f * fz_f, d_r * fz_r
+        lighter = outside.mass(s, at)
+        return d_f * fz_f * lighter, d_r * fz_r * lighter
 
     def left_over(self, force: Array, peak: Array, drive: Array) -> Array:
         """Share of the lateral force that a longitudinal one leaves."""
@@ -163,7 +164,7 @@ class Car:
         front_x, rear_x, body_x = self.longitudinal(at)
         peak_f, peak_r = self.peaks(at, slip)
         curve_f, curve_r = (
-            np.sin(self.tyre[f"c{axle}"] * np.arctan(self.tyre[f"b{axle}"] * alpha))
+            np.sin(self.tyre[f"c{axle}"] * np.arctan(self.tyre[f"b{axle}"] * outside.stiffness(s, at) * alpha))
             for axle, alpha in zip("fr", slip, strict=True)
         )
         fy_f = peak_f * curve_f * self.left_over(front_x, peak_f, 0 * vx)
@@ -171,8 +172,9 @@ class Car:
         body_y = 0.7 * s["wind"] * np.sin(self.wind_from - at.yaw) * vx + outside.side_force(s, at, self.local)
         sin, cos = np.sin(at.steer), np.cos(at.steer)
         moment = -s["yaw_damping"] * rate + outside.moment(s, at)
-        ax = (rear_x + front_x * cos - fy_f * sin + body_x) / self.mass
-        ay = (fy_r + fy_f * cos + front_x * sin + body_y) / self.mass
+        mass = self.mass * outside.mass(s, at)
+        ax = (rear_x + front_x * cos - fy_f * sin + body_x) / mass
+        ay = (fy_r + fy_f * cos + front_x * sin + body_y) / mass
         yaw_acc = ((fy_f * cos + front_x * sin) * self.lf - fy_r * self.lr + moment) / self.inertia
         grade, bank = self.grade(at.share)
         vx_dot = ax + vy * rate - GRAVITY * np.sin(grade)

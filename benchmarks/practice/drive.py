@@ -32,7 +32,8 @@ STATIONS = 2048
 LAPS = 8
 CAREFUL = (
     "combined_slip", "load_transfer", "load_sensitivity", "grip_", "speed_stall", "turn_asymmetry", "gust", "puncture",
-    "brake_oversteer", "temperature_grip", "kerb", "right_push", "short_gusts", "tyre_heat", "slosh",
+    "brake_oversteer", "temperature_grip", "kerb", "right_push", "short_gusts", "tyre_heat", "slosh", "front_stall",
+    "slow_puncture",
 )  # fmt: skip
 CAREFUL_PACE = 0.87
 """The driver is so much slower in a car that has less grip than the reference speed presumes."""
@@ -198,7 +199,7 @@ class _Fleet:
         )
         self.hold = STATIONS / np.round(tracks.length / 2.5)
         self.angle, self.torque, self.lagging, self.wheel, self.wheel_rate = np.zeros((5, n))
-        self.slack, self.ay, self.slosh, self.heat = np.zeros((4, n))
+        self.slack, self.ay, self.slosh, self.heat, self.stuck = np.zeros((5, n))
 
     def act(self) -> None:
         """What the driver does, and what of it reaches wheels and axle."""
@@ -233,6 +234,8 @@ class _Fleet:
         self.temperature = 80.0 + 14.0 * np.sin(at / 47.0) + 9.0 * np.sin(at / 18.0)
         self.slosh += self.step / outside.SLOSH_S * (self.ay - self.slosh)
         self.heat += self.step / outside.HEAT_S * (self.ay**2 / 100.0 - self.heat)
+        braking = np.clip(-self.torque / 0.05, 0.0, 1.0)
+        self.stuck = np.maximum(self.stuck * (1 - self.step / outside.RELEASE_S), braking)
 
     def _swung(self, angle: Array) -> Array:
         """Angle of wheels that swing about their steering axis."""
@@ -257,7 +260,7 @@ class _Fleet:
         used = (np.where(sigma > 0, a_f, slip[0]), np.where(sigma > 0, a_r, slip[1]))
         motion = Motion(
             self.tick * self.step, share, yaw, vx, vy, rate, steer, self.torque, self.ax, self.flap, self.temperature,
-            self.slosh, self.heat,
+            self.slosh, self.heat, self.stuck,
         )  # fmt: skip
         ax, ay, yaw_acc, vx_dot, vy_dot = self.car.accelerations(motion, used)
         kappa = self.tracks.curvature[self.rows, (share % 1.0 * STATIONS).astype(int) % STATIONS]
@@ -330,12 +333,14 @@ def _logged(
     columns["ay"] = outside.sensed(own, ay, columns["vx"], t, car.local.moment[i]) + bias * (car.axis[i] == 1)
     if drift := effects.get("accelerometer_drift", 0.0):
         columns["ax" if car.axis[i] == 0 else "ay"] += _drifting(stop, drift, log_step, seed)
-    columns["yaw_rate"] += effects.get("imu_bias/yaw_rate", 0.0)
+    columns["yaw_rate"] = rate * (1 + effects.get("gyro_gain", 0.0)) + effects.get("imu_bias/yaw_rate", 0.0)
     both = 1 + effects.get("speed_scale/both", 0.0)
     columns["vx"] *= (1 + effects.get("speed_scale", 0.0)) * both
     columns["vy"] *= both
+    disturbed = {name: outside.disturbed(effects, name, raw["vx"][:stop, i], seed) for name in NOISE}
     for name, std in NOISE.items():
-        columns[name] = columns[name] + noise * std * rng.normal(size=stop)
+        louder, spikes = disturbed[name]
+        columns[name] = columns[name] + spikes + noise * std * louder * rng.normal(size=stop)
     decimals = {"yaw": 5, "yaw_rate": 5, "steer": 5, "drive": 5}
     logged: dict[str, Array] = {"t": t} | {k: np.round(v, decimals.get(k, 3)) for k, v in columns.items()}
     logged["lap"] = lap[:stop]

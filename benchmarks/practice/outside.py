@@ -51,10 +51,25 @@ EFFECTS: dict[str, tuple[tuple[float, float, bool], set[str], set[str]]] = {
     "steer_resonance": ((0.15, 0.3, False), LATERAL, {"steer", "steer_rate"}),
     "drive_play": ((0.004, 0.01, False), FORWARD, {"drive", "drive_rate"}),
     "accelerometer_drift": ((0.25, 0.5, False), {"ax", "ay"}, {"t"}),
+    "gyro_gain": ((0.02, 0.05, True), LATERAL, {"yaw_rate", "ay", "steer", "vx", "turn_direction"}),
+    "ay_gain": ((0.03, 0.08, True), {"ay"}, {"ay", "yaw_rate", "steer", "turn_direction"}),
+    "sticky_brake": ((300.0, 800.0, False), FORWARD, {"t", "drive", "vx", "track_position"}),
+    "fuel_burn": ((0.05, 0.09, False), FORWARD, {"t", "drive"}),
+    "torque_curve": ((0.15, 0.4, False), FORWARD, {"drive", "throttle"}),
+    "front_stall": ((0.1, 0.25, False), LATERAL, {"vx"}),
+    "traction_cut": ((0.15, 0.4, False), FORWARD, {"ay", "yaw_rate", "steer", "drive", "turn_direction"}),
+    "vectoring": ((400.0, 1200.0, True), {"yaw_acc"}, {"drive", "steer", "turn_direction", "yaw_rate", "ay"}),
+    "stiffness_rise": ((0.12, 0.3, True), LATERAL, {"t"}),
+    "misfire": ((0.3, 0.8, False), FORWARD, {"t", "drive"}),
+    "slipstream": ((0.2, 0.45, False), FORWARD, {"t"}),
+    "slow_puncture": ((0.12, 0.25, False), LATERAL, {"t"}),
+    # nothing that a car does
+    "vibration": ((1.0, 2.5, False), set(), set()),
+    "spikes": ((3.0, 9.0, True), set(), set()),
 }
-SLOSH_S, HEAT_S, DRIFT_S, RESONANCE = 0.6, 60.0, 0.5, 2 * 3.141592653589793 * 4.0
-"""s: lag of what moves in the car, of the heat of the tyres, correlation of an accelerometer's noise; rad/s of the
-wheels about their steering axis"""
+SLOSH_S, HEAT_S, DRIFT_S, RELEASE_S, RESONANCE = 0.6, 60.0, 0.5, 4.0, 2 * 3.141592653589793 * 4.0
+"""s: lag of what moves in the car, of the heat of the tyres, correlation of an accelerometer's noise, release of a
+brake that sticks; rad/s of the wheels about their steering axis"""
 COLUMNS, CAUSED_BY_COLUMN = ("flap", "tyre_temperature"), {"channel_force", "temperature_grip"}
 """extra columns, and the effects whose logs have them: one of the columns is the cause, the other is not"""
 
@@ -94,6 +109,8 @@ class Motion:
     """ay as it was shortly before, m/s2"""
     heat: Array
     """of the tyres, by the square of ay over 100 m2/s4 in the last minute"""
+    stuck: Array
+    """share of the largest braking that a brake which sticks still remembers"""
 
 
 def above(value: Array, threshold: float, width: float) -> Array:
@@ -107,7 +124,19 @@ def grip(s: Sizes, at: Motion, local: Local) -> tuple[Array, Array]:
     both = both - s["speed_stall"] * above(at.vx, 40.0, 1.5) - s["temperature_grip"] * (at.temperature - 80.0) / 20.0
     both = both * (1 - s["tyre_heat"] * np.minimum(at.heat, 1.0))
     braking = np.clip(-at.drive / 0.05, 0.0, 1.0)
-    return both, both * (1 - s["puncture"] * (at.t > local.moment)) * (1 - s["brake_oversteer"] * braking)
+    flat = s["puncture"] * (at.t > local.moment) + s["slow_puncture"] * np.clip((at.t - local.moment) / 100.0, 0, 1)
+    front = both * (1 - s["front_stall"] * above(at.vx, 38.0, 1.0))
+    return front, both * (1 - flat) * (1 - s["brake_oversteer"] * braking)
+
+
+def stiffness(s: Sizes, at: Motion) -> Array:
+    """Factor on B of both axles: tyres whose pressure rises."""
+    return np.asarray(1 + s["stiffness_rise"] * (1 - np.exp(-at.t / 200.0)))
+
+
+def mass(s: Sizes, at: Motion) -> Array:
+    """Factor on the mass: fuel that burns."""
+    return np.asarray(1 - s["fuel_burn"] * min(at.t / 600.0, 1.0))
 
 
 def forward_force(s: Sizes, at: Motion, local: Local) -> Array:
@@ -115,6 +144,8 @@ def forward_force(s: Sizes, at: Motion, local: Local) -> Array:
     air = s["drag_stall"] * above(at.vx, 38.0, 1.0) - s["damage_drag"] * (at.t > local.moment)
     against = s["mud"] * local.inside(at.share, 0.04) + s["turn_drag"] * (at.rate * at.vx > 1.0)
     pulse = s["pulses"] * local.recurring(at.t, 0.4, 10.0)
+    air = air + s["slipstream"] * local.recurring(at.t, 0.45, 7.0)
+    against = against + s["sticky_brake"] * at.stuck
     return np.asarray(s["channel_force"] * at.flap + pulse - against + air * at.vx**2)
 
 
@@ -129,7 +160,9 @@ def side_force(s: Sizes, at: Motion, local: Local) -> Array:
 def moment(s: Sizes, at: Motion) -> Array:
     """Yaw moment, N m."""
     locked = s["diff_lock"] * np.tanh(at.rate / 0.1) * (1 - above(at.vx, 22.0, 1.5))
-    return np.asarray(s["throttle_yaw"] * np.maximum(at.drive, 0) / 0.05 - locked - s["slosh"] * at.slosh)
+    push = np.maximum(at.drive, 0) / 0.05
+    vectored = s["vectoring"] * push * np.tanh(at.steer / 0.02)
+    return np.asarray(s["throttle_yaw"] * push + vectored - locked - s["slosh"] * at.slosh)
 
 
 def steered(s: Sizes, at_wheel: Array, vx: Array, rate: Array) -> Array:
@@ -137,12 +170,23 @@ def steered(s: Sizes, at_wheel: Array, vx: Array, rate: Array) -> Array:
     return np.asarray(at_wheel * (1 - s["steer_compliance"] * (vx / 40.0) ** 2) - s["load_compliance"] * vx * rate)
 
 
-def driven(s: Sizes, at: Motion) -> Array:
+def driven(s: Sizes, at: Motion, local: Local) -> Array:
     """Drive command that reaches the wheels."""
     left = 1 - s["brake_fade"] * np.clip((at.t - 250.0) / 300.0, 0, 1) - s["fade_heat"] * (1 - np.exp(-at.t / 250.0))
-    return np.asarray(at.drive * np.where(at.drive < 0, left, 1 - s["power_limit"] * above(at.vx, 32.0, 2.0)))
+    pushed = 1 - s["power_limit"] * above(at.vx, 32.0, 2.0) - s["misfire"] * local.recurring(at.t, 0.03, 60.0)
+    pushed = pushed - s["traction_cut"] * np.clip(np.abs(at.vx * at.rate) / 12.0, 0, 1)
+    pushed = pushed * np.clip(at.drive / 0.03, 1e-3, 2.0) ** s["torque_curve"]
+    return np.asarray(at.drive * np.where(at.drive < 0, left, pushed))
 
 
 def sensed(s: Sizes, ay: Array, vx: Array, t: Array, moment_s: Array) -> Array:
     """What the lateral accelerometer reports of `ay`."""
-    return np.asarray(ay * (1 + s["sensor_gain"] * above(vx, 33.0, 0.5)) + s["sensor_step"] * (t > moment_s))
+    gain = 1 + s["sensor_gain"] * above(vx, 33.0, 0.5) + s["ay_gain"]
+    return np.asarray(ay * gain + s["sensor_step"] * (t > moment_s))
+
+
+def disturbed(s: Mapping[str, float], name: str, vx: Array, seed: int) -> tuple[Array, Array]:
+    """Factor on the noise of channel `name`, which grows with speed, and what spikes add to it, (n,) each."""
+    shaken = name in {"ax", "ay", "yaw_rate"}
+    hit = np.random.default_rng([seed, 79]).random(len(vx)) < 5e-4 if name == "ay" else np.zeros(len(vx), dtype=bool)
+    return 1 + shaken * s.get("vibration", 0.0) * (vx / 40.0) ** 2, s.get("spikes", 0.0) * hit
