@@ -181,8 +181,8 @@ class Car:
         vy_dot = ay - vx * rate - GRAVITY * np.sin(bank)
         return ax, ay, yaw_acc, vx_dot, vy_dot
 
-    def true_steer(self, reported: Array, vx: Array, rate: Array) -> Array:
+    def true_steer(self, reported: Array, vx: Array, rate: Array, drive: Array) -> Array:
         """Road-wheel angle behind the reported one (delay and play are applied by the caller)."""
         s = self.size
         steer = reported * (1 + s["steer_scale"] + s["turn_asymmetry/steer"] * np.sign(reported)) + s["steer_offset"]
-        return outside.steered(s, steer, vx, rate)
+        return outside.steered(s, steer, vx, rate, drive)

@@ -255,7 +255,7 @@ class _Fleet:
         """Derivative of the state, then ax and ay."""
         share, offset, mu, yaw, vx, vy, rate, a_f, a_r = state
         sigma = self.car.size["tyre_relaxation"]
-        steer = self.car.true_steer(self.angle, vx, rate)
+        steer = self.car.true_steer(self.angle, vx, rate, self.torque)
         slip = self.car.slips(vx, vy, rate, steer)
         used = (np.where(sigma > 0, a_f, slip[0]), np.where(sigma > 0, a_r, slip[1]))
         motion = Motion(
@@ -327,7 +327,7 @@ def _logged(
     angle = effects.get("imu_misalignment", 0.0)
     ax, ay = ax * np.cos(angle) + ay * np.sin(angle), ay * np.cos(angle) - ax * np.sin(angle)
     bias = effects.get("imu_bias", 0.0)
-    columns["ax"] = ax + bias * (car.axis[i] == 0)
+    columns["ax"] = ax * (1 + effects.get("ax_gain", 0.0)) + bias * (car.axis[i] == 0)
     t: Array = np.arange(stop, dtype=float) * log_step
     own = {name: size[i] for name, size in car.size.items()}
     columns["ay"] = outside.sensed(own, ay, columns["vx"], t, car.local.moment[i]) + bias * (car.axis[i] == 1)

@@ -63,6 +63,10 @@ EFFECTS: dict[str, tuple[tuple[float, float, bool], set[str], set[str]]] = {
     "misfire": ((0.3, 0.8, False), FORWARD, {"t", "drive"}),
     "slipstream": ((0.2, 0.45, False), FORWARD, {"t"}),
     "slow_puncture": ((0.12, 0.25, False), LATERAL, {"t"}),
+    "brake_pull": ((300.0, 900.0, True), {"yaw_acc"}, {"drive", "brake", "drive_rate"}),
+    "torque_steer": ((0.002, 0.005, True), LATERAL, {"drive", "throttle"}),
+    "slip_drag": ((300.0, 900.0, False), FORWARD, {"vy", "ay", "yaw_rate", "steer", "turn_direction"}),
+    "ax_gain": ((0.05, 0.12, True), {"ax"}, {"drive", "throttle", "brake", "vx"}),
     # nothing that a car does
     "vibration": ((1.0, 2.5, False), set(), set()),
     "spikes": ((3.0, 9.0, True), set(), set()),
@@ -146,6 +150,7 @@ def forward_force(s: Sizes, at: Motion, local: Local) -> Array:
     pulse = s["pulses"] * local.recurring(at.t, 0.4, 10.0)
     air = air + s["slipstream"] * local.recurring(at.t, 0.45, 7.0)
     against = against + s["sticky_brake"] * at.stuck
+    against = against + s["slip_drag"] * at.vy**2
     return np.asarray(s["channel_force"] * at.flap + pulse - against + air * at.vx**2)
 
 
@@ -162,12 +167,14 @@ def moment(s: Sizes, at: Motion) -> Array:
     locked = s["diff_lock"] * np.tanh(at.rate / 0.1) * (1 - above(at.vx, 22.0, 1.5))
     push = np.maximum(at.drive, 0) / 0.05
     vectored = s["vectoring"] * push * np.tanh(at.steer / 0.02)
-    return np.asarray(s["throttle_yaw"] * push + vectored - locked - s["slosh"] * at.slosh)
+    pulled = s["brake_pull"] * np.clip(-at.drive / 0.05, 0.0, 1.5)
+    return np.asarray(s["throttle_yaw"] * push + vectored + pulled - locked - s["slosh"] * at.slosh)
 
 
-def steered(s: Sizes, at_wheel: Array, vx: Array, rate: Array) -> Array:
-    """Road-wheel angle that is left of the one applied."""
-    return np.asarray(at_wheel * (1 - s["steer_compliance"] * (vx / 40.0) ** 2) - s["load_compliance"] * vx * rate)
+def steered(s: Sizes, at_wheel: Array, vx: Array, rate: Array, drive: Array) -> Array:
+    """Road-wheel angle that is left of the one applied, and what the drive adds to it."""
+    left = at_wheel * (1 - s["steer_compliance"] * (vx / 40.0) ** 2) - s["load_compliance"] * vx * rate
+    return np.asarray(left + s["torque_steer"] * np.maximum(drive, 0.0) / 0.05)
 
 
 def driven(s: Sizes, at: Motion, local: Local) -> Array:
