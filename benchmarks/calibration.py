@@ -171,7 +171,7 @@ def jobs(of: str, first: int, count: int) -> list[Job]:
     groups: dict[int, list[int]] = {}
     for number in range(first, first + count):
         groups.setdefault(number // SIDE_BY_SIDE, []).append(number)
-    asked = [{"list": of, "root": ROOTS[of], "numbers": numbers} for numbers in groups.values()]
+    asked: list[dict[str, Any]] = [{"list": of, "root": ROOTS[of], "numbers": numbers} for numbers in groups.values()]
     return [Job(f"{of}-{min(a['numbers']):05d}-{len(a['numbers'])}", a, partial(_driven, a)) for a in asked]
 
 

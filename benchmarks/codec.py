@@ -15,7 +15,7 @@ from typing import Any
 
 import cantools
 
-from can_dbc.codec import load_codec
+from can_dbc.codec import Fault, load_codec
 from can_dbc.database import DBC_PATH
 
 REQUIRED = {"decode": 3.0, "encode": 5.0}
@@ -44,7 +44,9 @@ def measure(frames_per_message: int = 40) -> dict[str, float]:
             frame_id, data = codec.encode_raw(message.name, values)
             frames.append((frame_id, data))
             dbc_values.append((message.name, codec.decode_raw(frame_id, data)))
-            si_values.append((message.name, codec.decode(frame_id, data)))
+            decoded = codec.decode(frame_id, data)
+            assert not isinstance(decoded, Fault), decoded
+            si_values.append((message.name, decoded))
     decode, encode = codec.decode, codec.encode
     peer_decode, peer_encode = peer.decode_message, peer.encode_message
     times = best_times(

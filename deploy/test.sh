@@ -52,7 +52,7 @@ if [ $# = 0 ]; then
     crowd="not vcan and not quiet"
 fi
 step tests tests normal python -m pytest -n 2 --dist worksteal -m "$crowd" "$@"
-step mypy mypy &  # beside the tests on vcan, which have one processor
+{ step mypy mypy; step mypy-benchmarks mypy benchmarks; } &  # beside the tests on vcan, which have one processor
 if deploy/with-vcan --which >"$results/vcan-kind" 2>"$results/vcan.log"; then
     step vcan-tests tests vcan deploy/with-vcan python -m pytest -m vcan tests/vcan "$@"
 else

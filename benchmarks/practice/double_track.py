@@ -158,9 +158,8 @@ class DoubleTrack:
         across = MASS * self.of["height"] * z.felt[1]
         front = across * self.of["roll_front"] / TRACK_F
         rear = across * (1 - self.of["roll_front"]) / TRACK_R
-        return np.maximum(
-            STATIC[:, None] * normal / GRAVITY + air + along + np.array([-front, front, -rear, rear]), 50.0
-        )
+        load = STATIC[:, None] * normal / GRAVITY + air + along + np.array([-front, front, -rear, rear])
+        return np.asarray(np.maximum(load, 50.0))
 
     def torques(self, z: State, pedals: Pedals, slip: Array) -> Array:
         """(4, n) N that brakes and engine ask of each wheel; the differential moves some to the slower rear wheel."""

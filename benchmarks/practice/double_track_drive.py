@@ -116,4 +116,5 @@ def _logged(columns: dict[str, Array], seed: int, laps: int) -> Drive:
         columns[name] = columns[name] + std * rng.normal(size=stop)
     rear = (columns["wheel_speed_rl"] + columns["wheel_speed_rr"]) / 2
     columns["drive"] = rear / columns["vx"] - 1.0
-    return Drive({"t": np.arange(stop) * STEP * LOG_EVERY} | columns, {}, seed, {})
+    t: Array = np.arange(stop, dtype=float) * STEP * LOG_EVERY
+    return Drive({"t": t} | columns, {}, seed, {})

@@ -15,8 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from hil_gateway.process.arrays import Array
+
 from . import outside
-from .car import TYRE, Array, Car, Chassis
+from .car import TYRE, Car, Chassis
 from .outside import Motion
 
 NOISE = {

@@ -196,4 +196,4 @@ def disturbed(s: Mapping[str, float], name: str, vx: Array, seed: int) -> tuple[
     """Factor on the noise of channel `name`, which grows with speed, and what spikes add to it, (n,) each."""
     shaken = name in {"ax", "ay", "yaw_rate"}
     hit = np.random.default_rng([seed, 79]).random(len(vx)) < 5e-4 if name == "ay" else np.zeros(len(vx), dtype=bool)
-    return 1 + shaken * s.get("vibration", 0.0) * (vx / 40.0) ** 2, s.get("spikes", 0.0) * hit
+    return 1 + shaken * s.get("vibration", 0.0) * (vx / 40.0) ** 2, np.asarray(s.get("spikes", 0.0) * hit)

@@ -1,0 +1,43 @@
+"""Torque vectoring: as the driven axle pushes it turns the car into the bend; a differential that locks resists."""
+
+from __future__ import annotations
+
+from estimator.model.effects.base import Effect, smooth_negative_part, smooth_sign
+from estimator.model.parameters import Parameter, Plausible
+from estimator.model.single_track import Terms
+from hil_gateway.process.arrays import Expr
+
+SMOOTHING_FORCE = 20.0
+"""N; the change from braking to driving is smooth within about this force."""
+STRAIGHT = 0.01
+"""rad; the moment fades at smaller road-wheel angles"""
+
+
+def _body(terms: Terms, lever: Expr) -> None:
+    pushing = terms.fx_r - smooth_negative_part(terms.fx_r, SMOOTHING_FORCE)
+    terms.body_yaw = terms.body_yaw + lever * pushing * smooth_sign(terms.steer, STRAIGHT)
+
+
+TORQUE_VECTORING = Effect(
+    name="torque_vectoring",
+    form_of="yaw_damping",
+    lacks="the driven axle turns the car into the bend, or out of it",
+    equation="M_z = k max(F_x,r, 0) sign(delta)",
+    source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 20 (differentials)",
+    parameters=(
+        Parameter(
+            "lever",
+            "m",
+            0.0,
+            0.1,
+            -1.5,
+            1.5,
+            "moment per driving force",
+            Plausible(-0.8, 0.8, "half the track: all of the force on one wheel", 0.02),
+        ),
+    ),
+    channels=("yaw_acc",),
+    cause="drive",
+    hooks={"BODY": _body},
+    separated_by="power on and off in the same corner",
+)
