@@ -110,6 +110,16 @@ def after_play(signal: Array, gap: float) -> Array:
     return low
 
 
+def held(t: Array, signal: Array, time_constant: float) -> Array:
+    """What holds the largest of a signal (n,) >= 0 and lets go by a time constant, s: max(u, y_before exp(-dt / T)).
+
+    As a logarithm it is a running maximum of what falls along a line.
+    """
+    fallen = (t - t[0]) / max(time_constant, 1e-9)
+    log = np.log(np.maximum(signal, np.finfo(float).tiny))
+    return np.asarray(np.exp(np.maximum.accumulate(log + fallen) - fallen))
+
+
 def _recursion(first: Array, decay: Array, drive: Array) -> Array:
     """y[0] = first, y[i+1] = decay[i] y[i] + drive[i], for one signal or more (..., n)."""
     library = _library()

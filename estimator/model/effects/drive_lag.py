@@ -23,9 +23,7 @@ EFFECT = Effect(
             0.0,
             0.5,
             "time constant T of engine or brakes",
-            Plausible(
-                0.0, 0.45, "actuators and engine: 0.05 to 0.3 s; tyres relax in 0.5 m, 0.03 s at 15 m/s", 0.04
-            ),
+            Plausible(0.0, 0.45, "actuators and engine: 0.05 to 0.3 s; tyres relax in 0.5 m, 0.03 s at 15 m/s", 0.04),
         ),
     ),
     channels=("ax", "vx_dot"),

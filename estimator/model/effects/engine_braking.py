@@ -51,7 +51,12 @@ EFFECT = Effect(
             0.0,
             5000.0,
             "drag of the closed-throttle engine at the wheels",
-            Plausible(0.0, 3000.0, "a closed engine of 2 to 3 l in low gear: up to 2 kN"),
+            Plausible(
+                0.0,
+                3000.0,
+                "a closed engine of 2 to 3 l in low gear: up to 2 kN; a gearbox takes tens of newtons",
+                40.0,
+            ),
         ),
         Parameter(
             "pedal",

@@ -128,7 +128,8 @@ def _where(
     count = len(rows) // size * size
     mean = residual[:count].reshape(-1, size).mean(axis=1)
     middle = rows[:count].reshape(-1, size)[:, size // 2]
-    groups = {n: _groups(record.signals[n][middle], n) for n in explanatory(record)}
+    valued = {n: _values(record, n, middle) for n in explanatory(record)}
+    groups = {n: _groups(values, n) for n, values in valued.items()}
     shares = {n: _explained(mean, g) for n, g in groups.items()}
     signal, short = max(shares, key=lambda n: shares[n]), _stretches(record.signals["t"][middle])
     no_cause = record.has_laps and (shares[signal] < EXPLAINS or signal in RESPONSES)
@@ -138,8 +139,14 @@ def _where(
     elif shares[signal] < EXPLAINS:
         groups["t"] = short
         signal = max((n for n in ("track_position", "t") if n in groups), key=lambda n: _explained(mean**2, groups[n]))
-    values = record.signals[signal][middle]
+    values = valued[signal]
     return signal, _spans(values, groups[signal], mean**2), (float(values.min()), float(values.max()))
+
+
+def _values(record: Record, signal: str, rows: Ints) -> Array:
+    """(n,) of a signal; within its period, where it has one: a heading that goes on from lap to lap tells the time."""
+    period, values = record.bases[signal].period, record.signals[signal][rows]
+    return np.asarray(np.mod(values, period)) if period else values
 
 
 def comes_back(record: Record, rows: Ints, mean: Array) -> float:

@@ -13,7 +13,7 @@ from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
 from estimator.offline.record.unknown_inputs import SAMPLED
-from estimator.offline.search.sensor_place import accelerometer_ahead, speed_scale
+from estimator.offline.search.sensor_place import accelerometer_ahead, gyro_gain, speed_scale
 
 LEAST_ERRORS = 3.0
 """Standard errors that one parameter at least must be off its neutral value: 99.7 % of a normal distribution."""
@@ -40,7 +40,8 @@ def believed(fit: Fit, name: str) -> bool:
     """Whether an effect is more than the log's sampling, physically possible, there, alike in both halves, and not
     contradicted by kinematics."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    checks = (possible, _confirmed_by_positions, _there, _agrees, _confirmed, _a_road, _as_high_as_a_car)
+    kinematic = (_confirmed, _confirmed_by_positions, _confirmed_by_heading)
+    checks = (possible, _there, _agrees, *kinematic, _a_road, _as_high_as_a_car)
     return not _within_a_sample(fit, block) and all(check(fit, block) for check in checks)
 
 
@@ -127,6 +128,14 @@ def _confirmed_by_positions(fit: Fit, block: Block) -> bool:
     if seen is None:
         return True
     return abs(seen[0] - scale) < max(LEAST_ERRORS * seen[1], CONFIRMED_SHARE * abs(scale - 1.0), CLOCK)
+
+
+def _confirmed_by_heading(fit: Fit, block: Block) -> bool:
+    """Whether the heading shows at least half of the gain of a gyroscope."""
+    if block.effect.name != "gyro_gain":
+        return True
+    gain, seen = float(fit.parameters[block.parameters][0]), gyro_gain(fit.predictor.record)
+    return seen is not None and abs(seen[0] - gain) < max(LEAST_ERRORS * seen[1], CONFIRMED_SHARE * abs(gain - 1.0))
 
 
 def _a_road(fit: Fit, block: Block) -> bool:

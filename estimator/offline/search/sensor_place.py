@@ -1,4 +1,4 @@
-"""Where the accelerometer lies and how the speed is scaled, from kinematics alone, whatever tyres and steering do.
+"""Where the accelerometer lies and how speed and yaw rate are scaled, from kinematics, whatever tyres and steering do.
 
 d/dt vy + vx w - ay = -g sin(bank) - x dw/dt for a sensor x ahead of the centre of gravity. All of it passes the same
 smoothing kernel, so that the filter cancels: smoothing vy alone would look like a sensor that is displaced.
@@ -86,3 +86,21 @@ def speed_scale(record: Record) -> tuple[float, float] | None:
     inverse = np.sort(driven / reported)[cut : record.windows - cut]
     scale = 1.0 / max(float(inverse.mean()), np.finfo(float).tiny)
     return scale, float(inverse.std() / np.sqrt(len(inverse))) * scale**2
+
+
+def gyro_gain(record: Record) -> tuple[float, float] | None:
+    """Reported yaw rate over that of the heading, and its standard deviation; None without a heading.
+
+    The zero of the gyroscope is estimated along with it, over windows.
+    """
+    if "yaw" not in record.signals:
+        return None
+    rows = record.rows.reshape(record.windows, -1)
+    ends = record.signals["yaw"][rows[:, [0, -1]]]
+    turned = np.angle(np.exp(1j * np.diff(ends, axis=1)[:, 0]))
+    rate = record.measured[YAW_RATE][rows]
+    reported = (rate.sum(axis=1) - 0.5 * (rate[:, 0] + rate[:, -1])) * record.step
+    X = np.stack([turned, np.ones_like(turned)], axis=1)
+    found, *_ = np.linalg.lstsq(X, reported, rcond=None)
+    variance = float(np.mean((reported - X @ found) ** 2))
+    return float(found[0]), float(np.sqrt(variance * np.linalg.pinv(X.T @ X)[0, 0]))

@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 from estimator.model import memory
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
-from estimator.model.memory import after_play, delayed, relaxed, swung
+from estimator.model.look_alikes import LOOK_ALIKES
+from estimator.model.memory import after_play, delayed, held, relaxed, swung
 from estimator.model.profile import profile_basis, profile_value
 from estimator.model.single_track import CHANNELS, SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
@@ -90,6 +91,18 @@ PULLING = {"gear_shift": {"drive": 0.04}}
 """what the car does where an effect does not show while braking"""
 
 
+SHOWS: dict[str, tuple[dict[str, float], dict[str, float], tuple[float, ...]]] = {
+    "brake_drag": ({"brake_held": 0.03}, {"drive": 0.01}, (0.3, 3.0, 1.0)),
+    "drive_curve": ({}, {"drive": 0.01}, (0.3, 1.0)),
+    "gyro_gain": ({}, {}, (1.03,)),
+    "steer_swing": ({"steer_swing": 0.001}, {}, (0.2, 0.3)),
+    "stiffness_drift": ({}, {}, (1e-3, 0.0)),
+    "torque_vectoring": ({}, {"drive": 0.04}, (0.2,)),
+    "tyre_heat": ({"tyre_heat": 0.8}, {}, (-0.2, 60.0)),
+}
+"""look-alike -> what it makes of the past, what the car does, and a size that shows there"""
+
+
 def predict_with(
     effects: tuple[Effect, ...],
     parameters: tuple[float, ...],
@@ -118,6 +131,16 @@ def test_neutral_parameters_leave_the_declared_model_exactly(name: str) -> None:
     declared = predict(None, **LEFT_TURN)
     changed = predict(effect, effect.neutral(), **LEFT_TURN)
     assert changed == pytest.approx(declared, rel=1e-7, abs=1e-7)
+
+
+@pytest.mark.parametrize("name", sorted(LOOK_ALIKES))
+def test_neutral_look_alikes_leave_the_declared_model_and_others_change_the_channels_they_declare(name: str) -> None:
+    effect, declared = LOOK_ALIKES[name], predict(None, **LEFT_TURN)
+    assert predict(effect, effect.neutral(), **LEFT_TURN) == pytest.approx(declared, rel=1e-7, abs=1e-7)
+    past, state, parameters = SHOWS[name]
+    before, after = predict_with((), (), {}, state), predict_with((effect,), parameters, past, state)
+    moved = {channel for channel in CHANNELS if abs(after[channel] - before[channel]) > 2e-2}
+    assert moved == set(effect.channels)
 
 
 @pytest.mark.parametrize("name", sorted(SIGNS))
@@ -222,6 +245,16 @@ def test_wheels_that_swing_follow_a_step_as_a_damped_oscillator() -> None:
     ringing = np.exp(-damping * w * since) * (np.cos(w * root * since) + damping / root * np.sin(w * root * since))
     np.testing.assert_allclose(swung(t, step, period, damping), np.where(since > 0, 1.0 - ringing, 0.0), atol=0.01)
     np.testing.assert_array_equal(swung(t, step, 0.0, damping), step)
+
+
+def test_a_brake_that_lets_go_slowly_holds_the_most_it_was_pressed() -> None:
+    t, time_constant = np.cumsum(np.full(400, 0.05)), 3.0
+    pressed = np.maximum(np.sin(0.9 * t), 0.0) * np.where(t < 10.0, 1.0, 0.3)
+    keeps, followed = pressed[0], np.empty_like(t)
+    for i, now in enumerate(pressed):
+        keeps = max(now, keeps * np.exp(-0.05 / time_constant))
+        followed[i] = keeps
+    np.testing.assert_allclose(held(t, pressed, time_constant), followed, rtol=1e-9, atol=1e-12)
 
 
 def test_wheels_with_play_follow_the_angle_one_sample_after_the_other() -> None:

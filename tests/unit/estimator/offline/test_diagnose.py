@@ -123,6 +123,40 @@ def test_grip_that_falls_with_the_heat_of_the_tyres_is_no_drift(diagnosed: Calla
     assert (first["channel"], first["signal"], first["term"]) == ("vy_dot", "ay", "tyre_heat")
 
 
+@pytest.mark.parametrize(
+    ("drive", "signal", "term", "parameters"),
+    [
+        ("gyro", "yaw_rate", "gyro_gain", {"gain": 1.04}),
+        ("stiffer", "t", "stiffness_drift", {}),
+        ("dragging", "t", "brake_drag", {"time_constant": 4.0, "kept": 700.0 / (0.05 * 62e3)}),
+        ("bent", "drive", "drive_curve", {"exponent": 0.25, "gain": 1.0}),
+    ],
+)
+def test_what_resembles_an_effect_is_unexplained_with_its_own_numbers(
+    diagnosed: Callable[[str], Diagnosis], drive: str, signal: str, term: str, parameters: dict[str, float]
+) -> None:
+    found = diagnosed(drive)
+    result = as_json(found, "r", "")
+    assert (result["verdict"], result["effects"]) == ("unexplained", [])
+    first = result["unexplained"][0]
+    assert (first["signal"], first["term"]) == (signal, term)
+    block = next(b for b in found.fit.predictor.blocks if b.effect.name == term)
+    names = [p.name for p in block.effect.parameters]
+    sizes = dict(zip(names, found.fit.parameters[block.parameters], strict=True))
+    assert {name: sizes[name] for name in parameters} == pytest.approx(parameters, rel=0.1)
+
+
+def test_what_comes_and_goes_is_said_of_time_and_not_of_a_heading_that_goes_on(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    t, measured = record.signals["t"], record.measured.copy()
+    starts = np.cumsum(np.random.default_rng(7).uniform(35.0, 60.0, 40))
+    there = np.any((t[:, None] > starts) & (t[:, None] < starts + 15.0), axis=1)
+    measured[0] += 0.5 * there
+    result = as_json(diagnose(replace(record, measured=measured), "per_axle", PRIOR), "r", "")
+    assert (result["verdict"], result["effects"]) == ("unexplained", [])
+    assert {(u["channel"], u["signal"]) for u in result["unexplained"]} == {("ax", "t")}
+
+
 def test_a_force_along_the_car_does_not_hide_a_wrong_yaw_inertia(drives: dict[str, Any]) -> None:
     wrong = Vehicle().model_copy(update={"yaw_inertia": 1.2 * Vehicle().yaw_inertia})
     record = replace(record_of(drives["none"]), vehicle=wrong)

@@ -46,6 +46,18 @@ def test_a_speed_scale_that_positions_contradict_is_not_believed(drives: dict[st
         assert believed(replace(done, parameters=parameters), "speed_scale") == named
 
 
+def test_a_gain_of_a_gyroscope_that_the_heading_contradicts_is_not_believed(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    record = record.select(np.arange(record.windows) % 12 == 0)
+    record = replace(record, lap=np.arange(record.windows) // 4)
+    turned = {**record.signals, "yaw": record.signals["yaw"] / 1.06}
+    for own, named in ((record, False), (replace(record, signals=turned), True)):
+        done = fit_names(Setting(own, "per_axle", PRIOR), ["gyro_gain"], None)
+        parameters = done.parameters.copy()
+        parameters[next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "gyro_gain")] = 1.06
+        assert believed(replace(done, parameters=parameters), "gyro_gain") == named
+
+
 def test_a_lag_of_the_drive_that_tyres_have_by_themselves_is_not_believed(drives: dict[str, Any]) -> None:
     record = record_of(drives["none"])
     record = record.select(np.arange(record.windows) % 12 == 0)

@@ -17,7 +17,7 @@ from estimator.offline.predict.lateral_velocity import with_predicted_vy
 from estimator.offline.record.map_road import record_on_map
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.search.greedy import Greedy
-from estimator.offline.search.sensor_place import accelerometer_ahead, speed_scale
+from estimator.offline.search.sensor_place import accelerometer_ahead, gyro_gain, speed_scale
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.errors import InputError
@@ -95,6 +95,16 @@ def test_positions_that_are_held_and_jump_tell_how_the_speed_is_scaled(drives: d
     assert found[1] < 0.003
     without = {n: c for n, c in log.columns.items() if n != "x"}
     assert speed_scale(make_record(replace(log, columns=without), Vehicle())) is None
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.97])
+def test_the_heading_tells_the_gain_of_a_gyroscope_whatever_its_zero(drives: dict[str, Any], gain: float) -> None:
+    rate = gain * drives["single"].columns["yaw_rate"] + 0.004
+    found = gyro_gain(make_record(log_of(drives["single"], yaw_rate=rate), Vehicle()))
+    assert found is not None
+    assert abs(found[0] - gain) < min(4.0 * found[1], 0.002)
+    without = {n: c for n, c in log_of(drives["single"]).columns.items() if n != "yaw"}
+    assert gyro_gain(make_record(replace(log_of(drives["single"]), columns=without), Vehicle())) is None
 
 
 def test_at_one_speed_rolling_resistance_is_not_told_from_drag(drives: dict[str, Any]) -> None:
