@@ -66,7 +66,7 @@ EFFECTS: dict[str, tuple[tuple[float, float, bool], set[str], set[str]]] = {
     "brake_pull": ((300.0, 900.0, True), {"yaw_acc"}, {"drive", "brake", "drive_rate"}),
     "torque_steer": ((0.002, 0.005, True), LATERAL, {"drive", "throttle"}),
     "slip_drag": ((300.0, 900.0, False), FORWARD, {"vy", "ay", "yaw_rate", "steer", "turn_direction"}),
-    "ax_gain": ((0.05, 0.12, True), {"ax"}, {"drive", "throttle", "brake", "vx"}),
+    "ax_gain": ((0.05, 0.12, True), {"ax"}, {"ax", "drive", "throttle", "brake", "vx"}),
     # nothing that a car does
     "vibration": ((1.0, 2.5, False), set(), set()),
     "spikes": ((3.0, 9.0, True), set(), set()),

@@ -132,7 +132,8 @@ def _other_grip(record: Record, fit: Fit) -> Candidate | None:
         return None
     whole = Predictor(fit.predictor.model, record)
     found = most_gaining(whole, fit.parameters, fit.noise, fit.normal.variance)
-    return found if found.gain > TERM_SHARE * record.rows[:, :, 0].size else None
+    over_time = found.longest and not found.stretch.every_lap
+    return found if found.gain > TERM_SHARE * record.rows[:, :, 0].size and not over_time else None
 
 
 HELD_OUT_WINDOWS = 15

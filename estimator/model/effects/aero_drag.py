@@ -28,7 +28,7 @@ EFFECT = Effect(
             0.0,
             5.0,
             "rho Cd A / 2",
-            Plausible(0.0, 3.0, "open-wheel cars and lorries' cabs: rho Cd A / 2 of 0.4 to 2"),
+            Plausible(0.0, 3.0, "open-wheel cars and lorries' cabs: rho Cd A / 2 of 0.4 to 2; any body has 0.02", 0.02),
         ),
     ),
     channels=("ax", "vx_dot"),

@@ -12,7 +12,7 @@ from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
-SMOOTHING = 1e-3
+SMOOTHING = 1e-4
 """The change from braking to driving is smooth within about this slip command."""
 REFERENCE = 0.03
 """Slip command at which the bent force is that of the straight line."""

@@ -142,12 +142,13 @@ def _a_road(fit: Fit, block: Block) -> bool:
     """Whether a bank or grade is more than what repeats on a flat course, and ends the lap at the height it began.
 
     With few laps a force passes for a slope, and with many the springs do. A bank also lightens the axles, as less grip
-    does: where no tyre is in the equation, sensors that tell must show at least half of it.
+    does, and a grade slows the car, as a brake does: where neither tyre nor drive is in the equation, sensors that tell
+    must show at least half of it.
     """
     if block.effect.name not in ("road_bank", "road_grade"):
         return True
     record, coefficients = fit.predictor.record, fit.parameters[block.parameters]
-    known = block.effect.name in record.road or block.effect.name != "road_bank"
+    known = block.effect.name in record.road
     seen = None if known else share_in_kinematics(record, block.effect.name, coefficients)
     if seen is not None and seen < CONFIRMED_SHARE:
         return False

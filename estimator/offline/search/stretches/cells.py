@@ -91,13 +91,17 @@ NOWHERE = Stretch(0.0, 0.0, (), every_lap=False)
 
 @dataclass(frozen=True)
 class Candidate:
-    """A stretch by a linearisation: its form, gain (natural log), and change of grip with standard deviation."""
+    """A stretch by a linearisation: its form, gain (natural log), and change of grip with standard deviation.
+
+    `longest`: a longer one is not sought, so that it may be part of what acts over time.
+    """
 
     stretch: Stretch
     hook: Hook
     gain: float
     change: float
     std: float
+    longest: bool = False
 
 
 @dataclass(frozen=True)
@@ -141,7 +145,8 @@ class Cells:
         laps = tuple(sorted(int(lap) for lap in self.laps[chosen]))
         stretch = Stretch(float(self.edges[a]), float(self.edges[b]), laps, bool(every))
         std = max(precision**-0.5, self._scatter(range(a, b), chosen, change) / precision)
-        return Candidate(stretch, self.hook, gain, change, std)
+        longest = self.edges[b] - self.edges[a] + self.edges[1] > LONGEST_SHARE * self.edges[-1]
+        return Candidate(stretch, self.hook, gain, change, std, longest=bool(longest))
 
     def _scatter(self, inside: range, chosen: Ints, change: float) -> float:
         """Deviation of the sum of the scores at the change found, by parts of the stretch of every lap: a residual of

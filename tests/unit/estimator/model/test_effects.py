@@ -92,11 +92,14 @@ PULLING = {"gear_shift": {"drive": 0.04}}
 
 
 SHOWS: dict[str, tuple[dict[str, float], dict[str, float], tuple[float, ...]]] = {
+    "ax_gain": ({}, {}, (1.05,)),
+    "ay_gain": ({}, {}, (1.05,)),
     "brake_drag": ({"brake_held": 0.03}, {"drive": 0.01}, (0.3, 3.0, 1.0)),
     "drive_curve": ({}, {"drive": 0.01}, (0.3, 1.0)),
     "gyro_gain": ({}, {}, (1.03,)),
     "steer_swing": ({"steer_swing": 0.001}, {}, (0.2, 0.3)),
     "stiffness_drift": ({}, {}, (1e-3, 0.0)),
+    "torque_steer": ({}, {}, (0.0, 0.02)),
     "torque_vectoring": ({}, {"drive": 0.04}, (0.2,)),
     "tyre_heat": ({"tyre_heat": 0.8}, {}, (-0.2, 60.0)),
 }

@@ -45,6 +45,12 @@ def test_the_cells_that_pull_together_are_the_stretch(start: int, length: int, l
     assert found.change == pytest.approx(change * weight / (weight + GRIP_STD**-2))
 
 
+def test_a_stretch_of_the_longest_length_says_that_it_may_be_part_of_more() -> None:
+    most = int(LONGEST_SHARE * COUNT)
+    assert _cells(2, 2 + most + 3, {4}, -0.3).most_gaining().longest
+    assert not _cells(2, 2 + most // 2, {4}, -0.3).most_gaining().longest
+
+
 def test_a_lap_too_gentle_to_tell_does_not_speak_against_every_lap() -> None:
     cells = _cells(10, 20, {1, 2, 3, 4}, -0.3)
     gentle = np.array([1e-4, 1.0, 1.0, 1.0, 1.0])
