@@ -101,17 +101,18 @@ def test_a_bank_no_larger_than_what_the_springs_repeat_is_not_believed(drives: d
         assert believed(replace(done, parameters=parameters, normal=normal), "road_bank") == named
 
 
-def test_a_bank_that_kinematics_do_not_show_is_not_believed_whatever_it_does_to_the_loads(
-    drives: dict[str, Any],
+@pytest.mark.parametrize(("road", "halved"), [("road_bank", 6), ("road_grade", 4)])
+def test_a_road_that_kinematics_do_not_show_is_not_believed_whatever_else_it_does(
+    drives: dict[str, Any], road: str, halved: int
 ) -> None:
     record = record_of(drives["hilly"])
-    done = fit_names(Setting(record, "per_axle", PRIOR), ["road_bank"], None)
-    rows = next(b.parameters for b in done.predictor.blocks if b.effect.name == "road_bank")
-    assert share_in_kinematics(record, "road_bank", done.parameters[rows]) == pytest.approx(1.0, abs=0.1)
-    assert believed(done, "road_bank")
+    done = fit_names(Setting(record, "per_axle", PRIOR), [road], None)
+    rows = next(b.parameters for b in done.predictor.blocks if b.effect.name == road)
+    assert share_in_kinematics(record, road, done.parameters[rows]) == pytest.approx(1.0, abs=0.1)
+    assert believed(done, road)
     moved = done.parameters.copy()
-    moved[rows] = np.roll(moved[rows], (rows.stop - rows.start) // 6)  # half a wave of three over the lap
-    assert not believed(replace(done, parameters=moved), "road_bank")
+    moved[rows] = np.roll(moved[rows], (rows.stop - rows.start) // halved)  # half a wave, of three or two over the lap
+    assert not believed(replace(done, parameters=moved), road)
 
 
 def test_load_transfer_lower_or_higher_than_in_any_car_is_not_believed(drives: dict[str, Any]) -> None:
