@@ -21,7 +21,7 @@ def _body(terms: Terms, lever: Expr) -> None:
 TORQUE_VECTORING = Effect(
     name="torque_vectoring",
     form_of="yaw_damping",
-    lacks="the driven axle turns the car into the bend, or out of it",
+    lacks="the driven axle turns the car into the bend",
     equation="M_z = k max(F_x,r, 0) sign(delta)",
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 20 (differentials)",
     parameters=(
@@ -33,7 +33,12 @@ TORQUE_VECTORING = Effect(
             -1.5,
             1.5,
             "moment per driving force",
-            Plausible(-0.8, 0.8, "half the track: all of the force on one wheel", 0.02),
+            Plausible(
+                0.0,
+                0.8,
+                "half the track: all of the force on one wheel; an axle that locks turns it out of the bend",
+                0.02,
+            ),
         ),
     ),
     channels=("yaw_acc",),
