@@ -104,11 +104,17 @@ class Greedy:
             return False
         for name in sorted(self.names, key=lambda n: self.gains[n].gain):
             trial = None if name in self.setting.found_road else self._instead_of(name)
-            if trial is not None and trial.fit is not None:
-                self.names, self.fit = [*(n for n in self.names if n != name), trial.name], trial.fit
-                self.recheck()
+            if trial is not None:
+                self.put_instead(name, trial)
                 return True
         return False
+
+    def put_instead(self, name: str, trial: Trial) -> None:
+        """Exchange an effect for that of a trial with all the others."""
+        assert trial.fit is not None
+        self.names, self.fit = [*(n for n in self.names if n != name), trial.name], trial.fit
+        self.rounds.append((trial,))
+        self.recheck()
 
     def complete(self) -> bool:
         """Add together what every car has, where the session shows part of it; whether that explains more."""
@@ -134,17 +140,16 @@ class Greedy:
         rival = self._rival(name, 1.0, forms=True)
         if rival is None:
             return None
-        others, without = self._others(name)
+        others, without = self.others(name)
         done = fit_names(self.setting, [*others, rival], without)
         trial = Trial(rival, compare(self.fit.held_out(), done.held_out(), done.normal.count), done)
-        self.rounds.append((trial,))
         return trial if can_be_accepted(trial, self.setting, 0.0) else None
 
     def look_alikes(self) -> dict[str, str]:
         """Accepted effect -> one believed in its place, over which its lead would not be worth a name."""
         named = [name for name in self.names if name not in self.setting.found_road and name not in DECLARED]
         rivals = {name: rival for name in named if (rival := self._rival(name, SIMILAR, forms=False)) is not None}
-        pairs = [(rival, *self._others(name)) for name, rival in rivals.items()]
+        pairs = [(rival, *self.others(name)) for name, rival in rivals.items()]
         jobs = [replace(with_effects((*others, rival)), warm=without) for rival, others, without in pairs]
         fits = fit_each(self.setting, self.fit, jobs, self.progress)
         return {name: rivals[name] for name, fit in zip(rivals, fits, strict=True) if self._as_good(rivals[name], fit)}
@@ -158,7 +163,7 @@ class Greedy:
 
         `forms`: other forms of the effect count; they are no other finding.
         """
-        others, without = self._others(name)
+        others, without = self.others(name)
         own, possible = all_candidates()[name], open_candidates(self.setting, others)
         apart = [e for e in possible if e.id != own.id or (forms and e.name != name)]
         rivals = [e for e in apart if set(own.channels) & set(e.channels)]
@@ -167,7 +172,7 @@ class Greedy:
             return None
         return best.name
 
-    def _others(self, name: str) -> tuple[list[str], Fit]:
+    def others(self, name: str) -> tuple[list[str], Fit]:
         """The other effects, and the fit of them alone."""
         assert self.checked is not None
         return [n for n in self.names if n != name], self.checked.without[name]

@@ -16,6 +16,7 @@ from estimator.offline.search.acceptance import earns_its_place
 from estimator.offline.search.every_car import fitted_together
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import ASKED_FROM, WHITE, Checked, Greedy
+from estimator.offline.search.look_alikes.contest import prefer_effects
 from estimator.offline.search.plausible import there
 from estimator.offline.search.stand_ins import no_stand_ins
 from estimator.offline.search.trial import Setting, Trial, fit_names
@@ -68,6 +69,7 @@ def search(
     state.run()
     if thorough and _many_at_once(state):
         state = better(state, from_every_car(state))
+    prefer_effects(state)
     # the way there and back may have led the declared model further
     base = base if state.names else state.fit
     ordered = tuple(sorted(state.names, key=lambda n: -state.gains[n].gain))
