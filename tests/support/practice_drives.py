@@ -46,6 +46,7 @@ EFFECTS: dict[str, tuple[int, dict[str, float]]] = {
     "stiffer": (69, {"stiffness_rise": 0.2}),
     "dragging": (70, {"sticky_brake": 700.0}),
     "bent": (71, {"torque_curve": 0.25}),
+    "drift": (72, {"grip_drift": -2e-4, "rolling_resistance": 390.0}),
     "pulses": (62, {"pulses": 600.0}),
     "patch": (64, {"aero_drag": 0.6, "grip_patch": 0.3}),
     "car": (63, {"aero_drag": 0.6, "aero_downforce": 1.2, "load_transfer": 0.3, "combined_slip": 1.0}),

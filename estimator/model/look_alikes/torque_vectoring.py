@@ -34,10 +34,7 @@ TORQUE_VECTORING = Effect(
             1.5,
             "moment per driving force",
             Plausible(
-                0.0,
-                0.8,
-                "half the track: all of the force on one wheel; an axle that locks turns it out of the bend",
-                0.02,
+                0.0, 0.8, "half the track: all of the force on one wheel; out of the bend, an axle that locks", 0.02
             ),
         ),
     ),
