@@ -260,16 +260,38 @@ def check_each(
 def recheck(
     setting: Setting, accepted: list[str], current: Fit, progress: Callable[[str], None]
 ) -> tuple[list[str], Fit, Checked]:
-    """Drop, one by one, what does not earn its place given the others, or what leaves others no plausible size."""
+    """Drop, one by one, what does not earn its place given the others, or what leaves others no plausible size.
+
+    What has no plausible size beside the others may have one in another form, and leave them theirs.
+    """
     while True:
         checked = check_each(setting, accepted, current, progress)
         idle = [n for n in accepted if n not in setting.measured_road and not stays(checked.gains[n], setting)]
         doubted = [n for n in accepted if not believed(current, n)]
         if not idle and not doubted:
             return accepted, current, checked
+        reformed = None if idle else _in_another_form(setting, accepted, checked, doubted, progress)
+        if reformed is not None:
+            accepted, current = reformed
+            continue
         worst = min(idle or _to_blame(checked) or doubted, key=lambda n: checked.gains[n].gain)
         accepted = [n for n in accepted if n != worst]
         current = checked.without[worst]
+
+
+def _in_another_form(
+    setting: Setting, accepted: Sequence[str], checked: Checked, doubted: Sequence[str], progress: Callable[[str], None]
+) -> tuple[list[str], Fit] | None:
+    """A doubted effect in another of its forms, where that earns its place and all are believed; None without one."""
+    for name in doubted:
+        others, without = [n for n in accepted if n != name], checked.without[name]
+        forms = [e.name for e in open_candidates(setting, others) if e.id == all_candidates()[name].id]
+        jobs = [with_effects((*others, form)) for form in forms if form != name]
+        for job, fit in zip(jobs, fit_each(setting, without, jobs, progress), strict=True):
+            gained = compare(without.held_out(), fit.held_out(), fit.normal.count)
+            if earns_its_place(gained, setting, 0.0) and all(believed(fit, n) for n in job.names):
+                return list(job.names), fit
+    return None
 
 
 def _to_blame(checked: Checked) -> list[str]:
