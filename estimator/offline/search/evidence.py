@@ -40,7 +40,12 @@ class Evidence:
     @property
     def still_consistent(self) -> bool:
         """The same for what was accepted before: a lower threshold than for acceptance, so that the search settles."""
-        return self._significant(SIGNIFICANCE_TO_STAY) and self.in_both_halves
+        return self.beyond_scatter and self.in_both_halves
+
+    @property
+    def beyond_scatter(self) -> bool:
+        """Whether the gain per stretch is positive beyond its scatter, by the threshold to stay."""
+        return self._significant(SIGNIFICANCE_TO_STAY)
 
     @property
     def in_both_halves(self) -> bool:

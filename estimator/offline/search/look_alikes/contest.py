@@ -39,4 +39,4 @@ def _effect_instead(state: Greedy, name: str) -> Trial | None:
 def _led(state: Greedy, trial: Trial) -> bool:
     """Whether what the search has predicts better than a trial, beyond scatter."""
     assert trial.fit is not None
-    return compare(trial.fit.held_out(), state.fit.held_out(), state.fit.normal.count).consistent
+    return compare(trial.fit.held_out(), state.fit.held_out(), state.fit.normal.count).beyond_scatter
