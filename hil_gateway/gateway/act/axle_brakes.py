@@ -1,5 +1,5 @@
-"""Brakes of a stop, axle by axle: front wheels that lock are let roll, and where an axle fails, a tyre flat or a circuit
-weak, neither is asked for more than its tyres give.
+"""Brakes of a stop, axle by axle: front wheels that lock are let roll, and where an axle fails, a tyre flat or a
+circuit weak, neither is asked for more than its tyres give.
 
 Sound brakes press as declared; on tyres worse than declared they lock the front wheels, which then no longer steer.
 Where one axle gives less, the other takes over as far as its own tyres bear it. Axles

@@ -174,10 +174,14 @@ class MotionReader:
         """Yaw rate the rear wheels' difference means, rad/s."""
         return self._rear_difference(state) - self._mismatch * speed
 
+    def front_yaw_rate(self, state: VehicleState, speed: float) -> float:
+        """Yaw rate the front wheels' difference means, rad/s."""
+        return self._front_difference(state) - self._mismatch_front * speed
+
     def wheel_yaw_rate(self, state: VehicleState, speed: float) -> float:
         """Yaw rate by the axle that the engine does not drive now: under power an inner rear wheel slips, rad/s."""
         if state.drive > POWERED:
-            return self._front_difference(state) - self._mismatch_front * speed
+            return self.front_yaw_rate(state, speed)
         return self.rear_yaw_rate(state, speed)
 
     def _steered_rate(self, state: VehicleState, speed: float, commanded: Actuators | None) -> float:
