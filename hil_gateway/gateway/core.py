@@ -114,8 +114,9 @@ class Gateway:
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit)
         monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
         monitored = monitors.measures(now_ns, state, pose, commanded, course)
-        if course is not None and monitors.imu_wrong and not imu_was_wrong:
-            self._dead_reckoning.restart(now_ns, course)
+        if monitors.imu_wrong and not imu_was_wrong:  # a stop that begins now must not go by what was false
+            motion = monitors.motion.again(state, course)
+            pose = pose if course is None else self._dead_reckoning.restart(now_ns, course)
         return motion, pose, monitored
 
     def _decide(self, now_ns: int, state: VehicleState, monitored: Measures, before: Decision) -> Situation:

@@ -84,10 +84,11 @@ class DeadReckoning:
                 self.pose = self._corrected(self.pose, state, motion)
         return self.pose
 
-    def restart(self, now_ns: int, course: Course) -> None:
+    def restart(self, now_ns: int, course: Course) -> Pose:
         """Go on from the fixes alone: what has been reckoned so far used a wrong sensor."""
         self.pose = Pose(course.x, course.y, course.course, course.speed)
-        self._pose_ns, self._blind_m = now_ns, 0.0
+        self._pose_ns, self._blind_m, self._by_gyro = now_ns, 0.0, False
+        return self.pose
 
     def _carried_on(self, pose: Pose, now_ns: int, motion: Motion) -> Pose:
         dt = min(max((now_ns - self._pose_ns) / NS_PER_S, 0.0), LONGEST_S)
@@ -123,6 +124,7 @@ class DeadReckoning:
         if math.hypot(dx, dy) > GATE_M + GATE_PER_M * self._blind_m:
             return pose
         aside = math.cos(pose.yaw) * dy - math.sin(pose.yaw) * dx
-        turned = 0.0 if motion.by_gyro or self._blind_m < SHORTEST_M else math.atan2(YAW_GAIN * aside, self._blind_m)
+        drifts = motion.repaired or not motion.by_gyro
+        turned = math.atan2(YAW_GAIN * aside, self._blind_m) if drifts and self._blind_m >= SHORTEST_M else 0.0
         self._blind_m = 0.0
         return Pose(pose.x + FIX_GAIN * dx, pose.y + FIX_GAIN * dy, pose.yaw + turned, pose.speed, pose.slip)

@@ -223,5 +223,6 @@ class Monitors:
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
         self.motion.believe_imu = not self.imu_wrong and not self._imu_gone
         self.motion.imu_wrong = self.imu_wrong
+        self.motion.repair = self._imu.repair or self._gain.repair
         self.motion.believe_wheels = not self.wheels_wrong
         self.imu_suspect = self.imu_wrong or self._imu_gone or held_s > 0.0

@@ -80,3 +80,21 @@ def test_it_holds_until_the_car_stands():
     assert monitor.found
     monitor.step(0.0, (0.0, 0.0), None)
     assert not monitor.found
+
+
+@pytest.mark.parametrize(
+    ("gyro", "force", "sign", "across"), [(-1.0, -1.0, -1.0, -1.0), (-1.0, 1.0, -1.0, 1.0), (1.0, -1.0, 1.0, -1.0)]
+)
+def test_a_wrong_sign_is_taken_back(gyro, force, sign, across):
+    monitor = GainMonitor()
+    for _ in range(100):
+        monitor.step(SPEED, (gyro * 0.1, SPEED * force * 0.1), (0.1, 0.1))
+    assert monitor.repair is not None
+    assert (monitor.repair.sign, monitor.repair.force) == (sign, across)
+
+
+def test_a_gyro_that_shows_nothing_cannot_be_repaired():
+    monitor = GainMonitor()
+    for _ in range(100):
+        monitor.step(SPEED, (0.0, SPEED * 0.1), (0.1, 0.1))
+    assert monitor.found and monitor.repair is None
