@@ -1,91 +1,148 @@
-"""Gain of the IMU: what it shows of a turn that steering and front wheels both say, against what a sound one shows.
+"""Gain of the IMU: what it shows of a motion that two others both say, against what a sound one shows.
 
-With the yaw rate w that both say at least, to the same side, a gyro of gain k shows k w. Of two gains, 1 (sound) and 0
-(it hangs), the logarithm of the likelihood ratio grows with w (w - 2 g) (A. Wald, Sequential Analysis, 1947, with the
-noise left in the unit of the bound); added up from its last zero on (E. S. Page, Biometrika 41, 1954) it finds a
-gyro that hangs, and three times as fast one of the other sign. In a bend that takes a period, on a straight it takes
-the beginning of the next bend: the heading is some hundredths of a radian wrong by then. The same with the
-lateral specific force over the speed finds accelerometers.
+With the yaw rate w that steering and front wheels both say at least, to the same side, a gyro of gain k shows k w. Of
+two gains, 1 (sound) and 0 (it hangs), the logarithm of the likelihood ratio grows with w (w - 2 g) (A. Wald,
+Sequential Analysis, 1947, with the noise left in the unit of the bound); added up from its last zero on (E. S. Page,
+Biometrika 41, 1954) it finds a gyro that hangs, and three times as fast one of the other sign. In a bend that takes a
+period, on a straight it takes the beginning of the next bend: the heading is some hundredths of a radian wrong by then.
+The same with the lateral specific force over the speed finds accelerometers, and so do engine or brakes and the wheels'
+change of speed with the longitudinal one. There only the sign counts, with -2 w a, as in a stop everywhere: wheels that
+slip say more than the car does, to the same side.
 """
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import dataclass
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
 from hil_gateway.gateway.settings import PERIOD_S
 
 JUDGED_FROM = 15.0
 """m/s: slower, gravity across the car and noise of the wheel speeds are large beside v r"""
-TURN, FORCE = 3e-4, 6e-4
-"""rad^2/s: healthy drives of eight random cars (75 s each) come to 0.5e-4 and 1.7e-4; six and four times as much"""
-MIRRORED = -0.5
-"""gain of the gyro below which its sign is wrong: nearer to -1 than to 0"""
+TURN, FORCE, PUSH = 3e-4, 6e-4, 0.6
+"""rad^2/s, rad^2/s and m^2/s^3: healthy drives of eight random cars (75 s each) come to 0.5e-4, 1.7e-4 and 0.1"""
+TOLD = TURN / 3.0
+"""rad^2/s said of a turn with which a gyro of the other sign is found: enough to tell the sign of any"""
+RIGHT = 0.5
+"""gain from which a reading is right, and of the other sign below its negative: nearer to that than to none"""
 FILTER_S = 0.04
 """time constant of gyro and wheels, s: noise of the wheel speeds"""
+GAINED = 16
+"""periods over which wheels tell an acceleration: noise of 0.3 % at 80 m/s is 2 m/s2; the others are as late"""
+PEDALS_S = 0.03
+"""s after which the car follows brakes and engine"""
+
+
+@dataclass(frozen=True, slots=True)
+class Others:
+    """What the IMU is held against: yaw rates that steering and front wheels mean, rad/s (the engine slips inner rear
+    wheels), and the speed by the wheels, m/s."""
+
+    steered: float
+    wheels: float
+    speed: float
 
 
 class _Reading:
-    """One reading of the IMU."""
+    """Evidence against one reading, and its gain."""
 
     def __init__(self) -> None:
-        self.evidence = self._shown = self._turned = 0.0
-        """against it, and what it and the car have turned by since there was none, squared: rad^2/s"""
+        self.evidence = self._shown = self._said = 0.0
 
-    def add(self, turn: float, shown: float) -> None:
-        """A period in which the car turns by `turn` and the reading shows `shown` of it, rad/s."""
-        self.evidence = max(self.evidence + PERIOD_S * turn * (turn - 2.0 * shown), 0.0)
-        if self.evidence > 0.0:
-            self._shown, self._turned = self._shown + shown * turn, self._turned + turn**2
-        else:
-            self._shown = self._turned = 0.0
+    def add(self, said: float, shown: float, sign_alone: bool, keeps: bool) -> None:
+        """A period in which others say `said`, and the reading shows `shown` of it. Its gain is that since there was
+        no evidence, or where it `keeps` on, of all since then."""
+        more = said * ((0.0 if sign_alone else said) - 2.0 * shown)
+        self.evidence = max(self.evidence + PERIOD_S * more, 0.0)
+        if self.evidence <= 0.0 and not keeps:
+            self.forget()
+        self._shown, self._said = self._shown + PERIOD_S * shown * said, self._said + PERIOD_S * said**2
 
-    @property
-    def gain(self) -> float:
-        """Of the reading since there was no evidence against it, by least squares; 1 where there is none."""
-        return self._shown / self._turned if self._turned > 0.0 else 1.0
+    def forget(self) -> None:
+        """Nothing has been said yet."""
+        self.evidence = self._shown = self._said = 0.0
+
+    def sign(self, least: float) -> float:
+        """1 where it has been right, -1 where it has shown the other sign, 0 where less than `least` has been said, or
+        it has shown something else."""
+        if self._said < least or abs(self._shown) < RIGHT * self._said:
+            return 0.0
+        return 1.0 if self._shown > 0.0 else -1.0
+
+
+class _Along:
+    """Acceleration that engine or brakes and the wheels both say, and the one that is felt, equally late."""
+
+    def __init__(self, config: Config) -> None:
+        car = config.vehicle
+        self._per_drive = config.powertrain.force_per_drive / car.mass
+        self._drag = 0.5 * car.air_density * car.drag_area / car.mass
+        self._speeds: deque[float] = deque(maxlen=GAINED + 1)
+        self._pushed = self._felt = 0.0
+
+    def step(self, state: VehicleState, speed: float) -> tuple[float, float]:
+        """m/s2; the first is 0 where they differ in sign or the wheels have not told yet."""
+        half = 0.5 * GAINED * PERIOD_S
+        pushed = self._per_drive * state.drive - self._drag * speed**2
+        self._pushed += PERIOD_S / (PERIOD_S + half + PEDALS_S) * (pushed - self._pushed)
+        self._felt += PERIOD_S / (PERIOD_S + half) * (state.ax - self._felt)
+        self._speeds.append(speed)
+        if len(self._speeds) <= GAINED:
+            return 0.0, self._felt
+        gained = (self._speeds[-1] - self._speeds[0]) / (GAINED * PERIOD_S)
+        return _common(self._pushed, gained), self._felt
 
 
 class GainMonitor:
     """What it has found holds until the car stands."""
 
-    def __init__(self) -> None:
-        self._turn, self._force = _Reading(), _Reading()
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._turn, self._force, self._push = _Reading(), _Reading(), _Reading()
+        self._along = _Along(config)
         self._gyro = self._wheels = 0.0
         """yaw rates, filtered, rad/s"""
         self.found = False
-        """whether gyro or accelerometer have another gain than a sound one's"""
+        """whether one of the readings has another gain than a sound one's"""
         self.repair: GyroRepair | None = None
-        """what makes the gyro right again: nothing where only the accelerometer is wrong, its sign where that is"""
+        """what makes the gyro right again, once that is told"""
 
-    def step(self, speed: float, imu: tuple[float, float], others: tuple[float, float] | None) -> None:
-        """`imu`: yaw rate, rad/s, and lateral specific force without gravity, m/s2; `others`: yaw rates that steering
-        and front wheels mean (the engine slips inner rear ones), rad/s, None where they or the IMU say nothing."""
+    def step(self, state: VehicleState, speed: float, ay: float, others: Others | None, stopping: bool) -> None:
+        """`ay`: lateral specific force without gravity, m/s2; `others` is None where they or the IMU say nothing."""
         if speed <= 0.0:
             self.found, self.repair = False, None
         if speed < JUDGED_FROM or others is None:
-            self._turn, self._force = _Reading(), _Reading()
-            self._gyro = self._wheels = imu[0]
+            self._begin(state.yaw_rate)
             return
+        turn = self._turned(state.yaw_rate, others)
+        self._turn.add(turn, self._gyro, stopping, self.found)
+        self._force.add(turn, ay / speed, stopping, self.found)
+        self._push.add(*self._along.step(state, others.speed), sign_alone=True, keeps=self.found)
+        shares = self._turn.evidence / TURN, self._force.evidence / FORCE, self._push.evidence / PUSH
+        self.found = self.found or max(shares) > 1.0
+        if self.found and (self.repair is None or self.repair.force == 0.0):
+            self.repair = self._told() or self.repair
+
+    def _begin(self, yaw_rate: float) -> None:
+        for reading in (self._turn, self._force, self._push):
+            reading.forget()
+        self._along = _Along(self._config)
+        self._gyro = self._wheels = yaw_rate
+
+    def _turned(self, yaw_rate: float, others: Others) -> float:
+        """Yaw rate that steering and wheels both say, rad/s; after the filters of gyro and wheels."""
         share = PERIOD_S / (PERIOD_S + FILTER_S)
-        self._gyro += share * (imu[0] - self._gyro)
-        self._wheels += share * (others[1] - self._wheels)
-        turn = _common(others[0], self._wheels)
-        self._turn.add(turn, self._gyro)
-        self._force.add(turn, imu[1] / speed)
-        if not self.found and max(self._turn.evidence / TURN, self._force.evidence / FORCE) > 1.0:
-            self.found, self.repair = True, self._repair()
+        self._gyro += share * (yaw_rate - self._gyro)
+        self._wheels += share * (others.wheels - self._wheels)
+        return _common(others.steered, self._wheels)
 
-    def _repair(self) -> GyroRepair | None:
-        """By the gains: a gyro without evidence against it is right, and one that shows the other sign is mirrored."""
-        force = _sign(self._force)
-        sign = _sign(self._turn)
-        return GyroRepair(sign=sign, force=force) if sign else None
-
-
-def _sign(reading: _Reading) -> float:
-    """1 of one that is right, -1 of one that is mirrored, 0 of one that shows nothing."""
-    if reading.evidence <= 0.0:
-        return 1.0
-    return -1.0 if reading.gain < MIRRORED else 0.0
+    def _told(self) -> GyroRepair | None:
+        """By what gyro and lateral force have shown since evidence began."""
+        sign = self._turn.sign(TOLD)
+        return GyroRepair(sign=sign, force=self._force.sign(TOLD)) if sign else None
 
 
 def _common(one: float, other: float) -> float:

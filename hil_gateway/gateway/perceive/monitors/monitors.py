@@ -13,7 +13,7 @@ from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
 from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
-from hil_gateway.gateway.perceive.monitors.gain import GainMonitor
+from hil_gateway.gateway.perceive.monitors.gain import GainMonitor, Others
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.monitors.imu import ImuMonitor
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
@@ -72,7 +72,7 @@ class Monitors:
         self._gyro = GyroMonitor(vehicle)
         self._still = StillMonitor(config)
         self._imu = ImuMonitor()
-        self._gain = GainMonitor()
+        self._gain = GainMonitor(config)
         self._lateral = LateralMonitor()
         self._steady = SteadyCourse()
         self._course = CourseMonitor()
@@ -179,8 +179,9 @@ class Monitors:
         hangs = self._still.step(now_ns, state, speed, steered, ay) if compared and not self.stopping else 0.0
         swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
         sided = self._sides.step(now_ns, state, speed, ay) if compared and not self.stopping else 0.0
-        turned = (steered, self.motion.front_yaw_rate(state, speed)) if compared and not self.stopping else None
-        self._gain.step(speed, inertial, turned)
+        told = compared or (wheels and self._gain.found and state.sources["imu"].valid and not self.flat)
+        others = Others(steered, self.motion.front_yaw_rate(state, speed), second_fastest(state))
+        self._gain.step(state, speed, ay, others if told and not self.steering_reversed else None, self.stopping)
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
         locked = self._locked.step(state, speed)
         rates = state.yaw_rate, self.motion.wheel_yaw_rate(state, speed), steered
