@@ -12,12 +12,14 @@ slip say more than the car does, to the same side.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
+from hil_gateway.gateway.perceive.monitors.still import UNEVEN
 from hil_gateway.gateway.settings import PERIOD_S
 
 JUDGED_FROM = 15.0
@@ -39,7 +41,7 @@ PEDALS_S = 0.03
 @dataclass(frozen=True, slots=True)
 class Others:
     """What the IMU is held against: yaw rates that steering and front wheels mean, rad/s (the engine slips inner rear
-    wheels), and the speed by the wheels, m/s."""
+    wheels; inner front ones slip under the brakes), and the speed by the wheels, m/s."""
 
     steered: float
     wheels: float
@@ -105,6 +107,10 @@ class GainMonitor:
         self._along = _Along(config)
         self._gyro = self._wheels = 0.0
         """yaw rates, filtered, rad/s"""
+        self._braking = 0.0
+        """deceleration by the brakes that the filtered wheels have slipped for, m/s2"""
+        self._per_drive = config.powertrain.force_per_drive / config.vehicle.mass
+        self._uneven = UNEVEN / config.vehicle.track_front
         self.found = False
         """whether one of the readings has another gain than a sound one's"""
         self.repair: GyroRepair | None = None
@@ -117,7 +123,7 @@ class GainMonitor:
         if speed < JUDGED_FROM or others is None:
             self._begin(state.yaw_rate)
             return
-        turn = self._turned(state.yaw_rate, others)
+        turn = self._turned(state, speed, others)
         self._turn.add(turn, self._gyro, stopping, self.found)
         self._force.add(turn, ay / speed, stopping, self.found)
         self._push.add(*self._along.step(state, others.speed), sign_alone=True, keeps=self.found)
@@ -132,12 +138,16 @@ class GainMonitor:
         self._along = _Along(self._config)
         self._gyro = self._wheels = yaw_rate
 
-    def _turned(self, yaw_rate: float, others: Others) -> float:
-        """Yaw rate that steering and wheels both say, rad/s; after the filters of gyro and wheels."""
+    def _turned(self, state: VehicleState, speed: float, others: Others) -> float:
+        """Yaw rate that steering and wheels both say, rad/s, after the filters of gyro and wheels; what slip of an
+        inner wheel may be is none of it. Of an IMU that is wrong steering alone tells the rest."""
         share = PERIOD_S / (PERIOD_S + FILTER_S)
-        self._gyro += share * (yaw_rate - self._gyro)
+        self._gyro += share * (state.yaw_rate - self._gyro)
         self._wheels += share * (others.wheels - self._wheels)
-        return _common(others.steered, self._wheels)
+        self._braking = max((1.0 - share) * self._braking, -self._per_drive * state.drive)
+        slack = self._uneven * speed * self._braking
+        wheels = math.copysign(max(abs(self._wheels) - slack, 0.0), self._wheels)
+        return others.steered if self.found else _common(others.steered, wheels)
 
     def _told(self) -> GyroRepair | None:
         """By what gyro and lateral force have shown since evidence began."""
