@@ -8,8 +8,9 @@ turns the car less; a rear one spins it. So beside a flat tyre the rear tyres ar
 Of an axle with load N and the share m of the mass: F <= sqrt((mu N)^2 - (m a_y)^2) beside the lateral specific force
 a_y (friction circle; W. F. Milliken and D. L. Milliken, Race Car Vehicle Dynamics, 1995, ch. 2). An axle whose wheels
 slip all the same is let go until they roll. Beside a flat rear tyre a car that begins to spin gets all of the front
-brakes: wheels that lock turn it no further in, and the rear ones that roll pull it straight. A circuit that reports less than it is asked for is asked for more; then
-every brake is needed, and the rear tyres count with all of the declared grip.
+brakes: wheels that lock turn it no further in, and the rear ones that roll pull it straight. A circuit that reports
+less than it is asked for is asked for more; then every brake is needed, and the rear tyres count with all of the
+declared grip.
 """
 
 from __future__ import annotations
