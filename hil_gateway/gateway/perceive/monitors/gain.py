@@ -25,7 +25,7 @@ from hil_gateway.gateway.settings import PERIOD_S
 JUDGED_FROM = 15.0
 """m/s: slower, gravity across the car and noise of the wheel speeds are large beside v r"""
 TURN, FORCE, PUSH = 3e-4, 6e-4, 0.6
-"""rad^2/s, rad^2/s and m^2/s^3: healthy drives of eight random cars (75 s each) come to 0.5e-4, 1.7e-4 and 0.1"""
+"""rad^2/s, rad^2/s and m^2/s^3: healthy drives of 32 random cars (70 to 75 s each) come to 0.4e-4, 2.0e-4 and 0.12"""
 TOLD = TURN / 3.0
 """rad^2/s said of a turn with which a gyro of the other sign is found: enough to tell the sign of any"""
 RIGHT = 0.5
