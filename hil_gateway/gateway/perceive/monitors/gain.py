@@ -5,9 +5,9 @@ two gains, 1 (sound) and 0 (it hangs), the logarithm of the likelihood ratio gro
 Sequential Analysis, 1947, with the noise left in the unit of the bound); added up from its last zero on (E. S. Page,
 Biometrika 41, 1954) it finds a gyro that hangs, and three times as fast one of the other sign. In a bend that takes a
 period, on a straight it takes the beginning of the next bend: the heading is some hundredths of a radian wrong by then.
-The same with the lateral specific force over the speed finds accelerometers, and so do engine or brakes and the wheels'
-change of speed with the longitudinal one. There only the sign counts, with -2 w a, as in a stop everywhere: wheels that
-slip say more than the car does, to the same side.
+The same with the lateral specific force over the speed finds accelerometers, beyond what side slip that builds up
+makes, and so do engine or brakes and the wheels' change of speed with the longitudinal one. There only the sign counts,
+with -2 w a, as in a stop everywhere: wheels that slip say more than the car does, to the same side.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ from dataclasses import dataclass
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
+from hil_gateway.gateway.perceive.monitors.sensors import FORCE as SIDE_SLIP
 from hil_gateway.gateway.perceive.monitors.still import UNEVEN
 from hil_gateway.gateway.settings import PERIOD_S
 
 JUDGED_FROM = 15.0
 """m/s: slower, gravity across the car and noise of the wheel speeds are large beside v r"""
 TURN, FORCE, PUSH = 3e-4, 6e-4, 0.6
-"""rad^2/s, rad^2/s and m^2/s^3: healthy drives of 32 random cars (70 to 75 s each) come to 0.4e-4, 2.0e-4 and 0.12"""
+"""rad^2/s, rad^2/s and m^2/s^3: healthy drives of 32 random cars (70 to 75 s each) come to 0.8e-4, 0.2e-4 and 0.12"""
 TOLD = TURN / 3.0
 """rad^2/s said of a turn with which a gyro of the other sign is found: enough to tell the sign of any"""
 RIGHT = 0.5
@@ -125,7 +126,7 @@ class GainMonitor:
             return
         turn = self._turned(state, speed, others)
         self._turn.add(turn, self._gyro, stopping, self.found)
-        self._force.add(turn, ay / speed, stopping, self.found)
+        self._force.add(_beyond(turn, SIDE_SLIP / speed), ay / speed, stopping, self.found)
         self._push.add(*self._along.step(state, others.speed), sign_alone=True, keeps=self.found)
         shares = self._turn.evidence / TURN, self._force.evidence / FORCE, self._push.evidence / PUSH
         self.found = self.found or max(shares) > 1.0
@@ -146,13 +147,17 @@ class GainMonitor:
         self._wheels += share * (others.wheels - self._wheels)
         self._braking = max((1.0 - share) * self._braking, -self._per_drive * state.drive)
         slack = self._uneven * speed * self._braking
-        wheels = math.copysign(max(abs(self._wheels) - slack, 0.0), self._wheels)
-        return others.steered if self.found else _common(others.steered, wheels)
+        return others.steered if self.found else _common(others.steered, _beyond(self._wheels, slack))
 
     def _told(self) -> GyroRepair | None:
         """By what gyro and lateral force have shown since evidence began."""
         sign = self._turn.sign(TOLD)
         return GyroRepair(sign=sign, force=self._force.sign(TOLD)) if sign else None
+
+
+def _beyond(value: float, slack: float) -> float:
+    """What is left of it beyond a slack to either side."""
+    return math.copysign(max(abs(value) - slack, 0.0), value)
 
 
 def _common(one: float, other: float) -> float:

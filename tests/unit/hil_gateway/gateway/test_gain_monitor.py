@@ -141,6 +141,15 @@ def test_an_inner_wheel_that_slips_under_the_brakes_as_the_car_turns_back_blames
     assert not drive.monitor.found
 
 
+def test_side_slip_that_goes_as_a_car_leaves_a_bend_blames_no_accelerometer(state):
+    """Car 7117 of the simulated ones: it has turned back already, and the force still points to the inside."""
+    drive = Drive(state)
+    turned = state.model_copy(update={"yaw_rate": -0.035, "ax": 0.0})
+    for _ in range(100):
+        drive.monitor.step(turned, SPEED, 4.0, Others(-0.08, -0.03, SPEED), False)
+    assert not drive.monitor.found
+
+
 def test_it_holds_until_the_car_stands(state):
     drive = Drive(state)
     drive.noticed(lambda t: BEND, gyro=-1.0)
