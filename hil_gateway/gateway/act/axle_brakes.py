@@ -7,10 +7,8 @@ bear different shares of the load, and the engine drags at the rear one alone. A
 turns the car less; a rear one spins it. So beside a flat tyre the rear tyres are reckoned with less grip than declared.
 Of an axle with load N and the share m of the mass: F <= sqrt((mu N)^2 - (m a_y)^2) beside the lateral specific force
 a_y (friction circle; W. F. Milliken and D. L. Milliken, Race Car Vehicle Dynamics, 1995, ch. 2). An axle whose wheels
-slip all the same is let go until they roll. Beside a flat rear tyre a car that begins to spin gets all of the front
-brakes: wheels that lock turn it no further in, and the rear ones that roll pull it straight. A circuit that reports
-less than it is asked for is asked for more; then every brake is needed, and the rear tyres count with all of the
-declared grip.
+slip all the same is let go until they roll. A circuit that reports less than it is asked for is asked for more; then
+every brake is needed, and the rear tyres count with all of the declared grip.
 """
 
 from __future__ import annotations
@@ -54,9 +52,6 @@ WEAKEST = 0.15
 """share below which a circuit is not asked for still more"""
 LEARNT = 0.1
 """weight of a period: 0.1 s"""
-SPINS = 0.15
-"""rad/s by which a car turns faster than its way bends, with the slip angle of its rear axle: 20 degrees of bank make
-0.06 at 60 m/s, noise of the lateral force 0.01"""
 SLIP_FROM = 6.0
 """m/s: slower, noise and rounding of the wheel speeds are slip"""
 
@@ -109,8 +104,6 @@ class AxleBrakes:
         pressures = self.shared(wanted, demand, motion.speed) if fails else asked
         if motion.by_wheels and motion.speed > SLIP_FROM:
             self._watch(pressures, self._slips(state, motion))
-        if demand.flat_rear and _spins(motion):
-            return replace(wanted, brake_front=self._most, brake_rear=0.0)
         if not fails:
             return replace(wanted, brake_front=min(wanted.brake_front, self._held[0]))
         limited = (min(pair) for pair in zip(pressures, self._held, strict=True))
@@ -160,12 +153,6 @@ class AxleBrakes:
                 self._held[axle] = max(share * min(self._held[axle], pressure), LEAST_PRESSURE)
             else:
                 self._held[axle] = min(self._held[axle] + PRESS_AGAIN * PERIOD_S, self._most)
-
-
-def _spins(motion: Motion) -> bool:
-    """Whether the car turns faster than its way bends, by `SPINS`."""
-    bends = abs(motion.ay) / max(motion.speed, SLIP_FROM)
-    return motion.by_gyro and abs(motion.yaw_rate) - bends > SPINS
 
 
 def _beside(across: float, most: float) -> float:

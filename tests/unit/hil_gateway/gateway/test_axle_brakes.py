@@ -60,15 +60,6 @@ def test_a_flat_rear_tyre_leaves_braking_to_the_front_axle():
     assert front > wanted.brake_front
 
 
-@pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_car_with_a_flat_rear_tyre_that_begins_to_spin_locks_its_front_wheels_and_lets_the_rear_ones_roll(rig, side):
-    state, demand = rig.gateway.seen[0], Demand(14.0, flat_front=False, flat_rear=True)
-    spins, turns = (Motion(60.0, side * rate, side * 20.0) for rate in (0.6, 0.4))
-    sent = brakes().step(asked(6.0), demand, state, spins)
-    assert (sent.brake_front, sent.brake_rear) == (TRAIN.brake_pressure_max, 0.0)
-    assert brakes().step(asked(6.0), demand, state, turns).brake_front < TRAIN.brake_pressure_max
-
-
 def test_a_flat_front_tyre_takes_nothing_over():
     wanted = asked(8.0)
     front, rear = brakes().shared(wanted, Demand(14.0, flat_front=True, flat_rear=False), 50.0)
