@@ -105,17 +105,21 @@ class Gateway:
         motion = monitors.motion.step(now_ns, state, course if fixes_fitted else None, commanded)
         monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
         monitors.position.scattered(now_ns, self._course.scatter_m)
-        monitors.position.outvoted(self._receivers.step(now_ns, self.builder, motion.speed))
+        learns = not monitors.position.wrong
+        monitors.position.outvoted(self._receivers.step(now_ns, self.builder, motion.speed, learns))
         estimate = self.inbox.read_estimate(now_ns)
         monitors.heed(now_ns, state, self.inbox.estimate)
         believed = estimate if monitors.estimate_fits else None
         if believed is not None and not before.stopping:
             monitors.motion.teach(now_ns, state, believed)
-        pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit)
+        drifts = monitors.position.drifts
+        aside = self._receivers.aside if drifts else (0.0, 0.0)
+        pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit or drifts, aside)
         monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
         monitored = monitors.measures(now_ns, state, pose, commanded, course)
-        if course is not None and monitors.imu_wrong and not imu_was_wrong:
-            self._dead_reckoning.restart(now_ns, course)
+        if monitors.imu_wrong and not imu_was_wrong:  # a stop that begins now must not go by what was false
+            motion = monitors.motion.again(state, course)
+            pose = pose if course is None else self._dead_reckoning.restart(now_ns, course)
         return motion, pose, monitored
 
     def _decide(self, now_ns: int, state: VehicleState, monitored: Measures, before: Decision) -> Situation:

@@ -1,6 +1,8 @@
-"""Brakes of a stop in which an axle fails, a tyre flat or a circuit weak: no more on either than its tyres give.
+"""Brakes of a stop, axle by axle: front wheels that lock are let roll, and where an axle fails, a tyre flat or a
+circuit weak, neither is asked for more than its tyres give.
 
-Sound brakes press as declared. Where one axle gives less, the other takes over as far as its own tyres bear it. Axles
+Sound brakes press as declared; on tyres worse than declared they lock the front wheels, which then no longer steer.
+Where one axle gives less, the other takes over as far as its own tyres bear it. Axles
 bear different shares of the load, and the engine drags at the rear one alone. A front axle that is braked too hard
 turns the car less; a rear one spins it. So beside a flat tyre the rear tyres are reckoned with less grip than declared.
 Of an axle with load N and the share m of the mass: F <= sqrt((mu N)^2 - (m a_y)^2) beside the lateral specific force
@@ -95,12 +97,15 @@ class AxleBrakes:
         self._held = [self._most, self._most]
 
     def step(self, wanted: Actuators, demand: Demand, state: VehicleState, motion: Motion) -> Actuators:
-        """`wanted`, where an axle fails with the pressures that the axles bear."""
-        if not (demand.flat_front or demand.flat_rear or self._weak):
-            return wanted
-        pressures = self.shared(wanted, demand, motion.speed)
+        """`wanted` with front brakes that leave the wheels rolling; where an axle fails with the pressures that the
+        axles bear."""
+        fails = demand.flat_front or demand.flat_rear or self._weak
+        asked = wanted.brake_front, wanted.brake_rear
+        pressures = self.shared(wanted, demand, motion.speed) if fails else asked
         if motion.by_wheels and motion.speed > SLIP_FROM:
             self._watch(pressures, self._slips(state, motion))
+        if not fails:
+            return replace(wanted, brake_front=min(wanted.brake_front, self._held[0]))
         limited = (min(pair) for pair in zip(pressures, self._held, strict=True))
         front, rear = (min(p / max(a, WEAKEST), self._most) for p, a in zip(limited, self._answers, strict=True))
         return replace(wanted, brake_front=front, brake_rear=rear)

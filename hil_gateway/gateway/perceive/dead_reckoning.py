@@ -66,12 +66,14 @@ class DeadReckoning:
         self._fix_seq = 0
         self._blind_m = 0.0
 
-    def step(
-        self, now_ns: int, state: VehicleState, motion: Motion, estimate: Estimate | None, believe_fixes: bool = True
-    ) -> Pose | None:
+    def step(  # noqa: PLR0917 - what a pose is made of
+        self, now_ns: int, state: VehicleState, motion: Motion, estimate: Estimate | None, believe_fixes: bool = True,
+        aside: tuple[float, float] = (0.0, 0.0),
+    ) -> Pose | None:  # fmt: skip
         """Pose at `now_ns` from the newest valid estimate, if there is one, and how the car moves.
 
-        `believe_fixes` is false from the first fix on that does not fit the way the car has gone.
+        `believe_fixes` is false from the first fix on that does not fit the way the car has gone. They lie `aside` of
+        the car, by so many m in the map.
         """
         if estimate is not None and (self.pose is None or estimate.state_stamp_ns != self._answered_ns):
             self._learn(estimate, motion)
@@ -81,13 +83,14 @@ class DeadReckoning:
         if self.pose is not None:
             self.pose = self._carried_on(self.pose, now_ns, motion)
             if believe_fixes:
-                self.pose = self._corrected(self.pose, state, motion)
+                self.pose = self._corrected(self.pose, state, motion, aside)
         return self.pose
 
-    def restart(self, now_ns: int, course: Course) -> None:
+    def restart(self, now_ns: int, course: Course) -> Pose:
         """Go on from the fixes alone: what has been reckoned so far used a wrong sensor."""
         self.pose = Pose(course.x, course.y, course.course, course.speed)
-        self._pose_ns, self._blind_m = now_ns, 0.0
+        self._pose_ns, self._blind_m, self._by_gyro = now_ns, 0.0, False
+        return self.pose
 
     def _carried_on(self, pose: Pose, now_ns: int, motion: Motion) -> Pose:
         dt = min(max((now_ns - self._pose_ns) / NS_PER_S, 0.0), LONGEST_S)
@@ -114,15 +117,16 @@ class DeadReckoning:
         share = min(max(self._yields / max(self._forces, 1.0), 0.0), SLIP_MOST)
         return self._rear * motion.yaw_rate / motion.speed - share * motion.ay
 
-    def _corrected(self, pose: Pose, state: VehicleState, motion: Motion) -> Pose:
+    def _corrected(self, pose: Pose, state: VehicleState, motion: Motion, aside: tuple[float, float]) -> Pose:
         """Moved towards the fix that arrived this period, if one did."""
         if state.position_seq == self._fix_seq:
             return pose
         self._fix_seq = state.position_seq
-        dx, dy = state.position_x - pose.x, state.position_y - pose.y
+        dx, dy = state.position_x - aside[0] - pose.x, state.position_y - aside[1] - pose.y
         if math.hypot(dx, dy) > GATE_M + GATE_PER_M * self._blind_m:
             return pose
-        aside = math.cos(pose.yaw) * dy - math.sin(pose.yaw) * dx
-        turned = 0.0 if motion.by_gyro or self._blind_m < SHORTEST_M else math.atan2(YAW_GAIN * aside, self._blind_m)
+        across = math.cos(pose.yaw) * dy - math.sin(pose.yaw) * dx
+        drifts = motion.repaired or not motion.by_gyro
+        turned = math.atan2(YAW_GAIN * across, self._blind_m) if drifts and self._blind_m >= SHORTEST_M else 0.0
         self._blind_m = 0.0
         return Pose(pose.x + FIX_GAIN * dx, pose.y + FIX_GAIN * dy, pose.yaw + turned, pose.speed, pose.slip)

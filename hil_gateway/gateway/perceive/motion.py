@@ -10,6 +10,7 @@ from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.perceive.course import Course
+from hil_gateway.gateway.perceive.gyro_repair import GyroRepair, RepairedGyro
 from hil_gateway.process.clock import NS_PER_S
 
 DECELERATION_MAX = 35.0
@@ -82,6 +83,8 @@ class Motion:
     """whether the yaw rate is that of now: the gyro's, or one that the wheels have told the changes of"""
     by_wheels: bool = True
     """whether the speed is that of the wheels"""
+    repaired: bool = False
+    """whether the gyro is one with what it is wrong by taken back: the rest of that adds up, and fixes correct it"""
 
 
 class MotionReader:
@@ -89,7 +92,8 @@ class MotionReader:
 
     Speed: the second fastest wheel (one sensor may be wrong), at the centre of gravity and with the slip that estimates
     have taught, held against locking by what tyres can do; without wheels that of the fixes, then the IMU carries it
-    on. Yaw rate: the gyro; without it the turn rate of the fixes' course, then the rear wheels' difference (which
+    on. Yaw rate: the gyro, also one that failed in a known way, with that taken back; without it the turn rate of the
+    fixes' course, then the rear wheels' difference (which
     braking falsifies), then v tan(delta) / (L + K v^2) with the understeer K that the gyro has taught. Turn rates are
     late by half the time they span: what has changed since then is added, half of it by the differences of the wheels
     (under the brakes up to twice what it is) and half by the steering; by the steering alone without wheels.
@@ -123,6 +127,9 @@ class MotionReader:
         """false when other sensors contradict them"""
         self.imu_wrong = False
         """whether the IMU is contradicted, and not only gone: the last it has taught may be wrong, too"""
+        self.repair: GyroRepair | None = None
+        """what makes a gyro that is not believed right again, where that is known"""
+        self._repaired = RepairedGyro()
 
     def step(
         self, now_ns: int, state: VehicleState, course: Course | None = None, commanded: Actuators | None = None
@@ -141,15 +148,27 @@ class MotionReader:
         before = self._steered[-1] if self._steered else steered
         self._steered.append(before + dt / (dt + TURNS_IN_S * speed + 1e-9) * (steered - before))
         self._note_turn(state, speed, wheels, dt)
-        yaw_rate = state.yaw_rate if imu else self._without_gyro(state, speed, wheels, course)
         if imu and wheels and speed > LEARNING_FROM:
             share = min(dt / MISMATCH_S, 1.0)
             front, rear = self._front_difference(state), self._rear_difference(state)
             self._mismatch_front += share * ((front - state.yaw_rate) / speed - self._mismatch_front)
             self._mismatch += share * ((rear - state.yaw_rate) / speed - self._mismatch)
-        force = state.ay if imu else speed * max(yaw_rate, self._steered[-1], key=abs)
-        prompt = imu or (course is not None and self._wheels_tell)
-        self.motion = Motion(speed, yaw_rate, force, imu, self._understeer, prompt, wheels)
+        return self._move(state, speed, course)
+
+    def again(self, state: VehicleState, course: Course | None) -> Motion:
+        """Motion of the present period once more: sensors have been found wrong since `step`."""
+        return self._move(state, self.motion.speed, course)
+
+    def _move(self, state: VehicleState, speed: float, course: Course | None) -> Motion:
+        imu = state.sources["imu"].valid and self.believe_imu
+        wheels = state.sources["wheel_speeds"].valid and self.believe_wheels
+        inertial = (state.yaw_rate, state.ay) if imu else self._by_repair(state, speed, course)
+        yaw_rate = self._without_gyro(state, speed, wheels, course) if inertial is None else inertial[0]
+        force = speed * max(yaw_rate, self._steered[-1], key=abs) if inertial is None else inertial[1]
+        by_gyro = inertial is not None
+        prompt = by_gyro or (course is not None and self._wheels_tell)
+        repaired = by_gyro and not imu
+        self.motion = Motion(speed, yaw_rate, force, by_gyro, self._understeer, prompt, wheels, repaired)
         return self.motion
 
     def teach(self, now_ns: int, state: VehicleState, estimate: Estimate) -> None:
@@ -174,10 +193,14 @@ class MotionReader:
         """Yaw rate the rear wheels' difference means, rad/s."""
         return self._rear_difference(state) - self._mismatch * speed
 
+    def front_yaw_rate(self, state: VehicleState, speed: float) -> float:
+        """Yaw rate the front wheels' difference means, rad/s."""
+        return self._front_difference(state) - self._mismatch_front * speed
+
     def wheel_yaw_rate(self, state: VehicleState, speed: float) -> float:
         """Yaw rate by the axle that the engine does not drive now: under power an inner rear wheel slips, rad/s."""
         if state.drive > POWERED:
-            return self._front_difference(state) - self._mismatch_front * speed
+            return self.front_yaw_rate(state, speed)
         return self.rear_yaw_rate(state, speed)
 
     def _steered_rate(self, state: VehicleState, speed: float, commanded: Actuators | None) -> float:
@@ -256,6 +279,15 @@ class MotionReader:
             return 0.0
         pressed = (commanded.brake_front + commanded.brake_rear) * self._per_pa
         return self._learnt[1] * pressed + self._drag * self.motion.speed**2
+
+    def _by_repair(self, state: VehicleState, speed: float, course: Course | None) -> tuple[float, float] | None:
+        """Yaw rate (rad/s) and lateral specific force (m/s2) of an IMU that has a repair."""
+        reading = state.yaw_rate if state.sources["imu"].valid else None
+        yaw_rate = self._repaired.step(self.repair, reading, None if course is None else course.turn_rate)
+        if yaw_rate is None or self.repair is None:
+            return None
+        sign = self.repair.force
+        return yaw_rate, sign * state.ay if sign else speed * yaw_rate
 
     def _without_gyro(self, state: VehicleState, speed: float, wheels: bool, course: Course | None) -> float:
         if course is not None:

@@ -210,6 +210,7 @@ def summary(results: Sequence[FaultResult]) -> dict[str, Any]:
             "stops": len(stops),
             "off the road unnoticed": [f"{r.fault}, {r.speed:.0f} m/s" for r in chosen if r.harmful],
             "off the road by physics": sum(r.why == PHYSICS for r in off),
+            "not to be held by any stop once noticed": sum(r.why in (PHYSICS, LATE) for r in off),
             "kept": 1.0 - sum(r.why != PHYSICS for r in off) / max(len(stops), 1),
             "stops off the road": [f"{r.fault}, {r.speed:.0f} m/s: {-r.margin_m:.1f} m, {r.why}" for r in off],
         }

@@ -143,7 +143,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         POSITION,
         (*_FIX, "off_road"),
         6.0,
-        "two other receivers (`marelli_gps_*`, MyLaps), once it leads aside",
+        "two other receivers (`marelli_gps_*`, MyLaps), once it leads aside; they guide the stop",
         _north(lambda m: 0.5 * m.t),
     ),
     CarFault("position 0.1 s late", POSITION, _FIX, 0.6, "way by wheels and gyro, above 30 m/s", None, delay_s=0.1),
@@ -165,7 +165,8 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     ),
     CarFault("IMU near zero", IMU, _MOTION, 6.0, "its own noise, a step", _scaled(0.02, *INERTIAL)),
     CarFault(
-        "IMU sign flipped", IMU, _MOTION, 6.0, "a step, or wheels and steering, in the next bend",
+        "IMU sign flipped", IMU, _MOTION, 6.0,
+        "a step, or steering and front wheels in the next bend, or engine, brakes and wheels",
         _scaled(-1.0, *INERTIAL)
     ),
     CarFault(
@@ -242,7 +243,8 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         actuate=lambda asked, before: replace(asked, throttle=max(asked.throttle, 0.6)),
     ),
     CarFault(
-        "IMU turned by 180 deg", IMU, _MOTION, 6.0, "a step, or wheels and steering, in the next bend",
+        "IMU turned by 180 deg", IMU, _MOTION, 6.0,
+        "a step, or steering and front wheels in the next bend, or engine, brakes and wheels",
         _scaled(-1.0, "imu_ax", "imu_ay"),
     ),
     CarFault(

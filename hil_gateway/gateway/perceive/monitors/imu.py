@@ -11,6 +11,7 @@ from collections import deque
 from itertools import pairwise
 
 from hil_gateway.bus.messages import VehicleState
+from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
 from hil_gateway.gateway.perceive.monitors.sensors import JUDGED_FROM
 from hil_gateway.gateway.settings import PERIOD_S
 
@@ -34,6 +35,12 @@ HELD_S, MISSED_S = PERIOD_S, 2 * PERIOD_S
 """s; age of a reading that is the one before, and of one after which two were missed: all that changed comes at once"""
 RESOLVED = 5e-4
 """rad/s of usual noise, six steps of 0.005 deg/s, from which less can be told"""
+UNMOVED = 1.5
+"""m/s2 that a force steps by at most in sound drives"""
+MIRROR = 0.1
+"""of a step, within which a reading is the one before with the other sign: a car turns on by less in a period"""
+SCALED = 0.2
+"""of the yaw rate before, below which the one after a step is one of another scale"""
 
 
 class ImuMonitor:
@@ -46,10 +53,13 @@ class ImuMonitor:
         """second differences of the yaw rate, rad/s"""
         self._usual, self._learnt = 0.0, 0
         self.found = False
+        self.repair: GyroRepair | None = None
+        """what makes the gyro right again, where the step tells"""
 
     def step(self, state: VehicleState, speed: float) -> None:
         """One period; `speed` in m/s."""
-        self.found = self.found and speed > 0.0
+        if speed <= 0.0:
+            self.found, self.repair = False, None
         imu = state.sources["imu"]
         if speed < JUDGED_FROM or not imu.valid or imu.age_s is None or imu.age_s >= MISSED_S:
             self._readings.clear()
@@ -58,7 +68,9 @@ class ImuMonitor:
         if imu.age_s >= HELD_S:
             return
         self._readings.append((state.yaw_rate, state.ay, state.ax))
-        self.found = self.found or self._stepped() or self._quiet()
+        if not self.found and self._stepped():
+            self.found, self.repair = True, self._repair()
+        self.found = self.found or self._quiet()
 
     def _stepped(self) -> bool:
         """Whether the yaw rate has stepped by `KICK`, or two of the three, one of them the yaw rate or to the other
@@ -70,6 +82,21 @@ class ImuMonitor:
         _, *before = self._readings[STEADY - 1]
         mirrored = any(was * (was + force) < 0.0 for force, was in zip(forces, before, strict=True))
         return abs(turn) > KICK or (abs(turn) > TURN and any(stepped)) or (all(stepped) and mirrored)
+
+    def _repair(self) -> GyroRepair | None:
+        """By the readings on both sides of the step: an offset of the yaw rate alone, or the other sign of all, or of
+        the forces alone; each is told only where it cannot be another, or another scale."""
+        turn, *forces = zip(*self._readings, strict=True)
+        before, after = turn[STEADY - 1], turn[STEADY]
+        stands, mirrored = abs(after - before) < TURN, _mirrored(turn, TURN)
+        if _mirrored(forces[0], FORCE):
+            if mirrored:
+                return GyroRepair(sign=-1.0, force=-1.0)
+            return GyroRepair(force=-1.0) if stands and abs(before) > TURN else None
+        moved = any(abs(force[STEADY] - force[STEADY - 1]) > UNMOVED for force in forces)
+        if stands or moved or mirrored or abs(after) < SCALED * abs(before):
+            return None
+        return GyroRepair(offset=after - before)
 
     def _quiet(self) -> bool:
         """Whether the noise has fallen; learns what is usual."""
@@ -90,3 +117,9 @@ def _step(readings: tuple[float, ...]) -> float:
     changes = [now - before for before, now in pairwise(readings)]
     step = changes.pop(STEADY - 1)
     return step if max(map(abs, changes)) < LEVEL_SHARE * abs(step) else 0.0
+
+
+def _mirrored(readings: tuple[float, ...], least: float) -> bool:
+    """Whether the readings after a step of at least so much are those before it with the other sign."""
+    before, after = readings[STEADY - 1], readings[STEADY]
+    return abs(before - after) > least and abs(before + after) < MIRROR * abs(before - after)

@@ -13,6 +13,7 @@ from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
 from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
+from hil_gateway.gateway.perceive.monitors.gain import GainMonitor, Others
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.monitors.imu import ImuMonitor
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
@@ -71,6 +72,7 @@ class Monitors:
         self._gyro = GyroMonitor(vehicle)
         self._still = StillMonitor(config)
         self._imu = ImuMonitor()
+        self._gain = GainMonitor(config)
         self._lateral = LateralMonitor()
         self._steady = SteadyCourse()
         self._course = CourseMonitor()
@@ -177,12 +179,15 @@ class Monitors:
         hangs = self._still.step(now_ns, state, speed, steered, ay) if compared and not self.stopping else 0.0
         swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
         sided = self._sides.step(now_ns, state, speed, ay) if compared and not self.stopping else 0.0
+        told = compared or (wheels and self._gain.found and state.sources["imu"].valid and not self.flat)
+        others = Others(steered, self.motion.front_yaw_rate(state, speed), second_fastest(state))
+        self._gain.step(state, speed, ay, others if told and not self.steering_reversed else None, self.stopping)
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
         locked = self._locked.step(state, speed)
         rates = state.yaw_rate, self.motion.wheel_yaw_rate(state, speed), steered
         return Sensors(
             wheels=max(one_differs, swapped, sided),
-            yaw_rate=INFINITE if self._imu.found else max(turns, hangs, contradicted.yaw_rate),
+            yaw_rate=INFINITE if self._imu_false else max(turns, hangs, contradicted.yaw_rate),
             acceleration=max(changes, lateral, contradicted.acceleration),
             slipping=(wheels and self._wheels.all_fell) or (changes > 0.0 and contradicted.wheels > 0.0 and not locked),
             fixes=trusted is not None,
@@ -193,11 +198,16 @@ class Monitors:
         """Whether the IMU is there, and was during all of a stop."""
         return state.sources["imu"].valid and not self._imu_gone
 
+    @property
+    def _imu_false(self) -> bool:
+        """Whether the IMU has shown by itself, or by its gain, that it no longer measures."""
+        return self._imu.found or self._gain.found
+
     def _miss(self, now_ns: int, state: VehicleState) -> None:
         """An IMU that is gone while the wheels go on reporting."""
         alone = state.sources["wheel_speeds"].valid and not state.sources["imu"].valid
         held_s = self._imu_missed.update(alone, now_ns)
-        self._imu_gone = self._imu.found or (self.stopping and (self._imu_gone or held_s > IMU_GONE_S))
+        self._imu_gone = self._imu_false or (self.stopping and (self._imu_gone or held_s > IMU_GONE_S))
 
     def _distrust(self, held_s: float, sensors: Sensors) -> None:
         """From a first contradiction of the IMU, which has `held_s`, no estimate is believed; after some of it, until
@@ -214,5 +224,6 @@ class Monitors:
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
         self.motion.believe_imu = not self.imu_wrong and not self._imu_gone
         self.motion.imu_wrong = self.imu_wrong
+        self.motion.repair = self._imu.repair or self._gain.repair
         self.motion.believe_wheels = not self.wheels_wrong
         self.imu_suspect = self.imu_wrong or self._imu_gone or held_s > 0.0

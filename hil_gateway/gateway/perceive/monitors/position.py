@@ -64,7 +64,7 @@ class PositionMonitor:
         self.wrong = False
         self.refused = False
         """by the estimator, until the car stands"""
-        self._contradicted = False
+        self._contradicted = self._drifts = False
         self._answering, self._estimated = Held(), False
         self._scatter = Held()
         self.lost_s = 0.0
@@ -82,7 +82,15 @@ class PositionMonitor:
 
     def outvoted(self, held_s: float) -> None:
         """Both other receivers have lain far to one side of the fixes for so long."""
-        self.wrong = self.wrong or (self._reference is not None and held_s > OUTVOTED_S)
+        tells = self._reference is not None and held_s > OUTVOTED_S
+        self._drifts = self._drifts or (tells and not self.suspect)
+        self.wrong = self.wrong or tells
+
+    @property
+    def drifts(self) -> bool:
+        """Whether all that is wrong with the fixes is that the other receivers lie aside: they go the way of the car,
+        some metres beside it."""
+        return self._drifts and self._level <= 0.0 and not (self.refused or self._contradicted)
 
     def contradicted(self, held_s: float) -> None:
         """The course of the fixes has contradicted IMU and wheels, which agree, for so long."""
@@ -106,7 +114,8 @@ class PositionMonitor:
         if pose is None or motion.speed < JUDGED_FROM:
             self._reference, self._level, self._aside, self._ahead = None, 0.0, 0.0, 0.0
             self.lost_s, self._fix_ns = 0.0, now_ns
-            self.wrong, self.refused = (found and motion.speed > 0.0 for found in (self.wrong, self.refused))
+            found = self.wrong, self.refused, self._drifts
+            self.wrong, self.refused, self._drifts = (was and motion.speed > 0.0 for was in found)
             self._seq = state.position_seq
             return
         self._carry_on(motion, dt)

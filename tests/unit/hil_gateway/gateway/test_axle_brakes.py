@@ -93,6 +93,27 @@ def test_an_axle_whose_wheels_slip_is_let_go_and_pressed_again_where_they_roll(r
     assert getattr(sent, f"brake_{axle}") == pytest.approx(at_first)
 
 
+def test_front_wheels_that_lock_on_worse_tyres_than_declared_are_let_roll_in_a_sound_car(rig):
+    state, car = rig.gateway.seen[0], brakes()
+    locked = state.model_copy(update={"wheel_speed_fl": 5.0, "wheel_speed_fr": 5.0})
+    locked = locked.model_copy(update={"wheel_speed_rl": 30.0, "wheel_speed_rr": 30.0})
+    wanted = asked(12.0)
+    for _ in range(20):
+        sent = car.step(wanted, STRAIGHT, locked, Motion(30.0))
+    assert sent.brake_front < 0.1 * wanted.brake_front
+    assert sent.brake_rear == wanted.brake_rear
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.06])
+def test_sound_brakes_whose_wheels_roll_press_as_declared(rig, slip):
+    state, car = rig.gateway.seen[0], brakes()
+    speeds = {f"wheel_speed_{wheel}": (1.0 - slip) * 30.0 for wheel in ("fl", "fr", "rl", "rr")}
+    rolling = state.model_copy(update=speeds)
+    for _ in range(20):
+        sent = car.step(asked(12.0), STRAIGHT, rolling, Motion(30.0))
+    assert sent == asked(12.0)
+
+
 def test_one_wheel_of_an_axle_that_slips_lets_nothing_go(rig):
     """An inner wheel in a bend, or a sensor that reads too little."""
     state, car = rig.gateway.seen[0], brakes()

@@ -83,6 +83,28 @@ def test_fixes_hold_a_drift_that_wheels_and_gyro_do_not_see(rig):
     assert math.hypot(helped.x - x, helped.y - y) < 0.2
 
 
+def test_fixes_that_are_known_to_lie_aside_hold_the_pose_beside_them(rig):
+    reckoning = DeadReckoning(REAR)
+    reckoning.step(rig.now_ns, state(rig), AHEAD, estimate(rig))
+    for tick in range(1, 201):
+        fixed = state(rig, position_seq=tick // 5, position_x=0.4 * tick, position_y=1.5)
+        pose = reckoning.step(rig.now_ns + tick * TICK_NS, fixed, AHEAD, None, aside=(0.0, 1.0))
+    assert pose is not None
+    assert pose.y == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_repaired_gyro_whose_heading_drifts_is_held_by_the_fixes(rig):
+    """0.02 rad/s of offset that are left."""
+    reckoning = DeadReckoning(REAR)
+    reckoning.step(rig.now_ns, state(rig), AHEAD, estimate(rig))
+    for tick in range(1, 401):
+        fixed = state(rig, position_seq=tick // 5, position_x=0.4 * tick)
+        motion = Motion(40.0, 0.02, repaired=True)
+        pose = reckoning.step(rig.now_ns + tick * TICK_NS, fixed, motion, None)
+    assert pose is not None
+    assert abs(pose.yaw) < 0.02
+
+
 def test_a_fix_that_jumps_is_no_fix(rig):
     x, y = on_circle(1.0)
     pose = circle(rig, 1.0, {50: (x + 500.0, y)})

@@ -53,6 +53,32 @@ def test_readings_that_step_as_no_car_moves_are_found_at_once(state, after):
     assert Drive(state).steps((0.12, 9.0, -6.0), after)
 
 
+@pytest.mark.parametrize(
+    ("after", "yaw_rate", "force"),
+    [((0.42, 9.0, -6.0), 0.12, 1.0), ((-0.12, -9.0, 6.0), 0.12, -1.0), ((0.12, -9.0, 6.0), 0.12, -1.0)],
+    ids=["an offset of the yaw rate", "a wrong sign", "turned around"],
+)
+def test_what_a_step_has_made_wrong_is_taken_back(state, after, yaw_rate, force):
+    drive = Drive(state)
+    assert drive.steps((0.12, 9.0, -6.0), after)
+    repair = drive.monitor.repair
+    assert repair is not None
+    assert repair.yaw_rate(after[0]) == pytest.approx(yaw_rate, abs=0.01)
+    assert repair.force == force
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [((0.3, 9.0, -6.0), (0.0, 0.2, -0.1)), ((0.3, 0.0, 0.0), (0.006, 0.0, 0.0)), ((0.12, 9.0, -6.0), (0.5, -4.0, 3.0)),
+     ((0.0, 0.0, -6.0), (0.0, 0.0, 6.0)), ((0.12, 0.1, 0.1), (-0.12, 0.1, 0.1))],
+    ids=["a wrong scale", "of the gyro alone", "all of it", "braking on a straight", "a sign, or an offset"],
+)  # fmt: skip
+def test_a_step_that_may_be_another_fault_takes_nothing_back(state, before, after):
+    drive = Drive(state)
+    drive.steps(before, after)
+    assert drive.monitor.repair is None
+
+
 def test_less_grip_from_one_period_to_the_next_is_no_wrong_imu(state):
     assert not Drive(state).steps((0.3, 18.0, -8.0), (0.3, 12.0, -4.0))
 
