@@ -27,6 +27,7 @@ from estimator.offline.predict.nuisance import (
     KNOWN_BANK,
     downforce,
     known_bank,
+    load_transfer,
     presses,
     steer_timing,
     steer_zero,
@@ -280,7 +281,7 @@ def _columns(task: _Task, health: HealthReport) -> ModelColumns:
     if KNOWN_BANK in task.log:
         nuisances.append(known_bank(ay_is_derived="ay" in task.log.derived))
     if KNOWN_BANK in task.log or (health.lateral_was_repaired and presses(fast_speed(task.log), task.vehicle)):
-        nuisances.append(downforce())
+        nuisances += [downforce(), load_transfer()]
     if task.formulation == "output_error" and health.yaw_rate_was_moved:
         nuisances.append(yaw_rate_timing())
     return ModelColumns(SingleTrack(task.vehicle, options.layout, tuple(nuisances), task.prior))

@@ -24,6 +24,7 @@ STEER_ZERO = "steer_offset"
 YAW_RATE_TIMING = "yaw_rate_timing"
 KNOWN_BANK = "known_bank"
 DOWNFORCE = "aero_downforce"
+LOAD_TRANSFER = "load_transfer"
 PRESSED = 0.25
 """Share of an axle's static load: as much more cornering stiffness as a log leaves unknown"""
 
@@ -60,6 +61,22 @@ def steer_zero() -> Effect:
 def downforce() -> Effect:
     """Axle loads by the air: at the speeds of ovals half of the weight."""
     return _along(DOWNFORCE)
+
+
+def _moved(terms: Terms, height: Expr) -> None:
+    moved = height / terms.vehicle.wheelbase * terms.vehicle.mass * terms.aux["ax"]
+    terms.load_f = terms.load_f - moved
+    terms.load_r = terms.load_r + moved
+
+
+def load_transfer() -> Effect:
+    """Axle loads moved by the ax of the log: its forces along the car lack drag and brakes, which also move loads."""
+    return replace(
+        _along(LOAD_TRANSFER),
+        equation="F_z,f = F_z0,f - h m a_x / L; F_z,r = F_z0,r + h m a_x / L, a_x as logged or derived",
+        hooks={"LOAD": _moved},
+        needs=("ax",),
+    )
 
 
 def presses(fast: float, vehicle: Vehicle) -> bool:

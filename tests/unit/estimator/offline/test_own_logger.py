@@ -20,7 +20,7 @@ from estimator.model.columns import CHANNELS, ModelColumns
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS, SingleTrack
 from estimator.offline.identification import Options, identify
 from estimator.offline.known_bank import examine_on_its_road
-from estimator.offline.predict.nuisance import known_bank, presses
+from estimator.offline.predict.nuisance import known_bank, load_transfer, presses
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
 from estimator.offline.record.unknown_inputs import PEDALS, VY_SENSOR
@@ -89,6 +89,21 @@ def test_another_zero_of_the_bank_pulls_the_car_and_leaves_an_ay_that_was_derive
     felt = channels[CHANNELS.index("vy_dot")] + 50.0 * 0.2
     bank = -0.3 if ay_is_derived else -0.28
     assert channels[CHANNELS.index("ay")] - felt == pytest.approx(GRAVITY * np.sin(bank))
+
+
+def test_the_measured_acceleration_moves_load_from_the_front_axle_to_the_rear() -> None:
+    car = Vehicle()
+    columns = ModelColumns(SingleTrack(car, "per_axle", (load_transfer(),)))
+    inputs = np.zeros((len(SIGNALS) + len(AUXILIARY), 2))
+    inputs[:4] = np.array([[50.0], [-0.3], [0.2], [0.02]])
+    inputs[len(SIGNALS) + AUXILIARY.index("ax")] = 0.0, 5.0
+    theta = columns.start.copy()
+    theta[-1] = 0.3
+    ay, yaw_acc = columns.predict(inputs, theta, ("ay", "yaw_acc"))
+    front = (car.mass * car.lr * ay + car.yaw_inertia * yaw_acc) / car.wheelbase
+    rear, moved = car.mass * ay - front, 0.3 / car.wheelbase * car.mass * 5.0
+    assert front[1] / front[0] == pytest.approx(1.0 - moved / car.static_load_front)
+    assert rear[1] / rear[0] == pytest.approx(1.0 + moved / car.static_load_rear)
 
 
 def test_the_air_presses_on_axles_at_the_speed_of_ovals_and_hardly_on_road_courses() -> None:
