@@ -13,7 +13,7 @@ from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
 from estimator.offline.record.unknown_inputs import SAMPLED
-from estimator.offline.search.sensor_place import accelerometer_ahead, speed_scale
+from estimator.offline.search.sensor_place import AX, accelerometer_ahead, speed_scale
 
 LEAST_ERRORS = 3.0
 """Standard errors that one parameter at least must be off its neutral value: 99.7 % of a normal distribution."""
@@ -133,12 +133,13 @@ def _a_road(fit: Fit, block: Block) -> bool:
     """Whether a bank or grade is more than what repeats on a flat course, and ends the lap at the height it began.
 
     With few laps a force passes for a slope, and with many the springs do. A bank also lightens the axles, as less grip
-    does: where no tyre is in the equation, sensors that tell must show at least half of it.
+    does: where no tyre is in the equation, sensors that tell must show at least half of it. So must d/dt vx of a grade
+    that no sensor of ax shows, whatever forces follow speed and pedals.
     """
     if block.effect.name not in ("road_bank", "road_grade"):
         return True
     record, coefficients = fit.predictor.record, fit.parameters[block.parameters]
-    known = block.effect.name in record.road or block.effect.name != "road_bank"
+    known = block.effect.name in record.road or (block.effect.name == "road_grade" and bool(record.used[AX]))
     seen = None if known else share_in_kinematics(record, block.effect.name, coefficients)
     if seen is not None and seen < CONFIRMED_SHARE:
         return False
