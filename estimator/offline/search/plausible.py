@@ -13,7 +13,7 @@ from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
 from estimator.offline.record.unknown_inputs import SAMPLED
-from estimator.offline.search.sensor_place import AX, accelerometer_ahead, speed_scale
+from estimator.offline.search.sensor_place import AX, YAW_RATE, accelerometer_ahead, gyroscope_zero, speed_scale
 
 LEAST_ERRORS = 3.0
 """Standard errors that one parameter at least must be off its neutral value: 99.7 % of a normal distribution."""
@@ -40,7 +40,10 @@ def believed(fit: Fit, name: str) -> bool:
     """Whether an effect is more than the log's sampling, physically possible, there, alike in both halves, and not
     contradicted by kinematics."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    checks = (possible, _confirmed_by_positions, _there, _agrees, _confirmed, _a_road, _as_high_as_a_car)
+    checks = (
+        possible, _confirmed_by_positions, _confirmed_by_turning, _there, _agrees, _confirmed, _a_road,
+        _as_high_as_a_car,
+    )  # fmt: skip
     return not _within_a_sample(fit, block) and all(check(fit, block) for check in checks)
 
 
@@ -127,6 +130,22 @@ def _confirmed_by_positions(fit: Fit, block: Block) -> bool:
     if seen is None:
         return True
     return abs(seen[0] - scale) < max(LEAST_ERRORS * seen[1], CONFIRMED_SHARE * abs(scale - 1.0), CLOCK)
+
+
+def _confirmed_by_turning(fit: Fit, block: Block) -> bool:
+    """Whether the course turns less than the yaw rate says by the zero of the gyroscope, where positions tell.
+
+    Times the speed, that zero is an acceleration across the car: with one of the accelerometer against it, it looks
+    like a bank of the whole lap.
+    """
+    seen = gyroscope_zero(fit.predictor.record)
+    if block.effect.name != "imu_bias" or seen is None:
+        return True
+    own = [p.name for p in block.effect.parameters]
+    row = range(len(fit.parameters))[block.parameters][own.index("yaw_rate")]
+    zero, rate = float(fit.parameters[row]), fit.predictor.record.measured[YAW_RATE]
+    error = np.sqrt(max(float(fit.covariance[row, row]), float(fit.slow_variance[row])) + seen[1] ** 2)
+    return bool(abs(seen[0] - zero) < max(LEAST_ERRORS * error, CLOCK * float(np.mean(np.abs(rate)))))
 
 
 def _a_road(fit: Fit, block: Block) -> bool:

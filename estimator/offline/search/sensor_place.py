@@ -1,4 +1,5 @@
-"""Where the accelerometer lies and how the speed is scaled, from kinematics alone, whatever tyres and steering do.
+"""Where the accelerometer lies, how the speed is scaled and what the gyroscope's zero is, from kinematics alone,
+whatever tyres and steering do.
 
 d/dt vy + vx w - ay = -g sin(bank) - x dw/dt for a sensor x ahead of the centre of gravity. All of it passes the same
 smoothing kernel, so that the filter cancels: smoothing vy alone would look like a sensor that is displaced.
@@ -86,3 +87,22 @@ def speed_scale(record: Record) -> tuple[float, float] | None:
     inverse = np.sort(driven / reported)[cut : record.windows - cut]
     scale = 1.0 / max(float(inverse.mean()), np.finfo(float).tiny)
     return scale, float(inverse.std() / np.sqrt(len(inverse))) * scale**2
+
+
+def gyroscope_zero(record: Record) -> tuple[float, float] | None:
+    """Reported yaw rate less that of the course, rad/s, and its standard deviation; None without positions.
+
+    Within windows of 2 s; what the side slip changes meanwhile adds up to nothing.
+    """
+    if not {"x", "y"} <= record.signals.keys():
+        return None
+    stride = max(1, round(CHORD_S / record.step))
+    rows = record.rows.reshape(record.windows, -1)
+    ends = rows[:, ::stride]
+    north, east = (np.diff(record.signals[name][ends]) for name in ("y", "x"))
+    course = np.unwrap(np.arctan2(north, east), axis=1)
+    first, length = stride // 2, (course.shape[1] - 1) * stride
+    reported = record.measured[YAW_RATE, rows[:, first : first + length]].mean(axis=1)
+    cut = int(TRIMMED * record.windows)
+    zero = np.sort(reported - (course[:, -1] - course[:, 0]) / (length * record.step))[cut : record.windows - cut]
+    return float(zero.mean()), float(zero.std() / np.sqrt(len(zero)))
