@@ -63,7 +63,7 @@ TYPICAL_SIMULATIONS = 25
 """of a fit"""
 
 REPAIR_ROUNDS = 3
-"""Times that what a fit finds wrong with the log is taken out and estimated again: delays in it are of first order."""
+"""Times that what a fit finds wrong with the log is taken out and estimated again: a delay in it is of first order."""
 LEAST_ERRORS = 3.0
 """Standard errors: 99.7 % of a normal distribution"""
 TAKEN_OUT = {
@@ -231,8 +231,8 @@ def _fit_and_repair(task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, 
     fitted = _fit_and_split(task, health)
     if _is_fast(task, health):
         fitted = _fit_and_split(task, health, fitted.fit.values)
-    for _ in range(REPAIR_ROUNDS):
-        found = _left_over(task, health, fitted.fit)
+    for number in range(REPAIR_ROUNDS):
+        found = _left_over(task, health, fitted.fit, first=number == 0)
         if not found:
             break
         health = on_one_bandwidth(reduce(HealthReport.repaired, found, health))
@@ -248,14 +248,15 @@ def _without(fit: Fit, taken_out: Iterable[Finding]) -> dict[str, float]:
     return fit.values | {TAKEN_OUT[finding.name]: 0.0 for finding in taken_out}
 
 
-def _left_over(task: _Task, health: HealthReport, fit: Fit) -> list[Finding]:
+def _left_over(task: _Task, health: HealthReport, fit: Fit, *, first: bool) -> list[Finding]:
     """What the fit says is still wrong with the log: the steering's lag, and what a derived ay depends on.
 
     Log health sees where vy is measured through tyres without downforce: at speed it is a metre and more off, and so
-    much of the yaw acceleration is then in the derived ay.
+    much of the yaw acceleration is then in the derived ay. That is taken out once: what each further fit moves of three
+    timings that are hardly told apart adds up.
     """
     found = [lag_of(fit, task.log.step, again=any(finding.name == LAG_STEER for finding in health.findings))]
-    if _is_fast(task, health) and "ay" in task.log.derived and _moves_ay(fit, fast_speed(task.log)):
+    if first and _is_fast(task, health) and "ay" in task.log.derived and _moves_ay(fit, fast_speed(task.log)):
         found += [lag_left(fit), place_left(fit)]
     return [one for one in found if one is not None]
 
