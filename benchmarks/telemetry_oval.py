@@ -68,9 +68,18 @@ CASES = {
         Setup(course="oval", bank=math.radians(10), fastest=58.0, laps=8), 283, ay=True, roll_sign=-1.0
     ),
     "flat, no ay, third": Case(Setup(course="oval", fastest=65.0, laps=8), 284, ay=False, roll_sign=1.0),
+    "ay at its sensor, 17 deg": Case(
+        Setup(course="oval", bank=math.radians(17), fastest=63.0, laps=8), 381, ay=True, roll_sign=-1.0
+    ),
+    "no ay, 12 deg": Case(
+        Setup(course="oval", bank=math.radians(12), fastest=59.0, laps=8), 382, ay=False, roll_sign=1.0
+    ),
+    "flat, slow, ay at its sensor": Case(Setup(course="oval", fastest=50.0, laps=8), 383, ay=True, roll_sign=1.0),
+    "flat, fast, no ay": Case(Setup(course="oval", fastest=72.0, laps=8), 384, ay=False, roll_sign=-1.0),
 }
-"""The first four are the list. The next four were fixed before the rules that the third and fourth led to, the last
-four after the sensor of vy was estimated with the tyres beside an accelerometer; all before their first run.
+"""The first four are the list. The next four were fixed before the rules that the third and fourth led to, the third
+four after the sensor of vy was estimated with the tyres beside an accelerometer, the last four before the axle load
+moved by ax was estimated with the tyres; all before their first run.
 """
 LEFT_AY, LEFT_YAW_RATE = 0.12, 0.0070
 """m/s2 that a diagnosis may leave with catalogue effects, at most 1.25 times noise; rad/s of `hil identify`"""

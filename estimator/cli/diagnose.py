@@ -16,6 +16,7 @@ from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
 
 if TYPE_CHECKING:
+    from estimator.drive_log.health import HealthReport
     from estimator.drive_log.table import DriveLog
     from estimator.offline.record.record import Record
     from hil_gateway.car.vehicle import Vehicle
@@ -69,7 +70,12 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
     from estimator.offline.report.diagnosis_result import as_json as to_json
     from estimator.offline.report.diagnosis_result import as_revision, write
-    from estimator.offline.result.simulated_lateral import identified_laterally, lateral_prior, with_simulated_lateral
+    from estimator.offline.result.simulated_lateral import (
+        identified_laterally,
+        lateral_prior,
+        repaired_log,
+        with_simulated_lateral,
+    )
     from estimator.offline.search.pool import workers
     from hil_gateway.process.errors import InputError
     from hil_gateway.track.loading import load_track
@@ -89,10 +95,12 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
         progress("lateral motion")
         lateral = identified_laterally(logged, record, car, prior, layout, progress.lateral)  # type: ignore[arg-type]
         if lateral is not None:
-            prior = lateral_prior(lateral, prior)
+            prior, log = lateral_prior(lateral, prior), repaired_log(lateral)
+            record = _record(log, car, health, known)
         result = run(record, layout, prior, progress, pool)  # type: ignore[arg-type]
         revision = as_revision(result, layout, tuple(log.sources.values()))
-        summary: dict[str, Any] = {"health": health}
+        examined = health if lateral is None else lateral.health
+        summary: dict[str, Any] = {"health": [finding.description for finding in examined.findings]}
         summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))
         if lateral is not None:
             summary = with_simulated_lateral(summary, lateral)
@@ -134,19 +142,23 @@ class Course:
 
 def _examined(
     log: DriveLog, car: Vehicle, known: tuple[str, Track] | None, progress: Callable[[str], None]
-) -> tuple[Record, DriveLog, list[str]]:
+) -> tuple[Record, DriveLog, HealthReport]:
     """What is fitted, the log it comes from, and the defects found in that; `known`: name and map of the track."""
     from estimator.drive_log.health import examine
-    from estimator.offline.record.map_road import record_on_map
-    from estimator.offline.record.record import make_record
 
     progress("log health")
     health = examine(log, car)
     progress("windows")
-    record = make_record(health.log, car, health.doubtful, vy_displaced=health.vy_is_displaced)
-    if known is not None:
-        record = record_on_map(record, health.log, known[1], known[0])
-    return record, health.log, [finding.description for finding in health.findings]
+    return _record(health.log, car, health, known), health.log, health
+
+
+def _record(log: DriveLog, car: Vehicle, health: HealthReport, known: tuple[str, Track] | None) -> Record:
+    """The repaired `log` ready to be explained."""
+    from estimator.offline.record.map_road import record_on_map
+    from estimator.offline.record.record import make_record
+
+    record = make_record(log, car, health.doubtful, vy_displaced=health.vy_is_displaced)
+    return record if known is None else record_on_map(record, log, known[1], known[0])
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.drive_log.derived import smoothed
 from estimator.drive_log.health import HealthReport, examine
-from estimator.drive_log.health.acceleration import rederived
+from estimator.drive_log.health.acceleration import kinematic, rederived
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.record import make_record
 from estimator.offline.record.road import find_road
@@ -26,7 +26,7 @@ def examine_on_its_road(log: DriveLog, vehicle: Vehicle, keep: Collection[str] =
     health = examine(log, vehicle, keep)
     bank = _bank_of(health.log, vehicle, health.doubtful)
     log = health.log if bank is None else _with_known_bank(health.log, bank)
-    return replace(health, log=_of_one_bandwidth(log) if "ay" in log.derived else log)
+    return on_one_bandwidth(replace(health, log=log))
 
 
 def _bank_of(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str]) -> Array | None:
@@ -42,11 +42,14 @@ def _bank_of(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str]) -> Ar
     return np.asarray(bank) if np.ptp(bank) > STEEP else None
 
 
-def _of_one_bandwidth(log: DriveLog) -> DriveLog:
-    """A derived ay with the yaw rate in it smoothed as d/dt vy is: its noise, times vx, is no acceleration."""
+def on_one_bandwidth(health: HealthReport) -> HealthReport:
+    """The yaw rate in a derived ay smoothed as d/dt vy is: its noise, times vx, is no acceleration."""
+    log = health.log
+    if "ay" not in log.derived:
+        return health
     turning = log["vx"] * log["yaw_rate"]
-    ay = log["ay"] + smoothed(log["t"], turning, log.segment) - turning
-    return log.with_columns({"ay": ay}, "vx yaw_rate in the derived ay is smoothed as d/dt vy is")
+    ay = kinematic(log)["ay"] + smoothed(log["t"], turning, log.segment) - turning
+    return replace(health, log=log.with_columns({"ay": ay}, "vx yaw_rate in the derived ay is smoothed as d/dt vy is"))
 
 
 def _with_known_bank(log: DriveLog, bank: Array) -> DriveLog:

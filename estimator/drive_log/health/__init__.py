@@ -70,7 +70,7 @@ class HealthReport:
 
     def repaired(self, finding: Finding) -> HealthReport:
         """This report with one more finding and its repair, for what only a fit can find; sizes of one name add up."""
-        log = self.log if finding.repair is None else finding.repair(self.log)
+        log = self.log if finding.repair is None else _rederive(finding.repair(self.log), finding.channel)
         before = sum(f.size for f in self.findings if f.name == finding.name)
         total = replace(finding, size=before + finding.size, description=finding.described(before + finding.size))
         return replace(self.replaced(total), log=log)

@@ -30,7 +30,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
     """ax, ay, and unknown columns named like them, that do not follow the velocities."""
     moving = log["vx"] > moving_speed(log)
     findings = []
-    for axis, expected in _kinematic(log).items():
+    for axis, expected in kinematic(log).items():
         names = [axis] if axis not in log.derived else []
         names += [n for n in log.extra if re.match(rf"{axis}(_|$)", n)]
         for name in names:
@@ -44,7 +44,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
     return findings
 
 
-def _kinematic(log: DriveLog) -> dict[str, Array]:
+def kinematic(log: DriveLog) -> dict[str, Array]:
     """Specific forces that the velocities tell; gravity on a bank that is known moves the car and is not felt."""
     forward, sideways = (specific_force(axis, log.columns, log.segment) for axis in ("ax", "ay"))
     pulled = GRAVITY * np.sin(log["known_bank"]) if "known_bank" in log else 0.0
@@ -93,6 +93,6 @@ def rederived(log: DriveLog, axes: tuple[str, ...], note: str) -> DriveLog:
     """`log` with the named accelerations derived from the velocities it holds now."""
     from dataclasses import replace
 
-    kinematic = _kinematic(log)
+    by_velocities = kinematic(log)
     derived = {**log.derived, **{axis: log.derived.get(axis, "from velocities") for axis in axes}}
-    return replace(log.with_columns({axis: kinematic[axis] for axis in axes}, note), derived=derived)
+    return replace(log.with_columns({axis: by_velocities[axis] for axis in axes}, note), derived=derived)

@@ -16,10 +16,13 @@ from estimator.drive_log.health.finding import Action, Finding, confidence_of
 from estimator.drive_log.health.regression import PARTS, jackknifed
 from estimator.drive_log.health.straight import goes_straight
 from estimator.drive_log.table import DriveLog
+from estimator.offline.fit.equation_error import Fit
 from estimator.offline.record.prepare import moving_speed, prepare
+from estimator.offline.record.unknown_inputs import VY_SENSOR
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 
+POSITION_VY = "position_vy"
 GENTLE_SHARE = 0.35
 """Only samples below this share of the log's hardest cornering are used."""
 
@@ -95,10 +98,21 @@ def _misaligned(angle: float, bias: float, speed: float, std: tuple[float, float
     )
 
 
-def _displaced(x: float, std: float, least: float) -> Finding:
-    text = f"vy is measured {abs(x):.2f} m {'ahead of' if x > 0 else 'behind'} the centre of gravity"
+def place_left(fit: Fit) -> Finding | None:
+    """What `fit` says is left of the place of the sensor of vy; None where it did not estimate that."""
+    name = f"{VY_SENSOR}.x"
+    if name not in fit.values:
+        return None
+    return _displaced(fit.values[name], fit.std[name], 0.0)
 
+
+def _displaced(x: float, std: float, least: float) -> Finding:
     def repair(log: DriveLog) -> DriveLog:
         return log.with_columns({"vy": log["vy"] - x * log["yaw_rate"]}, f"vy moved {x:.2f} m to the CoG")
 
-    return Finding("position_vy", "vy", text, x, std, "m", confidence_of(x, std, least), Action.CORRECTED, repair)
+    confidence = confidence_of(x, std, least)
+    return Finding(POSITION_VY, "vy", _place(x), x, std, "m", confidence, Action.CORRECTED, repair, _place)
+
+
+def _place(x: float) -> str:
+    return f"vy is measured {abs(x):.2f} m {'ahead of' if x > 0 else 'behind'} the centre of gravity"

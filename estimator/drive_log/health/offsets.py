@@ -13,10 +13,13 @@ from estimator.drive_log.derived import derivative
 from estimator.drive_log.health.finding import Action, Finding, confidence_of
 from estimator.drive_log.health.lag import Lag, lag_between
 from estimator.drive_log.table import DriveLog
+from estimator.offline.fit.equation_error import Fit
+from estimator.offline.predict.nuisance import YAW_RATE_TIMING
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 
+OFFSET_YAW_RATE = "offset_yaw_rate"
 LONGEST_S = 1.0
 LEAST_S = 0.08
 """Smaller offsets are within what a car does between steering and yaw rate; the fit estimates that of the steering."""
@@ -47,10 +50,30 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
 
     return [
         Finding(
-            "offset_yaw_rate", "yaw_rate", text, size, std, "s", confidence_of(size, std, LEAST_S),
+            OFFSET_YAW_RATE, "yaw_rate", text, size, std, "s", confidence_of(size, std, LEAST_S),
             Action.REALIGNED, repair,
         )
     ]  # fmt: skip
+
+
+def lag_left(fit: Fit) -> Finding | None:
+    """What `fit` says is left of the yaw rate's lag after log health moved it; None where it did not estimate that."""
+    name = f"{YAW_RATE_TIMING}.tau"
+    if name not in fit.values:
+        return None
+    size, std = fit.values[name], fit.std[name]
+
+    def repair(log: DriveLog) -> DriveLog:
+        return shifted(log, "yaw_rate", size)
+
+    return Finding(
+        OFFSET_YAW_RATE, "yaw_rate", _text(size), size, std, "s", confidence_of(size, std, 0.0),
+        Action.REALIGNED, repair, _text,
+    )  # fmt: skip
+
+
+def _text(size: float) -> str:
+    return f"yaw_rate {'lags' if size > 0 else 'leads'} by {abs(size):.3f} s, estimated with the tyres"
 
 
 def yaw_rate_lags(log: DriveLog, vehicle: Vehicle) -> dict[str, Lag]:

@@ -1,7 +1,8 @@
 """By how much the parameters of a fit move with what is held at one value beside them.
 
 The minimum moves by the covariance times sensitivity times the change of the residual. Held are the instants at which
-each sensor was read within a row of the log, and the numbers of the vehicle file.
+each sensor was read within a row of the log, the numbers of the vehicle file, and beside a bank the zero of the
+accelerometer.
 """
 
 from __future__ import annotations
@@ -15,12 +16,16 @@ import numpy as np
 from estimator.model.declared_vehicle import DECLARED
 from estimator.offline.fit.prediction_error import Fit, Point, residual
 from estimator.offline.predict.predict import Predictor
+from estimator.offline.record.record import MEASURED
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 
 MASS_ERROR, PLACE_ERROR, INERTIA_ERROR = 0.01, 0.01, 0.025
 """Standard deviations of what a vehicle file says: mass, relative, by scales under four wheels and what fuel and driver
 weigh; centre of gravity, m, by the axle loads; yaw inertia, relative, by a swing test (95 % within 5 %)"""
+ZERO_ERROR = 0.05
+"""m/s2; standard deviation of the zero of an accelerometer: 5 mg is what zeroing leaves"""
+AY = MEASURED.index("ay")
 UNIFORM = 12.0**-0.5
 """Standard deviation of a uniform distribution over its width: when within a row a sensor was read."""
 MEASURED_INPUTS = {"vx": 8, "vy": 9, "yaw_rate": 10}
@@ -53,6 +58,20 @@ def by_declared(fit: Fit) -> Array:
             off = Predictor(replace(model, vehicle=other), replace(record, vehicle=other))
             errors.append(residual(off, at.parameters, at.noise) - at.left.error)
     return _moved(at, fit, errors)
+
+
+def by_zero(fit: Fit) -> Array:
+    """(k, p) by which a bank and what it loads move where the zero of the lateral accelerometer is off unnamed.
+
+    None where there is no bank, no such sensor, or the zero is in the fit.
+    """
+    names = {effect.name for effect in fit.predictor.model.effects}
+    if "road_bank" not in names or "imu_bias" in names or not fit.predictor.record.used[AY]:
+        return np.zeros((0, len(fit.parameters)))
+    at = Point.at(fit.predictor, fit.parameters, fit.noise)
+    error = np.zeros_like(at.left.error)
+    error[AY] = ZERO_ERROR
+    return _moved(at, fit, [error])
 
 
 def _moved(at: Point, fit: Fit, errors: Sequence[Array]) -> Array:

@@ -16,16 +16,13 @@ from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from estimator.offline.record.road_load import bank_load
 from estimator.offline.record.unknown_inputs import DISPLACED_VY
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
 
 STEER_TIMING = "steer_timing"
 STEER_ZERO = "steer_offset"
 YAW_RATE_TIMING = "yaw_rate_timing"
 KNOWN_BANK = "known_bank"
-DOWNFORCE = "aero_downforce"
-PRESSED = 0.25
-"""Share of an axle's static load: as much more cornering stiffness as a log leaves unknown"""
 
 
 def _delayed(terms: Terms, tau: Expr) -> None:
@@ -54,21 +51,10 @@ def steer_timing(step: float) -> Effect:
 
 def steer_zero() -> Effect:
     """Offset of the reported angle, rad: a steering that reads zero a degree off bends one side's tyre curve."""
-    return _along(STEER_ZERO)
+    return along(STEER_ZERO)
 
 
-def downforce() -> Effect:
-    """Axle loads by the air: at the speeds of ovals half of the weight."""
-    return _along(DOWNFORCE)
-
-
-def presses(fast: float, vehicle: Vehicle) -> bool:
-    """Whether the air of a race car presses on an axle at `fast` m/s with more than `PRESSED` of its static load."""
-    typical = catalogue()[DOWNFORCE].parameters[0].prior_std
-    return bool(typical * fast**2 > PRESSED * min(vehicle.static_load_front, vehicle.static_load_rear))
-
-
-def _along(name: str) -> Effect:
+def along(name: str) -> Effect:
     """An effect of the catalogue with parameters named `effect.parameter`."""
     return _renamed(catalogue()[name])
 

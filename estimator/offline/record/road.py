@@ -57,6 +57,10 @@ class _Kinematics:
     std: Array
 
 
+PEDALS = ("drive", "throttle", "brake")
+"""What the driver asks for along the car; either sign of each has its own force."""
+ANY_FORCE = 100.0
+"""m/s2 (rms) of each force that may act along the car: more than any does"""
 TOLD_BY = {"road_bank": (1, 4), "road_grade": (0, 3)}
 """Rows of `record.MEASURED` that say without any tyre whether there is a bank or a grade."""
 
@@ -96,8 +100,14 @@ def _is_straight(record: Record) -> NDArray[np.bool_]:
 
 
 def share_in_kinematics(record: Record, name: str, coefficients: Array) -> float | None:
-    """Factor on a bank or grade with these `coefficients` (n,) at which kinematics agree best; None where none tell."""
+    """Factor on a bank or grade with these `coefficients` (n,) at which kinematics agree best; None where none tell.
+
+    Without a sensor of ax a grade is told from d/dt vx beside any force that follows speed, pedals and bends: a force
+    that the model lacks comes back at its place as often as the driver does what he did there.
+    """
     kinematics = _of(record, name)
+    if kinematics is None and name == "road_grade":
+        kinematics = _beside_forces(record)
     if kinematics is None:
         return None
     angle = record.basis_over_windows("track_position").at(coefficients)
@@ -134,6 +144,17 @@ def _lateral(record: Record) -> _Kinematics:
 def _longitudinal(record: Record) -> _Kinematics:
     (_, vy, rate), (ax, ay), change = _motion(record)
     return _kinematics(change[0] - vy * rate - ax, (ax, ay, change[2], rate**2, vy))
+
+
+def _beside_forces(record: Record) -> _Kinematics:
+    """d/dt vx with forces, each of any size, in place of what sensors add."""
+    (vx, vy, rate), _, change = _motion(record)
+    signals = {n: record.thin(record.signals[n]) for n in (*PEDALS, "drive_rate") if n in record.signals}
+    parts = [part for n in PEDALS if n in signals for part in (signals[n].clip(min=0.0), signals[n].clip(max=0.0))]
+    by_pedals = [column for part in parts for column in (part, part * vx, part**2)]
+    columns = [np.ones_like(vx), vx, vx**2, rate**2, (vx * rate) ** 2, signals["drive_rate"], *by_pedals]
+    scaled = [column / max(float(np.sqrt(np.mean(column**2))), np.finfo(float).tiny) for column in columns]
+    return _Kinematics(change[0] - vy * rate, np.stack(scaled, axis=-1), np.full(len(columns), ANY_FORCE))
 
 
 def _motion(record: Record) -> tuple[Array, Array, Array]:

@@ -8,11 +8,14 @@ a diagnosis takes its tyres and its errors from there.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
+from estimator.drive_log.health.acceleration import rederived
 from estimator.drive_log.table import DriveLog
 from estimator.model.parameters import Layout
 from estimator.offline.identification import Identification, Options, Progress, identify
+from estimator.offline.predict.nuisance import KNOWN_BANK
 from estimator.offline.record.record import Record
 from estimator.offline.result.tyre_export import exported
 from hil_gateway.car.vehicle import Vehicle
@@ -37,6 +40,16 @@ def identified_laterally(  # noqa: PLR0917 - as `identify`
     if record.used[list(LATERAL_ROWS)].any():
         return None
     return identify(log, vehicle, prior, Options(layout=layout), progress)
+
+
+def repaired_log(result: Identification) -> DriveLog:
+    """The log as the identification repaired it, without the bank that it took for known.
+
+    A vy that is displaced, times the yaw rate, is an acceleration along the car that comes back in every bend, as a
+    grade does.
+    """
+    log = replace(result.log, columns={n: c for n, c in result.log.columns.items() if n != KNOWN_BANK})
+    return rederived(log, ("ay",), "ay derived from the motion as `hil identify` repaired it")
 
 
 def lateral_prior(result: Identification, prior: Mapping[str, float]) -> dict[str, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.offline.fit.held import UNIFORM, by_declared, by_sampling
+from estimator.offline.fit.held import UNIFORM, by_declared, by_sampling, by_zero
 from estimator.offline.fit.prediction_error import Fit, Point
 from estimator.offline.record.unknown_inputs import SAMPLED
 from hil_gateway.process.arrays import Array
@@ -15,7 +15,7 @@ def covariance(fit: Fit) -> Array:
     """(p, p) of the parameters."""
     ideal = fit.covariance
     longer = np.sqrt(np.maximum(np.maximum(_within_windows(fit), fit.jackknife_variance) / np.diag(ideal), 1.0))
-    moves = np.concatenate([by_sampling(fit), by_declared(fit)])
+    moves = np.concatenate([by_sampling(fit), by_declared(fit), by_zero(fit)])
     found = ideal * np.outer(longer, longer) + moves.T @ moves
     for block in fit.predictor.blocks:
         if block.effect.name in SAMPLED:  # its own shift within a row is not fitted beside it

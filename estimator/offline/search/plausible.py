@@ -13,7 +13,13 @@ from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
 from estimator.offline.record.unknown_inputs import SAMPLED
-from estimator.offline.search.sensor_place import accelerometer_ahead, gyro_gain, speed_scale
+from estimator.offline.search.sensor_place import (
+    YAW_RATE,
+    accelerometer_ahead,
+    gyro_gain,
+    gyroscope_zero,
+    speed_scale,
+)
 
 LEAST_ERRORS = 3.0
 """Standard errors that one parameter at least must be off its neutral value: 99.7 % of a normal distribution."""
@@ -40,7 +46,7 @@ def believed(fit: Fit, name: str) -> bool:
     """Whether an effect is more than the log's sampling, physically possible, there, alike in both halves, and not
     contradicted by kinematics."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    kinematic = (_confirmed, _confirmed_by_positions, _confirmed_by_heading)
+    kinematic = (_confirmed, _confirmed_by_positions, _confirmed_by_heading, _confirmed_by_turning)
     checks = (possible, _there, _agrees, *kinematic, _a_road, _as_high_as_a_car)
     return not _within_a_sample(fit, block) and all(check(fit, block) for check in checks)
 
@@ -138,12 +144,29 @@ def _confirmed_by_heading(fit: Fit, block: Block) -> bool:
     return seen is not None and abs(seen[0] - gain) < max(LEAST_ERRORS * seen[1], CONFIRMED_SHARE * abs(gain - 1.0))
 
 
+def _confirmed_by_turning(fit: Fit, block: Block) -> bool:
+    """Whether the course turns less than the yaw rate says by the zero of the gyroscope, where positions tell.
+
+    Times the speed, that zero is an acceleration across the car: with one of the accelerometer against it, it looks
+    like a bank of the whole lap.
+    """
+    seen = gyroscope_zero(fit.predictor.record)
+    if block.effect.name != "imu_bias" or seen is None:
+        return True
+    own = [p.name for p in block.effect.parameters]
+    row = range(len(fit.parameters))[block.parameters][own.index("yaw_rate")]
+    zero, rate = float(fit.parameters[row]), fit.predictor.record.measured[YAW_RATE]
+    error = np.sqrt(max(float(fit.covariance[row, row]), float(fit.slow_variance[row])) + seen[1] ** 2)
+    return bool(abs(seen[0] - zero) < max(LEAST_ERRORS * error, CLOCK * float(np.mean(np.abs(rate)))))
+
+
 def _a_road(fit: Fit, block: Block) -> bool:
     """Whether a bank or grade is more than what repeats on a flat course, and ends the lap at the height it began.
 
     With few laps a force passes for a slope, and with many the springs do. A bank also lightens the axles, as less grip
     does, and a grade slows the car, as a brake does: where neither tyre nor drive is in the equation, sensors that tell
-    must show at least half of it.
+    must show at least half of it. So must d/dt vx of a grade that no sensor of ax shows, whatever forces follow speed
+    and pedals.
     """
     if block.effect.name not in ("road_bank", "road_grade"):
         return True

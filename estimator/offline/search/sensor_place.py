@@ -1,4 +1,6 @@
-"""Where the accelerometer lies and how speed and yaw rate are scaled, from kinematics, whatever tyres and steering do.
+"""Where the accelerometer lies, how speed and yaw rate are scaled and what the gyroscope's zero is.
+
+By kinematics alone, whatever tyres and steering do.
 
 d/dt vy + vx w - ay = -g sin(bank) - x dw/dt for a sensor x ahead of the centre of gravity. All of it passes the same
 smoothing kernel, so that the filter cancels: smoothing vy alone would look like a sensor that is displaced.
@@ -104,3 +106,22 @@ def gyro_gain(record: Record) -> tuple[float, float] | None:
     found, *_ = np.linalg.lstsq(X, reported, rcond=None)
     variance = float(np.mean((reported - X @ found) ** 2))
     return float(found[0]), float(np.sqrt(variance * np.linalg.pinv(X.T @ X)[0, 0]))
+
+
+def gyroscope_zero(record: Record) -> tuple[float, float] | None:
+    """Reported yaw rate less that of the course, rad/s, and its standard deviation; None without positions.
+
+    Within windows of 2 s; what the side slip changes meanwhile adds up to nothing.
+    """
+    if not {"x", "y"} <= record.signals.keys():
+        return None
+    stride = max(1, round(CHORD_S / record.step))
+    rows = record.rows.reshape(record.windows, -1)
+    ends = rows[:, ::stride]
+    north, east = (np.diff(record.signals[name][ends]) for name in ("y", "x"))
+    course = np.unwrap(np.arctan2(north, east), axis=1)
+    first, length = stride // 2, (course.shape[1] - 1) * stride
+    reported = record.measured[YAW_RATE, rows[:, first : first + length]].mean(axis=1)
+    cut = int(TRIMMED * record.windows)
+    zero = np.sort(reported - (course[:, -1] - course[:, 0]) / (length * record.step))[cut : record.windows - cut]
+    return float(zero.mean()), float(zero.std() / np.sqrt(len(zero)))

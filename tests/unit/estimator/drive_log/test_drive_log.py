@@ -184,3 +184,15 @@ def test_a_mean_that_happens_to_be_small_does_not_take_the_rest_of_a_signal_for_
     share = -_mean_off_its_trend(measured) / _mean_off_its_trend(arch)
     value = wiener(measured + share * arch, 0.01).value
     assert np.sqrt(np.mean((value - wave - share * arch) ** 2)) < 0.005
+
+
+def test_a_motion_beyond_a_gap_in_the_spectrum_is_not_taken_for_noise_and_noise_not_for_motion() -> None:
+    t = np.arange(0.0, 600.0, 0.04)
+    slow, steering = 0.4 * np.sin(0.3 * t), 0.03 * np.sin(2.0 * np.pi * 0.9 * t + 0.2 * np.sin(0.05 * t))
+    noise = np.random.default_rng(3).normal(0.0, 0.02, len(t))
+    inner = slice(100, -100)
+    kept = wiener(slow + steering + noise, 0.04).value - slow - steering
+    assert np.std(kept[inner]) < 0.25 * np.std(steering)
+    quiet = wiener(slow + noise, 0.04)
+    assert np.std((quiet.value - slow)[inner]) < 0.15 * 0.02
+    assert quiet.bandwidth < 0.3

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,18 +15,26 @@ from support.practice_drives import PRIOR, record_of
 from typer.testing import CliRunner
 
 from estimator.cli.diagnose import app
-from estimator.drive_log.derived import add_missing_channels, smoothed
+from estimator.drive_log.derived import add_missing_channels, derivative, smoothed
 from estimator.drive_log.health import examine
+from estimator.drive_log.health.lateral_velocity import place_left
+from estimator.drive_log.health.offsets import lag_left
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import CHANNELS, ModelColumns
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS, SingleTrack
 from estimator.offline.identification import Options, identify
 from estimator.offline.known_bank import examine_on_its_road
-from estimator.offline.predict.nuisance import known_bank, presses
+from estimator.offline.predict.fast_car import drive_zero, load_transfer, presses
+from estimator.offline.predict.nuisance import YAW_RATE_TIMING, known_bank
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
 from estimator.offline.record.unknown_inputs import PEDALS, VY_SENSOR
-from estimator.offline.result.simulated_lateral import identified_laterally, lateral_prior, with_simulated_lateral
+from estimator.offline.result.simulated_lateral import (
+    identified_laterally,
+    lateral_prior,
+    repaired_log,
+    with_simulated_lateral,
+)
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 
@@ -89,6 +99,33 @@ def test_another_zero_of_the_bank_pulls_the_car_and_leaves_an_ay_that_was_derive
     felt = channels[CHANNELS.index("vy_dot")] + 50.0 * 0.2
     bank = -0.3 if ay_is_derived else -0.28
     assert channels[CHANNELS.index("ay")] - felt == pytest.approx(GRAVITY * np.sin(bank))
+
+
+def test_the_measured_acceleration_moves_load_from_the_front_axle_to_the_rear() -> None:
+    car = Vehicle()
+    columns = ModelColumns(SingleTrack(car, "per_axle", (load_transfer(),)))
+    inputs = np.zeros((len(SIGNALS) + len(AUXILIARY), 2))
+    inputs[:4] = np.array([[50.0], [-0.3], [0.2], [0.02]])
+    inputs[len(SIGNALS) + AUXILIARY.index("ax")] = 0.0, 5.0
+    theta = columns.start.copy()
+    theta[-1] = 0.3
+    ay, yaw_acc = columns.predict(inputs, theta, ("ay", "yaw_acc"))
+    front = (car.mass * car.lr * ay + car.yaw_inertia * yaw_acc) / car.wheelbase
+    rear, moved = car.mass * ay - front, 0.3 / car.wheelbase * car.mass * 5.0
+    assert front[1] / front[0] == pytest.approx(1.0 - moved / car.static_load_front)
+    assert rear[1] / rear[0] == pytest.approx(1.0 + moved / car.static_load_rear)
+
+
+def test_a_drive_that_is_nothing_where_the_axle_pushes_has_its_zero_estimated() -> None:
+    columns = ModelColumns(SingleTrack(Vehicle(), "per_axle", (drive_zero(),)))
+    inputs = np.zeros((len(SIGNALS) + len(AUXILIARY), 2))
+    inputs[:4] = np.array([[50.0], [-0.3], [0.2], [0.02]])
+    inputs[SIGNALS.index("drive")] = 0.03, 0.03 - 0.01
+    theta = columns.start.copy()
+    rolling = columns.predict(inputs[:, 1:], theta)
+    theta[-1] = 0.01
+    assert np.allclose(columns.predict(inputs[:, :1], theta), rolling)
+    assert rolling[0] < columns.predict(inputs[:, 1:], theta - 0.02 * (theta == 0.01))[0], "a negative zero pushes"
 
 
 def test_the_air_presses_on_axles_at_the_speed_of_ovals_and_hardly_on_road_courses() -> None:
@@ -170,6 +207,33 @@ def test_lateral_errors_are_simulated_where_no_lateral_sensor_can_be_compared() 
     assert found["cx"] == PRIOR["cx"]
     stiffness = [np.prod([v[n] for n in ("br", "cr", "dr")]) for v in (found, TYRE)]
     assert stiffness[0] == pytest.approx(stiffness[1], rel=0.15)
+
+
+def test_what_a_fit_finds_of_the_place_of_vy_and_the_lag_of_the_yaw_rate_is_taken_out_of_a_derived_ay() -> None:
+    health = examine(late(0.3, ay=False), Vehicle())
+    before = health.log
+    turning = derivative(before["t"], before["yaw_rate"], before.segment)
+    moved = health.repaired(place_left(SimpleNamespace(values={f"{VY_SENSOR}.x": 1.5}, std={f"{VY_SENSOR}.x": 0.1})))
+    assert np.allclose(moved.log["vy"], before["vy"] - 1.5 * before["yaw_rate"])
+    assert np.allclose(moved.log["ay"], before["ay"] - 1.5 * turning)
+    name = f"{YAW_RATE_TIMING}.tau"
+    later = health.repaired(lag_left(SimpleNamespace(values={name: 0.04}, std={name: 0.01})))
+    inner = slice(50, -50)
+    assert np.allclose(
+        later.log["yaw_rate"][inner], np.interp(later.log["t"] + 0.04, before["t"], before["yaw_rate"])[inner]
+    )
+    found = {finding.name: finding for finding in later.findings}["offset_yaw_rate"]
+    assert found.size == pytest.approx(0.34, abs=0.05)
+    assert f"{found.size:.3f} s" in found.description
+
+
+def test_a_diagnosis_goes_on_with_the_log_that_the_identification_repaired() -> None:
+    result = identify(late(0.3, ay=False), Vehicle(), PRIOR, Options())
+    banked_log = result.log.with_columns({"known_bank": np.full(len(result.log), 0.2)}, "a bank")
+    log = repaired_log(replace(result, log=banked_log))
+    assert "known_bank" not in log
+    assert np.all(log["vy"] == result.log["vy"])
+    assert np.std(log["ay"] - log["vx"] * log["yaw_rate"] - derivative(log["t"], log["vy"], log.segment)) < 1e-9
 
 
 def test_a_log_with_lateral_sensors_is_compared_with_them(drives: dict[str, Any]) -> None:

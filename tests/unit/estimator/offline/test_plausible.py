@@ -78,6 +78,21 @@ def test_the_steering_scale_is_not_tried_where_the_place_of_vy_is_fitted(drives:
         assert ("steer_scale" in tried) == (not displaced)
 
 
+def test_a_zero_of_the_gyroscope_must_show_in_the_course_of_the_positions(drives: dict[str, Any]) -> None:
+    record = record_of(drives["flat"])
+    record = record.select(np.arange(record.windows) % 4 == 0)
+    record = replace(record, lap=np.arange(record.windows) // 8)
+    off = record.measured + np.array([0.0, 0.3, 0.02, 0.0, 0.0])[:, None]
+    signals = {**record.signals, "yaw_rate": record.signals["yaw_rate"] + 0.02}
+    turned = replace(record, measured=off, signals=signals)
+    done = fit_names(Setting(turned, "per_axle", PRIOR), ["imu_bias"], None)
+    assert believed(done, "imu_bias")
+    zero = next(b.parameters for b in done.predictor.blocks if b.effect.name == "imu_bias").start + 2
+    assert done.parameters[zero] == pytest.approx(0.02, abs=0.002)
+    other = np.where(np.arange(len(done.parameters)) == zero, 0.03, done.parameters)
+    assert not believed(replace(done, parameters=other), "imu_bias")
+
+
 def test_a_grade_that_ends_the_lap_at_another_height_is_not_believed(drives: dict[str, Any]) -> None:
     record = record_of(drives["hilly"])
     record = record.select(np.arange(record.windows) % 4 == 0)

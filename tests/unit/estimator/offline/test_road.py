@@ -15,7 +15,7 @@ from estimator.drive_log.health import examine
 from estimator.drive_log.table import DriveLog, read_logs
 from estimator.offline.record.declared import read_vehicle
 from estimator.offline.record.record import Record, make_record
-from estimator.offline.record.road import find_road
+from estimator.offline.record.road import find_road, share_in_kinematics
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 
@@ -45,6 +45,15 @@ def test_two_laps_tell_a_road_and_one_does_not(drives: dict[str, Any], name: str
 
 def test_a_flat_road_is_no_road(drives: dict[str, Any]) -> None:
     assert find_road(record_of(drives["flat"])) == {}
+
+
+def test_without_a_sensor_of_ax_a_grade_is_told_from_forces_that_the_driver_repeats(drives: dict[str, Any]) -> None:
+    hilly, flat = (record_of(drives[name]) for name in ("hilly", "flat"))
+    slope = find_road(hilly)["road_grade"].coefficients
+    unseen = [replace(one, used=one.used & (np.arange(5) > 0)) for one in (hilly, flat)]
+    assert share_in_kinematics(unseen[0], "road_grade", slope) == pytest.approx(1.0, abs=0.1)
+    assert abs(share_in_kinematics(unseen[1], "road_grade", slope) or 1.0) < 0.1
+    assert share_in_kinematics(unseen[0], "road_bank", slope) is not None, "the sensor of ay is there"
 
 
 def test_an_open_circle_tells_no_bank() -> None:

@@ -12,12 +12,13 @@ from scipy.stats import t as student
 from support.practice_drives import PRIOR, record_of
 
 from estimator.offline.diagnosis import held_out_in_turn
-from estimator.offline.fit.held import MASS_ERROR, by_declared, by_sampling
+from estimator.offline.fit.held import MASS_ERROR, ZERO_ERROR, by_declared, by_sampling, by_zero
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.unknown_inputs import sampling_effects
 from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.trial import Setting, fit_names
+from hil_gateway.car.vehicle import GRAVITY
 
 
 @pytest.fixture
@@ -49,6 +50,19 @@ def test_what_is_held_widens_what_is_stated(pair: Fit) -> None:
     stated, white = np.diag(covariance(pair)), np.diag(pair.covariance)
     held = np.sum(np.concatenate([by_sampling(pair), by_declared(pair)]) ** 2, axis=0)
     assert np.all(stated >= white + 0.999 * held)
+
+
+def test_the_zero_of_the_accelerometer_moves_a_bank_of_the_whole_lap_unless_it_is_fitted(
+    drives: dict[str, Any], pair: Fit
+) -> None:
+    record = record_of(drives["hilly"])
+    record = record.select(np.arange(record.windows) % 4 == 0)
+    setting = Setting(replace(record, lap=held_out_in_turn(record.windows)), "per_axle", PRIOR)
+    banked = fit_names(setting, ("road_bank",), None)
+    (bank,) = (b.parameters for b in banked.predictor.blocks if b.effect.name == "road_bank")
+    assert np.abs(by_zero(banked)[0, bank]).mean() == pytest.approx(ZERO_ERROR / GRAVITY, rel=0.3)
+    assert not len(by_zero(pair))
+    assert not len(by_zero(fit_names(setting, ("road_bank", "imu_bias"), None)))
 
 
 @pytest.mark.parametrize(("step", "fitted"), [(0.04, True), (0.02, True), (0.01, False), (0.005, False)])
