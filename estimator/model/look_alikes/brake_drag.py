@@ -64,7 +64,6 @@ BRAKE_DRAG = Effect(
     cause="t",
     hooks={"INPUT": _input},
     needs=("t",),
-    initial=(0.1, 3.0, 1.0),
     prepare=_prepare,
     remembers=("brake_held",),
     separated_by="coasting just after braking and long after it",
