@@ -30,6 +30,8 @@ TURN, FORCE, PUSH = 3e-4, 6e-4, 0.6
 the last, 9 min of 9 of them to less than 0.1e-4 with the second"""
 TOLD = TURN / 3.0
 """rad^2/s said of a turn with which a gyro of the other sign is found: enough to tell the sign of any"""
+STRAIGHT = 0.02
+"""rad/s that say nothing of a turn: at 80 m/s a steering zero of 0.002 rad and front radii that differ by 0.04 %"""
 RIGHT = 0.5
 """gain from which a reading is right, and of the other sign below its negative: nearer to that than to none"""
 FILTER_S = 0.04
@@ -126,7 +128,7 @@ class GainMonitor:
             self._begin(state.yaw_rate)
             return
         turn = self._turned(state, speed, others)
-        self._turn.add(turn, self._gyro, stopping, self.found)
+        self._turn.add(turn if self.found else _beyond(turn, STRAIGHT), self._gyro, stopping, self.found)
         self._force.add(_beyond(turn, SIDE_SLIP / speed), ay / speed, stopping, self.found)
         self._push.add(*self._along.step(state, others.speed), sign_alone=True, keeps=self.found)
         shares = self._turn.evidence / TURN, self._force.evidence / FORCE, self._push.evidence / PUSH

@@ -92,6 +92,13 @@ def test_one_that_went_wrong_on_a_straight_is_found_before_the_heading_is_wrong_
     assert drive.angle * (1.0 - gyro) < 0.05
 
 
+def test_a_steering_zero_and_uneven_wheels_on_a_long_straight_say_nothing(state):
+    drive = Drive(state)
+    others = Others(0.015, 0.015, drive.speed)
+    rolls = DRAG * drive.speed**2 / PER_DRIVE
+    assert not any(drive._step(0.0, 0.0, 0.0, rolls, others) for _ in range(2000))
+
+
 def test_steering_and_wheels_that_contradict_each_other_blame_nothing(state):
     """A slide that is caught: the wheels say how the car turns, the steering the other side; and swapped wheels."""
     assert math.isinf(Drive(state).noticed(lambda t: BEND, steering=-1.0))
