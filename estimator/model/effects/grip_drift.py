@@ -13,9 +13,14 @@ SMALLEST_DECAY = 1e-7
 """Keeps (1 - exp(-x t)) / x defined at x = 0, where the drift is linear, 1/s."""
 
 
-def _grip(terms: Terms, rate: Expr, decay: Expr) -> None:
+def settling(terms: Terms, rate: Expr, decay: Expr) -> Expr:
+    """Factor on what changes with time at `rate` (1/s) first, and settles by the inverse time constant `decay`, 1/s."""
     x = decay + SMALLEST_DECAY
-    factor = 1.0 + rate * (1.0 - ca.exp(-x * terms.auxiliary("t"))) / x
+    return 1.0 + rate * (1.0 - ca.exp(-x * terms.auxiliary("t"))) / x
+
+
+def _grip(terms: Terms, rate: Expr, decay: Expr) -> None:
+    factor = settling(terms, rate, decay)
     terms.grip_f = terms.grip_f * factor
     terms.grip_r = terms.grip_r * factor
 

@@ -63,7 +63,7 @@ def by_declared(fit: Fit) -> Array:
 def by_zero(fit: Fit) -> Array:
     """(k, p) by which a bank and what it loads move where the zero of the lateral accelerometer is off unnamed.
 
-    None where there is no bank, no such sensor, or the zero is in the fit.
+    k is 0 where there is no bank, no such sensor, or the zero is in the fit.
     """
     names = {effect.name for effect in fit.predictor.model.effects}
     if "road_bank" not in names or "imu_bias" in names or not fit.predictor.record.used[AY]:

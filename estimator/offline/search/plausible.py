@@ -150,8 +150,8 @@ def _confirmed_by_turning(fit: Fit, block: Block) -> bool:
     Times the speed, that zero is an acceleration across the car: with one of the accelerometer against it, it looks
     like a bank of the whole lap.
     """
-    seen = gyroscope_zero(fit.predictor.record)
-    if block.effect.name != "imu_bias" or seen is None:
+    seen = gyroscope_zero(fit.predictor.record) if block.effect.name == "imu_bias" else None
+    if seen is None:
         return True
     own = [p.name for p in block.effect.parameters]
     row = range(len(fit.parameters))[block.parameters][own.index("yaw_rate")]
