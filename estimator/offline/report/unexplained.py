@@ -64,7 +64,7 @@ def _by_term(diagnosis: Diagnosis, term: Term) -> list[dict[str, Any]]:
         return _by_stretch(diagnosis, term, float(coefficients[0]), float(np.sqrt(variance[0])))
     if isinstance(term, LookAlikeTerm):
         numbers = zip(term.effect.parameters, coefficients, strict=True)
-        sizes = ", ".join(f"{p.name} {value:.2g} {p.unit}".removesuffix(" 1") for p, value in numbers)
+        sizes = ", ".join(f"{p.name} {value:.3g} {p.unit}".removesuffix(" 1") for p, value in numbers)
         what = f"{term.label} ({sizes})"
         return [_entry(diagnosis, term, channel, term.signal, what) for channel in term.effect.channels]
     values = diagnosis.record.signals[term.signal][diagnosis.record.rows].ravel()

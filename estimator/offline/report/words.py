@@ -13,12 +13,12 @@ from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import figure
 
 UNITS = {
-    "vx": "m/s", "ay": "m/s2", "yaw_rate": "rad/s", "vy": "m/s", "steer": "rad", "steer_rate": "rad/s",
+    "vx": "m/s", "ax": "m/s2", "ay": "m/s2", "yaw_rate": "rad/s", "vy": "m/s", "steer": "rad", "steer_rate": "rad/s",
     "drive": "slip", "drive_rate": "slip/s", "track_position": "m", "t": "s", "yaw": "rad", "engine_speed": "rad/s",
 }  # fmt: skip
 NAMES = {
-    "vx": "speed", "ay": "lateral acceleration", "yaw_rate": "yaw rate", "vy": "lateral velocity",
-    "steer": "steering angle", "steer_rate": "steering rate", "drive": "drive command",
+    "vx": "speed", "ax": "longitudinal acceleration", "ay": "lateral acceleration", "yaw_rate": "yaw rate",
+    "vy": "lateral velocity", "steer": "steering angle", "steer_rate": "steering rate", "drive": "drive command",
     "drive_rate": "rate of the drive command", "track_position": "track position", "t": "time", "yaw": "heading",
     "turn_direction": "turn direction (1 left, -1 right, 0 straight)",
 }  # fmt: skip

@@ -11,12 +11,14 @@ from support.practice_drives import PRIOR, record_of
 
 from estimator.offline.diagnosis import alternatives
 from estimator.offline.fit.prediction_error import Fit
-from estimator.offline.search import every_car
+from estimator.offline.search import every_car, greedy
 from estimator.offline.search.acceptance import explains_more_than_is_left
 from estimator.offline.search.empirical import Screening, Term
 from estimator.offline.search.every_car import on_every_car
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import Greedy, check_each
+from estimator.offline.search.look_alikes.contest import prefer_effects
+from estimator.offline.search.plausible import believed
 from estimator.offline.search.screening import open_candidates
 from estimator.offline.search.search import better, from_every_car, search
 from estimator.offline.search.stand_ins import without_stand_ins
@@ -55,6 +57,34 @@ def test_what_stands_in_for_another_effect_is_exchanged_for_it(drives: dict[str,
     assert state.names == names, "it stands in well"
     assert state.exchange()
     assert set(state.names) == {"aero_drag", "steer_offset"}
+
+
+@pytest.mark.parametrize(
+    ("drive", "others", "ends"),
+    [("drift", ["rolling_resistance"], "grip_drift"), ("stiffer", [], "stiffness_drift")],
+)
+def test_a_look_alike_that_does_not_lead_gives_way_to_the_effect_that_it_resembles(
+    drives: dict[str, Any], drive: str, others: list[str], ends: str
+) -> None:
+    setting, names = Setting(record_of(drives[drive]), "per_axle", PRIOR), [*others, "stiffness_drift"]
+    start = fit_names(setting, (), None)
+    state = Greedy(setting, _quiet, _never_enough, start, names, fit_names(setting, names, start), [])
+    state.recheck()
+    assert state.names == names, "it stands in well"
+    prefer_effects(state)
+    assert set(state.names) == {*others, ends}
+
+
+def test_an_effect_that_is_not_believed_is_tried_in_its_other_form_before_it_is_dropped(
+    drives: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = record_of(drives["much"])
+    setting = Setting(record.select(np.arange(record.windows) % 2 == 0), "per_axle", PRIOR)
+    names = ["aero_downforce", "combined_slip", "limited_slip"]
+    start = fit_names(setting, names, None)
+    monkeypatch.setattr(greedy, "believed", lambda fit, name: name != "limited_slip" and believed(fit, name))
+    found, _, checked = greedy.recheck(setting, names, start, _quiet)
+    assert set(found) == set(checked.gains) == {"aero_downforce", "combined_slip", "yaw_damping"}
 
 
 @pytest.mark.parametrize(
