@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.practice_drives import PRIOR, record_of
 
+from estimator.offline import diagnosis
 from estimator.offline.record.record import SPUN, Record
 from estimator.offline.report.words import grip_words
 from estimator.offline.search.evidence import Evidence
@@ -133,3 +134,16 @@ def test_what_leads_to_a_spin_is_left_out_with_it(drives: dict[str, Any]) -> Non
     spun = start + int(length / 1.2)
     assert not np.isin(np.arange(start + 60, spun), kept).any()
     assert np.isin(start - 400, kept)
+
+
+@pytest.mark.parametrize(
+    ("longest", "every_lap", "said"), [(False, False, True), (True, False, False), (True, True, True)]
+)
+def test_another_grip_as_long_as_any_that_is_sought_is_said_of_a_place_only_where_every_lap_has_it(
+    drives: dict[str, Any], monkeypatch: pytest.MonkeyPatch, longest: bool, every_lap: bool, said: bool
+) -> None:
+    record = record_of(drives["patch"])
+    current = fit_names(Setting(replace(record, lap=np.arange(record.windows) // 15), "per_axle", PRIOR), (), None)
+    found = Candidate(Stretch(0.0, 900.0, (3,), every_lap), FORMS[0], 1e6, -0.3, 0.02, longest)
+    monkeypatch.setattr(diagnosis, "most_gaining", lambda *_: found)
+    assert (diagnosis._other_grip(record, current) is found) == said
