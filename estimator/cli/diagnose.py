@@ -70,12 +70,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
     from estimator.offline.report.diagnosis_result import as_json as to_json
     from estimator.offline.report.diagnosis_result import as_revision, write
-    from estimator.offline.result.simulated_lateral import (
-        identified_laterally,
-        lateral_prior,
-        repaired_log,
-        with_simulated_lateral,
-    )
+    from estimator.offline.result import simulated_lateral
     from estimator.offline.search.pool import workers
     from hil_gateway.process.errors import InputError
     from hil_gateway.track.loading import load_track
@@ -93,9 +88,9 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
         logged = read_logs(sessions)
         record, log, health = _examined(logged, car, known, progress)
         progress("lateral motion")
-        lateral = identified_laterally(logged, record, car, prior, layout, progress.lateral)  # type: ignore[arg-type]
+        lateral = simulated_lateral.identified_laterally(logged, record, car, prior, layout, progress.lateral)  # type: ignore[arg-type]
         if lateral is not None:
-            prior, log = lateral_prior(lateral, prior), repaired_log(lateral)
+            prior, log = simulated_lateral.lateral_prior(lateral, prior), simulated_lateral.repaired_log(lateral)
             record = _record(log, car, health, known)
         result = run(record, layout, prior, progress, pool)  # type: ignore[arg-type]
         revision = as_revision(result, layout, tuple(log.sources.values()))
@@ -103,7 +98,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
         summary: dict[str, Any] = {"health": [finding.description for finding in examined.findings]}
         summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))
         if lateral is not None:
-            summary = with_simulated_lateral(summary, lateral)
+            summary = simulated_lateral.with_simulated_lateral(summary, lateral)
         if out is not None:
             progress("writing the report")
             from estimator.offline.report.diagnosis_report import write_report

@@ -97,3 +97,14 @@ def smooth_sign(value: Any, width: float) -> Any:
 def smooth_negative_part(value: Any, width: float) -> Any:
     """min(value, 0), smooth within about +-`width` of zero; exactly 0 at 0, at most width / 2 above elsewhere."""
     return 0.5 * (value - ca.sqrt(value * value + width * width) + width)
+
+
+BRAKING_WIDTH = 1e-3
+"""The change from driving to braking is smooth within about this slip command."""
+SWITCHING_FORCE = 20.0
+"""The same of a longitudinal force, N."""
+
+
+def braking_part(command: Any) -> Any:
+    """What of a slip command brakes, at most 0."""
+    return smooth_negative_part(command, BRAKING_WIDTH)

@@ -6,17 +6,14 @@ times what each makes of it, and p is the share at equal pressures; elsewhere b 
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect, smooth_negative_part
+from estimator.model.effects.base import SWITCHING_FORCE, Effect, smooth_negative_part
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
-SMOOTHING_FORCE = 20.0
-"""The switch from driving to braking is smooth within about this force, N."""
-
 
 def _longitudinal(terms: Terms, share: Expr, gain: Expr) -> None:
-    braking = smooth_negative_part(terms.fx_r, SMOOTHING_FORCE)
+    braking = smooth_negative_part(terms.fx_r, SWITCHING_FORCE)
     balance = terms.auxiliary("brake_balance")
     front = (1.0 + balance) * share / (1.0 + balance * (2.0 * share - 1.0))
     terms.fx_f = terms.fx_f + front * gain * braking

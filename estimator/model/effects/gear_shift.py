@@ -9,18 +9,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimator.model.effects.base import Effect, smooth_negative_part
+from estimator.model.effects.base import SWITCHING_FORCE, Effect, smooth_negative_part
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Expr
 
-SMOOTHING_FORCE = 20.0
-"""The switch from driving to braking is smooth within about this force, N."""
-
 
 def _longitudinal(terms: Terms, gap: Expr) -> None:
-    driving = terms.fx_r - smooth_negative_part(terms.fx_r, SMOOTHING_FORCE)
+    driving = terms.fx_r - smooth_negative_part(terms.fx_r, SWITCHING_FORCE)
     terms.fx_r = terms.fx_r - terms.aux.get("shifting", 0.0 * gap) * driving
 
 

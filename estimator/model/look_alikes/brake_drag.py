@@ -9,19 +9,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimator.model.effects.base import Effect, smooth_negative_part
+from estimator.model.effects.base import Effect, braking_part
 from estimator.model.memory import followed, held
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Expr
 
-SMOOTHING = 1e-3
-"""The change from driving to braking is smooth within about this slip command."""
-
 
 def _input(terms: Terms, kept: Expr, time_constant: Expr, gain: Expr) -> None:
-    braking = smooth_negative_part(terms.drive, SMOOTHING)
+    braking = braking_part(terms.drive)
     dragging = terms.aux.get("brake_held", 0.0 * time_constant)
     terms.drive = terms.drive + (gain - 1.0) * braking - kept * dragging
 

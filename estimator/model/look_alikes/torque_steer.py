@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect, smooth_negative_part
+from estimator.model.effects.base import Effect, braking_part
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
-SMOOTHING = 1e-3
-"""The change from braking to driving is smooth within about this slip command."""
-
 
 def _input(terms: Terms, pushing: Expr, braking: Expr) -> None:
-    negative = smooth_negative_part(terms.drive, SMOOTHING)
+    negative = braking_part(terms.drive)
     terms.steer = terms.steer + pushing * (terms.drive - negative) + braking * negative
 
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect, smooth_negative_part, smooth_sign
+from estimator.model.effects.base import SWITCHING_FORCE, Effect, smooth_negative_part, smooth_sign
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
-SMOOTHING_FORCE = 20.0
-"""N; the change from braking to driving is smooth within about this force."""
 STRAIGHT = 0.01
 """rad; the moment fades at smaller road-wheel angles"""
 
 
 def _body(terms: Terms, lever: Expr) -> None:
-    pushing = terms.fx_r - smooth_negative_part(terms.fx_r, SMOOTHING_FORCE)
+    pushing = terms.fx_r - smooth_negative_part(terms.fx_r, SWITCHING_FORCE)
     terms.body_yaw = terms.body_yaw + lever * pushing * smooth_sign(terms.steer, STRAIGHT)
 
 

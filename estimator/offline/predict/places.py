@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from estimator.model.effects.base import Effect, smooth_negative_part
+from estimator.model.effects.base import Effect, braking_part
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
@@ -67,16 +67,12 @@ def _steer_gain(terms: Terms, value: Expr) -> None:
     terms.steer = terms.steer * (1 + value)
 
 
-BRAKING_WIDTH = 1e-3
-"""The change from driving to braking is smooth within about this slip command."""
-
-
 def _power_gain(terms: Terms, value: Expr) -> None:
-    terms.drive = terms.drive + value * (terms.drive - smooth_negative_part(terms.drive, BRAKING_WIDTH))
+    terms.drive = terms.drive + value * (terms.drive - braking_part(terms.drive))
 
 
 def _brake_gain(terms: Terms, value: Expr) -> None:
-    terms.drive = terms.drive + value * smooth_negative_part(terms.drive, BRAKING_WIDTH)
+    terms.drive = terms.drive + value * braking_part(terms.drive)
 
 
 def _motion_x(terms: Terms, value: Expr) -> None:
