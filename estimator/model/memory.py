@@ -16,11 +16,20 @@ from hil_gateway.process.arrays import Array, Expr
 
 CHANGES = ("shift", "behind", "lost", "swing")
 """What effects with memory take an input for instead of what is reported: auxiliary signals `{name}_{change}`."""
+SLOWEST = 1.0
+"""Below this speed, m/s, slip angles and their lag do not grow further."""
 
 
 def followed(signals: Mapping[str, Array], name: str) -> Array:
     """The input `name` as the effects that were prepared before leave it, shape (n,)."""
     return np.asarray(signals[name] + sum(signals.get(f"{name}_{change}", 0.0) for change in CHANGES))
+
+
+def axle_courses(signals: Mapping[str, Array], vehicle: Vehicle) -> dict[str, Array]:
+    """Angles (n,), rad, at which the axles move against the car: what slip angles have without the steering."""
+    vy, rate, speed = signals["vy"], signals["yaw_rate"], np.maximum(signals["vx"], SLOWEST)
+    lateral = {"course_f": vy + vehicle.lf * rate, "course_r": vy - vehicle.lr * rate}
+    return {name: np.arctan(v / speed) for name, v in lateral.items()}
 
 
 def input_delay(name: str) -> tuple[Callable[[Terms, Expr], None], Prepare]:
@@ -67,12 +76,16 @@ def relaxed(t: Array, signal: Array, time_constant: Array) -> Array:
 
     The input is taken as linear between samples (exact for a ramp), so the result does not depend on the rate.
     """
+    library = _library()
+    if library is not None:
+        out = np.empty(signal.shape)
+        arrays = (np.ascontiguousarray(a) for a in (t, time_constant, signal))
+        library.call("relaxed", signal.size // signal.shape[-1], signal.shape[-1], *arrays, out)
+        return out
     ratio = np.diff(t) / np.maximum(time_constant[1:], 1e-9)
     decay = np.exp(-ratio)
     slope_gain = np.where(ratio > 1e-6, 1.0 - (1.0 - decay) / np.maximum(ratio, 1e-12), 0.5 * ratio)
-    # y[i] = decay y[i-1] + (1 - decay) u[i-1] + slope_gain (u[i] - u[i-1])
-    drive = (1.0 - decay) * signal[..., :-1] + slope_gain * np.diff(signal)
-    return _recursion(signal[..., :1], decay, drive)
+    return _scan(signal, decay, slope_gain)
 
 
 def swung(t: Array, signal: Array, period: float, damping: float) -> Array:
@@ -83,13 +96,20 @@ def swung(t: Array, signal: Array, period: float, damping: float) -> Array:
     if period <= 0.0:
         return signal.copy()
     root = np.sqrt(1.0 - damping**2)
-    pole = 2.0 * np.pi / period * (-damping + 1j * root)
+    mode = _mode(t, signal, 2.0 * np.pi / period * (-damping + 1j * root))
+    return np.asarray(np.real((1.0 - 1j * damping / root) * mode))
+
+
+def _mode(t: Array, signal: Array, pole: complex) -> Array:
+    """First-order lag (n,), complex, of a signal (n,) with a complex `pole`, 1/s."""
+    library = _library()
+    if library is not None:
+        out = np.empty(signal.shape, complex)
+        library.call("mode", len(t), np.ascontiguousarray(t), np.array([pole]), np.ascontiguousarray(signal), out)
+        return out
     ratio = -pole * np.diff(t)
     decay = np.exp(-ratio)
-    slope_gain = 1.0 - (1.0 - decay) / ratio
-    drive = (1.0 - decay) * signal[:-1] + slope_gain * np.diff(signal)
-    mode = _scan(signal[:1].astype(complex), decay, drive)
-    return np.asarray(np.real((1.0 - 1j * damping / root) * mode))
+    return _scan(signal.astype(complex), decay, 1.0 - (1.0 - decay) / ratio)
 
 
 def after_play(signal: Array, gap: float) -> Array:
@@ -120,26 +140,16 @@ def held(t: Array, signal: Array, time_constant: float) -> Array:
     return np.asarray(np.exp(np.maximum.accumulate(log + fallen) - fallen))
 
 
-def _recursion(first: Array, decay: Array, drive: Array) -> Array:
-    """y[0] = first, y[i+1] = decay[i] y[i] + drive[i], for one signal or more (..., n)."""
-    library = _library()
-    if library is None:
-        return _scan(first, decay, drive)
-    out = np.empty((*drive.shape[:-1], len(decay) + 1))
-    arrays = (np.ascontiguousarray(a) for a in (first, decay, drive))
-    library.call("recursion", out.size // out.shape[-1], out.shape[-1], *arrays, out)
-    return out
-
-
 @cache
 def _library() -> Library | None:
     return load_library(Path(__file__).with_name("recursion.c"))
 
 
-def _scan(first: Array, decay: Array, drive: Array) -> Array:
-    """The recursion without a compiler: a linear scan that doubles its reach every pass."""
+def _scan(signal: Array, decay: Array, slope_gain: Array) -> Array:
+    """The recursion of `recursion.c` without a compiler: a linear scan that doubles its reach every pass."""
+    drive = (1.0 - decay) * signal[..., :-1] + slope_gain * np.diff(signal)
     gain = np.concatenate(([1.0], decay))
-    value = np.concatenate((first, drive), axis=-1)
+    value = np.concatenate((signal[..., :1], drive), axis=-1)
     reach = 1
     while reach < len(gain) and np.max(np.abs(gain[reach:])) > 1e-14:
         value[..., reach:] += gain[reach:] * value[..., :-reach]

@@ -11,14 +11,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from estimator.model.effects.base import Effect
-from estimator.model.memory import followed, relaxed
+from estimator.model.memory import SLOWEST, followed, relaxed
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Expr
-
-SLOWEST = 1.0
-"""Below this speed, m/s, the lag does not grow further."""
 
 
 def _slip(terms: Terms, length: Expr) -> None:
@@ -27,12 +24,8 @@ def _slip(terms: Terms, length: Expr) -> None:
 
 
 def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[float, ...]) -> dict[str, Array]:
-    vx, vy, rate = signals["vx"], signals["vy"], signals["yaw_rate"]
-    speed = np.maximum(vx, SLOWEST)
-    steer = followed(signals, "steer")
-    front, rear = steer - np.arctan((vy + vehicle.lf * rate) / speed), -np.arctan((vy - vehicle.lr * rate) / speed)
-    slips = np.stack([front, rear])
-    lag = relaxed(signals["t"], slips, parameters[0] / speed) - slips
+    slips = np.stack([followed(signals, "steer") - signals["course_f"], -signals["course_r"]])
+    lag = relaxed(signals["t"], slips, parameters[0] / np.maximum(signals["vx"], SLOWEST)) - slips
     return dict(zip(("relaxation_f", "relaxation_r"), lag, strict=True))
 
 

@@ -177,7 +177,7 @@ def maps(propagator: Propagator, gains: Array, weight: Array) -> Array:
     library = windows_library()
     if library is None or windows < VECTOR:
         return _maps((H, G, A), F, gains, weight)
-    out = np.zeros((blocks, windows, 8, 11))
+    out = np.empty((blocks, windows, 8, 11))
     library.call("maps", blocks, windows, H, G, A, F, gains, weight, out)
     return out
 

@@ -60,11 +60,12 @@ int exponentials(size n, size order, size doublings, const double *a, double *de
         for (int j = 1; j < order; j++) {
             product(power, A, next);
             factorial *= j;
+            double by_d = 1.0 / factorial, by_f = by_d / (j + 1), by_g = by_f / (j + 2);
             for (int i = 0; i < 9; i++) {
                 power[i] = next[i];
-                d[i] += power[i] / factorial;
-                f[i] += power[i] / (factorial * (j + 1));
-                g[i] += power[i] / (factorial * (j + 1) * (j + 2));
+                d[i] += power[i] * by_d;
+                f[i] += power[i] * by_f;
+                g[i] += power[i] * by_g;
             }
         }
         for (int doubling = 0; doubling < doublings; doubling++) {
@@ -138,7 +139,7 @@ static inline void row(double *step, int at, vec factor, const vec *error, const
     }
 }
 
-/* Maps (blocks, windows, 8, 11) of a block, all zero before; `weight` (5, blocks, windows). */
+/* Maps (blocks, windows, 8, 11) of a block; `weight` (5, blocks, windows). */
 int maps(size blocks, size windows, const double *H, const double *G, const double *A, const double *F,
          const double *gains, const double *weight, double *maps)
 {
@@ -147,6 +148,7 @@ int maps(size blocks, size windows, const double *H, const double *G, const doub
     for (size b = 0; b < blocks; b++) EACH_VECTOR(w, windows) {
         size s = b * windows + w;
         double *step = maps + 88 * s;
+        memset(step, 0, 88 * W * sizeof *step);
         vec h[9], g[9], a[9], f[6], K[9], L[9], T[9], KT[9], by[9], by_g[9], corrected[6], felt[6], felt_h[6], felt_g[6];
         fetch(H + s, n, 9, h), fetch(G + s, n, 9, g), fetch(A + s, n, 9, a);
         fetch(F + s, n, 6, f), fetch(gains + s, n, 9, K);

@@ -22,6 +22,7 @@ from estimator.drive_log.smoothing import Smoothed, wiener
 from estimator.drive_log.table import DriveLog
 from estimator.model.basis import Basis, make_basis
 from estimator.model.extra_load import extra_loads
+from estimator.model.memory import axle_courses
 from estimator.model.single_track import AUXILIARY, SIGNALS
 from estimator.offline.record.laps import lap_numbers, scored_laps, track_position
 from estimator.offline.record.prepare import smoothed_velocity
@@ -159,6 +160,11 @@ class Record:
     def state_means(self) -> Array:
         """(3, windows, blocks) block means of the smoothed vx, vy, yaw rate."""
         return np.stack([self.thin(self.signals[n]) for n in STATES])
+
+    @cached_property
+    def followed_signals(self) -> Mapping[str, Array]:
+        """The signals with what effects with memory derive from them alone, whatever their parameters."""
+        return {**self.signals, **axle_courses(self.signals, self.vehicle)}
 
     def basis_over_windows(self, name: str) -> WindowBasis:
         """The basis of a profile over the windows."""
