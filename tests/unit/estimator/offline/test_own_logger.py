@@ -22,6 +22,7 @@ from estimator.drive_log.health.offsets import lag_left
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import CHANNELS, ModelColumns
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS, SingleTrack
+from estimator.offline import identification
 from estimator.offline.identification import Options, identify
 from estimator.offline.known_bank import examine_on_its_road
 from estimator.offline.predict.fast_car import drive_zero, load_transfer, presses
@@ -225,6 +226,21 @@ def test_what_a_fit_finds_of_the_place_of_vy_and_the_lag_of_the_yaw_rate_is_take
     found = {finding.name: finding for finding in later.findings}["offset_yaw_rate"]
     assert found.size == pytest.approx(0.34, abs=0.05)
     assert f"{found.size:.3f} s" in found.description
+
+
+def test_a_fit_is_kept_where_what_it_finds_of_vy_and_yaw_rate_is_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    log, options = late(0.3, ay=False), Options()
+    place, lag = f"{VY_SENSOR}.x", f"{YAW_RATE_TIMING}.tau"
+    monkeypatch.setattr(identification, "_is_fast", lambda *_: True)
+    results = []
+    for moves in (False, True):
+        monkeypatch.setattr(identification, "_moves_ay", lambda *_, moves=moves: moves)
+        results.append(identify(log, Vehicle(), PRIOR, options))
+    left, taken_out = (one.fit.values for one in results)
+    assert taken_out == left | {place: 0.0, lag: 0.0}, "a further fit drifts"
+    before, after = ({f.name: f.size for f in one.health.findings} for one in results)
+    assert after["offset_yaw_rate"] == pytest.approx(before["offset_yaw_rate"] + left[lag])
+    assert after["position_vy"] == pytest.approx(before.get("position_vy", 0.0) + left[place])
 
 
 def test_a_diagnosis_goes_on_with_the_log_that_the_identification_repaired() -> None:
