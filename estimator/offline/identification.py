@@ -15,6 +15,7 @@ from estimator.drive_log.health import Finding, HealthReport
 from estimator.drive_log.health.lateral_velocity import POSITION_VY, place_left
 from estimator.drive_log.health.offsets import OFFSET_YAW_RATE, lag_left
 from estimator.drive_log.health.steering import LAG_STEER, lag_of, without_lag, zero_of
+from estimator.drive_log.smoothing import second_difference_noise
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import ModelColumns
 from estimator.model.effects.base import Effect
@@ -64,6 +65,9 @@ TYPICAL_SIMULATIONS = 25
 
 REPAIR_ROUNDS = 3
 """Times that what a fit finds wrong with the log is taken out and estimated again: a delay in it is of first order."""
+FORCE_ROUNDS, BEYOND_NOISE = 3, 1.25
+"""Fits of a fast car's forces at most, each from the end of the one before it, and the spread of vy over its noise
+that asks for another one."""
 LEAST_ERRORS = 3.0
 """Standard errors: 99.7 % of a normal distribution"""
 TAKEN_OUT = {
@@ -230,7 +234,7 @@ def _fit_and_repair(task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, 
     """Fit, repair the log by what the fit finds, fit again; what the fit found joins the log's health."""
     fitted = _fit_and_split(task, health)
     if _is_fast(task, health):
-        fitted = _fit_and_split(task, health, fitted.fit.values)
+        fitted = _fit_with_forces(task, health, fitted)
     for _ in range(REPAIR_ROUNDS):
         again = any(finding.name == LAG_STEER for finding in health.findings)
         lag = lag_of(fitted.fit, task.log.step, again)
@@ -242,6 +246,19 @@ def _fit_and_repair(task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, 
     if (zero := zero_of(fitted.fit)) is not None:
         health = health.replaced(zero)
     return fitted, task, health
+
+
+def _fit_with_forces(task: _Task, health: HealthReport, fitted: _Fitted) -> _Fitted:
+    """The forces of a fast car fitted as well, from where `fitted` is; again where much more of vy than noise is left.
+
+    The way to them is long and bent, and steps are few: a fit may end far from a minimum.
+    """
+    noise = second_difference_noise(task.log["vy"])
+    for _ in range(FORCE_ROUNDS):
+        fitted = _fit_and_split(task, health, fitted.fit.values)
+        if fitted.fit.spread.get("vy", 0.0) < BEYOND_NOISE * noise:
+            break
+    return fitted
 
 
 def _with_own_ay(fitted: _Fitted, task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, HealthReport]:
