@@ -76,10 +76,19 @@ CASES = {
     ),
     "flat, slow, ay at its sensor": Case(Setup(course="oval", fastest=50.0, laps=8), 383, ay=True, roll_sign=1.0),
     "flat, fast, no ay": Case(Setup(course="oval", fastest=72.0, laps=8), 384, ay=False, roll_sign=-1.0),
+    "no ay, 15 deg, slow": Case(
+        Setup(course="oval", bank=math.radians(15), fastest=54.0, laps=8), 481, ay=False, roll_sign=-1.0
+    ),
+    "ay at its sensor, 11 deg": Case(
+        Setup(course="oval", bank=math.radians(11), fastest=66.0, laps=8), 482, ay=True, roll_sign=1.0
+    ),
+    "flat, 58 m/s, no ay": Case(Setup(course="oval", fastest=58.0, laps=8), 483, ay=False, roll_sign=1.0),
+    "flat, 69 m/s, ay at its sensor": Case(Setup(course="oval", fastest=69.0, laps=8), 484, ay=True, roll_sign=-1.0),
 }
 """The first four are the list. The next four were fixed before the rules that the third and fourth led to, the third
-four after the sensor of vy was estimated with the tyres beside an accelerometer, the last four before the axle load
-moved by ax was estimated with the tyres; all before their first run.
+four after the sensor of vy was estimated with the tyres beside an accelerometer, the fourth four before the axle load
+moved by ax was estimated with the tyres, the last four before any change to what is taken out of vy and yaw rate and to
+what halves may state; all before their first run.
 """
 LEFT_AY, LEFT_YAW_RATE = 0.12, 0.0070
 """m/s2 that a diagnosis may leave with catalogue effects, at most 1.25 times noise; rad/s of `hil identify`"""

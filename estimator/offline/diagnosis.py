@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,10 +21,11 @@ from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout,
 from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
+from estimator.offline.search.look_alikes.term import LookAlikeTerm
 from estimator.offline.search.pool import Pool, keep_freed_memory
 from estimator.offline.search.search import Search, search
 from estimator.offline.search.stretches.cells import Candidate, most_gaining
-from estimator.offline.search.stretches.term import can_tell
+from estimator.offline.search.stretches.term import StretchTerm, can_tell
 from estimator.offline.search.terms import TERM_SHARE, Outcome, Rival, with_terms
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from hil_gateway.process.arrays import Array, Ints
@@ -49,6 +50,7 @@ class Diagnosis:
         models: "declared", "refit", "catalogue", "with_effects" -> model and parameters.
         channels: channel -> those names -> RMSE on the test laps; plus "noise_floor".
         rollout: state -> those names -> RMS error after the horizon.
+        without_splines: `fit` without the empirical terms that are functions of one signal; itself where it has none.
         leftover: channels in which the final model leaves more than noise.
         gains: evidence of each accepted effect given everything else; terms: accepted empirical terms.
     """
@@ -59,6 +61,7 @@ class Diagnosis:
     test_rows: Ints
     search: Search
     fit: Fit
+    without_splines: Fit
     accepted: tuple[str, ...]
     gains: Mapping[str, Evidence]
     terms: tuple[Term, ...]
@@ -110,7 +113,8 @@ def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
     record = replace(record, signals=setting.record.signals, bases=setting.record.bases)
     progress("scoring on the test laps")
     test_rows = np.sort(record.rows[np.isin(record.lap, test_laps)].ravel())
-    models = _models(setting, outcome)
+    catalogue = _without(setting, outcome, outcome.terms)
+    models = _models(setting, outcome, catalogue)
     best = models["with_effects"]
     driven = stretches(np.sort(record.rows.ravel()), record.step)
     record = with_predicted_vy(record, driven, best.model, best.parameters, outcome.fit.noise)
@@ -119,9 +123,11 @@ def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
     floor = noise_floor(record.select(np.isin(record.lap, test_laps)), test_rows, best.model, best.parameters)
     channels = {c: {name: s[c] for name, s in scores.items()} | {"noise_floor": floor[c]} for c in floor}
     states = {n: {name: a[n] for name, a in ahead.items()} for n in ahead["refit"]}
+    splines = tuple(term for term in outcome.terms if not isinstance(term, StretchTerm | LookAlikeTerm))
+    left = catalogue if splines == outcome.terms else _without(setting, outcome, splines)
     return Diagnosis(
-        record, train_laps, test_laps, test_rows, outcome.search, outcome.fit, outcome.accepted, outcome.gains,
-        outcome.terms, models, channels, states, outcome.tried,
+        record, train_laps, test_laps, test_rows, outcome.search, outcome.fit, left, outcome.accepted,
+        outcome.gains, outcome.terms, models, channels, states, outcome.tried,
         leftovers(record, test_rows, best.model, best.parameters, floor, _other_grip(record, outcome.fit)),
     )  # fmt: skip
 
@@ -147,16 +153,24 @@ def held_out_in_turn(windows: int) -> Ints:
     return np.arange(windows, dtype=np.int64) // HELD_OUT_WINDOWS
 
 
-def _models(setting: Setting, outcome: Outcome) -> dict[str, Model]:
+def _without(setting: Setting, outcome: Outcome, terms: Sequence[Term]) -> Fit:
+    """The fit without these empirical `terms`."""
+    if not terms:
+        return outcome.fit
+    names = {term.effect.name for term in terms}
+    kept = tuple(effect for effect in setting.extra if effect.name not in names)
+    return fit_names(replace(setting, extra=kept), outcome.accepted, outcome.fit, exact=True)
+
+
+def _models(setting: Setting, outcome: Outcome, catalogue: Fit) -> dict[str, Model]:
     declared = SingleTrack(setting.record.vehicle, setting.layout, (), setting.prior)
     tyre = np.array([p.prior for p in declared.tyre_table])
-    final, declared_setting = outcome.fit, replace(setting, extra=())
-    base = fit_names(declared_setting, (), outcome.search.base, exact=True)
-    catalogue_fit = fit_names(declared_setting, outcome.accepted, final, exact=True) if outcome.terms else final
+    final = outcome.fit
+    base = fit_names(replace(setting, extra=()), (), outcome.search.base, exact=True)
     return {
         "declared": Model(declared, tyre),
         "refit": Model(base.predictor.model, base.parameters),
-        "catalogue": Model(catalogue_fit.predictor.model, catalogue_fit.parameters),
+        "catalogue": Model(catalogue.predictor.model, catalogue.parameters),
         "with_effects": Model(final.predictor.model, final.parameters),
     }
 

@@ -15,6 +15,7 @@ from estimator.drive_log.health import Finding, HealthReport
 from estimator.drive_log.health.lateral_velocity import POSITION_VY, place_left
 from estimator.drive_log.health.offsets import OFFSET_YAW_RATE, lag_left
 from estimator.drive_log.health.steering import LAG_STEER, lag_of, without_lag, zero_of
+from estimator.drive_log.smoothing import second_difference_noise
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import ModelColumns
 from estimator.model.effects.base import Effect
@@ -64,6 +65,9 @@ TYPICAL_SIMULATIONS = 25
 
 REPAIR_ROUNDS = 3
 """Times that what a fit finds wrong with the log is taken out and estimated again: a delay in it is of first order."""
+FORCE_ROUNDS, BEYOND_NOISE = 3, 1.25
+"""Fits of a fast car's forces at most, each from the end of the one before it, and the spread of vy over its noise
+that asks for another one."""
 LEAST_ERRORS = 3.0
 """Standard errors: 99.7 % of a normal distribution"""
 TAKEN_OUT = {
@@ -230,35 +234,61 @@ def _fit_and_repair(task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, 
     """Fit, repair the log by what the fit finds, fit again; what the fit found joins the log's health."""
     fitted = _fit_and_split(task, health)
     if _is_fast(task, health):
-        fitted = _fit_and_split(task, health, fitted.fit.values)
-    for number in range(REPAIR_ROUNDS):
-        found = _left_over(task, health, fitted.fit, first=number == 0)
-        if not found:
+        fitted = _fit_with_forces(task, health, fitted)
+    for _ in range(REPAIR_ROUNDS):
+        again = any(finding.name == LAG_STEER for finding in health.findings)
+        lag = lag_of(fitted.fit, task.log.step, again)
+        if lag is None:
             break
-        health = on_one_bandwidth(reduce(HealthReport.repaired, found, health))
-        task = replace(task, log=health.log)
-        fitted = _fit_and_split(task, health, _without(fitted.fit, found))
+        task, health = _repaired(task, health, [lag])
+        fitted = _fit_and_split(task, health, _without(fitted.fit, [lag]).values)
+    fitted, task, health = _with_own_ay(fitted, task, health)
     if (zero := zero_of(fitted.fit)) is not None:
         health = health.replaced(zero)
     return fitted, task, health
 
 
-def _without(fit: Fit, taken_out: Iterable[Finding]) -> dict[str, float]:
-    """Parameters of `fit` for the log that what was found is taken out of."""
-    return fit.values | {TAKEN_OUT[finding.name]: 0.0 for finding in taken_out}
+def _fit_with_forces(task: _Task, health: HealthReport, fitted: _Fitted) -> _Fitted:
+    """The forces of a fast car fitted as well, from where `fitted` is; again where much more of vy than noise is left.
+
+    The way to them is long and bent, and steps are few: a fit may end far from a minimum.
+    """
+    noise = second_difference_noise(task.log["vy"])
+    for _ in range(FORCE_ROUNDS):
+        fitted = _fit_and_split(task, health, fitted.fit.values)
+        if fitted.fit.spread.get("vy", 0.0) < BEYOND_NOISE * noise:
+            break
+    return fitted
 
 
-def _left_over(task: _Task, health: HealthReport, fit: Fit, *, first: bool) -> list[Finding]:
-    """What the fit says is still wrong with the log: the steering's lag, and what a derived ay depends on.
+def _with_own_ay(fitted: _Fitted, task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, HealthReport]:
+    """What the fit says of vy and yaw rate taken out of the log, and of the fit, where a derived ay depends on it.
 
     Log health sees where vy is measured through tyres without downforce: at speed it is a metre and more off, and so
-    much of the yaw acceleration is then in the derived ay. That is taken out once: what each further fit moves of three
-    timings that are hardly told apart adds up.
+    much of the yaw acceleration is then in the derived ay. There is nothing to fit again: vy is linear in its place,
+    and of the lag milliseconds are left. A further fit finds another minimum instead, as what ax leaves weighs as much
+    as vy and yaw rate: three timings that are hardly told apart move far along it.
     """
-    found = [lag_of(fit, task.log.step, again=any(finding.name == LAG_STEER for finding in health.findings))]
-    if first and _is_fast(task, health) and "ay" in task.log.derived and _moves_ay(fit, fast_speed(task.log)):
-        found += [lag_left(fit), place_left(fit)]
-    return [one for one in found if one is not None]
+    derived = "ay" in task.log.derived and _is_fast(task, health)
+    if not (derived and _moves_ay(fitted.fit, fast_speed(task.log))):
+        return fitted, task, health
+    found = [one for one in (lag_left(fitted.fit), place_left(fitted.fit)) if one is not None]
+    task, health = _repaired(task, health, found)
+    samples = prepare(task.log)
+    fit = _without(fitted.fit, found)
+    return replace(fitted, samples=samples, split=split(task.log, samples), fit=fit), task, health
+
+
+def _repaired(task: _Task, health: HealthReport, found: Iterable[Finding]) -> tuple[_Task, HealthReport]:
+    """The log without what was found."""
+    health = on_one_bandwidth(reduce(HealthReport.repaired, found, health))
+    return replace(task, log=health.log), health
+
+
+def _without(fit: Fit, taken_out: Iterable[Finding]) -> Fit:
+    """`fit` for the log that what was found is taken out of."""
+    values = fit.values | {TAKEN_OUT[finding.name]: 0.0 for finding in taken_out}
+    return replace(fit, theta=np.array([values[name] for name in fit.names]))
 
 
 def _moves_ay(fit: Fit, speed: float) -> bool:

@@ -12,7 +12,7 @@ from estimator.drive_log.health import HealthReport, examine
 from estimator.drive_log.health.acceleration import kinematic, rederived
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.record import make_record
-from estimator.offline.record.road import find_road
+from estimator.offline.record.road import find_road, finer_by_roll
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
@@ -38,8 +38,12 @@ def _bank_of(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str]) -> Ar
     profile = find_road(record).get("road_bank")
     if profile is None:
         return None
-    bank = record.bases["track_position"].matrix(record.signals["track_position"]) @ profile.coefficients
-    return np.asarray(bank) if np.ptp(bank) > STEEP else None
+    position = record.signals["track_position"]
+    bank = record.bases["track_position"].matrix(position) @ profile.coefficients
+    if np.ptp(bank) <= STEEP:
+        return None
+    finer = finer_by_roll(record, record.thin(bank))
+    return np.asarray(bank if finer is None else bank + finer[0].matrix(position) @ finer[1])
 
 
 def on_one_bandwidth(health: HealthReport) -> HealthReport:

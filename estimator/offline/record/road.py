@@ -57,6 +57,9 @@ class _Kinematics:
     std: Array
 
 
+FINE_M, FINE_STD = 20.0, 0.05
+"""Distance of the knots by which a roll channel follows a bank, m: transitions of ovals are 50 m and longer; and what a
+profile with wide knots is off by there, rad"""
 PEDALS = ("drive", "throttle", "brake")
 """What the driver asks for along the car; either sign of each has its own force."""
 ANY_FORCE = 100.0
@@ -134,6 +137,26 @@ def _by_roll(record: Record) -> RoadProfile | None:
     kinematics = _Kinematics(lean, np.stack([np.ones_like(lean), felt], axis=-1), np.array(ROLL_PRIORS))
     profile = _profile(record, kinematics, (0.0, ROLL_STRAIGHT))
     return None if profile is None else no_surer_than_roll(profile)
+
+
+def finer_by_roll(record: Record, bank: Array) -> tuple[Basis, Array] | None:
+    """What the roll channel shows beyond a `bank` (windows, blocks), rad: a basis over the lap and its coefficients.
+
+    None without such a channel. A steep bank rises within less than the knots of a profile that is fitted with tyres.
+    What is left of it is small and of either sign, so that its prior does not move the level of the whole.
+    """
+    signals = bank_by_roll(record)
+    if signals is None:
+        return None
+    lean, felt = signals
+    coarse = record.bases["track_position"]
+    basis = replace(coarse, size=max(coarse.size, round(coarse.period / FINE_M)))
+    sensors = np.stack([np.ones_like(lean), felt], axis=-1)
+    kinematics = _Kinematics(lean + GRAVITY * np.sin(bank), sensors, np.array(ROLL_PRIORS))
+    B = basis.matrix(record.thin(record.signals["track_position"]).ravel())
+    nothing, prior = np.zeros(basis.size), basis.precision(GRAVITY * FINE_STD)
+    found = _Regression.make(kinematics, B, prior, nothing, record.lap).solve()
+    return basis, -found[: basis.size] / GRAVITY
 
 
 def _lateral(record: Record) -> _Kinematics:

@@ -29,7 +29,7 @@ ALTERNATIVES = 4
 
 def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
     """The result in the agreed format."""
-    spread = covariance(diagnosis.fit)
+    spread = covariance(diagnosis.fit, diagnosis.without_splines)
     std = np.sqrt(np.diag(spread))
     blocks = {b.effect.name: b for b in diagnosis.fit.predictor.blocks}
     shares = _shares(diagnosis)

@@ -60,7 +60,7 @@ def _by_term(diagnosis: Diagnosis, term: Term) -> list[dict[str, Any]]:
     block = next(b for b in diagnosis.fit.predictor.blocks if b.effect.name == term.effect.name)
     coefficients = diagnosis.fit.parameters[block.parameters]
     if isinstance(term, StretchTerm):
-        variance = np.diag(covariance(diagnosis.fit))[block.parameters]
+        variance = np.diag(covariance(diagnosis.fit, diagnosis.without_splines))[block.parameters]
         return _by_stretch(diagnosis, term, float(coefficients[0]), float(np.sqrt(variance[0])))
     if isinstance(term, LookAlikeTerm):
         numbers = zip(term.effect.parameters, coefficients, strict=True)

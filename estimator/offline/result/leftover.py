@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.model.single_track import CHANNELS, SingleTrack
 from estimator.offline.record.record import Record
@@ -30,6 +31,10 @@ TIMES_OVER = 2.0
 """They follow whatever varies slowly, and are the cause where they explain so many times what any signal does."""
 RESPONSES = ("vy", "ay", "yaw_rate")
 """What follows from a force across the car as much as a force follows from it."""
+PLACED = ("t", "track_position", "yaw", "x", "y")
+"""What says when and where, and is no cause."""
+NEARLY_ALL = 0.8
+"""Share of what is beyond noise."""
 CELL_M = 40.0
 """Of the lap: what a car does there it does for a second."""
 ACTIVE = 0.5
@@ -100,10 +105,43 @@ def leftovers(  # noqa: PLR0917 - what is left of what, over what, and why
         if record.used[c] and max(known, new) > BEYOND_NOISE:
             only_scored = known <= BEYOND_NOISE
             part = scored if only_scored else np.ones_like(scored)
-            left = Leftover(channel, max(known, new), only_scored, *_where(record, at[part], residual[part]))
+            where = _where(record, at[part], residual[part])
+            if only_scored and where[0] == "t":
+                where = _beyond_reach(record, at, scored, residual**2 - floor[channel] ** 2) or where
+            left = Leftover(channel, max(known, new), only_scored, *where)
             of_grip = grip and _with_grip(left, record, (at[part], residual[part]), floor[channel], grip)
             found.append(of_grip or left.at_places(record))
     return tuple(sorted(found, key=lambda left: -left.ratio))
+
+
+def _beyond_reach(
+    record: Record, rows: Ints, scored: NDArray[np.bool_], excess: Array
+) -> tuple[str, tuple[tuple[float, float], ...], tuple[float, float]] | None:
+    """Signal that the scored laps drive beyond the laps learnt from, where nearly all `excess` (n,) is: its law.
+
+    None where no cause holds that much, or where it came once: then anything that happened there and then would do.
+    """
+    t = record.signals["t"]
+    total, held = float(excess[scored].sum()), {}
+    for name in set(explanatory(record)) - {*RESPONSES, *PLACED}:
+        values = record.signals[name][rows]
+        known = values[~scored]
+        for beyond in (scored & (values > known.max()), scored & (values < known.min())):
+            each = _by_passage(t[rows[beyond]], excess[beyond]) / total
+            if len(each) > 1 and each.sum() > NEARLY_ALL and each[1] > EXPLAINS:
+                inside = values[beyond]
+                held[float(each.sum())] = name, ((float(inside.min()), float(inside.max())),), _reach(values[scored])
+    return held[max(held)] if held else None
+
+
+def _by_passage(t: Array, excess: Array) -> Array:
+    """(passages,) sums of the `excess` (n,) at times (n,), largest first; none is within `SHORT_S` of another."""
+    passage = np.cumsum(np.diff(t, prepend=t[:1]) > SHORT_S)
+    return np.sort(np.bincount(passage, excess).astype(np.float64))[::-1]
+
+
+def _reach(values: Array) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
 
 
 def _with_grip(
@@ -140,7 +178,7 @@ def _where(
         groups["t"] = short
         signal = max((n for n in ("track_position", "t") if n in groups), key=lambda n: _explained(mean**2, groups[n]))
     values = valued[signal]
-    return signal, _spans(values, groups[signal], mean**2), (float(values.min()), float(values.max()))
+    return signal, _spans(values, groups[signal], mean**2), _reach(values)
 
 
 def _values(record: Record, signal: str, rows: Ints) -> Array:

@@ -22,6 +22,7 @@ from estimator.drive_log.health.offsets import lag_left
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import CHANNELS, ModelColumns
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS, SingleTrack
+from estimator.offline import identification
 from estimator.offline.identification import Options, identify
 from estimator.offline.known_bank import examine_on_its_road
 from estimator.offline.predict.fast_car import drive_zero, load_transfer, presses
@@ -83,6 +84,22 @@ def test_a_bank_the_log_shows_is_an_input_and_not_felt(drives: dict[str, Any]) -
     assert np.allclose(added, GRAVITY * np.sin(on_its_road["known_bank"]), atol=0.05)
     level, _ = banked(drives["flat"], 0.0, 1.0)
     assert "known_bank" not in examine_on_its_road(level, Vehicle()).log
+
+
+def test_a_known_bank_follows_the_roll_where_it_rises_within_less_than_the_knots_of_a_profile(
+    drives: dict[str, Any],
+) -> None:
+    log, gentle = banked(drives["flat"], 0.3, 1.0)
+    record = make_record(log, Vehicle())
+    position = record.signals["track_position"]
+    place = np.round(position / 5.0).astype(int)
+    bank = 0.3 * np.tanh(10.0 * (np.bincount(place, gentle) / np.maximum(np.bincount(place), 1))[place])
+    sharp = log.with_columns({"roll_logged": np.degrees(bank)}, "rises within a few metres")
+    basis = record.bases["track_position"]
+    matrix = basis.matrix(position)
+    by_profile = matrix @ np.linalg.lstsq(matrix, bank, rcond=None)[0] - bank
+    left = examine_on_its_road(sharp, Vehicle()).log["known_bank"] - bank
+    assert np.std(left) < 0.75 * np.std(by_profile), "no profile with these knots comes nearer"
 
 
 @pytest.mark.parametrize("ay_is_derived", [True, False])
@@ -225,6 +242,39 @@ def test_what_a_fit_finds_of_the_place_of_vy_and_the_lag_of_the_yaw_rate_is_take
     found = {finding.name: finding for finding in later.findings}["offset_yaw_rate"]
     assert found.size == pytest.approx(0.34, abs=0.05)
     assert f"{found.size:.3f} s" in found.description
+
+
+def test_a_fit_is_kept_where_what_it_finds_of_vy_and_yaw_rate_is_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    log, options = late(0.3, ay=False), Options()
+    place, lag = f"{VY_SENSOR}.x", f"{YAW_RATE_TIMING}.tau"
+    monkeypatch.setattr(identification, "_is_fast", lambda *_: True)
+    results = []
+    for moves in (False, True):
+        monkeypatch.setattr(identification, "_moves_ay", lambda *_, moves=moves: moves)
+        results.append(identify(log, Vehicle(), PRIOR, options))
+    left, taken_out = (one.fit.values for one in results)
+    assert taken_out == left | {place: 0.0, lag: 0.0}, "a further fit drifts"
+    before, after = ({f.name: f.size for f in one.health.findings} for one in results)
+    assert after["offset_yaw_rate"] == pytest.approx(before["offset_yaw_rate"] + left[lag])
+    assert after["position_vy"] == pytest.approx(before.get("position_vy", 0.0) + left[place])
+
+
+@pytest.mark.parametrize(("left", "fits"), [([0.9, 0.05, 0.021], 3), ([0.9, 0.021], 2), ([0.9] * 9, 4)])
+def test_forces_are_fitted_again_while_more_of_vy_than_noise_is_left(
+    monkeypatch: pytest.MonkeyPatch, left: list[float], fits: int
+) -> None:
+    noise = np.random.default_rng(0).normal(scale=0.02, size=2000)
+    task = SimpleNamespace(log={"vy": noise + np.sin(0.01 * np.arange(2000))})
+    each = iter(left)
+    made: list[Any] = []
+
+    def fit(*_: Any) -> Any:
+        made.append(SimpleNamespace(fit=SimpleNamespace(values={}, spread={"vy": next(each)})))
+        return made[-1]
+
+    monkeypatch.setattr(identification, "_fit_and_split", fit)
+    assert identification._fit_with_forces(task, None, fit()) is made[-1]
+    assert len(made) == fits
 
 
 def test_a_diagnosis_goes_on_with_the_log_that_the_identification_repaired() -> None:

@@ -52,6 +52,16 @@ def test_what_is_held_widens_what_is_stated(pair: Fit) -> None:
     assert np.all(stated >= white + 0.999 * held)
 
 
+def test_a_size_is_as_unsure_as_it_moves_without_an_empirical_term(pair: Fit) -> None:
+    (drag,) = (b.parameters for b in pair.predictor.blocks if b.effect.name == "aero_drag")
+    there = pair.parameters.copy()
+    there[drag] += 0.3
+    without = Fit(pair.predictor, there, pair.normal, pair.noise)
+    added = np.diag(covariance(pair, without)) - np.diag(covariance(pair))
+    assert added[drag] == pytest.approx(0.09)
+    assert np.allclose(np.delete(added, drag), 0.0)
+
+
 def test_the_zero_of_the_accelerometer_moves_a_bank_of_the_whole_lap_unless_it_is_fitted(
     drives: dict[str, Any], pair: Fit
 ) -> None:
