@@ -60,7 +60,7 @@ class _Reading:
 
     def add(self, said: float, shown: float, sign_alone: bool, keeps: bool) -> None:
         """A period in which others say `said`, and the reading shows `shown` of it. Its gain is that since there was
-        no evidence, or where it `keeps` on, of all since then."""
+        no evidence, or where it `keeps` on, since it was last forgotten."""
         more = said * ((0.0 if sign_alone else said) - 2.0 * shown)
         self.evidence = max(self.evidence + PERIOD_S * more, 0.0)
         if self.evidence <= 0.0 and not keeps:
@@ -117,6 +117,8 @@ class GainMonitor:
         self._uneven = UNEVEN / config.vehicle.track_front
         self.found = False
         """whether one of the readings has another gain than a sound one's"""
+        self._gyro_found = False
+        """whether that is the gyro"""
         self.repair: GyroRepair | None = None
         """what makes the gyro right again, once that is told"""
 
@@ -128,13 +130,23 @@ class GainMonitor:
             self._begin(state.yaw_rate)
             return
         turn = self._turned(state, speed, others)
-        self._turn.add(turn if self.found else _beyond(turn, STRAIGHT), self._gyro, stopping, self.found)
+        said, shown = (turn, state.yaw_rate) if self.found else (_beyond(turn, STRAIGHT), self._gyro)
+        self._turn.add(said, shown, stopping, self.found)
         self._force.add(_beyond(turn, SIDE_SLIP / speed), ay / speed, stopping, self.found)
         self._push.add(*self._along.step(state, others.speed), sign_alone=True, keeps=self.found)
-        shares = self._turn.evidence / TURN, self._force.evidence / FORCE, self._push.evidence / PUSH
-        self.found = self.found or max(shares) > 1.0
-        if self.found and (self.repair is None or self.repair.force == 0.0):
+        if not self.found:
+            self._find()
+        elif self.repair is None or self.repair.force == 0.0:
             self.repair = self._told() or self.repair
+
+    def _find(self) -> None:
+        """Whether evidence is enough. What is found is told by what it shows from then on: the filter still keeps what
+        a reading showed before it went wrong."""
+        self._gyro_found = self._turn.evidence > TURN
+        self.found = self._gyro_found or self._force.evidence > FORCE or self._push.evidence > PUSH
+        if self.found:
+            self._turn.forget()
+            self._force.forget()
 
     def _begin(self, yaw_rate: float) -> None:
         for reading in (self._turn, self._force, self._push):
@@ -153,9 +165,10 @@ class GainMonitor:
         return others.steered if self.found else _common(others.steered, _beyond(self._wheels, slack))
 
     def _told(self) -> GyroRepair | None:
-        """By what gyro and lateral force have shown since evidence began."""
+        """By what gyro and lateral force have shown since one was found; a gyro that was it is not right as it is."""
         sign = self._turn.sign(TOLD)
-        return GyroRepair(sign=sign, force=self._force.sign(TOLD)) if sign else None
+        told = sign < 0.0 or (sign > 0.0 and not self._gyro_found)
+        return GyroRepair(sign=sign, force=self._force.sign(TOLD)) if told else None
 
 
 def _beyond(value: float, slack: float) -> float:

@@ -191,9 +191,20 @@ def test_found_on_a_straight_the_sign_of_the_gyro_is_told_in_the_next_bend(state
     assert (drive.monitor.repair.sign, drive.monitor.repair.force) == (gyro, -1.0)
 
 
-def test_a_gyro_that_shows_nothing_cannot_be_repaired(state):
+@pytest.mark.parametrize("force", [1.0, 0.0], ids=["alone", "with the accelerometers, which are found first"])
+def test_a_gyro_that_shows_nothing_cannot_be_repaired(state, force):
+    """Not by what its filter keeps of the bend it went wrong in."""
     drive = Drive(state)
-    drive.noticed(lambda t: BEND, gyro=0.0)
+    drive.noticed(lambda t: BEND, gyro=0.0, force=force)
     for _ in range(100):
-        drive.turn(BEND, gyro=0.0)
+        drive.turn(BEND, gyro=0.0, force=force)
+    assert drive.monitor.repair is None
+
+
+def test_a_gyro_that_was_found_is_not_right_as_it_is(state):
+    """It hangs, and shows what the car happens to do as the bend opens."""
+    drive = Drive(state)
+    drive.noticed(lambda t: BEND, gyro=0.4)
+    for _ in range(100):
+        drive.turn(0.4 * BEND, gyro=1.0)
     assert drive.monitor.repair is None
