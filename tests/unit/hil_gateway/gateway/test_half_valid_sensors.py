@@ -55,6 +55,13 @@ def test_a_receiver_that_jumps_or_is_noisy_does_not_disturb_a_standing_car(offse
     rig.drive_off(5.0)
 
 
+def test_a_car_that_a_bank_presses_beyond_the_range_of_its_imu_keeps_its_gyro() -> None:
+    rig = moving()
+    rig.hooks.append(lambda rig: rig.car.overrides.update(imu_az=4.1 + 0.01 * (rig.tick % 7)))
+    rig.run(1.0)
+    assert rig.action is FailsafeAction.DRIVE
+
+
 def test_a_car_at_constant_speed_is_driven() -> None:
     """Wheels are never the same to the last bit, as those of a real car."""
     rig = moving()
