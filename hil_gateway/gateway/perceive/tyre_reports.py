@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from hil_gateway.bus.tyres import Tyres
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
@@ -35,11 +37,14 @@ class TyreReports:
         """whether a tyre, of any or of one axle, was flat when it was last asked"""
 
     def flat_s(self, now_ns: int) -> float:
-        """Seconds a tyre has had less than half of the pressure it had; once a period."""
+        """Seconds a tyre has had less than half of the pressure it had, infinite where both values of its report say
+        so, which no wrong bit makes them; once a period."""
         flat = [self._is_flat(wheel) for wheel in WHEELS]  # each keeps its own pressure
+        sure = [self._has_lost(f"{wheel}_Tire_Pressure_Gauge", self._gauge(wheel) or 0.0) for wheel in WHEELS]
         self.flat_front, self.flat_rear = any(flat[:2]), any(flat[2:])
         self.flat = self.flat_front or self.flat_rear
-        return self._flat.update(self.flat, now_ns)
+        held_s = self._flat.update(self.flat, now_ns)
+        return math.inf if any(map(all, zip(flat, sure, strict=True))) else held_s
 
     def message(self, now_ns: int) -> Tyres | None:
         """The message, when it is due."""
@@ -59,10 +64,14 @@ class TyreReports:
     def _is_flat(self, wheel: str) -> bool:
         inside = self._builder.signal(f"{wheel}_Tire_Pressure")
         over = inside - AIR_PA
-        if inside < READS_PA or over > MOST_PA:
+        return inside >= READS_PA and self._has_lost(f"{wheel}_Tire_Pressure", over)
+
+    def _has_lost(self, signal: str, over: float) -> bool:
+        """Whether a pressure over the air outside, Pa, is less than half of what its signal had."""
+        if over > MOST_PA:
             return False
-        had = self._had.setdefault(wheel, over)
-        self._had[wheel] = had + RISE * max(over - had, 0.0)
+        had = self._had.setdefault(signal, over)
+        self._had[signal] = had + RISE * max(over - had, 0.0)
         return over < LOST * had
 
     def _tread(self, wheel: str) -> list[float]:

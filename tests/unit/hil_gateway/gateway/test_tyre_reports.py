@@ -44,13 +44,28 @@ def driving(seconds: float) -> tuple[Rig, dict[str, float]]:
 
 
 @pytest.mark.parametrize("wheel", WHEELS)
-def test_a_puncture_of_any_tyre_stops_the_car_within_half_a_second(wheel: str) -> None:
-    pressures = dict.fromkeys(WHEELS, SOUND_MBAR)
-    rig = reporting(lambda tick: pressures)
-    rig.drive_off()
+def test_a_puncture_of_any_tyre_stops_the_car_with_its_first_report(wheel: str) -> None:
+    rig, pressures = driving(2.0)
     assert rig.action is FailsafeAction.DRIVE
     pressures[wheel] = FLAT_MBAR
-    rig.run(0.5)
+    rig.run(0.12)
+    assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "tyre_flat")
+
+
+def test_a_report_of_which_one_value_says_flat_stops_the_car_when_it_says_so_for_a_while() -> None:
+    rig = Rig()
+    absolute = [SOUND_MBAR]
+
+    def send(rig: Rig) -> None:
+        if rig.car.tick % 10 == 0:
+            rig.car.send("Tire_Pressure_RL", {"RL_Tire_Pressure": absolute[0], "RL_Tire_Pressure_Gauge": 1587.0})
+
+    rig.hooks.append(send)
+    rig.drive_off(2.0)
+    absolute[0] = FLAT_MBAR
+    rig.run(0.2)
+    assert rig.action is FailsafeAction.DRIVE
+    rig.run(0.3)
     assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, "tyre_flat")
 
 
