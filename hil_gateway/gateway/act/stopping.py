@@ -71,6 +71,8 @@ class Stopping:
         """specific force that the car has or its way needs, m/s2; None where it does not steer: brakes take all"""
         self._brakes = True
         self._clear = CLEAR
+        self._asked = 0.0
+        """curvature that the steering asks for, 1/m"""
         self._yields = 0.0
         """slip angle of the rear axle, rad a m/s2 of lateral force; negative: the nose points to the inside"""
 
@@ -110,8 +112,11 @@ class Stopping:
         wanted = config.emergency_deceleration if emergency else config.controlled_deceleration
         lateral = abs(motion.ay)
         if self._path is not None and pose is not None:
-            wanted = max(wanted, self._for_bends(self._path, pose, motion.speed))
-            lateral = max(lateral, self._for_way(self._path, pose, motion.speed)) if steers else lateral
+            for_bends = self._for_bends(self._path, pose, motion.speed)
+            wanted = max(wanted, for_bends)
+            if steers:
+                lateral = max(lateral, self._for_way(self._path, pose, motion.speed))
+                lateral = max(lateral, self._for_steering(motion.speed, for_bends))
         self.lateral = lateral if steers else None
         left = self._grip_left(motion.speed, lateral)
         force = self._vehicle.mass * (min(wanted, left) if steers else left)
@@ -137,6 +142,7 @@ class Stopping:
         curvature = 2 * math.sin(angle) / distance
         if not motion.by_gyro:
             curvature = self._within_grip(curvature, motion.speed)
+        self._asked = abs(curvature)
         too_slow = motion.speed * curvature - motion.yaw_rate if motion.prompt else 0.0
         gain = FLAT_YAW_RATE_GAIN if self.flat else YAW_RATE_GAIN
         understeer = BRAKED_UNDERSTEER * motion.understeer * motion.speed**2 * bend
@@ -175,14 +181,27 @@ class Stopping:
         """Lateral force of the way where the car is, m/s2."""
         return float(self._bends[path.nearest(pose.x, pose.y)]) * speed**2
 
+    def _for_steering(self, speed: float, for_bends: float) -> float:
+        """Lateral force that the steering asks for, m/s2, as far as the braking that bends ahead need leaves it.
+
+        A car that is beside its way asks for more than the way: front tyres that brake with all the rest of their grip
+        do not turn it back.
+        """
+        grip = self._grip_at(speed)
+        return min(self._asked * speed**2, math.sqrt(max(grip**2 - for_bends**2, 0.0)))
+
     def _grip_left(self, speed: float, lateral: float) -> float:
         """Deceleration the friction circle leaves beside a lateral force, m/s2.
 
         That of the way counts, too: front tyres that are braked past their grip turn the car less, and by the force
         that is left it would seem to need none.
         """
-        grip = self._config.grip(self._vehicle.mass, speed) * (FLAT_GRIP if self.flat else 1.0)
+        grip = self._grip_at(speed)
         return math.sqrt(max(grip**2 - lateral**2, (0.3 * grip) ** 2))
+
+    def _grip_at(self, speed: float) -> float:
+        """Specific force that the tyres make, m/s2."""
+        return self._config.grip(self._vehicle.mass, speed) * (FLAT_GRIP if self.flat else 1.0)
 
     @property
     def _grip(self) -> float:

@@ -332,6 +332,24 @@ def test_front_tyres_that_slide_under_the_brakes_get_the_grip_their_bend_needs(r
     assert sliding == pytest.approx(holding, rel=0.05)
 
 
+def test_a_car_beside_its_way_gets_the_grip_that_leads_it_back(rig):
+    x = np.linspace(0.0, 400.0, 801)
+    drives = []
+    for pose in (Pose(50.0, 0.0, 0.0, 70.0), Pose(50.0, 1.2, 0.03, 70.0)):
+        stop = stopping()
+        stop.take_plan(rig.plan(0).model_copy(update={"x": tuple(x), "y": tuple(0.0 * x)}), stopping=False)
+        stop.start(0.0)
+        drives.append(stop.command(motion(70.0), pose, emergency=True)[1])
+    on_it, beside_it = drives
+    assert on_it < 1.5 * beside_it < 0.0
+
+
+def test_a_bend_that_is_too_fast_gets_its_brakes_all_the_same(rig):
+    stop, pose = on_a_circle(rig)
+    drives = [stop.command(motion(45.0), replace(pose, speed=45.0, yaw=yaw), emergency=True)[1] for yaw in (0.1, 0.0)]
+    assert drives[1] == pytest.approx(drives[0], rel=0.05)
+
+
 def test_a_car_that_no_longer_steers_is_braked_with_all_its_grip(rig):
     stop, pose = on_a_circle(rig)
     steering = [stop.command(motion(30.0, ay=2.0), pose, emergency=True, steers=steers)[1] for steers in (True, False)]
