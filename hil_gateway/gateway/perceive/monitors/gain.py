@@ -108,6 +108,10 @@ class GainMonitor:
     def __init__(self, config: Config) -> None:
         self._config = config
         self._turn, self._force, self._push = _Reading(), _Reading(), _Reading()
+        self._change = _Reading()
+        """the gyro by what has changed since one was found: one that hangs may show what the car happens to do"""
+        self._was = (0.0, 0.0)
+        """what the steering said of the turn, and the gyro showed, then, rad/s"""
         self._along = _Along(config)
         self._gyro = self._wheels = 0.0
         """yaw rates, filtered, rad/s"""
@@ -135,21 +139,24 @@ class GainMonitor:
         self._force.add(_beyond(turn, SIDE_SLIP / speed), ay / speed, stopping, self.found)
         self._push.add(*self._along.step(state, others.speed), sign_alone=True, keeps=self.found)
         if not self.found:
-            self._find()
-        elif self.repair is None or self.repair.force == 0.0:
+            self._find(others.steered, state.yaw_rate)
+            return
+        self._change.add(others.steered - self._was[0], state.yaw_rate - self._was[1], stopping, keeps=True)
+        if self.repair is None or self.repair.force == 0.0:
             self.repair = self._told() or self.repair
 
-    def _find(self) -> None:
+    def _find(self, steered: float, yaw_rate: float) -> None:
         """Whether evidence is enough. What is found is told by what it shows from then on: the filter still keeps what
         a reading showed before it went wrong."""
         self._gyro_found = self._turn.evidence > TURN
         self.found = self._gyro_found or self._force.evidence > FORCE or self._push.evidence > PUSH
         if self.found:
-            self._turn.forget()
-            self._force.forget()
+            self._was = steered, yaw_rate
+            for reading in (self._turn, self._force, self._change):
+                reading.forget()
 
     def _begin(self, yaw_rate: float) -> None:
-        for reading in (self._turn, self._force, self._push):
+        for reading in (self._turn, self._force, self._push, self._change):
             reading.forget()
         self._along = _Along(self._config)
         self._gyro = self._wheels = yaw_rate
@@ -167,7 +174,7 @@ class GainMonitor:
     def _told(self) -> GyroRepair | None:
         """By what gyro and lateral force have shown since one was found; a gyro that was it is not right as it is."""
         sign = self._turn.sign(TOLD)
-        told = sign < 0.0 or (sign > 0.0 and not self._gyro_found)
+        told = sign == self._change.sign(TOLD) and (sign < 0.0 or (sign > 0.0 and not self._gyro_found))
         return GyroRepair(sign=sign, force=self._force.sign(TOLD)) if told else None
 
 

@@ -160,7 +160,7 @@ def test_side_slip_that_goes_as_a_car_leaves_a_bend_blames_no_accelerometer(stat
 def test_it_holds_until_the_car_stands(state):
     drive = Drive(state)
     drive.noticed(lambda t: BEND, gyro=-1.0)
-    assert all(drive.turn(BEND, gyro=-1.0) for _ in range(30))
+    assert all(drive.turn(BEND - 0.005 * n, gyro=-1.0) for n in range(30))
     drive.monitor.step(state, SPEED, 0.0, None, False)
     assert drive.monitor.found and drive.monitor.repair is not None
     drive.monitor.step(state, 0.0, 0.0, None, False)
@@ -198,6 +198,16 @@ def test_a_gyro_that_shows_nothing_cannot_be_repaired(state, force):
     drive.noticed(lambda t: BEND, gyro=0.0, force=force)
     for _ in range(100):
         drive.turn(BEND, gyro=0.0, force=force)
+    assert drive.monitor.repair is None
+
+
+def test_a_gyro_that_hangs_is_not_right_because_it_still_shows_nearly_what_the_car_does(state):
+    """The accelerometers hang too, and are found first; the bend opens."""
+    drive = Drive(state)
+    assert any(drive.turn(BEND, force=-1.0) for _ in range(20))
+    for n in range(30):
+        rate = BEND - 0.005 * n
+        drive.turn(rate, gyro=BEND / rate, force=BEND / rate)
     assert drive.monitor.repair is None
 
 
