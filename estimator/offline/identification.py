@@ -12,8 +12,8 @@ from typing import Any, Literal
 import numpy as np
 
 from estimator.drive_log.health import Finding, HealthReport
-from estimator.drive_log.health.lateral_velocity import POSITION_VY, place_left
-from estimator.drive_log.health.offsets import OFFSET_YAW_RATE, lag_left
+from estimator.drive_log.health.lateral_velocity import place_left
+from estimator.drive_log.health.offsets import lag_left
 from estimator.drive_log.health.steering import LAG_STEER, lag_of, without_lag, zero_of
 from estimator.drive_log.smoothing import second_difference_noise
 from estimator.drive_log.table import DriveLog
@@ -25,12 +25,11 @@ from estimator.offline.fit.equation_error import Fit, fit
 from estimator.offline.fit.identifiability import Identifiability, analyse
 from estimator.offline.fit.output_error import OutputErrorSettings, fit_output_error
 from estimator.offline.fit.recursive import Curve, Recursion, averaged, batch, sample
+from estimator.offline.fit.taken_out import moves_ay, without
 from estimator.offline.known_bank import examine_on_its_road, on_one_bandwidth
 from estimator.offline.predict.fast_car import forces, loads, presses
 from estimator.offline.predict.nuisance import (
     KNOWN_BANK,
-    STEER_TIMING,
-    YAW_RATE_TIMING,
     known_bank,
     steer_timing,
     steer_zero,
@@ -41,7 +40,6 @@ from estimator.offline.predict.rollout import Rollout
 from estimator.offline.progress import approached
 from estimator.offline.record.prepare import Samples, fast_speed, prepare, spinning
 from estimator.offline.record.split import Split, split
-from estimator.offline.record.unknown_inputs import VY_SENSOR
 from estimator.offline.result.grip import Grip, grip_of, slides
 from estimator.offline.result.identification_score import (
     LogScore,
@@ -68,12 +66,6 @@ REPAIR_ROUNDS = 3
 FORCE_ROUNDS, BEYOND_NOISE = 3, 1.25
 """Fits of a fast car's forces at most, each from the end of the one before it, and the spread of vy over its noise
 that asks for another one."""
-LEAST_ERRORS = 3.0
-"""Standard errors: 99.7 % of a normal distribution"""
-TAKEN_OUT = {
-    LAG_STEER: f"{STEER_TIMING}.tau", OFFSET_YAW_RATE: f"{YAW_RATE_TIMING}.tau", POSITION_VY: f"{VY_SENSOR}.x",
-}  # fmt: skip
-"""Finding -> what the fit estimates of it."""
 
 
 @dataclass(frozen=True)
@@ -241,7 +233,7 @@ def _fit_and_repair(task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, 
         if lag is None:
             break
         task, health = _repaired(task, health, [lag])
-        fitted = _fit_and_split(task, health, _without(fitted.fit, [lag]).values)
+        fitted = _fit_and_split(task, health, without(fitted.fit, [lag]).values)
     fitted, task, health = _with_own_ay(fitted, task, health)
     if (zero := zero_of(fitted.fit)) is not None:
         health = health.replaced(zero)
@@ -270,12 +262,12 @@ def _with_own_ay(fitted: _Fitted, task: _Task, health: HealthReport) -> tuple[_F
     as vy and yaw rate: three timings that are hardly told apart move far along it.
     """
     derived = "ay" in task.log.derived and _is_fast(task, health)
-    if not (derived and _moves_ay(fitted.fit, fast_speed(task.log))):
+    if not (derived and moves_ay(fitted.fit, fast_speed(task.log))):
         return fitted, task, health
     found = [one for one in (lag_left(fitted.fit), place_left(fitted.fit)) if one is not None]
     task, health = _repaired(task, health, found)
     samples = prepare(task.log)
-    fit = _without(fitted.fit, found)
+    fit = without(fitted.fit, found)
     return replace(fitted, samples=samples, split=split(task.log, samples), fit=fit), task, health
 
 
@@ -283,22 +275,6 @@ def _repaired(task: _Task, health: HealthReport, found: Iterable[Finding]) -> tu
     """The log without what was found."""
     health = on_one_bandwidth(reduce(HealthReport.repaired, found, health))
     return replace(task, log=health.log), health
-
-
-def _without(fit: Fit, taken_out: Iterable[Finding]) -> Fit:
-    """`fit` for the log that what was found is taken out of."""
-    values = fit.values | {TAKEN_OUT[finding.name]: 0.0 for finding in taken_out}
-    return replace(fit, theta=np.array([values[name] for name in fit.names]))
-
-
-def _moves_ay(fit: Fit, speed: float) -> bool:
-    """Whether d/dt vy + vx yaw_rate is off beyond error at `speed`, m/s: by the sensor's place less the way of the lag.
-
-    A sensor further ahead looks like a yaw rate that is later; of that the derived ay shows nothing.
-    """
-    by = {TAKEN_OUT[POSITION_VY]: 1.0, TAKEN_OUT[OFFSET_YAW_RATE]: -speed}
-    row = np.array([by.get(name, 0.0) for name in fit.names])
-    return bool(abs(row @ fit.theta) > LEAST_ERRORS * np.sqrt(row @ fit.covariance @ row))
 
 
 def _fit_and_split(task: _Task, health: HealthReport, known: Mapping[str, float] | None = None) -> _Fitted:

@@ -135,7 +135,7 @@ class Predictor:
 
     def _remembered(self, parameters: Array) -> Array:
         """(m, windows * blocks) what the effects with memory make of the past."""
-        signals = dict(self.record.followed_signals)
+        signals = dict(self.record.signals_and_courses)
         for block in self._memory:
             assert block.effect.prepare is not None
             signals |= block.effect.prepare(signals, self.record.vehicle, tuple(parameters[block.parameters]))

@@ -162,8 +162,8 @@ class Record:
         return np.stack([self.thin(self.signals[n]) for n in STATES])
 
     @cached_property
-    def followed_signals(self) -> Mapping[str, Array]:
-        """The signals with what effects with memory derive from them alone, whatever their parameters."""
+    def signals_and_courses(self) -> Mapping[str, Array]:
+        """The signals with the courses of the axles, which effects with memory need whatever their parameters."""
         return {**self.signals, **axle_courses(self.signals, self.vehicle)}
 
     def basis_over_windows(self, name: str) -> WindowBasis:

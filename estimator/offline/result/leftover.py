@@ -123,7 +123,7 @@ def _beyond_reach(
     """
     t = record.signals["t"]
     total, held = float(excess[scored].sum()), {}
-    for name in set(explanatory(record)) - {*RESPONSES, *PLACED}:
+    for name in sorted(set(explanatory(record)) - {*RESPONSES, *PLACED}):
         values = record.signals[name][rows]
         known = values[~scored]
         for beyond in (scored & (values > known.max()), scored & (values < known.min())):

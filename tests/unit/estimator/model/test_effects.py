@@ -15,7 +15,7 @@ from estimator.model import memory
 from estimator.model.effects import catalogue
 from estimator.model.effects.base import Effect
 from estimator.model.look_alikes import LOOK_ALIKES
-from estimator.model.memory import after_play, delayed, held, relaxed, swung
+from estimator.model.memory import after_play, axle_courses, delayed, held, relaxed, swung
 from estimator.model.profile import profile_basis, profile_value
 from estimator.model.single_track import CHANNELS, SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
@@ -239,6 +239,30 @@ def test_the_compiled_lag_is_that_of_the_scan(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(memory, "_library", lambda: None)
     np.testing.assert_allclose(compiled, relaxed(t, signals, lag), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(compiled[1], relaxed(t, signals[1], lag), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.skipif(find_compiler() is None, reason="no C compiler: there is nothing to compare")
+def test_the_compiled_swing_is_that_of_the_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    t, signal = np.cumsum(rng.uniform(0.005, 0.02, 500)), rng.normal(size=500)
+    compiled = swung(t, signal, 0.25, 0.2)
+    monkeypatch.setattr(memory, "_library", lambda: None)
+    np.testing.assert_allclose(compiled, swung(t, signal, 0.25, 0.2), rtol=1e-9, atol=1e-12)
+
+
+def test_slip_angles_that_grow_evenly_lag_by_the_length_over_the_speed() -> None:
+    """Each axle's own course and the steering count: on a ramp, a first-order lag is late by its time constant."""
+    effect, speed, length, a, b = catalogue()["tyre_relaxation"], 40.0, 0.8, 0.03, -0.05
+    t = np.arange(0.0, 4.0, 0.01)
+    signals = {"t": t, "vx": np.full(len(t), speed), "vy": 0.2 * speed * a * t, "yaw_rate": 0.0 * t, "steer": b * t}
+    assert effect.prepare is not None
+    lag = effect.prepare({**signals, **axle_courses(signals, VEHICLE)}, VEHICLE, (length,))
+    late = -length / speed * np.array([b - 0.2 * a, -0.2 * a])
+    found = [lag["relaxation_f"][-1], lag["relaxation_r"][-1]]
+    np.testing.assert_allclose(found, late, rtol=2e-3)
+    turning = axle_courses({**signals, "vy": 0.0 * t, "yaw_rate": 0.1 + 0.0 * t}, VEHICLE)
+    assert turning["course_f"][0] == pytest.approx(0.1 * VEHICLE.lf / speed, rel=1e-3)
+    assert turning["course_r"][0] == pytest.approx(-0.1 * VEHICLE.lr / speed, rel=1e-3)
 
 
 def test_wheels_that_swing_follow_a_step_as_a_damped_oscillator() -> None:

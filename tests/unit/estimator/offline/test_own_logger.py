@@ -250,7 +250,7 @@ def test_a_fit_is_kept_where_what_it_finds_of_vy_and_yaw_rate_is_taken_out(monke
     monkeypatch.setattr(identification, "_is_fast", lambda *_: True)
     results = []
     for moves in (False, True):
-        monkeypatch.setattr(identification, "_moves_ay", lambda *_, moves=moves: moves)
+        monkeypatch.setattr(identification, "moves_ay", lambda *_, moves=moves: moves)
         results.append(identify(log, Vehicle(), PRIOR, options))
     left, taken_out = (one.fit.values for one in results)
     assert taken_out == left | {place: 0.0, lag: 0.0}, "a further fit drifts"
