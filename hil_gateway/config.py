@@ -7,7 +7,6 @@ remedy. `HIL_CAN__CHANNEL=can0` sets `can.channel`; lists and tables are written
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -19,6 +18,7 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.settings import GatewayConfig
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
+from hil_gateway.text_file import parse_toml, read_toml
 
 ENVIRONMENT_PREFIX = "HIL_"
 DEFAULT_ORIGIN = "default"
@@ -206,16 +206,7 @@ def _leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > CONFIG_BYTES_MAX:
-            raise InputError(f"{path}: {path.stat().st_size} bytes, a configuration has at most {CONFIG_BYTES_MAX}")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except RecursionError:
-        raise InputError(f"{path}: nested too deeply for a configuration") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot read the configuration: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from None
+    return read_toml(path, "configuration", CONFIG_BYTES_MAX)
 
 
 def _environment() -> dict[tuple[str, ...], Any]:
@@ -250,8 +241,8 @@ def _from_text(name: str, text: str) -> Any:
     if not text.startswith(("[", "{")):
         return text
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        return parse_toml(name, f"value = {text}")["value"]
+    except InputError as error:
         raise InputError(f"{name}={text[:80]}: not a TOML list or table: {error}") from None
 
 

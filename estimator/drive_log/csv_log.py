@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
+from hil_gateway.text_file import read_text
 
+BYTES_MAX = 2_000_000_000
+"""of a log: five hours at 1000 samples/s with ten columns"""
+COLUMNS_MAX = 2000
+"""more than any logger has channels"""
 FROZEN_S = 2.0
 """A sensor that repeats one value exactly for so long while the car moves has stopped."""
 
@@ -44,15 +49,12 @@ def read_csv(
 
 def _split(path: Path) -> tuple[list[str], list[str], list[str]]:
     """Header names, body lines and notes; empty lines at the end and one cut last row are left out, and said so."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file: byte {error.start} is not UTF-8") from None
+    text = read_text(path, BYTES_MAX, "drive log")
     lines = text.splitlines()
     if not lines or not lines[0].strip():
         raise InputError(f"{path}: row 1 is empty: the first row must name the columns")
+    if (count := lines[0].count(",") + 1) > COLUMNS_MAX:
+        raise InputError(f"{path}: row 1: {count} columns, a drive log has at most {COLUMNS_MAX}")
     header = [name.strip().strip('"') for name in lines[0].split(",")]
     body, notes = lines[1:], []
     while body and not body[-1].strip():

@@ -44,17 +44,27 @@ DEFAULT_TYRE: Mapping[Layout, Mapping[str, float]] = {
     "per_axle": {"cx": 50000.0, "bf": 9.0, "cf": 1.35, "df": 1.3567, "br": 10.0, "cr": 1.4, "dr": 1.3392},
 }
 
+_Kind = tuple[str, float, tuple[float, float], tuple[float, float], str]
 # kind -> (unit, prior std over prior, lower and upper over prior, absolute bounds, description)
-_KINDS = {
-    "cx": ("N", 0.5, (0.01, 20.0), (0.0, float("inf")), "longitudinal force per unit slip ratio"),
+_KINDS: Mapping[str, _Kind] = {
+    "cx": ("N", 0.5, (0.01, 20.0), (0.0, 1e7), "longitudinal force per unit slip ratio"),
     "b": ("1", 0.5, (0.05, 8.0), (0.0, 80.0), "stiffness factor of Eq. (2)"),
     "c": ("1", 0.4, (0.3, 2.5), (0.5, 2.9), "shape factor of Eq. (2); above 2 the force can change sign"),
     "d": ("1", 0.4, (0.2, 3.0), (0.05, 4.0), "peak lateral force over axle load"),
 }
 
 
+def tyre_limits(name: str) -> tuple[float, float]:
+    """What a tyre parameter is always within, whatever its prior."""
+    return _kind(name)[3]
+
+
+def _kind(name: str) -> _Kind:
+    return _KINDS["cx" if name == "cx" else name[0]]
+
+
 def _tyre_parameter(name: str, value: float) -> Parameter:
-    unit, spread, (low, high), (floor, ceiling), text = _KINDS["cx" if name == "cx" else name[0]]
+    unit, spread, (low, high), (floor, ceiling), text = _kind(name)
     axle = {"f": ", front axle", "r": ", rear axle"}.get(name[1:], "")
     return Parameter(
         name, unit, value, spread * value, max(low * value, floor), min(high * value, ceiling), text + axle

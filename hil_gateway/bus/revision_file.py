@@ -8,6 +8,10 @@ from pydantic import ValidationError
 
 from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.process.errors import InputError
+from hil_gateway.text_file import read_text
+
+BYTES_MAX = 1_000_000
+"""of a revision: those of the project have 10 kB"""
 
 
 def read_revision(path: str | Path) -> ModelRevision:
@@ -17,11 +21,7 @@ def read_revision(path: str | Path) -> ModelRevision:
         InputError: unreadable, or not a revision.
     """
     try:
-        return ModelRevision.model_validate_json(Path(path).read_text())
-    except OSError as error:
-        raise InputError(f"{path}: cannot read the model revision: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a model revision: not text") from None
+        return ModelRevision.model_validate_json(read_text(path, BYTES_MAX, "model revision"))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"])) or "file"

@@ -19,6 +19,7 @@ from hil_gateway.bus.messages import Message
 from hil_gateway.bus.topics import Topic
 from hil_gateway.config import ZenohConfig
 from hil_gateway.process.errors import InputError
+from hil_gateway.text_file import TREE_BYTES_MAX, parse_json, read_text
 
 M = TypeVar("M", bound=Message)
 log = logging.getLogger(__name__)
@@ -194,16 +195,11 @@ def read_json5(path: Path) -> dict[str, Any]:
     Raises:
         InputError: unreadable, or not that.
     """
+    text = read_text(path, TREE_BYTES_MAX, "Zenoh configuration (zenoh.extra)")
+    lines = (line for line in text.splitlines() if not line.lstrip().startswith("//"))
     try:
-        text = path.read_text()
-    except OSError as error:
-        raise InputError(f"{path}: cannot read (zenoh.extra): {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not text (zenoh.extra): {error}") from None
-    try:
-        lines = (line for line in text.splitlines() if not line.lstrip().startswith("//"))
-        return dict(json.loads("\n".join(lines)))
-    except ValueError as error:
+        return dict(parse_json(path, "\n".join(lines)))
+    except (InputError, ValueError, TypeError) as error:
         raise InputError(f"{path}: not JSON with // comment lines (zenoh.extra): {error}") from None
 
 

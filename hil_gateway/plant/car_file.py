@@ -10,7 +10,6 @@ Only the plant and the referee read it; the processes that drive never do.
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,6 +22,7 @@ from hil_gateway.plant.physics.effects import configure
 from hil_gateway.plant.physics.parameters import CarParameters, PlantParameters
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
+from hil_gateway.text_file import read_json
 
 Factor = Annotated[float, Field(gt=0.3, lt=3.0)]
 
@@ -83,9 +83,7 @@ def read_car(path: Path | str) -> SimulatedCar:
         InputError: unreadable, an unknown key, a value out of range, an unknown effect; names file and key.
     """
     try:
-        car = SimulatedCar.model_validate(json.loads(Path(path).read_text()))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: cannot read the car: {error}") from None
+        car = SimulatedCar.model_validate(read_json(path, "car"))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])

@@ -12,6 +12,7 @@ import numpy as np
 
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
+from hil_gateway.text_file import read_text
 from hil_gateway.track.smoothing import Survey
 
 REQUIRED = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
@@ -39,12 +40,7 @@ def read_csv(path: Path) -> Survey:
     Raises:
         InputError: with file, row (line number), column, value and remedy.
     """
-    try:
-        if path.stat().st_size > BYTES_MAX:
-            raise InputError(f"{path}: {path.stat().st_size} bytes, a track file has at most {BYTES_MAX}")
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot read the track: {error}") from None
+    lines = read_text(path, BYTES_MAX, "track").splitlines()
     names = [name.strip() for name in lines[0].lstrip("# ").split(",")] if lines else []
     missing = [name for name in REQUIRED if name not in names]
     if missing:

@@ -30,7 +30,6 @@ a description that needs more than `STRETCH_MAX` is refused.
 from __future__ import annotations
 
 import math
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +39,7 @@ from pydantic import Field, ValidationError
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
+from hil_gateway.text_file import read_toml
 from hil_gateway.track.smoothing import Survey
 
 STEP_M = 1.0
@@ -85,9 +85,7 @@ def read_layout(path: Path) -> Survey:
         InputError: unreadable, unknown key, headings that do not add up, or straights that cannot close the lap.
     """
     try:
-        layout = Layout.model_validate(tomllib.loads(path.read_text()))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: cannot read the track description: {error}") from None
+        layout = Layout.model_validate(read_toml(path, "track description"))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])

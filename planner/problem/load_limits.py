@@ -19,6 +19,7 @@ from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure
 from hil_gateway.process.writable import check_file
+from hil_gateway.text_file import read_json
 
 HOLD_S = 0.2
 """a load held for so long is one the tyre bears, and not the tip of a swing"""
@@ -72,11 +73,11 @@ def load_limits(path: str | Path) -> LoadLimits | None:
         InputError: a file that is not one of ours.
     """
     try:
-        data = json.loads(Path(path).read_text())
+        if not Path(path).exists():
+            return None
+        data = read_json(path, "load limits")
         limits = LoadLimits(float(data["front"]), float(data["rear"]))
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (InputError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: not a file of load limits ({error}); delete it to start from the prior") from None
     if not (0 <= limits.front < 5 and 0 <= limits.rear < 5):
         raise InputError(f"{path}: load limits {figure(limits.pair)} are not within 0..5 axle loads; delete the file")

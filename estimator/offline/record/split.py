@@ -49,4 +49,9 @@ def split(log: DriveLog, samples: Samples, every: int = EVERY, block_s: float = 
         kind = f"blocks of {block_s:g} s, one of every {every} held out"
     guard = round(GUARD_S / samples.step)
     near = np.convolve(held.astype(float), np.ones(2 * guard + 1), "same") > 0.5
+    if (left := np.count_nonzero(~near) * samples.step) < LEAST_S:
+        raise InputError(
+            f"only {left:.0f} s are left to fit with {kind}: at least {LEAST_S:.0f} s are needed;"
+            " give column lap the number of the lap, or remove it"
+        )
     return Split(train=~near, test=held, kind=f"{kind}, {GUARD_S:g} s between")

@@ -30,6 +30,7 @@ from hil_gateway.session.files.format import (
 )
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.writer import FLUSH_EVERY, SessionFile
+from hil_gateway.text_file import check_ends
 
 CANDUMP = ".log"
 SUFFIXES = (CANDUMP, ".asc", ".blf")
@@ -104,6 +105,7 @@ def _entries(source: Path) -> Iterator[LoggedFrame | LeftOut]:
     suffix = source.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{source}: unknown kind of log; known are {', '.join(SUFFIXES)} (candump, Vector ASC, BLF)")
+    check_ends(source, "log")
     try:
         for number, entry in enumerate(read_candump(source) if suffix == CANDUMP else _read_other(source), start=1):
             if isinstance(entry, LoggedFrame) and not 0 <= entry.frame.stamp_ns < LATEST_NS:

@@ -28,6 +28,7 @@ from hil_gateway.bus.topics import TOPICS
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.format import CAN_TOPIC
+from hil_gateway.text_file import check_ends
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEADER = struct.Struct("<BQ")
@@ -86,6 +87,7 @@ class SessionReader:
 
     def items(self) -> Iterator[Item]:
         """Every readable message, in file order."""
+        check_ends(self.path, "session")
         try:
             file = self.path.open("rb")
         except OSError as error:

@@ -6,7 +6,6 @@ says what the event costs. What happens on the road comes from the plant.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -19,6 +18,7 @@ from hil_gateway.config import load_config
 from hil_gateway.plant.car_file import SimulatedCar, random_car
 from hil_gateway.plant.events import Event
 from hil_gateway.process.errors import InputError
+from hil_gateway.text_file import read_json
 from hil_gateway.track.loading import load_track
 from planner.simulation.loop import Loop, LoopResult
 from planner.studies.campaign.laps import commit
@@ -43,9 +43,7 @@ def read_cases(path: Path) -> Cases:
         InputError: unreadable, no events, an unknown kind or key, a value out of range; names file, place and value.
     """
     try:
-        cases = _CASES.validate_python(json.loads(path.read_text()))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: cannot read the events: {error}") from None
+        cases = _CASES.validate_python(read_json(path, "events"))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])

@@ -49,7 +49,7 @@ def test_the_summary_says_who_left_the_road_who_stopped_and_what_it_costs() -> N
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        ("[", "cannot read the events"),
+        ("[", "not valid JSON"),
         ("{}", "the file holds nothing"),
         ('{"dry": []}', "dry holds nothing"),
         ('{"wet": [{"kind": "rain"}]}', "wet.0"),

@@ -112,6 +112,15 @@ def test_a_log_too_short_to_hold_anything_out_is_refused_in_one_line(tmp_path: P
         identify(read_logs([path]), read_vehicle(None), None, Options(method="batch"))
 
 
+def test_a_lap_column_that_leaves_nothing_to_fit_is_refused_in_one_line(tmp_path: Path) -> None:
+    """Laps of a second are all within the guard time of one that is held out."""
+    columns = simulate([TYRE], 26.0, seed=32)[0].columns
+    path = tmp_path / "laps.csv"
+    path.write_text(to_csv({**columns, "lap": np.floor(columns["t"])}))
+    with pytest.raises(InputError, match=r"left to fit with .* whole laps held out: .*column lap"):
+        identify(read_logs([path]), read_vehicle(None), None, Options(method="batch"))
+
+
 def test_a_log_shorter_than_four_blocks_still_holds_a_quarter_out(tmp_path: Path) -> None:
     path = tmp_path / "short.csv"
     path.write_text(to_csv(simulate([TYRE], 26.0, seed=32)[0].columns))
@@ -171,6 +180,8 @@ def test_gentle_driving_tells_no_floor(identified: Identification) -> None:
     [
         ("{", "not valid JSON"),
         ('{"mass": 800, "yaw_inertia": 1000, "lf": 1.7}', "lr is missing"),
+        ('{"mass": true, "yaw_inertia": 1000, "lf": 1.7, "lr": 1.2}', "mass = True"),
+        ('{"mass": 800, "yaw_inertia": 1, "lf": 1.7, "lr": 1.2}', "radius of gyration is 0.012 wheelbases"),
         ('{"mass": -1, "yaw_inertia": 1000, "lf": 1.7, "lr": 1.2}', "mass = -1"),
         ('{"mass": 800, "yaw_inertia": 1000, "lf": 1.7, "lr": 1.2, "wings": 2}', "wings"),
     ],
@@ -182,7 +193,15 @@ def test_broken_vehicle_file_is_refused_in_one_line(tmp_path: Path, text: str, w
         read_vehicle(path)
 
 
-@pytest.mark.parametrize(("text", "words"), [('{"cx": 1}', "bf is missing"), ('{"b": 1, "q": 2}', "unknown key q")])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('{"cx": 1}', "bf is missing"),
+        ('{"b": 1, "q": 2}', "unknown key q"),
+        ('{"cx": 5e4, "b": 1e300, "c": 1.4, "d": 1.4}', r"b = 1e\+300: a tyre has 0 to 80"),
+        ('{"cx": 5e4, "b": 10, "c": 1.4, "d": 1.4, "d": 1.5}', "key 'd' is there twice"),
+    ],
+)
 def test_broken_tyre_prior_is_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "tyre.json"
     path.write_text(text)

@@ -165,7 +165,7 @@ def test_a_busy_port_is_one_clear_line(config, port):
     ("content", "text"),
     [
         (None, "cannot read"),
-        (b"\xf5\x00", "not text"),
+        (b"\xf5\x00", "not a text file"),
         (b"{", "not JSON"),
         (b'{"nonsense": 1}', "not a Zenoh configuration"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import random
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from hil_gateway.bus.topics import COMMAND
 from hil_gateway.process.clock import VirtualClock
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.exchange.export import export_candump
-from hil_gateway.session.exchange.importer import import_log
+from hil_gateway.session.exchange.importer import frames_of, import_log
 from hil_gateway.session.files import writer as writer_module
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.recover import recover
@@ -72,6 +73,13 @@ def test_messages_of_another_version_and_frames_of_another_program_are_one_clear
     send = to_bus(LocalBus(), [COMMAND.key])
     with pytest.raises(InputError, match="av24/command: a message this version cannot read: field required"):
         replay(in_order(SessionReader(other).items()), send, VirtualClock(), speed=0)
+
+
+@pytest.mark.parametrize("name", ["s.mcap", "s.log", "s.asc", "s.blf"])
+def test_a_pipe_is_no_recording_and_not_waited_for(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(InputError, match="a pipe or socket; write it to a file first"):
+        list(SessionReader(tmp_path / name).items() if name == "s.mcap" else frames_of(tmp_path / name))
 
 
 def test_damaged_metadata_is_named(tmp_path: Path) -> None:

@@ -1,0 +1,115 @@
+"""Text files that a user gives: bounded in size, never waited for, with or without the mark that Windows puts first."""
+
+from __future__ import annotations
+
+import json
+import re
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from hil_gateway.process.errors import InputError
+
+TREE_BYTES_MAX = 20_000_000
+"""of a JSON or TOML file nobody bounds more closely: a hundred times the largest of the project"""
+
+
+def read_text(path: Path | str, bytes_max: int, of: str = "file") -> str:
+    """All of a UTF-8 file; `of` says what it should hold ("track", "configuration").
+
+    Raises:
+        InputError: no such file, not one that ends (pipe, socket), more than `bytes_max`, or not UTF-8.
+    """
+    check_ends(path, of)
+    try:
+        with Path(path).open("rb") as file:
+            data = file.read(bytes_max + 1)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise InputError(f"{path}: cannot read the {of}: {getattr(error, 'strerror', None) or error}") from None
+    if len(data) > bytes_max:
+        raise InputError(f"{path}: too large: a {of} has at most {bytes_max} bytes")
+    try:
+        return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file: byte {error.start} is not UTF-8") from None
+
+
+def check_ends(path: Path | str, of: str) -> None:
+    """Refuse what is waited for and not read: what is no file at all is left to whoever opens it.
+
+    Raises:
+        InputError: a pipe or a socket.
+    """
+    try:
+        mode = Path(path).stat().st_mode
+    except (OSError, ValueError):
+        return
+    if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode):
+        raise InputError(f"{path}: cannot read the {of}: a pipe or socket; write it to a file first")
+
+
+def read_json(path: Path | str, of: str = "file", bytes_max: int = TREE_BYTES_MAX) -> Any:
+    """What a JSON file holds; a key that is there twice is refused.
+
+    Raises:
+        InputError: as `read_text`, or not JSON.
+    """
+    return parse_json(path, read_text(path, bytes_max, of))
+
+
+def parse_json(path: Path | str, text: str) -> Any:
+    """What JSON text from `path` holds; a key that is there twice is refused.
+
+    Raises:
+        InputError: not JSON.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=_unique)
+    except RecursionError:
+        raise InputError(f"{path}: not valid JSON: nested too deeply") from None
+    except ValueError as error:  # JSONDecodeError, a key twice, a whole number of thousands of digits
+        raise InputError(f"{path}: not valid JSON: {_short(error)}") from None
+
+
+def read_toml(path: Path | str, of: str = "file", bytes_max: int = TREE_BYTES_MAX) -> dict[str, Any]:
+    """What a TOML file holds.
+
+    Raises:
+        InputError: as `read_text`, or not TOML.
+    """
+    return parse_toml(path, read_text(path, bytes_max, of))
+
+
+def parse_toml(path: Path | str, text: str) -> dict[str, Any]:
+    """What TOML text from `path` holds.
+
+    Raises:
+        InputError: not TOML, or a key of very many parts.
+    """
+    if long := _LONG_KEY.search(text):
+        where = f"{path}:{text.count(chr(10), 0, long.start()) + 1}"
+        raise InputError(f"{where}: nested too deeply: a key has at most {KEY_PARTS_MAX} parts")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise InputError(f"{path}: not valid TOML: nested too deeply") from None
+    except ValueError as error:  # TOMLDecodeError, a whole number of thousands of digits
+        raise InputError(f"{path}: not valid TOML: {_short(error)}") from None
+
+
+KEY_PARTS_MAX = 20
+"""of a dotted key or table: `tomllib` takes time and memory by the square of it"""
+_LONG_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{KEY_PARTS_MAX}}}")
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    tree = dict(pairs)
+    if len(tree) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"key {next(name for name in tree if names.count(name) > 1)!r} is there twice")
+    return tree
+
+
+def _short(error: ValueError) -> str:
+    return str(error).partition(";")[0][:200]
