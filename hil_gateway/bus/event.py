@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import Field
 
-from hil_gateway.bus.messages import Message, Parameter
+from hil_gateway.bus.messages import Message, Parameter, Text
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.figures import figure
 
@@ -42,13 +42,13 @@ class Event(Message):
 
     kind: EventKind
     severity: Severity
-    before: str = Field(description="what held until now; empty where nothing did")
-    after: str = Field(description="what holds from now on")
-    cause: str = Field(default="", description="row of the failsafe table, effect or request behind it")
+    before: Text = Field(description="what held until now; empty where nothing did")
+    after: Text = Field(description="what holds from now on")
+    cause: Text = Field(default="", description="row of the failsafe table, effect or request behind it")
     measured: Parameter | None = Field(default=None, description="value that led to it; null where none was measured")
     limit: Parameter | None = Field(default=None, description="what the value is held against; null where nothing is")
-    unit: str = Field(default="", description="of both")
-    text: str = Field(description="the change in words, for people")
+    unit: Text = Field(default="", description="of both")
+    text: Text = Field(description="the change in words, for people")
 
     def entry(self, zero_ns: int) -> dict[str, Any]:
         """The event as summaries and pages have it: its fields, and `t` in s after `zero_ns`."""

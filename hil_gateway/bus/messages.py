@@ -37,6 +37,11 @@ Name = Annotated[str, Field(max_length=64)]
 """of a sender, a parameter, an effect, a layout: what is kept by name is bounded"""
 Text = Annotated[str, Field(max_length=4000)]
 """for people"""
+Path = Annotated[str, Field(max_length=4096)]
+"""of a file, as long as Linux has them"""
+Count = Annotated[int, Field(ge=0, lt=1 << 63)]
+Errors = Annotated[dict[Name, Parameter], Field(max_length=64)]
+"""by channel"""
 Horizon = Field(max_length=400)
 """stages of a plan; a horizon has at most 200"""
 
@@ -47,7 +52,9 @@ def _square(matrix: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], .
     return matrix
 
 
-Covariance = Annotated[tuple[tuple[Parameter, ...], ...], Field(max_length=200), AfterValidator(_square)]
+Covariance = Annotated[
+    tuple[Annotated[tuple[Parameter, ...], Field(max_length=200)], ...], Field(max_length=200), AfterValidator(_square)
+]
 
 
 class Message(Model):
@@ -60,7 +67,7 @@ class Message(Model):
 class SourceHealth(Model):
     """One group of CAN messages behind the vehicle state."""
 
-    age_s: float | None = Field(description="seconds since the last frame; null before the first")
+    age_s: Parameter | None = Field(description="seconds since the last frame; null before the first")
     valid: bool
 
 
@@ -68,7 +75,7 @@ class VehicleState(Message):
     """What the car reports, decoded to SI, with the health of every source (100 Hz)."""
 
     valid: bool = Field(description="every source needed for driving is alive and plausible")
-    sources: dict[str, SourceHealth]
+    sources: dict[Name, SourceHealth] = Field(max_length=64)
     ax: Reported
     ay: Reported
     az: Reported
@@ -114,10 +121,12 @@ class Estimate(Message):
     bias_ax: Motion
     bias_ay: Motion
     bias_yaw_rate: Motion
-    std: tuple[float, ...] = Field(description="standard deviations of x, y, yaw, vx, vy, yaw_rate, biases")
+    std: tuple[Parameter, ...] = Field(
+        min_length=9, max_length=9, description="standard deviations of x, y, yaw, vx, vy, yaw_rate, biases"
+    )
     steer: Angle = Field(description="road-wheel angle as the car reports it, rad")
     drive: Slip = Field(description="slip-ratio drive command equivalent to the reported pedals")
-    innovations_rejected: int = Field(ge=0, description="measurements gated out since start")
+    innovations_rejected: Count = Field(description="measurements gated out since start")
     delivered: Delivered | None = Field(default=None, description="what tyres and brakes give of what is believed")
 
 
@@ -128,8 +137,8 @@ class Belief(Message):
     names: tuple[Name, ...] = Field(max_length=200)
     mean: tuple[Parameter, ...] = Field(max_length=200)
     covariance: Covariance
-    samples: int = Field(ge=0, description="samples that passed the activity gates")
-    log_det_information: float = Field(description="log det of the posterior precision in prior-scaled units")
+    samples: Count = Field(description="samples that passed the activity gates")
+    log_det_information: Parameter = Field(description="log det of the posterior precision in prior-scaled units")
     residual: tuple[Motion, Motion, Motion] | None = Field(
         default=None,
         description="measured minus expected ax, ay (m/s2) and yaw acceleration (rad/s2), mean since the last message",
@@ -147,22 +156,26 @@ class ActiveEffect(Model):
 
     name: Name
     parameters: dict[Name, Parameter] = Field(max_length=64)
-    profile: tuple[Parameter, ...] = Field(default=(), description="spline coefficients over track position, if any")
+    profile: tuple[Parameter, ...] = Field(
+        default=(), max_length=10_000, description="spline coefficients over track position, if any"
+    )
 
 
 class Provenance(Model):
     """Where a model revision comes from and what it improved."""
 
-    sessions: tuple[str, ...] = Field(default=(), description="SHA-256 of each session it was learnt from")
-    error_before: dict[str, float] = Field(default={}, description="held-out RMSE per channel, before")
-    error_after: dict[str, float] = Field(default={}, description="held-out RMSE per channel, after")
-    note: str = ""
+    sessions: tuple[Name, ...] = Field(
+        default=(), max_length=1000, description="SHA-256 of each session it was learnt from"
+    )
+    error_before: Errors = Field(default={}, description="held-out RMSE per channel, before")
+    error_after: Errors = Field(default={}, description="held-out RMSE per channel, after")
+    note: Text = ""
 
 
 class ModelRevision(Message):
     """The vehicle model the planner is to use: tyre parameters, belief, active effects, provenance."""
 
-    revision: str = Field(description="content hash of layout, tyre and effects")
+    revision: Name = Field(description="content hash of layout, tyre and effects")
     layout: Name
     tyre: dict[Name, Parameter] = Field(max_length=64)
     covariance: Covariance = ()
@@ -193,9 +206,9 @@ class Plan(Message):
     steer: Annotated[tuple[Angle, ...], Horizon]
     drive: Annotated[tuple[Slip, ...], Horizon]
     lap: Code
-    revision: str = Field(description="model revision the plan was made with")
-    solve_ms: float = Field(description="ms from reading the estimate to the command")
-    information_gain: float = Field(default=0.0, description="sum of Delta I over the horizon (Eq. 7)")
+    revision: Name = Field(description="model revision the plan was made with")
+    solve_ms: Parameter = Field(description="ms from reading the estimate to the command")
+    information_gain: Parameter = Field(default=0.0, description="sum of Delta I over the horizon (Eq. 7)")
 
     @model_validator(mode="after")
     def _one_length(self) -> Self:
@@ -246,78 +259,78 @@ class Applied(Message):
 
     sent: bool
     action: FailsafeAction
-    limited: tuple[str, ...] = Field(description="names of the limits that changed the request")
+    limited: tuple[Name, ...] = Field(max_length=64, description="names of the limits that changed the request")
     steer: Angle
     drive: Slip
-    accelerator_percent: float
-    brake_front_kpa: float
-    brake_rear_kpa: float
-    steering_motor_deg: float
+    accelerator_percent: Parameter
+    brake_front_kpa: Parameter
+    brake_rear_kpa: Parameter
+    steering_motor_deg: Parameter
     gear: Code
 
 
 class GatewayStatus(Message):
     """Health of the gateway and of the bus (10 Hz)."""
 
-    mode: str = Field(description="listen | shadow | actuator_test | armed")
+    mode: Name = Field(description="listen | shadow | actuator_test | armed")
     armed: bool
     action: FailsafeAction
-    cause: str
-    missing_for_arming: tuple[str, ...]
-    bus: str
-    bus_state: str
-    frames_received: int
-    frames_lost: int
-    frames_unknown: int
-    frames_malformed: int
-    counter_errors: int
-    commands_sent: int
-    commands_limited: int
-    loop_latency_p50_ms: float | None
-    loop_latency_p99_ms: float | None
-    detail: str = Field(default="", description="who was late, for how long, load and remedy, if lateness stopped it")
+    cause: Text
+    missing_for_arming: tuple[Text, ...] = Field(max_length=64)
+    bus: Name
+    bus_state: Name
+    frames_received: Count
+    frames_lost: Count
+    frames_unknown: Count
+    frames_malformed: Count
+    counter_errors: Count
+    commands_sent: Count
+    commands_limited: Count
+    loop_latency_p50_ms: Parameter | None
+    loop_latency_p99_ms: Parameter | None
+    detail: Text = Field(default="", description="who was late, for how long, load and remedy, if lateness stopped it")
 
 
 class Alert(Message):
     """The model has stopped explaining a channel (live monitor)."""
 
-    channel: str
-    condition: str = Field(description="where it fails, in words: 'right turns above 40 m/s'")
-    suspected_effect: str = ""
-    strength: float = Field(description="residual RMS over its noise floor")
+    channel: Name
+    condition: Text = Field(description="where it fails, in words: 'right turns above 40 m/s'")
+    suspected_effect: Name = ""
+    strength: Parameter = Field(description="residual RMS over its noise floor")
 
 
 class RecorderStatus(Message):
     """Health of the recording (1 Hz); whatever was not written is counted, never dropped in silence."""
 
-    file: str
+    file: Path
     recording: bool
-    frames: int = Field(ge=0, description="raw CAN frames written")
-    messages: int = Field(ge=0, description="topic messages written")
-    lost: int = Field(ge=0, description="frames and messages that arrived or should have, and were not written")
-    errors: int = Field(ge=0, description="failed disk operations")
-    last_error: str = ""
-    bytes_written: int = Field(ge=0)
-    free_bytes: int | None = Field(description="free space on the disk; null when it cannot be read")
+    frames: Count = Field(description="raw CAN frames written")
+    messages: Count = Field(description="topic messages written")
+    lost: Count = Field(description="frames and messages that arrived or should have, and were not written")
+    errors: Count = Field(description="failed disk operations")
+    last_error: Text = ""
+    bytes_written: Count
+    free_bytes: Count | None = Field(description="free space on the disk; null when it cannot be read")
 
 
 class Truth(Message):
     """The plant's own state and what its referees count (`hil_gateway/plant/referee/`). No node subscribes to it."""
 
-    x: float
-    y: float
-    z: float
-    yaw: float
-    vx: float
-    vy: float
-    yaw_rate: float
-    s: float
-    lateral_offset: float
+    x: Parameter
+    y: Parameter
+    z: Parameter
+    yaw: Parameter
+    vx: Parameter
+    vy: Parameter
+    yaw_rate: Parameter
+    s: Parameter
+    lateral_offset: Parameter
     off_track: bool
-    lap: int
-    lap_times_s: tuple[float, ...] = ()
-    off_track_count: int = 0
-    friction_used: tuple[float, float] = (0.0, 0.0)
-    friction_over_s: float = 0.0
-    slides: int = 0
-    spins: int = 0
+    lap: Count
+    lap_times_s: tuple[Parameter, ...] = Field(default=(), max_length=10_000)
+    off_track_count: Count = 0
+    friction_used: tuple[Parameter, Parameter] = (0.0, 0.0)
+    friction_over_s: Parameter = 0.0
+    slides: Count = 0
+    spins: Count = 0

@@ -79,7 +79,8 @@ class Feed:
     def slow(self) -> dict[str, Any]:
         """What changes seldom: events, laps, alerts, stops, tyres."""
         belief = self._readers[BELIEF.key].latest.message
-        self._prior = self._prior or belief
+        if belief and (self._prior is None or self._prior.names != belief.names):  # another estimator speaks now
+            self._prior = belief
         return {
             "events": list(self._events),
             "laps": [{"time_s": round(lap.time_s, 3), "sectors_s": lap.sectors_s} for lap in self._clock.laps[-50:]],

@@ -47,4 +47,9 @@ def _of_message(topic: str, message: Mapping[str, Any]) -> Iterator[Sample]:
         if message[field] is not None:
             yield f"{source}_{field.removesuffix('_ms')}_seconds", "gauge", "", message[field] / 1e3
     for field in STATES.get(topic, ()):
-        yield f"{source}_{field}", "gauge", f'{{{field}="{message[field]}"}}', 1.0
+        yield f"{source}_{field}", "gauge", f'{{{field}="{_label(message[field])}"}}', 1.0
+
+
+def _label(text: str) -> str:
+    """Text as a label's value may hold it: what a sender writes ends neither the value nor the line."""
+    return text.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")

@@ -16,17 +16,24 @@ AXLES = {"front": ("bf", "cf", "df"), "rear": ("br", "cr", "dr")}
 
 
 def curves(belief: Belief) -> dict[str, Any]:
-    """Slip angles (deg) and, for each axle, lateral force over axle load: mean and standard deviation (first order)."""
+    """Slip angles (deg) and, for each axle, lateral force over axle load: mean and standard deviation (first order).
+
+    Both are empty for an axle whose parameters the belief does not hold.
+    """
     slip_deg = np.linspace(0.0, LARGEST_DEG, POINTS)
     drawn: dict[str, Any] = {"slip_deg": slip_deg.round(3).tolist()}
     for axle, names in AXLES.items():
         symbols = names if names[0] in belief.names else tuple(name[0] for name in names)
+        if not set(symbols) <= set(belief.names):
+            drawn[axle] = {"mean": [], "std": []}
+            continue
         index = [belief.names.index(symbol) for symbol in symbols]
         theta = np.array([belief.mean[i] for i in index])
         covariance = np.array(belief.covariance)[np.ix_(index, index)]
         force = _force(theta, np.radians(slip_deg))
         jacobian = np.array([(_force(theta * (1 + STEP * e), np.radians(slip_deg)) - force) / STEP for e in np.eye(3)])
-        scaled = covariance / np.outer(theta, theta)
+        size = np.where(theta == 0.0, 1.0, theta)
+        scaled = covariance / np.outer(size, size)
         std = np.sqrt(np.maximum(np.einsum("ip,ij,jp->p", jacobian, scaled, jacobian), 0.0))
         drawn[axle] = {"mean": force.round(4).tolist(), "std": std.round(4).tolist()}
     return drawn

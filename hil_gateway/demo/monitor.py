@@ -40,6 +40,10 @@ WATCHED: tuple[Topic[Any], ...] = (
     COMMAND,
 )
 """topics whose age is shown"""
+REASONS_MAX = 64
+"""kinds of failure told apart; the planner has a dozen"""
+STOPS_MAX = 1000
+"""stops listed in a summary"""
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 
 
@@ -68,7 +72,8 @@ class PlanCount:
         if plan.status is not PlanStatus.SOLVED:
             self.failures += 1
             kind = ":".join((plan.reason or plan.status).split(":")[:2])  # without the figures of this plan
-            self.reasons[kind] = self.reasons.get(kind, 0) + 1
+            if kind in self.reasons or len(self.reasons) < REASONS_MAX:
+                self.reasons[kind] = self.reasons.get(kind, 0) + 1
 
 
 class Monitor:
@@ -108,7 +113,7 @@ class Monitor:
         if status is None or status.action is self._action:
             return
         self._action = status.action
-        if status.action in STOPS:
+        if status.action in STOPS and len(self.failsafes) < STOPS_MAX:
             t_s = (now_ns - self._started_ns) / 1e9
             self.failsafes.append(Failsafe(t_s, status.action.value, status.cause, status.detail))
 

@@ -58,7 +58,8 @@ export function drawCurves(tyres, columns, from, to) {
   const [c, size] = context("curve");
   if (!tyres) return;
   const { slip_deg: slip, front, rear } = tyres.curves;
-  const top = 1.15 * Math.max(...[front, rear].flatMap((axle) => axle.mean.map((m, i) => m + 2 * axle.std[i])));
+  const bands = [front, rear].flatMap((axle) => axle.mean.map((m, i) => m + 2 * axle.std[i]));
+  const top = Math.min(10, 1.15 * Math.max(0.1, ...bands)); // whatever a sender believes, the grid has few lines
   const [left, bottom] = [30, size - 34];
   const x = (deg) => left + (deg / slip[slip.length - 1]) * (size - left - 6);
   const y = (force) => bottom - (force / top) * (bottom - 8);

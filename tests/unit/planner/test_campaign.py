@@ -164,8 +164,8 @@ def test_excitation_adds_a_bounded_signal_only_at_speed(method: str) -> None:
         speed = 5.0 if k < 200 else 40.0
         zero = dict.fromkeys(("x", "y", "yaw", "vy", "yaw_rate", "bias_ax", "bias_ay", "bias_yaw_rate"), 0.0)
         inner.publish(topics.ESTIMATE, Estimate(
-            stamp_ns=now_ns, seq=k, state_stamp_ns=now_ns, valid=True, vx=speed, **zero, std=(), steer=0.0, drive=0.0,
-            innovations_rejected=0,
+            stamp_ns=now_ns, seq=k, state_stamp_ns=now_ns, valid=True, vx=speed, **zero, std=(0.0,) * 9, steer=0.0,
+            drive=0.0, innovations_rejected=0,
         ))  # fmt: skip
         command = Command(stamp_ns=now_ns, seq=k, source="planner", state_stamp_ns=now_ns, steer=0.01, drive=0.0)
         bus.publish(topics.COMMAND, command)

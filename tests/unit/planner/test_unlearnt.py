@@ -23,7 +23,7 @@ def moving(delivered: Delivered | None) -> Estimate:
     """Front slip 0.05 rad, rear slip 0.02 rad."""
     return Estimate(
         stamp_ns=0, seq=0, state_stamp_ns=0, valid=True, x=0.0, y=0.0, yaw=0.0, vx=50.0, vy=-50.0 * np.tan(0.02),
-        yaw_rate=0.0, bias_ax=0.0, bias_ay=0.0, bias_yaw_rate=0.0, std=(), steer=0.03, drive=0.0,
+        yaw_rate=0.0, bias_ax=0.0, bias_ay=0.0, bias_yaw_rate=0.0, std=(0.0,) * 9, steer=0.03, drive=0.0,
         innovations_rejected=0, delivered=delivered,
     )  # fmt: skip
 

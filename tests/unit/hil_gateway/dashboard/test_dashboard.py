@@ -41,6 +41,7 @@ from hil_gateway.bus.topics import (
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import Config
 from hil_gateway.dashboard.feed import Feed
+from hil_gateway.dashboard.metrics import COUNTERS, MILLISECONDS, exposition
 from hil_gateway.dashboard.recording import Recording
 from hil_gateway.dashboard.recording import create_app as recording_app
 from hil_gateway.dashboard.server import create_app
@@ -507,3 +508,36 @@ def test_a_recording_is_said_to_be_one_and_is_moved_in_by_the_bar(recording: Rec
         browser.evaluate(f"{{ {move} }}")
         browser.wait_for("document.getElementById('stop').hidden === false")
         assert browser.evaluate(TEXT.format("clock")).startswith("4.5 s of")
+
+
+@pytest.mark.parametrize("names", [("cx",), ("cx", "b", "c", "d"), ("a", "b")])
+def test_a_belief_of_other_parameters_leaves_the_page_alive(names: tuple[str, ...]) -> None:
+    """Another estimator, or anybody: as many names as it likes, values of nought."""
+    bus = LocalBus()
+    feed = Feed(bus, load_track(), Config())
+    publish_scene(bus, 10**9)
+    feed.snapshot(10**9)
+    assert len(feed.slow()["tyres"]["parameters"]) == 7
+    zeros = (0.0,) * len(names)
+    belief = m.Belief(
+        stamp_ns=2 * 10**9, seq=2, layout="shared", names=names, mean=zeros, covariance=(zeros,) * len(names),
+        samples=1, log_det_information=0.0,
+    )  # fmt: skip
+    bus.publish(BELIEF, belief)
+    feed.snapshot(2 * 10**9)
+    tyres = feed.slow()["tyres"]
+    assert [row["symbol"] for row in tyres["parameters"]] == list(names)
+    json.dumps(tyres, allow_nan=False)
+
+
+def test_no_text_of_a_sender_makes_a_metric() -> None:
+    status = {"action": 'x"} 1\nhil_forged 1', "mode": "\\", "bus_state": "up"}
+    counts = dict.fromkeys(COUNTERS["gateway_status"], 0) | dict.fromkeys(MILLISECONDS["gateway_status"])
+    snapshot = {
+        "ages": {"gateway_status": {"alive": True, "age_s": 0.0}},
+        "messages": {"gateway_status": status | counts},
+    }
+    lines = exposition(snapshot).splitlines()
+    assert not any(line.startswith("hil_forged") for line in lines)
+    assert r'hil_gateway_action{action="x\"} 1\nhil_forged 1"} 1' in lines
+    assert r'hil_gateway_mode{mode="\\"} 1' in lines

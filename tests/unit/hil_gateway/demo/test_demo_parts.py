@@ -16,7 +16,7 @@ from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import GATEWAY_STATUS, OPERATOR, PLAN, TRUTH
 from hil_gateway.config import Config, load_config
 from hil_gateway.demo.canvas import Canvas
-from hil_gateway.demo.monitor import Monitor
+from hil_gateway.demo.monitor import REASONS_MAX, Monitor, PlanCount
 from hil_gateway.demo.operator import Operator
 from hil_gateway.demo.options import DemoOptions, parse_effects, prepare
 from hil_gateway.demo.referee import Referee
@@ -112,7 +112,7 @@ def _free(port: int) -> bool:
 def test_a_file_that_is_no_model_revision_is_refused_before_anything_starts(tmp_path: Path) -> None:
     broken = tmp_path / "model.json"
     broken.write_bytes(b"\x89MCAP0\r\n")
-    with pytest.raises(InputError, match=r"model.json: not a model revision: not text"):
+    with pytest.raises(InputError, match=r"model.json: not a text file"):
         prepare(DemoOptions(model=str(broken), out=tmp_path / "out"))
     broken.write_text('{"revision": 1}')
     with pytest.raises(InputError, match="not a model revision: stamp_ns: Field required"):
@@ -269,3 +269,20 @@ def test_the_live_page_follows_the_terminal_when_its_size_changes() -> None:
     console.print(view.page(scene))
     text = console.export_text()
     assert "processes" not in text and max(map(len, text.splitlines())) <= 80
+
+
+def test_reasons_of_plans_are_told_apart_only_so_far() -> None:
+    """A flood of plans, each with another reason, takes no more memory."""
+    count = PlanCount()
+    for number in range(10 * REASONS_MAX):
+        count.add(_plan(f"reason {number}"))
+    count.add(_plan("reason 0"))
+    assert (len(count.reasons), count.reasons["reason 0"], count.failures) == (REASONS_MAX, 2, 10 * REASONS_MAX + 1)
+
+
+def _plan(reason: str) -> m.Plan:
+    row = (0.0,)
+    return m.Plan(
+        stamp_ns=0, seq=0, state_stamp_ns=0, status=m.PlanStatus.STOP, reason=reason, dt=0.1, x=row, y=row, yaw=row,
+        vx=row, s=row, steer=row, drive=row, lap=0, revision="r", solve_ms=1.0,
+    )  # fmt: skip

@@ -38,8 +38,8 @@ def estimate(number: int, valid: bool = True) -> m.Estimate:
     stamp_ns = number * STEP_NS
     return m.Estimate(
         stamp_ns=stamp_ns + 10, seq=number, state_stamp_ns=stamp_ns, valid=valid, x=number, y=2, yaw=0.3,
-        vx=20 + number, vy=0.1, yaw_rate=0.21, bias_ax=0.5, bias_ay=0, bias_yaw_rate=0, std=(), steer=0.05, drive=0.02,
-        innovations_rejected=0,
+        vx=20 + number, vy=0.1, yaw_rate=0.21, bias_ax=0.5, bias_ay=0, bias_yaw_rate=0, std=(0.0,) * 9, steer=0.05,
+        drive=0.02, innovations_rejected=0,
     )  # fmt: skip
 
 
