@@ -103,11 +103,11 @@ class Estimator:
             self._compare(sample, wheel_slips(state, estimate.vx))
         else:
             self.model.delivery.clear()
-        if state.stamp_ns >= self._belief_due_ns:
+        if _is_due(self._belief_due_ns, BELIEF_PERIOD_NS, state.stamp_ns):
             self._belief_due_ns = state.stamp_ns + BELIEF_PERIOD_NS
             self._bus.publish(topics.BELIEF, belief_message(self.model, state.stamp_ns, self._belief_seq))
             self._belief_seq += 1
-        if state.stamp_ns >= self._revision_due_ns:
+        if _is_due(self._revision_due_ns, REVISION_PERIOD_NS, state.stamp_ns):
             self._revision_due_ns = state.stamp_ns + REVISION_PERIOD_NS
             revision = self.policy.message(self.belief, state.stamp_ns, self._revision_seq)
             self._bus.publish(topics.MODEL_REVISION, revision)
@@ -131,6 +131,11 @@ class Estimator:
         """The sample with the effects, and the tyre parameters, that are now believed."""
         mean, tyres = self.belief.mean, self.belief.tyres
         return replace(sample, phi=mean[tyres:]) if self.belief.with_effects else sample, mean[:tyres]
+
+
+def _is_due(due_ns: int, period_ns: int, stamp_ns: int) -> bool:
+    """Whether it is time again; it is where the stamps have gone back too: one far ahead silences nothing for good."""
+    return not due_ns - period_ns <= stamp_ns < due_ns
 
 
 def in_kind(sample: Sample, kind: MeasurementKind, vehicle: Vehicle) -> Sample:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
+import os
 import sys
 from typing import Annotated, Any
 
@@ -119,7 +121,27 @@ def main() -> None:
         code = EXIT_INPUT
     except (BrokenPipeError, KeyboardInterrupt, typer.Abort):
         code = EXIT_FAILURE
-    raise SystemExit(code)
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            raise
+        code = _say_full()
+    raise SystemExit(_flushed(code))
+
+
+def _flushed(code: Any) -> Any:
+    """`code`, or failure where what was printed last does not go out either."""
+    try:
+        if sys.stdout is not None:  # closed by whoever started this
+            sys.stdout.flush()
+        return code
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python tries once more on its way out
+        return _say_full() if error.errno == errno.ENOSPC and code != EXIT_FAILURE else EXIT_FAILURE
+
+
+def _say_full() -> int:
+    print("hil: no space left on the disk that the output goes to; free some, or write elsewhere", file=sys.stderr)
+    return EXIT_FAILURE
 
 
 def _explain_usage(error: Any) -> str:

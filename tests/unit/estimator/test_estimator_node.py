@@ -114,6 +114,16 @@ def test_belief_and_revision_keep_their_rates(oval: Track) -> None:
     assert len(bench.out[topics.MODEL_REVISION.key].poll(0)) == 5
 
 
+def test_one_stamp_far_ahead_silences_neither_belief_nor_revisions(oval: Track) -> None:
+    bench, car = Bench(oval), Car(oval)
+    bench.feed(car.state().model_copy(update={"stamp_ns": 1 << 62}))
+    for topic in (topics.BELIEF, topics.MODEL_REVISION):
+        bench.out[topic.key].poll(0)
+    bench.feed(*(car.state() for _ in range(200)))
+    assert len(bench.out[topics.BELIEF.key].poll(0)) == 20
+    assert len(bench.out[topics.MODEL_REVISION.key].poll(0)) == 2
+
+
 def test_slope_needs_even_spacing() -> None:
     even = [k * DT_NS for k in range(7)]
     assert slope(even, [3.0 * k for k in range(7)]) == pytest.approx(300.0)

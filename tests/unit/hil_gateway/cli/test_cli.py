@@ -277,3 +277,14 @@ def _source(place: str) -> str:
     path = ROOT.joinpath(*place.split("."))
     path = path.with_suffix(".py") if path.with_suffix(".py").exists() else path.parent.with_suffix(".py")
     return path.read_text()
+
+
+@pytest.mark.parametrize("arguments", ["--version", "config show --json", "doctor --json"])
+def test_output_that_does_not_fit_on_the_disk_is_one_line(arguments: str) -> None:
+    """A short text is only found not to fit when it is flushed, a long one while it is written."""
+    with Path("/dev/full").open("wb") as full:
+        command = [sys.executable, "-m", "hil_gateway", *arguments.split()]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith("hil: no space left on the disk that the output goes to")
+    assert done.stderr.count("\n") == 1
