@@ -139,7 +139,7 @@ class Case:
         if outside := wanted & set(OUTSIDE):
             channels, signals = OUTSIDE[next(iter(outside))]
             if not channels:
-                return self.named == sorted(wanted - outside) and not self.result["unexplained"]
+                return sorted(self.named) == sorted(wanted - outside) and not self.result["unexplained"]
             return any(u["channel"] in channels and u["signal"] in signals for u in self.result["unexplained"])
         return wanted <= set(self.named) if len(wanted) > 1 else self.named[:1] == list(wanted)
 

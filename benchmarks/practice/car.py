@@ -61,6 +61,7 @@ SIZES: dict[str, tuple[float, float, bool]] = {
     "speed_scale/both": (0.02, 0.06, True),
     "wind/drag_only": (5.0, 12.0, False),
     "turn_asymmetry/steer": (0.03, 0.08, True),
+    "steer_play/dahl": (0.004, 0.01, False),
 }
 
 SIZES |= {name: sizes for name, (sizes, _, _) in outside.EFFECTS.items()}
@@ -171,7 +172,7 @@ class Car:
         fy_r = peak_r * curve_r * self.left_over(rear_x, peak_r, at.drive)
         body_y = 0.7 * s["wind"] * np.sin(self.wind_from - at.yaw) * vx + outside.side_force(s, at, self.local)
         sin, cos = np.sin(at.steer), np.cos(at.steer)
-        moment = -s["yaw_damping"] * rate + outside.moment(s, at)
+        moment = -s["yaw_damping"] * rate + outside.moment(s, at, self.local)
         mass = self.mass * outside.mass(s, at)
         ax = (rear_x + front_x * cos - fy_f * sin + body_x) / mass
         ay = (fy_r + fy_f * cos + front_x * sin + body_y) / mass

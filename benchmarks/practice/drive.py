@@ -17,7 +17,7 @@ import numpy as np
 
 from hil_gateway.process.arrays import Array
 
-from . import outside
+from . import logger, outside
 from .car import TYRE, Car, Chassis
 from .outside import Motion
 
@@ -30,12 +30,14 @@ HISTORY = 64
 """Steps of past actuation that delays can reach back to."""
 LONGEST_S = 1500.0
 STEER_RATE, DRIVE_RATE, STEER_MAX, DRIVE_MAX = 0.9, 0.6, 0.26, 0.085
+DAHL = 0.004
+"""rad over which friction of the steering comes to its full size"""
 STATIONS = 2048
 LAPS = 8
 CAREFUL = (
     "combined_slip", "load_transfer", "load_sensitivity", "grip_", "speed_stall", "turn_asymmetry", "gust", "puncture",
     "brake_oversteer", "temperature_grip", "kerb", "right_push", "short_gusts", "tyre_heat", "slosh", "front_stall",
-    "slow_puncture",
+    "slow_puncture", "pressure_peak", "damaged_floor", "camber_thrust", "kerb_yaw", "wall_gap",
 )  # fmt: skip
 CAREFUL_PACE = 0.87
 """The driver is so much slower in a car that has less grip than the reference speed presumes."""
@@ -202,6 +204,7 @@ class _Fleet:
         self.hold = STATIONS / np.round(tracks.length / 2.5)
         self.angle, self.torque, self.lagging, self.wheel, self.wheel_rate = np.zeros((5, n))
         self.slack, self.ay, self.slosh, self.heat, self.stuck = np.zeros((5, n))
+        self.bent, self.asked, self.brake_heat = np.zeros((3, n))
 
     def act(self) -> None:
         """What the driver does, and what of it reaches wheels and axle."""
@@ -226,7 +229,7 @@ class _Fleet:
         angle = self.lagging
         half = 0.5 * self.car.size["steer_play"]
         self.play = np.clip(self.play, angle - half, angle + half)
-        self.angle = self._swung(np.where(half > 0, self.play, angle))
+        self.angle = self._swung(self._rubbed(np.where(half > 0, self.play, angle)))
         asked = self._slackened(self.past_drive[(self.tick - self.lag_drive) % HISTORY, rows])
         self.torque = self.torque + self.follow_drive * (asked - self.torque)
         if self.tick % round(20.0 / self.step) == 0:
@@ -238,6 +241,15 @@ class _Fleet:
         self.heat += self.step / outside.HEAT_S * (self.ay**2 / 100.0 - self.heat)
         braking = np.clip(-self.torque / 0.05, 0.0, 1.0)
         self.stuck = np.maximum(self.stuck * (1 - self.step / outside.RELEASE_S), braking)
+        power = braking * vx / 4.0
+        self.brake_heat += self.step / outside.BRAKE_HEAT_S * (power - self.brake_heat)
+
+    def _rubbed(self, angle: Array) -> Array:
+        """Angle behind a rack that bends under the friction of its wheels, by Dahl's law."""
+        moved, self.asked = angle - self.asked, angle
+        limit = np.sign(moved)
+        self.bent = limit + (self.bent - limit) * np.exp(-np.abs(moved) / DAHL)
+        return np.asarray(angle - 0.5 * self.car.size["steer_play/dahl"] * self.bent)
 
     def _swung(self, angle: Array) -> Array:
         """Angle of wheels that swing about their steering axis."""
@@ -262,7 +274,7 @@ class _Fleet:
         used = (np.where(sigma > 0, a_f, slip[0]), np.where(sigma > 0, a_r, slip[1]))
         motion = Motion(
             self.tick * self.step, share, yaw, vx, vy, rate, steer, self.torque, self.ax, self.flap, self.temperature,
-            self.slosh, self.heat, self.stuck,
+            self.slosh, self.heat, self.stuck, self.brake_heat,
         )  # fmt: skip
         ax, ay, yaw_acc, vx_dot, vy_dot = self.car.accelerations(motion, used)
         kappa = self.tracks.curvature[self.rows, (share % 1.0 * STATIONS).astype(int) % STATIONS]
@@ -339,6 +351,8 @@ def _logged(
     both = 1 + effects.get("speed_scale/both", 0.0)
     columns["vx"] *= (1 + effects.get("speed_scale", 0.0)) * both
     columns["vy"] *= both
+    columns = logger.recorded(effects, columns, t, car.local.moment[i])
+    t = columns.pop("t")
     disturbed = {name: outside.disturbed(effects, name, raw["vx"][:stop, i], seed) for name in NOISE}
     for name, std in NOISE.items():
         louder, spikes = disturbed[name]

@@ -67,13 +67,27 @@ EFFECTS: dict[str, tuple[tuple[float, float, bool], set[str], set[str]]] = {
     "torque_steer": ((0.002, 0.005, True), LATERAL, {"drive", "throttle"}),
     "slip_drag": ((300.0, 900.0, False), FORWARD, {"vy", "ay", "yaw_rate", "steer", "turn_direction"}),
     "ax_gain": ((0.05, 0.12, True), {"ax"}, {"ax", "drive", "throttle", "brake", "vx"}),
+    "hot_brakes": ((0.25, 0.5, False), FORWARD, {"drive", "brake", "t", "track_position"}),
+    "pressure_peak": ((0.08, 0.2, False), LATERAL, {"t"}),
+    "camber_thrust": ((400.0, 1000.0, True), LATERAL, {"vx"}),
+    "throttle_dead_zone": ((0.003, 0.008, False), FORWARD, {"drive", "throttle"}),
+    "damaged_floor": ((0.1, 0.25, False), LATERAL, {"t"}),
+    "kerb_yaw": ((1000.0, 2500.0, True), {"yaw_acc"}, {"track_position"}),
+    "wall_gap": ((15.0, 40.0, True), LATERAL, {"track_position"}),
+    "gyro_drift": ((0.006, 0.015, True), LATERAL, {"t"}),
+    "wheel_speed": ((0.02, 0.05, False), FORWARD, {"drive", "drive_rate", "throttle", "brake"}),
     # nothing that a car does
     "vibration": ((1.0, 2.5, False), set(), set()),
     "spikes": ((3.0, 9.0, True), set(), set()),
+    "position_lag": ((0.1, 0.3, False), set(), set()),
+    "speed_lag": ((0.05, 0.15, False), set(), set()),
+    "clock_jump": ((0.3, 1.5, False), set(), set()),
 }
 SLOSH_S, HEAT_S, DRIFT_S, RELEASE_S, RESONANCE = 0.6, 60.0, 0.5, 4.0, 2 * 3.141592653589793 * 4.0
 """s: lag of what moves in the car, of the heat of the tyres, correlation of an accelerometer's noise, release of a
 brake that sticks; rad/s of the wheels about their steering axis"""
+BRAKE_HEAT_S = 40.0
+"""s: time constant by which brakes cool"""
 COLUMNS, CAUSED_BY_COLUMN = ("flap", "tyre_temperature"), {"channel_force", "temperature_grip"}
 """extra columns, and the effects whose logs have them: one of the columns is the cause, the other is not"""
 
@@ -115,6 +129,8 @@ class Motion:
     """of the tyres, by the square of ay over 100 m2/s4 in the last minute"""
     stuck: Array
     """share of the largest braking that a brake which sticks still remembers"""
+    brake_heat: Array
+    """of the brakes, by their power over a tenth of that of braking at 40 m/s"""
 
 
 def above(value: Array, threshold: float, width: float) -> Array:
@@ -127,6 +143,8 @@ def grip(s: Sizes, at: Motion, local: Local) -> tuple[Array, Array]:
     both = 1 - s["grip_patch"] * local.inside(at.share, 0.07) - s["grip_step"] * (at.t > local.moment)
     both = both - s["speed_stall"] * above(at.vx, 40.0, 1.5) - s["temperature_grip"] * (at.temperature - 80.0) / 20.0
     both = both * (1 - s["tyre_heat"] * np.minimum(at.heat, 1.0))
+    both = both * (1 - s["pressure_peak"] * min((at.t - 250.0) / 300.0, 1.2) ** 2)
+    both = both * (1 - s["damaged_floor"] * (at.vx / 40.0) ** 2 * (at.t > local.moment))
     braking = np.clip(-at.drive / 0.05, 0.0, 1.0)
     flat = s["puncture"] * (at.t > local.moment) + s["slow_puncture"] * np.clip((at.t - local.moment) / 100.0, 0, 1)
     front = both * (1 - s["front_stall"] * above(at.vx, 38.0, 1.0))
@@ -159,15 +177,18 @@ def side_force(s: Sizes, at: Motion, local: Local) -> Array:
     stretch = s["gust"] * local.inside(at.share, 0.07) + s["kerb"] * local.inside(at.share, 0.025)
     stretch = stretch + s["gusts"] * local.recurring(at.t, 0.04, 8.0)
     stretch = stretch + s["short_gusts"] * local.recurring(at.t, 0.03, 20.0)
+    stretch = stretch + s["wall_gap"] * at.vx * local.inside(at.share, 0.15)
+    stretch = stretch + s["camber_thrust"] * (at.vx / 40.0) ** 2
     return np.asarray(stretch + s["right_push"] * (at.rate < -0.02))
 
 
-def moment(s: Sizes, at: Motion) -> Array:
+def moment(s: Sizes, at: Motion, local: Local) -> Array:
     """Yaw moment, N m."""
     locked = s["diff_lock"] * np.tanh(at.rate / 0.1) * (1 - above(at.vx, 22.0, 1.5))
     push = np.maximum(at.drive, 0) / 0.05
     vectored = s["vectoring"] * push * np.tanh(at.steer / 0.02)
     pulled = s["brake_pull"] * np.clip(-at.drive / 0.05, 0.0, 1.5)
+    pulled = pulled + s["kerb_yaw"] * local.inside(at.share, 0.02)
     return np.asarray(s["throttle_yaw"] * push + vectored + pulled - locked - s["slosh"] * at.slosh)
 
 
@@ -180,9 +201,11 @@ def steered(s: Sizes, at_wheel: Array, vx: Array, rate: Array, drive: Array) -> 
 def driven(s: Sizes, at: Motion, local: Local) -> Array:
     """Drive command that reaches the wheels."""
     left = 1 - s["brake_fade"] * np.clip((at.t - 250.0) / 300.0, 0, 1) - s["fade_heat"] * (1 - np.exp(-at.t / 250.0))
+    left = left - s["hot_brakes"] * np.minimum(at.brake_heat, 1.5)
     pushed = 1 - s["power_limit"] * above(at.vx, 32.0, 2.0) - s["misfire"] * local.recurring(at.t, 0.03, 60.0)
     pushed = pushed - s["traction_cut"] * np.clip(np.abs(at.vx * at.rate) / 12.0, 0, 1)
     pushed = pushed * np.clip(at.drive / 0.03, 1e-3, 2.0) ** s["torque_curve"]
+    pushed = pushed * np.clip(1 - s["throttle_dead_zone"] / np.maximum(at.drive, 1e-9), 0, 1)
     return np.asarray(at.drive * np.where(at.drive < 0, left, pushed))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -19,10 +20,13 @@ from estimator.offline.record.record import Record
 from estimator.offline.record.road import find_road
 from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout, stretches
 from estimator.offline.result.leftover import Leftover, leftovers
+from estimator.offline.result.told import least_errors, untold
+from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.look_alikes.term import LookAlikeTerm
 from estimator.offline.search.pool import Pool, keep_freed_memory
+from estimator.offline.search.screening import candidates
 from estimator.offline.search.search import Search, search
 from estimator.offline.search.stretches.cells import Candidate, most_gaining
 from estimator.offline.search.stretches.term import StretchTerm, can_tell
@@ -71,10 +75,28 @@ class Diagnosis:
     term_trials: tuple[Term, ...]
     leftover: tuple[Leftover, ...]
 
+    @cached_property
+    def spread(self) -> Array:
+        """(p, p) covariance that is stated of the parameters of `fit`."""
+        return covariance(self.fit, self.without_splines)
+
+    @cached_property
+    def untold(self) -> tuple[str, ...]:
+        """Accepted effects whose size is not told from nothing: they predict, and may stand in for another cause."""
+        possible = candidates(self.fit.predictor.record, self.accepted)
+        tried = [b.effect for b in self.fit.predictor.blocks if b.effect.name in self.accepted] + possible
+        return untold(self.fit, self.spread, self.accepted, least_errors(tried))
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Accepted effects that are told from nothing."""
+        return tuple(name for name in self.accepted if name not in self.untold)
+
     @property
     def verdict(self) -> str:
-        """none | effect | unexplained; the first two only where no channel is left with more than noise."""
-        if self.terms or self.leftover:
+        """none | effect | unexplained; the first two only where no channel is left with more than noise and every
+        effect of the model is told from nothing."""
+        if self.terms or self.leftover or self.untold:
             return "unexplained"
         return "effect" if self.accepted else "none"
 

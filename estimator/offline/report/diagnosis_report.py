@@ -17,7 +17,7 @@ from estimator.offline.report.words import (
     CHANNEL_NAMES,
     NAMES,
     UNITS,
-    parameter_words,
+    size_words,
     verdict_sentence,
 )
 from estimator.offline.result.diagnosis_score import channel_residuals
@@ -168,7 +168,7 @@ def _ranking(report: Report, diagnosis: Diagnosis, summary: dict[str, Any]) -> N
     for entry in summary["effects"]:
         rows.append([
             entry["name"], "accepted", f"{diagnosis.gains[entry['form']].gain:,.0f}", f"{entry['confidence']:.3f}",
-            ", ".join(parameter_words(n, p) for n, p in entry["parameters"].items()),
+            size_words(entry),
         ])  # fmt: skip
         for other in alternatives(diagnosis.search, entry["form"])[:4]:
             effect = catalogue().get(other.name)
@@ -177,6 +177,7 @@ def _ranking(report: Report, diagnosis: Diagnosis, summary: dict[str, Any]) -> N
                 f"instead of {entry['name']}: {other.name}", why, f"{other.evidence.gain:,.0f}", "",
                 effect.separated_by if effect else "",
             ])  # fmt: skip
+    rows.extend([e["name"], "not told from nothing", "", "", size_words(e)] for e in summary["not_told"])
     last = [t for t in diagnosis.search.rounds[-1][:6] if t.name not in diagnosis.accepted]
     rows.extend([t.name, "tried last", f"{t.evidence.gain:,.0f}", "", ""] for t in last)
     for term in diagnosis.term_trials[:5]:
@@ -190,7 +191,7 @@ def _equation(report: Report, summary: dict[str, Any]) -> None:
     lines = []
     for entry in summary["effects"]:
         effect = catalogue()[entry["form"]]
-        numbers = ", ".join(parameter_words(n, p) for n, p in entry["parameters"].items())
+        numbers = size_words(entry)
         lines.append(f"{effect.name}: {effect.equation}, with {numbers}. Source: {effect.source}.")
     lines.extend(f"empirical: {u['description']} ({u['term']})" for u in summary["unexplained"] if u["empirical"])
     report.items(lines or ["nothing"])

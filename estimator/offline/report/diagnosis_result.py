@@ -17,7 +17,6 @@ from estimator.offline.predict.predict import Block
 from estimator.offline.report.unexplained import unexplained
 from estimator.offline.result.diagnosis_score import HORIZON_S, rmse
 from estimator.offline.result.handover import tempered
-from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.terms import WHITE_FOR_TERMS
 from estimator.offline.search.whiteness import laterally_structured
@@ -29,8 +28,7 @@ ALTERNATIVES = 4
 
 def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
     """The result in the agreed format."""
-    spread = covariance(diagnosis.fit, diagnosis.without_splines)
-    std = np.sqrt(np.diag(spread))
+    std = np.sqrt(np.diag(diagnosis.spread))
     blocks = {b.effect.name: b for b in diagnosis.fit.predictor.blocks}
     shares = _shares(diagnosis)
     return {
@@ -43,15 +41,24 @@ def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
             {
                 "name": id_of(name),
                 "form": name,
-                "parameters": sizes_of(diagnosis, blocks[name], spread),
+                "parameters": sizes_of(diagnosis, blocks[name], diagnosis.spread),
                 "confidence": _confidence_in(diagnosis, name),
                 "channels": list(blocks[name].effect.channels),
                 "share_of_residual": shares[name],
                 "alternatives": _alternatives(diagnosis, name),
                 "not_told_from": id_of(other) if (other := diagnosis.search.look_alikes.get(name)) else "",
             }
-            for name in diagnosis.accepted
+            for name in diagnosis.named
             if name not in DECLARED
+        ],
+        "not_told": [
+            {
+                "name": id_of(name),
+                "form": name,
+                "parameters": sizes_of(diagnosis, blocks[name], diagnosis.spread),
+                "channels": list(blocks[name].effect.channels),
+            }
+            for name in diagnosis.untold
         ],
         "vehicle": _vehicle(diagnosis, std),
         "unexplained": unexplained(diagnosis),
@@ -183,7 +190,7 @@ def _vehicle(diagnosis: Diagnosis, std: Array) -> list[dict[str, Any]]:
         return []
     blocks = {b.effect.name: b for b in diagnosis.fit.predictor.blocks}
     car, out = diagnosis.record.vehicle, []
-    for name in (n for n in diagnosis.accepted if n in DECLARED):
+    for name in (n for n in diagnosis.named if n in DECLARED):
         datum, rows = DECLARED[name], blocks[name].parameters
         value, error = float(diagnosis.fit.parameters[rows][0]), float(std[rows][0])
         found = datum.found(car, value)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator.model.declared_vehicle import all_candidates, id_of
 from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis
 from estimator.offline.predict.places import PLACES
@@ -19,7 +20,6 @@ from estimator.offline.report.words import (
     span_words,
 )
 from estimator.offline.result.leftover import Leftover
-from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.look_alikes.term import LookAlikeTerm
@@ -39,6 +39,7 @@ def unexplained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     after what is left, and what any other leaves comes last.
     """
     tried = [entry for term in diagnosis.terms for entry in _by_term(diagnosis, term)]
+    tried += [entry for name in diagnosis.untold for entry in _by_untold(diagnosis, name)]
     tried.sort(key=lambda e: -float(e["share_of_residual"]))
     entries = [e for e in tried if e["share_of_residual"] > SMALLEST_CHANNEL_SHARE]
     left = sorted((_left(left) for left in diagnosis.leftover), key=lambda e: -float(e["share_of_residual"]))
@@ -60,7 +61,7 @@ def _by_term(diagnosis: Diagnosis, term: Term) -> list[dict[str, Any]]:
     block = next(b for b in diagnosis.fit.predictor.blocks if b.effect.name == term.effect.name)
     coefficients = diagnosis.fit.parameters[block.parameters]
     if isinstance(term, StretchTerm):
-        variance = np.diag(covariance(diagnosis.fit, diagnosis.without_splines))[block.parameters]
+        variance = np.diag(diagnosis.spread)[block.parameters]
         return _by_stretch(diagnosis, term, float(coefficients[0]), float(np.sqrt(variance[0])))
     if isinstance(term, LookAlikeTerm):
         numbers = zip(term.effect.parameters, coefficients, strict=True)
@@ -85,15 +86,34 @@ def _entry(diagnosis: Diagnosis, term: Term, channel: str, signal: str, what: st
     }  # fmt: skip
 
 
+def _by_untold(diagnosis: Diagnosis, name: str) -> list[dict[str, Any]]:
+    """What an effect whose size is not told from nothing would explain, for each channel; shares as of a stretch."""
+    effect, gains = all_candidates()[name], diagnosis.gains[name].channels
+    words = f"over {NAMES.get(effect.cause, effect.cause)}, as {id_of(name)} would, whose size is not told from nothing"
+    return [
+        {
+            "channel": channel, "signal": effect.cause,
+            "share_of_residual": _share(diagnosis, float(gains[CHANNELS.index(channel)])),
+            "description": f"{CHANNEL_NAMES[channel]} {words}: its cause is not determined",
+            "empirical": False, "term": name, "spans": [], "alternatives": [],
+        }
+        for channel in effect.channels
+    ]  # fmt: skip
+
+
+def _share(diagnosis: Diagnosis, gain: float) -> float:
+    """Share of a channel's squared residual that a gain of log-likelihood is, on the laps learnt from."""
+    count = float(diagnosis.fit.normal.count.sum())
+    return round(1.0 - float(np.exp(-2.0 * max(0.0, gain) / count)), 4)
+
+
 def _by_stretch(diagnosis: Diagnosis, term: StretchTerm, change: float, std: float) -> list[dict[str, Any]]:
     """Another grip on a stretch, for each channel; its share is of the laps learnt from, predicted by each other."""
-    stretch, count = term.stretch, float(diagnosis.fit.normal.count.sum())
-    entries = []
+    stretch, entries = term.stretch, []
     for channel in term.effect.channels:
-        gain = max(0.0, float(term.evidence.channels[CHANNELS.index(channel)]))
-        share = 1.0 - float(np.exp(-2.0 * gain / count))
+        share = _share(diagnosis, float(term.evidence.channels[CHANNELS.index(channel)]))
         entries.append({
-            "channel": channel, "signal": term.signal, "share_of_residual": round(share, 4),
+            "channel": channel, "signal": term.signal, "share_of_residual": share,
             "description": f"{CHANNEL_NAMES[channel]}: {grip_words(stretch, change, std)}",
             "empirical": True, "term": term.effect.name, "alternatives": _other_causes(diagnosis, term),
             **_of_stretch(stretch, change, std),

@@ -132,9 +132,13 @@ def parameter_words(name: str, parameter: dict[str, float | str]) -> str:
 
 def effect_words(entry: dict[str, Any]) -> str:
     """'rolling_resistance (force 420 +- 2 N)', and what explains the drive as well in its place."""
-    sizes = ", ".join(parameter_words(n, p) for n, p in entry["parameters"].items())
     other = entry["not_told_from"]
-    return f"{entry['name']} ({sizes})" + (f" or {other} in its place" if other else "")
+    return f"{entry['name']} ({size_words(entry)})" + (f" or {other} in its place" if other else "")
+
+
+def size_words(entry: dict[str, Any]) -> str:
+    """'force 420 +- 2 N, pedal undetermined'"""
+    return ", ".join(parameter_words(n, p) for n, p in entry["parameters"].items())
 
 
 def verdict_sentence(summary: dict[str, Any]) -> str:
@@ -142,6 +146,7 @@ def verdict_sentence(summary: dict[str, Any]) -> str:
     from estimator.model.effects import catalogue
 
     found = [effect_words(entry) for entry in summary["effects"]]
+    untold = [f"{entry['name']} ({size_words(entry)})" for entry in summary["not_told"]]
     if summary["verdict"] == "none":
         return "The declared model, re-identified, explains this session down to its sensor noise: nothing is missing."
     wrong = [
@@ -151,8 +156,8 @@ def verdict_sentence(summary: dict[str, Any]) -> str:
     if summary["verdict"] == "effect":
         lacks = "; ".join(catalogue()[e["form"]].lacks for e in summary["effects"])
         return " ".join([*([f"The declared model lacks {' and '.join(found)}: {lacks}."] if found else []), *wrong])
-    first = summary["unexplained"][0]
-    if not first["empirical"]:
-        return f"Not explained: {first['description']}.{' Found: ' + ', '.join(found) + '.' if found else ''}"
-    beside = f" Beside it: {', '.join(found)}." if found else ""
-    return f"Something outside the catalogue acts on {first['description']}.{beside}"
+    first, empirical = summary["unexplained"][0], summary["unexplained"][0]["empirical"]
+    what = "Something outside the catalogue acts on" if empirical else "Not explained:"
+    beside = f" {'Beside it' if empirical else 'Found'}: {', '.join(found)}." if found else ""
+    not_told = f" Not told from nothing: {', '.join(untold)}." if untold else ""
+    return f"{what} {first['description']}.{beside}{not_told}"

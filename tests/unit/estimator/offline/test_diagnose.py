@@ -25,7 +25,7 @@ from estimator.offline.fit.steps import Coordinates
 from estimator.offline.record.laps import scored_laps
 from estimator.offline.report.diagnosis_result import as_json, as_revision, sizes_of
 from estimator.offline.report.unexplained import unexplained
-from estimator.offline.report.words import describe, follows_turn_direction, parameter_words
+from estimator.offline.report.words import describe, follows_turn_direction, parameter_words, verdict_sentence
 from estimator.offline.result.diagnosis_score import kernel
 from estimator.offline.result.leftover import EXPLAINS, Leftover, comes_back, leftovers
 from estimator.offline.result.uncertainty import covariance
@@ -81,6 +81,21 @@ def test_pair_is_named_whole(diagnosed: Callable[[str], Diagnosis]) -> None:
     found = diagnosed("pair")
     assert set(found.accepted) == {"aero_drag", "steer_offset"}
     json.dumps(as_json(found, "r", ""), allow_nan=False)
+
+
+def test_an_effect_whose_size_is_not_told_from_nothing_is_no_finding(diagnosed: Callable[[str], Diagnosis]) -> None:
+    found = diagnosed("pair")
+    (drag,) = (b.parameters for b in found.fit.predictor.blocks if b.effect.name == "aero_drag")
+    moved = found.fit.parameters.copy()
+    moved[drag] = 0.0  # without a spline the fit would find none of it
+    unsure = replace(found, without_splines=replace(found.fit, parameters=moved))
+    result = as_json(unsure, "r", "")
+    assert result["verdict"] == "unexplained"
+    assert [e["name"] for e in result["effects"]] == ["steer_offset"]
+    assert [e["name"] for e in result["not_told"]] == ["aero_drag"]
+    assert {(u["channel"], u["signal"]) for u in result["unexplained"]} == {("ax", "vx"), ("vx_dot", "vx")}
+    assert "Not told from nothing: aero_drag" in verdict_sentence(result)
+    assert "aero_drag" in [e.name for e in as_revision(unsure, "per_axle", ()).effects]
 
 
 def test_a_wrong_yaw_inertia_is_reported_as_declared_data_and_not_as_an_effect(drives: dict[str, Any]) -> None:
@@ -368,6 +383,9 @@ def test_a_second_form_is_reported_under_the_name_of_the_effect(diagnosed: Calla
     found = diagnosed("single")
     brakes = {"rolling_resistance": "brake_pressure"}
     done = fit_names(Setting(found.fit.predictor.record, "per_axle", PRIOR), ["brake_pressure"], None)
+    told, (block,) = done.parameters.copy(), (b for b in done.predictor.blocks if b.effect.name == "brake_pressure")
+    told[block.parameters] = [p.prior + 5.0 * p.prior_std for p in block.effect.parameters]
+    done = replace(done, parameters=told)
     renamed = replace(
         found, fit=done, accepted=("brake_pressure",), gains={brakes[n]: g for n, g in found.gains.items()},
         search=replace(

@@ -16,6 +16,7 @@ from estimator.offline.fit.held import MASS_ERROR, ZERO_ERROR, by_declared, by_s
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.unknown_inputs import sampling_effects
+from estimator.offline.result.told import FALSE_ALARM, least_errors, untold
 from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import GRAVITY
@@ -78,3 +79,18 @@ def test_the_zero_of_the_accelerometer_moves_a_bank_of_the_whole_lap_unless_it_i
 @pytest.mark.parametrize(("step", "fitted"), [(0.04, True), (0.02, True), (0.01, False), (0.005, False)])
 def test_when_an_accelerometer_was_read_is_fitted_in_logs_slower_than_it(step: float, fitted: bool) -> None:
     assert ("ay_within_a_sample" in {e.name for e in sampling_effects(step, frozenset())}) == fitted
+
+
+def test_of_sizes_that_are_not_there_none_is_told_from_nothing_in_nineteen_logs_of_twenty(pair: Fit) -> None:
+    candidates = [block.effect for block in pair.predictor.blocks]
+    sizes = np.random.default_rng(4).normal(size=(40_000, sum(len(e.parameters) for e in candidates)))
+    assert np.mean(np.abs(sizes).max(axis=1) > least_errors(candidates)) == pytest.approx(FALSE_ALARM, rel=0.1)
+
+
+def test_an_effect_whose_stated_error_has_grown_to_its_size_is_not_told_from_nothing(pair: Fit) -> None:
+    names, spread, least = ("aero_drag", "steer_offset"), covariance(pair), 3.0
+    (drag,) = (b.parameters.start for b in pair.predictor.blocks if b.effect.name == "aero_drag")
+    wide = spread.copy()
+    wide[drag, drag] = pair.parameters[drag] ** 2
+    assert untold(pair, spread, names, least) == ()
+    assert untold(pair, wide, names, least) == ("aero_drag",)
