@@ -65,6 +65,9 @@ DEVIATIONS = 6.5
 LEAST = 0.4
 """m a root of a second of the window at least: as far as good receivers (0.1 m, 0.09 m a root of a second) move with
 `DEVIATIONS`, less a tenth"""
+UNSURE = 2.0
+"""by which the deviation of a lateness counts more: before the first braking offset and lateness look alike, and its
+error lasts"""
 OUTLYING = 2.0
 """deviations that one reading teaches at most"""
 EITHER = 0.4
@@ -243,7 +246,7 @@ class OtherReceivers:
     def _share(self, window: _Window, before: tuple[Move, ...], now: tuple[Move, ...], learns: bool) -> float:
         """What one window shows of its bound; nothing where it is one receiver alone."""
         one, other, faster = (_minus(*pair) for pair in zip(now, before, strict=True))
-        late_s = math.hypot(*(receiver.late_within_s for receiver in self._receivers)) / 2.0
+        late_s = UNSURE * math.hypot(*(receiver.late_within_s for receiver in self._receivers)) / 2.0
         share = window.share(_mean(one, other), (late_s * faster[0], late_s * faster[1]), now[2], learns)
         return share if _alike(one, other) else 0.0
 
