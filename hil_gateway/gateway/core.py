@@ -69,6 +69,11 @@ class Gateway:
         return self.decision.failsafe
 
     @property
+    def shares(self) -> dict[str, float]:
+        """Difference over bound of the monitors that compare with one, in this period."""
+        return self.monitors.shares | {"other receivers": self._receivers.share}
+
+    @property
     def late(self) -> str:
         """Who was late, where that is why the car is being stopped."""
         return self._reporter.late
@@ -99,21 +104,20 @@ class Gateway:
     def _perceive(self, now_ns: int, state: VehicleState, before: Decision) -> tuple[Motion, Pose | None, Measures]:
         """How the car moves and where it is, by the sources that fit each other, and what the monitors measure."""
         monitors = self.monitors
-        fixes_fitted, imu_was_wrong = monitors.fixes_fit, monitors.imu_wrong
+        fixes_fitted, imu_was_wrong, drifted = monitors.fixes_fit, monitors.imu_wrong, monitors.position.drifts
         course = self._course.step(now_ns, self.builder.fixes)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
         motion = monitors.motion.step(now_ns, state, course if fixes_fitted else None, commanded)
         monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
         monitors.position.scattered(now_ns, self._course.scatter_m)
         learns = not monitors.position.wrong
-        monitors.position.outvoted(self._receivers.step(now_ns, self.builder, motion.speed, learns))
+        monitors.position.outvoted(self._receivers.step(now_ns, self.builder, learns))
         estimate = self.inbox.read_estimate(now_ns)
         monitors.heed(now_ns, state, self.inbox.estimate)
         believed = estimate if monitors.estimate_fits else None
         if believed is not None and not before.stopping:
             monitors.motion.teach(now_ns, state, believed)
-        drifts = monitors.position.drifts
-        aside = self._receivers.aside if drifts else (0.0, 0.0)
+        drifts, aside = monitors.position.drifts, self._drifted(drifted)
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit or drifts, aside)
         monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
         monitored = monitors.measures(now_ns, state, pose, commanded, course)
@@ -121,6 +125,15 @@ class Gateway:
             motion = monitors.motion.again(state, course)
             pose = pose if course is None else self._dead_reckoning.restart(now_ns, course)
         return motion, pose, monitored
+
+    def _drifted(self, before: bool) -> tuple[float, float]:
+        """How far the fixes lie from the car where they drift, m in the map. A stop that begins as that is found (not
+        `before`) begins where the car is, and not where they have led the estimate."""
+        if not self.monitors.position.drifts:
+            return 0.0, 0.0
+        if not before:
+            self._dead_reckoning.move_back(self._receivers.aside)
+        return self._receivers.aside
 
     def _decide(self, now_ns: int, state: VehicleState, monitored: Measures, before: Decision) -> Situation:
         """Failsafe and ladder of this period."""

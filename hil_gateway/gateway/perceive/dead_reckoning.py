@@ -8,7 +8,7 @@ estimator, pull the point back, so that errors cannot add up.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.course import Course
@@ -85,6 +85,11 @@ class DeadReckoning:
             if believe_fixes:
                 self.pose = self._corrected(self.pose, state, motion, aside)
         return self.pose
+
+    def move_back(self, aside: tuple[float, float]) -> None:
+        """What the pose was reckoned from lies so far from the car, m in the map."""
+        if self.pose is not None:
+            self.pose = replace(self.pose, x=self.pose.x - aside[0], y=self.pose.y - aside[1])
 
     def restart(self, now_ns: int, course: Course) -> Pose:
         """Go on from the fixes alone: what has been reckoned so far used a wrong sensor."""

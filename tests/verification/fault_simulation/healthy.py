@@ -60,7 +60,7 @@ def drive(track: str, seed: int, seconds: float = DRIVE_S) -> HealthyDrive:
         if loop.result.armed and loop.gateway.seen is not None:
             result.off_road = result.off_road or loop.plant.referee.off_track_count > 0
             result.stops = list(loop.result.failsafes)
-            _keep_largest(result.shares, loop.gateway.monitors.shares)
+            _keep_largest(result.shares, loop.gateway.shares)
             measures = loop.gateway.seen[1].measures
             _keep_largest(result.held, {cause: measures[cause] / limit for cause, limit in THRESHOLDS.items()})
     result.seconds = loop.finish().seconds

@@ -42,8 +42,8 @@ SCATTERED_S = 0.45
 """longer than one wild fix is among the eight of a course"""
 SETTLED_S = 0.2
 """s of valid states after which an invalid estimate answers one of them: twice the age an estimate may have"""
-OUTVOTED_S = 0.25
-"""s both other receivers lie far beside them: three readings of each at 10 Hz"""
+OUTVOTED_S = 0.1
+"""s both other receivers have moved away from them: two readings of each at 10 Hz"""
 CONTRADICTED_S = 0.1
 """s their course contradicts IMU and wheels: two fixes at 20 Hz"""
 
@@ -81,7 +81,7 @@ class PositionMonitor:
         self.wrong = self.wrong or held_s > SCATTERED_S
 
     def outvoted(self, held_s: float) -> None:
-        """Both other receivers have lain far to one side of the fixes for so long."""
+        """Both other receivers have moved away from the fixes for so long."""
         tells = self._reference is not None and held_s > OUTVOTED_S
         self._drifts = self._drifts or (tells and not self.suspect)
         self.wrong = self.wrong or tells

@@ -1,9 +1,12 @@
 """Position fixes against the two receivers of race control, whose worth is learnt on the way.
 
-Transponders report positions of their own (`marelli_gps_*` and MyLaps): without corrections, late by an unknown time,
-with an error that wanders by metres in minutes. How far they lie beside the line of the fixes on average is what they
-are worth. When both of them leave that line to the same side by much more than they used to, it is the fixes that
-drift: neither heading nor wheels can tell.
+Transponders report positions of their own (`marelli_gps_*` and MyLaps): without corrections, late by a time that is
+learnt, with an offset in the map that wanders by metres in minutes. A Kalman filter follows offset and lateness of
+each (random walks; the readings are white beside them). How far their mean offset moves within some seconds is what
+they are worth; where it moves by much more than it used to, and that of both the same way, it is the fixes that drift:
+neither heading nor wheels can tell. For a ramp in a random walk the change of the filtered offset over the time since
+its onset is the sum of the innovations, and with it what a likelihood ratio test goes by (M. Basseville and
+I. Nikiforov, Detection of Abrupt Changes, 1993, ch. 7).
 """
 
 from __future__ import annotations
@@ -11,10 +14,14 @@ from __future__ import annotations
 import math
 from collections import deque
 
+import numpy as np
+
 from hil_gateway.config import OriginConfig
+from hil_gateway.gateway.perceive.fixes import Fixes
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
-from hil_gateway.gateway.settings import PERIOD_S
+from hil_gateway.process.arrays import Array
+from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.geodesy import LocalMap
 
 SIGNALS = {
@@ -23,127 +30,244 @@ SIGNALS = {
 }
 LINE = 30
 """fixes: 1.5 s, as late as a receiver may be"""
+CHORD = 2
+"""fixes to either side between which the line's direction and speed are taken"""
+AHEAD_S = 0.1
+"""by which a reading may be newer than the newest fix: two periods of them"""
 STALE_S = 0.35
 """without a reading for so long a receiver says nothing: three are lost"""
-SLOW = 3.0
-"""m/s: slower, lateness is no distance, and where the line leads is noise"""
-LEARNT = 0.025
-"""weight of a reading: 4 s at 10 Hz, in which an uncorrected receiver wanders by a decimetre or two"""
-SPREAD_LEARNT = 0.005
-"""weight of a reading in the mean distance: 20 s, so that a drift of seconds is not taken for worse receivers"""
-FIRST_SPREAD_M = 0.2
-"""mean distance beside the line before anything is learnt"""
-SPREADS = 5.0
-"""mean distances, four standard deviations; for both receivers at once, to the same side"""
-LEAST_M = 0.8
-"""m: map, antennas, and a lead of the receivers in a bend"""
+READING_S = 0.1
+"""s between two readings"""
+READING_M = 0.13
+"""standard deviation of a reading beside the offset: what smoothing with the carrier leaves of noise and multipath"""
+WALKS = (0.09**2, 0.09**2, 1e-4**2)
+"""by which the variances of the offset (m2) and the lateness (s2) grow a second: 1.5 m of error with a time constant of
+ten minutes"""
+FIRST_LATE_S = 0.2
+"""lateness before anything is learnt"""
+FIRST_VARIANCES = (25.0, 25.0, 0.09)
+"""of the offset (m2) and the lateness (s2) then"""
+LATEST_S = 1.0
+"""lateness at most; none is early"""
+FAR_M = 1.5
+"""m that a reading may lie from where it is expected once the filter has settled: beyond, the receiver has jumped or
+hangs, and is learnt anew"""
+SETTLED_M = 0.3
+"""deviation of a settled offset"""
+WINDOWS_S = (1.5, 3.0)
+"""over which the offset's movement is judged: a drift of 0.5 m/s exceeds the bound of the shorter one, slower ones that
+of the longer one"""
+LEARNT = 0.0025
+"""weight of a reading in the mean square of the movement: 40 s, so that a drift of seconds is not taken for worse
+receivers"""
+DEVIATIONS = 6.5
+"""of the movement's own: with 2e5 independent readings in 20 h one of 5,000 such drives exceeds it"""
+LEAST = 0.4
+"""m a root of a second of the window at least: as far as good receivers (0.1 m, 0.09 m a root of a second) move with
+`DEVIATIONS`, less a tenth"""
+UNSURE = 2.0
+"""by which the deviation of a lateness counts more: before the first braking offset and lateness look alike, and its
+error lasts"""
 OUTLYING = 2.0
-"""mean distances that one reading teaches at most"""
-FAR_M = 30.0
-"""m beside the line: no receiver that works, whatever its error; one without a view of the sky says zeros, and one that
-hangs stays behind the line"""
-TOGETHER, EITHER = 1.0, 0.4
-"""of their bounds that both lie to one side on average, and each at least: healthy drives of 12 random cars (75 s each)
-come to 0.76 on average, and the mean of two wanders by less than either"""
-SMOOTHED_S = 0.3
-"""time constant of how far they lie aside: three readings"""
+"""deviations that one reading teaches at most"""
+EITHER = 0.4
+"""of the mean movement that each of both shows at least: it is not one of them that jumps"""
 PROVEN = 100
-"""readings under way, 10 s, that lay within their bound before a receiver may contradict"""
+"""readings of both, 10 s, before they may contradict"""
+
+
+class _Line:
+    """The newest fixes, and where they were at a time in between."""
+
+    def __init__(self) -> None:
+        self._fixes: deque[tuple[float, float, float]] = deque(maxlen=LINE)
+        self._seq = 0
+
+    def take(self, fixes: Fixes) -> None:
+        """The fix of this period, if one came."""
+        if fixes.seq != self._seq:
+            self._seq = fixes.seq
+            self._fixes.append((fixes.stamp_ns / NS_PER_S, fixes.x, fixes.y))
+
+    @property
+    def velocity(self) -> tuple[float, float]:
+        """Of the newest of them, m/s in the map."""
+        (t0, x0, y0), (t1, x1, y1) = self._fixes[-min(len(self._fixes), 1 + 2 * CHORD)], self._fixes[-1]
+        span = max(t1 - t0, 1e-3)
+        return (x1 - x0) / span, (y1 - y0) / span
+
+    def at(self, t: float) -> tuple[float, float, float, float] | None:
+        """Place (m) and velocity (m/s) in the map at `t` (s); None where no fixes are near."""
+        fixes = self._fixes
+        if len(fixes) <= 2 * CHORD or t < fixes[0][0] or t > fixes[-1][0] + AHEAD_S:
+            return None
+        after = len(fixes) - 1
+        while after > 1 and fixes[after - 1][0] >= t:
+            after -= 1
+        (t0, x0, y0), (t1, x1, y1) = fixes[after - 1], fixes[after]
+        share = (t - t0) / max(t1 - t0, 1e-3)
+        (ta, xa, ya), (tb, xb, yb) = fixes[max(after - CHORD, 0)], fixes[min(after + CHORD - 1, len(fixes) - 1)]
+        span = max(tb - ta, 1e-3)
+        return x0 + share * (x1 - x0), y0 + share * (y1 - y0), (xb - xa) / span, (yb - ya) / span
 
 
 class _Receiver:
-    """One of them: its offset in the map, and how far it strays from it."""
+    """One of them: its offset in the map, m, and its lateness, s."""
 
     def __init__(self, message: str, local_map: LocalMap) -> None:
         self._message, self._map = message, local_map
         self._stamp_ns: int | None = None
-        self._bias: tuple[float, float] | None = None
-        self._spread_m = FIRST_SPREAD_M
-        self._proven = 0
-        self.share = 0.0
-        """of its bound that its newest reading lies beside the line, positive to the left; 0 where it says nothing"""
-        self.aside = (0.0, 0.0)
-        """the line from that reading, m in the map"""
+        self._read = (0.0, 0.0)
+        self._state: Array = np.array([0.0, 0.0, FIRST_LATE_S])
+        self._covariance: Array = np.diag(FIRST_VARIANCES)
+        self.proven = 0
+        """readings in a row that were near where they were expected; 0 where it says nothing"""
 
-    def step(
-        self, now_ns: int, builder: VehicleStateBuilder, line: deque[tuple[float, float]], speed: float, learns: bool
-    ) -> None:
-        """Takes in a new reading, if there is one; `line` are the newest fixes, which teach the receiver's offset where
-        it `learns`."""
+    @property
+    def offset(self) -> tuple[float, float]:
+        """East and north, m."""
+        return float(self._state[0]), float(self._state[1])
+
+    @property
+    def late_within_s(self) -> float:
+        """Deviation of its lateness, s."""
+        return math.sqrt(float(self._covariance[2, 2]))
+
+    def step(self, now_ns: int, builder: VehicleStateBuilder, line: _Line) -> None:
+        """Takes in a new reading, if there is one."""
         age_s = builder.age_s(self._message, now_ns)
         if age_s > STALE_S:
-            self.share = 0.0
+            self.proven = 0
             return
-        stamp_ns = now_ns - round(1e9 * age_s)
-        if stamp_ns == self._stamp_ns or len(line) < LINE:
+        stamp_ns = now_ns - round(NS_PER_S * age_s)
+        if stamp_ns == self._stamp_ns:
             return
+        since_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / NS_PER_S
         self._stamp_ns = stamp_ns
-        x, y = self._map.to_map_radians(*(builder.signal(name) for name in SIGNALS[self._message]))
-        if self._bias is None or speed < SLOW:
-            self._stand(x - line[-1][0], y - line[-1][1])
-        else:
-            self._compare(x - self._bias[0], y - self._bias[1], line, learns)
-
-    def _stand(self, dx: float, dy: float) -> None:
-        """Standing, both components of the offset show."""
-        self._bias, self.share = (dx, dy), 0.0
-
-    def _compare(self, x: float, y: float, line: deque[tuple[float, float]], learns: bool) -> None:
-        """Under way only the one across the line does, whatever the lateness."""
-        assert self._bias is not None
-        nearest = min(range(len(line)), key=lambda i: (line[i][0] - x) ** 2 + (line[i][1] - y) ** 2)
-        if nearest == 0 or math.hypot(line[nearest][0] - x, line[nearest][1] - y) > FAR_M:
-            self._proven, self.share = 0, 0.0
+        read = self._map.to_map_radians(*(builder.signal(name) for name in SIGNALS[self._message]))
+        if read == self._read:
+            self.proven = 0
             return
-        left_m, (east, north) = _beside(x, y, line, nearest)
-        bound = max(LEAST_M, SPREADS * self._spread_m)
-        self._proven += abs(left_m) < bound
-        self.share = left_m / bound if self._proven > PROVEN else 0.0
-        self.aside = -left_m * east, -left_m * north
-        if not learns:
+        self._read = read
+        there = line.at(stamp_ns / NS_PER_S - float(self._state[2]))
+        if there is not None:
+            self._compare(read, there, since_s)
+
+    def _compare(self, read: tuple[float, float], there: tuple[float, float, float, float], since_s: float) -> None:
+        """One step of the filter: a reading is where the fixes were `lateness` before, and `offset` beside it."""
+        x, y, east, north = there
+        self._covariance = self._covariance + since_s * np.diag(WALKS)
+        differs = np.array([read[0] - x - self._state[0], read[1] - y - self._state[1]])
+        if math.hypot(*differs) > FAR_M and self._covariance[0, 0] < SETTLED_M**2:
+            self._state, self._covariance = np.array([0.0, 0.0, FIRST_LATE_S]), np.diag(FIRST_VARIANCES)
+            self.proven = 0
             return
-        most = OUTLYING * self._spread_m
-        left_m = max(-most, min(left_m, most))
-        self._bias = self._bias[0] + LEARNT * left_m * east, self._bias[1] + LEARNT * left_m * north
-        self._spread_m += SPREAD_LEARNT * (abs(left_m) - self._spread_m)
+        by = np.array([[1.0, 0.0, -east], [0.0, 1.0, -north]])
+        gain = np.linalg.solve(by @ self._covariance @ by.T + READING_M**2 * np.eye(2), by @ self._covariance).T
+        self._state = self._state + gain @ differs
+        self._state[2] = min(max(self._state[2], 0.0), LATEST_S)
+        self._covariance = self._covariance - gain @ by @ self._covariance
+        self.proven += 1
+
+
+Move = tuple[float, float]
+"""m, or m/s, in the map, east and north"""
+
+
+class _Window:
+    """How far the mean offset moves within one window, against how far it usually does."""
+
+    def __init__(self, window_s: float) -> None:
+        self._least = LEAST * math.sqrt(window_s)
+        self._squares = [0.0, 0.0]
+        """mean squares along and across the way, m2"""
+
+    def share(self, moved: Move, late: Move, ahead: Move, learns: bool) -> float:
+        """Of its bound that it has `moved`; `late` is the deviation of that for a lateness that is not known well,
+        `ahead` the velocity of the way."""
+        parts, of_lateness = _turned(moved, ahead), _turned(late, ahead)
+        shares = [self._of_bound(axis, part, of_lateness[axis]) for axis, part in enumerate(parts)]
+        if learns:
+            for axis, (part, share) in enumerate(zip(parts, shares, strict=True)):
+                most = min(1.0, OUTLYING / (DEVIATIONS * share + 1e-9))
+                self._squares[axis] += LEARNT * ((most * part) ** 2 - self._squares[axis])
+        return math.hypot(*shares)
+
+    def _of_bound(self, axis: int, part: float, late: float) -> float:
+        usual = max(DEVIATIONS**2 * self._squares[axis], self._least**2)
+        return abs(part) / math.sqrt(usual + (DEVIATIONS * late) ** 2)
 
 
 class OtherReceivers:
-    """Whether both lie far to one side of the fixes."""
+    """Whether the offsets of both have moved the same way by more than they do."""
 
     def __init__(self, origin: OriginConfig) -> None:
         local_map = LocalMap(origin)
         self._receivers = [_Receiver(message, local_map) for message in SIGNALS]
-        self._line: deque[tuple[float, float]] = deque(maxlen=LINE)
-        self._seq = 0
+        self._line = _Line()
+        self._kept: deque[tuple[Move, Move, Move]] = deque(maxlen=1 + round(max(WINDOWS_S) / READING_S))
+        """offsets of both at the last readings, and velocity of the fixes"""
+        self._windows = {round(window_s / READING_S): _Window(window_s) for window_s in WINDOWS_S}
+        self._next_ns = 0
         self._held = Held()
+        self.share = 0.0
+        """of the bound that the offsets have moved"""
         self.aside = (0.0, 0.0)
-        """how far the fixes lie from the car as both of them say at least, m in the map; across the way alone"""
+        """how far the fixes have led from the car since the oldest reading kept, m in the map"""
 
-    def step(self, now_ns: int, builder: VehicleStateBuilder, speed: float, learns: bool = True) -> float:
+    def step(self, now_ns: int, builder: VehicleStateBuilder, learns: bool = True) -> float:
         """Seconds they have; once a period. They learn nothing from fixes that are not believed."""
-        fixes = builder.fixes
-        if fixes.seq != self._seq:
-            self._seq = fixes.seq
-            self._line.append((fixes.x, fixes.y))
+        self._line.take(builder.fixes)
         for receiver in self._receivers:
-            receiver.step(now_ns, builder, self._line, speed, learns)
-        east, north = _nearer(*(receiver.aside for receiver in self._receivers))
-        share = PERIOD_S / (PERIOD_S + SMOOTHED_S)
-        self.aside = self.aside[0] + share * (east - self.aside[0]), self.aside[1] + share * (north - self.aside[1])
-        one, other = (receiver.share for receiver in self._receivers)
-        apart = abs(one + other) > 2.0 * TOGETHER and one * other > 0.0 and min(abs(one), abs(other)) > EITHER
-        return self._held.update(apart, now_ns)
+            receiver.step(now_ns, builder, self._line)
+        if now_ns >= self._next_ns:
+            self._next_ns = now_ns + round(READING_S * NS_PER_S)
+            self._judge(learns)
+        return self._held.update(self.share > 1.0, now_ns)
+
+    def _judge(self, learns: bool) -> None:
+        one, other = self._receivers
+        if min(one.proven, other.proven) < PROVEN:
+            self._kept.clear()
+            self.share = 0.0
+            return
+        now = one.offset, other.offset, self._line.velocity
+        if self._kept:
+            self.aside = _minus(_mean(*self._kept[0][:2]), _mean(*now[:2]))
+        if learns:
+            self._kept.append(now)
+        shares = [
+            self._share(window, self._kept[-1 - back], now, learns)
+            for back, window in self._windows.items()
+            if len(self._kept) > back
+        ]
+        self.share = max(shares, default=0.0)
+
+    def _share(self, window: _Window, before: tuple[Move, ...], now: tuple[Move, ...], learns: bool) -> float:
+        """What one window shows of its bound; nothing where it is one receiver alone."""
+        one, other, faster = (_minus(*pair) for pair in zip(now, before, strict=True))
+        late_s = UNSURE * math.hypot(*(receiver.late_within_s for receiver in self._receivers)) / 2.0
+        share = window.share(_mean(one, other), (late_s * faster[0], late_s * faster[1]), now[2], learns)
+        return share if _alike(one, other) else 0.0
 
 
-def _nearer(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    """The shorter of two."""
-    return one if math.hypot(*one) < math.hypot(*other) else other
+def _mean(one: Move, other: Move) -> Move:
+    return 0.5 * (one[0] + other[0]), 0.5 * (one[1] + other[1])
 
 
-def _beside(x: float, y: float, line: deque[tuple[float, float]], nearest: int) -> tuple[float, tuple[float, float]]:
-    """Distance of (x, y) to the left of the line at its nearest fix, m, and the direction that is (east, north)."""
-    (x0, y0), (x1, y1) = line[max(nearest - 2, 0)], line[min(nearest + 2, len(line) - 1)]
-    length = max(math.hypot(x1 - x0, y1 - y0), 1e-9)
-    left = -(y1 - y0) / length, (x1 - x0) / length
-    return left[0] * (x - line[nearest][0]) + left[1] * (y - line[nearest][1]), left
+def _minus(one: Move, other: Move) -> Move:
+    return one[0] - other[0], one[1] - other[1]
+
+
+def _turned(move: Move, ahead: Move) -> Move:
+    """Along and across the direction `ahead`."""
+    length = max(math.hypot(*ahead), 1e-9)
+    east, north = ahead[0] / length, ahead[1] / length
+    return east * move[0] + north * move[1], east * move[1] - north * move[0]
+
+
+def _alike(one: Move, other: Move) -> bool:
+    """Whether each of two movements is at least `EITHER` of their mean, and along it."""
+    east, north = _mean(one, other)
+    least = EITHER * (east**2 + north**2)
+    return min(x * east + y * north for x, y in (one, other)) >= least

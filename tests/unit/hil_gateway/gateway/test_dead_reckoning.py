@@ -93,6 +93,13 @@ def test_fixes_that_are_known_to_lie_aside_hold_the_pose_beside_them(rig):
     assert pose.y == pytest.approx(0.5, abs=0.05)
 
 
+def test_a_pose_that_drifting_fixes_have_led_aside_is_moved_back_at_once(rig):
+    reckoning = DeadReckoning(REAR)
+    reckoning.step(rig.now_ns, state(rig), AHEAD, estimate(rig, x=2.0, y=-1.0))
+    reckoning.move_back((2.0, -1.0))
+    assert (reckoning.pose.x, reckoning.pose.y) == (0.0, 0.0)
+
+
 def test_a_repaired_gyro_whose_heading_drifts_is_held_by_the_fixes(rig):
     """0.02 rad/s of offset that are left."""
     reckoning = DeadReckoning(REAR)

@@ -44,12 +44,14 @@ def noticed_s(
     *,
     bend: tuple[float, float] = FAST,
     lost_s: float = math.inf,
+    along: float = 0.0,
 ) -> float | None:
-    """Time until a drift outwards (m/s), which begins half way, is noticed in laps of a circle; None: never.
+    """Time until a drift outwards and `along` the way (m/s), which begins half way, is noticed in laps of a circle;
+    None: never.
 
     From `lost_s` on the receivers repeat their last reading.
     """
-    return drive(seconds, drift, heard, seed, bend=bend, lost_s=lost_s)[0]
+    return drive(seconds, drift, heard, seed, bend=bend, lost_s=lost_s, along=along)[0]
 
 
 def drive(
@@ -61,6 +63,7 @@ def drive(
     bend: tuple[float, float] = FAST,
     lost_s: float = math.inf,
     on_s: float = 0.0,
+    along: float = 0.0,
 ) -> tuple[float | None, tuple[float, float], tuple[float, float]]:
     """As `noticed_s`, and how far the fixes lie from the car `on_s` later by the receivers, which no longer learn, and
     in truth, m in the map."""
@@ -74,25 +77,29 @@ def drive(
         way += 0.05 * speed / radius
         place["x"], place["y"] = radius * math.cos(way), radius * math.sin(way)
         since_s = max(0.05 * tick - 0.5 * seconds, 0.0)
-        off = drift * since_s + 0.02 * noise()
-        reports.fixes.take(place["x"] + off * math.cos(way), place["y"] + off * math.sin(way), now_ns)
+        cos, sin = math.cos(way), math.sin(way)
+        off, on = drift * since_s + 0.02 * noise(), along * since_s + 0.02 * noise()
+        east, north = off * cos - on * sin, off * sin + on * cos
+        reports.fixes.take(place["x"] + east, place["y"] + north, now_ns)
         for message in heard if tick % 2 == 0 else ():
             if 0.05 * tick < lost_s:
                 reports.values |= zip(SIGNALS[message], receivers[message].position(), strict=True)
             reports.stamps[message] = now_ns
         for _ in range(5):  # at 100 Hz
-            held_s = others.step(now_ns, reports, speed, learns=found_s is None)
+            held_s = others.step(now_ns, reports, learns=found_s is None)
+            now_ns += FIX_NS // 5
         found_s = since_s if found_s is None and held_s > OUTVOTED_S else found_s
-        truth = off * math.cos(way), off * math.sin(way)
+        truth = east, north
         if found_s is not None and since_s >= found_s + on_s:
             break
     return found_s, others.aside, truth
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_drift_of_half_a_metre_a_second_is_noticed_within_4_s(seed: int) -> None:
-    since_s = noticed_s(60.0, 0.5, BOTH, seed)
-    assert since_s is not None and 0.0 < since_s < 4.0
+@pytest.mark.parametrize(("outwards", "along"), [(0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.35, -0.35)])
+def test_a_drift_of_half_a_metre_a_second_is_noticed_within_2_5_s(seed: int, outwards: float, along: float) -> None:
+    since_s = noticed_s(60.0, outwards, BOTH, seed, along=along)
+    assert since_s is not None and 0.0 < since_s < 2.5
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -112,8 +119,8 @@ def test_receivers_that_hang_blame_no_fix(lost_s: float, bend: tuple[float, floa
 
 @pytest.mark.parametrize("seed", range(5))
 def test_after_a_drift_the_receivers_tell_where_the_fixes_lead(seed: int) -> None:
-    """What they had learnt of it before it was noticed is missing: with 0.5 m/s less than a metre."""
+    """As far as they have wandered since it began: they learn nothing of it."""
     found_s, aside, truth = drive(80.0, 0.5, BOTH, seed, on_s=4.0)
     assert found_s is not None
     assert math.hypot(*truth) > 2.0
-    assert math.dist(aside, truth) < 1.1
+    assert math.dist(aside, truth) < 0.7
