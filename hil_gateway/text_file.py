@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import stat
 import tomllib
@@ -24,10 +25,11 @@ def read_text(path: Path | str, bytes_max: int, of: str = "file") -> str:
     check_ends(path, of)
     try:
         with Path(path).open("rb") as file:
-            data = file.read(bytes_max + 1)
+            size = os.fstat(file.fileno()).st_size
+            data = file.read(bytes_max + 1) if size <= bytes_max else b""  # more where it grows meanwhile
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"{path}: cannot read the {of}: {getattr(error, 'strerror', None) or error}") from None
-    if len(data) > bytes_max:
+    if max(size, len(data)) > bytes_max:
         raise InputError(f"{path}: too large: a {of} has at most {bytes_max} bytes")
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
@@ -36,17 +38,18 @@ def read_text(path: Path | str, bytes_max: int, of: str = "file") -> str:
 
 
 def check_ends(path: Path | str, of: str) -> None:
-    """Refuse what is waited for and not read: what is no file at all is left to whoever opens it.
+    """Refuse what is waited for or never ends; what cannot be opened at all is left to whoever opens it.
 
     Raises:
-        InputError: a pipe or a socket.
+        InputError: a pipe, a socket or a device other than the empty one.
     """
     try:
         mode = Path(path).stat().st_mode
+        empty = Path(path).samefile(os.devnull)
     except (OSError, ValueError):
         return
-    if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode):
-        raise InputError(f"{path}: cannot read the {of}: a pipe or socket; write it to a file first")
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode) or empty):
+        raise InputError(f"{path}: cannot read the {of}: a pipe, socket or device; write it to a file first")
 
 
 def read_json(path: Path | str, of: str = "file", bytes_max: int = TREE_BYTES_MAX) -> Any:

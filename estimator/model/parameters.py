@@ -26,7 +26,9 @@ class Plausible:
 class Parameter:
     """One scalar to be learnt. `prior_std` also scales it inside every solver and inside Tr(F) (Eq. 7).
 
-    A fit may go to `lower` and `upper`; what it finds outside `plausible` is no finding.
+    A fit may go to `lower` and `upper`; what it finds outside `plausible` is no finding. `tells`: whether its being off
+    the neutral value is a sign of its effect; what only goes along with it is none, as the scale of the brakes beside
+    their split.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Parameter:
     upper: float
     description: str
     plausible: Plausible | None = None
+    tells: bool = True
 
 
 DEFAULT_TYRE: Mapping[Layout, Mapping[str, float]] = {

@@ -32,6 +32,8 @@ BYTES_MAX = 50_000_000
 GAP_RATIO = 20.0
 """a step this many times the median one is a jump, not a track"""
 GAP_MIN_M = 30.0
+GRADE_MAX, HEIGHT_NOISE_M = 0.5, 2.0
+"""steepest that can be meant, twice the steepest street; and what heights of a survey may scatter beside it"""
 
 
 def read_csv(path: Path) -> Survey:
@@ -42,6 +44,8 @@ def read_csv(path: Path) -> Survey:
     """
     lines = read_text(path, BYTES_MAX, "track").splitlines()
     names = [name.strip() for name in lines[0].lstrip("# ").split(",")] if lines else []
+    if twice := next((name for name in LIMITS if names.count(name) > 1), ""):
+        raise InputError(f"{path}:1: column {twice} is there twice; leave one")
     missing = [name for name in REQUIRED if name not in names]
     if missing:
         raise InputError(f"{path}:1: column {missing[0]} is missing; the header must name {','.join(REQUIRED)}")
@@ -52,6 +56,7 @@ def read_csv(path: Path) -> Survey:
     keep = _distinct(columns["x_m"], columns["y_m"])
     _check_line(path, numbers, columns["x_m"], columns["y_m"], keep)
     flat = np.zeros(len(rows))
+    _check_height(path, numbers, columns, columns.get("z_m", flat))
     return Survey(
         source=str(path),
         name=path.stem,
@@ -102,3 +107,14 @@ def _check_line(path: Path, numbers: list[int], x: Array, y: Array, keep: Array)
     if worst == len(index) - 1:
         raise InputError(f"{where}: the track is not closed: {steps[worst]:.1f} m from the last point to the first")
     raise InputError(f"{where}: {steps[worst]:.1f} m to the next point (limit {limit:.1f} m); points must be in order")
+
+
+def _check_height(path: Path, numbers: list[int], columns: dict[str, Array], z: Array) -> None:
+    along = np.hypot(np.diff(columns["x_m"]), np.diff(columns["y_m"]))
+    beyond = np.abs(np.diff(z)) - HEIGHT_NOISE_M > GRADE_MAX * along
+    if beyond.any():
+        at = int(np.argmax(beyond))
+        rise = f"z_m changes by {z[at + 1] - z[at]:.1f} m over {along[at]:.1f} m"
+        raise InputError(
+            f"{path}:{numbers[at]}: {rise}, a grade of at most {GRADE_MAX:g} can be driven; is it in metres?"
+        )

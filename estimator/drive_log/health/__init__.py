@@ -9,7 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
-from estimator.drive_log.health import acceleration, lateral_velocity, offsets, sampling, steering, units, wheels
+from estimator.drive_log.health import (
+    acceleration,
+    lateral_velocity,
+    offsets,
+    sampling,
+    speed,
+    steering,
+    units,
+    wheels,
+)
 from estimator.drive_log.health.finding import Action, Finding
 from estimator.drive_log.table import DriveLog
 from hil_gateway.car.vehicle import Vehicle
@@ -19,6 +28,7 @@ __all__ = ["Action", "Finding", "HealthReport", "examine"]
 FINDERS: tuple[Callable[[DriveLog, Vehicle], list[Finding]], ...] = (
     sampling.find,
     units.find,
+    speed.find,
     offsets.find,
     acceleration.find,
     lateral_velocity.find,

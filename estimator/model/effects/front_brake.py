@@ -46,6 +46,7 @@ EFFECT = Effect(
             10.0,
             "braking over driving force per unit of slip command",
             Plausible(0.15, 6.0, "brakes and engine share a scale of the command"),
+            tells=False,
         ),
     ),
     channels=("ax", "ay", "yaw_acc", "vx_dot", "vy_dot"),

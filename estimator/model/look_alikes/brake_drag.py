@@ -55,7 +55,7 @@ BRAKE_DRAG = Effect(
             "time constant T of its release",
             Plausible(0.5, 20.0, "faster is a lag of the brakes, slower drags all the lap as rolling resistance does"),
         ),
-        Parameter("gain", "1", 1.0, 0.3, 0.1, 10.0, "braking over driving force per unit of slip command"),
+        Parameter("gain", "1", 1.0, 0.3, 0.1, 10.0, "braking over driving force per unit of slip command", tells=False),
     ),
     channels=("ax", "vx_dot"),
     cause="t",

@@ -42,7 +42,7 @@ DRIVE_CURVE = Effect(
             "p of the power by which the force grows beyond proportion",
             Plausible(-0.6, 1.0, "pedal maps from square root to square", 0.03),
         ),
-        Parameter("gain", "1", 1.0, 0.3, 0.1, 10.0, "braking over driving force per unit of slip command"),
+        Parameter("gain", "1", 1.0, 0.3, 0.1, 10.0, "braking over driving force per unit of slip command", tells=False),
     ),
     channels=("ax", "vx_dot"),
     cause="drive",

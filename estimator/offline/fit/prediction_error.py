@@ -72,6 +72,11 @@ class Fit:
         return np.asarray(variance * (stdtrit(stretches - 1, 0.975) / ndtri(0.975)) ** 2)
 
     @property
+    def squares(self) -> Array:
+        """(5, windows) mean square of what is left in each window."""
+        return np.asarray(np.mean(residual(self.predictor, self.parameters, self.noise) ** 2, axis=2))
+
+    @property
     def deviation(self) -> Array:
         """(5,) standard deviation of the residuals of each channel."""
         return np.sqrt(self.normal.variance)

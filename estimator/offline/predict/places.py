@@ -95,6 +95,10 @@ def _sensor_y_gain(terms: Terms, value: Expr) -> None:
     terms.imu_ay = terms.imu_ay * (1 + value)
 
 
+def _gyro(terms: Terms, value: Expr) -> None:
+    terms.yaw_rate = terms.yaw_rate - value
+
+
 LATERAL, FORWARD = ("ay", "yaw_acc", "vy_dot"), ("ax", "vx_dot")
 PLACES = {
     "force_x": Place("LONGITUDINAL", _force_x, "m/s2", 0.5, FORWARD, "longitudinal force", "rolling_resistance"),
@@ -113,6 +117,7 @@ PLACES = {
     "brake_gain": Place("INPUT", _brake_gain, "1", 0.1, FORWARD, "gain of the drive command, braking"),
     "motion_x": Place("MOTION", _motion_x, "m/s2", 0.3, ("vx_dot",), "longitudinal motion, not felt in ax"),
     "motion_y": Place("MOTION", _motion_y, "m/s2", 0.3, ("vy_dot",), "lateral motion, not felt in ay"),
+    "gyro": Place("INPUT", _gyro, "rad/s", 0.01, LATERAL, "gyroscope alone"),
     "sensor_x": Place("SENSOR", _sensor_x, "m/s2", 0.3, ("ax",), "longitudinal accelerometer alone"),
     "sensor_y": Place("SENSOR", _sensor_y, "m/s2", 0.3, ("ay",), "lateral accelerometer alone"),
     "sensor_y_gain": Place("SENSOR", _sensor_y_gain, "1", 0.1, ("ay",), "gain of the lateral accelerometer"),

@@ -21,12 +21,12 @@ def least_errors(candidates: Sequence[Effect]) -> float:
 
     The bound of Bonferroni: each of n sizes goes beyond with a probability of `FALSE_ALARM` / n.
     """
-    sizes = sum(len(effect.parameters) for effect in candidates)
+    sizes = sum(parameter.tells for effect in candidates for parameter in effect.parameters)
     return float(-ndtri(0.5 * FALSE_ALARM / max(sizes, 1)))
 
 
 def untold(fit: Fit, spread: Array, names: Sequence[str], least: float) -> tuple[str, ...]:
-    """Those of the named effects all of whose sizes are within `least` stated errors of their neutral value.
+    """Those of the named effects all of whose sizes that tell are within `least` stated errors of their neutral value.
 
     A road is told by its laps.
 
@@ -38,6 +38,6 @@ def untold(fit: Fit, spread: Array, names: Sequence[str], least: float) -> tuple
 
 
 def _told(fit: Fit, errors: Array, block: Block, least: float) -> bool:
-    rows = block.parameters
-    off = np.abs(fit.parameters[rows] - np.array([p.prior for p in fit.predictor.table[rows]]))
-    return bool(block.effect.profile) or bool(np.any(off > least * errors[rows]))
+    rows, table = block.parameters, fit.predictor.table[block.parameters]
+    beyond = np.abs(fit.parameters[rows] - np.array([p.prior for p in table])) > least * errors[rows]
+    return bool(block.effect.profile) or bool(np.any(beyond[[p.tells for p in table]]))

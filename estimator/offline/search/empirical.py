@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.model.basis import FEW_VALUES, Basis
 from estimator.model.effects.base import Effect
-from estimator.offline.fit.normal import Normal, accumulate
+from estimator.offline.fit.normal import TINY, Normal, accumulate
 from estimator.offline.fit.prediction_error import Fit, residual_counts
 from estimator.offline.predict.linearised import Linearised, linearised
 from estimator.offline.predict.places import PLACES, term_effect
@@ -32,7 +32,10 @@ SIGNALS = (
     "turn_direction", "throttle", "brake", "gear", "engine_speed", "z",
 )  # fmt: skip
 SCREENING_STRIDE = 4
-"""Screening uses every fourth window."""
+"""Screening uses every fourth window, where these tell what is left in all of them."""
+REPRESENTED = 0.3
+"""Relative standard deviation of a sum of squares over every fourth window, as if these were drawn at random, up to
+which they do: what is left at one place of the lap, for a window or two, is in few of them or in none."""
 FITTED = 4
 REFINED = 8
 """So many of the best terms have their knots moved in the screening; those that are fitted once more on all windows."""
@@ -89,6 +92,13 @@ def explanatory(record: Record) -> list[str]:
     return [n for n in dict.fromkeys((*SIGNALS, *record.extra)) if n in record.bases]
 
 
+def represented(squares: Array, stride: int) -> bool:
+    """Whether every so many windows tell what is left in all of them; `squares` (5, windows) of what is left."""
+    windows = squares.shape[1]
+    error = np.sqrt((stride - 1) / windows) * squares.std(axis=1) / np.maximum(squares.mean(axis=1), TINY)
+    return bool(np.all(error < REPRESENTED))
+
+
 @dataclass(frozen=True)
 class Screening:
     """One linearisation of a model and of a unit at every place.
@@ -109,7 +119,7 @@ class Screening:
     @classmethod
     def make(cls, setting: Setting, accepted: Sequence[str], current: Fit, thinned: bool) -> Screening:
         """Linearise at the current fit."""
-        stride = SCREENING_STRIDE if thinned else 1
+        stride = SCREENING_STRIDE if thinned and represented(current.squares, SCREENING_STRIDE) else 1
         chosen = np.arange(setting.record.windows) % stride == 0
         if np.unique(setting.record.lap[chosen]).size != np.unique(setting.record.lap).size:
             chosen[:], stride = True, 1

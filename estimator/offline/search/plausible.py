@@ -77,7 +77,8 @@ def possible(fit: Fit, block: Block) -> bool:
 
 
 def _there(fit: Fit, block: Block) -> bool:
-    """Whether a parameter is off its neutral value beyond its error and any healthy part; a profile: its largest.
+    """Whether a parameter that tells is off its neutral value beyond its error and any healthy part; a profile: its
+    largest.
 
     When each sensor was read within a row of the log is part of the error: a sensor displaced, tyres or a force that
     lag may be no more than that. The jackknife of what is stated at the end is not: while other effects are missing,
@@ -89,7 +90,8 @@ def _there(fit: Fit, block: Block) -> bool:
     errors = np.sqrt(
         (np.maximum(np.diag(fit.covariance), fit.slow_variance) + np.sum(by_sampling(fit) ** 2, axis=0))[rows]
     )
-    return bool(np.any(off > np.maximum(LEAST_ERRORS * np.maximum(errors, np.finfo(float).tiny), least)))
+    beyond = off > np.maximum(LEAST_ERRORS * np.maximum(errors, np.finfo(float).tiny), least)
+    return bool(np.any(beyond[[p.tells for p in table]]))
 
 
 def _agrees(fit: Fit, block: Block) -> bool:

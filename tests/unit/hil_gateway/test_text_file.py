@@ -22,11 +22,12 @@ def _socket(path: Path) -> None:
 NO_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "absent": (lambda path: None, "No such file"),
     "folder": (lambda path: path.mkdir(), "directory"),
-    "pipe": (os.mkfifo, "a pipe or socket; write it to a file first"),
-    "socket": (_socket, "a pipe or socket"),
+    "pipe": (os.mkfifo, "a pipe, socket or device; write it to a file first"),
+    "socket": (_socket, "a pipe, socket or device"),
     "circle": (lambda path: path.symlink_to(path), "symbolic links"),
-    "zeros": (lambda path: path.symlink_to("/dev/zero"), "a track has at most 1000 bytes"),
-    "noise": (lambda path: path.symlink_to("/dev/urandom"), "a track has at most 1000 bytes"),
+    "too much": (lambda path: path.write_bytes(b"a" * 1001), "a track has at most 1000 bytes"),
+    "zeros": (lambda path: path.symlink_to("/dev/zero"), "a pipe, socket or device"),
+    "noise": (lambda path: path.symlink_to("/dev/urandom"), "a pipe, socket or device"),
 }
 
 

@@ -25,8 +25,11 @@ def _log(**changes: np.ndarray) -> DriveLog:
 
 
 def _late(name: str, seconds: float) -> np.ndarray:
-    t = COLUMNS["t"]
-    return np.asarray(np.interp(t - seconds, t, COLUMNS[name]))
+    return _later(COLUMNS[name], seconds)
+
+
+def _later(values: np.ndarray, seconds: float) -> np.ndarray:
+    return np.asarray(np.interp(COLUMNS["t"] - seconds, COLUMNS["t"], values))
 
 
 def _only(log: DriveLog, name: str, **options: object) -> object:
@@ -48,6 +51,31 @@ def test_late_yaw_rate_is_found_and_re_aligned(lag: float) -> None:
     inner = slice(200, -200)
     rows = np.searchsorted(COLUMNS["t"], repaired["t"][inner])
     assert np.std(repaired["yaw_rate"][inner] - COLUMNS["yaw_rate"][rows]) < 0.01
+
+
+def _path() -> dict[str, np.ndarray]:
+    step = float(np.median(np.diff(COLUMNS["t"])))
+    course = np.cumsum(COLUMNS["yaw_rate"]) * step
+    velocity = (COLUMNS["vx"] + 1j * COLUMNS["vy"]) * np.exp(1j * course)
+    place = np.cumsum(velocity) * step
+    return {"x": place.real, "y": place.imag}
+
+
+@pytest.mark.parametrize("lag", [0.06, 0.12, -0.1])
+def test_a_late_speed_is_found_and_re_aligned(lag: float) -> None:
+    log = _log(vx=_late("vx", lag), **_path())
+    finding = _only(log, "offset_vx")
+    assert finding.size == pytest.approx(lag, abs=0.015)  # type: ignore[attr-defined]
+    repaired = examine(log, VEHICLE).log
+    rows = np.searchsorted(COLUMNS["t"], repaired["t"][200:-200])
+    off = np.std(repaired["vx"][200:-200] - COLUMNS["vx"][rows])
+    assert off < 0.5 * np.std(log["vx"][rows] - COLUMNS["vx"][rows])
+
+
+def test_a_speed_that_only_one_witness_contradicts_stays_as_it_is() -> None:
+    late = {name: _later(values, 0.12) for name, values in _path().items()}
+    assert "offset_vx" not in {f.name for f in examine(_log(**late), VEHICLE).findings}
+    assert "offset_vx" not in {f.name for f in examine(_log(ax=_late("ax", 0.12), **_path()), VEHICLE).findings}
 
 
 def test_a_repair_can_be_switched_off() -> None:

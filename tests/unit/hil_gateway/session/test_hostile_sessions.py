@@ -78,7 +78,7 @@ def test_messages_of_another_version_and_frames_of_another_program_are_one_clear
 @pytest.mark.parametrize("name", ["s.mcap", "s.log", "s.asc", "s.blf"])
 def test_a_pipe_is_no_recording_and_not_waited_for(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / name)
-    with pytest.raises(InputError, match="a pipe or socket; write it to a file first"):
+    with pytest.raises(InputError, match="a pipe, socket or device; write it to a file first"):
         list(SessionReader(tmp_path / name).items() if name == "s.mcap" else frames_of(tmp_path / name))
 
 

@@ -122,6 +122,14 @@ BROKEN = {
     "too few": (lambda lines: lines[:6], r"5 different points; a track needs at least 12"),
     "open": (lambda lines: lines[:120], r"t\.csv:120: the track is not closed: 1\d\d\.\d m"),
     "shuffled": (lambda lines: [*lines[:60], *lines[100:150], *lines[60:100], *lines[150:]], r"m to the next point"),
+    "column twice": (
+        lambda lines: [lines[0] + ",x_m", *(f"{line},0" for line in lines[1:])],
+        r"t\.csv:1: column x_m is there twice",
+    ),
+    "heights": (
+        lambda lines: [lines[0] + ",z_m", *(f"{line},{1000 * (i % 2)}" for i, line in enumerate(lines[1:]))],
+        r"t\.csv:2: z_m changes by 1000\.0 m over",
+    ),
     "empty": (lambda lines: [], r"column x_m is missing"),
 }
 
