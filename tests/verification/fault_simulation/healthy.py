@@ -6,11 +6,14 @@ after which it stops the car. Bounds are set by these figures.
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from hil_gateway.config import Config
 from hil_gateway.gateway.decide.failsafe import TABLE
+from hil_gateway.gateway.settings import PERIOD_S
 from hil_gateway.plant.car_file import random_car
 from planner.simulation.loop import Loop
 
@@ -34,6 +37,8 @@ class HealthyDrive:
     seconds: float = 0.0
     stops: list[tuple[float, str, str]] = field(default_factory=list)
     """(time, action, cause)"""
+    slip: float = 0.0
+    """largest side slip of the simulated car in the last second, rad: a car that spins is stopped for some cause"""
     off_road: bool = False
     """a wheel left the road first, by the referee: then a stop is none without a fault"""
     shares: dict[str, float] = field(default_factory=dict)
@@ -55,6 +60,7 @@ def drive(track: str, seed: int, seconds: float = DRIVE_S) -> HealthyDrive:
         "estimator": {"learn": seed % 2 == 1},
     }
     loop, result = Loop(Config.model_validate(settings), simulated=random_car(seed)), HealthyDrive(track, seed)
+    slips: deque[float] = deque(maxlen=round(1.0 / PERIOD_S))
     while loop.elapsed_s < seconds + 10.0 and not result.stops:
         loop.step()
         if loop.result.armed and loop.gateway.seen is not None:
@@ -63,6 +69,8 @@ def drive(track: str, seed: int, seconds: float = DRIVE_S) -> HealthyDrive:
             _keep_largest(result.shares, loop.gateway.shares)
             measures = loop.gateway.seen[1].measures
             _keep_largest(result.held, {cause: measures[cause] / limit for cause, limit in THRESHOLDS.items()})
+            slips.append(abs(math.atan2(loop.plant.car["vy"], max(loop.plant.car["vx"], 1.0))))
+    result.slip = max(slips, default=0.0)
     result.seconds = loop.finish().seconds
     return result
 
@@ -85,7 +93,7 @@ def summary(results: list[HealthyDrive]) -> dict[str, object]:
     return {
         "hours": round(sum(r.seconds for r in results) / 3600.0, 3),
         "cars": len(results),
-        "false_stops": [[r.track, r.car, *r.stops[0]] for r in results if r.false_stop],
+        "false_stops": [[r.track, r.car, *r.stops[0], round(r.slip, 3)] for r in results if r.false_stop],
         "left_the_road": sum(r.off_road for r in results),
         "largest_share_of_bound": {name: round(value, 3) for name, value in sorted(shares.items())},
         "longest_share_of_time": {name: round(value, 3) for name, value in sorted(held.items())},
