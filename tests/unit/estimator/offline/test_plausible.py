@@ -10,7 +10,8 @@ import pytest
 from support.practice_drives import PRIOR, record_of
 
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
-from estimator.offline.search.plausible import believed
+from estimator.offline.result.told import untold
+from estimator.offline.search.plausible import LEAST_ERRORS, believed, there
 from estimator.offline.search.screening import candidates
 from estimator.offline.search.trial import Setting, fit_names
 
@@ -69,6 +70,21 @@ def test_a_lag_of_the_drive_that_tyres_have_by_themselves_is_not_believed(drives
         parameters = done.parameters.copy()
         parameters[row] = lag
         assert believed(replace(done, parameters=parameters), "drive_lag") == named
+
+
+def test_a_scale_of_the_brakes_is_no_sign_of_brakes_at_the_front(drives: dict[str, Any]) -> None:
+    record = record_of(drives["none"])
+    record = record.select(np.arange(record.windows) % 12 == 0)
+    done = fit_names(
+        Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR), ["front_brake"], None
+    )
+    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "front_brake")
+    for share, named in ((0.0, False), (0.5, True)):
+        parameters = done.parameters.copy()
+        parameters[row : row + 2] = share, 0.7
+        off = replace(done, parameters=parameters)
+        assert there(off, "front_brake") == named
+        assert untold(off, done.covariance, ("front_brake",), LEAST_ERRORS) == (() if named else ("front_brake",))
 
 
 def test_the_steering_scale_is_not_tried_where_the_place_of_vy_is_fitted(drives: dict[str, Any]) -> None:

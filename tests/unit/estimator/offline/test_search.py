@@ -13,7 +13,7 @@ from estimator.offline.diagnosis import alternatives
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search import every_car, greedy
 from estimator.offline.search.acceptance import explains_more_than_is_left
-from estimator.offline.search.empirical import Screening, Term
+from estimator.offline.search.empirical import SCREENING_STRIDE, Screening, Term, represented
 from estimator.offline.search.every_car import on_every_car
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import Greedy, check_each
@@ -215,3 +215,22 @@ def test_of_two_forms_of_one_effect_a_model_has_one(drives: dict[str, Any]) -> N
     assert both <= {effect.name for effect in open_candidates(setting, [])}
     for form in both:
         assert not both & {effect.name for effect in open_candidates(setting, [form])}
+
+
+def test_what_is_left_in_few_windows_is_not_told_by_every_fourth() -> None:
+    rng = np.random.default_rng(7)
+    even = 1.0 + np.mean(rng.normal(size=(5, 160, 20)) ** 2, axis=2)
+    local = even.copy()
+    local[2, 40:160:40] += 200.0
+    assert represented(even, SCREENING_STRIDE)
+    assert not represented(local, SCREENING_STRIDE)
+
+
+def test_a_gyroscope_that_drifts_is_told_at_its_place(drives: dict[str, Any]) -> None:
+    drive = drives["none"]
+    t = drive.columns["t"]
+    record = record_of(replace(drive, columns=drive.columns | {"yaw_rate": drive.columns["yaw_rate"] + 2e-5 * t}))
+    record = record.select(np.arange(record.windows) % 6 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
+    best = Screening.make(setting, (), fit_names(setting, (), None), thinned=False).terms()[0]
+    assert best.place == "gyro"
