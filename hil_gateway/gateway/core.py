@@ -104,7 +104,7 @@ class Gateway:
     def _perceive(self, now_ns: int, state: VehicleState, before: Decision) -> tuple[Motion, Pose | None, Measures]:
         """How the car moves and where it is, by the sources that fit each other, and what the monitors measure."""
         monitors = self.monitors
-        fixes_fitted, imu_was_wrong, drifted = monitors.fixes_fit, monitors.imu_wrong, monitors.position.drifts
+        fixes_fitted, imu_was_wrong, known = monitors.fixes_fit, monitors.imu_wrong, monitors.position.wrong
         course = self._course.step(now_ns, self.builder.fixes)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
         motion = monitors.motion.step(now_ns, state, course if fixes_fitted else None, commanded)
@@ -117,7 +117,7 @@ class Gateway:
         believed = estimate if monitors.estimate_fits else None
         if believed is not None and not before.stopping:
             monitors.motion.teach(now_ns, state, believed)
-        drifts, aside = monitors.position.drifts, self._drifted(drifted)
+        drifts, aside = monitors.position.drifts, self._drifted(known)
         pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit or drifts, aside)
         monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
         monitored = monitors.measures(now_ns, state, pose, commanded, course)
@@ -126,12 +126,12 @@ class Gateway:
             pose = pose if course is None else self._dead_reckoning.restart(now_ns, course)
         return motion, pose, monitored
 
-    def _drifted(self, before: bool) -> tuple[float, float]:
-        """How far the fixes lie from the car where they drift, m in the map. A stop that begins as that is found (not
-        `before`) begins where the car is, and not where they have led the estimate."""
+    def _drifted(self, known: bool) -> tuple[float, float]:
+        """How far the fixes lie from the car where they drift, m in the map. A stop that begins as that is found, and
+        was not `known` before, begins where the car is, and not where they have led the estimate."""
         if not self.monitors.position.drifts:
             return 0.0, 0.0
-        if not before:
+        if not known:
             self._dead_reckoning.move_back(self._receivers.aside)
         return self._receivers.aside
 

@@ -66,7 +66,7 @@ class PositionMonitor:
         """by the estimator, until the car stands"""
         self._contradicted = self._drifts = False
         self._answering, self._estimated = Held(), False
-        self._scatter = Held()
+        self._scatter, self._scatters = Held(), False
         self.lost_s = 0.0
         """seconds without a fix while moving"""
 
@@ -77,20 +77,22 @@ class PositionMonitor:
 
     def scattered(self, now_ns: int, scatter_m: float) -> None:
         """The newest fixes lie so far beside one curve."""
-        held_s = self._scatter.update(self._reference is not None and scatter_m > SCATTER_M, now_ns)
+        self._scatters = self._reference is not None and scatter_m > SCATTER_M
+        held_s = self._scatter.update(self._scatters, now_ns)
         self.wrong = self.wrong or held_s > SCATTERED_S
 
     def outvoted(self, held_s: float) -> None:
         """Both other receivers have moved away from the fixes for so long."""
         tells = self._reference is not None and held_s > OUTVOTED_S
-        self._drifts = self._drifts or (tells and not self.suspect)
+        self._drifts = self._drifts or (tells and not (self.suspect or self._scatters))
         self.wrong = self.wrong or tells
 
     @property
     def drifts(self) -> bool:
         """Whether all that is wrong with the fixes is that the other receivers lie aside: they go the way of the car,
         some metres beside it."""
-        return self._drifts and self._level <= 0.0 and not (self.refused or self._contradicted)
+        fits_else = self._level <= 0.0 and not (self.refused or self._contradicted or self._scatters)
+        return self._drifts and fits_else
 
     def contradicted(self, held_s: float) -> None:
         """The course of the fixes has contradicted IMU and wheels, which agree, for so long."""

@@ -59,3 +59,16 @@ def test_single_late_fixes_stop_no_car(speed: float, decelerating: float, late_s
 )
 def test_fixes_where_the_car_cannot_be_are_wrong(speed: float, says: Place) -> None:
     assert judged(speed, 0.0, says).wrong
+
+
+def test_fixes_that_both_other_receivers_leave_drift_unless_they_scatter() -> None:
+    """What scatters by a metre goes no way beside the car's."""
+    steady, scattering = judged(40.0, 0.0, lambda t, x: x), judged(40.0, 0.0, lambda t, x: x)
+    scattering.scattered(0, 1.0)
+    for monitor in (steady, scattering):
+        monitor.outvoted(1.0)
+        assert monitor.wrong
+    assert steady.drifts
+    assert not scattering.drifts
+    steady.scattered(0, 1.0)
+    assert not steady.drifts
