@@ -11,12 +11,13 @@ from estimator.model.effects.base import Effect
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.places import PLACES, Place, term_effect
 from estimator.offline.predict.predict import Block
+from estimator.offline.result.leftover import PLACED
 from hil_gateway.process.arrays import Array
 
 FALSE_ALARM = 0.05
 """Probability that of effects none of which is there one is told from nothing."""
-DRIVEN = 0.05, 0.95
-"""Quantiles of what a term is over a drive: beyond them it is at one place, or for a moment."""
+DRIVEN = 0.01, 0.99
+"""Quantiles of what a term is over a drive: beyond them are seconds."""
 
 
 def least_errors(candidates: Sequence[Effect]) -> float:
@@ -53,14 +54,16 @@ def taken_back(fit: Fit) -> Array:
     """(p,) parameters with each effect that a spline of one signal has the law of as small as both are together.
 
     The level of such a spline is a convention: a constant force beside one that takes it back wherever the drive pushes
-    no more is as little a resistance as it is a drive.
+    no more is as little a resistance as it is a drive. What is taken back at one place, or for some time, is something
+    else there.
     """
     sizes = fit.parameters.copy()
     blocks = {block.effect.name: block for block in fit.predictor.blocks}
     for place_name, place in PLACES.items():
         constant = blocks.get(place.constant)
         for term in blocks.values():
-            if constant is not None and term.effect.name == term_effect(place_name, term.effect.cause).name:
+            beside = term.effect.name == term_effect(place_name, term.effect.cause).name
+            if constant is not None and beside and term.effect.cause not in PLACED:
                 sizes[constant.parameters] += _smallest_change(fit, place, constant, term)
     return sizes
 
