@@ -481,10 +481,12 @@ def test_a_pedal_that_chatters_between_the_rows_is_no_more_than_noise_in_the_spe
     pushed = np.cumsum(chatter) * 0.01 * drive.tyre["cx"] / Vehicle().mass
     columns = drive.columns | {"vx": drive.columns["vx"] + pushed}
     record = record_of(replace(drive, columns={name: column[thin] for name, column in columns.items()}))
-    chattering = replace(record, signals={**record.signals, "drive": record.signals["drive"] + chatter[thin]})
+    pedal = record.signals["drive"] + chatter[thin]
+    chattering = replace(record, signals={**record.signals, "drive": pedal})
     model = SingleTrack(record.vehicle, "per_axle", (), drive.tyre)
     rows, numbers = np.sort(record.rows.ravel()), np.array([p.prior for p in model.tyre_table])
     left = rmse(chattering, rows, model, numbers)["vx_dot"]
-    known, unknown = (noise_floor(one, rows, model, numbers)["vx_dot"] for one in (record, chattering))
-    assert left > BEYOND_NOISE * known
-    assert left < unknown < BEYOND_NOISE * left, "as if nothing were known of the pedal between the rows"
+    sensor = second_difference_noise(record.measured[3]) * np.sqrt(np.sum(kernel(record.step)[1] ** 2))
+    assert left > BEYOND_NOISE * sensor
+    floor = noise_floor(chattering, rows, model, numbers)["vx_dot"]
+    assert left < floor < BEYOND_NOISE * left, "as if nothing were known of the pedal between the rows"
