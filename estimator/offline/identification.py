@@ -15,7 +15,6 @@ from estimator.drive_log.health import Finding, HealthReport
 from estimator.drive_log.health.lateral_velocity import place_left
 from estimator.drive_log.health.offsets import lag_left
 from estimator.drive_log.health.steering import LAG_STEER, lag_of, without_lag, zero_of
-from estimator.drive_log.smoothing import second_difference_noise
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import ModelColumns
 from estimator.model.effects.base import Effect
@@ -63,9 +62,8 @@ TYPICAL_SIMULATIONS = 25
 
 REPAIR_ROUNDS = 3
 """Times that what a fit finds wrong with the log is taken out and estimated again: a delay in it is of first order."""
-FORCE_ROUNDS, BEYOND_NOISE = 3, 1.25
-"""Fits of a fast car's forces at most, each from the end of the one before it, and the spread of vy over its noise
-that asks for another one."""
+FORCE_ROUNDS = 3
+"""Fits of a fast car's forces at most, each from the end of the one before it."""
 
 
 @dataclass(frozen=True)
@@ -241,16 +239,25 @@ def _fit_and_repair(task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, 
 
 
 def _fit_with_forces(task: _Task, health: HealthReport, fitted: _Fitted) -> _Fitted:
-    """The forces of a fast car fitted as well, from where `fitted` is; again where much more of vy than noise is left.
+    """The forces of a fast car fitted as well, from where `fitted` is; on from there while it tells vy and yaw rate.
 
-    The way to them is long and bent, and steps are few: a fit may end far from a minimum.
+    The way to them is long and bent, and steps are few: a fit may end far from a minimum. What ax leaves weighs as much
+    as vy and yaw rate, so that a further fit may also gain there what it loses across the car: that one is none.
     """
-    noise = second_difference_noise(task.log["vy"])
-    for _ in range(FORCE_ROUNDS):
-        fitted = _fit_and_split(task, health, fitted.fit.values)
-        if fitted.fit.spread.get("vy", 0.0) < BEYOND_NOISE * noise:
+    best = _fit_and_split(task, health, fitted.fit.values)
+    for _ in range(FORCE_ROUNDS - 1):
+        if best.fit.converged:
             break
-    return fitted
+        further = _fit_and_split(task, health, best.fit.values)
+        if _left_across(further.fit) >= _left_across(best.fit):
+            break
+        best = further
+    return best
+
+
+def _left_across(fit: Fit) -> float:
+    """What a fit leaves of vy and yaw rate: the logarithm of the product of their spreads."""
+    return float(np.log([fit.spread[name] for name in ("vy", "yaw_rate")]).sum())
 
 
 def _with_own_ay(fitted: _Fitted, task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, HealthReport]:

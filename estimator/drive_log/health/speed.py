@@ -39,7 +39,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
     text = f"vx {'lags' if size > 0 else 'leads'} by {abs(size):.3f} s: against {witnesses}"
 
     def repair(log: DriveLog) -> DriveLog:
-        return shifted(log, "vx", size)
+        return shifted(log, "vx", round(size / log.step) * log.step)  # what is between rows has other noise
 
     confidence = confidence_of(size, std, LEAST_S)
     return [Finding(OFFSET_VX, "vx", text, size, std, "s", confidence, Action.REALIGNED, repair)]

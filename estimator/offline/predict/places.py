@@ -11,12 +11,17 @@ from dataclasses import dataclass
 from estimator.model.effects.base import Effect, braking_part
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where an empirical term acts; `constant` is the effect that a term without its signal would be."""
+    """Where an empirical term acts.
+
+    `constant` is the effect that a term without its signal would be, `constant_per_unit` of a vehicle its size for one
+    unit of the term.
+    """
 
     stage: str
     hook: Callable[..., None]
@@ -25,6 +30,7 @@ class Place:
     channels: tuple[str, ...]
     words: str
     constant: str = ""
+    constant_per_unit: Callable[[Vehicle], float] = lambda _: 1.0
 
 
 def _force_x(terms: Terms, value: Expr) -> None:
@@ -101,9 +107,12 @@ def _gyro(terms: Terms, value: Expr) -> None:
 
 LATERAL, FORWARD = ("ay", "yaw_acc", "vy_dot"), ("ax", "vx_dot")
 PLACES = {
-    "force_x": Place("LONGITUDINAL", _force_x, "m/s2", 0.5, FORWARD, "longitudinal force", "rolling_resistance"),
+    "force_x": Place(
+        "LONGITUDINAL", _force_x, "m/s2", 0.5, FORWARD, "longitudinal force", "rolling_resistance", lambda v: -v.mass
+    ),
     "air_force": Place(
-        "LONGITUDINAL", _air_force, "N s2/m2", 0.3, FORWARD, "longitudinal force by speed squared", "aero_drag"
+        "LONGITUDINAL", _air_force, "N s2/m2", 0.3, FORWARD, "longitudinal force by speed squared", "aero_drag",
+        lambda _: -1.0,
     ),
     "force_y": Place("BODY", _force_y, "m/s2", 0.5, ("ay", "vy_dot"), "lateral force"),
     "moment": Place("BODY", _moment, "rad/s2", 0.3, ("yaw_acc",), "yaw moment"),

@@ -22,6 +22,7 @@ KERNEL_S = 0.25
 """Full width of the differentiating kernel (Hann)."""
 HORIZON_S = 1.0
 ROLLOUT_STATES = ("vx", "vy", "yaw_rate")
+VX_DOT = CHANNELS.index("vx_dot")
 DIFFERENTIATED = {2: 2, 3: 3, 4: 4}
 """Channel -> measured row (`record.MEASURED`) it is the derivative of."""
 
@@ -100,7 +101,8 @@ def _as_derived(record: Record, rows: Ints, predicted: Array) -> Array:
 def noise_floor(record: Record, rows: Ints, model: SingleTrack, parameters: Array) -> dict[str, float]:
     """What noise alone leaves in every channel: the sensor's own, and that of the states the model is evaluated at.
 
-    The sensor's noise is measured on second differences: of the force residuals, of the motion signals.
+    The sensor's noise is measured on second differences: of the force residuals, of the motion signals. d/dt vx follows
+    the pedals between the rows as well.
     """
     _, slope = kernel(record.step)
     gain = float(np.sqrt(np.sum(slope**2)))
@@ -113,7 +115,20 @@ def noise_floor(record: Record, rows: Ints, model: SingleTrack, parameters: Arra
         else:
             own = second_difference_noise(residuals[name][1])
         floor[name] = float(np.hypot(own, through_states[c]))
+    floor[CHANNELS[VX_DOT]] = float(np.hypot(floor[CHANNELS[VX_DOT]], _between_rows(record, rows, model, parameters)))
     return floor
+
+
+def _between_rows(record: Record, rows: Ints, model: SingleTrack, parameters: Array) -> float:
+    """RMS of the error of d/dt vx by what the drive command does between the rows, m/s2.
+
+    A pedal that moves up and down faster than the log is known as badly there as it jumps from row to row.
+    """
+    smooth, _ = kernel(record.step)
+    runs = stretches(rows, record.step)
+    jumps = np.concatenate([np.diff(record.signals["drive"][run], 2) for run in runs]) if runs else np.zeros(1)
+    stiffness = parameters[[p.name for p in model.tyre_table].index("cx")]
+    return float(stiffness / model.vehicle.mass * np.sqrt(np.mean(jumps**2) / 6.0 * np.sum(smooth**2)))
 
 
 def _noise_through_states(record: Record, model: SingleTrack, parameters: Array) -> Array:

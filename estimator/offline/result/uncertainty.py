@@ -28,11 +28,15 @@ def covariance(fit: Fit, without: Fit | None = None) -> Array:
     return np.asarray(found)
 
 
+def without_splines(fit: Fit, without: Fit) -> Array:
+    """(p,) parameters of `fit` as they are in the same fit without splines."""
+    return warm_start(fit.predictor, fit.parameters.copy(), without)
+
+
 def _by_splines(fit: Fit, without: Fit | None) -> Array:
     """(1, p) by which the parameters move where splines are left out."""
-    own = fit.parameters.copy()
-    moved = own if without is None else warm_start(fit.predictor, own.copy(), without)
-    return np.asarray(moved - own)[None]
+    moved = fit.parameters if without is None else without_splines(fit, without)
+    return np.asarray(moved - fit.parameters)[None]
 
 
 def _within_windows(fit: Fit) -> Array:

@@ -18,6 +18,7 @@ from estimator.belief.revision import model_of
 from estimator.drive_log.smoothing import second_difference_noise
 from estimator.drive_log.table import DriveLog
 from estimator.model.basis import Basis, make_basis
+from estimator.model.single_track import SingleTrack
 from estimator.offline.diagnosis import Diagnosis, diagnose
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import CONVERGED
@@ -26,9 +27,10 @@ from estimator.offline.record.laps import scored_laps
 from estimator.offline.report.diagnosis_result import as_json, as_revision, sizes_of
 from estimator.offline.report.unexplained import unexplained
 from estimator.offline.report.words import describe, follows_turn_direction, parameter_words, verdict_sentence
-from estimator.offline.result.diagnosis_score import kernel
+from estimator.offline.result.diagnosis_score import kernel, noise_floor, rmse
 from estimator.offline.result.leftover import EXPLAINS, Leftover, comes_back, leftovers
 from estimator.offline.result.uncertainty import covariance
+from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from hil_gateway.car.vehicle import Vehicle
@@ -470,3 +472,21 @@ def test_command_refuses_a_layout_it_does_not_know(tmp_path: Path) -> None:
 
     result = CliRunner().invoke(app, [str(tmp_path / "x.csv"), "--layout", "nonsense"])
     assert isinstance(result.exception, InputError)
+
+
+def test_a_pedal_that_chatters_between_the_rows_is_no_more_than_noise_in_the_speed(drives: dict[str, Any]) -> None:
+    drive = drives["none"]
+    rng, thin = np.random.default_rng(11), slice(None, None, 2)
+    chatter = 0.004 * rng.choice([-1.0, 1.0], len(drive.columns["t"]))
+    pushed = np.cumsum(chatter) * 0.01 * drive.tyre["cx"] / Vehicle().mass
+    columns = drive.columns | {"vx": drive.columns["vx"] + pushed}
+    record = record_of(replace(drive, columns={name: column[thin] for name, column in columns.items()}))
+    pedal = record.signals["drive"] + chatter[thin]
+    chattering = replace(record, signals={**record.signals, "drive": pedal})
+    model = SingleTrack(record.vehicle, "per_axle", (), drive.tyre)
+    rows, numbers = np.sort(record.rows.ravel()), np.array([p.prior for p in model.tyre_table])
+    left = rmse(chattering, rows, model, numbers)["vx_dot"]
+    sensor = second_difference_noise(record.measured[3]) * np.sqrt(np.sum(kernel(record.step)[1] ** 2))
+    assert left > BEYOND_NOISE * sensor
+    floor = noise_floor(chattering, rows, model, numbers)["vx_dot"]
+    assert left < floor < BEYOND_NOISE * left, "as if nothing were known of the pedal between the rows"

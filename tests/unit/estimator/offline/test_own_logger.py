@@ -259,21 +259,22 @@ def test_a_fit_is_kept_where_what_it_finds_of_vy_and_yaw_rate_is_taken_out(monke
     assert after["position_vy"] == pytest.approx(before.get("position_vy", 0.0) + left[place])
 
 
-@pytest.mark.parametrize(("left", "fits"), [([0.9, 0.05, 0.021], 3), ([0.9, 0.021], 2), ([0.9] * 9, 4)])
-def test_forces_are_fitted_again_while_more_of_vy_than_noise_is_left(
-    monkeypatch: pytest.MonkeyPatch, left: list[float], fits: int
+@pytest.mark.parametrize(
+    ("left", "converged", "fits", "best"),
+    [([0.9, 0.05, 0.03, 0.02, 0.01], 9, 4, 3), ([0.9, 0.05, 0.03], 2, 3, 2), ([0.9, 0.03, 0.05], 9, 3, 1)],
+)
+def test_forces_are_fitted_again_while_that_tells_vy_and_yaw_rate_and_until_it_converges(
+    monkeypatch: pytest.MonkeyPatch, left: list[float], converged: int, fits: int, best: int
 ) -> None:
-    noise = np.random.default_rng(0).normal(scale=0.02, size=2000)
-    task = SimpleNamespace(log={"vy": noise + np.sin(0.01 * np.arange(2000))})
-    each = iter(left)
     made: list[Any] = []
 
     def fit(*_: Any) -> Any:
-        made.append(SimpleNamespace(fit=SimpleNamespace(values={}, spread={"vy": next(each)})))
+        spread = {"vy": left[len(made)], "yaw_rate": 0.1}
+        made.append(SimpleNamespace(fit=SimpleNamespace(values={}, spread=spread, converged=len(made) == converged)))
         return made[-1]
 
     monkeypatch.setattr(identification, "_fit_and_split", fit)
-    assert identification._fit_with_forces(task, None, fit()) is made[-1]
+    assert identification._fit_with_forces(None, None, fit()) is made[best]
     assert len(made) == fits
 
 

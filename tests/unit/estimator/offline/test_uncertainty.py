@@ -16,8 +16,10 @@ from estimator.offline.fit.held import MASS_ERROR, ZERO_ERROR, by_declared, by_s
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.unknown_inputs import sampling_effects
-from estimator.offline.result.told import FALSE_ALARM, least_errors, untold
+from estimator.offline.result.told import FALSE_ALARM, least_errors, taken_back, untold
 from estimator.offline.result.uncertainty import covariance
+from estimator.offline.search.empirical import Term
+from estimator.offline.search.evidence import compare
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import GRAVITY
 
@@ -87,10 +89,31 @@ def test_of_sizes_that_are_not_there_none_is_told_from_nothing_in_nineteen_logs_
     assert np.mean(np.abs(sizes).max(axis=1) > least_errors(candidates)) == pytest.approx(FALSE_ALARM, rel=0.1)
 
 
-def test_an_effect_whose_stated_error_has_grown_to_its_size_is_not_told_from_nothing(pair: Fit) -> None:
+def test_an_effect_that_may_be_nothing_or_of_either_sign_is_not_told_from_nothing(pair: Fit) -> None:
     names, spread, least = ("aero_drag", "steer_offset"), covariance(pair), 3.0
     (drag,) = (b.parameters.start for b in pair.predictor.blocks if b.effect.name == "aero_drag")
-    wide = spread.copy()
+    wide, none, half, opposite = spread.copy(), *(pair.parameters.copy() for _ in range(3))
     wide[drag, drag] = pair.parameters[drag] ** 2
-    assert untold(pair, spread, names, least) == ()
-    assert untold(pair, wide, names, least) == ("aero_drag",)
+    none[drag], half[drag], opposite[drag] = 0.0, 0.5 * none[drag], -none[drag]
+    assert untold(pair, (half,), spread, names, least) == ()
+    for others, errors in (((), wide), ((none,), spread), ((half, opposite), spread)):
+        assert untold(pair, others, errors, names, least) == ("aero_drag",)
+
+
+def test_a_constant_that_a_spline_takes_back_is_as_small_as_both_are_together(drives: dict[str, Any]) -> None:
+    record = record_of(drives["single"])
+    record = record.select(np.arange(record.windows) % 6 == 0)
+    setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
+    base = fit_names(setting, ["rolling_resistance"], None)
+    basis, mass = record.bases["drive"], record.vehicle.mass
+    term = Term("force_x", "drive", basis, compare(*[base.held_out()] * 2, base.normal.count))
+    done = fit_names(term.added_to(setting), ["rolling_resistance"], base)
+    rolling, spline = (next(b.parameters for b in done.predictor.blocks if b.effect.name == name)
+                       for name in ("rolling_resistance", term.effect.name))  # fmt: skip
+    drive = record.signals["drive"][record.rows].ravel()
+    for coasting, smallest in ((400.0, 0.0), (-200.0, 400.0)):
+        parameters = done.parameters.copy()
+        parameters[rolling] = 400.0
+        back = np.linalg.lstsq(basis.matrix(drive), np.where(drive < 0.0, coasting / mass, 0.0), rcond=None)[0]
+        parameters[spline] = back
+        assert taken_back(replace(done, parameters=parameters))[rolling][0] == pytest.approx(smallest, abs=60.0)
