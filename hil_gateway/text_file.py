@@ -70,7 +70,7 @@ def parse_json(path: Path | str, text: str) -> Any:
     try:
         return json.loads(text, object_pairs_hook=_unique)
     except RecursionError:
-        raise InputError(f"{path}: not valid JSON: nested too deeply") from None
+        raise InputError(f"{path}: nested too deeply") from None
     except ValueError as error:  # JSONDecodeError, a key twice, a whole number of thousands of digits
         raise InputError(f"{path}: not valid JSON: {_short(error)}") from None
 
@@ -96,7 +96,7 @@ def parse_toml(path: Path | str, text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise InputError(f"{path}: not valid TOML: nested too deeply") from None
+        raise InputError(f"{path}: nested too deeply") from None
     except ValueError as error:  # TOMLDecodeError, a whole number of thousands of digits
         raise InputError(f"{path}: not valid TOML: {_short(error)}") from None
 
