@@ -241,9 +241,9 @@ def _from_text(name: str, text: str) -> Any:
     if not text.startswith(("[", "{")):
         return text
     try:
-        return parse_toml(name, f"value = {text}")["value"]
+        return parse_toml(f"{name}={text[:80]}", f"value = {text}")["value"]
     except InputError as error:
-        raise InputError(f"{name}={text[:80]}: not a TOML list or table: {error}") from None
+        raise InputError(f"{error}; lists and tables are written as in TOML") from None
 
 
 def _set(tree: dict[str, Any], keys: Any, value: Any) -> None:

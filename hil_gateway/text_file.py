@@ -14,6 +14,9 @@ from hil_gateway.process.errors import InputError
 
 TREE_BYTES_MAX = 20_000_000
 """of a JSON or TOML file nobody bounds more closely: a hundred times the largest of the project"""
+KEY_PARTS_MAX = 20
+"""of a dotted key or table: `tomllib` takes time and memory by the square of it"""
+_LONG_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{KEY_PARTS_MAX}}}")
 
 
 def read_text(path: Path | str, bytes_max: int, of: str = "file") -> str:
@@ -99,11 +102,6 @@ def parse_toml(path: Path | str, text: str) -> dict[str, Any]:
         raise InputError(f"{path}: nested too deeply") from None
     except ValueError as error:  # TOMLDecodeError, a whole number of thousands of digits
         raise InputError(f"{path}: not valid TOML: {_short(error)}") from None
-
-
-KEY_PARTS_MAX = 20
-"""of a dotted key or table: `tomllib` takes time and memory by the square of it"""
-_LONG_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{KEY_PARTS_MAX}}}")
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

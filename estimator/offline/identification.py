@@ -256,8 +256,8 @@ def _fit_with_forces(task: _Task, health: HealthReport, fitted: _Fitted) -> _Fit
 
 
 def _left_across(fit: Fit) -> float:
-    """What a fit leaves of vy and yaw rate: the logarithm of the product of their spreads."""
-    return float(np.log([fit.spread[name] for name in ("vy", "yaw_rate")]).sum())
+    """Logarithm of the product of what a fit leaves of vy and yaw rate; 0 where it simulates neither."""
+    return float(np.log([fit.spread[name] for name in ("vy", "yaw_rate") if name in fit.spread]).sum())
 
 
 def _with_own_ay(fitted: _Fitted, task: _Task, health: HealthReport) -> tuple[_Fitted, _Task, HealthReport]:

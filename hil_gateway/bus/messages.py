@@ -37,7 +37,7 @@ Name = Annotated[str, Field(max_length=64)]
 """of a sender, a parameter, an effect, a layout: what is kept by name is bounded"""
 Text = Annotated[str, Field(max_length=4000)]
 """for people"""
-Path = Annotated[str, Field(max_length=4096)]
+FilePath = Annotated[str, Field(max_length=4096)]
 """of a file, as long as Linux has them"""
 Count = Annotated[int, Field(ge=0, lt=1 << 63)]
 Errors = Annotated[dict[Name, Parameter], Field(max_length=64)]
@@ -303,7 +303,7 @@ class Alert(Message):
 class RecorderStatus(Message):
     """Health of the recording (1 Hz); whatever was not written is counted, never dropped in silence."""
 
-    file: Path
+    file: FilePath
     recording: bool
     frames: Count = Field(description="raw CAN frames written")
     messages: Count = Field(description="topic messages written")

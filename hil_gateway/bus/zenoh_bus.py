@@ -198,9 +198,12 @@ def read_json5(path: Path) -> dict[str, Any]:
     text = read_text(path, TREE_BYTES_MAX, "Zenoh configuration (zenoh.extra)")
     lines = (line for line in text.splitlines() if not line.lstrip().startswith("//"))
     try:
-        return dict(parse_json(path, "\n".join(lines)))
-    except (InputError, ValueError, TypeError) as error:
-        raise InputError(f"{path}: not JSON with // comment lines (zenoh.extra): {error}") from None
+        tree = parse_json(path, "\n".join(lines))
+    except InputError as error:
+        raise InputError(f"{error} (zenoh.extra is JSON with // comment lines)") from None
+    if not isinstance(tree, dict):
+        raise InputError(f"{path}: must hold one JSON object (zenoh.extra)")
+    return tree
 
 
 def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

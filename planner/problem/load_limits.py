@@ -76,8 +76,11 @@ def load_limits(path: str | Path) -> LoadLimits | None:
         if not Path(path).exists():
             return None
         data = read_json(path, "load limits")
+    except InputError as error:
+        raise InputError(f"{error}; delete the file to start from the prior") from None
+    try:
         limits = LoadLimits(float(data["front"]), float(data["rear"]))
-    except (InputError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: not a file of load limits ({error}); delete it to start from the prior") from None
     if not (0 <= limits.front < 5 and 0 <= limits.rear < 5):
         raise InputError(f"{path}: load limits {figure(limits.pair)} are not within 0..5 axle loads; delete the file")

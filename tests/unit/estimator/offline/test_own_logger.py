@@ -278,6 +278,13 @@ def test_forces_are_fitted_again_while_that_tells_vy_and_yaw_rate_and_until_it_c
     assert len(made) == fits
 
 
+def test_a_fit_that_simulates_neither_vy_nor_yaw_rate_is_not_gone_on_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = [SimpleNamespace(fit=SimpleNamespace(values={}, spread={"ay": ay}, converged=False)) for ay in (0.2, 0.1)]
+    fits = iter(made)
+    monkeypatch.setattr(identification, "_fit_and_split", lambda *_: next(fits))
+    assert identification._fit_with_forces(None, None, made[0]) is made[0]
+
+
 def test_a_diagnosis_goes_on_with_the_log_that_the_identification_repaired() -> None:
     result = identify(late(0.3, ay=False), Vehicle(), PRIOR, Options())
     banked_log = result.log.with_columns({"known_bank": np.full(len(result.log), 0.2)}, "a bank")
@@ -305,7 +312,8 @@ def test_measured_halves_do_not_contradict_each_other(measured_data: Path, tmp_p
     whole, *halves = said
     assert whole["channels"]["ay"]["catalogue"] <= 0.115
     assert whole["channels"]["vx_dot"]["catalogue"] <= 0.374
-    drags = [e["parameters"]["k"] for one in said for e in one["effects"] if e["name"] == "aero_drag"]
+    stated = [e for one in said for e in (*one["effects"], *one["not_told"])]
+    drags = [e["parameters"]["k"] for e in stated if e["name"] == "aero_drag"]
     assert drags
     spread = max(d["value"] for d in drags) - min(d["value"] for d in drags)
     assert spread < 2.0 * max(d["std"] for d in drags)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from support.practice_drives import PRIOR, record_of
 
+from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.record.record import Record
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
 from estimator.offline.result.told import untold
 from estimator.offline.search.plausible import LEAST_ERRORS, believed, there
@@ -16,19 +18,26 @@ from estimator.offline.search.screening import candidates
 from estimator.offline.search.trial import Setting, fit_names
 
 
-def test_a_delay_within_a_sample_is_no_effect(drives: dict[str, Any]) -> None:
+def thinned(drives: dict[str, Any]) -> Record:
+    """Every twelfth window of a drive without effects, four to a lap."""
     record = record_of(drives["none"])
     record = record.select(np.arange(record.windows) % 12 == 0)
-    setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
-    assert not believed(fit_names(setting, ["steer_delay"], None), "steer_delay")
+    return replace(record, lap=np.arange(record.windows) // 4)
+
+
+def fitted(record: Record, name: str) -> tuple[Fit, int]:
+    """The fit with one effect, and the row of its first parameter."""
+    done = fit_names(Setting(record, "per_axle", PRIOR), [name], None)
+    return done, next(b.parameters.start for b in done.predictor.blocks if b.effect.name == name)
+
+
+def test_a_delay_within_a_sample_is_no_effect(drives: dict[str, Any]) -> None:
+    assert not believed(fitted(thinned(drives), "steer_delay")[0], "steer_delay")
 
 
 def test_a_sensor_place_without_kinematics_must_exceed_what_the_car_travels_in_a_sample(drives: dict[str, Any]) -> None:
-    record = record_of(drives["none"])
-    record = record.select(np.arange(record.windows) % 12 == 0)
-    record = replace(record, lap=np.arange(record.windows) // 4, used=np.array([True, True, True, True, False]))
-    done = fit_names(Setting(record, "per_axle", PRIOR), ["imu_lever_arm"], None)
-    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "imu_lever_arm")
+    record = replace(thinned(drives), used=np.array([True, True, True, True, False]))
+    done, row = fitted(record, "imu_lever_arm")
     for place, named in ((0.1, False), (0.8, True)):
         parameters = done.parameters.copy()
         parameters[row : row + 2] = place, 0.0
@@ -48,24 +57,17 @@ def test_a_speed_scale_that_positions_contradict_is_not_believed(drives: dict[st
 
 
 def test_a_gain_of_a_gyroscope_that_the_heading_contradicts_is_not_believed(drives: dict[str, Any]) -> None:
-    record = record_of(drives["none"])
-    record = record.select(np.arange(record.windows) % 12 == 0)
-    record = replace(record, lap=np.arange(record.windows) // 4)
+    record = thinned(drives)
     turned = {**record.signals, "yaw": record.signals["yaw"] / 1.06}
     for own, named in ((record, False), (replace(record, signals=turned), True)):
-        done = fit_names(Setting(own, "per_axle", PRIOR), ["gyro_gain"], None)
+        done, row = fitted(own, "gyro_gain")
         parameters = done.parameters.copy()
-        parameters[next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "gyro_gain")] = 1.06
+        parameters[row] = 1.06
         assert believed(replace(done, parameters=parameters), "gyro_gain") == named
 
 
 def test_a_lag_of_the_drive_that_tyres_have_by_themselves_is_not_believed(drives: dict[str, Any]) -> None:
-    record = record_of(drives["none"])
-    record = record.select(np.arange(record.windows) % 12 == 0)
-    done = fit_names(
-        Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR), ["drive_lag"], None
-    )
-    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "drive_lag")
+    done, row = fitted(thinned(drives), "drive_lag")
     for lag, named in ((0.03, False), (0.1, True)):
         parameters = done.parameters.copy()
         parameters[row] = lag
@@ -73,12 +75,7 @@ def test_a_lag_of_the_drive_that_tyres_have_by_themselves_is_not_believed(drives
 
 
 def test_a_scale_of_the_brakes_is_no_sign_of_brakes_at_the_front(drives: dict[str, Any]) -> None:
-    record = record_of(drives["none"])
-    record = record.select(np.arange(record.windows) % 12 == 0)
-    done = fit_names(
-        Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR), ["front_brake"], None
-    )
-    row = next(b.parameters.start for b in done.predictor.blocks if b.effect.name == "front_brake")
+    done, row = fitted(thinned(drives), "front_brake")
     for share, named in ((0.0, False), (0.5, True)):
         parameters = done.parameters.copy()
         parameters[row : row + 2] = share, 0.7

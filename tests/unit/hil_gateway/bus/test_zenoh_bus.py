@@ -166,7 +166,8 @@ def test_a_busy_port_is_one_clear_line(config, port):
     [
         (None, "cannot read"),
         (b"\xf5\x00", "not a text file"),
-        (b"{", "not JSON"),
+        (b"{", r"\.json5: not valid JSON: .* \(zenoh\.extra is JSON"),
+        (b"[1]", "must hold one JSON object"),
         (b'{"nonsense": 1}', "not a Zenoh configuration"),
     ],
 )
