@@ -118,6 +118,10 @@ class _Receiver:
         self._message, self._map = message, local_map
         self._stamp_ns: int | None = None
         self._read = (0.0, 0.0)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Nothing is known of it."""
         self._state: Array = np.array([0.0, 0.0, FIRST_LATE_S])
         self._covariance: Array = np.diag(FIRST_VARIANCES)
         self.proven = 0
@@ -159,8 +163,7 @@ class _Receiver:
         self._covariance = self._covariance + since_s * np.diag(WALKS)
         differs = np.array([read[0] - x - self._state[0], read[1] - y - self._state[1]])
         if math.hypot(*differs) > FAR_M and self._covariance[0, 0] < SETTLED_M**2:
-            self._state, self._covariance = np.array([0.0, 0.0, FIRST_LATE_S]), np.diag(FIRST_VARIANCES)
-            self.proven = 0
+            self._begin()
             return
         by = np.array([[1.0, 0.0, -east], [0.0, 1.0, -north]])
         gain = np.linalg.solve(by @ self._covariance @ by.T + READING_M**2 * np.eye(2), by @ self._covariance).T
