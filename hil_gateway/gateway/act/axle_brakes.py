@@ -26,6 +26,9 @@ from hil_gateway.gateway.settings import PERIOD_S
 
 REAR_SHARE = 0.8
 """of the declared grip the rear tyres are reckoned with: tyres differ by a fifth"""
+FRONT_SHARE = 0.9
+"""of what they leave beside the lateral force the front tyres brake with at most where the rear brakes are weak: with
+all of it they do not turn the car"""
 ENGINE_DRAG = 600.0
 """N at the rear wheels with the throttle closed (45 N m of the engine in third gear)"""
 LEAST_SHARE = 0.3
@@ -122,6 +125,8 @@ class AxleBrakes:
         rear = 0.0 if demand.flat_rear else min(wanted.brake_rear, rear_most / self._per_pa)
         more = 0.0 if demand.flat_front else front_most / self._per_pa
         front = min(total - rear, max(wanted.brake_front, more), self._most)
+        if self._answers[1] <= ANSWERS:
+            front = min(front, FRONT_SHARE * front_most / self._per_pa)
         return front, rear
 
     def _bears(self, speed: float, braking: float, demand: Demand) -> tuple[float, float]:

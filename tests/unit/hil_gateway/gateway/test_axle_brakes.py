@@ -141,10 +141,10 @@ def test_wheels_that_are_not_believed_let_nothing_go(rig):
     assert (sent.brake_front, sent.brake_rear) == car.shared(asked(8.0), FLAT, 30.0)
 
 
-def watched(rig: Rig, share: float) -> AxleBrakes:
-    """Brakes whose front circuit has reported so much of its command for half a second."""
+def watched(rig: Rig, front: float, rear: float = 1.0) -> AxleBrakes:
+    """Brakes whose circuits have reported such shares of their commands for half a second."""
     state, car, wire = rig.gateway.seen[0], brakes(), asked(8.0)
-    reported = {"brake_front": share * wire.brake_front, "brake_rear": wire.brake_rear}
+    reported = {"brake_front": front * wire.brake_front, "brake_rear": rear * wire.brake_rear}
     for _ in range(50):
         car.watch(state.model_copy(update=reported), wire)
     return car
@@ -167,3 +167,15 @@ def test_a_circuit_that_is_late_is_not_weak(rig):
         car.watch(state.model_copy(update={"brake_front": before.brake_front}), wire)
     sent = car.step(asked(8.0), STRAIGHT, state, Motion(50.0, by_wheels=False))
     assert sent == asked(8.0)
+
+
+def test_front_tyres_that_brake_alone_keep_a_tenth_of_what_they_leave_beside_the_lateral_force(rig):
+    dead, sound = watched(rig, 1.0, rear=0.0), brakes()
+    alone, as_declared = (car.shared(asked(25.0), BEND, 30.0)[0] for car in (dead, sound))
+    force = asked(25.0)
+    moved = (force.brake_front + force.brake_rear) * TRAIN.brake_force_per_pa * VEHICLE.cg_height / VEHICLE.wheelbase
+    pressed = -0.5 * VEHICLE.air_density * VEHICLE.lift_area_front * 30.0**2
+    bears = GRIP * (VEHICLE.static_load_front + pressed + moved)
+    across = 14.0 * VEHICLE.static_load_front / GRAVITY
+    assert alone * TRAIN.brake_force_per_pa <= 0.901 * max((bears**2 - across**2), (LEAST_SHARE * bears) ** 2) ** 0.5
+    assert alone < as_declared
