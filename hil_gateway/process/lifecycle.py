@@ -25,6 +25,11 @@ def stop_requested() -> Callable[[], bool]:
     return event.is_set
 
 
+def worth_a_line(count: int) -> bool:
+    """Whether the `count`th of its kind is logged: the 1st, 2nd, 4th, 8th...; a flood must not flood the log."""
+    return count & (count - 1) == 0
+
+
 class SilenceNotice:
     """Says once, on the log, that nothing of `what` has ever come: a wrong endpoint looks like a quiet bus."""
 
