@@ -5,13 +5,14 @@ from __future__ import annotations
 import errno
 import importlib
 import os
+import signal
 import sys
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from hil_gateway.process.errors import EXIT_FAILURE, EXIT_INPUT, InputError
+from hil_gateway.process.errors import EXIT_FAILURE, EXIT_INPUT, EXIT_SIGNAL, InputError
 from hil_gateway.process.lifecycle import end_with_parent
 
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -106,6 +107,8 @@ _UsageError: Any = typer.BadParameter.__bases__[0]
 def main() -> None:
     """Run the command line; bad input ends in one line on standard error and exit code 2."""
     end_with_parent()
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # modules are loaded: from here on it ends things in order
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         code = app(standalone_mode=False, prog_name="hil")
     except InputError as error:
@@ -119,8 +122,10 @@ def main() -> None:
     except _UsageError as error:
         print(_explain_usage(error), file=sys.stderr)
         code = EXIT_INPUT
-    except (BrokenPipeError, KeyboardInterrupt, typer.Abort):
+    except BrokenPipeError:
         code = EXIT_FAILURE
+    except (KeyboardInterrupt, typer.Abort):
+        code = EXIT_SIGNAL + signal.SIGINT
     except OSError as error:
         if error.errno != errno.ENOSPC:
             raise

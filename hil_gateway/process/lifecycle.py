@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import signal
-import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 PARENT_VARIABLE = "HIL_PARENT"
 """environment variable with the process identifier of the supervisor, in the processes it starts"""
@@ -17,12 +16,29 @@ SILENT_NS = 5_000_000_000
 log = logging.getLogger(__name__)
 
 
-def stop_requested() -> Callable[[], bool]:
+class StopRequest:
+    """SIGINT and SIGTERM end in order what asks between its steps; calling it says whether one has arrived."""
+
+    def __init__(self) -> None:
+        self.signal = 0
+        """number of the first one; 0: none"""
+        self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def __call__(self) -> bool:
+        return self.signal != 0
+
+    def release(self) -> None:
+        """From now on a signal does again what it did before."""
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _note(self, number: int, frame: object) -> None:
+        self.signal = self.signal or number
+
+
+def stop_requested() -> StopRequest:
     """Install handlers for SIGINT and SIGTERM; the result says whether one has arrived."""
-    event = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: event.set())
-    return event.is_set
+    return StopRequest()
 
 
 def worth_a_line(count: int) -> bool:
