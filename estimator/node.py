@@ -239,10 +239,10 @@ def run(config: Config, period_s: float = 0.001) -> None:
     from hil_gateway.bus.zenoh_bus import open_bus
     from hil_gateway.process.lifecycle import SilenceNotice, stop_requested
 
-    clock, bus = SystemClock(), open_bus(config.zenoh, "estimator")
+    stopped, clock = stop_requested(), SystemClock()
+    bus = open_bus(config.zenoh, "estimator")
     estimator = Estimator(config, bus, background=True)
     notice = SilenceNotice("vehicle state", config.zenoh.connect, clock.now_ns())
-    stopped = stop_requested()
     try:
         while not stopped():
             now_ns = clock.now_ns()

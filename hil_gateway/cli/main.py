@@ -104,33 +104,53 @@ _UsageError: Any = typer.BadParameter.__bases__[0]
 """what typer raises for wrong arguments; its own module for it is private"""
 
 
+class _Interrupt:
+    """Ctrl-C as Python has it, remembered: compiled code turns the exception into errors of its own."""
+
+    def __init__(self) -> None:
+        self.happened = False
+        if signal.getsignal(signal.SIGINT) in (signal.SIG_DFL, signal.default_int_handler):  # not where it is ignored
+            signal.signal(signal.SIGINT, self)
+
+    def __call__(self, *_: object) -> None:
+        self.happened = True
+        raise KeyboardInterrupt
+
+
 def main() -> None:
     """Run the command line; bad input ends in one line on standard error and exit code 2."""
     end_with_parent()
-    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # modules are loaded: from here on it ends things in order
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    interrupt = _Interrupt()
     try:
-        code = app(standalone_mode=False, prog_name="hil")
-    except InputError as error:
-        print(f"hil: {error}", file=sys.stderr)
-        code = EXIT_INPUT
-    except ValueError as error:
-        if type(error).__module__ != "can_dbc.database":  # named, not imported: few commands need it
+        code = _run()
+    except Exception:
+        if not interrupt.happened:
+            raise
+        code = EXIT_SIGNAL + signal.SIGINT
+    raise SystemExit(_flushed(code))
+
+
+def _run() -> Any:
+    """Exit code of the command."""
+    try:
+        return app(standalone_mode=False, prog_name="hil")
+    except (InputError, ValueError) as error:
+        theirs = type(error).__module__ == "can_dbc.database"  # named, not imported: few commands need it
+        if not (theirs or isinstance(error, InputError)):
             raise
         print(f"hil: {error}", file=sys.stderr)
-        code = EXIT_INPUT
+        return EXIT_INPUT
     except _UsageError as error:
         print(_explain_usage(error), file=sys.stderr)
-        code = EXIT_INPUT
+        return EXIT_INPUT
     except BrokenPipeError:
-        code = EXIT_FAILURE
+        return EXIT_FAILURE
     except (KeyboardInterrupt, typer.Abort):
-        code = EXIT_SIGNAL + signal.SIGINT
+        return EXIT_SIGNAL + signal.SIGINT
     except OSError as error:
         if error.errno != errno.ENOSPC:
             raise
-        code = _say_full()
-    raise SystemExit(_flushed(code))
+        return _say_full()
 
 
 def _flushed(code: Any) -> Any:
