@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from hil_gateway.process.errors import EXIT_FAILURE, EXIT_INPUT, EXIT_SIGNAL, InputError
-from hil_gateway.process.lifecycle import end_with_parent
+from hil_gateway.process.lifecycle import Interrupt, end_with_parent
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "demo": ("hil_gateway.cli.demo:app", "drive a simulated AV-24 around a track: the whole loop"),
@@ -104,29 +104,24 @@ _UsageError: Any = typer.BadParameter.__bases__[0]
 """what typer raises for wrong arguments; its own module for it is private"""
 
 
-class _Interrupt:
-    """Ctrl-C as Python has it, remembered: compiled code turns the exception into errors of its own."""
-
-    def __init__(self) -> None:
-        self.happened = False
-        if signal.getsignal(signal.SIGINT) in (signal.SIG_DFL, signal.default_int_handler):  # not where it is ignored
-            signal.signal(signal.SIGINT, self)
-
-    def __call__(self, *_: object) -> None:
-        self.happened = True
-        raise KeyboardInterrupt
+INTERRUPTED = EXIT_SIGNAL + signal.SIGINT
+"""what typer makes of a KeyboardInterrupt"""
 
 
 def main() -> None:
     """Run the command line; bad input ends in one line on standard error and exit code 2."""
     end_with_parent()
-    interrupt = _Interrupt()
+    interrupt = Interrupt()
     try:
         code = _run()
+        if code == INTERRUPTED:
+            code = EXIT_SIGNAL + interrupt.signal
     except Exception:
-        if not interrupt.happened:
+        if not interrupt.signal:
             raise
-        code = EXIT_SIGNAL + signal.SIGINT
+        code = EXIT_SIGNAL + interrupt.signal
+    finally:
+        interrupt.over()
     raise SystemExit(_flushed(code))
 
 
@@ -146,7 +141,7 @@ def _run() -> Any:
     except BrokenPipeError:
         return EXIT_FAILURE
     except (KeyboardInterrupt, typer.Abort):
-        return EXIT_SIGNAL + signal.SIGINT
+        return INTERRUPTED
     except OSError as error:
         if error.errno != errno.ENOSPC:
             raise

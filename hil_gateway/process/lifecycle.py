@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import sys
 from collections.abc import Sequence
 
 PARENT_VARIABLE = "HIL_PARENT"
@@ -13,7 +14,39 @@ EVENT_LINE = "event: "
 """how a line of the event log on standard error begins: it says nothing of why a process ended"""
 PR_SET_PDEATHSIG = 1
 SILENT_NS = 5_000_000_000
+AGAIN_S = 0.5
+"""after which an interrupt that led to nothing is repeated"""
 log = logging.getLogger(__name__)
+
+
+class Interrupt:
+    """SIGINT and SIGTERM as Python has the first, remembered and repeated: compiled code makes errors of its own of the
+    exception, or swallows it."""
+
+    def __init__(self) -> None:
+        self.signal = 0
+        """number of the newest one; 0: none"""
+        handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        self._before = {number: old for number, old in handlers.items() if old is not signal.SIG_IGN}  # by nohup
+        for number in self._before:
+            signal.signal(number, self)
+
+    def __call__(self, number: int, frame: object) -> None:
+        self.signal = number
+        signal.signal(signal.SIGALRM, self._again)
+        signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
+        raise KeyboardInterrupt
+
+    def over(self) -> None:
+        """Nothing is under way any more."""
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    @staticmethod
+    def _again(*_: object) -> None:
+        if not isinstance(sys.exception(), KeyboardInterrupt):  # nothing ends because of the last one
+            raise KeyboardInterrupt
 
 
 class StopRequest:
