@@ -7,6 +7,7 @@ import importlib
 import os
 import signal
 import sys
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -143,9 +144,17 @@ def _run() -> Any:
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
     except OSError as error:
-        if error.errno != errno.ENOSPC:
-            raise
-        return _say_full()
+        return _explain_place(error)
+
+
+def _explain_place(error: OSError) -> int:
+    """A disk that is full, or a working directory that is gone, which only relative names need; else it is a bug."""
+    if error.errno == errno.ENOENT and Path().stat().st_nlink == 0:
+        print("hil: the working directory is not there any more; `cd` to one that is", file=sys.stderr)
+        return EXIT_INPUT
+    if error.errno != errno.ENOSPC:
+        raise error
+    return _say_full()
 
 
 def _flushed(code: Any) -> Any:
