@@ -16,6 +16,8 @@ PR_SET_PDEATHSIG = 1
 SILENT_NS = 5_000_000_000
 AGAIN_S = 0.5
 """after which an interrupt that led to nothing is repeated"""
+REPEATS = 2
+"""before the process is ended as it is: IPOPT takes every interrupt for a failed step"""
 log = logging.getLogger(__name__)
 
 
@@ -35,6 +37,7 @@ class Interrupt:
         self.signal = number
         signal.signal(signal.SIGALRM, self._again)
         signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
+        self._repeats_left = REPEATS
         raise KeyboardInterrupt
 
     def over(self) -> None:
@@ -43,10 +46,14 @@ class Interrupt:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
-    @staticmethod
-    def _again(*_: object) -> None:
-        if not isinstance(sys.exception(), KeyboardInterrupt):  # nothing ends because of the last one
-            raise KeyboardInterrupt
+    def _again(self, *_: object) -> None:
+        if isinstance(sys.exception(), KeyboardInterrupt):  # the last one is ending what is under way
+            return
+        self._repeats_left -= 1
+        if self._repeats_left < 0:
+            signal.signal(self.signal, signal.SIG_DFL)
+            os.kill(os.getpid(), self.signal)
+        raise KeyboardInterrupt
 
 
 class StopRequest:

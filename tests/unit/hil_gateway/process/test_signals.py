@@ -32,11 +32,15 @@ def work(*_):
     except KeyboardInterrupt as error:
         if "turned" in AS:  # as pydantic does while it builds a model
             raise ValueError("SchemaError: KeyboardInterrupt") from error
-        if "swallowed" in AS:  # as a solver does
-            pass
-        else:
+        if AS == "raised":
             raise
-    signal.pause()
+    if AS == "swallowed once":
+        signal.pause()
+    while True:  # as IPOPT does
+        try:
+            signal.pause()
+        except KeyboardInterrupt:
+            pass
 doctor.findings = work
 from hil_gateway.__main__ import run
 sys.argv[1:] = ["doctor"]
@@ -48,7 +52,8 @@ run()
     ("code", "ended"),
     [
         (WHILE_LOADING, -signal.SIGINT),
-        *((f"AS = '{how}'\n{AT_WORK}", 130) for how in ("raised", "turned", "swallowed")),
+        *((f"AS = '{how}'\n{AT_WORK}", 130) for how in ("raised", "turned", "swallowed once")),
+        (f"AS = 'swallowed'\n{AT_WORK}", -signal.SIGINT),
     ],
 )
 def test_ctrl_c_is_no_traceback_at_any_moment(code: str, ended: int) -> None:
