@@ -235,20 +235,19 @@ def belief_message(model: ModelInUse, stamp_ns: int, seq: int) -> Belief:
 
 
 def run(config: Config, period_s: float = 0.001) -> None:
-    """Run the process until it is interrupted."""
+    """Run the process until SIGINT or SIGTERM."""
     from hil_gateway.bus.zenoh_bus import open_bus
-    from hil_gateway.process.lifecycle import SilenceNotice
+    from hil_gateway.process.lifecycle import SilenceNotice, stop_requested
 
-    clock, bus = SystemClock(), open_bus(config.zenoh, "estimator")
+    stopped, clock = stop_requested(), SystemClock()
+    bus = open_bus(config.zenoh, "estimator")
     estimator = Estimator(config, bus, background=True)
     notice = SilenceNotice("vehicle state", config.zenoh.connect, clock.now_ns())
     try:
-        while True:
+        while not stopped():
             now_ns = clock.now_ns()
             estimator.step(now_ns)
             notice.step(now_ns, estimator.received)
             clock.sleep_until(now_ns + round(period_s * NS_PER_S))
-    except KeyboardInterrupt:
-        pass
     finally:
         bus.close()

@@ -213,7 +213,8 @@ def _environment() -> dict[tuple[str, ...], Any]:
     """HIL_CAN__CHANNEL -> ("can", "channel"); variables that name no section are not configuration.
 
     Raises:
-        InputError: a section and a key with one underscore between: it would be ignored, and the default hold.
+        InputError: a section and a key with one underscore between, or a key without its section: it would be ignored,
+            and the default hold.
     """
     found: dict[tuple[str, ...], Any] = {}
     for name, value in os.environ.items():
@@ -226,14 +227,23 @@ def _environment() -> dict[tuple[str, ...], Any]:
         elif section in Config.model_fields:
             meant = f"{ENVIRONMENT_PREFIX}{section}__{rest}".upper()
             raise InputError(f"{name}: no setting; {meant} sets {section}.{rest} (two underscores)")
+        elif sections := _sections_with(path):
+            meant = " or ".join(f"{ENVIRONMENT_PREFIX}{section}__{path}".upper() for section in sections)
+            raise InputError(f"{name}: no setting; meant is {meant}")
     return found
 
 
+def _sections_with(key: str) -> list[str]:
+    """Sections with a key of this name."""
+    return [n for n, field in Config.model_fields.items() if key in getattr(field.annotation, "model_fields", ())]
+
+
 def _variable(key: str) -> str:
-    """The variable that sets a dotted key or the list or table it is in; empty where there is none."""
+    """The variable that sets a dotted key, the list or table it is in, or something in it; empty: none."""
     parts = key.upper().split(".")
-    names = (ENVIRONMENT_PREFIX + "__".join(parts[:count]) for count in range(len(parts), 0, -1))
-    return next((name for name in names if name in os.environ), "")
+    names = [ENVIRONMENT_PREFIX + "__".join(parts[:count]) for count in range(len(parts), 0, -1)]
+    below = (name for name in os.environ if name.startswith(f"{names[0]}__"))  # of a table that does not exist
+    return next((name for name in names if name in os.environ), "") or next(below, "")
 
 
 def _from_text(name: str, text: str) -> Any:

@@ -44,14 +44,13 @@ def check_ends(path: Path | str, of: str) -> None:
     """Refuse what is waited for or never ends; what cannot be opened at all is left to whoever opens it.
 
     Raises:
-        InputError: a pipe, a socket or a device other than the empty one.
+        InputError: a pipe, a socket or a device; the empty one would be taken for a file without settings.
     """
     try:
         mode = Path(path).stat().st_mode
-        empty = Path(path).samefile(os.devnull)
     except (OSError, ValueError):
         return
-    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode) or empty):
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise InputError(f"{path}: cannot read the {of}: a pipe, socket or device; write it to a file first")
 
 

@@ -20,6 +20,7 @@ from estimator.belief.tyre_belief import BeliefSettings, TyreBelief
 from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.bus.proposal import ModelProposal
 from hil_gateway.config import Config
+from hil_gateway.process.lifecycle import worth_a_line
 
 log = logging.getLogger(__name__)
 
@@ -53,7 +54,7 @@ class Succession:
     def __init__(self, config: Config, lap_length: float, *, background: bool) -> None:
         self._config, self._lap_length, self._background = config, lap_length, background
         self._next: ModelInUse | None = None
-        self._use_from_ns = 0
+        self._use_from_ns = self._refused = 0
         self._worker: threading.Thread | None = None
 
     def offer(self, proposal: ModelProposal, current: ModelRevision) -> None:
@@ -62,7 +63,9 @@ class Succession:
         if revision is None or self._worker is not None or self._next is not None:
             return
         if reason := unusable(revision, current):
-            log.warning("the proposed model %s is not used: %s", revision.revision, reason)
+            self._refused += 1
+            if worth_a_line(self._refused):
+                log.warning("proposed model no. %d not used, %s: %s", self._refused, revision.revision, reason)
             return
         self._use_from_ns = proposal.use_from_ns
         if self._background:

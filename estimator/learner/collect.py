@@ -6,7 +6,8 @@ road adds is a column of its own: what is found belongs to the same model that i
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import OrderedDict, deque
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,6 +33,17 @@ VX, YAW_RATE = 3, 5
 """positions in `Estimate.std`"""
 
 
+@dataclass
+class Lap:
+    """One lap, `number` counted by the collector: a planner that begins again counts from 0."""
+
+    number: int
+    began_ns: int
+    lasted_s: float = 0.0
+    """to one plan, once it is over"""
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+
+
 class Collector:
     """The newest laps; `step` takes in what has arrived."""
 
@@ -40,8 +52,10 @@ class Collector:
         self._estimates = bus.subscribe(ESTIMATE, depth=round(QUEUE_S * ESTIMATE.rate_hz))
         self._plans = bus.subscribe(PLAN, depth=round(QUEUE_S * PLAN.rate_hz))
         self._waiting: OrderedDict[int, VehicleState] = OrderedDict()
-        self._laps: dict[int, list[tuple[float, ...]]] = {}
-        self._began_ns: dict[int, int] = {}
+        self._over: deque[Lap] = deque(maxlen=MOST_LAPS)
+        self._under_way: Lap | None = None
+        self.done = 0
+        """laps over since the learner began"""
         self.stamp_ns = self._added_ns = 0
         """of the newest vehicle state, and of the newest row"""
         self.plan: Plan | None = None
@@ -49,23 +63,17 @@ class Collector:
     @property
     def complete(self) -> list[int]:
         """Numbers of the laps that are over, oldest first."""
-        return sorted(self._laps)[:-1]
+        return [lap.number for lap in self._over]
 
-    @property
-    def done(self) -> int:
-        """Laps over since the run began."""
-        return self.plan.lap if self.plan else 0
-
-    def lap_s(self, lap: int) -> float:
+    def lap_s(self, number: int) -> float:
         """Time of a complete lap, to one plan."""
-        return (self._began_ns[lap + 1] - self._began_ns[lap]) / NS_PER_S
+        return next(lap.lasted_s for lap in self._over if lap.number == number)
 
     def columns(self) -> dict[str, Array]:
         """name -> (n,) columns of the complete laps, `lap` among them."""
-        laps = self.complete
-        rows = np.array([row for lap in laps for row in self._laps[lap]])
+        rows = np.array([row for lap in self._over for row in lap.rows])
         columns = dict(zip(COLUMNS, rows.T, strict=True))
-        columns["lap"] = np.repeat(np.array(laps, float), [len(self._laps[lap]) for lap in laps])
+        columns["lap"] = np.repeat(np.array(self.complete, float), [len(lap.rows) for lap in self._over])
         columns["t"] = columns["t"] - columns["t"][0]
         return columns
 
@@ -80,24 +88,33 @@ class Collector:
         for estimate in self._estimates.poll(now_ns):
             if estimate.state_stamp_ns in self._waiting:
                 state = self._waiting.pop(estimate.state_stamp_ns)
-                if estimate.valid and self._laps:
+                if estimate.valid:
                     self._add(state, estimate)
 
     def _note_lap(self, plan: Plan) -> None:
-        self.plan = plan
-        if plan.lap not in self._laps and (not self._laps or plan.lap > max(self._laps)):
-            self._laps[plan.lap], self._began_ns[plan.lap] = [], plan.state_stamp_ns
-            for old in sorted(self._laps)[: -(MOST_LAPS + 1)]:
-                del self._laps[old], self._began_ns[old]
+        """Laps follow one another; where the planner's count jumps, what is left of that lap is no whole one."""
+        before, self.plan = self.plan, plan
+        if before is not None and plan.lap == before.lap:
+            return
+        if before is not None and plan.lap != before.lap + 1:
+            self._under_way = None
+            return
+        lap = self._under_way
+        if lap is not None and lap.rows:
+            lap.lasted_s = (plan.state_stamp_ns - lap.began_ns) / NS_PER_S
+            self._over.append(lap)
+        self.done += before is not None
+        self._under_way = Lap(self.done, plan.state_stamp_ns)
 
     def _add(self, state: VehicleState, estimate: Estimate) -> None:
         """One row, of the lap that had begun at its stamp; a state without new frames has the stamp of the last."""
-        if state.stamp_ns <= self._added_ns:
+        if state.stamp_ns <= self._added_ns or self._under_way is None:
             return
         self._added_ns = state.stamp_ns
-        lap = max((n for n, began in self._began_ns.items() if began <= state.stamp_ns), default=min(self._laps))
-        if len(self._laps[lap]) < MOST_ROWS:
-            self._laps[lap].append(_row(state, estimate))
+        late = state.stamp_ns < self._under_way.began_ns and self._over
+        lap = self._over[-1] if late else self._under_way
+        if len(lap.rows) < MOST_ROWS:
+            lap.rows.append(_row(state, estimate))
 
 
 def _row(state: VehicleState, estimate: Estimate) -> tuple[float, ...]:

@@ -7,10 +7,10 @@ import resource
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
+from hil_gateway.process.children import Spawn, begin
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.lifecycle import PARENT_VARIABLE, end_with_parent
 
@@ -44,9 +44,10 @@ class Job:
     """`work(argument)` in a process of its own."""
 
     def __init__(self, work: Callable[[Any], Any], argument: Any, most_s: float = MOST_S) -> None:
-        self._results, there = get_context("spawn").Pipe(duplex=False)
+        spawn = Spawn()
+        self._results, there = spawn.Pipe(duplex=False)
         arguments = (there, os.getpid(), work, argument)
-        self._process = get_context("spawn").Process(target=_work, args=arguments, daemon=True)
+        self._process = spawn.Process(target=_work, args=arguments, daemon=True)
         self._process.start()
         there.close()
         self._most_s, self._ends_s = most_s, time.monotonic() + most_s
@@ -76,6 +77,7 @@ class Job:
 
 def _work(results: Connection, parent: int, work: Callable[[Any], Any], argument: Any) -> None:
     """The child: last in line for processors, one of them at most, and no more memory than `MOST_BYTES`."""
+    begin()
     os.environ[PARENT_VARIABLE] = str(parent)
     end_with_parent()
     os.setpriority(os.PRIO_PROCESS, 0, NICENESS)

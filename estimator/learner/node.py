@@ -47,6 +47,8 @@ class Trial:
     began_ns: int
     first_lap: int | None = None
     lap_before_s: float = 0.0
+    lap_s: float = 0.0
+    """of that first whole lap"""
 
 
 class Learner:
@@ -148,22 +150,22 @@ class Learner:
                 self._withdraw(trial, "the planner did not take it", now_ns)
         elif not taken:
             self._withdraw(trial, "plans with it failed, the planner gave it back", now_ns)
-        elif trial.first_lap in self._laps.complete:
+        elif whole := [lap for lap in self._laps.complete if lap >= trial.first_lap]:
+            trial.first_lap = whole[0]  # the one meant may have been broken off
+            trial.lap_s = self._laps.lap_s(whole[0])
             self._job = self._start(judge, FirstLap(self._task(), trial.first_lap, trial.before))
 
     def _end_trial(self, trial: Trial, result: tuple[Errors, Errors] | Failed, now_ns: int) -> None:
         """The verdict of the first whole lap."""
-        assert trial.first_lap is not None
         if isinstance(result, Failed):
             self._withdraw(trial, f"its first lap cannot be judged: {result.reason}", now_ns)
             return
         before, after = result
-        lap_s = self._laps.lap_s(trial.first_lap)
-        if reason := regress(before, after, trial.lap_before_s, lap_s):
+        if reason := regress(before, after, trial.lap_before_s, trial.lap_s):
             self._withdraw(trial, reason, now_ns)
             return
         self._trial = None
-        text = f"the first lap with it: {_ratios(before, after)}; {trial.lap_before_s:.1f} s, then {lap_s:.1f} s"
+        text = f"the first lap with it: {_ratios(before, after)}; {trial.lap_before_s:.1f} s, then {trial.lap_s:.1f} s"
         self._say(now_ns, Outcome.CONFIRMED, text, trial.found)
 
     def _withdraw(self, trial: Trial, reason: str, now_ns: int) -> None:

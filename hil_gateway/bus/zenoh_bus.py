@@ -19,6 +19,7 @@ from hil_gateway.bus.messages import Message
 from hil_gateway.bus.topics import Topic
 from hil_gateway.config import ZenohConfig
 from hil_gateway.process.errors import InputError
+from hil_gateway.process.lifecycle import worth_a_line
 from hil_gateway.text_file import TREE_BYTES_MAX, parse_json, read_text
 
 M = TypeVar("M", bound=Message)
@@ -73,7 +74,7 @@ class ZenohSubscription(Generic[M]):
 
     def _count_invalid(self, why: str) -> None:
         self.invalid += 1
-        if self.invalid & (self.invalid - 1) == 0:  # 1st, 2nd, 4th, 8th...: a flood must not flood the log
+        if worth_a_line(self.invalid):
             log.warning("%s: invalid message no. %d: %s", self._topic, self.invalid, why)
 
     def _count_gap(self, message: M) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hil_gateway.process.errors import EXIT_FAILURE
+from hil_gateway.process.errors import EXIT_FAILURE, EXIT_SIGNAL
 from hil_gateway.process.figures import print_json
 
 EFFECT_LAPS = 6
@@ -42,7 +42,7 @@ def demo(
 ) -> None:
     """Plant, gateway, estimator, planner and recorder as separate processes over a CAN bus and Zenoh.
 
-    Exit 0: driven as asked; 1: something went wrong on the way; 2: bad arguments.
+    Exit 0: driven as asked; 1: something went wrong on the way; 2: bad arguments; 130: Ctrl-C; 143: SIGTERM.
     """
     from hil_gateway.demo.drive import drive
     from hil_gateway.demo.learn import DEFAULT_LAPS, describe_learning, drive_learn_drive
@@ -73,5 +73,7 @@ def demo(
         print_json(summary)
     else:
         print("\n".join(lines))
+    if summary["signal"]:
+        raise typer.Exit(EXIT_SIGNAL + summary["signal"])
     if not summary["ok"]:
         raise typer.Exit(EXIT_FAILURE)

@@ -5,14 +5,16 @@ from __future__ import annotations
 import errno
 import importlib
 import os
+import signal
 import sys
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from hil_gateway.process.errors import EXIT_FAILURE, EXIT_INPUT, InputError
-from hil_gateway.process.lifecycle import end_with_parent
+from hil_gateway.process.errors import EXIT_FAILURE, EXIT_INPUT, EXIT_SIGNAL, InputError
+from hil_gateway.process.lifecycle import Interrupt, end_with_parent
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "demo": ("hil_gateway.cli.demo:app", "drive a simulated AV-24 around a track: the whole loop"),
@@ -103,29 +105,56 @@ _UsageError: Any = typer.BadParameter.__bases__[0]
 """what typer raises for wrong arguments; its own module for it is private"""
 
 
+INTERRUPTED = EXIT_SIGNAL + signal.SIGINT
+"""what typer makes of a KeyboardInterrupt"""
+
+
 def main() -> None:
     """Run the command line; bad input ends in one line on standard error and exit code 2."""
     end_with_parent()
+    interrupt = Interrupt()
     try:
-        code = app(standalone_mode=False, prog_name="hil")
-    except InputError as error:
-        print(f"hil: {error}", file=sys.stderr)
-        code = EXIT_INPUT
-    except ValueError as error:
-        if type(error).__module__ != "can_dbc.database":  # named, not imported: few commands need it
+        code = _run()
+        if code == INTERRUPTED:
+            code = EXIT_SIGNAL + interrupt.signal
+    except Exception:
+        if not interrupt.signal:
+            raise
+        code = EXIT_SIGNAL + interrupt.signal
+    finally:
+        interrupt.over()
+    raise SystemExit(_flushed(code))
+
+
+def _run() -> Any:
+    """Exit code of the command."""
+    try:
+        return app(standalone_mode=False, prog_name="hil")
+    except (InputError, ValueError) as error:
+        theirs = type(error).__module__ == "can_dbc.database"  # named, not imported: few commands need it
+        if not (theirs or isinstance(error, InputError)):
             raise
         print(f"hil: {error}", file=sys.stderr)
-        code = EXIT_INPUT
+        return EXIT_INPUT
     except _UsageError as error:
         print(_explain_usage(error), file=sys.stderr)
-        code = EXIT_INPUT
-    except (BrokenPipeError, KeyboardInterrupt, typer.Abort):
-        code = EXIT_FAILURE
+        return EXIT_INPUT
+    except BrokenPipeError:
+        return EXIT_FAILURE
+    except (KeyboardInterrupt, typer.Abort):
+        return INTERRUPTED
     except OSError as error:
-        if error.errno != errno.ENOSPC:
-            raise
-        code = _say_full()
-    raise SystemExit(_flushed(code))
+        return _explain_place(error)
+
+
+def _explain_place(error: OSError) -> int:
+    """A disk that is full, or a working directory that is gone, which only relative names need; else it is a bug."""
+    if error.errno == errno.ENOENT and Path().stat().st_nlink == 0:
+        print("hil: the working directory is not there any more; `cd` to one that is", file=sys.stderr)
+        return EXIT_INPUT
+    if error.errno != errno.ENOSPC:
+        raise error
+    return _say_full()
 
 
 def _flushed(code: Any) -> Any:

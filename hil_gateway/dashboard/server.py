@@ -10,11 +10,13 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppres
 from pathlib import Path
 from typing import Any, Protocol
 
+import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response, StreamingResponse
 from starlette.routing import Route
 
+from hil_gateway.dashboard.connection import Connection
 from hil_gateway.dashboard.metrics import MEDIA_TYPE, exposition
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.shipped import shipped
@@ -153,10 +155,14 @@ def listen(host: str, port: int) -> socket.socket:
         raise InputError(f"dashboard: {reason}; set dashboard.port to another one") from None
 
 
+def server_of(app: Starlette) -> uvicorn.Server:
+    """The server of a page; a line for every request that is none would be a flood in its log."""
+    settings = uvicorn.Config(app, http=Connection, log_level="error", lifespan="on", timeout_graceful_shutdown=1)
+    return uvicorn.Server(settings)
+
+
 def serve(app: Starlette, listener: socket.socket) -> None:
     """Serve until interrupted."""
-    import uvicorn
-
-    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", lifespan="on", timeout_graceful_shutdown=1))
+    server = server_of(app)
     with suppress(KeyboardInterrupt):  # uvicorn has ended in order, and raises the signal again afterwards
         server.run(sockets=[listener])

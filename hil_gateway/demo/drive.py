@@ -59,6 +59,7 @@ def _run(options: DemoOptions, setup: DemoSetup) -> RunResult:
         run = Run(options, setup, supervisor, view, stopping)
         result = run.drive()
     run.close()
+    stopping.release()  # nothing drives any more: what is still measured may be broken off
     return result
 
 

@@ -15,6 +15,8 @@ from hil_gateway.process.clock import NS_PER_S
 MOST = 10_000
 """entries kept: a day of ordinary driving; the oldest go first"""
 QUEUE = 256
+NEWS = 10
+"""lines of news at once, of the newest"""
 
 
 class Journal:
@@ -29,7 +31,7 @@ class Journal:
         self._row_of: dict[str, dict[str, Any]] = {}
         """revision -> its row: values that are refined while driving make no row of their own"""
         self._laps = 0
-        self._news: list[str] = []
+        self._news: deque[str] = deque(maxlen=NEWS)
         self._driven_with = ""
 
     def update(self, now_ns: int, plan: Plan | None) -> None:
@@ -53,7 +55,8 @@ class Journal:
 
     def news(self) -> list[str]:
         """What was learnt or adopted since the last call, one line each."""
-        told, self._news = self._news, []
+        told = list(self._news)
+        self._news.clear()
         return told
 
     def say(self, text: str, now_ns: int) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -17,6 +16,7 @@ from hil_gateway.demo.view import Scene, View
 from hil_gateway.demo.waiting import Account, Waiting
 from hil_gateway.process.clock import NS_PER_S, Clock, SystemClock
 from hil_gateway.process.held_up import TIMING_CAUSES
+from hil_gateway.process.lifecycle import StopRequest
 from hil_gateway.process.supervisor import Exit, Supervisor
 
 PERIOD_NS = NS_PER_S // 20
@@ -56,13 +56,15 @@ class RunResult:
     seconds: float = 0.0
     account: Account | None = None
     """processor time around a stop for lateness"""
+    signal: int = 0
+    """number of the signal that ended it; 0: none did"""
 
 
 class Run:
     """State of one run; `drive` is its whole life."""
 
     def __init__(
-        self, options: DemoOptions, setup: DemoSetup, supervisor: Supervisor, view: View, stopping: Callable[[], bool]
+        self, options: DemoOptions, setup: DemoSetup, supervisor: Supervisor, view: View, stopping: StopRequest
     ) -> None:
         self._options, self._setup, self._supervisor, self._view = options, setup, supervisor, view
         self._stopping = stopping
@@ -92,6 +94,7 @@ class Run:
             self.result.cpu_share = self._cpu.share()
             self._waiting.close()
             self.result.account = self._waiting.account
+            self.result.signal = self._stopping.signal
         return self.result
 
     def close(self) -> None:

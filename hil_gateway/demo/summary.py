@@ -34,6 +34,7 @@ def summarise(
         "track": setup.track_name,
         "effects": dict(setup.config.plant.effects),
         "ending": result.ending.value,
+        "signal": result.signal,
         "events": result.monitor.journal.entries(zero_ns),
         "revisions": result.monitor.journal.revisions(zero_ns),
         "ok": succeeded(options, result),

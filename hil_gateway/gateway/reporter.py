@@ -10,9 +10,9 @@ from hil_gateway.gateway.act.actor import Actor
 from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import missing_for_arming
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
+from hil_gateway.gateway.rolling import Rolling
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.held_up import LatelyLate, who_was_late
-from hil_gateway.process.rolling import Rolling
 
 STATUS_PERIOD_NS = NS_PER_S // 10
 LATENCY_WINDOW = 1000

@@ -11,6 +11,8 @@ EXIT_FAILURE = 1
 """the run found a failure: a test, a check, a lost frame"""
 EXIT_INPUT = 2
 """bad arguments or input"""
+EXIT_SIGNAL = 128
+"""plus the number of the signal that ended a command early, as a shell says it: 130 after Ctrl-C"""
 
 
 class InputError(Exception):

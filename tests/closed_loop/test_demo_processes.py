@@ -111,6 +111,7 @@ def test_ctrl_c_ends_everything_within_3_s_with_a_readable_recording(tmp_path: P
         took_s = time.monotonic() - begin
     assert took_s < 3.0
     assert summary["ending"] == "interrupted"
+    assert demo.process.returncode == 130
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
     info = session_info(tmp_path / "out" / "session.mcap")
     assert info["complete"]

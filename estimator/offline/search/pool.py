@@ -10,15 +10,15 @@ import io
 import pickle
 import tempfile
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from functools import lru_cache
 from importlib import import_module
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from estimator.offline.record.record import Record
+from hil_gateway.process.children import begin, pool
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 """names of <malloc.h>"""
@@ -101,12 +101,15 @@ def workers(count: int) -> Iterator[Pool | None]:
     if count <= 1:
         yield None
         return
-    # a fork would copy locks of the threads that draw the progress or run BLAS
-    executor = ProcessPoolExecutor(count, get_context("spawn"), initializer=keep_freed_memory)
-    with tempfile.TemporaryDirectory(prefix="hil-records-") as folder, executor:
+    with tempfile.TemporaryDirectory(prefix="hil-records-") as folder, pool(count, _begin) as executor:
         for _ in range(count):
             executor.submit(import_module, TASKS)
         yield Pool(executor, Path(folder))
+
+
+def _begin() -> None:
+    begin()
+    keep_freed_memory()
 
 
 def keep_freed_memory() -> None:

@@ -18,7 +18,7 @@ from hil_gateway.gateway.events.others import OtherProcesses
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.lifecycle import EVENT_LINE
 
-MOST_A_SECOND = 10
+MOST_A_SECOND, MOST_A_MINUTE = 10, 60
 """entries of one kind: a fault that comes and goes must not fill the disk; the next entry counts the rest"""
 JOURNAL_LEVEL = {Severity.INFO: 6, Severity.WARNING: 4, Severity.STOP: 2}
 """syslog levels (sd-daemon(3)): informational, warning, critical"""
@@ -31,7 +31,7 @@ class EventLog:
         self._bus, self._write = bus, write
         self._others = OtherProcesses(bus)
         self._seen = Seen()
-        self._recent: dict[EventKind, deque[int]] = {kind: deque(maxlen=MOST_A_SECOND) for kind in EventKind}
+        self._recent: dict[EventKind, deque[int]] = {kind: deque(maxlen=MOST_A_MINUTE) for kind in EventKind}
         self._left_out = dict.fromkeys(EventKind, 0)
         self._seq = 0
 
@@ -46,12 +46,11 @@ class EventLog:
             self._publish(now_ns, change)
 
     def _publish(self, now_ns: int, change: Change) -> None:
-        recent = self._recent[change.kind]
         # stops are latched and so rare by themselves: none is ever left out
-        if len(recent) == MOST_A_SECOND and now_ns - recent[0] < NS_PER_S and change.kind is not EventKind.FAILSAFE:
+        if change.kind is not EventKind.FAILSAFE and self._too_many(change.kind, now_ns):
             self._left_out[change.kind] += 1
             return
-        recent.append(now_ns)
+        self._recent[change.kind].append(now_ns)
         if left_out := self._left_out[change.kind]:
             self._left_out[change.kind] = 0
             change = replace(change, text=f"{change.text} ({left_out} more in between not listed)")
@@ -59,6 +58,11 @@ class EventLog:
         self._seq += 1
         self._bus.publish(EVENT, event)
         self._write(event)
+
+    def _too_many(self, kind: EventKind, now_ns: int) -> bool:
+        recent = self._recent[kind]
+        limits = (MOST_A_SECOND, NS_PER_S), (MOST_A_MINUTE, 60 * NS_PER_S)
+        return any(len(recent) >= most and now_ns - recent[-most] < within_ns for most, within_ns in limits)
 
 
 def to_journal(event: Event) -> None:

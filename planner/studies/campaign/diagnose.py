@@ -10,15 +10,15 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hil_gateway.plant.physics.effects import SWITCHES, implied
+from hil_gateway.process.children import pool
 from hil_gateway.process.figures import figure
 
 NONE = "none"
@@ -76,8 +76,8 @@ def run_cases(cases: Sequence[Case], laps: int, out: Path, processes: int) -> It
         if place.exists():
             yield json.loads(place.read_text())
     missing = [case for case, place in places.items() if not place.exists()]
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(run_case, case, laps): case for case in missing}
+    with pool(processes) as executor:
+        futures = {executor.submit(run_case, case, laps): case for case in missing}
         for future in as_completed(futures):
             places[futures[future]].write_text(json.dumps(future.result()))
             yield json.loads(places[futures[future]].read_text())

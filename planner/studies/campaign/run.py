@@ -5,16 +5,16 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from importlib.util import find_spec
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from hil_gateway.process.children import pool
 from hil_gateway.process.errors import InputError
 
 T = TypeVar("T")
@@ -78,8 +78,8 @@ def _here(jobs: Sequence[Job], machines: Machines) -> Iterator[tuple[str, dict[s
     """Results as they finish."""
     if not jobs:
         return
-    with ProcessPoolExecutor(machines.processes, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(job.drive): job.name for job in jobs}
+    with pool(machines.processes) as executor:
+        futures = {executor.submit(job.drive): job.name for job in jobs}
         for future in as_completed(futures):
             yield futures[future], future.result()
 

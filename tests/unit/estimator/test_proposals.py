@@ -72,6 +72,16 @@ def test_a_model_that_learning_cannot_go_on_from_is_refused(oval: Track, change:
     assert len(bench.estimator.policy.current.effects) > 1, "still the declared car's"
 
 
+def test_a_flood_of_models_that_are_refused_is_a_few_lines(oval: Track, caplog: pytest.LogCaptureFixture) -> None:
+    bench, car = Bench(oval), Car(oval)
+    for _ in range(500):
+        bench.bus.publish(topics.MODEL_PROPOSAL, proposal(with_offset().model_copy(update={"layout": "shared"})))
+        bench.estimator.step(0)
+    bench.feed(car.state())
+    assert len(caplog.messages) < 10
+    assert "no. 256" in caplog.messages[-1]
+
+
 def test_a_parameter_that_starts_at_nothing_moves_by_its_spread() -> None:
     policy = RevisionPolicy(EstimatorConfig(revision_max_step=0.05), with_offset(std=0.01))
     mean = np.array([*declared_revision("per_axle").tyre.values(), -0.004])

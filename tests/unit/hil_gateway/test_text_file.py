@@ -27,6 +27,7 @@ NO_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "circle": (lambda path: path.symlink_to(path), "symbolic links"),
     "too much": (lambda path: path.write_bytes(b"a" * 1001), "a track has at most 1000 bytes"),
     "zeros": (lambda path: path.symlink_to("/dev/zero"), "a pipe, socket or device"),
+    "nothing": (lambda path: path.symlink_to(os.devnull), "a pipe, socket or device"),
     "noise": (lambda path: path.symlink_to("/dev/urandom"), "a pipe, socket or device"),
 }
 

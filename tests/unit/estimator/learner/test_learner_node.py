@@ -205,6 +205,37 @@ def test_only_the_newest_laps_are_kept() -> None:
     assert sorted(set(task.columns["lap"].tolist())) == [25.0, 26.0, 27.0, 28.0, 29.0]
 
 
+@pytest.mark.parametrize("lie", [2**31 - 1, -5, 0])
+def test_laps_are_noted_after_a_plan_with_a_foreign_count(lie: int) -> None:
+    bench = Bench(NOTHING)
+    bench.drive(1)
+    bench.bus.publish(topics.PLAN, plan_of(bench.now_ns, lie, DECLARED))
+    bench.drive(1)
+    assert bench.drive(2)[-1].outcome is Outcome.KEPT, "three whole laps: the one lied about is left out"
+
+
+def test_laps_are_noted_after_a_planner_that_begins_again() -> None:
+    bench = Bench(NOTHING)
+    bench.drive(2)
+    bench.lap = 0
+    assert bench.drive(1) == [], "what it began with is half a lap"
+    assert outcomes(bench.drive(1)) == [Outcome.STARTED, Outcome.KEPT]
+    _, task = bench.begun[0]
+    assert sorted(set(task.columns["lap"].tolist())) == [0.0, 1.0, 3.0]
+
+
+def test_a_model_is_judged_though_its_first_lap_was_broken_off() -> None:
+    bench = Bench(FOUND, (GOOD, BETTER))
+    bench.drive(3)
+    bench.model = with_drag()
+    bench.drive(1)
+    bench.lap = 0
+    assert bench.drive(1) == []
+    (confirmed,) = bench.drive(1)
+    assert confirmed.outcome is Outcome.CONFIRMED
+    assert "80.0 s, then 80.0 s" in confirmed.reason
+
+
 def rank(_: Any) -> tuple[int, int, int]:
     import resource
 

@@ -288,3 +288,16 @@ def test_output_that_does_not_fit_on_the_disk_is_one_line(arguments: str) -> Non
     assert done.returncode == 1
     assert done.stderr.startswith("hil: no space left on the disk that the output goes to")
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", ["demo --seconds 1 --headless", "demo --out there --laps 1"])
+def test_a_working_directory_that_is_gone_is_one_line(tmp_path: Path, arguments: str) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    run = f"import os, runpy, sys; os.rmdir(os.getcwd()); sys.argv = {['hil', *arguments.split()]!r}"
+    command = [sys.executable, "-c", f"{run}; runpy.run_module('hil_gateway', run_name='__main__')"]
+    ended = subprocess.run(command, cwd=gone, capture_output=True, text=True, timeout=120, check=False)
+    assert (ended.returncode, ended.stderr) == (
+        2,
+        "hil: the working directory is not there any more; `cd` to one that is\n",
+    )

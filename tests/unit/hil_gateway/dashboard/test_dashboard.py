@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import math
 import re
+import socket
 import threading
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -40,6 +42,7 @@ from hil_gateway.bus.topics import (
 )
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import Config
+from hil_gateway.dashboard import connection
 from hil_gateway.dashboard.feed import Feed
 from hil_gateway.dashboard.metrics import COUNTERS, MILLISECONDS, exposition
 from hil_gateway.dashboard.recording import Recording
@@ -347,6 +350,35 @@ def test_page_accepts_nothing_but_reading(served_page: str) -> None:
         urllib.request.urlopen(urllib.request.Request(served_page, data=b"x"))
     assert refused.value.code == 405
     refused.value.close()
+
+
+def test_who_only_connects_takes_neither_the_page_from_others_nor_the_log(
+    served_page: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(connection, "ASKS_WITHIN_S", 0.5)
+    host, port = served_page.removeprefix("http://").strip("/").split(":")
+    crowd = [socket.create_connection((host, int(port))) for _ in range(connection.MOST + 50)]
+    for one in crowd:
+        with suppress(OSError):  # those beyond the bound are refused
+            one.sendall(b"GET / HT")
+    deadline_s = time.monotonic() + 30.0
+    while not _reads(served_page):
+        assert time.monotonic() < deadline_s
+    for one in crowd:
+        one.close()
+    for _ in range(3):
+        with socket.create_connection((host, int(port))) as one:
+            one.sendall(b"\0\0\r\n\r\n")
+            assert b"400" in one.recv(100)
+    assert capfd.readouterr().err == ""
+
+
+def _reads(url: str) -> bool:
+    try:
+        with urllib.request.urlopen(url, timeout=1.0) as response:
+            return bool(response.read())
+    except OSError:
+        return False
 
 
 def test_prometheus_reads_the_state_of_the_loop_and_no_figures_of_the_dead(

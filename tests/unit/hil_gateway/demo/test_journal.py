@@ -9,7 +9,7 @@ from hil_gateway.bus.event import Event, EventKind, Severity
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision, Plan, PlanStatus, Provenance
 from hil_gateway.bus.proposal import ModelProposal, Outcome
-from hil_gateway.demo.journal import Journal
+from hil_gateway.demo.journal import NEWS, Journal
 from hil_gateway.process.clock import NS_PER_S
 
 ROWS: dict[str, Any] = dict.fromkeys(("x", "y", "yaw", "vx", "s", "steer", "drive"), (0.0,))
@@ -74,4 +74,19 @@ def test_what_is_learnt_and_adopted_is_told_once_as_it_comes() -> None:
     journal.update(0, None)
     told = journal.news()
     assert [line.split()[0] for line in told] == ["learning", "adoption"]
+    assert journal.news() == []
+
+
+def test_a_flood_of_news_is_a_few_lines() -> None:
+    bus = LocalBus()
+    journal = Journal(bus)
+    for seq in range(200):
+        bus.publish(
+            topics.EVENT,
+            Event(
+                stamp_ns=1, seq=seq, kind=EventKind.LEARNING, severity=Severity.INFO, before="", after="kept", text="?"
+            ),
+        )
+    journal.update(0, None)
+    assert len(journal.news()) == NEWS
     assert journal.news() == []

@@ -12,7 +12,7 @@ from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.bus.proposal import ModelProposal
 from hil_gateway.gateway.decide.failsafe import HOLDS, MEASURES, TABLE, Failsafe, Inputs
 from hil_gateway.gateway.events.change import Seen, changes
-from hil_gateway.gateway.events.log import MOST_A_SECOND, EventLog, to_journal
+from hil_gateway.gateway.events.log import MOST_A_MINUTE, MOST_A_SECOND, EventLog, to_journal
 from hil_gateway.process.clock import NS_PER_S
 
 
@@ -144,6 +144,16 @@ def test_a_flood_of_one_kind_is_bounded_what_is_left_out_is_counted_and_a_stop_s
     assert MOST_A_SECOND <= len(alerts) <= 3 * MOST_A_SECOND
     assert any("more in between not listed" in event.text for event in alerts)
     assert rig.of(EventKind.FAILSAFE)[-1].cause == "operator_stop"
+
+
+def test_a_flood_that_goes_on_is_one_line_a_second_at_most():
+    rig = LoggedRig()
+    told = ModelProposal(stamp_ns=1, seq=0, outcome="kept", lap=3, reason="nothing better")
+    rig.hooks.append(lambda rig: rig.bus.publish(topics.MODEL_PROPOSAL, told))
+    rig.run(50.0)
+    assert len(rig.of(EventKind.LEARNING)) == MOST_A_MINUTE
+    rig.run(20.0)
+    assert any("more in between not listed" in event.text for event in rig.of(EventKind.LEARNING))
 
 
 def test_a_line_of_the_log_has_everything_a_reader_of_the_journal_needs(capfd, monkeypatch):

@@ -61,6 +61,8 @@ def test_a_mistake_in_the_environment_or_a_flag_is_said_to_be_there(
         ("HIL_CAN__BITRATE", "can.bitrate = 'abc'"),
         ("HIL_ZENOH__CONNECT", "zenoh.connect = 'abc': should be a list"),
         ("HIL_GATEWAY", "gateway = 'abc': should be a table"),
+        ("HIL_GATEWEY__MODE", "unknown key gatewey"),
+        ("HIL_MODE", "no setting; meant is HIL_ZENOH__MODE or HIL_GATEWAY__MODE"),
     ):
         monkeypatch.setenv(name, "abc")
         with pytest.raises(InputError, match=f"^{name}: {words}"):

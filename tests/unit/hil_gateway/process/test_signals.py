@@ -1,0 +1,75 @@
+"""Ctrl-C and SIGTERM end a command in order, without a traceback, with the exit code a shell expects."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from hil_gateway.process.lifecycle import stop_requested
+
+WHILE_LOADING = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "typer":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from hil_gateway.__main__ import run
+sys.argv = ["hil", "--help"]
+run()
+"""
+AT_WORK = """
+import os, signal, sys
+import hil_gateway.cli.doctor as doctor
+def work(*_):
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        signal.pause()
+    except KeyboardInterrupt as error:
+        if "turned" in AS:  # as pydantic does while it builds a model
+            raise ValueError("SchemaError: KeyboardInterrupt") from error
+        if AS == "raised":
+            raise
+    if AS == "swallowed once":
+        signal.pause()
+    while True:  # as IPOPT does
+        try:
+            signal.pause()
+        except KeyboardInterrupt:
+            pass
+doctor.findings = work
+from hil_gateway.__main__ import run
+sys.argv[1:] = ["doctor"]
+run()
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "ended"),
+    [
+        (WHILE_LOADING, -signal.SIGINT),
+        *((f"AS = '{how}'\n{AT_WORK}", 130) for how in ("raised", "turned", "swallowed once")),
+        (f"AS = 'swallowed'\n{AT_WORK}", -signal.SIGINT),
+    ],
+)
+def test_ctrl_c_is_no_traceback_at_any_moment(code: str, ended: int) -> None:
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (result.returncode, result.stderr, result.stdout) == (ended, "", "")
+
+
+def test_a_request_says_which_signal_it_was_and_can_be_given_back() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    stopping = stop_requested()
+    try:
+        assert not stopping()
+        os.kill(os.getpid(), signal.SIGTERM)
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stopping()
+        assert stopping.signal == signal.SIGTERM
+    finally:
+        stopping.release()
+    assert signal.getsignal(signal.SIGTERM) is before
