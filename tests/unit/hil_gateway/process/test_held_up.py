@@ -81,7 +81,8 @@ def test_the_remedy_depends_on_whether_the_computer_is_busy() -> None:
 
 
 def test_a_process_that_really_waits_for_a_processor_is_named_by_the_kernels_account() -> None:
-    """Two busy processes on one processor: the one that gives way waits, the other computes."""
+    """Two busy processes on one processor: the one that gives way waits; beside other programs the other may, too, and
+    longer."""
     processor = min(os.sched_getaffinity(0))
     spin = f"import os, sys; os.sched_setaffinity(0, [{processor}]); os.nice(int(sys.argv[1]))\nwhile True: pass"
     pair = {
@@ -103,7 +104,8 @@ def test_a_process_that_really_waits_for_a_processor_is_named_by_the_kernels_acc
     account = waiting.account
     assert account is not None
     assert account.times["planner"].waited_s > account.times["planner"].computed_s
-    assert str(account).startswith("planner waited ")
+    waited_longest = max(account.times, key=lambda name: account.times[name].waited_s)
+    assert str(account).startswith(f"{waited_longest} waited ")
     assert re.search(r"of \d+(\.\d+)? s for a processor; load \d", str(account))
     assert account.as_json()["waited_s"]["planner"] == account.times["planner"].waited_s
 
