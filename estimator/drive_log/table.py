@@ -34,6 +34,9 @@ WATCHED = (*REQUIRED[1:], *DERIVABLE, "x", "y", "yaw", *(n for n in OPTIONAL if 
 MIN_ROWS = 200
 """Shorter logs hold neither a held-out block nor a batch of 100 samples beside it."""
 
+LEAST_SPEED = 0.1
+"""m/s that a twentieth of a log exceeds: a model car at a tenth of its walking pace"""
+
 GAP_STEPS = 4.0
 """A time step of more than so many median steps starts a new segment."""
 
@@ -126,6 +129,7 @@ def read_log(path: Path) -> DriveLog:
     """Read one file; see `read_logs`."""
     columns, notes = _read_columns(path)
     _check_rate(path, columns["t"])
+    _check_driven(path, columns["vx"])
     segment = segment_numbers(columns["t"])
     columns, derived = add_missing_channels(path, columns, segment)
     derived |= BY_STATE_FILTER if path.suffix == RECORDING else {}
@@ -157,6 +161,15 @@ def _check_rate(path: Path, t: Array) -> None:
     rate = 1.0 / float(np.median(np.diff(t)))
     if not 19.0 <= rate <= 1050.0:
         raise InputError(f"{path}: column t: {rate:.3g} samples/s is outside 20 to 1000 samples/s: is t in seconds?")
+
+
+def _check_driven(path: Path, vx: Array) -> None:
+    fast = float(np.quantile(vx, 0.95))
+    if fast < LEAST_SPEED:
+        raise InputError(
+            f"{path}: column vx: at most {fast:.3g} m/s in 95 % of the rows, the car does not drive forward "
+            f"(at least {LEAST_SPEED:g} m/s are needed): is vx in m/s and positive forward?"
+        )
 
 
 def join(logs: Iterable[DriveLog]) -> DriveLog:

@@ -35,6 +35,9 @@ LARGEST_MESSAGE = 1 << 18
 
 SENDERS_MAX = 64
 """senders of one topic whose gaps are counted; there is one of most"""
+SOON = 20
+"""messages within which numbers go back a second time only where two processes send them: one that starts over does so
+once"""
 
 
 class ZenohSubscription(Generic[M]):
@@ -47,6 +50,9 @@ class ZenohSubscription(Generic[M]):
         self._subscriber = session.declare_subscriber(topic.key, RingChannel(depth))
         self._depth = depth
         self._last_seq: dict[str, int] = {}
+        self._since_back = SOON
+        self.doubled = 0
+        """times that messages of two processes met"""
         self.dropped = 0
         self.invalid = 0
 
@@ -81,9 +87,21 @@ class ZenohSubscription(Generic[M]):
         sender = str(getattr(message, "source", ""))
         if sender not in self._last_seq and len(self._last_seq) >= SENDERS_MAX:
             return
-        gap = message.seq - self._last_seq.get(sender, message.seq) - 1
-        self.dropped += max(gap, 0)
+        last = self._last_seq.get(sender, message.seq - 1)
+        self.dropped += max(message.seq - last - 1, 0)
         self._last_seq[sender] = message.seq
+        self._since_back += 1
+        if message.seq <= last:
+            self._note_back()
+
+    def _note_back(self) -> None:
+        """A number that has gone back."""
+        if self._since_back <= SOON:
+            self.doubled += 1
+            if worth_a_line(self.doubled):
+                text = "%s: numbers go back and forth, no. %d: do two processes send it?"
+                log.warning(text, self._topic, self.doubled)
+        self._since_back = 0
 
     def close(self) -> None:
         """Undeclare the subscriber."""

@@ -15,5 +15,7 @@ a constant steering on a constant circle is its own zero."""
 
 def goes_straight(path: Array) -> bool:
     """Whether the curvature driven, (n,) 1/m, comes to zero often enough, or has either sign."""
+    if not len(path):
+        return False
     one_way = path * np.sign(np.median(path))
     return float(np.mean(one_way < STRAIGHT * np.quantile(np.abs(path), 0.99))) > LEAST_STRAIGHT

@@ -91,7 +91,7 @@ def _pairs(log: DriveLog, vehicle: Vehicle) -> Iterator[_Pair]:
 def _compare(log: DriveLog, pair: _Pair, moving: NDArray[np.bool_]) -> Finding | None:
     values, expected = log[pair.channel][moving], pair.expected[moving]
     usable = np.abs(expected) <= np.quantile(np.abs(expected), 0.98)
-    if np.ptp(values[usable]) == 0.0 or np.ptp(expected[usable]) == 0.0:
+    if np.var(values[usable]) == 0.0 or np.var(expected[usable]) == 0.0:  # constant, or too small to be squared
         return None
     correlation = float(np.corrcoef(values[usable], expected[usable])[0, 1])
     if abs(correlation) < MIN_CORRELATION:

@@ -195,7 +195,7 @@ class VehicleStateBuilder:
             return
         values = self._codec.decode(frame.id, frame.data)
         if isinstance(values, Fault):
-            self._count_fault(values)
+            self._count_fault(values, now_ns)
             return
         if entry is None:
             self._note_foreign(self._codec.by_id[frame.id].name, values, now_ns)
@@ -227,11 +227,13 @@ class VehicleStateBuilder:
         elif name in ACTUATOR_COMMANDS:
             self._foreign_command_ns = now_ns
 
-    def _count_fault(self, fault: Fault) -> None:
+    def _count_fault(self, fault: Fault, now_ns: int) -> None:
         if fault.kind is FaultKind.UNKNOWN_ID:
             self.counts.unknown += 1
-        else:
-            self.counts.malformed += 1
+            return
+        self.counts.malformed += 1
+        if self._codec.by_id[fault.frame_id].name in ACTUATOR_COMMANDS:  # the car may read it all the same
+            self._foreign_command_ns = now_ns
 
     def _check_counter(self, entry: _Received, values: Mapping[str, float], now_ns: int) -> None:
         counter = entry.layout.counter

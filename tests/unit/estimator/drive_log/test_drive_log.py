@@ -108,6 +108,11 @@ def test_time_in_milliseconds_is_refused_by_its_rate(tmp_path: Path) -> None:
     _refused(_write(tmp_path, {"t": 1000.0 * DRIVE["t"]}), "column t", "seconds")
 
 
+@pytest.mark.parametrize("factor", [-1.0, 1e-300])
+def test_a_speed_that_is_never_forward_is_refused(tmp_path: Path, factor: float) -> None:
+    _refused(_write(tmp_path, {"vx": factor * DRIVE["vx"]}), "column vx", "positive forward")
+
+
 def test_repeated_and_cut_rows_are_left_out_counted_and_named(tmp_path: Path) -> None:
     path = _write(tmp_path)
     lines = path.read_text().splitlines()

@@ -169,3 +169,17 @@ def test_wrong_rolling_radius_is_reported() -> None:
     wheels = {f"wheel_speed_{w}": 1.015 * COLUMNS["vx"] for w in ("rl", "rr")}
     finding = _only(_log(**wheels), "scale_rear_wheels")
     assert finding.size == pytest.approx(0.015, abs=0.001)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"vy": 1e9 * COLUMNS["vy"]},
+        {"yaw_rate": 1e9 * COLUMNS["yaw_rate"]},
+        {"steer": 1e-300 * COLUMNS["steer"]},
+    ],
+)
+def test_a_log_in_which_nothing_is_driven_or_nothing_seen_is_examined_all_the_same(
+    changes: dict[str, np.ndarray],
+) -> None:
+    examine(_log(**changes), VEHICLE)

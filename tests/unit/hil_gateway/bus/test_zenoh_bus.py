@@ -92,6 +92,34 @@ def test_a_slow_reader_keeps_the_newest_and_counts_the_rest(config):
         other.close()
 
 
+def test_two_processes_that_send_the_same_are_said_and_one_that_starts_over_is_not(config, caplog):
+    hub, one, two = open_bus(config, "gateway"), open_bus(config, "planner"), open_bus(config, "planner")
+    try:
+        heard = hub.subscribe(topics.OPERATOR, depth=1000)
+        exchange(two, heard)
+        exchange(one, heard)
+        for seq in (*range(100, 150), *range(100)):
+            one.publish(topics.OPERATOR, message(seq))
+            _all_of(heard, 1)
+        assert not caplog.messages
+        for seq in range(100, 120):
+            one.publish(topics.OPERATOR, message(seq))
+            two.publish(topics.OPERATOR, message(seq - 90))
+            _all_of(heard, 2)
+        assert "do two processes send it?" in caplog.messages[0]
+        assert len(caplog.messages) < 10
+    finally:
+        for bus in (one, two, hub):
+            bus.close()
+
+
+def _all_of(subscription, count: int) -> None:
+    deadline = time.monotonic() + 10.0
+    while (count := count - len(subscription.poll(0))) > 0:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+
+
 def test_a_new_sender_name_in_every_message_takes_no_memory(config):
     hub, other = open_bus(config, "gateway"), open_bus(config, "planner")
     try:
