@@ -6,6 +6,8 @@ Anything else that is raised is a bug.
 
 from __future__ import annotations
 
+from hil_gateway.process.figures import printable
+
 EXIT_OK = 0
 EXIT_FAILURE = 1
 """the run found a failure: a test, a check, a lost frame"""
@@ -25,5 +27,5 @@ class InputError(Exception):
 
 def one_line(error: Exception) -> str:
     """The message as a terminal may show it: control characters as escapes, and the middle left out of a long one."""
-    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(error))
+    text = printable(str(error))
     return text if len(text) <= LINE_MAX else f"{text[: LINE_MAX // 2]} ... {text[-LINE_MAX // 4 :]}"
