@@ -115,7 +115,7 @@ def main() -> None:
     interrupt = Interrupt()
     try:
         code = _run()
-        if code == INTERRUPTED:
+        if code == INTERRUPTED and interrupt.signal:
             code = EXIT_SIGNAL + interrupt.signal
     except Exception:
         if not interrupt.signal:
