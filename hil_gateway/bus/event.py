@@ -9,7 +9,7 @@ from pydantic import Field
 
 from hil_gateway.bus.messages import Message, Parameter, Text
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.figures import figure
+from hil_gateway.process.figures import figure, printable
 
 
 class EventKind(StrEnum):
@@ -61,4 +61,4 @@ class Event(Message):
         cause = f" [{self.cause}]" if self.cause else ""
         value = "" if self.measured is None else f", {figure(self.measured, self.unit, 3)}"
         limit = "" if self.limit is None else f" (limit {figure(self.limit, self.unit, 3)})"
-        return f"{self.kind} {change}{cause}: {self.text}{value}{limit}"
+        return printable(f"{self.kind} {change}{cause}: {self.text}{value}{limit}")

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from hil_gateway.process.errors import EXIT_FAILURE, EXIT_INPUT, EXIT_SIGNAL, InputError
+from hil_gateway.process.errors import EXIT_FAILURE, EXIT_INPUT, EXIT_SIGNAL, InputError, one_line
 from hil_gateway.process.lifecycle import Interrupt, end_with_parent
 
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -115,7 +115,7 @@ def main() -> None:
     interrupt = Interrupt()
     try:
         code = _run()
-        if code == INTERRUPTED:
+        if code == INTERRUPTED and interrupt.signal:
             code = EXIT_SIGNAL + interrupt.signal
     except Exception:
         if not interrupt.signal:
@@ -134,7 +134,7 @@ def _run() -> Any:
         theirs = type(error).__module__ == "can_dbc.database"  # named, not imported: few commands need it
         if not (theirs or isinstance(error, InputError)):
             raise
-        print(f"hil: {error}", file=sys.stderr)
+        print(f"hil: {one_line(error)}", file=sys.stderr)
         return EXIT_INPUT
     except _UsageError as error:
         print(_explain_usage(error), file=sys.stderr)

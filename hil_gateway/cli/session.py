@@ -13,7 +13,7 @@ import typer
 
 from hil_gateway.cli import session_look
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
-from hil_gateway.process.figures import print_json
+from hil_gateway.process.figures import print_json, printable
 from hil_gateway.process.writable import check_file
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, no_args_is_help=True)
@@ -63,7 +63,7 @@ def info(files: SessionFiles, as_json: AsJson = False) -> None:
     if as_json:
         print_json(infos[0] if len(infos) == 1 else {"sessions": infos})
     else:
-        print("\n".join(line for one in infos for line in describe(one)))
+        print("\n".join(printable(line) for one in infos for line in describe(one)))
     if any(one["corrupt"] for one in infos):
         raise typer.Exit(EXIT_FAILURE)
 

@@ -65,6 +65,11 @@ def compared(ratio: float | None, less: str, more: str) -> str:
     return f"{size} times {less if ratio > 1.0 else more}"
 
 
+def printable(text: str) -> str:
+    """Text of others on its way to a terminal or a log: what would move the cursor or end the line, as escapes."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 def lines(tree: Mapping[str, Any], indent: str = "") -> Iterator[str]:
     """A table of figures for people, one a line, tables within it indented; the unit is what the name says."""
     width = max((len(_name(key)) for key in tree), default=0)

@@ -55,14 +55,23 @@ class Seen:
     inputs: Inputs | None = None
     late: str = ""
     """who was late, where that is why the car is being stopped"""
+    second_computer: bool = False
+    """another computer on this bus reports its ct_state"""
 
     @classmethod
     def of(  # noqa: PLR0917 - what a period shows
-        cls, failsafe: Failsafe, ct_state: CtState, state: VehicleState, inputs: Inputs, bus_state: str, late: str
+        cls,
+        failsafe: Failsafe,
+        ct_state: CtState,
+        state: VehicleState,
+        inputs: Inputs,
+        bus_state: str,
+        late: str,
+        second_computer: bool,
     ) -> Seen:
         """What the gateway's newest period shows."""
         flags = state.track_flag, state.vehicle_flag
-        return cls(failsafe, ct_state, state.sys_state, *flags, bus_state, inputs, late)
+        return cls(failsafe, ct_state, state.sys_state, *flags, bus_state, inputs, late, second_computer)
 
 
 def changes(before: Seen, after: Seen) -> Iterator[Change]:
@@ -86,6 +95,9 @@ def changes(before: Seen, after: Seen) -> Iterator[Change]:
     if after.bus_state != before.bus_state:
         worse = Severity.INFO if after.bus_state == "error_active" else Severity.WARNING
         yield Change(EventKind.BUS, before.bus_state, after.bus_state, "state of the CAN controller", worse)
+    if after.second_computer and not before.second_computer:
+        text = "another computer reports its ct_state: is a second gateway running?"
+        yield Change(EventKind.BUS, "", "second computer", text, Severity.WARNING)
 
 
 def _failsafe(before: Failsafe, after: Seen) -> Change:

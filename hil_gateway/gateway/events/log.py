@@ -40,7 +40,8 @@ class EventLog:
         found: list[Change] = []
         if gateway.seen is not None:
             ct_state = gateway.decision.race_control.ct_state
-            seen = Seen.of(gateway.failsafe, ct_state, *gateway.seen, bus_state, gateway.late)
+            second = gateway.builder.foreign_reports(now_ns)
+            seen = Seen.of(gateway.failsafe, ct_state, *gateway.seen, bus_state, gateway.late, second)
             found, self._seen = list(changes(self._seen, seen)), seen
         for change in chain(found, self._others.step(now_ns)):
             self._publish(now_ns, change)

@@ -100,6 +100,7 @@ class VehicleStateBuilder:
         self.counts = FrameCounts()
         self._foreign_emergency_ns: int | None = None
         self._foreign_command_ns: int | None = None
+        self._foreign_report_ns: int | None = None
         self.senders = Senders({entry.layout.id: entry.layout.period_s for entry in self._received.values()})
         self.counter_faults = LeakyBucket(COUNTER_LEAK_NS, highest=2 * COUNTER_FAULT)
 
@@ -127,6 +128,10 @@ class VehicleStateBuilder:
     def foreign_commands(self, now_ns: int) -> bool:
         """Whether another computer on this bus is commanding the actuators."""
         return _age_s(self._foreign_command_ns, now_ns) <= FOREIGN_S
+
+    def foreign_reports(self, now_ns: int) -> bool:
+        """Whether another computer on this bus says what state it is in."""
+        return _age_s(self._foreign_report_ns, now_ns) <= FOREIGN_S
 
     def signal(self, name: str) -> float:
         """Newest plausible value of a signal, SI; 0 before the first."""
@@ -222,8 +227,10 @@ class VehicleStateBuilder:
 
     def _note_foreign(self, name: str, values: Mapping[str, float], now_ns: int) -> None:
         """A message only the computer sends, from somebody else: own frames are not received back."""
-        if name == "ct_report" and int(values["ct_state"]) == CtState.EMERGENCY:
-            self._foreign_emergency_ns = now_ns
+        if name == "ct_report":
+            self._foreign_report_ns = now_ns
+            if int(values["ct_state"]) == CtState.EMERGENCY:
+                self._foreign_emergency_ns = now_ns
         elif name in ACTUATOR_COMMANDS:
             self._foreign_command_ns = now_ns
 

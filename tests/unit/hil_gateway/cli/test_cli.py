@@ -290,6 +290,20 @@ def test_output_that_does_not_fit_on_the_disk_is_one_line(arguments: str) -> Non
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("car", "said"),
+    [({"mass": [1e9] * 5000}, "valid number"), ({"mass\n\x1b[2J": 1}, r"mass\n\x1b[2J"), ({"a" * 5000: 1}, "aaa")],
+)
+def test_what_is_long_or_would_move_the_cursor_is_one_short_line(tmp_path: Path, car: dict, said: str) -> None:
+    path = tmp_path / "car.json"
+    path.write_text(json.dumps({"mass": 787, "yaw_inertia": 1000, "lf": 1.7, "lr": 1.3, **car}))
+    result = hil("identify", "x.csv", "--vehicle", str(path))
+    assert result.returncode == 2
+    assert said in result.stderr
+    assert result.stderr[:-1].isprintable()
+    assert len(result.stderr) < 1000
+
+
 @pytest.mark.parametrize("arguments", ["demo --seconds 1 --headless", "demo --out there --laps 1"])
 def test_a_working_directory_that_is_gone_is_one_line(tmp_path: Path, arguments: str) -> None:
     gone = tmp_path / "gone"

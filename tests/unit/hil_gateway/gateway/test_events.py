@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from support.scripted_car import Rig
 
+from can_dbc.codec import load_codec
 from hil_gateway.bus import messages as m
 from hil_gateway.bus import topics
 from hil_gateway.bus.event import Event, EventKind, Severity
@@ -167,3 +168,27 @@ def test_a_line_of_the_log_has_everything_a_reader_of_the_journal_needs(capfd, m
     assert line == (
         "<2>event: failsafe drive -> controlled_stop [command_stale]: no fresh command, 0.11 s (limit 0.1 s)"
     )
+
+
+def test_a_text_of_another_process_makes_no_line_of_its_own(capfd):
+    rig = LoggedRig()
+    rig.run(0.1)
+    forged = "nothing\n<2>event: failsafe drive -> emergency_stop\x1b[2J"
+    rig.bus.publish(topics.MODEL_PROPOSAL, ModelProposal(stamp_ns=1, seq=0, outcome="kept", lap=3, reason=forged))
+    rig.run(0.1)
+    for event in rig.of(EventKind.LEARNING):
+        to_journal(event)
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.isprintable()
+
+
+def test_a_second_gateway_on_the_bus_is_said_once():
+    rig = LoggedRig()
+    rig.run(0.1)
+    layout, second = load_codec().messages["ct_report"], rig.wire.link()
+    for _ in range(5):
+        second.send(layout.id, bytes(layout.dlc))
+        rig.run(0.5)
+    (event,) = rig.of(EventKind.BUS)
+    assert event.after == "second computer"
+    assert event.severity is Severity.WARNING

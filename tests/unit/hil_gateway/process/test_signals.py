@@ -23,9 +23,14 @@ sys.argv = ["hil", "--help"]
 run()
 """
 AT_WORK = """
-import os, signal, sys
+import os, signal, sys, typer
 import hil_gateway.cli.doctor as doctor
+from hil_gateway.process import lifecycle
 def work(*_):
+    if AS == "ended in order":
+        stopping = lifecycle.stop_requested()
+        os.kill(os.getpid(), NUMBER)
+        raise typer.Exit(128 + stopping.signal)
     try:
         os.kill(os.getpid(), signal.SIGINT)
         signal.pause()
@@ -54,6 +59,7 @@ run()
         (WHILE_LOADING, -signal.SIGINT),
         *((f"AS = '{how}'\n{AT_WORK}", 130) for how in ("raised", "turned", "swallowed once")),
         (f"AS = 'swallowed'\n{AT_WORK}", -signal.SIGINT),
+        *((f"AS, NUMBER = 'ended in order', {n}\n{AT_WORK}", 128 + n) for n in (signal.SIGINT, signal.SIGTERM)),
     ],
 )
 def test_ctrl_c_is_no_traceback_at_any_moment(code: str, ended: int) -> None:
