@@ -6,6 +6,7 @@ It reads no clock and raises nothing but bugs.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 
 from can_dbc.codec import load_codec
@@ -24,12 +25,15 @@ from hil_gateway.gateway.decide.ladder_inputs import caution_speed, flags_in_for
 from hil_gateway.gateway.perceive.course import CourseReader
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
 from hil_gateway.gateway.perceive.inbox import Inbox
+from hil_gateway.gateway.perceive.lateness import Lateness, brought_up
 from hil_gateway.gateway.perceive.monitors.monitors import Monitors
+from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.receivers import OtherReceivers
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.gateway.reporter import Reporter
+from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 
 Measures = Mapping[str, float]
@@ -51,6 +55,9 @@ class Gateway:
         self.inbox = Inbox(bus, config.gateway.command_latency_max_s)
         self.monitors = Monitors(config, track)
         self._dead_reckoning = DeadReckoning(config.vehicle.lr)
+        self._lateness = Lateness(self.builder)
+        self._before_pause = self._reckoned()
+        """what had been reckoned when frames last came: those that waited go on from there"""
         self._course = CourseReader()
         self._receivers = OtherReceivers(config.origin)
         self._tyres = TyreReports(self.builder)
@@ -103,27 +110,55 @@ class Gateway:
 
     def _perceive(self, now_ns: int, state: VehicleState, before: Decision) -> tuple[Motion, Pose | None, Measures]:
         """How the car moves and where it is, by the sources that fit each other, and what the monitors measure."""
-        monitors = self.monitors
+        late_ns = self._read_lateness(now_ns)
+        motion, pose, monitored = self._perceive_as_of(now_ns - late_ns, now_ns, state, before)
+        if motion.speed == 0.0 or not before.stopping:
+            self._lateness.forget()
+        if late_ns:
+            turned = self.monitors.motion.turned_within(late_ns / NS_PER_S)
+            motion, pose = brought_up(motion, pose, state.ax, turned, late_ns / NS_PER_S)
+        return motion, pose, monitored
+
+    def _read_lateness(self, now_ns: int) -> int:
+        """How late the frames of this period are, ns; what was reckoned while they waited is taken back, once."""
+        paused, was_late = self._lateness.pauses, self._lateness.late_ns
+        late_ns = self._lateness.step(now_ns)
+        if self._lateness.pauses and not paused:
+            self._before_pause = self._reckoned()
+        if late_ns and not was_late:
+            self.monitors.position, self._dead_reckoning = self._before_pause
+        return late_ns
+
+    def _reckoned(self) -> tuple[PositionMonitor, DeadReckoning]:
+        return copy.deepcopy(self.monitors.position), copy.copy(self._dead_reckoning)
+
+    def _perceive_as_of(
+        self, then_ns: int, now_ns: int, state: VehicleState, before: Decision
+    ) -> tuple[Motion, Pose | None, Measures]:
+        """The same of `then_ns`, which what arrives now tells of; estimates from frames that are late say nothing."""
+        monitors, in_time = self.monitors, now_ns == then_ns
         fixes_fitted, imu_was_wrong, known = monitors.fixes_fit, monitors.imu_wrong, monitors.position.wrong
         course = self._course.step(now_ns, self.builder.fixes)
         commanded = self._actor.on_wire if before.failsafe.armed and self._actor.transmits else None
-        motion = monitors.motion.step(now_ns, state, course if fixes_fitted else None, commanded)
-        monitors.position.step(now_ns, state, motion, self._dead_reckoning.pose)
+        motion = monitors.motion.step(then_ns, state, course if fixes_fitted else None, commanded)
+        monitors.position.step(then_ns, state, motion, self._dead_reckoning.pose)
         monitors.position.scattered(now_ns, self._course.scatter_m)
         learns = not monitors.position.wrong
-        monitors.position.outvoted(self._receivers.step(now_ns, self.builder, learns))
+        outvoted_s = self._receivers.step(now_ns, self.builder, learns)
         estimate = self.inbox.read_estimate(now_ns)
-        monitors.heed(now_ns, state, self.inbox.estimate)
-        believed = estimate if monitors.estimate_fits else None
+        if in_time:
+            monitors.position.outvoted(outvoted_s)
+            monitors.heed(now_ns, state, self.inbox.estimate)
+        believed = estimate if monitors.estimate_fits and in_time else None
         if believed is not None and not before.stopping:
             monitors.motion.teach(now_ns, state, believed)
         drifts, aside = monitors.position.drifts, self._drifted(known)
-        pose = self._dead_reckoning.step(now_ns, state, motion, believed, monitors.fixes_fit or drifts, aside)
+        pose = self._dead_reckoning.step(then_ns, state, motion, believed, monitors.fixes_fit or drifts, aside)
         monitors.stopping, monitors.flat = before.stopping, self._tyres.flat
         monitored = monitors.measures(now_ns, state, pose, commanded, course)
         if monitors.imu_wrong and not imu_was_wrong:  # a stop that begins now must not go by what was false
             motion = monitors.motion.again(state, course)
-            pose = pose if course is None else self._dead_reckoning.restart(now_ns, course)
+            pose = pose if course is None else self._dead_reckoning.restart(then_ns, course)
         return motion, pose, monitored
 
     def _drifted(self, known: bool) -> tuple[float, float]:

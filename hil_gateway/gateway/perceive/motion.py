@@ -11,6 +11,7 @@ from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair, RepairedGyro
+from hil_gateway.gateway.settings import PERIOD_S
 from hil_gateway.process.clock import NS_PER_S
 
 DECELERATION_MAX = 35.0
@@ -120,6 +121,8 @@ class MotionReader:
         """v tan(delta) / L of the periods a course spans, rad/s"""
         self._asked: deque[float] = deque(maxlen=LATE)
         """steering angles on the wire, rad at the motor, the oldest of which the steering has reached"""
+        self._meant: deque[float] = deque(maxlen=COURSE_WINDOW)
+        """the same by what stood on the wire, as far as the steering has reached it"""
         self._turned: deque[float] = deque(maxlen=COURSE_WINDOW)
         """yaw rates by the wheels of both axles in those periods, rad/s; none where one of them has said nothing"""
         self.motion = Motion()
@@ -145,8 +148,11 @@ class MotionReader:
         steered = self._steered_rate(state, speed, commanded)
         if imu and wheels and speed > LEARNING_FROM:
             self._learn(state, speed)
-        before = self._steered[-1] if self._steered else steered
-        self._steered.append(before + dt / (dt + TURNS_IN_S * speed + 1e-9) * (steered - before))
+        share = dt / (dt + TURNS_IN_S * speed + 1e-9)
+        meant = self._turn_of(self._asked[0] / self._vehicle.steering_ratio, state, speed, commanded)
+        for turns, rate in (self._steered, steered), (self._meant, meant):
+            before = turns[-1] if turns else rate
+            turns.append(before + share * (rate - before))
         self._note_turn(state, speed, wheels, dt)
         if imu and wheels and speed > LEARNING_FROM:
             share = min(dt / MISMATCH_S, 1.0)
@@ -189,6 +195,11 @@ class MotionReader:
         """Yaw rate that the steering angle comes to by now, rad/s."""
         return self._steered[-1] if self._steered else 0.0
 
+    def turned_within(self, seconds: float) -> float:
+        """By how much the yaw rate has changed lately by what stood on the wire, rad/s; `COURSE_WINDOW` at most."""
+        meant = list(self._meant)[-1 - round(seconds / PERIOD_S) :]
+        return meant[-1] - meant[0] if meant else 0.0
+
     def rear_yaw_rate(self, state: VehicleState, speed: float) -> float:
         """Yaw rate the rear wheels' difference means, rad/s."""
         return self._rear_difference(state) - self._mismatch * speed
@@ -205,9 +216,12 @@ class MotionReader:
 
     def _steered_rate(self, state: VehicleState, speed: float, commanded: Actuators | None) -> float:
         """Yaw rate that the steering angle comes to, by its sensor or else its command, rad/s."""
-        steer = state.steer
-        if not state.sources["steering"].valid:
-            steer = self._asked[0] / self._vehicle.steering_ratio
+        reported = state.sources["steering"].valid
+        steer = state.steer if reported else self._asked[0] / self._vehicle.steering_ratio
+        return self._turn_of(steer, state, speed, commanded)
+
+    def _turn_of(self, steer: float, state: VehicleState, speed: float, commanded: Actuators | None) -> float:
+        """Yaw rate that a road-wheel angle comes to, rad/s."""
         left = BRAKED_UNDERSTEER if self._braked(state, commanded) > BRAKED else 1.0
         return speed * math.tan(steer) / (self._vehicle.wheelbase + left * self._understeer * speed**2)
 

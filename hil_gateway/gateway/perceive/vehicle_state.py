@@ -113,6 +113,19 @@ class VehicleStateBuilder:
         """Seconds since the last frame of `message`, plausible or not; infinite before the first."""
         return _age_s(self._by_name[message].stamp_ns, now_ns)
 
+    @property
+    def newest_ns(self) -> int:
+        """When the newest frame of the car that could be decoded came; 0 before the first."""
+        return self._newest_ns or 0
+
+    def counter(self, message: str) -> int | None:
+        """Newest rolling counter of a message that has one; None before the first."""
+        return self._by_name[message].counter
+
+    def layout(self, message: str) -> FrameLayout:
+        """Of a message of the car."""
+        return self._by_name[message].layout
+
     def heard(self, message: str) -> bool:
         """Whether a frame of `message` has ever come."""
         return self._by_name[message].stamp_ns is not None

@@ -1,0 +1,73 @@
+"""How late the frames of a bus are that was silent and goes on where it stopped: they waited somewhere.
+
+The counter of a message is the clock of its sender. Frames that were lost leave a gap in it; frames that waited do not,
+and are late by what the clock is behind since the silence began. What they say is right, of a moment ago.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
+from hil_gateway.process.clock import NS_PER_S
+
+CLOCK = "brake_pressure_report"
+"""a message of the drive-by-wire node with a counter, 100 Hz"""
+SILENT_S = 0.05
+"""without any frame: five periods of the fastest reports"""
+LEAST_S = 0.03
+"""three periods; less is jitter"""
+
+
+class Lateness:
+    """Once a period; nothing is late before the first silence."""
+
+    def __init__(self, builder: VehicleStateBuilder) -> None:
+        self._builder = builder
+        layout = builder.layout(CLOCK)
+        assert layout.counter is not None
+        self._period_ns, self._modulus = round(layout.period_s * NS_PER_S), layout.counter.modulus
+        self._newest_ns = self._since_ns = 0
+        """when frames last came, and when the silence began after which the clock is read"""
+        self._count: int | None = None
+        self._advanced = 0
+        """frames of the clock since then"""
+        self.late_ns = 0
+        self.pauses = False
+        """whether no frame has come since the period before"""
+
+    def step(self, now_ns: int) -> int:
+        """How late the frames are that come now, ns; 0 where none come."""
+        newest_ns, count = self._builder.newest_ns, self._builder.counter(CLOCK)
+        self.pauses = newest_ns == self._newest_ns
+        silent = newest_ns - self._newest_ns > SILENT_S * NS_PER_S
+        if silent and not self._since_ns and self._count is not None:
+            self._since_ns, self._advanced = self._newest_ns, 0
+        if self._since_ns and count != self._count and count is not None and self._count is not None:
+            self._advanced += (count - self._count) % self._modulus
+            self.late_ns = newest_ns - self._since_ns - self._advanced * self._period_ns
+            if self.late_ns < LEAST_S * NS_PER_S:
+                self.forget()
+        self._newest_ns, self._count = newest_ns, count
+        return self.late_ns
+
+    def forget(self) -> None:
+        """Until the next silence: clocks differ, and in a long time add up to a lateness that is none."""
+        self._since_ns = self.late_ns = 0
+
+
+def brought_up(
+    motion: Motion, pose: Pose | None, ax: float, turned: float, late_s: float
+) -> tuple[Motion, Pose | None]:
+    """Motion and pose of now from those of `late_s` ago, since when the car goes on with `ax` (m/s2) along it and its
+    yaw rate has changed by `turned` (rad/s)."""
+    speed, middle_rate = max(motion.speed + ax * late_s, 0.0), motion.yaw_rate + 0.5 * turned
+    now = replace(motion, speed=speed, yaw_rate=motion.yaw_rate + turned)
+    if pose is None:
+        return now, None
+    middle, way = pose.yaw + pose.slip + 0.5 * middle_rate * late_s, 0.5 * (motion.speed + speed) * late_s
+    x, y = pose.x + way * math.cos(middle), pose.y + way * math.sin(middle)
+    return now, Pose(x, y, pose.yaw + middle_rate * late_s, speed, pose.slip)
