@@ -301,7 +301,8 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     ),
     CarFault("drive-by-wire node silent", DRIVE_BY_WIRE, ("state_invalid",), 0.2, "age of its reports", _lost),
     CarFault(
-        "every frame 0.1 s late", EVERYTHING, ("can_silent",), 0.2, "silence, while they wait", delay_s=0.1
+        "every frame 0.1 s late", EVERYTHING, ("can_silent",), 0.2,
+        "silence, while they wait; then their counters tell how late they are", delay_s=0.1
     ),
     CarFault("front left tyre flat", (), _FLAT, 0.6, "its pressure", flat="fl"),
     CarFault("rear right tyre flat", (), _FLAT, 0.6, "its pressure", flat="rr"),
