@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import Actuators
@@ -30,6 +31,10 @@ SETTLES = 150
 """periods (1.5 s) before a wrong IMU is found, in which it may have taught what is wrong"""
 UNDERSTEER_MOST = 2e-3
 """rad per m/s2 of lateral force: a car that turns at 80 m/s a fifth of what its steering angle means"""
+UNDERSTEER_LEAST = -1e-3
+"""a car whose front tyres are a quarter better than its rear ones, under the brakes"""
+SHORTEST_SHARE = 0.4
+"""of the wheelbase at least that a car turns as if it had: one that oversteers more is not steady"""
 BRAKED_UNDERSTEER = 0.5
 """of the understeer is left under the brakes: they load the front axle, and it was learnt mostly under power"""
 TURNS_IN_S = 1.5e-3
@@ -88,6 +93,35 @@ class Motion:
     """whether the gyro is one with what it is wrong by taken back: the rest of that adds up, and fixes correct it"""
 
 
+class _Taught(NamedTuple):
+    """What the IMU has taught."""
+
+    understeer: float
+    """rad of steering angle a m/s2 of lateral force, with the brakes off"""
+    braked: float
+    """the same under the brakes"""
+    brakes: float
+    """share of the declared force that the brakes make"""
+
+
+class _Understeer:
+    """Steering angle beyond an expected one a m/s2 of lateral force; least squares over the last two seconds of it."""
+
+    def __init__(self, begins: float = 0.0) -> None:
+        self._angles, self._forces = begins, 1.0
+        """sums of a_y times that angle, rad m/s2, and of a_y^2"""
+
+    def learn(self, beyond: float, ay: float) -> None:
+        """A period."""
+        self._angles += UNDERSTEER_LEARNT * (beyond * ay - self._angles)
+        self._forces += UNDERSTEER_LEARNT * (ay**2 - self._forces)
+
+    @property
+    def value(self) -> float:
+        """rad a m/s2."""
+        return self._angles / max(self._forces, 1.0)
+
+
 class MotionReader:
     """Picks, every period, the best source that is valid.
 
@@ -106,10 +140,10 @@ class MotionReader:
         self._vehicle = vehicle
         self._per_pa = brake_force_per_pa / vehicle.mass
         self._drag = 0.5 * vehicle.air_density * vehicle.drag_area / vehicle.mass
-        self._angles, self._forces = UNDERSTEER, 1.0
-        """sums of a_y times the steering angle beyond that of a slow car, and of a_y^2, lately"""
-        self._taught: deque[tuple[float, float]] = deque([(UNDERSTEER, 1.0)], maxlen=SETTLES)
-        """understeer, and share of the declared force that the brakes make, of the last periods with an IMU"""
+        self._rolling, self._braked_beyond = _Understeer(UNDERSTEER), _Understeer()
+        """with the brakes off; what it is under them beyond its share"""
+        self._taught: deque[_Taught] = deque([self._teaches(1.0)], maxlen=SETTLES)
+        """of the last periods with an IMU"""
         self._brakes = 1.0
         """that share by now"""
         self._mismatch_front = self._mismatch = 0.0
@@ -174,7 +208,7 @@ class MotionReader:
         by_gyro = inertial is not None
         prompt = by_gyro or (course is not None and self._wheels_tell)
         repaired = by_gyro and not imu
-        self.motion = Motion(speed, yaw_rate, force, by_gyro, self._understeer, prompt, wheels, repaired)
+        self.motion = Motion(speed, yaw_rate, force, by_gyro, self._learnt.understeer, prompt, wheels, repaired)
         return self.motion
 
     def teach(self, now_ns: int, state: VehicleState, estimate: Estimate) -> None:
@@ -222,30 +256,30 @@ class MotionReader:
 
     def _turn_of(self, steer: float, state: VehicleState, speed: float, commanded: Actuators | None) -> float:
         """Yaw rate that a road-wheel angle comes to, rad/s."""
-        left = BRAKED_UNDERSTEER if self._braked(state, commanded) > BRAKED else 1.0
-        return speed * math.tan(steer) / (self._vehicle.wheelbase + left * self._understeer * speed**2)
+        learnt, length = self._learnt, self._vehicle.wheelbase
+        understeer = learnt.braked if self._braked(state, commanded) > BRAKED else learnt.understeer
+        return speed * math.tan(steer) / max(length + understeer * speed**2, SHORTEST_SHARE * length)
 
     @property
-    def _understeer(self) -> float:
-        return self._learnt[0]
-
-    @property
-    def _learnt(self) -> tuple[float, float]:
-        """Understeer and share of the brakes to go by."""
+    def _learnt(self) -> _Taught:
+        """What to go by."""
         return self._taught[0 if self.imu_wrong else -1]
 
     def _learn(self, state: VehicleState, speed: float) -> None:
         """What a stop without an IMU goes by."""
-        self._learn_understeer(state, speed)
-        self._learn_brakes(state, speed)
-        understeer = min(max(self._angles / max(self._forces, 1.0), 0.0), UNDERSTEER_MOST)
-        self._taught.append((understeer, self._brakes))
-
-    def _learn_understeer(self, state: VehicleState, speed: float) -> None:
-        """Steering angle beyond L r / v a m/s2 of lateral force; least squares over the last two seconds."""
         beyond = math.tan(state.steer) - self._vehicle.wheelbase * state.yaw_rate / speed
-        self._angles += UNDERSTEER_LEARNT * (beyond * state.ay - self._angles)
-        self._forces += UNDERSTEER_LEARNT * (state.ay**2 - self._forces)
+        if self._pressed(state) > BRAKED:
+            expected = BRAKED_UNDERSTEER * self._taught[-1].understeer * state.ay
+            self._braked_beyond.learn(beyond - expected, state.ay)
+        else:
+            self._rolling.learn(beyond, state.ay)
+        self._learn_brakes(state, speed)
+        self._taught.append(self._teaches(self._brakes))
+
+    def _teaches(self, brakes: float) -> _Taught:
+        understeer = min(max(self._rolling.value, 0.0), UNDERSTEER_MOST)
+        braked = BRAKED_UNDERSTEER * understeer + self._braked_beyond.value
+        return _Taught(understeer, min(max(braked, UNDERSTEER_LEAST), UNDERSTEER_MOST), brakes)
 
     def _learn_brakes(self, state: VehicleState, speed: float) -> None:
         """Longitudinal specific force beside drag over that of the pressures as declared."""
@@ -292,7 +326,7 @@ class MotionReader:
         if commanded is None or commanded.accelerator > 0.0:
             return 0.0
         pressed = (commanded.brake_front + commanded.brake_rear) * self._per_pa
-        return self._learnt[1] * pressed + self._drag * self.motion.speed**2
+        return self._learnt.brakes * pressed + self._drag * self.motion.speed**2
 
     def _by_repair(self, state: VehicleState, speed: float, course: Course | None) -> tuple[float, float] | None:
         """Yaw rate (rad/s) and lateral specific force (m/s2) of an IMU that has a repair."""

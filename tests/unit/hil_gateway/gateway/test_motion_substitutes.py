@@ -86,6 +86,21 @@ def test_with_nothing_reported_the_brakes_take_half_of_the_understeer() -> None:
     assert reader.motion.yaw_rate == pytest.approx(turns, rel=0.06)
 
 
+def test_with_nothing_reported_the_car_turns_under_the_brakes_as_it_has_under_them() -> None:
+    """A car that oversteers when braking loads its better front tyres."""
+    speed, half_pa = 40.0, 0.5 * 8.0 * CAR.mass / PER_PA
+    steer = 8.0 / speed**2 * (CAR.wheelbase - 0.5 * UNDERSTEER * speed**2)
+    turns = driving(speed, steer, sources=True).model_copy(update={"yaw_rate": 8.0 / speed, "ay": 8.0})
+    braking = turns.model_copy(update={"brake_front": half_pa, "brake_rear": half_pa})
+    asked = Actuators(CAR.steering_ratio * steer, 0.0, half_pa, half_pa, 4)
+    reader = MotionReader(CAR, PER_PA)
+    now_ns = run(reader, braking, 6.0, 0, asked)
+    run(reader, driving(speed, steer, sources=False), 0.5, now_ns, asked)
+    slower = reader.motion.speed
+    expected = slower * math.tan(steer) / (CAR.wheelbase - 0.5 * UNDERSTEER * slower**2)
+    assert reader.motion.yaw_rate == pytest.approx(expected, rel=0.06)
+
+
 def test_with_nothing_reported_brakes_do_what_the_imu_has_shown_them_to_do() -> None:
     """A car that is heavier than declared and has weaker brakes: 20 % in a stop from 65 m/s are 30 m."""
     reader, half_pa = MotionReader(CAR, PER_PA), 0.5 * 8.0 * CAR.mass / PER_PA
