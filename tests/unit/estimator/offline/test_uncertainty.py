@@ -16,8 +16,8 @@ from estimator.offline.fit.held import MASS_ERROR, ZERO_ERROR, by_declared, by_s
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.unknown_inputs import sampling_effects
-from estimator.offline.result.told import FALSE_ALARM, least_errors, taken_back, untold
-from estimator.offline.result.uncertainty import covariance
+from estimator.offline.result.told import FALSE_ALARM, least_errors, untold
+from estimator.offline.result.uncertainty import covariance, taken_back
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.trial import Setting, fit_names
@@ -89,15 +89,14 @@ def test_of_sizes_that_are_not_there_none_is_told_from_nothing_in_nineteen_logs_
     assert np.mean(np.abs(sizes).max(axis=1) > least_errors(candidates)) == pytest.approx(FALSE_ALARM, rel=0.1)
 
 
-def test_an_effect_that_may_be_nothing_or_of_either_sign_is_not_told_from_nothing(pair: Fit) -> None:
-    names, spread, least = ("aero_drag", "steer_offset"), covariance(pair), 3.0
+def test_an_effect_is_told_from_nothing_by_the_error_that_is_stated_of_it(pair: Fit) -> None:
+    names, least = ("aero_drag", "steer_offset"), 3.0
     (drag,) = (b.parameters.start for b in pair.predictor.blocks if b.effect.name == "aero_drag")
-    wide, none, half, opposite = spread.copy(), *(pair.parameters.copy() for _ in range(3))
-    wide[drag, drag] = pair.parameters[drag] ** 2
-    none[drag], half[drag], opposite[drag] = 0.0, 0.5 * none[drag], -none[drag]
-    assert untold(pair, (half,), spread, names, least) == ()
-    for others, errors in (((), wide), ((none,), spread), ((half, opposite), spread)):
-        assert untold(pair, others, errors, names, least) == ("aero_drag",)
+    for moved, named in ((0.0, names), (0.1, names), (0.5, names[1:]), (-0.5, names[1:])):
+        there = pair.parameters.copy()
+        there[drag] *= 1.0 + moved
+        stated = covariance(pair, Fit(pair.predictor, there, pair.normal, pair.noise))
+        assert set(names) - set(untold(pair, stated, names, least)) == set(named)
 
 
 def test_a_constant_that_a_spline_takes_back_is_as_small_as_both_are_together(drives: dict[str, Any]) -> None:
@@ -116,4 +115,6 @@ def test_a_constant_that_a_spline_takes_back_is_as_small_as_both_are_together(dr
         parameters[rolling] = 400.0
         back = np.linalg.lstsq(basis.matrix(drive), np.where(drive < 0.0, coasting / mass, 0.0), rcond=None)[0]
         parameters[spline] = back
-        assert taken_back(replace(done, parameters=parameters))[rolling][0] == pytest.approx(smallest, abs=60.0)
+        beside = replace(done, parameters=parameters)
+        assert taken_back(beside)[rolling][0] == pytest.approx(smallest, abs=60.0)
+        assert np.sqrt(covariance(beside)[rolling, rolling][0, 0]) > 400.0 - smallest - 60.0
