@@ -1,4 +1,4 @@
-"""Effects that explain less of an accelerometer's channel than is left unexplained there.
+"""Effects that explain less of what an accelerometer or the gyroscope shows than is left unexplained there.
 
 They may only stand in for what leaves that, and are no finding. Not of a car that shows what every car has: the rest
 of that is no stand-in.

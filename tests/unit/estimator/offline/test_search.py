@@ -103,13 +103,13 @@ def test_what_takes_out_the_mean_of_a_force_that_comes_and_goes_explains_less_th
     assert explains_more_than_is_left(effect, gain.channel, start, done) == there
 
 
-@pytest.mark.parametrize(("unexplained", "named"), [(0.0, True), (3.0, False)])
-def test_what_turns_the_car_is_named_only_where_it_explains_more_of_the_lateral_force_than_is_left(
-    drives: dict[str, Any], unexplained: float, named: bool
+@pytest.mark.parametrize(("row", "unexplained", "named"), [(1, 0.0, True), (1, 3.0, False), (2, 0.1, False)])
+def test_what_turns_the_car_is_named_only_where_it_explains_more_of_lateral_force_and_turning_than_is_left(
+    drives: dict[str, Any], row: int, unexplained: float, named: bool
 ) -> None:
     record = record_of(drives["play"])
     measured = record.measured.copy()
-    measured[1] += unexplained * np.sign(np.sin(record.signals["t"]))
+    measured[row] += unexplained * np.sign(np.sin(record.signals["t"]))
     record = replace(record, measured=measured).select(np.arange(record.windows) % 12 == 0)
     setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
     start = fit_names(setting, (), None)
