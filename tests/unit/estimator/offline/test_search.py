@@ -184,7 +184,8 @@ def test_what_stands_in_is_removed_unless_the_car_shows_what_every_car_has(drive
     record = record_of(drives["pulses"])
     record = record.select(np.arange(record.windows) % 4 == 0)
     setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
-    for names, kept in ((["front_brake"], False), (["front_brake", "aero_drag"], True)):
+    alone, two = ["front_brake"], ["front_brake", "aero_drag"]
+    for names, kept in ((alone, False), (two, False), ([*two, "rolling_resistance"], True)):
         done = fit_names(setting, names, None)
         checked, _ = without_stand_ins(setting, check_each(setting, names, done, _quiet), done, _quiet)
         assert ("front_brake" in checked.gains) == kept
