@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -39,9 +38,8 @@ def test_the_scatter_of_a_mean_over_few_stretches_is_that_of_student() -> None:
     gradient[0, :, 0], hessian[0, :, 0, 0] = each * at, each
     squares, none = np.ones((5, stretches)), np.zeros((1, 1))
     normal = Normal(squares, gradient, hessian, np.full(stretches, each), none, np.zeros(1), np.ones(5))
-    found = Fit.jackknife_variance.func(SimpleNamespace(normal=normal))  # type: ignore[attr-defined]
     half_width = student.ppf(0.975, stretches - 1) * means.std(ddof=1) / np.sqrt(stretches)
-    assert 1.96 * np.sqrt(found[0]) == pytest.approx(half_width, rel=1e-3)
+    assert 1.96 * np.sqrt(normal.jackknife_variance[0]) == pytest.approx(half_width, rel=1e-3)
 
 
 def test_a_mass_that_is_off_moves_the_drag_in_proportion(pair: Fit) -> None:
@@ -63,6 +61,22 @@ def test_a_size_is_as_unsure_as_it_moves_without_an_empirical_term(pair: Fit) ->
     added = np.diag(covariance(pair, without)) - np.diag(covariance(pair))
     assert added[drag] == pytest.approx(0.09)
     assert np.allclose(np.delete(added, drag), 0.0)
+
+
+@pytest.mark.parametrize(("laps", "scatters"), [(4, True), (3, False)])
+def test_a_size_that_differs_from_lap_to_lap_is_as_unsure_as_that(
+    drives: dict[str, Any], laps: int, scatters: bool
+) -> None:
+    record = record_of(drives["none"])
+    number = np.minimum(np.arange(len(record.lap_of_row)) * laps // len(record.lap_of_row), laps - 1)
+    pushed = record.measured + np.outer([1.0, 0.0, 0.0, 0.0, 0.0], 0.4 * (-1.0) ** number)
+    record = replace(record, measured=pushed, lap_of_row=number)
+    record = replace(record, lap=held_out_in_turn(record.windows))
+    done = fit_names(Setting(record, "per_axle", PRIOR), ("rolling_resistance",), None)
+    (force,) = (b.parameters for b in done.predictor.blocks if b.effect.name == "rolling_resistance")
+    error = np.sqrt(covariance(done)[force, force][0, 0])
+    stretches = np.sqrt(done.normal.jackknife_variance[force][0])
+    assert (error > 1.5 * stretches) == scatters
 
 
 def test_the_zero_of_the_accelerometer_moves_a_bank_of_the_whole_lap_unless_it_is_fitted(
