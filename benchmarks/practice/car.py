@@ -62,6 +62,9 @@ SIZES: dict[str, tuple[float, float, bool]] = {
     "wind/drag_only": (5.0, 12.0, False),
     "turn_asymmetry/steer": (0.03, 0.08, True),
     "steer_play/dahl": (0.004, 0.01, False),
+    "front_brake/valve": (0.4, 0.7, False),
+    "load_transfer/slow": (0.25, 0.5, False),
+    "wind/turning": (5.0, 12.0, False),
 }
 
 SIZES |= {name: sizes for name, (sizes, _, _) in outside.EFFECTS.items()}
@@ -121,27 +124,35 @@ class Car:
 
     def slips(self, vx: Array, vy: Array, rate: Array, steer: Array) -> tuple[Array, Array]:
         """Slip angles, Eq. (3)."""
-        return steer - np.arctan2(vy + self.lf * rate, vx), -np.arctan2(vy - self.lr * rate, vx)
+        behind = outside.steered_behind(self.size, vx, rate)
+        return steer - np.arctan2(vy + self.lf * rate, vx), behind - np.arctan2(vy - self.lr * rate, vx)
 
     def longitudinal(self, at: Motion) -> tuple[Array, Array, Array]:
         """Longitudinal force of front and rear tyres and on the body, N."""
         s, vx, drive, cx = self.size, at.vx, at.drive, self.tyre["cx"]
-        front_x = s["front_brake"] * np.minimum(drive, 0.0) * cx
+        valve = s["front_brake/valve"] * np.minimum(-drive / 0.06, 1.0)
+        front_x = (s["front_brake"] + valve) * np.minimum(drive, 0.0) * cx
         rear_x = cx * outside.driven(s, at, self.local) - front_x
         rear_x = rear_x - (s["engine_braking"] + s["engine_braking/speed"] * vx / 30.0) * (drive <= 0)
         rear_x = rear_x - s["engine_braking/coast"] * (np.abs(drive) < 0.0012)
         rear_x = self.fmax * np.tanh(rear_x / self.fmax)
         rear_x = self.fmagic * np.sin(1.5 * np.arctan(rear_x / (1.5 * self.fmagic)))
-        against = at.yaw - self.wind_from
-        wind = s["wind"] + s["wind/drag_only"]
+        against = self._into_wind(at)
+        wind = s["wind"] + s["wind/drag_only"] + s["wind/turning"]
         air_x = vx - wind * np.cos(against)
         body_x = -s["aero_drag"] * vx * vx - s["rolling_resistance"] - 0.516 * (air_x * np.abs(air_x) - vx * vx)
         return front_x, rear_x, body_x + outside.forward_force(s, at, self.local)
+
+    def _into_wind(self, at: Motion) -> Array:
+        """Angle, rad, of the car from where the wind comes, which turns by a radian in five minutes."""
+        turned = np.where(self.size["wind/turning"] > 0, at.t / 300.0, 0.0)
+        return np.asarray(at.yaw - self.wind_from - turned)
 
     def peaks(self, at: Motion, slip: tuple[Array, Array]) -> tuple[Array, Array]:
         """D F_z of both axles, N."""
         s, t, vx = self.size, at.t, at.vx
         transfer = s["load_transfer"] * self.mass * at.ax_before / self.wheelbase
+        transfer = transfer + s["load_transfer/slow"] * self.mass * at.ax_slow / self.wheelbase
         down = s["aero_downforce"] * vx * vx
         fz_f, fz_r = self.front + 0.4 * down - transfer, self.rear + 0.6 * down + transfer
         grip = 1 + s["grip_drift"] * t + s["grip_drift/warmup"] * (1 - np.exp(-t / WARM_UP_S))
@@ -170,7 +181,8 @@ class Car:
         )
         fy_f = peak_f * curve_f * self.left_over(front_x, peak_f, 0 * vx)
         fy_r = peak_r * curve_r * self.left_over(rear_x, peak_r, at.drive)
-        body_y = 0.7 * s["wind"] * np.sin(self.wind_from - at.yaw) * vx + outside.side_force(s, at, self.local)
+        blown = s["wind"] + s["wind/turning"]
+        body_y = 0.7 * blown * np.sin(-self._into_wind(at)) * vx + outside.side_force(s, at, self.local)
         sin, cos = np.sin(at.steer), np.cos(at.steer)
         moment = -s["yaw_damping"] * rate + outside.moment(s, at, self.local)
         mass = self.mass * outside.mass(s, at)

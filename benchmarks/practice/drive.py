@@ -37,7 +37,8 @@ LAPS = 8
 CAREFUL = (
     "combined_slip", "load_transfer", "load_sensitivity", "grip_", "speed_stall", "turn_asymmetry", "gust", "puncture",
     "brake_oversteer", "temperature_grip", "kerb", "right_push", "short_gusts", "tyre_heat", "slosh", "front_stall",
-    "slow_puncture", "pressure_peak", "damaged_floor", "camber_thrust", "kerb_yaw", "wall_gap",
+    "slow_puncture", "pressure_peak", "damaged_floor", "camber_thrust", "kerb_yaw", "wall_gap", "wet_spells",
+    "rear_patch", "rear_steer",
 )  # fmt: skip
 CAREFUL_PACE = 0.87
 """The driver is so much slower in a car that has less grip than the reference speed presumes."""
@@ -204,7 +205,7 @@ class _Fleet:
         self.hold = STATIONS / np.round(tracks.length / 2.5)
         self.angle, self.torque, self.lagging, self.wheel, self.wheel_rate = np.zeros((5, n))
         self.slack, self.ay, self.slosh, self.heat, self.stuck = np.zeros((5, n))
-        self.bent, self.asked, self.brake_heat = np.zeros((3, n))
+        self.bent, self.asked, self.brake_heat, self.ax_slow = np.zeros((4, n))
 
     def act(self) -> None:
         """What the driver does, and what of it reaches wheels and axle."""
@@ -238,6 +239,7 @@ class _Fleet:
         at = self.tick * self.step + 40.0 * self.rows
         self.temperature = 80.0 + 14.0 * np.sin(at / 47.0) + 9.0 * np.sin(at / 18.0)
         self.slosh += self.step / outside.SLOSH_S * (self.ay - self.slosh)
+        self.ax_slow += self.step / outside.SPRINGS_S * (self.ax - self.ax_slow)
         self.heat += self.step / outside.HEAT_S * (self.ay**2 / 100.0 - self.heat)
         braking = np.clip(-self.torque / 0.05, 0.0, 1.0)
         self.stuck = np.maximum(self.stuck * (1 - self.step / outside.RELEASE_S), braking)
@@ -274,7 +276,7 @@ class _Fleet:
         used = (np.where(sigma > 0, a_f, slip[0]), np.where(sigma > 0, a_r, slip[1]))
         motion = Motion(
             self.tick * self.step, share, yaw, vx, vy, rate, steer, self.torque, self.ax, self.flap, self.temperature,
-            self.slosh, self.heat, self.stuck, self.brake_heat,
+            self.slosh, self.heat, self.stuck, self.brake_heat, self.ax_slow,
         )  # fmt: skip
         ax, ay, yaw_acc, vx_dot, vy_dot = self.car.accelerations(motion, used)
         kappa = self.tracks.curvature[self.rows, (share % 1.0 * STATIONS).astype(int) % STATIONS]

@@ -18,5 +18,9 @@ def recorded(s: Mapping[str, float], columns: Mapping[str, Array], t: Array, mom
     for effect, names in LATE.items():
         out |= {name: np.interp(t - s.get(effect, 0.0), t, out[name]) for name in names}
     out["yaw_rate"] = out["yaw_rate"] + s.get("gyro_drift", 0.0) * np.minimum(t / 400.0, 1.0)
+    out["ax"] = out["ax"] + s.get("ax_drift", 0.0) * np.minimum(t / 400.0, 1.0)
+    if every := s.get("held_positions", 0.0):
+        at = np.maximum(np.searchsorted(t, np.floor(t / every) * every + 1e-9) - 1, 0)
+        out |= {name: out[name][at] for name in ("x", "y")}
     out["vx"] = out["vx"] * (1 + s.get("wheel_speed", 0.0) * out["drive"] / 0.05)
     return out | {"t": t + s.get("clock_jump", 0.0) * (t > moment_s)}

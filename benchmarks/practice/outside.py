@@ -76,7 +76,19 @@ EFFECTS: dict[str, tuple[tuple[float, float, bool], set[str], set[str]]] = {
     "wall_gap": ((15.0, 40.0, True), LATERAL, {"track_position"}),
     "gyro_drift": ((0.006, 0.015, True), LATERAL, {"t"}),
     "wheel_speed": ((0.02, 0.05, False), FORWARD, {"drive", "drive_rate", "throttle", "brake"}),
+    "wet_spells": ((0.08, 0.2, False), LATERAL, {"t"}),
+    "rear_patch": ((0.08, 0.18, False), LATERAL, {"track_position"}),
+    "rear_steer": ((4e-4, 1e-3, True), LATERAL, {"ay", "steer", "yaw_rate", "turn_direction"}),
+    "brake_steer": ((0.002, 0.006, True), LATERAL, {"drive", "brake"}),
+    "progressive_rack": ((0.1, 0.25, True), LATERAL, {"steer", "yaw_rate", "ay", "vx"}),
+    "coast_lock": ((400.0, 1200.0, False), {"yaw_acc"}, {"drive", "yaw_rate", "turn_direction", "ay", "steer", "vx"}),
+    "hot_engine": ((0.15, 0.35, False), FORWARD, {"t", "drive", "throttle"}),
+    "engine_surge": ((300.0, 800.0, False), FORWARD, {"t", "drive"}),
+    "standing_water": ((15.0, 40.0, False), FORWARD, {"track_position", "t"}),
+    "headwind_gusts": ((8.0, 20.0, True), FORWARD, {"t"}),
+    "ax_drift": ((0.3, 0.8, True), {"ax"}, {"t"}),
     # nothing that a car does
+    "held_positions": ((0.1, 0.2, False), set(), set()),
     "vibration": ((1.0, 2.5, False), set(), set()),
     "spikes": ((3.0, 9.0, True), set(), set()),
     "position_lag": ((0.1, 0.3, False), set(), set()),
@@ -86,6 +98,10 @@ EFFECTS: dict[str, tuple[tuple[float, float, bool], set[str], set[str]]] = {
 SLOSH_S, HEAT_S, DRIFT_S, RELEASE_S, RESONANCE = 0.6, 60.0, 0.5, 4.0, 2 * 3.141592653589793 * 4.0
 """s: lag of what moves in the car, of the heat of the tyres, correlation of an accelerometer's noise, release of a
 brake that sticks; rad/s of the wheels about their steering axis"""
+SURGE = 2 * 3.141592653589793 * 1.3
+"""rad/s of an engine that surges"""
+SPRINGS_S = 0.3
+"""s: lag of the axle loads behind ax on soft springs"""
 BRAKE_HEAT_S = 40.0
 """s: time constant by which brakes cool"""
 COLUMNS, CAUSED_BY_COLUMN = ("flap", "tyre_temperature"), {"channel_force", "temperature_grip"}
@@ -131,6 +147,8 @@ class Motion:
     """share of the largest braking that a brake which sticks still remembers"""
     brake_heat: Array
     """of the brakes, by their power over a tenth of that of braking at 40 m/s"""
+    ax_slow: Array
+    """ax as springs follow it, m/s2"""
 
 
 def above(value: Array, threshold: float, width: float) -> Array:
@@ -145,10 +163,12 @@ def grip(s: Sizes, at: Motion, local: Local) -> tuple[Array, Array]:
     both = both * (1 - s["tyre_heat"] * np.minimum(at.heat, 1.0))
     both = both * (1 - s["pressure_peak"] * min((at.t - 250.0) / 300.0, 1.2) ** 2)
     both = both * (1 - s["damaged_floor"] * (at.vx / 40.0) ** 2 * (at.t > local.moment))
+    both = both * (1 - s["wet_spells"] * local.recurring(at.t, 0.4, 2.5))
     braking = np.clip(-at.drive / 0.05, 0.0, 1.0)
     flat = s["puncture"] * (at.t > local.moment) + s["slow_puncture"] * np.clip((at.t - local.moment) / 100.0, 0, 1)
     front = both * (1 - s["front_stall"] * above(at.vx, 38.0, 1.0))
-    return front, both * (1 - flat) * (1 - s["brake_oversteer"] * braking)
+    rear = both * (1 - s["rear_patch"] * local.inside(at.share, 0.06))
+    return front, rear * (1 - flat) * (1 - s["brake_oversteer"] * braking)
 
 
 def stiffness(s: Sizes, at: Motion) -> Array:
@@ -169,6 +189,9 @@ def forward_force(s: Sizes, at: Motion, local: Local) -> Array:
     air = air + s["slipstream"] * local.recurring(at.t, 0.45, 7.0)
     against = against + s["sticky_brake"] * at.stuck
     against = against + s["slip_drag"] * at.vy**2
+    against = against + s["standing_water"] * at.vx * local.inside(at.share, 0.05) * (at.t > local.moment)
+    against = against + s["headwind_gusts"] * at.vx * local.recurring(at.t, 0.3, 9.0)
+    pulse = pulse + s["engine_surge"] * np.sin(SURGE * at.t) * (at.drive > 0.002)
     return np.asarray(s["channel_force"] * at.flap + pulse - against + air * at.vx**2)
 
 
@@ -189,21 +212,30 @@ def moment(s: Sizes, at: Motion, local: Local) -> Array:
     vectored = s["vectoring"] * push * np.tanh(at.steer / 0.02)
     pulled = s["brake_pull"] * np.clip(-at.drive / 0.05, 0.0, 1.5)
     pulled = pulled + s["kerb_yaw"] * local.inside(at.share, 0.02)
+    locked = locked + s["coast_lock"] * np.tanh(at.rate / 0.1) * (at.drive < 0)
     return np.asarray(s["throttle_yaw"] * push + vectored + pulled - locked - s["slosh"] * at.slosh)
 
 
 def steered(s: Sizes, at_wheel: Array, vx: Array, rate: Array, drive: Array) -> Array:
     """Road-wheel angle that is left of the one applied, and what the drive adds to it."""
     left = at_wheel * (1 - s["steer_compliance"] * (vx / 40.0) ** 2) - s["load_compliance"] * vx * rate
+    left = left + s["progressive_rack"] * at_wheel * np.minimum(np.abs(at_wheel) / 0.1, 1.5)
+    left = left + s["brake_steer"] * np.clip(-drive / 0.05, 0.0, 1.5)
     return np.asarray(left + s["torque_steer"] * np.maximum(drive, 0.0) / 0.05)
+
+
+def steered_behind(s: Sizes, vx: Array, rate: Array) -> Array:
+    """Angle, rad, of a rear axle that turns as the body rolls."""
+    return np.asarray(s["rear_steer"] * vx * rate)
 
 
 def driven(s: Sizes, at: Motion, local: Local) -> Array:
     """Drive command that reaches the wheels."""
     left = 1 - s["brake_fade"] * np.clip((at.t - 250.0) / 300.0, 0, 1) - s["fade_heat"] * (1 - np.exp(-at.t / 250.0))
+    tired = s["hot_engine"] * np.clip((at.t - 150.0) / 250.0, 0, 1)
     left = left - s["hot_brakes"] * np.minimum(at.brake_heat, 1.5)
     pushed = 1 - s["power_limit"] * above(at.vx, 32.0, 2.0) - s["misfire"] * local.recurring(at.t, 0.03, 60.0)
-    pushed = pushed - s["traction_cut"] * np.clip(np.abs(at.vx * at.rate) / 12.0, 0, 1)
+    pushed = pushed - tired - s["traction_cut"] * np.clip(np.abs(at.vx * at.rate) / 12.0, 0, 1)
     pushed = pushed * np.clip(at.drive / 0.03, 1e-3, 2.0) ** s["torque_curve"]
     pushed = pushed * np.clip(1 - s["throttle_dead_zone"] / np.maximum(at.drive, 1e-9), 0, 1)
     return np.asarray(at.drive * np.where(at.drive < 0, left, pushed))

@@ -20,8 +20,8 @@ from estimator.offline.record.record import Record
 from estimator.offline.record.road import find_road
 from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout, stretches
 from estimator.offline.result.leftover import Leftover, leftovers
-from estimator.offline.result.told import least_errors, taken_back, untold
-from estimator.offline.result.uncertainty import covariance, without_splines
+from estimator.offline.result.told import least_errors, untold
+from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.look_alikes.term import LookAlikeTerm
@@ -85,8 +85,7 @@ class Diagnosis:
         """Accepted effects whose size is not told from nothing: they predict, and may stand in for another cause."""
         possible = candidates(self.fit.predictor.record, self.accepted)
         tried = [b.effect for b in self.fit.predictor.blocks if b.effect.name in self.accepted] + possible
-        others = without_splines(self.fit, self.without_splines), taken_back(self.fit)
-        return untold(self.fit, others, covariance(self.fit), self.accepted, least_errors(tried))
+        return untold(self.fit, self.spread, self.accepted, least_errors(tried))
 
     @property
     def named(self) -> tuple[str, ...]:

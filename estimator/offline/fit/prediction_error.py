@@ -8,10 +8,8 @@ outweigh the others. Normal equations are kept per held-out group: leaving one o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
 
 from estimator.offline.fit.normal import Normal, accumulate, inverse
 from estimator.offline.fit.steps import Coordinates
@@ -55,21 +53,6 @@ class Fit:
         scores = np.einsum("clp,c->pl", self.normal.gradient, 1.0 / self.normal.variance)
         stretches, spread = scores.shape[1], self.covariance @ scores
         return np.asarray(np.sum(spread**2, axis=1) * stretches / max(stretches - 1, 1))
-
-    @cached_property
-    def jackknife_variance(self) -> Array:
-        """(p,) variance of the parameters by leaving out stretches (30 s) in turn.
-
-        A jackknife (Efron and Tibshirani 1993, ch. 11) is right however residuals are correlated inside a stretch.
-        Few stretches tell a variance badly: it is widened as Student's t is over the normal distribution, so that 1.96
-        standard deviations are a 95 % interval.
-        """
-        steps = self.normal.steps_without()
-        stretches = len(steps)
-        if stretches < 2:
-            return np.zeros(steps.shape[1])
-        variance = np.sum((steps - steps.mean(axis=0)) ** 2, axis=0) * (stretches - 1) / stretches
-        return np.asarray(variance * (stdtrit(stretches - 1, 0.975) / ndtri(0.975)) ** 2)
 
     @property
     def squares(self) -> Array:

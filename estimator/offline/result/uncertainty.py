@@ -1,25 +1,35 @@
-"""How far the parameters of a diagnosis may be off: by noise, by what scatters from stretch to stretch, by what is
-declared, by when the sensors were read, and by empirical terms beside them."""
+"""How far the parameters of a diagnosis may be off: by noise, by what scatters from stretch to stretch and from
+lap to lap, by what is declared, by when the sensors were read, and by empirical terms beside them."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from estimator.offline.fit.held import UNIFORM, by_declared, by_sampling, by_zero
 from estimator.offline.fit.prediction_error import Fit, Point
+from estimator.offline.predict.places import PLACES, Place, term_effect
+from estimator.offline.predict.predict import Block, Predictor
 from estimator.offline.record.unknown_inputs import SAMPLED
+from estimator.offline.result.leftover import PLACED
+from estimator.offline.search.plausible import LEAST_STRETCHES
 from estimator.offline.search.trial import warm_start
 from hil_gateway.process.arrays import Array
+
+DRIVEN = 0.01, 0.99
+"""Quantiles of what a term is over a drive: beyond them are seconds."""
 
 
 def covariance(fit: Fit, without: Fit | None = None) -> Array:
     """(p, p) of the parameters; `without` is the same fit without splines, where it has some.
 
     A spline of one signal can take a part of any effect along: which of both is right no residual tells, so that a size
-    is as unsure as it moves without the spline.
+    is as unsure as it moves without the spline, and a constant that one has the law of as unsure as that takes it back.
     """
     ideal = fit.covariance
-    longer = np.sqrt(np.maximum(np.maximum(_within_windows(fit), fit.jackknife_variance) / np.diag(ideal), 1.0))
+    scatter = np.max([_within_windows(fit), fit.normal.jackknife_variance, _between_laps(fit)], axis=0)
+    longer = np.sqrt(np.maximum(scatter / np.diag(ideal), 1.0))
     moves = np.concatenate([by_sampling(fit), by_declared(fit), by_zero(fit), _by_splines(fit, without)])
     found = ideal * np.outer(longer, longer) + moves.T @ moves
     for block in fit.predictor.blocks:
@@ -28,15 +38,51 @@ def covariance(fit: Fit, without: Fit | None = None) -> Array:
     return np.asarray(found)
 
 
-def without_splines(fit: Fit, without: Fit) -> Array:
-    """(p,) parameters of `fit` as they are in the same fit without splines."""
-    return warm_start(fit.predictor, fit.parameters.copy(), without)
-
-
 def _by_splines(fit: Fit, without: Fit | None) -> Array:
-    """(1, p) by which the parameters move where splines are left out."""
-    moved = fit.parameters if without is None else without_splines(fit, without)
-    return np.asarray(moved - fit.parameters)[None]
+    """(1, p) by which the parameters move where splines are left out, or are taken for the constant they take back."""
+    left_out = fit.parameters if without is None else warm_start(fit.predictor, fit.parameters.copy(), without)
+    moves = np.stack([left_out, taken_back(fit)]) - fit.parameters
+    return np.asarray(np.take_along_axis(moves, np.abs(moves).argmax(axis=0)[None], axis=0))
+
+
+def taken_back(fit: Fit) -> Array:
+    """(p,) parameters with each effect that a spline of one signal has the law of as small as both are together.
+
+    The level of such a spline is a convention: a constant force beside one that takes it back wherever the drive pushes
+    no more is as little a resistance as it is a drive. What is taken back at one place, or for some time, is something
+    else there.
+    """
+    sizes = fit.parameters.copy()
+    blocks = {block.effect.name: block for block in fit.predictor.blocks}
+    for place_name, place in PLACES.items():
+        constant = blocks.get(place.constant)
+        for term in blocks.values():
+            beside = term.effect.name == term_effect(place_name, term.effect.cause).name
+            if constant is not None and beside and term.effect.cause not in PLACED:
+                sizes[constant.parameters] += _smallest_change(fit, place, constant, term)
+    return sizes
+
+
+def _smallest_change(fit: Fit, place: Place, constant: Block, term: Block) -> float:
+    """What leads from the size of a constant effect to the smallest that it is together with the term."""
+    record, prior = fit.predictor.record, fit.predictor.table[constant.parameters][0].prior
+    signal = record.signals[term.effect.profile][record.rows].ravel()
+    values = record.bases[term.effect.profile].matrix(signal) @ fit.parameters[term.parameters]
+    off = float(fit.parameters[constant.parameters][0]) - prior
+    together = np.sort(off + place.constant_per_unit(record.vehicle) * np.quantile(values, DRIVEN))
+    return float(np.clip(0.0, *together)) - off
+
+
+def _between_laps(fit: Fit) -> Array:
+    """(p,) variance of the parameters by leaving out laps of the drive in turn; none where there are few.
+
+    What the model lacks acts alike in every stretch of 30 s at one pace, and differs from gentle laps to hard ones.
+    """
+    record, laps = fit.predictor.record, np.unique(fit.predictor.record.window_laps, return_inverse=True)[1]
+    if laps.max() + 1 < LEAST_STRETCHES:
+        return np.zeros(len(fit.parameters))
+    by_lap = Predictor(fit.predictor.model, replace(record, lap=laps))
+    return Point.at(by_lap, fit.parameters, fit.noise).normal().jackknife_variance
 
 
 def _within_windows(fit: Fit) -> Array:

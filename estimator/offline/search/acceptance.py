@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from estimator.model.declared_vehicle import DECLARED, all_candidates
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search.evidence import Evidence
@@ -58,25 +60,28 @@ def worth_a_name(evidence: Evidence, setting: Setting, total: float) -> bool:
 
 
 def explains_more_than_is_left(effect: str, channel: int, without: Fit, final: Fit) -> bool:
-    """Whether an effect that gains most in `channel` takes out more of an accelerometer's variance than `final` leaves
-    beyond noise.
+    """Whether an effect that gains most in `channel` takes out more variance of the sensors that show it than `final`
+    leaves there beyond noise.
 
     Where most has another cause, what gains may stand in for part of that: a force that comes and goes has a mean,
     which any force of the catalogue with the same sign takes out, and a wrong law of the tyres is partly made up for by
-    another steering ratio. Velocities do not tell: a filter follows them.
+    another steering ratio. vx and vy do not tell: a filter follows them.
     """
-    row = ACCELEROMETER.get(channel)
-    if channel == TURNING and "ay" in all_candidates()[effect].channels:
-        row = LATERAL
-    if row is None or not final.predictor.record.used[row]:
-        return True
-    taken_out = without.normal.variance[row] - final.normal.variance[row]
-    return bool(taken_out > _left_beyond_noise(final)[row])
+    taken_out, left = without.normal.variance - final.normal.variance, _left_beyond_noise(final)
+    shown = [row for row in _shown_by(effect, channel) if final.predictor.record.used[row]]
+    return bool(np.all(taken_out[shown] > left[shown]))
+
+
+def _shown_by(effect: str, channel: int) -> tuple[int, ...]:
+    """Rows of the sensors of force or turning that show what gains most in `channel`."""
+    if channel != TURNING:
+        return (ACCELEROMETER[channel],)
+    return (TURNING, LATERAL) if "ay" in all_candidates()[effect].channels else (TURNING,)
 
 
 def leaves_more_than_noise(fit: Fit) -> bool:
-    """Whether either accelerometer shows more than the model and noise explain."""
-    return bool(_left_beyond_noise(fit)[list(ACCELEROMETER.values())].max() > 0.0)
+    """Whether either accelerometer or the gyroscope shows more than the model and noise explain."""
+    return bool(_left_beyond_noise(fit)[[*ACCELEROMETER.values(), TURNING]].max() > 0.0)
 
 
 def _left_beyond_noise(fit: Fit) -> Array:

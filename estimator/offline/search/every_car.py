@@ -27,13 +27,13 @@ SHOWN = 2
 
 def shows_a_real_car(accepted: Sequence[str]) -> bool:
     """Whether enough of what every car has is accepted to expect the rest."""
-    return bool(on_every_car_with(accepted))
+    return sum(all_candidates()[name].on_every_car for name in accepted) >= SHOWN
 
 
-def on_every_car_with(accepted: Sequence[str]) -> list[str]:
-    """Those of the accepted effects that every car has, where they are enough to expect the rest."""
+def expected_by_others(accepted: Sequence[str]) -> list[str]:
+    """Those of the accepted effects that every car has and that the others are enough to expect."""
     every = [name for name in accepted if all_candidates()[name].on_every_car]
-    return every if len(every) >= SHOWN else []
+    return [name for name in every if shows_a_real_car([other for other in every if other != name])]
 
 
 def with_every_car(setting: Setting, accepted: Sequence[str], current: Fit) -> tuple[list[str], Fit]:

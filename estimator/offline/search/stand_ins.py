@@ -1,4 +1,4 @@
-"""Effects that explain less of an accelerometer's channel than is left unexplained there.
+"""Effects that explain less of what an accelerometer or the gyroscope shows than is left unexplained there.
 
 They may only stand in for what leaves that, and are no finding. Not of a car that shows what every car has: the rest
 of that is no stand-in.
@@ -11,7 +11,7 @@ from collections.abc import Callable
 from estimator.model.declared_vehicle import DECLARED
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search.acceptance import explains_more_than_is_left, leaves_more_than_noise
-from estimator.offline.search.every_car import on_every_car_with
+from estimator.offline.search.every_car import expected_by_others
 from estimator.offline.search.greedy import Checked, check_each
 from estimator.offline.search.trial import Setting, fit_names
 
@@ -32,6 +32,6 @@ def no_stand_ins(setting: Setting, checked: Checked, fit: Fit) -> list[str]:
     names = tuple(checked.gains)
     if not leaves_more_than_noise(fit):
         return [*names]
-    sure = {*setting.found_road, *DECLARED, *on_every_car_with(names)}
+    sure = {*setting.found_road, *DECLARED, *expected_by_others(names)}
     without, gains = checked.without, checked.gains
     return [n for n in names if n in sure or explains_more_than_is_left(n, gains[n].channel, without[n], fit)]

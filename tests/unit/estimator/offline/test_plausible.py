@@ -81,7 +81,7 @@ def test_a_scale_of_the_brakes_is_no_sign_of_brakes_at_the_front(drives: dict[st
         parameters[row : row + 2] = share, 0.7
         off = replace(done, parameters=parameters)
         assert there(off, "front_brake") == named
-        assert untold(off, (), done.covariance, ("front_brake",), LEAST_ERRORS) == (() if named else ("front_brake",))
+        assert untold(off, done.covariance, ("front_brake",), LEAST_ERRORS) == (() if named else ("front_brake",))
 
 
 def test_the_steering_scale_is_not_tried_where_the_place_of_vy_is_fitted(drives: dict[str, Any]) -> None:

@@ -103,13 +103,13 @@ def test_what_takes_out_the_mean_of_a_force_that_comes_and_goes_explains_less_th
     assert explains_more_than_is_left(effect, gain.channel, start, done) == there
 
 
-@pytest.mark.parametrize(("unexplained", "named"), [(0.0, True), (3.0, False)])
-def test_what_turns_the_car_is_named_only_where_it_explains_more_of_the_lateral_force_than_is_left(
-    drives: dict[str, Any], unexplained: float, named: bool
+@pytest.mark.parametrize(("row", "unexplained", "named"), [(1, 0.0, True), (1, 3.0, False), (2, 0.1, False)])
+def test_what_turns_the_car_is_named_only_where_it_explains_more_of_lateral_force_and_turning_than_is_left(
+    drives: dict[str, Any], row: int, unexplained: float, named: bool
 ) -> None:
     record = record_of(drives["play"])
     measured = record.measured.copy()
-    measured[1] += unexplained * np.sign(np.sin(record.signals["t"]))
+    measured[row] += unexplained * np.sign(np.sin(record.signals["t"]))
     record = replace(record, measured=measured).select(np.arange(record.windows) % 12 == 0)
     setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
     start = fit_names(setting, (), None)
@@ -184,7 +184,8 @@ def test_what_stands_in_is_removed_unless_the_car_shows_what_every_car_has(drive
     record = record_of(drives["pulses"])
     record = record.select(np.arange(record.windows) % 4 == 0)
     setting = Setting(replace(record, lap=np.arange(record.windows) // 8), "per_axle", PRIOR)
-    for names, kept in ((["front_brake"], False), (["front_brake", "aero_drag"], True)):
+    alone, two = ["front_brake"], ["front_brake", "aero_drag"]
+    for names, kept in ((alone, False), (two, False), ([*two, "rolling_resistance"], True)):
         done = fit_names(setting, names, None)
         checked, _ = without_stand_ins(setting, check_each(setting, names, done, _quiet), done, _quiet)
         assert ("front_brake" in checked.gains) == kept

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,8 @@ from estimator.offline.fit.held import MASS_ERROR, ZERO_ERROR, by_declared, by_s
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.unknown_inputs import sampling_effects
-from estimator.offline.result.told import FALSE_ALARM, least_errors, taken_back, untold
-from estimator.offline.result.uncertainty import covariance
+from estimator.offline.result.told import FALSE_ALARM, least_errors, untold
+from estimator.offline.result.uncertainty import covariance, taken_back
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.trial import Setting, fit_names
@@ -39,9 +38,8 @@ def test_the_scatter_of_a_mean_over_few_stretches_is_that_of_student() -> None:
     gradient[0, :, 0], hessian[0, :, 0, 0] = each * at, each
     squares, none = np.ones((5, stretches)), np.zeros((1, 1))
     normal = Normal(squares, gradient, hessian, np.full(stretches, each), none, np.zeros(1), np.ones(5))
-    found = Fit.jackknife_variance.func(SimpleNamespace(normal=normal))  # type: ignore[attr-defined]
     half_width = student.ppf(0.975, stretches - 1) * means.std(ddof=1) / np.sqrt(stretches)
-    assert 1.96 * np.sqrt(found[0]) == pytest.approx(half_width, rel=1e-3)
+    assert 1.96 * np.sqrt(normal.jackknife_variance[0]) == pytest.approx(half_width, rel=1e-3)
 
 
 def test_a_mass_that_is_off_moves_the_drag_in_proportion(pair: Fit) -> None:
@@ -63,6 +61,22 @@ def test_a_size_is_as_unsure_as_it_moves_without_an_empirical_term(pair: Fit) ->
     added = np.diag(covariance(pair, without)) - np.diag(covariance(pair))
     assert added[drag] == pytest.approx(0.09)
     assert np.allclose(np.delete(added, drag), 0.0)
+
+
+@pytest.mark.parametrize(("laps", "scatters"), [(4, True), (3, False)])
+def test_a_size_that_differs_from_lap_to_lap_is_as_unsure_as_that(
+    drives: dict[str, Any], laps: int, scatters: bool
+) -> None:
+    record = record_of(drives["none"])
+    number = np.minimum(np.arange(len(record.lap_of_row)) * laps // len(record.lap_of_row), laps - 1)
+    pushed = record.measured + np.outer([1.0, 0.0, 0.0, 0.0, 0.0], 0.4 * (-1.0) ** number)
+    record = replace(record, measured=pushed, lap_of_row=number)
+    record = replace(record, lap=held_out_in_turn(record.windows))
+    done = fit_names(Setting(record, "per_axle", PRIOR), ("rolling_resistance",), None)
+    (force,) = (b.parameters for b in done.predictor.blocks if b.effect.name == "rolling_resistance")
+    error = np.sqrt(covariance(done)[force, force][0, 0])
+    stretches = np.sqrt(done.normal.jackknife_variance[force][0])
+    assert (error > 1.5 * stretches) == scatters
 
 
 def test_the_zero_of_the_accelerometer_moves_a_bank_of_the_whole_lap_unless_it_is_fitted(
@@ -89,15 +103,14 @@ def test_of_sizes_that_are_not_there_none_is_told_from_nothing_in_nineteen_logs_
     assert np.mean(np.abs(sizes).max(axis=1) > least_errors(candidates)) == pytest.approx(FALSE_ALARM, rel=0.1)
 
 
-def test_an_effect_that_may_be_nothing_or_of_either_sign_is_not_told_from_nothing(pair: Fit) -> None:
-    names, spread, least = ("aero_drag", "steer_offset"), covariance(pair), 3.0
+def test_an_effect_is_told_from_nothing_by_the_error_that_is_stated_of_it(pair: Fit) -> None:
+    names, least = ("aero_drag", "steer_offset"), 3.0
     (drag,) = (b.parameters.start for b in pair.predictor.blocks if b.effect.name == "aero_drag")
-    wide, none, half, opposite = spread.copy(), *(pair.parameters.copy() for _ in range(3))
-    wide[drag, drag] = pair.parameters[drag] ** 2
-    none[drag], half[drag], opposite[drag] = 0.0, 0.5 * none[drag], -none[drag]
-    assert untold(pair, (half,), spread, names, least) == ()
-    for others, errors in (((), wide), ((none,), spread), ((half, opposite), spread)):
-        assert untold(pair, others, errors, names, least) == ("aero_drag",)
+    for moved, named in ((0.0, names), (0.1, names), (0.5, names[1:]), (-0.5, names[1:])):
+        there = pair.parameters.copy()
+        there[drag] *= 1.0 + moved
+        stated = covariance(pair, Fit(pair.predictor, there, pair.normal, pair.noise))
+        assert set(names) - set(untold(pair, stated, names, least)) == set(named)
 
 
 def test_a_constant_that_a_spline_takes_back_is_as_small_as_both_are_together(drives: dict[str, Any]) -> None:
@@ -116,4 +129,6 @@ def test_a_constant_that_a_spline_takes_back_is_as_small_as_both_are_together(dr
         parameters[rolling] = 400.0
         back = np.linalg.lstsq(basis.matrix(drive), np.where(drive < 0.0, coasting / mass, 0.0), rcond=None)[0]
         parameters[spline] = back
-        assert taken_back(replace(done, parameters=parameters))[rolling][0] == pytest.approx(smallest, abs=60.0)
+        beside = replace(done, parameters=parameters)
+        assert taken_back(beside)[rolling][0] == pytest.approx(smallest, abs=60.0)
+        assert np.sqrt(covariance(beside)[rolling, rolling][0, 0]) > 400.0 - smallest - 60.0
