@@ -97,29 +97,36 @@ class _Taught(NamedTuple):
     """What the IMU has taught."""
 
     understeer: float
-    """rad of steering angle a m/s2 of lateral force, with the brakes off"""
+    """rad of steering angle a m/s2 of lateral force, lately"""
     braked: float
     """the same under the brakes"""
     brakes: float
     """share of the declared force that the brakes make"""
 
 
+@dataclass
 class _Understeer:
-    """Steering angle beyond an expected one a m/s2 of lateral force; least squares over the last two seconds of it."""
+    """Steering angle beyond that of a slow car a m/s2 of lateral force; least squares over the last two seconds that
+    told."""
 
-    def __init__(self, begins: float = 0.0) -> None:
-        self._angles, self._forces = begins, 1.0
-        """sums of a_y times that angle, rad m/s2, and of a_y^2"""
+    angles: float = 0.0
+    """mean of a_y times that angle, rad m/s2"""
+    forces: float = 0.0
+    """mean of a_y^2"""
 
     def learn(self, beyond: float, ay: float) -> None:
         """A period."""
-        self._angles += UNDERSTEER_LEARNT * (beyond * ay - self._angles)
-        self._forces += UNDERSTEER_LEARNT * (ay**2 - self._forces)
+        self.angles += UNDERSTEER_LEARNT * (beyond * ay - self.angles)
+        self.forces += UNDERSTEER_LEARNT * (ay**2 - self.forces)
 
     @property
-    def value(self) -> float:
-        """rad a m/s2."""
-        return self._angles / max(self._forces, 1.0)
+    def alone(self) -> float:
+        """rad a m/s2; less where there was next to no lateral force."""
+        return self.angles / max(self.forces, 1.0)
+
+    def beside(self, expected: float) -> float:
+        """rad a m/s2; as `expected` where there was no lateral force."""
+        return (self.angles + expected) / (self.forces + 1.0)
 
 
 class MotionReader:
@@ -140,8 +147,7 @@ class MotionReader:
         self._vehicle = vehicle
         self._per_pa = brake_force_per_pa / vehicle.mass
         self._drag = 0.5 * vehicle.air_density * vehicle.drag_area / vehicle.mass
-        self._rolling, self._braked_beyond = _Understeer(UNDERSTEER), _Understeer()
-        """with the brakes off; what it is under them beyond its share"""
+        self._lately, self._under_brakes = _Understeer(UNDERSTEER, 1.0), _Understeer()
         self._taught: deque[_Taught] = deque([self._teaches(1.0)], maxlen=SETTLES)
         """of the last periods with an IMU"""
         self._brakes = 1.0
@@ -160,6 +166,8 @@ class MotionReader:
         self._turned: deque[float] = deque(maxlen=COURSE_WINDOW)
         """yaw rates by the wheels of both axles in those periods, rad/s; none where one of them has said nothing"""
         self.motion = Motion()
+        self.stopping = False
+        """whether the car is being stopped: a slide teaches nothing of how it turns under the brakes"""
         self.believe_imu = self.believe_wheels = True
         """false when other sensors contradict them"""
         self.imu_wrong = False
@@ -268,17 +276,15 @@ class MotionReader:
     def _learn(self, state: VehicleState, speed: float) -> None:
         """What a stop without an IMU goes by."""
         beyond = math.tan(state.steer) - self._vehicle.wheelbase * state.yaw_rate / speed
-        if self._pressed(state) > BRAKED:
-            expected = BRAKED_UNDERSTEER * self._taught[-1].understeer * state.ay
-            self._braked_beyond.learn(beyond - expected, state.ay)
-        else:
-            self._rolling.learn(beyond, state.ay)
+        self._lately.learn(beyond, state.ay)
+        if self._pressed(state) > BRAKED and not self.stopping:
+            self._under_brakes.learn(beyond, state.ay)
         self._learn_brakes(state, speed)
         self._taught.append(self._teaches(self._brakes))
 
     def _teaches(self, brakes: float) -> _Taught:
-        understeer = min(max(self._rolling.value, 0.0), UNDERSTEER_MOST)
-        braked = BRAKED_UNDERSTEER * understeer + self._braked_beyond.value
+        understeer = min(max(self._lately.alone, 0.0), UNDERSTEER_MOST)
+        braked = self._under_brakes.beside(BRAKED_UNDERSTEER * understeer)
         return _Taught(understeer, min(max(braked, UNDERSTEER_LEAST), UNDERSTEER_MOST), brakes)
 
     def _learn_brakes(self, state: VehicleState, speed: float) -> None:

@@ -222,6 +222,7 @@ class Monitors:
         outvoted = sensors.outvoted and not slides
         found = outvoted or (held_s > IMU_WRONG_S and sensors.fixes)
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
+        self.motion.stopping = self.stopping
         self.motion.believe_imu = not self.imu_wrong and not self._imu_gone
         self.motion.imu_wrong = self.imu_wrong
         self.motion.repair = self._imu.repair or self._gain.repair
