@@ -237,9 +237,9 @@ def belief_message(model: ModelInUse, stamp_ns: int, seq: int) -> Belief:
 def run(config: Config, period_s: float = 0.001) -> None:
     """Run the process until SIGINT or SIGTERM."""
     from hil_gateway.bus.zenoh_bus import open_bus
-    from hil_gateway.process.lifecycle import SilenceNotice, stop_requested
+    from hil_gateway.process.lifecycle import SilenceNotice, StopRequest
 
-    stopped, clock = stop_requested(), SystemClock()
+    stopped, clock = StopRequest(), SystemClock()
     bus = open_bus(config.zenoh, "estimator")
     estimator = Estimator(config, bus, background=True)
     notice = SilenceNotice("vehicle state", config.zenoh.connect, clock.now_ns())

@@ -9,7 +9,7 @@ import time
 from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S, SystemClock
-from hil_gateway.process.lifecycle import SilenceNotice, stop_requested
+from hil_gateway.process.lifecycle import SilenceNotice, StopRequest
 from hil_gateway.process.scheduling import punctual, use_large_pages
 from planner.node import Planner
 
@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 def run(config: Config) -> None:
     """Plan at 20 Hz until asked to stop."""
-    stop, clock = stop_requested(), SystemClock()
+    stop, clock = StopRequest(), SystemClock()
     bus = open_bus(config.zenoh, "planner")
     planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
     if not punctual("planner"):

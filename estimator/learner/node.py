@@ -203,11 +203,11 @@ def _ratios(before: Errors, after: Errors) -> str:
 def run(config: Config) -> None:
     """Run the process until it is asked to stop."""
     from hil_gateway.bus.zenoh_bus import open_bus
-    from hil_gateway.process.lifecycle import SilenceNotice, stop_requested
+    from hil_gateway.process.lifecycle import SilenceNotice, StopRequest
 
     os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of the child: one processor is what it gets
-    stop, clock = stop_requested(), SystemClock()
+    stop, clock = StopRequest(), SystemClock()
     bus = open_bus(config.zenoh, "learner")
     learner = Learner(config, bus)
     notice = SilenceNotice("vehicle state", config.zenoh.connect, clock.now_ns())

@@ -16,7 +16,7 @@ from hil_gateway.config import load_config
 from hil_gateway.process.clock import NS_PER_S, SystemClock
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import print_json
-from hil_gateway.process.lifecycle import stop_requested
+from hil_gateway.process.lifecycle import StopRequest
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -85,7 +85,7 @@ def _frames(file: Path) -> Iterable[Frame]:
 
 def _listen(link: CanLink, view: FrameMonitor, seconds: float, quiet: bool) -> int:
     """Show the bus until interrupted or `seconds` have passed; the time it ended."""
-    stopped, clock = stop_requested(), SystemClock()
+    stopped, clock = StopRequest(), SystemClock()
     show = _Quiet() if quiet else _Live() if sys.stdout.isatty() else _Plain()
     start_ns = due_ns = now_ns = clock.now_ns()
     try:

@@ -25,7 +25,7 @@ def run(config_file: Annotated[Path | None, typer.Option("--config", help="TOML 
     from hil_gateway.can_link import open_link
     from hil_gateway.config import load_config
     from hil_gateway.process.clock import NS_PER_S, SystemClock, wall_offset_ns
-    from hil_gateway.process.lifecycle import stop_requested
+    from hil_gateway.process.lifecycle import StopRequest
     from hil_gateway.process.writable import check_folder
     from hil_gateway.session.files.format import session_metadata
     from hil_gateway.session.files.writer import SessionWriter
@@ -33,7 +33,7 @@ def run(config_file: Annotated[Path | None, typer.Option("--config", help="TOML 
 
     config = load_config(config_file)
     check_folder(Path(config.recorder.folder), option="recorder.folder")
-    stopping = stop_requested()
+    stopping = StopRequest()
     link, bus, clock = open_link(config.can), open_bus(config.zenoh, "recorder"), SystemClock()
     started = dt.datetime.now(dt.UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     path = session_path(config.recorder, started)

@@ -15,7 +15,7 @@ from hil_gateway.demo.view import LiveView, PlainView, View
 from hil_gateway.plant.plant import plant_parameters
 from hil_gateway.plant.referee.lap_limit import lap_limit
 from hil_gateway.process.errors import InputError
-from hil_gateway.process.lifecycle import stop_requested
+from hil_gateway.process.lifecycle import StopRequest
 from hil_gateway.process.supervisor import DASHBOARD, LEARNER, PROCESSES, ProcessSpec, Supervisor
 from hil_gateway.track.loading import load_track
 
@@ -50,7 +50,7 @@ def _model_error(setup: DemoSetup, result: RunResult) -> dict[str, Any]:
 
 
 def _run(options: DemoOptions, setup: DemoSetup) -> RunResult:
-    stopping = stop_requested()
+    stopping = StopRequest()
     further = (*((DASHBOARD,) if options.dashboard else ()), *((LEARNER,) if options.learner else ()))
     specs = [_with_arguments(spec, options, setup) for spec in (*PROCESSES, *further)]
     view = _view(options, setup)

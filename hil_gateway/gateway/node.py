@@ -18,7 +18,7 @@ from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.events.log import EventLog, to_journal
 from hil_gateway.process.clock import NS_PER_S, SystemClock
 from hil_gateway.process.held_up import describe_load
-from hil_gateway.process.lifecycle import stop_requested
+from hil_gateway.process.lifecycle import StopRequest
 from hil_gateway.process.running import announced
 from hil_gateway.process.scheduling import punctual
 from hil_gateway.track.loading import load_track
@@ -33,7 +33,7 @@ def run(config: Config) -> None:
     Raises:
         InputError: no such CAN interface, busy port, broken track file.
     """
-    stopped = stop_requested()
+    stopped = StopRequest()
     track = load_track(config.track)
     link = open_link(config.can)
     try:

@@ -8,7 +8,7 @@ from hil_gateway.config import Config
 from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import SystemClock
-from hil_gateway.process.lifecycle import stop_requested
+from hil_gateway.process.lifecycle import StopRequest
 
 PERIOD_NS = 2_000_000
 """wake-ups; the physics inside steps every millisecond"""
@@ -16,7 +16,7 @@ PERIOD_NS = 2_000_000
 
 def run_plant(config: Config, simulated: SimulatedCar | None = None) -> None:
     """Run until SIGINT or SIGTERM."""
-    stopped = stop_requested()
+    stopped = StopRequest()
     clock = SystemClock()
     link = open_link(config.can)
     bus = open_bus(config.zenoh, "plant")

@@ -76,11 +76,6 @@ class StopRequest:
         self.signal = self.signal or number
 
 
-def stop_requested() -> StopRequest:
-    """Install handlers for SIGINT and SIGTERM; the result says whether one has arrived."""
-    return StopRequest()
-
-
 def worth_a_line(count: int) -> bool:
     """Whether the `count`th of its kind is logged: the 1st, 2nd, 4th, 8th...; a flood must not flood the log."""
     return count & (count - 1) == 0

@@ -39,8 +39,8 @@ class Lateness:
         self.pauses = False
         """whether no frame has come since the period before"""
 
-    def step(self, now_ns: int) -> int:
-        """How late the frames are that come now, ns; 0 where none come."""
+    def step(self) -> int:
+        """How late the newest frames are, ns; 0: in time."""
         newest_ns, count = self._builder.newest_ns, self._builder.counter(CLOCK)
         self.pauses = newest_ns == self._newest_ns
         silent = newest_ns - self._newest_ns > SILENT_S * NS_PER_S

@@ -43,7 +43,7 @@ class Bus:
         for frame in due:
             self._link.send(*frame)
         self.rig.gateway.step(self.rig.now_ns)
-        late_ns = self.late.step(self.rig.now_ns)
+        late_ns = self.late.step()
         self.rig.clock.advance(PERIOD_NS)
         self.rig.tick += 1
         return late_ns

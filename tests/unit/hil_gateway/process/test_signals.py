@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from hil_gateway.process.lifecycle import stop_requested
+from hil_gateway.process.lifecycle import StopRequest
 
 WHILE_LOADING = """
 import os, signal, sys
@@ -28,7 +28,7 @@ import hil_gateway.cli.doctor as doctor
 from hil_gateway.process import lifecycle
 def work(*_):
     if AS == "ended in order":
-        stopping = lifecycle.stop_requested()
+        stopping = lifecycle.StopRequest()
         os.kill(os.getpid(), NUMBER)
         raise typer.Exit(128 + stopping.signal)
     try:
@@ -69,7 +69,7 @@ def test_ctrl_c_is_no_traceback_at_any_moment(code: str, ended: int) -> None:
 
 def test_a_request_says_which_signal_it_was_and_can_be_given_back() -> None:
     before = signal.getsignal(signal.SIGTERM)
-    stopping = stop_requested()
+    stopping = StopRequest()
     try:
         assert not stopping()
         os.kill(os.getpid(), signal.SIGTERM)
