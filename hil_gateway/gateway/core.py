@@ -130,7 +130,7 @@ class Gateway:
         return late_ns
 
     def _reckoned(self) -> tuple[PositionMonitor, DeadReckoning]:
-        return copy.deepcopy(self.monitors.position), copy.copy(self._dead_reckoning)
+        return copy.deepcopy((self.monitors.position, self._dead_reckoning))
 
     def _perceive_as_of(
         self, then_ns: int, now_ns: int, state: VehicleState, before: Decision

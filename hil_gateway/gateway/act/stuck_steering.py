@@ -18,6 +18,7 @@ import numpy as np
 
 from hil_gateway.car.vehicle import HALF_WIDTH, Vehicle
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.monitors.actuators import moved_share
 from hil_gateway.gateway.perceive.motion import LATE, TURNS_IN_S, UNDERSTEER, UNDERSTEER_MOST, Motion
 from hil_gateway.gateway.settings import PERIOD_S, StopConfig
@@ -77,8 +78,8 @@ class StuckSteering:
         """yaw rate, and what the commanded angle comes to by now, rad/s"""
         self._reported = self._asked = 0.0
         """that the car has had the time to turn with, rad"""
-        self._yields, self._forces = UNDERSTEER, 1.0
-        """sums of a_y times the angle beyond that of a slow car, and of a_y^2, while report and command agree"""
+        self._yields = FadingRatio(LEARNT, UNDERSTEER, 1.0)
+        """angle beyond that of a slow car over a_y while report and command agree, rad a m/s2"""
         self._reported_off = self._asked_off = 0.0
         """of the yaw rate from what the reported and the commanded angle come to, lately, rad/s"""
         self.stands = False
@@ -137,9 +138,8 @@ class StuckSteering:
         reported, asked = math.tan(self._reported), math.tan(self._asked)
         if abs(reported - asked) < AGREE:
             beyond = reported - length * motion.yaw_rate / speed
-            self._yields += LEARNT * (beyond * motion.ay - self._yields)
-            self._forces += LEARNT * (motion.ay**2 - self._forces)
-        understeer = min(max(self._yields / max(self._forces, 1.0), 0.0), UNDERSTEER_MOST)
+            self._yields.learn(beyond, motion.ay)
+        understeer = min(max(self._yields.alone, 0.0), UNDERSTEER_MOST)
         gain = motion.speed / (length + understeer * motion.speed**2)
         shown = length * motion.yaw_rate / speed + understeer * motion.ay
         self._rates.append((motion.yaw_rate, gain * asked))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.course import Course
+from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.process.clock import NS_PER_S
 
@@ -57,8 +58,8 @@ class DeadReckoning:
     def __init__(self, rear: float) -> None:
         """`rear`: distance of the rear axle behind the centre of gravity, m."""
         self._rear = rear
-        self._yields, self._forces = 0.0, 1.0
-        """sums of a_y times the rear axle's slip angle, and of a_y^2, over what the estimates said lately"""
+        self._yields = FadingRatio(SLIP_LEARNT, xx=1.0)
+        """slip angle of the rear axle over a_y, as the estimates say, rad a m/s2"""
         self.pose: Pose | None = None
         self._by_gyro = True
         self._pose_ns = 0
@@ -113,13 +114,12 @@ class DeadReckoning:
         """How far the rear axle slips a m/s2 of lateral force, from what an estimate says of the side slip."""
         if estimate.vx > SLIP_FROM and motion.by_gyro:
             rear = (self._rear * estimate.yaw_rate - estimate.vy) / estimate.vx
-            self._yields += SLIP_LEARNT * (rear * motion.ay - self._yields)
-            self._forces += SLIP_LEARNT * (motion.ay**2 - self._forces)
+            self._yields.learn(rear, motion.ay)
 
     def _slip(self, motion: Motion) -> float:
         if not motion.by_gyro or motion.speed < SLIP_FROM:
             return 0.0
-        share = min(max(self._yields / max(self._forces, 1.0), 0.0), SLIP_MOST)
+        share = min(max(self._yields.alone, 0.0), SLIP_MOST)
         return self._rear * motion.yaw_rate / motion.speed - share * motion.ay
 
     def _corrected(self, pose: Pose, state: VehicleState, motion: Motion, aside: tuple[float, float]) -> Pose:

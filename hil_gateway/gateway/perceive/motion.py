@@ -11,6 +11,7 @@ from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.perceive.course import Course
+from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair, RepairedGyro
 from hil_gateway.gateway.settings import PERIOD_S
 from hil_gateway.process.clock import NS_PER_S
@@ -104,31 +105,6 @@ class _Taught(NamedTuple):
     """share of the declared force that the brakes make"""
 
 
-@dataclass
-class _Understeer:
-    """Steering angle beyond that of a slow car a m/s2 of lateral force; least squares over the last two seconds that
-    told."""
-
-    angles: float = 0.0
-    """mean of a_y times that angle, rad m/s2"""
-    forces: float = 0.0
-    """mean of a_y^2"""
-
-    def learn(self, beyond: float, ay: float) -> None:
-        """A period."""
-        self.angles += UNDERSTEER_LEARNT * (beyond * ay - self.angles)
-        self.forces += UNDERSTEER_LEARNT * (ay**2 - self.forces)
-
-    @property
-    def alone(self) -> float:
-        """rad a m/s2; less where there was next to no lateral force."""
-        return self.angles / max(self.forces, 1.0)
-
-    def beside(self, expected: float) -> float:
-        """rad a m/s2; as `expected` where there was no lateral force."""
-        return (self.angles + expected) / (self.forces + 1.0)
-
-
 class MotionReader:
     """Picks, every period, the best source that is valid.
 
@@ -147,7 +123,11 @@ class MotionReader:
         self._vehicle = vehicle
         self._per_pa = brake_force_per_pa / vehicle.mass
         self._drag = 0.5 * vehicle.air_density * vehicle.drag_area / vehicle.mass
-        self._lately, self._under_brakes = _Understeer(UNDERSTEER, 1.0), _Understeer()
+        self._lately, self._under_brakes = (
+            FadingRatio(UNDERSTEER_LEARNT, UNDERSTEER, 1.0),
+            FadingRatio(UNDERSTEER_LEARNT),
+        )
+        """steering angle beyond that of a slow car over lateral force, rad a m/s2"""
         self._taught: deque[_Taught] = deque([self._teaches(1.0)], maxlen=SETTLES)
         """of the last periods with an IMU"""
         self._brakes = 1.0
