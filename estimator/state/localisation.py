@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.state.filter_steps import BIAS_YAW_RATE, STATES, VX, VY, YAW
 from estimator.state.state_filter import Imu, StateFilter, course
-from hil_gateway.bus.messages import Estimate, VehicleState
+from hil_gateway.bus.messages import Estimate, Lacks, VehicleState
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
@@ -143,14 +143,19 @@ class Localisation:
         x, y, yaw, vx, vy, _, _, br, *_ = f.mean.tolist()
         fx, fy = f.specific_force(state.ax, state.ay)
         std = f.std().tolist()
-        valid = self._started and not self._lost and state.valid and max(std[0], std[1]) < MAX_POSITION_STD
+        lacks = self._lacks(max(std[0], std[1]))
         return Estimate(
-            stamp_ns=state.stamp_ns, seq=seq, state_stamp_ns=state.stamp_ns, valid=valid,
+            stamp_ns=state.stamp_ns, seq=seq, state_stamp_ns=state.stamp_ns, valid=state.valid and not lacks,
             x=x, y=y, yaw=yaw, vx=vx, vy=vy, yaw_rate=f.yaw_rate,
             bias_ax=state.ax - fx, bias_ay=state.ay - fy, bias_yaw_rate=br,
             std=(*std[:5], f.yaw_rate_std, *std[5:8]),
-            steer=state.steer, drive=state.drive, innovations_rejected=f.rejected,
+            steer=state.steer, drive=state.drive, innovations_rejected=f.rejected, lacks=lacks,
         )  # fmt: skip
+
+    def _lacks(self, position_std: float) -> Lacks:
+        if not self._started:
+            return "start"
+        return "position" if self._lost or position_std >= MAX_POSITION_STD else ""
 
 
 def _slow(state: VehicleState) -> bool:

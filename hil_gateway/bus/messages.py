@@ -8,7 +8,7 @@ of the configured origin). Stamps are monotonic nanoseconds of the sender.
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -103,9 +103,14 @@ class VehicleState(Message):
     vehicle_flag: Code
 
 
+Lacks = Literal["", "start", "position", "heading"]
+"""what the state filter does not know: anything yet (`start`), where the car is, where it points"""
+
+
 class Estimate(Message):
     """Filtered vehicle state at the centre of gravity (100 Hz).
 
+    `valid`: a plan may depend on all of it; the vehicle state is valid and the filter lacks nothing.
     `bias_ax`, `bias_ay`: all that is to be taken off what the accelerometers read, for bias, for the turn of their axes
     and for their distance to the centre of gravity.
     """
@@ -128,6 +133,8 @@ class Estimate(Message):
     drive: Slip = Field(description="slip-ratio drive command equivalent to the reported pedals")
     innovations_rejected: Count = Field(description="measurements gated out since start")
     delivered: Delivered | None = Field(default=None, description="what tyres and brakes give of what is believed")
+    lacks: Lacks = Field(default="", description="what makes it invalid, of what the state filter has to know")
+    bridged: Count = Field(default=0, description="states predicted without an inertial sample, since start")
 
 
 class Belief(Message):
