@@ -238,10 +238,12 @@ def run(config: Config, period_s: float = 0.001) -> None:
     """Run the process until SIGINT or SIGTERM."""
     from hil_gateway.bus.zenoh_bus import open_bus
     from hil_gateway.process.lifecycle import SilenceNotice, StopRequest
+    from hil_gateway.process.scheduling import punctual
 
     stopped, clock = StopRequest(), SystemClock()
     bus = open_bus(config.zenoh, "estimator")
     estimator = Estimator(config, bus, background=True)
+    punctual("estimator")
     notice = SilenceNotice("vehicle state", config.zenoh.connect, clock.now_ns())
     try:
         while not stopped():

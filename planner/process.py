@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import logging
 import time
 
 from hil_gateway.bus.zenoh_bus import open_bus
@@ -13,16 +12,13 @@ from hil_gateway.process.lifecycle import SilenceNotice, StopRequest
 from hil_gateway.process.scheduling import punctual, use_large_pages
 from planner.node import Planner
 
-log = logging.getLogger(__name__)
-
 
 def run(config: Config) -> None:
     """Plan at 20 Hz until asked to stop."""
     stop, clock = StopRequest(), SystemClock()
     bus = open_bus(config.zenoh, "planner")
     planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
-    if not punctual("planner"):
-        log.warning("real-time priority is not permitted: plans may come late while this computer is busy")
+    punctual("planner")
     gc.freeze()  # what start-up allocated is never collected: shorter pauses
     use_large_pages()
     period_ns = round(config.planner.dt * NS_PER_S)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,8 @@ _opened: set[str] = set()
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a job in the background hands it on to what tests start
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     for link in (UdpLink, VirtualLink, WireLink):
         _note_opening(link)
 

@@ -89,11 +89,18 @@ def load_revision(path: str | Path) -> ModelRevision:
     """Read a model revision (`model.json`).
 
     Raises:
-        InputError: unreadable, not a revision, or with an effect this version does not know.
+        InputError: unreadable, not a revision, with an effect this version does not know, or with parts that do not
+            fit each other: a file edited by hand.
     """
     revision = read_revision(path)
-    if unknown := [e.name for e in revision.effects if e.name not in catalogue()]:
-        raise InputError(f"{path}: effect {unknown[0]} is not in the catalogue: {', '.join(catalogue())}")
+    if found := inconsistent(revision):
+        raise InputError(f"{path}: {found}")
+    content = revision_id(revision.layout, revision.tyre, revision.effects)
+    if revision.revision != content:
+        raise InputError(
+            f"{path}: revision is {revision.revision}, its content has {content}: it was edited; "
+            f'where that is meant, write "revision": "{content}"'
+        )
     return revision
 
 
@@ -145,15 +152,23 @@ def tyre_covariance(revision: ModelRevision) -> Array | None:
 
 def unusable(revision: ModelRevision, current: ModelRevision) -> str:
     """Why learning cannot go on from a revision in the place of the `current` one; empty when it can."""
-    if revision.layout != current.layout or revision.tyre.keys() != current.tyre.keys():
+    if revision.layout != current.layout:
         return f"its tyres are not those of layout {current.layout}"
+    return inconsistent(revision) or ("" if revision.covariance else "it states no covariance")
+
+
+def inconsistent(revision: ModelRevision) -> str:
+    """Which parts of a revision do not fit each other or the catalogue; empty when all do."""
+    wanted = DEFAULT_TYRE.get(revision.layout)
+    if wanted is None or revision.tyre.keys() != wanted.keys():
+        return f"its tyres are not those of layout {revision.layout}"
     if unknown := [e.name for e in revision.effects if e.name not in catalogue()]:
-        return f"effect {unknown[0]} is unknown"
+        return f"effect {unknown[0]} is not in the catalogue: {', '.join(catalogue())}"
     for effect in revision.effects:
         if not effect.profile and [*effect.parameters] != [p.name for p in catalogue()[effect.name].parameters]:
             return f"parameters of {effect.name} are not those of the catalogue"
     everything = len(revision.tyre) + sum(len(e.parameters) for e in revision.effects)
-    if len(revision.covariance) not in (len(revision.tyre), everything):
+    if revision.covariance and len(revision.covariance) not in (len(revision.tyre), everything):
         return f"its covariance has {len(revision.covariance)} rows for {everything} parameters"
     return ""
 

@@ -7,7 +7,6 @@ stand still and stops by itself, and whatever restarts the process gets a gatewa
 from __future__ import annotations
 
 import gc
-import logging
 import os
 import socket
 
@@ -24,7 +23,6 @@ from hil_gateway.process.scheduling import punctual
 from hil_gateway.track.loading import load_track
 
 PERIOD_NS = NS_PER_S // 100
-log = logging.getLogger(__name__)
 
 
 def run(config: Config) -> None:
@@ -43,8 +41,7 @@ def run(config: Config) -> None:
         raise
     gateway = Gateway(config, bus, link, track, describe_load)
     events, notify = EventLog(bus, to_journal), Notifier()
-    if not punctual("gateway"):
-        log.warning("real-time priority is not permitted: frames may leave some ms late while this computer is busy")
+    punctual("gateway")
     gc.freeze()  # what start-up allocated is never collected: shorter pauses
     clock = SystemClock()
     due_ns = clock.now_ns()

@@ -9,6 +9,7 @@ from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import SystemClock
 from hil_gateway.process.lifecycle import StopRequest
+from hil_gateway.process.scheduling import punctual
 
 PERIOD_NS = 2_000_000
 """wake-ups; the physics inside steps every millisecond"""
@@ -21,6 +22,7 @@ def run_plant(config: Config, simulated: SimulatedCar | None = None) -> None:
     link = open_link(config.can)
     bus = open_bus(config.zenoh, "plant")
     plant = Plant(config, link, bus, simulated=simulated)
+    punctual("plant")
     next_ns = clock.now_ns()
     try:
         while not stopped():

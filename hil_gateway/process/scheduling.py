@@ -6,6 +6,7 @@ Also memory in large pages, so that a process that sleeps between its periods fi
 from __future__ import annotations
 
 import ctypes
+import logging
 import os
 import platform
 import resource
@@ -29,6 +30,7 @@ LARGE_PAGE = 2 << 20
 """bytes: one entry of the page table for 512 ordinary pages, on x86_64 and on aarch64 with pages of 4 KiB"""
 MADV_COLLAPSE = 25
 """madvise(2), since Linux 6.1: put a range into large pages now"""
+log = logging.getLogger(__name__)
 
 
 def permitted(name: str) -> bool:
@@ -59,13 +61,14 @@ def real_time(name: str, pid: int) -> bool:
 def punctual(name: str) -> bool:
     """Have this thread of the process `name` woken on time, whatever else the computer does.
 
-    False where only a little could be done.
+    False, and a warning in the log, where only a little could be done.
 
     Without real-time priority there remain timers that are not put off to save wake-ups (prctl(2)) and a short time
     slice, for which the scheduler lets a thread in ahead of those that ask for a long one (since Linux 6.12).
     """
     if real_time(name, os.getpid()):
         return True
+    log.warning("real-time priority is not permitted: the %s may be late while this computer is busy", name)
     libc = ctypes.CDLL(None)
     libc.prctl(PR_SET_TIMERSLACK, 1)
     number = SCHED_SETATTR.get(platform.machine())

@@ -181,17 +181,23 @@ def test_revision_id_is_of_content_only() -> None:
 def test_revision_file_round_trips_and_bad_ones_are_named(tmp_path: Path) -> None:
     effect = ActiveEffect(name="road_grade", parameters={}, profile=(0.0, 0.1, 0.0, -0.1, 0.0))
     drag = ActiveEffect(name="aero_drag", parameters={"k": 0.6})
-    revision = declared_revision("per_axle").model_copy(update={"effects": (effect, drag)})
     file = tmp_path / "model.json"
-    file.write_text(revision.model_dump_json())
+    revision = written(file, (effect, drag))
     revised = model_of(load_revision(file), VEHICLE, 100.0)
     phi = revised.phi_at(np.array([20.0, 60.0, 120.0]))
     assert phi.shape == (2, 3)
     assert phi[0, 0] == pytest.approx(phi[0, 2])
     assert phi[0, 0] > 0 > phi[0, 1]
     assert np.all(phi[1] == 0.6)
-    file.write_text(revision.model_copy(update={"effects": (replace_name(drag),)}).model_dump_json())
+    written(file, (drag.model_copy(update={"name": "phlogiston"}),))
     with pytest.raises(InputError, match="not in the catalogue"):
+        load_revision(file)
+    file.write_text(revision.model_copy(update={"tyre": scaled(1.1)}).model_dump_json())
+    with pytest.raises(InputError, match="it was edited"):
+        load_revision(file)
+    covariance = tuple(tuple(float(i == j) for j in range(8)) for i in range(8))
+    file.write_text(declared_revision("per_axle").model_copy(update={"covariance": covariance}).model_dump_json())
+    with pytest.raises(InputError, match="covariance has 8 rows for 7 parameters"):
         load_revision(file)
     file.write_text("{}")
     with pytest.raises(InputError, match="not a model revision"):
@@ -200,8 +206,13 @@ def test_revision_file_round_trips_and_bad_ones_are_named(tmp_path: Path) -> Non
         load_revision(tmp_path / "absent.json")
 
 
-def replace_name(effect: ActiveEffect) -> ActiveEffect:
-    return effect.model_copy(update={"name": "phlogiston"})
+def written(file: Path, effects: tuple[ActiveEffect, ...]) -> ModelRevision:
+    """The declared model with effects, as a file."""
+    declared = declared_revision("per_axle")
+    made = {"effects": effects, "revision": revision_id(declared.layout, declared.tyre, effects)}
+    revision = declared.model_copy(update=made)
+    file.write_text(revision.model_dump_json())
+    return revision
 
 
 def test_estimator_starts_from_a_revision_file(oval: Track, tmp_path: Path) -> None:
