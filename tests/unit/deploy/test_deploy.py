@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -140,6 +141,29 @@ def test_summary_counts_the_tests_run_apart(tmp_path: Path) -> None:
     result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert result.returncode == 1
     assert "2 passed, 1 failed, 0 skipped" in result.stdout
+
+
+@pytest.mark.parametrize(("excused", "code"), [("", 1), ('"a.b" = "ends 3 ms late beside a build"', 0)])
+def test_what_passes_only_alone_has_failed_unless_it_is_excused(tmp_path: Path, excused: str, code: int) -> None:
+    """With a copy of the script beside a list of its own."""
+    script, folder = tmp_path / "deploy" / "summary.py", tmp_path / "results"
+    for place in (script.parent, tmp_path / "tests", folder):
+        place.mkdir()
+    shutil.copy(DEPLOY / "summary.py", script)
+    (tmp_path / "tests" / "second_try.toml").write_text(excused)
+    case = '<testsuite><testcase classname="a" name="{}">{}</testcase></testsuite>'
+    (folder / "normal.xml").write_text(case.format("b", "<failure/>"))
+    (folder / "normal-alone.xml").write_text(case.format("b", ""))
+    result = subprocess.run([sys.executable, script, folder, "normal"], timeout=60, check=False)
+    assert result.returncode == code
+
+
+def test_every_test_that_is_excused_exists_and_has_its_reason() -> None:
+    listed = tomllib.loads((DEPLOY.parent / "tests" / "second_try.toml").read_text())
+    for name, reason in listed.items():
+        module, _, test = name.rpartition(".")
+        assert f"def {test.partition('[')[0]}(" in (DEPLOY.parent / f"{module.replace('.', '/')}.py").read_text()
+        assert len(reason) > 20
 
 
 @pytest.mark.slow

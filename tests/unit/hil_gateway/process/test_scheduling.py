@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,22 @@ def test_what_is_said_to_be_permitted_is_what_the_kernel_permits(first: str) -> 
     ask += "print(permitted('gateway'), punctual('gateway'))"
     said, done = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout.split()
     assert said == done
+
+
+@ROOT_ONLY
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["plant", "estimator"])
+def test_a_process_started_by_hand_takes_its_priority(name: str) -> None:
+    """By the kernel's account of `hil NAME run`."""
+    with subprocess.Popen([sys.executable, "-m", "hil_gateway", name, "run"], stderr=subprocess.DEVNULL) as process:
+        try:
+            deadline, priority = time.monotonic() + 30, 0
+            while not priority and time.monotonic() < deadline and process.poll() is None:
+                time.sleep(0.1)
+                priority = os.sched_getparam(process.pid).sched_priority
+        finally:
+            process.terminate()
+    assert priority == PRIORITIES[name]
 
 
 def test_units_and_processes_that_ask_for_themselves_have_the_same_priorities() -> None:
