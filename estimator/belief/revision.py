@@ -159,8 +159,8 @@ def unusable(revision: ModelRevision, current: ModelRevision) -> str:
 
 def inconsistent(revision: ModelRevision) -> str:
     """Which parts of a revision do not fit each other or the catalogue; empty when all do."""
-    wanted = DEFAULT_TYRE.get(revision.layout)
-    if wanted is None or revision.tyre.keys() != wanted.keys():
+    layout = layout_of(revision.tyre)
+    if layout != revision.layout or revision.tyre.keys() != DEFAULT_TYRE[layout].keys():
         return f"its tyres are not those of layout {revision.layout}"
     if unknown := [e.name for e in revision.effects if e.name not in catalogue()]:
         return f"effect {unknown[0]} is not in the catalogue: {', '.join(catalogue())}"
