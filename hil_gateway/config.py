@@ -36,10 +36,13 @@ class CanConfig(Model):
 
 
 class ZenohConfig(Model):
-    """Explicit Zenoh endpoints; loopback unless changed. The gateway listens, the others connect."""
+    """Explicit Zenoh endpoints; loopback unless changed. The gateway listens, the others connect.
+
+    Not 7447: that is the port of `rmw_zenohd`, and ROS nodes would join this bus.
+    """
 
     listen: tuple[str, ...] = ()
-    connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    connect: tuple[str, ...] = ("tcp/127.0.0.1:7448",)
     mode: Literal["peer", "client"] = Field(
         default="peer", description="client: everything goes through the router that `connect` names"
     )

@@ -22,7 +22,7 @@ from support.promise_figures import record_figure
 ROOT = Path(__file__).resolve().parents[2]
 VEHICLE, BASE = f"hilv{os.getpid()}", f"hilb{os.getpid()}"
 VEHICLE_IP, BASE_IP = "10.99.24.1", "10.99.24.2"
-PORT = 7447
+PORT = 7448
 HIL = [sys.executable, "-m", "hil_gateway"]
 
 WATCHER = """

@@ -209,10 +209,10 @@ def test_a_broken_extra_file_is_one_clear_line(tmp_path, content, text):
 
 def test_endpoints_are_loopback_and_explicit_unless_changed():
     hub, planner = session_config(ZenohConfig(), "gateway"), session_config(ZenohConfig(), "planner")
-    assert hub["listen"]["endpoints"] == ["tcp/127.0.0.1:7447"]
+    assert hub["listen"]["endpoints"] == ["tcp/127.0.0.1:7448"]
     assert hub["connect"]["endpoints"] == []
     assert planner["listen"]["endpoints"] == ["tcp/127.0.0.1:0"]
-    assert planner["connect"]["endpoints"] == ["tcp/127.0.0.1:7447"]
+    assert planner["connect"]["endpoints"] == ["tcp/127.0.0.1:7448"]
     assert not hub["scouting"]["multicast"]["enabled"]
-    remote = session_config(ZenohConfig(connect=("tls/10.0.0.1:7447",)), "planner")
+    remote = session_config(ZenohConfig(connect=("tls/10.0.0.1:7448",)), "planner")
     assert remote["listen"]["endpoints"] == [], "another computer is reached, not listened for"

@@ -88,9 +88,9 @@ def test_a_file_whose_process_is_another_one_is_deleted(own_cache: Path, wrong: 
 
 
 def test_the_address_is_one_of_this_computer_and_certificates_are_said(tmp_path: Path) -> None:
-    secured = ZenohConfig(connect=(), listen=("tls/0.0.0.0:7447",), extra=str(tmp_path / "gateway.json5"))
+    secured = ZenohConfig(connect=(), listen=("tls/0.0.0.0:7448",), extra=str(tmp_path / "gateway.json5"))
     with announced(Config(zenoh=secured)):
-        assert running_gateways()[0].zenoh.connect == ("tls/127.0.0.1:7447",)
+        assert running_gateways()[0].zenoh.connect == ("tls/127.0.0.1:7448",)
         said = ask("stop")
     assert said.returncode == 2
     assert "asks for certificates; give --config FILE" in said.stderr
