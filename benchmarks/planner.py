@@ -13,21 +13,22 @@ recorded file holds what another solver needs to be measured on the same steps.
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 # this file bears the name of the package it measures: its own folder must not be searched first
-sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != Path(__file__).resolve().parent]
-
-# ruff: noqa: E402
 import argparse
 import json
+import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.progress import track as track_progress
 
+from benchmarks.plans.bench import INFORMATION_WEIGHT, Run, bench_controller, clock, drive
+from benchmarks.plans.disturbed import LEVELS, FirstSolverOnly, solved
+from benchmarks.plans.ladder import climb, rungs
+from benchmarks.plans.plan_parts import recorded_drive, replay, shares
+from benchmarks.plans.recorded import load, record, save
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import load_config
 from hil_gateway.track.loading import load_track
@@ -36,11 +37,6 @@ from planner.plan.exploring import exploring
 from planner.problem.settings import Information, Settings
 from planner.solver.functions import build_functions
 from planner.solver.sqp import Sqp
-from planner.studies.bench import INFORMATION_WEIGHT, Run, bench_controller, clock, drive
-from planner.studies.disturbed import LEVELS, FirstSolverOnly, solved
-from planner.studies.ladder import climb, rungs
-from planner.studies.plan_parts import recorded_drive, replay, shares
-from planner.studies.recorded import load, record, save
 
 GAP_ALLOWED = 0.02
 CONVERGED_ITERATIONS = 15

@@ -54,7 +54,7 @@ if [ $# = 0 ]; then
     crowd="not vcan and not quiet"
 fi
 step tests tests normal python -m pytest -n 2 --dist worksteal -m "$crowd" "$@"
-{ step mypy mypy; step mypy-benchmarks mypy benchmarks; } &  # beside the tests on vcan, which have one processor
+step mypy mypy &  # beside the tests on vcan, which have one processor
 if deploy/with-vcan --which >"$results/vcan-kind" 2>"$results/vcan.log"; then
     step vcan-tests tests vcan deploy/with-vcan python -m pytest -m vcan tests/vcan "$@"
 else
@@ -67,8 +67,7 @@ step promises hil verify --from "$HIL_PROMISE_FIGURES" --page "$results/promises
 for benchmark in codec gateway loop recorder identify planner; do
     [ "$((SECONDS - started))" -lt 960 ] || { echo "benchmark $benchmark: left out, time is up" >&2; continue; }
     echo "benchmark $benchmark" >&2
-    # -P: their folder is not searched for modules, benchmarks/planner.py is not the package
-    timeout 60 python -P "benchmarks/$benchmark.py" >"$results/benchmark" 2>&1 || echo "    figure missed or not done" >&2
+    timeout 60 python -m "benchmarks.$benchmark" >"$results/benchmark" 2>&1 || echo "    figure missed or not done" >&2
     tail -n 6 "$results/benchmark" >&2
 done
 

@@ -1,4 +1,4 @@
-"""Practice drives whose equations are not the estimator's, for tests and campaigns."""
+"""Practice drives whose equations are not the estimator's."""
 
 from .car import OUTSIDE, SIZES, draw_size
 from .drive import LAPS, Drive, simulate

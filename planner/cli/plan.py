@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from hil_gateway.cli.laboratory import laboratory
 from hil_gateway.config import load_config
 from hil_gateway.process.errors import EXIT_FAILURE
 from hil_gateway.process.figures import lines, print_json
@@ -37,8 +38,8 @@ def bench(  # noqa: PLR0917 - options of a command line
     from hil_gateway.plant.referee.lap_limit import lap_limit, lap_ratios
     from hil_gateway.track.loading import load_track
     from planner.problem.settings import settings_of
-    from planner.studies import bench as b
 
+    b = laboratory("plans.bench")
     loaded = load_config(config, {"track": track} if track else None)
     settings = settings_of(loaded)
     if information == "on":
@@ -78,8 +79,8 @@ def safety(  # noqa: PLR0917 - options of a command line
 ) -> None:
     """Drive laps on the simulated car with a wrong model and count violations of any limit."""
     from planner.plan.exploring import exploring
-    from planner.studies import safety as s
 
+    s = laboratory("plans.safety")
     loaded = load_config(config, {"track": track} if track else None)
     result = s.drive(exploring(loaded) if information == "on" else loaded, laps, mismatch, seed)
     _print(result, as_json)
@@ -110,8 +111,7 @@ def contraction(
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
     """Measure where SQP steps and neighbouring drives contract, with and without the bound on Delta I."""
-    from planner.studies.contraction import compare
-
+    compare = laboratory("plans.contraction").compare
     _print(compare(load_config(config, {"track": track} if track else None), places), as_json)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from planner.studies.campaign.closed import close_loop
+from benchmarks.campaign.closed import close_loop
 
 
 @pytest.mark.slow

@@ -12,9 +12,10 @@ import math
 
 import pytest
 from support.promise_figures import record_figure, volume
-from verification.fault_simulation.car_campaign import PHYSICS, FaultResult, campaign
-from verification.fault_simulation.car_faults import CAR_FAULTS
-from verification.fault_simulation.healthy import drives, summary
+
+from benchmarks.faults.car_campaign import PHYSICS, FaultResult, campaign
+from benchmarks.faults.car_faults import CAR_FAULTS
+from benchmarks.faults.healthy import drives, summary
 
 FAULTS = {fault.name: fault for fault in CAR_FAULTS}
 UNBRAKED = ("brakes dead", "drive-by-wire disabled")

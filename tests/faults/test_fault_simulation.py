@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from support.promise_figures import record_figure, volume
-from verification.fault_simulation.faults import Kind, draw
 
+from benchmarks.faults.faults import Kind, draw
 from hil_gateway.process.clock import NS_PER_S
 
 SEEDS = volume(24, 5000)
@@ -32,7 +32,7 @@ estimate that had waited while the gateway was held up passed for new."""
 def test_the_promises_hold_under_seeded_faults():
     """With the seeds that once broke one, all from the same drive."""
     seeds = sorted({*range(SEEDS), *FOUND})
-    report = simulated(f"from verification.fault_simulation.campaign import run_campaign as run; result = run({seeds})")
+    report = simulated(f"from benchmarks.faults.campaign import run_campaign as run; result = run({seeds})")
     assert report["broken"] == [], "\n".join(f"{b['broken']}; repeat: {b['repeat']}" for b in report["broken"])
     assert report["seeds"] == len(seeds)
     assert set(report["kinds"]) == {kind.value for kind in Kind}
@@ -47,7 +47,7 @@ def test_a_seed_alone_does_what_it_does_in_a_campaign():
     command = [sys.executable, "-m", "hil_gateway", "verify", "--seed", "5", "--json"]
     alone = subprocess.run(command, capture_output=True, text=True, check=True, env=ENVIRONMENT)
     among = simulated(
-        "from dataclasses import asdict; from verification.fault_simulation.campaign import Campaign;"
+        "from dataclasses import asdict; from benchmarks.faults.campaign import Campaign;"
         "result = {r.seed: asdict(r) for r in Campaign().run([0, 5, 10])}[5]"
     )
     assert json.loads(alone.stdout) == {**among, "ok": True}

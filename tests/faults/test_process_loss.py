@@ -19,8 +19,8 @@ from pathlib import Path
 
 import pytest
 from support.promise_figures import long_run, record_figure, volume
-from verification.wire_judge import DLC, Judge
 
+from benchmarks.promises.wire_judge import DLC, Judge
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LatestReader
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction, OperatorCommand

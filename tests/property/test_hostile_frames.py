@@ -8,8 +8,8 @@ import random
 import pytest
 from support.promise_figures import record_figure, volume
 from support.scripted_car import Rig
-from verification.wire_judge import Judge
 
+from benchmarks.promises.wire_judge import Judge
 from can_dbc.codec import load_codec
 from hil_gateway.bus.messages import FailsafeAction, VehicleState
 from hil_gateway.can_link import Frame

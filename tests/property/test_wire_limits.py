@@ -9,8 +9,8 @@ from itertools import pairwise
 import pytest
 from support.promise_figures import record_figure, volume
 from support.scripted_car import ACTUATOR_IDS, PERIOD_NS, Rig
-from verification.wire_judge import STEPS, VALUES, Judge
 
+from benchmarks.promises.wire_judge import STEPS, VALUES, Judge
 from can_dbc.codec import load_codec
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import Command, FailsafeAction, OperatorAction

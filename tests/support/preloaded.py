@@ -12,7 +12,7 @@ from hil_gateway.cli.main import COMMANDS, main
 
 LIMIT_S = 120.0
 """of one call, on a machine with other work"""
-FURTHER = ("hil_gateway.demo.drive", "planner.studies.campaign.closed", __name__)
+FURTHER = ("hil_gateway.demo.drive", "benchmarks.campaign.closed", __name__)
 """what commands import once they are called"""
 
 

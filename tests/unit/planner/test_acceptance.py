@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from benchmarks.plans.bench import bench_controller, clock, start_state
 from estimator.belief.revision import declared_revision, model_of, race_car_revision, starting_revision
 from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from estimator.model.tyre import front_and_rear
@@ -30,7 +31,6 @@ from planner.problem.motion import NZ, extra_load
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings, settings_of
 from planner.solver.sqp import Solution
-from planner.studies.bench import bench_controller, clock, start_state
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.plans.bench import bench_controller, clock, start_state
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.compiled import find_compiler
 from hil_gateway.track.loading import load_track
@@ -17,7 +18,6 @@ from planner.problem.settings import Settings
 from planner.solver.fixed_check import FixedCheck
 from planner.solver.functions import build_functions
 from planner.solver.sqp import Solution
-from planner.studies.bench import bench_controller, clock, start_state
 
 AHEAD = 6.0
 """m; the nearest point is sought up to some 12 m around"""

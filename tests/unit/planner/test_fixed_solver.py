@@ -13,6 +13,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.plans.bench import bench_controller, clock, drive, start_state
+from benchmarks.plans.disturbed import FirstSolverOnly, solved
+from benchmarks.plans.recorded import load, record, save
 from estimator.belief.revision import declared_revision, model_of
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.compiled import compile_source, find_compiler
@@ -29,9 +32,6 @@ from planner.solver.fixed import FixedHorizon, FixedQpSolver, Outcome, build_lib
 from planner.solver.pattern import Pattern
 from planner.solver.qp import QpSize, QpStatus, QpWarning, StageQp, objective, violation
 from planner.solver.qp_sparse import PiqpSolver
-from planner.studies.bench import bench_controller, clock, drive, start_state
-from planner.studies.disturbed import FirstSolverOnly, solved
-from planner.studies.recorded import load, record, save
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 

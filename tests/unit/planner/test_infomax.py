@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from benchmarks.plans.bench import bench_controller, clock, start_state
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.track.loading import load_track
 from planner.plan.acceptance import Check
@@ -30,7 +31,6 @@ from planner.problem.infomax import (
 )
 from planner.problem.motion import NU, NZ
 from planner.problem.settings import Information, Settings
-from planner.studies.bench import bench_controller, clock, start_state
 
 WEIGHT = 0.01
 

@@ -8,14 +8,14 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from benchmarks.plans.bench import bench_controller, clock, start_state
+from benchmarks.plans.reference_nlp import ReferenceNlp
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
 from planner.problem.motion import NU, NZ, PROGRESS, VX, S
 from planner.problem.mpcc import OUTPUTS, into_zone
 from planner.problem.settings import Settings
-from planner.studies.bench import bench_controller, clock, start_state
-from planner.studies.reference_nlp import ReferenceNlp
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,12 @@ import json
 import pytest
 from typer.testing import CliRunner
 
+from benchmarks.plans.bench import INFORMATION_WEIGHT, bench_controller, drive, summary
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 from planner.cli.plan import app
 from planner.problem.settings import Information, Settings
-from planner.studies.bench import INFORMATION_WEIGHT, bench_controller, drive, summary
 
 KEYS = {
     "laps", "lap_time_s", "solve_ms", "ipopt_warm_ms", "speedup_vs_ipopt", "violations", "qp_failures",

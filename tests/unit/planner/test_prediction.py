@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.plans.bench import bench_controller
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import PlannerConfig
 from hil_gateway.process.clock import NS_PER_S
@@ -14,7 +15,6 @@ from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
 from planner.plan.prediction import Actuators, Car, Held, Moment, Sent, credible, predict
 from planner.problem.settings import Settings
-from planner.studies.bench import bench_controller
 
 MS = NS_PER_S // 1000
 

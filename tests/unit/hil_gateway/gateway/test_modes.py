@@ -6,8 +6,8 @@ import math
 
 import pytest
 from support.scripted_car import Rig
-from verification.wire_judge import Judge
 
+from benchmarks.promises.wire_judge import Judge
 from can_dbc.codec import load_codec
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.config import Config

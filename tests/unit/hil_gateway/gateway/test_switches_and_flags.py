@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 from support.scripted_car import Rig
-from verification.fault_simulation.car_faults import markdown
 
+from benchmarks.faults.car_faults import markdown
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from benchmarks.driving.laps import drive
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.plant.car import Car, Commands
 from hil_gateway.plant.car_file import SimulatedCar
-from hil_gateway.plant.experiment.laps import drive
 from hil_gateway.plant.physics.parameters import AV24, DECLARED
 from hil_gateway.plant.physics.road import Slopes
 from hil_gateway.plant.referee.lap_limit import lap_limit

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from benchmarks.driving.laps import Drive, EstimateNoise, drive
 from hil_gateway.cli.plant import app, parse_effects
-from hil_gateway.plant.experiment.laps import Drive, EstimateNoise, drive
 from hil_gateway.plant.physics.effects import SWITCHES, configure
 from hil_gateway.plant.physics.parameters import AV24, PAPER, SensorParameters
 from hil_gateway.process.errors import InputError

@@ -1,0 +1,1 @@
+"""Front door of the laboratory: `hil campaign` and `hil verify`."""

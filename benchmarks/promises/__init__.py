@@ -1,0 +1,1 @@
+"""The promises: what each asks, the tests that prove it, mutation, and the independent judge of the wire."""

@@ -1,1 +1,0 @@
-"""Verification tools: promises, mutation, wire judge, fault simulation."""
