@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,13 +17,15 @@ from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.adoption.adoption import Adoption
+from planner.line.joining import Joining
 from planner.line.telling import LineTeller
 from planner.plan.checks import PlanCheck
-from planner.plan.fallback import Stopping, Trajectory, shifted, stop_plan
+from planner.plan.fallback import STANDSTILL, Stopping, Trajectory, shifted, stop_plan
+from planner.plan.from_rest import WALKING, Following, Unmoved, is_off, moves_off
 from planner.plan.prediction import Actuators, Car, Moment, Sent, credible, predict
 from planner.plan.publishing import Decision, Publisher, Stamps, within
 from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, store_limits
-from planner.problem.motion import PROGRESS, S
+from planner.problem.motion import PROGRESS, VX, S
 from planner.problem.settings import settings_of
 from planner.solver.sqp import Solution, Stopwatch
 
@@ -37,7 +40,7 @@ than was planned; plus the other after every other plan"""
 OVERLOAD = 1.02
 COLD_GAP_S = 0.3
 COLD_DISTANCE = 5.0
-"""a state this far (m) from the plan, or a guess this old, starts the solver afresh"""
+"""a state this far (m) from the plan, or a guess this old, starts the solver afresh: the car has been moved"""
 BRAKE_SHARE = 0.6
 """of the rear load limit a stop plan uses for braking; the rest is left for cornering"""
 
@@ -65,6 +68,11 @@ class Planner:
         self._guess_start_ns: int | None = None
         self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
         self._check = PlanCheck(self.settings)
+        controller, limits = self.adoption.controller, self.settings.limits
+        room = controller.clearance + limits.edge_zone
+        self._following = Following(Joining(config.vehicle.wheelbase, limits, room))
+        self._unmoved = Unmoved()
+        self._newest_applied: Applied | None = None
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
         self._teller = LineTeller(bus)
         self._publish = Publisher(config, bus, self._actuators, self.settings)
@@ -88,6 +96,7 @@ class Planner:
         if decision is None:
             return None
         self._plan = decision.plan
+        decision = self._or_not_moving(decision, now_ns)
         e = self._estimate.latest.message
         stamps = Stamps(now_ns, self._seq, 0 if e is None else e.state_stamp_ns)
         self._seq += 1
@@ -124,6 +133,7 @@ class Planner:
 
     def _record(self, applied: list[Applied], now_ns: int) -> None:
         """What the gateway sent, on the own clock: the newest counts as just sent."""
+        self._newest_applied = applied[-1] if applied else self._newest_applied
         for message in applied:
             age_ns = applied[-1].stamp_ns - message.stamp_ns
             self._actuators.record(Sent(now_ns - age_ns, message.steer, self.adoption.delivered.acting(message.drive)))
@@ -146,15 +156,31 @@ class Planner:
         then = predict(self._actuators, controller.advance, measured, start_ns)
         if not then.finite:  # no model of the plan may end the process
             return None
-        hint = self._expected(start_ns)
-        s = controller.reference.project(then.car[0], then.car[1], None if hint is None else float(hint[S]))
+        expected = self._expected(start_ns)
+        near = expected is not None and math.hypot(then.car[0] - expected[0], then.car[1] - expected[1]) < COLD_DISTANCE
+        s = self._locate(then, 0.0 if expected is None else float(expected[S]), near)
         self.adoption.watch(e, s)
-        progress = then.car[3] if hint is None else float(hint[PROGRESS])
+        progress = then.car[3] if expected is None or not near else float(expected[PROGRESS])
         limits = self.settings.limits
         return np.array([
             *then.car, s, within(then.drive, limits.drive_min, limits.drive_max),
             within(then.steer, -limits.steer, limits.steer), within(progress, 0.0, limits.speed),
         ])  # fmt: skip
+
+    def _locate(self, then: Moment, last: float, near: bool) -> float:
+        """Progress on what is the reference from now on; `last` expected, and whether the car is `near` there."""
+        base, (x, y, yaw, speed, *_) = self.adoption.current.reference, then.car
+        if not near:
+            self._following.give_up()
+        reference = self._following.reference(base, last)
+        s = reference.project(x, y, last) if near else reference.find(x, y, last)
+        going = near and self._guess_start_ns is not None and speed > STANDSTILL
+        if speed < WALKING and not going and is_off(reference, s, (x, y, yaw)):
+            self._following.begin(base, (x, y, yaw), then.steer)
+            reference = self._following.reference(base, s)
+            self._guess_start_ns = None  # a guess beside another path is none
+        self.adoption.controller.reference = reference
+        return reference.project(x, y, s)
 
     def _expected(self, start_ns: int) -> Array | None:
         """State the last plan has at `start_ns`."""
@@ -166,13 +192,23 @@ class Planner:
     def _decide(self, z0: Array | None, start_ns: int, started: int) -> Decision | None:
         """A fresh plan if there is one, else the last one shifted, else a stop plan; None before the first estimate."""
         reason = "no valid estimate"
-        if z0 is not None:
+        if z0 is not None and not self._following.hindrance:
             solved = self._solve(z0, start_ns, started)
             self.adoption.judge(isinstance(solved, Decision))
             if isinstance(solved, Decision):
                 return solved
             reason = solved
+        elif z0 is not None:
+            self._fresh_ns, reason = 0, self._following.hindrance  # no plan of before leads on from here
         return self._fall_back(z0, start_ns, reason)
+
+    def _or_not_moving(self, decision: Decision, now_ns: int) -> Decision:
+        """The decision, or the same with why a standing car goes on standing."""
+        speed = float(decision.plan.z[VX, 0])
+        reason = self._unmoved.update(now_ns, self._newest_applied, speed)
+        if speed < STANDSTILL and not moves_off(decision.plan.z, self.settings.dt):
+            reason = decision.reason or "the solver finds no way to drive off"
+        return replace(decision, status=PlanStatus.NOT_MOVING, reason=reason) if reason else decision
 
     def _solve(self, z0: Array, start_ns: int, started: int) -> Decision | str:
         """Fresh plan, or the reason there is none."""
@@ -240,6 +276,9 @@ class Planner:
 
     def _is_cold(self, z0: Array, start_ns: int) -> bool:
         if self._guess_start_ns is None or start_ns - self._guess_start_ns > COLD_GAP_S * NS_PER_S:
+            return True
+        # at rest under the brakes the motion has no slope over the drive command: a guess that stands says nothing
+        if z0[VX] < STANDSTILL and not moves_off(self.adoption.controller.sqp.z, self.settings.dt):
             return True
         expected = self._expected(start_ns)
         return expected is None or _distance(expected, z0) > COLD_DISTANCE

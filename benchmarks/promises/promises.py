@@ -159,6 +159,11 @@ PROMISES: tuple[Promise, ...] = (
         "Every input has a bound in size, time and memory",
         "flood and bomb set",
     ),
+    Promise(
+        "G3",
+        "Armed means under way within 2 s, or the reason is said",
+        "1,000 places and headings, all tracks and their pit lanes",
+    ),
 )
 
 

@@ -196,6 +196,8 @@ class PlanStatus(StrEnum):
     SOLVED = "solved"
     SHIFTED = "shifted"
     STOP = "stop"
+    NOT_MOVING = "not_moving"
+    """the car stands and goes on standing: `Plan.reason` says why"""
 
 
 class Plan(Message):

@@ -53,6 +53,8 @@ class Adopted:
     revised: RevisedModel
     tyre: TyreNames
     controller: Controller
+    reference: Reference
+    """the race line with the speeds of this model"""
 
 
 class Adoption:
@@ -123,7 +125,7 @@ class Adoption:
         if self._ready is not None:
             self._swap(self._ready)
         if self._new_reference is not None:
-            self.controller.reference, self._new_reference = self._new_reference, None
+            self.current.reference, self._new_reference = self._new_reference, None
         if not self._changed:
             return
         current, before = self.current, self.controller.knowledge
@@ -215,7 +217,7 @@ class Adoption:
         reference = self._reference(revised, tyre, knowledge)
         backend = self._config.planner.backend
         controller = Controller(problem, functions, reference, knowledge, phi_at=revised.phi_at, backend=backend)
-        return Adopted(revision, revised, tyre, controller)
+        return Adopted(revision, revised, tyre, controller, reference)
 
     def _swap(self, new: Adopted) -> None:
         """Carry the guess over: the new model starts from the plan of the old one."""

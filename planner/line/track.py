@@ -38,9 +38,10 @@ class ReferencePoint:
 class Reference:
     """A race line with its speed limit on a uniform grid, addressed by unwrapped progress s (m, grows over laps)."""
 
-    def __init__(self, line: RaceLine, before: Reference | None = None) -> None:
-        """`before`: one made before, whose path is used again where it is the same and only speeds are new."""
-        self.line = line
+    def __init__(self, line: RaceLine, before: Reference | None = None, least_width: float = 0.0) -> None:
+        """`before`: one made before, whose path is used again where it is the same and only speeds are new.
+        `least_width`: a plan may go by so much (m) to either side of the line, however near an edge is."""
+        self.line, self._least_width = line, least_width
         self.length = line.length
         self._spacing = line.length / len(line.s)
         same = before if before is not None and before.line.x is line.x else None
@@ -52,8 +53,8 @@ class Reference:
 
     def _road_of(self, line: RaceLine) -> Array:
         """Rows of `stages`, speeds left open."""
-        centre = 0.5 * (line.width_left - line.width_right)
-        half_width = 0.5 * (line.width_left + line.width_right)
+        left, right = (np.maximum(width, self._least_width) for width in (line.width_left, line.width_right))
+        centre, half_width = 0.5 * (left - right), 0.5 * (left + right)
         rows = [centre, self._slope(centre), half_width, self._slope(half_width), *np.zeros((2, len(line.s)))]
         load = [np.cos(line.grade) * np.cos(line.bank) - 1.0, line.bend / GRAVITY, np.sin(line.bank) / GRAVITY]
         return np.vstack([*rows, line.grade, line.bank, line.track_s, *load])
@@ -97,16 +98,17 @@ class Reference:
         knot, index = self._cell(s)
         return np.asarray(self._road[4, index] + (s - knot) * self._road[5, index])
 
-    def project(self, x: float, y: float, hint: float | None = None) -> float:
-        """Unwrapped s of the nearest point; near `hint` (within some 30 m) where one is given, else on lap 0."""
-        n = len(self.line.s)
-        if hint is None:
-            start = int(np.argmin((self.line.x - x) ** 2 + (self.line.y - y) ** 2)) * self._spacing
-        else:
-            first = round(hint / self._spacing) - WINDOW
-            around = self._closed[first % n : first % n + 2 * WINDOW + 1]
-            start = (first + int(np.abs(around - complex(x, y)).argmin())) * self._spacing
-        return self._refine(x, y, start)
+    def project(self, x: float, y: float, hint: float) -> float:
+        """Unwrapped s of the nearest point among those within some 30 m of `hint`."""
+        n, first = len(self.line.s), round(hint / self._spacing) - WINDOW
+        around = self._closed[first % n : first % n + 2 * WINDOW + 1]
+        return self._refine(x, y, (first + int(np.abs(around - complex(x, y)).argmin())) * self._spacing)
+
+    def find(self, x: float, y: float, last: float = 0.0) -> float:
+        """Unwrapped s of the nearest point of all, by less than half a lap from `last`: where a car was put there is no
+        hint, and one that stands before the line is before its first lap."""
+        s = int(np.argmin((self.line.x - x) ** 2 + (self.line.y - y) ** 2)) * self._spacing
+        return self._refine(x, y, last + math.remainder(s - last, self.length))
 
     def _refine(self, x: float, y: float, s: float) -> float:
         """Newton steps along the tangent."""
@@ -119,7 +121,7 @@ class Reference:
             t = s - number * self._spacing
             dx, dy = x1 + t * (2 * x2 + 3 * t * x3), y1 + t * (2 * y2 + 3 * t * y3)
             ahead_x, ahead_y = x - x0 - t * (x1 + t * (x2 + t * x3)), y - y0 - t * (y1 + t * (y2 + t * y3))
-            along = (dx * ahead_x + dy * ahead_y) / math.hypot(dx, dy)
+            along = (dx * ahead_x + dy * ahead_y) / (dx**2 + dy**2)
             s += min(max(along, -self._spacing), self._spacing)
         return s
 

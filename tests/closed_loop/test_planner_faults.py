@@ -57,7 +57,7 @@ def test_stop_plan_brings_the_car_to_a_stand_on_the_track(monkeypatch: pytest.Mo
     assert_within_limits(rig)
     reference = rig.planner.adoption.controller.reference
     for car in rig.cars[700::50]:
-        s = reference.project(car[0], car[1])
+        s = reference.find(car[0], car[1])
         point = reference.at(np.array([s]))
         assert np.hypot(car[0] - point.x[0], car[1] - point.y[0]) < 4.0
 
@@ -138,7 +138,7 @@ def test_random_faults_never_give_a_partial_plan_or_leave_limits(seed: int, monk
     assert {p.status for p in rig.plans} >= {PlanStatus.SOLVED, PlanStatus.SHIFTED}
     reference = rig.planner.adoption.controller.reference
     for car in rig.cars[::20]:
-        s = reference.project(car[0], car[1])
+        s = reference.find(car[0], car[1])
         _, _, road = reference.stages(np.array([s]))
         middle, half = road[0, 0], road[2, 0]
         point = reference.at(np.array([s]))

@@ -26,7 +26,7 @@ def test_every_plan_is_fresh_and_the_car_stays_on_the_line() -> None:
     assert_within_limits(rig)
     reference = rig.planner.adoption.controller.reference
     for car in rig.cars[::20]:
-        point = reference.at(np.array([reference.project(car[0], car[1])]))
+        point = reference.at(np.array([reference.find(car[0], car[1])]))
         assert np.hypot(car[0] - point.x[0], car[1] - point.y[0]) < 4.0
 
 

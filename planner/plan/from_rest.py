@@ -1,0 +1,78 @@
+"""Driving off: which reference a plan follows from where the car stands, and whether it sets the car going."""
+
+from __future__ import annotations
+
+import math
+
+from hil_gateway.bus.messages import Applied, FailsafeAction
+from hil_gateway.process.arrays import Array
+from hil_gateway.process.clock import NS_PER_S
+from planner.line.joining import Joined, Joining, Pose, beside
+from planner.line.track import Reference
+from planner.plan.fallback import STANDSTILL
+from planner.problem.motion import VX
+
+WALKING = 3.0
+"""m/s up to which a car gets a way of its own onto the race line; a faster one is led there by its controller"""
+OFF = 0.1, 0.02
+"""m and rad beside its reference within which a standing car needs no other: what fixes leave"""
+UNDER_WAY_S = 1.0
+"""within which a plan from rest moves: with the lags of actuators and engine the car does within 2 s"""
+PATIENCE_NS = 2 * NS_PER_S
+
+
+class Following:
+    """The race line, or the way onto it from where the car stood."""
+
+    def __init__(self, joining: Joining) -> None:
+        self._joining = joining
+        self._joined: Joined | None = None
+        self.hindrance = ""
+        """why there is no way from where the car stands, in words; empty where there is one"""
+
+    def reference(self, base: Reference, s: float) -> Reference:
+        """What a car at progress `s` follows; `base` is the race line with its newest speeds."""
+        if self._joined is not None and math.remainder(s - self._joined.end, base.length) > 0.0:
+            self._joined = None
+        if self._joined is not None and self._joined.base is not base:
+            self._joined = self._joining.again(self._joined, base)
+        return base if self._joined is None else self._joined.reference
+
+    def begin(self, base: Reference, pose: Pose, steer: float) -> None:
+        """Follow a way from `pose` on, with the wheels turned by `steer` (rad)."""
+        found = self._joining.join(base, pose, steer)
+        self._joined, self.hindrance = (None, found) if isinstance(found, str) else (found, "")
+
+    def give_up(self) -> None:
+        """The car is where no way of before leads from."""
+        self._joined, self.hindrance = None, ""
+
+
+def is_off(reference: Reference, s: float, pose: Pose) -> bool:
+    """Whether a pose is not on a reference at progress `s`."""
+    offset, across = beside(reference, s, pose)
+    return abs(offset) > OFF[0] or abs(across) > OFF[1]
+
+
+def moves_off(z: Array, dt: float) -> bool:
+    """Whether states (NZ, N+1) at steps of `dt` (s) begin to move."""
+    return bool(z[VX, : round(UNDER_WAY_S / dt) + 1].max() > STANDSTILL)
+
+
+class Unmoved:
+    """Why a car does not move although it is driven; `update` once a plan."""
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+
+    def update(self, now_ns: int, applied: Applied | None, speed: float) -> str:
+        """In words; empty while the car moves, is not driven, or has not had `PATIENCE_NS`."""
+        driven = applied is not None and applied.sent and applied.action is FailsafeAction.DRIVE
+        if applied is None or not driven or speed > STANDSTILL:
+            self._since_ns = None
+            return ""
+        self._since_ns = now_ns if self._since_ns is None else self._since_ns
+        if now_ns - self._since_ns < PATIENCE_NS:
+            return ""
+        waited_s, asked = (now_ns - self._since_ns) / NS_PER_S, applied.accelerator_percent
+        return f"driven with {asked:.0f} % of accelerator in gear {applied.gear} for {waited_s:.0f} s: brakes, clutch?"
