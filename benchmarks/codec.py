@@ -16,7 +16,7 @@ from typing import Any
 import cantools
 
 from can_dbc.codec import Fault, load_codec
-from can_dbc.database import DBC_PATH
+from can_dbc.folder import SHIPPED
 
 REQUIRED = {"decode": 3.0, "encode": 5.0}
 ROUNDS = 9
@@ -31,7 +31,7 @@ def best_times(calls: dict[str, Callable[[], Any]]) -> dict[str, float]:
 def measure(frames_per_message: int = 40) -> dict[str, float]:
     """Mean time per frame over every message with random legal values, us (cantools encodes strictly by default)."""
     codec = load_codec()
-    peer = cantools.database.load_file(DBC_PATH)
+    peer = cantools.database.load_file(SHIPPED / "av24/av24.dbc")
     rng = random.Random(1)
     frames, si_values, dbc_values = [], [], []
     for message in codec.messages.values():

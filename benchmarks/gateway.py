@@ -23,7 +23,7 @@ from multiprocessing.synchronize import Event
 from typing import Any
 
 from can_dbc.codec import Fault, load_codec
-from can_dbc.database import DBC_PATH
+from can_dbc.folder import SHIPPED
 from hil_gateway.can_link import CanLink, Frame, open_link
 from hil_gateway.can_link.opening import interface_exists
 from hil_gateway.car.actuation import Actuation
@@ -167,7 +167,7 @@ class PeerPath:
         import cantools
 
         self.buses = [peer_bus(config) for config in configs]
-        self._decode = cantools.database.load_file(DBC_PATH).decode_message
+        self._decode = cantools.database.load_file(SHIPPED / "av24/av24.dbc").decode_message
 
     def __call__(self) -> int:
         received = 0

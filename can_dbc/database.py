@@ -1,28 +1,35 @@
-"""The messages of the car: `av24.dbc` joined with `av24.toml` into one frozen table.
+"""The messages of a car: its DBC joined with `bus.toml`, which says what a DBC cannot, into one frozen table.
 
-The DBC subset read here is what `av24.dbc` uses: VERSION, BO_, SG_ (no multiplexing, no floats, no extended
-identifiers). The reader is ours because importing cantools costs every process 0.2 s; the tests check it
-against cantools message by message.
+Of a DBC this reads VERSION, BO_ and SG_ (no multiplexing, no floats; one byte order in a message). A 29-bit identifier
+has bit 31 set, as the DBC writes it and as frames carry it. The reader is ours because importing cantools costs every
+process 0.2 s; the tests check it against cantools message by message.
 """
 
 from __future__ import annotations
 
 import hashlib
 import re
-import tomllib
+from collections import Counter as Counts
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Annotated, Literal
 
-from can_dbc.units import SI
+from pydantic import Field
 
-DBC_PATH = Path(__file__).with_name("av24.dbc")
-"""The DBC, for tools that read one themselves (candump, cantools); `av24.toml` lies beside it."""
+from can_dbc.errors import PlatformError
+from can_dbc.folder import FileModel, checked, dbc_path, read_text, read_toml
+from can_dbc.units import UNITS, Unit
+
 DEADLINE_PERIODS = 5
-"""Age at which a message counts as lost where the TOML names none, periods."""
+"""Age at which a message counts as lost where `bus.toml` names none, periods."""
+EXTENDED = 1 << 31
+"""set in the identifier of a 29-bit frame"""
+DLC_MAX = 8
+"""bytes of a classic frame"""
 
 Range = tuple[float, float]
 
@@ -42,7 +49,9 @@ class Signal:
     declared: Range | None
     """range the DBC declares, DBC units"""
     limits: Range | None
-    """what the car can do or take (av24.toml), DBC units"""
+    """what the car can do or take (`bus.toml`), DBC units"""
+    to_si: Unit
+    """of `unit`"""
 
     @property
     def raw_range(self) -> tuple[int, int]:
@@ -50,6 +59,11 @@ class Signal:
         if self.signed:
             return -(1 << self.length - 1), (1 << self.length - 1) - 1
         return 0, (1 << self.length) - 1
+
+    def raw(self, value: float) -> int:
+        """Integer of the field nearest to a value in DBC units, held to what the field carries."""
+        low, high = self.raw_range
+        return min(max(round((value - self.offset) / self.scale), low), high)
 
     @property
     def si_name(self) -> str:
@@ -59,7 +73,7 @@ class Signal:
     @property
     def si_factor(self) -> float:
         """SI value over value in DBC units."""
-        return SI[self.unit]
+        return self.to_si.factor
 
     @property
     def si_resolution(self) -> float:
@@ -101,22 +115,25 @@ class Message:
 
     name: str
     id: int
+    """bit 31 is set where it is a 29-bit identifier"""
     dlc: int
     sender: str
+    direction: Literal["car", "computer"]
+    """which end of the cable sends it"""
     signals: tuple[Signal, ...]
     period_s: float
     deadline_s: float
     counter: Counter | None
 
     @property
-    def direction(self) -> Literal["car", "computer"]:
-        """Which end of the cable sends it."""
-        return "computer" if self.sender == "COMPUTER" else "car"
-
-    @property
     def byte_order(self) -> Literal["little", "big"]:
         """The one byte order of all its signals (checked when read)."""
         return "little" if self.signals[0].little_endian else "big"
+
+    @property
+    def id_text(self) -> str:
+        """As people write it: 0x53C, 0x18FF1234."""
+        return f"0x{self.id & ~EXTENDED:03X}"
 
     @cached_property
     def signal(self) -> Mapping[str, Signal]:
@@ -129,94 +146,143 @@ class Database:
     """Every message of the bus, by identifier rising."""
 
     version: str
+    bitrate: int
+    """bit/s"""
     messages: tuple[Message, ...]
     sha256: str
-    """hash over both files, for recordings"""
+    """hash over DBC and `bus.toml`, for recordings"""
+
+    def find(self, name: str) -> tuple[Message, Signal]:
+        """A signal by its name, or by `message.signal` where several messages have one of that name.
+
+        Raises:
+            PlatformError: there is none, or more than one.
+        """
+        of, _, signal = name.rpartition(".")
+        found = [m for m in self.messages if signal in m.signal and of in ("", m.name)]
+        if len(found) == 1:
+            return found[0], found[0].signal[signal]
+        if found:
+            places = ", ".join(f"{message.name}.{signal}" for message in found)
+            raise PlatformError(f"several messages have a signal {signal}: write one of {places}")
+        raise PlatformError(f"the DBC has no signal {name}{_like(signal, self.messages)}")
 
 
-class DatabaseError(ValueError):
-    """The DBC and the TOML do not fit together, or the DBC uses what this reader does not know."""
+def _like(name: str, messages: tuple[Message, ...]) -> str:
+    near = get_close_matches(name, [signal.name for message in messages for signal in message.signals], n=3)
+    return f"; like it are {', '.join(near)}" if near else ""
 
 
-_MESSAGE = re.compile(r"BO_ (?P<id>\d+) (?P<name>\w+) ?: (?P<dlc>\d+) (?P<sender>\w+)")
+class Timing(FileModel):
+    """`[default]` of `bus.toml`, s."""
+
+    period_s: float = Field(gt=0, le=60)
+    deadline_s: float = Field(gt=0, le=600)
+
+
+class BusFile(FileModel):
+    """`bus.toml`. Times in s, ranges in the units of the DBC."""
+
+    dbc_version: str
+    bitrate: int = Field(ge=10_000, le=1_000_000)
+    computer: str = "COMPUTER"
+    """node of the DBC that this computer is"""
+    computer_sends: tuple[str, ...] = ()
+    """messages it sends, where the DBC does not name the sender"""
+    default: Timing
+    period_s: dict[str, Annotated[float, Field(gt=0, le=60)]] = Field(default={})
+    deadline_s: dict[str, Annotated[float, Field(gt=0, le=600)]] = Field(default={})
+    counter: dict[str, tuple[str, Annotated[int, Field(ge=2)]]] = Field(default={})
+    """message -> signal that advances by one every frame, and its modulus"""
+    limits: dict[str, Range] = Field(default={})
+    """signal, or `message.signal` -> what the car can do"""
+    units: dict[str, str] = Field(default={})
+    """unit as the DBC writes it -> one of `can_dbc.units`"""
+
+
+_MESSAGE = re.compile(r"BO_ (?P<id>\d+) (?P<name>\w+) *: (?P<dlc>\d+) (?P<sender>\w+)")
 _SIGNAL = re.compile(
-    r" SG_ (?P<name>\w+) : (?P<start>\d+)\|(?P<length>\d+)@(?P<order>[01])(?P<sign>[+-]) "
+    r"\s+SG_ (?P<name>\w+) : (?P<start>\d+)\|(?P<length>\d+)@(?P<order>[01])(?P<sign>[+-]) "
     r"\((?P<scale>[^,]+),(?P<offset>[^)]+)\) \[(?P<low>[^|]+)\|(?P<high>[^]]+)\] \"(?P<unit>[^\"]*)\""
 )
+_SIGNAL_LINE = re.compile(r"\s+SG_ ")
 _VERSION = re.compile(r'VERSION "([^"]*)"')
 
 
-def load_database() -> Database:
-    """Read the database shipped with this package.
+def load_database(folder: Path) -> Database:
+    """Read DBC and `bus.toml` of a car folder.
 
     Raises:
-        DatabaseError: missing, damaged or contradictory files.
+        PlatformError: missing, damaged or contradictory files.
     """
+    path = dbc_path(folder)
+    text, bus_text = read_text(path), read_text(folder / "bus.toml")
+    bus = checked(BusFile, read_toml(folder / "bus.toml"), folder / "bus.toml")
     try:
-        return parse_database(DBC_PATH.read_text(), DBC_PATH.with_suffix(".toml").read_text())
-    except DatabaseError as error:
-        raise DatabaseError(f"{DBC_PATH}: {error}") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DatabaseError(f"{DBC_PATH} with its .toml cannot be read: {error!r}") from None
+        messages = tuple(sorted(_messages(text, bus), key=lambda message: message.id))
+        _check_version(text, bus)
+    except PlatformError as error:
+        raise PlatformError(f"{path}: {error}") from None
+    if not messages:
+        raise PlatformError(f"{path}: holds no message (no line begins with BO_)")
+    _check_unique(messages, path)
+    _check_names(bus, messages, folder / "bus.toml")
+    return Database(bus.dbc_version, bus.bitrate, messages, hashlib.sha256((text + bus_text).encode()).hexdigest())
 
 
-def parse_database(dbc: str, toml: str) -> Database:
-    """Join a DBC with its TOML.
-
-    Raises:
-        DatabaseError: a line this reader does not know, a name in the TOML the DBC lacks, versions that differ.
-    """
-    extra = tomllib.loads(toml)
-    version = _version(dbc)
-    if version != extra["dbc_version"]:
-        raise DatabaseError(f"DBC version {version!r} is not {extra['dbc_version']!r} of the TOML")
-    messages = tuple(sorted(_messages(dbc, extra), key=lambda message: message.id))
-    if not messages or len({m.id for m in messages}) + len({m.name for m in messages}) != 2 * len(messages):
-        raise DatabaseError("no messages, or two of one identifier or name")
-    _refuse_unknown_names(extra, messages)
-    return Database(version, messages, hashlib.sha256((dbc + toml).encode()).hexdigest())
-
-
-def _version(dbc: str) -> str:
+def _check_version(dbc: str, bus: BusFile) -> None:
     match = _VERSION.search(dbc)
     if match is None:
-        raise DatabaseError("the DBC has no VERSION line")
-    return match[1]
+        raise PlatformError("the DBC has no VERSION line")
+    if match[1] != bus.dbc_version:
+        raise PlatformError(f"VERSION {match[1]!r} is not dbc_version {bus.dbc_version!r} of bus.toml: which is right?")
 
 
-def _messages(dbc: str, extra: dict[str, Any]) -> Iterator[Message]:
+def _check_unique(messages: tuple[Message, ...], path: Path) -> None:
+    for of, values in (("identifier", [m.id_text for m in messages]), ("name", [m.name for m in messages])):
+        if twice := [value for value, count in Counts(values).items() if count > 1]:
+            raise PlatformError(f"{path}: two messages have the {of} {twice[0]}")
+
+
+def _messages(dbc: str, bus: BusFile) -> Iterator[Message]:
     """Each BO_ line with the SG_ lines under it."""
     head: re.Match[str] | None = None
     signals: list[Signal] = []
     for line in [*dbc.splitlines(), ""]:
-        if line.startswith(" SG_"):
-            signals.append(_signal(line, extra["limits"]))
+        if head is not None and _SIGNAL_LINE.match(line):
+            signals.append(_signal(head["name"], line, bus))
         elif head is not None:
-            yield _message(head, tuple(signals), extra)
+            yield _message(head, tuple(signals), bus)
             head, signals = None, []
         if line.startswith("BO_ "):
             head = _MESSAGE.match(line)
             if head is None:
-                raise DatabaseError(f"cannot read this DBC line: {line!r}")
+                raise PlatformError(f"cannot read this line: {line!r}")
 
 
-def _message(head: re.Match[str], signals: tuple[Signal, ...], extra: dict[str, Any]) -> Message:
-    name = head["name"]
+def _message(head: re.Match[str], signals: tuple[Signal, ...], bus: BusFile) -> Message:
+    name, number, dlc, sender = head["name"], int(head["id"]), int(head["dlc"]), head["sender"]
+    if number & ~EXTENDED > (0x1FFF_FFFF if number & EXTENDED else 0x7FF):
+        remedy = "" if number & EXTENDED else "; a 29-bit one is written with bit 31 set (2147483648 added)"
+        raise PlatformError(f"{name}: identifier {number} has more than {29 if number & EXTENDED else 11} bits{remedy}")
+    if not 1 <= dlc <= DLC_MAX:
+        raise PlatformError(f"{name}: {dlc} bytes: a classic frame has 1 to {DLC_MAX}")
     if len({signal.little_endian for signal in signals}) != 1:
-        raise DatabaseError(f"{name}: no signals, or two byte orders in one message")
-    _refuse_misfits(name, int(head["dlc"]), signals)
-    default = extra["default"]
-    period = extra["period_s"].get(name, default["period_s"])
-    usual = default["deadline_s"] if name not in extra["period_s"] else DEADLINE_PERIODS * period
-    counter = extra["counter"].get(name)
+        raise PlatformError(f"{name}: no signals, or two byte orders in one message")
+    _refuse_misfits(name, dlc, signals)
+    period = bus.period_s.get(name, bus.default.period_s)
+    usual = DEADLINE_PERIODS * period if name in bus.period_s else bus.default.deadline_s
+    counter = bus.counter.get(name)
+    ours = sender == bus.computer or name in bus.computer_sends
     return Message(
         name=name,
-        id=int(head["id"]),
-        dlc=int(head["dlc"]),
-        sender=head["sender"],
+        id=number,
+        dlc=dlc,
+        sender=sender,
+        direction="computer" if ours else "car",
         signals=signals,
         period_s=period,
-        deadline_s=extra["deadline_s"].get(name, usual),
+        deadline_s=bus.deadline_s.get(name, usual),
         counter=Counter(*counter) if counter else None,
     )
 
@@ -228,40 +294,59 @@ def _refuse_misfits(name: str, dlc: int, signals: tuple[Signal, ...]) -> None:
         shift = signal.shift(dlc)
         field = (1 << signal.length) - 1 << max(shift, 0)
         if shift < 0 or shift + signal.length > 8 * dlc or not signal.length:
-            raise DatabaseError(f"{name}: {signal.name} does not fit into its {dlc} bytes")
+            raise PlatformError(f"{name}: {signal.name} does not fit into its {dlc} bytes")
         if taken & field:
-            raise DatabaseError(f"{name}: {signal.name} overlaps another signal")
+            raise PlatformError(f"{name}: {signal.name} overlaps another signal")
         if not signal.scale:
-            raise DatabaseError(f"{name}: {signal.name} has scale 0")
+            raise PlatformError(f"{name}: {signal.name} has scale 0")
         taken |= field
 
 
-def _signal(line: str, limits: dict[str, list[float]]) -> Signal:
+def _signal(message: str, line: str, bus: BusFile) -> Signal:
     match = _SIGNAL.match(line)
-    if match is None or match["unit"] not in SI:
-        raise DatabaseError(f"cannot read this DBC line: {line!r}")
-    low, high = float(match["low"]), float(match["high"])
-    limit = limits.get(match["name"])
+    if match is None:
+        raise PlatformError(f"cannot read this line: {line!r}; multiplexed signals are not read")
+    name, unit = match["name"], match["unit"]
+    known = bus.units.get(unit, unit)
+    if known not in UNITS:
+        raise PlatformError(
+            f"{message}: {name} has the unit {unit!r}, which is not known; name one that is in [units] of bus.toml,"
+            f' "{unit}" = "...": {", ".join(filter(None, UNITS))}'
+        )
+    try:
+        low, high, scale, offset = (float(match[part]) for part in ("low", "high", "scale", "offset"))
+    except ValueError:
+        raise PlatformError(f"cannot read this line: {line!r}") from None
     return Signal(
-        name=match["name"],
+        name=name,
         start=int(match["start"]),
         length=int(match["length"]),
         little_endian=match["order"] == "1",
         signed=match["sign"] == "-",
-        scale=float(match["scale"]),
-        offset=float(match["offset"]),
-        unit=match["unit"],
+        scale=scale,
+        offset=offset,
+        unit=unit,
         declared=None if low == high == 0 else (low, high),
-        limits=None if limit is None else (limit[0], limit[1]),
+        limits=bus.limits.get(f"{message}.{name}", bus.limits.get(name)),
+        to_si=UNITS[known],
     )
 
 
-def _refuse_unknown_names(extra: dict[str, Any], messages: tuple[Message, ...]) -> None:
-    """A name the TOML misspells would silently have the defaults."""
-    signals = {message.name: {signal.name for signal in message.signals} for message in messages}
-    known_signals = set().union(*signals.values())
-    unknown = [key for table in ("period_s", "deadline_s", "counter") for key in extra[table] if key not in signals]
-    unknown += [key for key in extra["limits"] if key not in known_signals]
-    unknown += [key for key, (signal, _) in extra["counter"].items() if signal not in signals.get(key, ())]
-    if unknown:
-        raise DatabaseError(f"the TOML names what the DBC lacks: {', '.join(unknown)}")
+def _check_names(bus: BusFile, messages: tuple[Message, ...], path: Path) -> None:
+    """A name that `bus.toml` misspells would silently have the defaults."""
+    signals = {message.name: message.signal for message in messages}
+    named = {"period_s": [*bus.period_s], "deadline_s": [*bus.deadline_s], "counter": [*bus.counter]}
+    for table, keys in (*named.items(), ("computer_sends", [*bus.computer_sends])):
+        if unknown := [key for key in keys if key not in signals]:
+            raise PlatformError(f"{path}: {table}: the DBC has no message {unknown[0]}")
+    for message, (signal, modulus) in bus.counter.items():
+        if signal not in signals[message]:
+            raise PlatformError(f"{path}: counter.{message}: the message has no signal {signal}")
+        if modulus - 1 > signals[message][signal].raw_range[1]:
+            raise PlatformError(f"{path}: counter.{message}: {signal} cannot count to {modulus - 1}")
+    for name, (low, high) in bus.limits.items():
+        of, _, signal = name.rpartition(".")
+        if not any(signal in m.signal and of in ("", m.name) for m in messages):
+            raise PlatformError(f"{path}: limits: the DBC has no signal {name}{_like(signal, messages)}")
+        if not low < high:
+            raise PlatformError(f"{path}: limits.{name} = [{low:g}, {high:g}]: the first must be below the second")

@@ -13,6 +13,8 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
+from can_dbc.folder import DEFAULT_PLATFORM
+from hil_gateway.car.car import Car, load_car
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.settings import GatewayConfig
@@ -132,6 +134,9 @@ class Config(Model):
     declared_model: Literal["race_car", "paper"] = Field(
         default="race_car", description="what is driven with at first: with air, load transfer, both brakes, or Eq. 1-3"
     )
+    platform: str = Field(
+        default=DEFAULT_PLATFORM, description="the car that is operated: name of a shipped one, or a folder"
+    )
     vehicle: Vehicle = Vehicle()
     powertrain: Powertrain = Powertrain()
     track: str = Field(default="", description="track file; empty: the road course that is shipped")
@@ -144,6 +149,11 @@ class Config(Model):
     planner: PlannerConfig = PlannerConfig()
     recorder: RecorderConfig = RecorderConfig()
     dashboard: DashboardConfig = DashboardConfig()
+
+    @property
+    def car(self) -> Car:
+        """What is known of the car before it has driven."""
+        return load_car(self.platform)
 
     @model_validator(mode="after")
     def _drives_a_race_car(self) -> Self:

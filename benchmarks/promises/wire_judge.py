@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from can_dbc.database import DBC_PATH
+from can_dbc.folder import SHIPPED
 
 VALUES = {
     "steering_motor_ang_cmd": (-239.8, 239.8),
@@ -38,7 +38,7 @@ DLC = {0x578: 8, 0x579: 8, 0x57A: 8, 0x57B: 8, 0x57C: 8, 0x57D: 8}
 def _decoder() -> Any:
     import cantools
 
-    return cantools.database.load_file(DBC_PATH).decode_message
+    return cantools.database.load_file(SHIPPED / "av24/av24.dbc").decode_message
 
 
 @dataclass

@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from itertools import pairwise
-from typing import Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from hil_gateway.car.figures import Force, In, Number, Pressure, Rpm, Seconds, Torque
 from hil_gateway.process.model import Model
 
 RPM = 2 * math.pi / 60
@@ -31,27 +32,36 @@ LEAST_BIAS = 0.1
 class Powertrain(Model):
     """Declared numbers, SI. 473 hp at 6110 rpm, gears and final drive: AV-21/AV-24, public sources (docs/av24.md)."""
 
-    engine_rpm: tuple[float, ...] = (1500, 2500, 3500, 4500, 5500, 6110, 6800, 7400)
-    engine_torque: tuple[float, ...] = Field(
+    engine_rpm: Annotated[tuple[float, ...], In("rpm")] = (1500, 2500, 3500, 4500, 5500, 6110, 6800, 7400)
+    engine_torque: Annotated[tuple[float, ...], In("N m")] = Field(
         default=(300, 430, 520, 560, 566, 551, 490, 400), description="full throttle at `engine_rpm`, N m"
     )
-    gears: tuple[float, ...] = (2.917, 1.875, 1.381, 1.115, 0.96, 0.889)
-    final_drive: float = Field(default=3.0, gt=0)
-    upshift_rpm: float = Field(default=6500.0, gt=0)
-    downshift_rpm: float = Field(default=5700.0, gt=0, description="shift down when the lower gear turns slower")
-    shift_pause_s: float = Field(default=0.3, ge=0, description="least time between two shifts")
-    clutch_rpm: float = Field(default=2000.0, gt=0, description="slowest engine speed with the clutch slipping")
-    brake_force_per_pa: float = Field(default=1.8e-3, gt=0, lt=0.1, description="braking force of one axle, N per Pa")
-    brake_bias_front: float = Field(
+    driveline_efficiency: Number = Field(default=0.965, gt=0.5, le=1)
+    drag_torque: Torque = Field(default=40.0, ge=0, description="of the engine with the throttle closed, N m")
+    gears: Annotated[tuple[float, ...], In("1")] = (2.917, 1.875, 1.381, 1.115, 0.96, 0.889)
+    final_drive: Number = Field(default=3.0, gt=0)
+    upshift_rpm: Rpm = Field(default=6500.0, gt=0)
+    downshift_rpm: Rpm = Field(default=5700.0, gt=0, description="shift down when the lower gear turns slower")
+    shift_pause_s: Seconds = Field(default=0.3, ge=0, description="least time between two shifts")
+    clutch_rpm: Rpm = Field(default=2000.0, gt=0, description="slowest engine speed with the clutch slipping")
+    brake_force_per_pa: Annotated[float, In("N/Pa")] = Field(
+        default=1.8e-3, gt=0, lt=0.1, description="braking force of one axle, N per Pa"
+    )
+    brake_share_front: Number = Field(
+        default=0.5, ge=0.2, le=0.8, description="front axle's share of the force at equal pressures"
+    )
+    brake_bias_front: Number = Field(
         default=0.54, ge=0.2, le=0.9, description="front share of the pressure; no axle may be without brakes"
     )
-    brake_bias_range: float = Field(
+    brake_bias_range: Number = Field(
         default=0.12, ge=0, le=0.2, description="by which a command may move that share: tyres differ by a fifth"
     )
-    brake_pressure_max: float = Field(default=6.0e6, ge=1.0e6, le=7.0e6, description="Pa")
-    force_per_drive: float = Field(
+    brake_pressure_max: Pressure = Field(default=6.0e6, ge=1.0e6, le=20.0e6, description="Pa")
+    force_per_drive: Force = Field(
         default=50_000.0, ge=1e3, le=1e6, description="C_x that turns the command d into a force, N"
     )
+    traction_max: Force = Field(default=8_000.0, gt=0, description="largest driving force that is planned, N")
+    braking_max: Force = Field(default=18_000.0, gt=0, description="largest braking force that is planned, N")
 
     @model_validator(mode="after")
     def _tables(self) -> Self:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field
 
+from hil_gateway.car.figures import In, Length, Number
 from hil_gateway.process.model import Model
 
 GRAVITY = 9.80665
@@ -22,20 +25,23 @@ steering motor no longer steer the wheels by 0.1 rad. Logs of model cars are ide
 class Vehicle(Model):
     """Single-track vehicle data, SI. Defaults: AV-21/AV-24, public sources (docs/av24.md)."""
 
-    mass: float = Field(default=787.3, gt=0, description="kg")
-    yaw_inertia: float = Field(default=1000.0, gt=0, description="kg m2")
-    lf: float = Field(default=1.724, gt=0, description="CoG to front axle, m")
-    lr: float = Field(default=1.248, gt=0, description="CoG to rear axle, m")
-    cg_height: float = Field(default=0.275, ge=0, description="m")
-    track_front: float = Field(default=1.638, gt=0, description="m")
-    track_rear: float = Field(default=1.523, gt=0, description="m")
-    wheel_radius: float = Field(default=0.3118, gt=0, description="m")
-    steering_ratio: float = Field(default=15.0, gt=0, description="steering motor angle over road-wheel angle")
+    mass: Annotated[float, In("kg")] = Field(default=787.3, gt=0, description="kg")
+    yaw_inertia: Annotated[float, In("kg m2")] = Field(default=1000.0, gt=0, description="kg m2")
+    lf: Length = Field(default=1.724, gt=0, description="CoG to front axle, m")
+    lr: Length = Field(default=1.248, gt=0, description="CoG to rear axle, m")
+    cg_height: Length = Field(default=0.275, ge=0, description="m")
+    track_front: Length = Field(default=1.638, gt=0, description="m")
+    track_rear: Length = Field(default=1.523, gt=0, description="m")
+    half_width: Length = Field(default=0.95, gt=0, description="from the middle to the outside of its wheels, m")
+    wheel_radius: Length = Field(default=0.3118, gt=0, description="m")
+    steering_ratio: Number = Field(default=15.0, gt=0, description="steering motor angle over road-wheel angle")
 
-    air_density: float = Field(default=1.2, gt=0, description="kg/m3, sea level at 20 degrees")
-    drag_area: float = Field(default=0.86, ge=0, description="Cd A, m2")
-    lift_area_front: float = Field(default=-0.65, le=0, description="Cl A at the front axle, m2; negative presses down")
-    lift_area_rear: float = Field(default=-1.18, le=0, description="Cl A at the rear axle, m2")
+    air_density: Annotated[float, In("kg/m3")] = Field(default=1.2, gt=0, description="kg/m3, sea level at 20 degrees")
+    drag_area: Annotated[float, In("m2")] = Field(default=0.86, ge=0, description="Cd A, m2")
+    lift_area_front: Annotated[float, In("m2")] = Field(
+        default=-0.65, le=0, description="Cl A at the front axle, m2; negative presses down"
+    )
+    lift_area_rear: Annotated[float, In("m2")] = Field(default=-1.18, le=0, description="Cl A at the rear axle, m2")
 
     def outside_a_race_car(self) -> str:
         """The first number no full-size race car has, in one line; empty where there is none."""

@@ -131,7 +131,7 @@ def _run() -> Any:
     try:
         return app(standalone_mode=False, prog_name="hil")
     except (InputError, ValueError) as error:
-        theirs = type(error).__module__ == "can_dbc.database"  # named, not imported: few commands need it
+        theirs = type(error).__module__ == "can_dbc.errors"  # named, not imported: few commands need it
         if not (theirs or isinstance(error, InputError)):
             raise
         print(f"hil: {one_line(error)}", file=sys.stderr)

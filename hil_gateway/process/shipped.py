@@ -12,7 +12,7 @@ from pathlib import Path
 from hil_gateway.process.errors import InputError
 
 NEEDED: dict[str, tuple[str, ...]] = {
-    "can_dbc": ("av24.dbc", "av24.toml"),
+    "can_dbc": ("av24/av24.dbc", "av24/bus.toml", "av24/signals.toml", "av24/car.toml"),
     "hil_gateway": (
         "data/av24.toml",
         "data/secure.json5",

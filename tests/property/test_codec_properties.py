@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from support.promise_figures import record_figure, volume
 
 from can_dbc.codec import Fault, load_codec
-from can_dbc.database import DBC_PATH, Message
+from can_dbc.database import Message
+from can_dbc.folder import SHIPPED
 
 CODEC = load_codec()
-PEER = cantools.database.load_file(DBC_PATH)
+PEER = cantools.database.load_file(SHIPPED / "av24/av24.dbc")
 FUZZ_FRAMES = volume(1_000_000, 1_000_000)
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import cantools
 
-from can_dbc.database import DBC_PATH
+from can_dbc.folder import SHIPPED
 
-PEER = cantools.database.load_file(DBC_PATH)
+PEER = cantools.database.load_file(SHIPPED / "av24/av24.dbc")
 LOG_PERIODS = 256
 """Length of the played log: every 8-bit counter is back where it began."""
 

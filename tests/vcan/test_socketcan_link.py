@@ -15,14 +15,14 @@ import cantools
 import pytest
 
 from can_dbc.codec import Fault, load_codec
-from can_dbc.database import DBC_PATH
+from can_dbc.folder import SHIPPED
 from hil_gateway.can_link import EXTENDED_ID, BusState, Frame, open_link
 from hil_gateway.can_link.socketcan import SocketCanLink
 from hil_gateway.config import CanConfig
 
 pytestmark = pytest.mark.vcan
 CODEC = load_codec()
-PEER = cantools.database.load_file(DBC_PATH)
+PEER = cantools.database.load_file(SHIPPED / "av24/av24.dbc")
 Opener = Callable[[], SocketCanLink]
 
 

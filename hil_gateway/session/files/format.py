@@ -19,7 +19,8 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from can_dbc.database import DBC_PATH, load_database
+from can_dbc.codec import load_codec
+from can_dbc.folder import SHIPPED, dbc_path, platform_folder
 from hil_gateway.bus.messages import Message
 from hil_gateway.bus.topics import Topic
 from hil_gateway.can_link import EXTENDED_ID, Frame
@@ -79,7 +80,7 @@ def frame_source(bus: str, frame_id: int) -> str:
 
 @cache
 def _computer_ids() -> frozenset[int]:
-    return frozenset(message.id for message in load_database().messages if message.direction == "computer")
+    return frozenset(message.id for message in load_codec().messages.values() if message.direction == "computer")
 
 
 @cache
@@ -156,13 +157,13 @@ def session_metadata(config: Config, name: str, bus: str, started: str) -> dict[
 
 def dbc_hash() -> str:
     """SHA-256 of the DBC in use."""
-    return hashlib.sha256(DBC_PATH.read_bytes()).hexdigest()
+    return hashlib.sha256(dbc_path(platform_folder("av24")).read_bytes()).hexdigest()
 
 
 def software_version() -> str:
     """Version of the project, with the commit when it runs from a checkout."""
     version = importlib.metadata.version("hil-gateway")
-    root = DBC_PATH.parent.parent
+    root = SHIPPED.parent
     if not (root / ".git").exists():
         return version
     command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"]

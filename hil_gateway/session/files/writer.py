@@ -17,7 +17,7 @@ from typing import Self
 from mcap.writer import Writer
 from typing_extensions import Buffer
 
-from can_dbc.database import DBC_PATH
+from can_dbc.folder import dbc_path, platform_folder
 from hil_gateway.bus.topics import TOPICS
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.writable import free_bytes, short_of_space
@@ -99,7 +99,8 @@ class SessionFile:
             self._writer = Writer(self.sink, chunk_size=2 * PENDING_LIMIT, enable_data_crcs=True)
             self._writer.start(library="hil-gateway")
             self._channels = self._register(further or {})
-            self._writer.add_attachment(0, 0, DBC_PATH.name, "text/plain", DBC_PATH.read_bytes())
+            dbc = dbc_path(platform_folder("av24"))
+            self._writer.add_attachment(0, 0, dbc.name, "text/plain", dbc.read_bytes())
             for name, values in metadata.items():
                 self._writer.add_metadata(name, values)
             self.sink.flush()

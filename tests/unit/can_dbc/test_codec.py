@@ -6,8 +6,10 @@ import math
 
 import pytest
 
-from can_dbc.codec import Codec, Fault, FaultKind, load_codec
+from can_dbc.codec import COUNTER, Codec, Fault, FaultKind, load_codec
 from can_dbc.database import Database, Message, Signal
+from can_dbc.signals import SignalMap
+from can_dbc.units import UNITS
 
 CODEC = load_codec()
 
@@ -52,9 +54,9 @@ def test_a_plain_count_stays_an_integer() -> None:
 @pytest.mark.parametrize(("start", "frame"), [(4, "402301"), (1, "682400")])
 def test_word_sized_fields_off_their_bytes_are_cut_out_of_the_whole_frame(start: int, frame: str) -> None:
     """No message of the car has such a layout: 16 bits that begin within a byte, in steps of 2."""
-    field = Signal("speed", start, 16, True, False, 2.0, 0.0, "", None, None)
-    message = Message("odd", 0x100, 3, "ECU", (field,), 0.01, 0.05, None)
-    codec = Codec(Database("", (message,), ""))
+    field = Signal("speed", start, 16, True, False, 2.0, 0.0, "", None, None, UNITS[""])
+    message = Message("odd", 0x100, 3, "ECU", "car", (field,), 0.01, 0.05, None)
+    codec = Codec(Database("", 500_000, (message,), ""), SignalMap({}, {}, {}, (), (), (), {}, {}, {}))
     assert codec.encode("odd", {"speed": 0x2468}) == (0x100, bytes.fromhex(frame))
     assert codec.decode(0x100, bytes.fromhex(frame)) == {"speed": 0x2468}
 
@@ -107,3 +109,30 @@ def test_a_bug_in_the_caller_is_an_exception() -> None:
         CODEC.encode("gear_shift_cmd", {"desired_gear": 1, "gear": 1})
     with pytest.raises(KeyError, match="gear_cmd"):
         CODEC.encode("gear_cmd", {"desired_gear": 1})
+
+
+def test_quantities_are_the_signals_they_stand_for() -> None:
+    """Names and signs of `signals.toml` on the frames of the other tests."""
+    powertrain = CODEC.decode_quantities(0x53C, bytes.fromhex("c08ac105fac212c8"))
+    assert not isinstance(powertrain, Fault)
+    assert (powertrain["gear"], powertrain["engine_on"]) == (4, 1)
+    assert powertrain["engine_speed"] == pytest.approx(6123 * math.pi / 30)
+    assert powertrain["speed"] == pytest.approx(212.3 / 3.6)
+    assert CODEC.encode_quantities("pt_report_1", powertrain) == (0x53C, bytes.fromhex("c08ac105fac212c8"))
+
+
+def test_what_no_quantity_sets_is_at_rest() -> None:
+    _, data = CODEC.encode_quantities("pt_report_4", {})
+    values = CODEC.decode_raw(0x540, data)
+    assert not isinstance(values, Fault)
+    assert values["intake_manifold_press_kPa"] == pytest.approx(100.0)
+    assert values["boost_press_psi"] == 0.0
+
+
+def test_a_rolling_counter_has_one_name_in_every_message() -> None:
+    counted = [m for m in CODEC.messages.values() if m.counter is not None]
+    for message in counted:
+        _, data = CODEC.encode_raw(message.name, {s.name: 3 for s in message.signals})
+        values = CODEC.decode_quantities(message.id, data)
+        assert not isinstance(values, Fault)
+        assert values[COUNTER] == 3

@@ -13,7 +13,7 @@ from support.session_rig import UNIX_NS
 from typer.testing import CliRunner
 
 from can_dbc.codec import load_codec
-from can_dbc.database import DBC_PATH
+from can_dbc.folder import SHIPPED
 from hil_gateway.can_link import Frame
 from hil_gateway.can_link.monitor import FrameMonitor, line, signals
 from hil_gateway.cli.main import app
@@ -47,7 +47,7 @@ def watched(frames: list[Frame], *filters: str) -> FrameMonitor:
 
 
 def test_every_signal_is_what_cantools_reads(frames):
-    database = cantools.database.load_file(DBC_PATH)
+    database = cantools.database.load_file(SHIPPED / "av24/av24.dbc")
     streams = watched(frames).shown()
     assert len(streams) >= 15
     for stream in streams:

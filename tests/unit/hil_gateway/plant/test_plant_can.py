@@ -10,7 +10,7 @@ import cantools
 import pytest
 
 from can_dbc.codec import load_codec
-from can_dbc.database import DBC_PATH
+from can_dbc.folder import SHIPPED
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import TRUTH
 from hil_gateway.can_link import Frame, VirtualWire
@@ -112,7 +112,7 @@ def test_frames_decode_with_an_independent_decoder_inside_the_limits() -> None:
     bench.climb()
     bench.commands = Commands(steer=0.02, throttle=0.5, gear=2)
     bench.run(3.0)
-    database = cantools.database.load_file(DBC_PATH)
+    database = cantools.database.load_file(SHIPPED / "av24/av24.dbc")
     for frame in bench.frames:
         values = database.decode_message(frame.id, frame.data)
         for signal in CODEC.by_id[frame.id].signals:

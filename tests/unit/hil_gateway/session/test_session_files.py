@@ -15,7 +15,8 @@ from mcap.reader import make_reader
 from support.promise_figures import record_figure, volume
 from support.session_rig import UNIX_NS, Rig, recorded, sent_items
 
-from can_dbc.database import DBC_PATH, load_database
+from can_dbc.codec import load_codec
+from can_dbc.folder import SHIPPED
 from hil_gateway.bus.messages import Command, ModelRevision
 from hil_gateway.bus.topics import COMMAND, MODEL_REVISION, TOPICS
 from hil_gateway.can_link import EXTENDED_ID, Frame
@@ -43,7 +44,8 @@ def test_session_opens_with_the_mcap_reader_and_has_a_channel_for_every_topic(tm
         assert summary is not None
         topics = {channel.topic for channel in summary.channels.values()}
         assert topics == {CAN_TOPIC, *(t.key for t in TOPICS if t.recorded)}
-        assert [a.data for a in reader.iter_attachments()] == [DBC_PATH.read_bytes()], "frames decode without us"
+        attached = [a.data for a in reader.iter_attachments()]
+        assert attached == [(SHIPPED / "av24" / "av24.dbc").read_bytes()], "frames decode without us"
         for schema, channel, message in reader.iter_messages(topics=[COMMAND.key]):
             assert schema is not None
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
@@ -91,12 +93,12 @@ def test_raw_frames_decode_with_the_published_message_definition() -> None:
 
 def test_every_recorded_frame_says_its_bus_and_who_sends_it(tmp_path: Path) -> None:
     rig = Rig(tmp_path / "s.mcap")
-    for message in load_database().messages:
+    for message in load_codec().messages.values():
         rig.car.send(message.id, bytes(message.dlc))
     rig.run(1, frames_per_step=0).recorder.close(rig.clock.now_ns())
     items = [item for item in SessionReader(tmp_path / "s.mcap").items() if item.topic == CAN_TOPIC]
     directions = {unpack_frame(item.data).id: recorded_source(item.data) for item in items}
-    sent = {message.id: message.sender for message in load_database().messages}
+    sent = {message.id: message.sender for message in load_codec().messages.values()}
     assert directions == {number: "wire/tx" if who == "COMPUTER" else "wire/rx" for number, who in sent.items()}
 
 

@@ -1,0 +1,184 @@
+"""The car that is operated: one frozen, typed description, read once from its folder (docs/car-folder.md)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from functools import cached_property, lru_cache
+from typing import Annotated, Any, TypeVar
+
+from pydantic import Field
+
+from can_dbc.codec import Codec, load_codec
+from can_dbc.errors import PlatformError
+from can_dbc.folder import DEFAULT_PLATFORM, FILES, dbc_path, platform_folder, read_text, read_toml
+from hil_gateway.car.figures import Angle, Figure, Force, In, Length, Number, Seconds, read_section
+from hil_gateway.car.powertrain import Powertrain
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.errors import InputError
+from hil_gateway.process.model import Model
+
+
+class Actuators(Model):
+    """What steering, pedals and brakes can do, SI."""
+
+    steering_range: Angle = Field(gt=0.02, lt=1.0, description="road wheel, either side")
+    steering_rate: Annotated[float, In("rad/s")] = Field(gt=0, description="of the motor")
+    steering_delay: Seconds = Field(ge=0, le=0.5)
+    steering_bandwidth: Annotated[float, In("Hz")] = Field(gt=0)
+    accelerator_rise: Annotated[float, In("1/s")] = Field(gt=0, le=10.0)
+    brake_rise: Annotated[float, In("Pa/s")] = Field(gt=0)
+    brake_fall: Annotated[float, In("Pa/s")] = Field(gt=0)
+    brake_delay: Seconds = Field(ge=0, le=0.5)
+    brake_bandwidth: Annotated[float, In("Hz")] = Field(gt=0)
+    speed_max: Annotated[float, In("m/s")] = Field(ge=5, le=150, description="fastest that is planned")
+
+
+class Tyres(Model):
+    """Prior of Eq. (2) for both layouts, and what is known beyond it."""
+
+    cx: Force = Field(gt=0)
+    b: Number = Field(gt=0)
+    c: Number = Field(gt=0)
+    d: Number = Field(gt=0)
+    bf: Number = Field(gt=0)
+    cf: Number = Field(gt=0)
+    df: Number = Field(gt=0)
+    br: Number = Field(gt=0)
+    cr: Number = Field(gt=0)
+    dr: Number = Field(gt=0)
+    grip: Number = Field(ge=0.3, le=4, description="friction that a stop counts on")
+    load_sensitivity: Number = Field(ge=0, lt=0.5, description="friction lost when the load doubles")
+    combined_slip: Number = Field(gt=0, le=1.5, description="lateral over longitudinal friction of the ellipse")
+
+
+class Sensors(Model):
+    """Standard deviations of what the car reports of itself, SI."""
+
+    wheel_speed_noise: Annotated[float, In("m/s")] = Field(gt=0)
+    steering_noise: Angle = Field(gt=0, description="at the motor")
+    steering_apart: Angle = Field(gt=0, description="by which the motor's two sensors may differ")
+    pressure_noise: Annotated[float, In("Pa")] = Field(gt=0)
+
+
+class Imu(Model):
+    """One inertial sensor: place from the centre of gravity, turn, noise, delay; SI."""
+
+    x: Length = Field(ge=-10, le=10, description="ahead")
+    y: Length = Field(ge=-5, le=5, description="to the left")
+    yaw: Angle = Field(ge=-3.2, le=3.2, description="turned to the left")
+    rate_noise: Annotated[float, In("rad/s")] = Field(gt=0)
+    rate_offset: Annotated[float, In("rad/s")]
+    acceleration_noise: Annotated[float, In("m/s2")] = Field(gt=0)
+    acceleration_offset: Annotated[float, In("m/s2")]
+    delay: Seconds = Field(ge=0, le=0.5)
+
+
+class Receiver(Model):
+    """One satellite receiver: place from the centre of gravity, noise, error that wanders, delay; SI."""
+
+    x: Length = Field(ge=-10, le=10)
+    y: Length = Field(ge=-5, le=5)
+    noise: Length = Field(gt=0)
+    wander: Length = Field(ge=0, description="standard deviation of an error that changes slowly")
+    wander_time: Seconds = Field(gt=0, description="its time constant")
+    delay: Seconds = Field(ge=0, le=2)
+
+
+class Car(Model):
+    """Everything that is known of the car before it has driven."""
+
+    name: str
+    platform: str
+    """as it was asked for: the name of a shipped car, or a folder"""
+    vehicle: Vehicle
+    powertrain: Powertrain
+    actuators: Actuators
+    tyres: Tyres
+    sensors: Sensors
+    imus: Mapping[str, Imu]
+    """in the order in which they are used"""
+    receivers: Mapping[str, Receiver]
+    """the first places the car"""
+    figures: Mapping[str, Figure]
+    """`section.key` -> value, deviation and source, in the unit of the section"""
+
+    @property
+    def codec(self) -> Codec:
+        """Frames to quantities and back."""
+        return load_codec(self.platform)
+
+    def std(self, key: str) -> float:
+        """Standard deviation of `section.key`, in the unit of the section."""
+        std = self.figures[key].std
+        assert isinstance(std, float)
+        return std
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash over all files of the folder."""
+        return hashlib.sha256("".join(self.files().values()).encode()).hexdigest()
+
+    def files(self) -> dict[str, str]:
+        """Name -> text of every file of the folder that says something."""
+        folder = platform_folder(self.platform)
+        paths = [dbc_path(folder), *(folder / name for name in FILES)]
+        return {path.name: read_text(path) for path in paths}
+
+
+@lru_cache(maxsize=64)
+def load_car(platform: str = DEFAULT_PLATFORM) -> Car:
+    """The car of a name or folder, read once a process.
+
+    Raises:
+        InputError: no such car, or a mistake in its folder: file, key, value, limit, remedy.
+    """
+    try:
+        return _read(platform, load_codec(platform))
+    except PlatformError as error:
+        raise InputError(str(error)) from None
+
+
+SECTIONS: dict[str, type[Model]] = {
+    "vehicle": Vehicle, "powertrain": Powertrain, "actuators": Actuators, "tyres": Tyres, "sensors": Sensors
+}  # fmt: skip
+S = TypeVar("S", bound=Model)
+
+
+def _read(platform: str, codec: Codec) -> Car:
+    path = platform_folder(platform) / "car.toml"
+    tree, figures = read_toml(path), dict[str, Figure]()
+    if unknown := sorted(set(tree) - set(SECTIONS) - {"name", "imu", "receiver"}):
+        raise PlatformError(f"{path}: unknown key {unknown[0]}; known are name, {', '.join(SECTIONS)}, imu, receiver")
+    name = tree.get("name")
+    if not isinstance(name, str) or not name:
+        raise PlatformError(f"{path}: name is missing")
+
+    def section(model: type[S], given: Any, key: str) -> S:
+        read, found = read_section(model, given, path, key)
+        figures.update({f"{key}.{name}": figure for name, figure in found.items()})
+        return read
+
+    def sensors(model: type[S], key: str, wired: tuple[str, ...]) -> dict[str, S]:
+        """In the order of `signals.toml`."""
+        given = tree.get(key, {})
+        for one, other, file in ((given, wired, "signals.toml"), (wired, given, "car.toml")):
+            if lacking := [name for name in one if name not in other]:
+                raise PlatformError(f"{path}: [{key}.{lacking[0]}] is not in {file}; every sensor is in both")
+        return {name: section(model, given[name], f"{key}.{name}") for name in wired}
+
+    car = Car(
+        name=name,
+        platform=platform,
+        vehicle=section(Vehicle, tree.get("vehicle"), "vehicle"),
+        powertrain=section(Powertrain, tree.get("powertrain"), "powertrain"),
+        actuators=section(Actuators, tree.get("actuators"), "actuators"),
+        tyres=section(Tyres, tree.get("tyres"), "tyres"),
+        sensors=section(Sensors, tree.get("sensors"), "sensors"),
+        imus=sensors(Imu, "imu", codec.signals.imus),
+        receivers=sensors(Receiver, "receiver", codec.signals.receivers),
+        figures=figures,
+    )
+    if found := car.vehicle.outside_a_race_car():
+        raise PlatformError(f"{path}: vehicle.{found}")
+    return car
