@@ -177,8 +177,9 @@ class _ScoreTest:
     """Discounted normal equations of the residual on the sensitivities of tyres and candidate effects."""
 
     def __init__(self, model: SingleTrack) -> None:
-        known = {"imu_bias", *(effect.name for effect in model.effects)}  # the state filter estimates biases itself
-        self._candidates = [e for e in catalogue().values() if e.name not in known and not e.profile]
+        known = {effect.name for effect in model.effects}
+        others = (e for e in catalogue().values() if e.name not in known and not e.estimated_by_filter)
+        self._candidates = [effect for effect in others if not effect.profile]
         self._n_phi = len(model.effect_table)
         widened = SingleTrack(model.vehicle, model.layout, (*model.effects, *self._candidates), model.tyre_prior)
         self._function = compile_function(_sensitivities(widened, self._n_phi), compiled=False)

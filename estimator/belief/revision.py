@@ -18,7 +18,7 @@ import numpy as np
 from estimator.belief.tyre_belief import TyreBelief
 from estimator.model.declared_car import declared_covariance, declared_effects
 from estimator.model.effects import catalogue
-from estimator.model.parameters import DEFAULT_TYRE, Layout, layout_of
+from estimator.model.parameters import DEFAULT_TYRE, Layout, Quantity, layout_of
 from estimator.model.profile import profile_basis
 from estimator.model.single_track import SingleTrack
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision
@@ -124,10 +124,10 @@ class RevisedModel:
             phi[row] = profile_basis(track_position, self.lap_length, len(coefficients)) @ coefficients
         return phi
 
-    def constant(self, effect: str, parameter: str) -> float | None:
-        """One parameter of an effect that is the same all over the lap; None where the effect is not active."""
-        names = [(e.name, p.name) for e in self.model.effects for p in e.parameters]
-        return float(self.constants[names.index((effect, parameter))]) if (effect, parameter) in names else None
+    def constant(self, quantity: Quantity) -> float | None:
+        """A quantity that is the same all over the lap; None where no active effect has it."""
+        place = self.model.place_of(quantity)
+        return None if place is None else float(self.constants[place])
 
 
 def model_of(revision: ModelRevision, vehicle: Vehicle, lap_length: float) -> RevisedModel:
@@ -171,6 +171,13 @@ def inconsistent(revision: ModelRevision) -> str:
     if revision.covariance and len(revision.covariance) not in (len(revision.tyre), everything):
         return f"its covariance has {len(revision.covariance)} rows for {everything} parameters"
     return ""
+
+
+def effect_values(revision: ModelRevision) -> dict[Quantity, tuple[int, float]]:
+    """Quantities that the effects of a revision have: row of its covariance, where that is about them, and value."""
+    named = [(e, p) for e in revision.effects for p in catalogue()[e.name].parameters if p.name in e.parameters]
+    rows = enumerate(named, len(revision.tyre))
+    return {p.quantity: (row, e.parameters[p.name]) for row, (e, p) in rows if p.quantity is not None}
 
 
 def learns_effects(revision: ModelRevision) -> bool:

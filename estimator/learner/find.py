@@ -21,7 +21,6 @@ from estimator.learner.rule import IDLE, Errors, mean_ratio, why_not
 from estimator.learner.taught import SPREAD, Laps, parameters_of, taught
 from estimator.model.declared_vehicle import DECLARED
 from estimator.model.effects import catalogue
-from estimator.model.effects.base import Effect
 from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.offline.diagnosis import held_out_in_turn
 from estimator.offline.fit.prediction_error import Fit
@@ -38,13 +37,6 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
-UNTRIED = frozenset({
-    *DECLARED, "imu_bias", "imu_misalignment", "speed_scale", "grip_drift", "brake_pressure", "total_slip",
-    "limited_slip", "steer_lag", "drive_lag", *LOOK_ALIKES,
-})  # fmt: skip
-"""what a running loop cannot have: vehicle data, which are declared; what the state filter estimates itself; what needs
-the time since the start of the log or the brakes' pressure, which no plan knows; a differential and
-lags of first order, with which no laps are driven yet"""
 LEAST_LAPS = 3
 """two to learn from and one to be judged by"""
 LEAST_S = 15.0
@@ -204,20 +196,21 @@ def _setting(task: Task, train: Record, ground: Ground) -> Setting:
     active = (*active_effects(declared, adopted), *(road_effects() if ground.mapped else ()))
     std = {name: value for name, value in parameter_std(declared).items() if name in declared.tyre}
     layout = task.config.estimator.layout
-    return Setting(train, layout, dict(declared.tyre), active=active, tyre_std=std or None, untried=UNTRIED)
+    return Setting(train, layout, dict(declared.tyre), active=active, tyre_std=std or None, untried=_unsought())
+
+
+def _unsought() -> frozenset[str]:
+    """What a running loop does not look for: vehicle data, which are declared, what only resembles an effect, and what
+    the catalogue says so of."""
+    return frozenset({*DECLARED, *LOOK_ALIKES, *(n for n, e in catalogue().items() if e.unsought_while_driving)})
 
 
 def _effects(fit: Fit, ground: Ground) -> list[ActiveEffect]:
     """Effects of a fit that a model to drive with may have, with their values."""
     left_out = {*ROAD} if ground.mapped else set[str]()
-    known = {name for name, effect in catalogue().items() if moves_the_car(effect)}
+    known = {name for name, effect in catalogue().items() if effect.moves_the_car}
     blocks = [b for b in fit.predictor.blocks if b.effect.name in known - left_out]
     return [parameters_of(b.effect.name, fit.parameters[b.parameters]) for b in blocks]
-
-
-def moves_the_car(effect: Effect) -> bool:
-    """Not so the mounting of an accelerometer: fitted, so that nothing else stands in for it, and not driven with."""
-    return not effect.hooks.keys() <= {"SENSOR"}
 
 
 def _taught(effects: list[ActiveEffect], task: Task, ground: Ground) -> ModelRevision:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from estimator.model.effects import catalogue
+from estimator.model.effects import catalogue, effect_with
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 
@@ -48,8 +48,9 @@ def _notes(effect: Effect) -> str:
     """What else a reader has to know, in words."""
     notes = [f"profile over `{effect.profile}`"] if effect.profile else []
     notes += ["with memory"] if effect.prepare else []
-    notes += [f"reported as `{effect.form_of}`"] if effect.form_of else []
-    notes += [f"only with {' or '.join(f'`{n}`' for n in effect.requires_any)}"] if effect.requires_any else []
+    notes += [f"reported as `{effect.id}`"] if effect.form_of else []
+    others = [f"`{effect_with(quantity).name}`" for quantity in effect.requires_any]
+    notes += [f"only with {' or '.join(others)}"] if others else []
     return f" ({'; '.join(notes)})" if notes else ""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from typing import Literal
 
 Layout = Literal["shared", "per_axle"]
@@ -20,6 +21,29 @@ class Plausible:
     upper: float
     reason: str
     least: float = 0.0
+
+
+class Quantity(Enum):
+    """What a parameter is of the car, its sensors or the road, for whoever asks for that and not for an effect."""
+
+    BANK = "bank of the road, rad, left side up"
+    GRADE = "grade of the road, rad, uphill"
+    DOWNFORCE = "downforce on an axle over speed squared, N s2/m2"
+    CG_HEIGHT = "effective height of the centre of gravity, m"
+    FRICTION_ELLIPSE = "lateral over longitudinal friction"
+    TRACTION_ELLIPSE = "share of the friction ellipse that lateral force takes from the longitudinal one"
+    FRONT_BRAKE_SHARE = "front axle's part of the brakes' force at equal pressures"
+    BRAKE_GAIN = "braking over driving force per unit of slip command"
+    STEER_ZERO = "true minus reported road-wheel angle, rad"
+    ACCELEROMETER_AHEAD = "accelerometer ahead of the centre of gravity, m"
+    LATERAL_ZERO = "zero of the lateral accelerometer, m/s2"
+    GYROSCOPE_ZERO = "zero of the yaw-rate gyroscope, rad/s"
+    GYROSCOPE_GAIN = "reported over true yaw rate"
+    SPEED_SCALE = "reported over true forward speed"
+
+
+SLOPES = (Quantity.BANK, Quantity.GRADE)
+"""of the road, across and along the car"""
 
 
 @dataclass(frozen=True)
@@ -40,6 +64,7 @@ class Parameter:
     description: str
     plausible: Plausible | None = None
     tells: bool = True
+    quantity: Quantity | None = None
 
 
 DEFAULT_TYRE: Mapping[Layout, Mapping[str, float]] = {

@@ -14,7 +14,7 @@ from functools import cached_property
 import casadi as ca
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Layout, Parameter, tyre_parameters
+from estimator.model.parameters import Layout, Parameter, Quantity, tyre_parameters
 from estimator.model.tyre import (
     front_and_rear,
     lateral_force,
@@ -154,6 +154,10 @@ class SingleTrack:
     def effect_table(self) -> tuple[Parameter, ...]:
         """Parameters of the active effects, in order; names are `effect.parameter`."""
         return tuple(p for effect in self.effects for p in effect.parameters)
+
+    def place_of(self, quantity: Quantity) -> int | None:
+        """Position of a quantity in phi; None where no active effect has it."""
+        return next((i for i, p in enumerate(self.effect_table) if p.quantity is quantity), None)
 
     def evaluate(self, terms: Terms, theta: Sequence[Expr], phi: Sequence[Expr] = ()) -> Terms:
         """Fill in every term from the signals, tyre parameters `theta` and effect parameters `phi`.

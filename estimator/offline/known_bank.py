@@ -11,6 +11,8 @@ from estimator.drive_log.derived import smoothed
 from estimator.drive_log.health import HealthReport, examine
 from estimator.drive_log.health.acceleration import kinematic, rederived
 from estimator.drive_log.table import DriveLog
+from estimator.model.effects import effect_with
+from estimator.model.parameters import Quantity
 from estimator.offline.record.record import make_record
 from estimator.offline.record.road import find_road, finer_by_roll
 from hil_gateway.car.vehicle import Vehicle
@@ -35,7 +37,7 @@ def _bank_of(log: DriveLog, vehicle: Vehicle, distrusted: Collection[str]) -> Ar
         record = make_record(log, vehicle, distrusted)
     except InputError:  # too short for laps, which `identify` itself need not have
         return None
-    profile = find_road(record).get("road_bank")
+    profile = find_road(record).get(effect_with(Quantity.BANK).name)
     if profile is None:
         return None
     position = record.signals["track_position"]

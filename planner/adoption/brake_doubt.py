@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.belief.revision import learns_effects
+from estimator.belief.revision import effect_values, learns_effects
+from estimator.model.parameters import Quantity
 from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.process.arrays import Array
 
@@ -20,15 +21,13 @@ WIDEST = 0.45
 def brake_spread(revision: ModelRevision) -> tuple[float, float]:
     """Relative standard deviation of the braking force of front and rear axle at a given command, by the covariance of
     C_x, gain and share; nothing for a model that learns no brakes."""
-    brakes = next((e for e in revision.effects if e.name == "front_brake"), None)
-    if brakes is None or not learns_effects(revision):
+    effects = effect_values(revision)
+    if Quantity.FRONT_BRAKE_SHARE not in effects or not learns_effects(revision):
         return 0.0, 0.0
-    share = brakes.parameters["share"]
-    value = {"cx": revision.tyre["cx"], "front_brake.share": share, "front_brake.gain": brakes.parameters["gain"]}
-    names = [*revision.tyre, *(f"{e.name}.{key}" for e in revision.effects for key in e.parameters)]
-    rows = np.array([names.index(name) for name in value])
+    (place, share), (other, gain) = effects[Quantity.FRONT_BRAKE_SHARE], effects[Quantity.BRAKE_GAIN]
+    rows = np.array([[*revision.tyre].index("cx"), place, other])
     covariance = np.array(revision.covariance)[rows[:, None], rows]
-    slopes = 1.0 / np.array([list(value.values())] * 2)
+    slopes = 1.0 / np.array([[revision.tyre["cx"], share, gain]] * 2)
     slopes[1, 1] = -1.0 / (1.0 - share)
     front, rear = np.sqrt(np.maximum(np.einsum("ai,ij,aj->a", slopes, covariance, slopes), 0.0)).tolist()
     return front, rear

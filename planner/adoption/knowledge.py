@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.belief.revision import RevisedModel, tyre_covariance
+from estimator.model.parameters import Quantity
 from estimator.model.tyre import front_and_rear
 from hil_gateway.bus.messages import Belief, ModelRevision
 from hil_gateway.process.arrays import Array
@@ -121,7 +122,7 @@ def _believed(belief: Belief | None, revision: ModelRevision, tyre: TyreNames, t
 
 def _brake_ratio(before: TyreKnowledge | None, asked: tuple[float, float], revised: RevisedModel) -> float:
     """Front over rear brake pressure for what is asked of the axles, one slew step from that before."""
-    ratio = pressure_ratio(asked, revised.constant("front_brake", "share"))
+    ratio = pressure_ratio(asked, revised.constant(Quantity.FRONT_BRAKE_SHARE))
     if before is None:
         return ratio
     return float(np.clip(ratio, before.brake_ratio * (1 - SLEW), before.brake_ratio * (1 + SLEW)))

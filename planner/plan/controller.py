@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from estimator.model.parameters import Quantity
 from estimator.model.tyre import front_and_rear
 from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
@@ -87,10 +88,10 @@ class Controller:
         self.sqp = Sqp(problem, functions, backend)
         self._advance, self.checked = functions.advance, functions.checked
         self.phi_at = phi_at or _no_effects
-        active = {effect.name for effect in problem.model.effects}
-        self._brakes_in_front = "front_brake" in active
+        place_of = problem.model.place_of
+        self._brakes_in_front = place_of(Quantity.FRONT_BRAKE_SHARE) is not None
         # an effect learnt from data stands for grade or bank as they are felt: not both
-        self._road_share = np.array([[float("road_grade" not in active)], [float("road_bank" not in active)]])
+        self._road_share = np.array([[float(place_of(q) is None)] for q in (Quantity.GRADE, Quantity.BANK)])
         self._reach = self.settings.limits.drive_rate * self.settings.dt * np.arange(1, self.settings.horizon + 1)
         self.reference = reference
         self.common = np.zeros(self.problem.common.size)

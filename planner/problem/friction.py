@@ -11,6 +11,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from estimator.model.parameters import Quantity
 from estimator.model.single_track import SingleTrack
 from hil_gateway.process.arrays import Array, Expr
 
@@ -27,11 +28,10 @@ ACROSS = np.sin(np.linspace(0.0, 0.5 * np.pi, 101))
 
 def along_share(model: SingleTrack, phi: Expr) -> Expr:
     """What braking counts on a straight, of what it would on a circle; 1 where no combined slip is modelled."""
-    names = [(effect.name, parameter.name) for effect in model.effects for parameter in effect.parameters]
-    if ("combined_slip", "k") not in names:
+    place = model.place_of(Quantity.FRICTION_ELLIPSE)
+    if place is None:
         return 1.0
-    k = phi[names.index(("combined_slip", "k"))]
-    return 1.0 - BELIEVED * (1.0 - ca.fmin(ca.fmax(k, LEAST), 1.0))
+    return 1.0 - BELIEVED * (1.0 - ca.fmin(ca.fmax(phi[place], LEAST), 1.0))
 
 
 def counted(share: Expr, across: Expr, force: Expr) -> Expr:

@@ -16,9 +16,9 @@ from estimator.drive_log.health.finding import Action, Finding, confidence_of
 from estimator.drive_log.health.regression import PARTS, jackknifed
 from estimator.drive_log.health.straight import goes_straight
 from estimator.drive_log.table import DriveLog
+from estimator.model.effects.base import VY_SENSOR
 from estimator.offline.fit.equation_error import Fit
 from estimator.offline.record.prepare import moving_speed, prepare
-from estimator.offline.record.unknown_inputs import VY_SENSOR
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 

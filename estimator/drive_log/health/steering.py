@@ -17,7 +17,7 @@ from estimator.drive_log.health.regression import PARTS, jackknifed
 from estimator.drive_log.health.straight import goes_straight
 from estimator.drive_log.table import DriveLog
 from estimator.offline.fit.equation_error import Fit
-from estimator.offline.predict.nuisance import STEER_TIMING, STEER_ZERO
+from estimator.offline.predict.nuisance import STEER_TIMING, steer_zero
 from estimator.offline.record.prepare import prepare
 from hil_gateway.car.vehicle import Vehicle
 
@@ -88,7 +88,7 @@ def _unknown() -> Finding:
 
 def zero_of(fit: Fit) -> Finding | None:
     """The steering zero as `fit` estimated it along with the tyres, None where it did not."""
-    name = f"{STEER_ZERO}.offset"
+    name = steer_zero().parameters[0].name
     found = _zero(-fit.values[name], fit.std[name]) if name in fit.values else []
     return found[0] if found else None
 

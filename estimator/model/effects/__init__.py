@@ -7,6 +7,7 @@ import pkgutil
 from functools import cache
 
 from estimator.model.effects.base import Effect
+from estimator.model.parameters import Quantity
 
 
 @cache
@@ -15,3 +16,9 @@ def catalogue() -> dict[str, Effect]:
     names = sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name != "base")
     effects = (importlib.import_module(f"{__name__}.{name}").EFFECT for name in names)
     return {effect.name: effect for effect in effects}
+
+
+@cache
+def effect_with(quantity: Quantity) -> Effect:
+    """The effect of the catalogue with a parameter that is this quantity."""
+    return next(effect for effect in catalogue().values() if effect.row_of(quantity) is not None)

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.effects.aero_drag import AERO_STD
+from estimator.model.effects.base import DeclaredParameter, Effect
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
+
+
+def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
+    areas = -vehicle.lift_area_front, -vehicle.lift_area_rear
+    per_axle = (0.5 * vehicle.air_density * area for area in areas)
+    return tuple(DeclaredParameter(k, AERO_STD * k) for k in per_axle)
 
 
 def _load(terms: Terms, k_front: Expr, k_rear: Expr) -> None:
@@ -28,6 +36,7 @@ EFFECT = Effect(
             4.0,
             "-rho Cl A / 2, front axle",
             Plausible(0.0, 3.0, "rho Cl A / 2 per axle: single-seaters 0.5 to 2.5, any body 0.05", 0.05),
+            quantity=Quantity.DOWNFORCE,
         ),
         Parameter(
             "k_rear",
@@ -38,8 +47,11 @@ EFFECT = Effect(
             4.0,
             "-rho Cl A / 2, rear axle",
             Plausible(0.0, 3.0, "rho Cl A / 2 per axle: single-seaters 0.5 to 2.5, any body 0.05", 0.05),
+            quantity=Quantity.DOWNFORCE,
         ),
     ),
+    beside_tyres="loads",
+    declare=_declare,
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="vx",
     hooks={"LOAD": _load},

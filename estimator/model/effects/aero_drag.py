@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import casadi as ca
 
-from estimator.model.effects.base import Effect
+from estimator.model.effects.base import DeclaredParameter, Effect
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
+
+AERO_STD = 0.10
+"""relative, of declared drag and downforce; a wind tunnel against the road, and wings set for the track"""
+
+
+def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
+    k = 0.5 * vehicle.air_density * vehicle.drag_area
+    return (DeclaredParameter(k, AERO_STD * k),)
 
 
 def _longitudinal(terms: Terms, k: Expr) -> None:
@@ -36,4 +45,7 @@ EFFECT = Effect(
     hooks={"LONGITUDINAL": _longitudinal},
     separated_by="coasting from high to low speed separates v^2 (drag) from a constant (rolling resistance, bias)",
     on_every_car=True,
+    constant_at="air_force",
+    beside_tyres="forces",
+    declare=_declare,
 )

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Quantity
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 
 Hook = Callable[..., None]
@@ -16,6 +17,31 @@ Hook = Callable[..., None]
 
 Prepare = Callable[[Mapping[str, Array], Any, tuple[float, ...]], dict[str, Array]]
 """prepare(signals, vehicle, parameters) -> auxiliary signals that depend on the past, for fits on recorded data."""
+
+
+ESTIMATED = "the state filter estimates it itself"
+NO_BRAKES_AHEAD = "it needs the brakes' pressure, which no plan knows"
+NOT_DRIVEN_WITH = "no laps are driven with it yet"
+"""Why a running loop does not look for an effect."""
+
+VY_SENSOR = "vy_sensor"
+"""place, turn and bias of a sensor of vy, fitted where a log has one beside the centre of gravity"""
+
+
+@dataclass(frozen=True)
+class DeclaredParameter:
+    """Value and standard deviation, SI, of one parameter of an effect of the race car.
+
+    `over`: the tyre parameter that it is a ratio to; its own deviation comes on top of that one's.
+    """
+
+    value: float
+    std: float
+    over: str = ""
+
+
+Declare = Callable[[Vehicle], tuple[DeclaredParameter, ...]]
+"""declare(vehicle) -> what a data sheet says of each parameter, in order"""
 
 
 @dataclass(frozen=True)
@@ -48,14 +74,34 @@ class Effect:
     prepare: Prepare | None = None
     remembers: tuple[str, ...] = ()
     """auxiliary signals that `prepare` makes"""
-    requires_any: tuple[str, ...] = ()
-    """effects of which at least one must be active for this one to show"""
+    requires_any: tuple[Quantity, ...] = ()
+    """of which an active effect must have at least one for this one to show"""
     separated_by: str = ""
     """manoeuvre or channel that tells it from its look-alikes"""
-    form_of: str = ""
+    form_of: Effect | None = None
     """another effect of which this one is a second form: the same part of the car told by another signal"""
     on_every_car: bool = False
     """whether every car with tyres, brakes and a body has it, to some size"""
+    lags: bool = False
+    """whether it delays: by less than the sampling of a log it is none"""
+    shifts: str = ""
+    """input that it delays as a whole, as the sampling of a log does within a row"""
+    judged_by: tuple[str, ...] = ()
+    """channels of which a fit must use one to judge it, where that is not one of `channels`"""
+    hidden_by: str = ""
+    """what a fit has for some logs always, and this effect cannot be told from"""
+    constant_at: str = ""
+    """place of the model (`estimator.offline.predict.places`) at which a constant is this effect"""
+    estimated_by_filter: bool = False
+    """whether the state filter estimates it itself while driving"""
+    unsought_while_driving: str = ""
+    """why a running loop does not look for it; empty where it does"""
+    beside_tyres: Literal["", "loads", "forces"] = ""
+    """of what on a fast car tyres are identified beside: axle loads, or forces, for which the loads must be known"""
+    as_logged: Effect | None = None
+    """the same by signals of a log that are no part of the model"""
+    declare: Declare | None = None
+    """what the data sheet of a race car says of it"""
 
     def __post_init__(self) -> None:
         assert self.parameters, f"effect {self.name} has no parameters"
@@ -64,7 +110,17 @@ class Effect:
     @property
     def id(self) -> str:
         """Name it is reported under; of the forms of one effect a model has one at most."""
-        return self.form_of or self.name
+        return self.form_of.name if self.form_of else self.name
+
+    @property
+    def moves_the_car(self) -> bool:
+        """Whether a planner can drive with it; not so with the mounting of an accelerometer, which is fitted so that
+        nothing else stands in for it."""
+        return not self.hooks.keys() <= {"SENSOR"}
+
+    def row_of(self, quantity: Quantity) -> int | None:
+        """Position of a quantity among its parameters; None where it has no such."""
+        return next((i for i, p in enumerate(self.parameters) if p.quantity is quantity), None)
 
     def neutral(self) -> tuple[float, ...]:
         """Parameter values at the prior mean, where the declared model is unchanged."""

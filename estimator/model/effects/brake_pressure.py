@@ -5,7 +5,8 @@ A slip-ratio command measured at the driven wheels knows nothing of what the bra
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect
+from estimator.model.effects.base import NO_BRAKES_AHEAD, Effect
+from estimator.model.effects.front_brake import EFFECT as FRONT_BRAKE
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
@@ -36,7 +37,8 @@ EFFECT = Effect(
     cause="brake",
     hooks={"LONGITUDINAL": _longitudinal},
     needs=("brake",),
-    form_of="front_brake",
+    form_of=FRONT_BRAKE,
+    unsought_while_driving=NO_BRAKES_AHEAD,
     on_every_car=True,
     separated_by="braking at equal drive command and different brake pressure",
 )

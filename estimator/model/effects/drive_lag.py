@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect
+from estimator.model.effects.base import NOT_DRIVEN_WITH, Effect
+from estimator.model.effects.drive_delay import EFFECT as DRIVE_DELAY
 from estimator.model.memory import input_lag
 from estimator.model.parameters import Parameter, Plausible
 
@@ -10,7 +11,7 @@ HOOK, PREPARE = input_lag("drive")
 
 EFFECT = Effect(
     name="drive_lag",
-    form_of="drive_delay",
+    form_of=DRIVE_DELAY,
     lacks="true drive command follows the reported one as a first-order system",
     equation="T d(d)/dt = d_reported - d",
     source="definition",
@@ -30,6 +31,8 @@ EFFECT = Effect(
     cause="drive_rate",
     hooks={"INPUT": HOOK},
     prepare=PREPARE,
+    lags=True,
+    unsought_while_driving=NOT_DRIVEN_WITH,
     initial=(0.05,),
     remembers=("drive_behind",),
     separated_by="fast changes of throttle or brake: a lag rounds their edges, a delay moves them",

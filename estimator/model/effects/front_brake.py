@@ -6,10 +6,21 @@ times what each makes of it, and p is the share at equal pressures; elsewhere b 
 
 from __future__ import annotations
 
-from estimator.model.effects.base import SWITCHING_FORCE, Effect, smooth_negative_part
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.effects.base import SWITCHING_FORCE, DeclaredParameter, Effect, smooth_negative_part
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
+
+SHARE = DeclaredParameter(0.5, 0.04)
+"""at equal pressures: `Powertrain.brake_force_per_pa` is that of either axle; pads, discs and the bias valve: 8 %"""
+GAIN = DeclaredParameter(1.0, 0.10, over="cx")
+"""of the brakes' force per unit of command over the engine's, which do not know of each other: an engine that turns out
+weak says that the gain is larger, and nothing of the brakes; pads, discs, how warm they are"""
+
+
+def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
+    return SHARE, GAIN
 
 
 def _longitudinal(terms: Terms, share: Expr, gain: Expr) -> None:
@@ -36,6 +47,7 @@ EFFECT = Effect(
             1.0,
             "part of the braking force on the front axle, at equal pressures",
             Plausible(0.0, 0.95, "brake balance 0.5 to 0.65"),
+            quantity=Quantity.FRONT_BRAKE_SHARE,
         ),
         Parameter(
             "gain",
@@ -47,6 +59,7 @@ EFFECT = Effect(
             "braking over driving force per unit of slip command",
             Plausible(0.15, 6.0, "brakes and engine share a scale of the command"),
             tells=False,
+            quantity=Quantity.BRAKE_GAIN,
         ),
     ),
     channels=("ax", "ay", "yaw_acc", "vx_dot", "vy_dot"),
@@ -54,4 +67,5 @@ EFFECT = Effect(
     hooks={"LONGITUDINAL": _longitudinal},
     separated_by="braking while turning: the front force then has a lateral component",
     on_every_car=True,
+    declare=_declare,
 )

@@ -56,5 +56,6 @@ EFFECT = Effect(
     cause="t",
     hooks={"GRIP": _grip},
     needs=("t",),
+    unsought_while_driving="it needs the time since the start of the log",
     separated_by="the same corner at the same speed early and late in the session",
 )

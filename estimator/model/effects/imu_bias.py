@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.effects.base import ESTIMATED, Effect
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -42,6 +42,7 @@ EFFECT = Effect(
             5.0,
             "bias of the lateral accelerometer",
             Plausible(-2.0, 2.0, "0.2 g is ten times a cheap sensor's zero; 5 mg is what zeroing leaves", 0.05),
+            quantity=Quantity.LATERAL_ZERO,
         ),
         Parameter(
             "yaw_rate",
@@ -54,10 +55,13 @@ EFFECT = Effect(
             Plausible(
                 -0.08, 0.08, "5 deg/s is ten times a cheap sensor's zero; 0.1 deg/s is what zeroing leaves", 0.0018
             ),
+            quantity=Quantity.GYROSCOPE_ZERO,
         ),
     ),
     channels=("ax", "ay", "vy_dot"),
     cause="t",
     hooks={"INPUT": _input, "SENSOR": _sensor},
+    estimated_by_filter=True,
+    unsought_while_driving=ESTIMATED,
     separated_by="accelerometer: shows in ax, ay and not in d/dt vx, d/dt vy; gyroscope: the rate on straights",
 )

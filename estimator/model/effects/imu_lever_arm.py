@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -29,6 +29,7 @@ EFFECT = Effect(
             5.0,
             "sensor ahead of the centre of gravity",
             Plausible(-3.5, 3.5, "inside the car; a centre of gravity is known to 0.1 m", 0.1),
+            quantity=Quantity.ACCELEROMETER_AHEAD,
         ),
         Parameter(
             "y",

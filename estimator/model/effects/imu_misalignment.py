@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from estimator.model.effects.base import Effect
+from estimator.model.effects.base import ESTIMATED, Effect
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
@@ -35,5 +35,6 @@ EFFECT = Effect(
     channels=("ax", "ay"),
     cause="ay",
     hooks={"SENSOR": _sensor},
+    unsought_while_driving=ESTIMATED,
     separated_by="shows in ax and ay and not in d/dt vx, d/dt vy",
 )

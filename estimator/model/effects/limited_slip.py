@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from estimator.model.effects.base import Effect
+from estimator.model.effects.base import NOT_DRIVEN_WITH, Effect
+from estimator.model.effects.yaw_damping import EFFECT as YAW_DAMPING
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
@@ -60,7 +61,8 @@ EFFECT = Effect(
     cause="drive",
     hooks={"BODY": _body},
     initial=(0.2, 0.015),
-    form_of="yaw_damping",
+    form_of=YAW_DAMPING,
+    unsought_while_driving=NOT_DRIVEN_WITH,
     separated_by="power and braking in the same corner: load transfer changes sign with the force, this does not",
     on_every_car=True,
 )

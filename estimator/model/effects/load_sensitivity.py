@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.effects.base import DeclaredParameter, Effect
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
+
+DECLARED = DeclaredParameter(0.10, 0.06)
+"""racing tyres lose 5 to 20 % of their friction when the load doubles (Milliken & Milliken, ch. 2)"""
+
+
+def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
+    return (DECLARED,)
 
 
 def _grip(terms: Terms, k: Expr) -> None:
@@ -34,6 +42,7 @@ EFFECT = Effect(
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="vx",
     hooks={"GRIP": _grip},
-    requires_any=("aero_downforce", "load_transfer", "road_bank"),
+    requires_any=(Quantity.DOWNFORCE, Quantity.CG_HEIGHT, Quantity.BANK),
+    declare=_declare,
     separated_by="with static loads it cannot show; needs downforce or load transfer over a wide range of loads",
 )

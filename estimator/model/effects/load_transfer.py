@@ -9,10 +9,20 @@ The height is the one that explains what the tyres do at once: tyres that lose a
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter, Plausible
+from dataclasses import replace
+
+from estimator.model.effects.base import DeclaredParameter, Effect
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
+
+HEIGHT_STD = 0.15
+"""relative, of the declared height; a centre of gravity's height is the least well weighed"""
+
+
+def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
+    return (DeclaredParameter(vehicle.cg_height, HEIGHT_STD * vehicle.cg_height),)
 
 
 def _load(terms: Terms, height: Expr) -> None:
@@ -21,7 +31,13 @@ def _load(terms: Terms, height: Expr) -> None:
     terms.load_r = terms.load_r + moved
 
 
-EFFECT = Effect(
+def _load_by_ax(terms: Terms, height: Expr) -> None:
+    moved = height / terms.vehicle.wheelbase * terms.vehicle.mass * terms.aux["ax"]
+    terms.load_f = terms.load_f - moved
+    terms.load_r = terms.load_r + moved
+
+
+_BY_FORCES = Effect(
     name="load_transfer",
     lacks="axle loads move with longitudinal acceleration",
     equation="F_z,f = F_z0,f - h m a_x / L; F_z,r = F_z0,r + h m a_x / L, h the effective height: "
@@ -37,6 +53,7 @@ EFFECT = Effect(
             1.5,
             "effective height of the centre of gravity: 0.55 to 0.9 of the true one on real tyres",
             Plausible(0.0, 0.6, "race cars 0.25 to 0.4, road cars 0.5 to 0.6"),
+            quantity=Quantity.CG_HEIGHT,
         ),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),
@@ -44,4 +61,15 @@ EFFECT = Effect(
     hooks={"LOAD": _load},
     separated_by="braking and accelerating in the same corner (combined slip acts alike for both signs of force)",
     on_every_car=True,
+    beside_tyres="loads",
+    declare=_declare,
 )
+_BY_AX = replace(
+    _BY_FORCES,
+    equation="F_z,f = F_z0,f - h m a_x / L; F_z,r = F_z0,r + h m a_x / L, a_x as logged or derived",
+    hooks={"LOAD": _load_by_ax},
+    needs=("ax",),
+)
+"""The ax of a log has brakes and slopes in it, which the model's forces lack."""
+
+EFFECT = replace(_BY_FORCES, as_logged=_BY_AX)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
@@ -34,9 +34,11 @@ EFFECT = Effect(
             0.6,
             "left side up positive, over track position",
             Plausible(-0.58, 0.58, "the steepest speedways are banked by 33 deg"),
+            quantity=Quantity.BANK,
         ),
     ),
     channels=("vy_dot",),
+    judged_by=("ay", "yaw_acc", "vy_dot"),
     cause="track_position",
     hooks={"INPUT": _input, "MOTION": _motion},
     needs=("track_position",),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
@@ -30,9 +30,11 @@ EFFECT = Effect(
             0.6,
             "uphill positive, over track position",
             Plausible(-0.3, 0.3, "the steepest race tracks: 0.18"),
+            quantity=Quantity.GRADE,
         ),
     ),
     channels=("vx_dot",),
+    judged_by=("ax", "vx_dot"),
     cause="track_position",
     hooks={"MOTION": _motion},
     needs=("track_position",),

@@ -41,4 +41,5 @@ EFFECT = Effect(
     hooks={"LONGITUDINAL": _longitudinal},
     separated_by="an accelerometer bias shows in ax but not in d/dt vx; engine braking only with the throttle closed",
     on_every_car=True,
+    constant_at="force_x",
 )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.effects.base import ESTIMATED, Effect
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -31,6 +31,7 @@ EFFECT = Effect(
             2.0,
             "reported over true forward speed",
             Plausible(0.85, 1.15, "rolling radius, growth at speed and slip of a wheel stay below 15 %"),
+            quantity=Quantity.SPEED_SCALE,
         ),
         Parameter(
             "lateral",
@@ -46,5 +47,6 @@ EFFECT = Effect(
     channels=("vx_dot", "vy_dot", "ay", "yaw_acc"),
     cause="yaw_rate",
     hooks={"INPUT": _input, "SENSOR": _sensor},
+    unsought_while_driving=ESTIMATED,
     separated_by="v_x times yaw rate against a_y in long corners; position against the integral of speed",
 )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect
+from estimator.model.effects.base import NOT_DRIVEN_WITH, Effect
+from estimator.model.effects.steer_delay import EFFECT as STEER_DELAY
 from estimator.model.memory import input_lag
 from estimator.model.parameters import Parameter, Plausible
 
@@ -10,7 +11,7 @@ HOOK, PREPARE = input_lag("steer")
 
 EFFECT = Effect(
     name="steer_lag",
-    form_of="steer_delay",
+    form_of=STEER_DELAY,
     lacks="true road-wheel angle follows the reported one as a first-order system",
     equation="T d(delta)/dt = delta_reported - delta",
     source="definition",
@@ -30,6 +31,8 @@ EFFECT = Effect(
     cause="steer_rate",
     hooks={"INPUT": HOOK},
     prepare=PREPARE,
+    lags=True,
+    unsought_while_driving=NOT_DRIVEN_WITH,
     initial=(0.03,),
     remembers=("steer_behind",),
     separated_by="quick steering: a lag rounds its edges, a delay moves them",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -27,10 +27,12 @@ EFFECT = Effect(
             0.1,
             "true minus reported angle",
             Plausible(-0.06, 0.06, "a zero more than 3.5 deg off is a broken sensor"),
+            quantity=Quantity.STEER_ZERO,
         ),
     ),
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="steer",
     hooks={"INPUT": _input},
+    constant_at="steer",
     separated_by="straight driving; a lateral accelerometer bias does not show in the yaw acceleration",
 )

@@ -1,8 +1,12 @@
-"""Steering scale: the reported road-wheel angle is off by a factor."""
+"""Steering scale: the reported road-wheel angle is off by a factor.
+
+It is not told from a sensor of vy at x ahead of the centre of gravity: the kinematic angle L omega / vx looks larger by
+x / L, and what both axles then lack of slip their tyres make up for.
+"""
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect
+from estimator.model.effects.base import VY_SENSOR, Effect
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
@@ -34,5 +38,7 @@ EFFECT = Effect(
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="steer",
     hooks={"INPUT": _input},
+    constant_at="steer_gain",
+    hidden_by=VY_SENSOR,
     separated_by="tight slow corners, where the kinematic part of the angle is large against the slip",
 )

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.effects.base import NO_BRAKES_AHEAD, Effect
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -69,6 +69,7 @@ EFFECT = Effect(
     cause="drive",
     hooks={"SLIP": _slip},
     initial=(0.1, 0.3, 0.01),
-    requires_any=("traction_loss",),
+    requires_any=(Quantity.TRACTION_ELLIPSE,),
+    unsought_while_driving=NO_BRAKES_AHEAD,
     separated_by="much slip along the wheel at little force, and little slip at the same force",
 )

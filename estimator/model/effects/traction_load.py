@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -37,7 +37,7 @@ EFFECT = Effect(
     channels=("ax", "vx_dot"),
     cause="vx",
     hooks={"GRIP": _grip},
-    requires_any=("aero_downforce", "load_transfer", "road_bank"),
+    requires_any=(Quantity.DOWNFORCE, Quantity.CG_HEIGHT, Quantity.BANK),
     on_every_car=True,
     separated_by="the same slip command at very different speeds, or on and off a bank",
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect, friction_left
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -28,6 +28,7 @@ EFFECT = Effect(
             1.5,
             "share of the friction ellipse that counts; 1: all of it",
             Plausible(0.0, 1.4, "friction circle 1; tyres are within half of it"),
+            quantity=Quantity.TRACTION_ELLIPSE,
         ),
     ),
     channels=("ax", "vx_dot"),

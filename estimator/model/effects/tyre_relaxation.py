@@ -50,6 +50,7 @@ EFFECT = Effect(
     cause="steer_rate",
     hooks={"SLIP": _slip},
     prepare=_prepare,
+    lags=True,
     initial=(0.3,),
     remembers=("relaxation_f", "relaxation_r"),
     separated_by="the same quick steering at different speeds: the lag falls with speed, a delay does not",

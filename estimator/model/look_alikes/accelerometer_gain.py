@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect, Hook
+from estimator.model.effects.imu_misalignment import EFFECT as IMU_MISALIGNMENT
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
@@ -31,7 +32,7 @@ def _gain(axis: str, which: str, velocity: str, hook: Hook) -> Effect:
     """Of the accelerometer of one axis, "ax" or "ay"."""
     return Effect(
         name=f"{axis}_gain",
-        form_of="imu_misalignment",
+        form_of=IMU_MISALIGNMENT,
         lacks=f"the gain of the {which} accelerometer is off",
         equation=f"{axis}_imu = k {axis}",
         source="definition",

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from estimator.model.effects.base import Effect, braking_part
+from estimator.model.effects.rolling_resistance import EFFECT as ROLLING_RESISTANCE
 from estimator.model.memory import followed, held
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
@@ -30,7 +31,7 @@ def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[f
 
 BRAKE_DRAG = Effect(
     name="brake_drag",
-    form_of="rolling_resistance",
+    form_of=ROLLING_RESISTANCE,
     lacks="the brakes go on dragging after they are released",
     equation="d = d_reported - k (h - b), b = max(-d_reported, 0), h = max(b, h_before exp(-dt / T)); braking times q",
     source="Limpert, Brake Design and Safety, ch. 5 (residual drag after release)",

@@ -8,6 +8,7 @@ from __future__ import annotations
 import casadi as ca
 
 from estimator.model.effects.base import Effect, smooth_negative_part
+from estimator.model.effects.rolling_resistance import EFFECT as ROLLING_RESISTANCE
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
@@ -27,7 +28,7 @@ def _input(terms: Terms, exponent: Expr, gain: Expr) -> None:
 
 DRIVE_CURVE = Effect(
     name="drive_curve",
-    form_of="rolling_resistance",
+    form_of=ROLLING_RESISTANCE,
     lacks="the drive force is bent over its command",
     equation="d = d_0 (d_reported / d_0)^(1 + p), d_0 = 0.03, driving; q d_reported, braking",
     source="Guzzella & Onder, Internal Combustion Engine Systems, ch. 2 (torque over throttle)",

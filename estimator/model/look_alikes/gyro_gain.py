@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.effects.steer_scale import EFFECT as STEER_SCALE
+from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
@@ -18,7 +19,7 @@ def _sensor(terms: Terms, gain: Expr) -> None:
 
 GYRO_GAIN = Effect(
     name="gyro_gain",
-    form_of="steer_scale",
+    form_of=STEER_SCALE,
     lacks="the gyroscope's gain is off",
     equation="w_reported = k w",
     source="definition",
@@ -32,6 +33,7 @@ GYRO_GAIN = Effect(
             1.4,
             "reported over true yaw rate",
             Plausible(0.85, 1.15, "gyroscopes are good to 1 %, a wrong scale of a cheap one to 10 %", 0.005),
+            quantity=Quantity.GYROSCOPE_GAIN,
         ),
     ),
     channels=("yaw_acc", "vy_dot"),

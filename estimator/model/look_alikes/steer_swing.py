@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from estimator.model.effects.base import Effect
+from estimator.model.effects.steer_delay import EFFECT as STEER_DELAY
 from estimator.model.memory import followed, swung
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
@@ -27,7 +28,7 @@ def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[f
 
 STEER_SWING = Effect(
     name="steer_swing",
-    form_of="steer_delay",
+    form_of=STEER_DELAY,
     lacks="the wheels swing about their steering axis",
     equation="(T / 2 pi)^2 delta'' + 2 zeta T / 2 pi delta' + delta = delta_reported",
     source="Pacejka, Tire and Vehicle Dynamics, ch. 6 (steering system with one degree of freedom)",

@@ -22,7 +22,7 @@ _RATE, _DECAY = GRIP_DRIFT.parameters
 STIFFNESS_DRIFT = replace(
     GRIP_DRIFT,
     name="stiffness_drift",
-    form_of="grip_drift",
+    form_of=GRIP_DRIFT,
     lacks="B changes slowly with time",
     equation="B(t) = B_0 (1 + r (1 - exp(-x t)) / x); x = 0: B_0 (1 + r t)",
     source="Pacejka, Tire and Vehicle Dynamics, ch. 4 (cornering stiffness over inflation pressure)",

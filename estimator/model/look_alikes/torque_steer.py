@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import Effect, braking_part
+from estimator.model.effects.steer_offset import EFFECT as STEER_OFFSET
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
@@ -16,7 +17,7 @@ def _input(terms: Terms, pushing: Expr, braking: Expr) -> None:
 _OFF = Plausible(-0.3, 0.3, "a degree at the largest force", 0.01)
 TORQUE_STEER = Effect(
     name="torque_steer",
-    form_of="steer_offset",
+    form_of=STEER_OFFSET,
     lacks="drive or brakes turn the wheels",
     equation="delta = delta_reported + k max(d, 0) + k_b min(d, 0)",
     source="Gillespie, Fundamentals of Vehicle Dynamics, ch. 8 (torque steer, brake steer)",

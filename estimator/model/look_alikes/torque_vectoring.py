@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from estimator.model.effects.base import SWITCHING_FORCE, Effect, smooth_negative_part, smooth_sign
+from estimator.model.effects.yaw_damping import EFFECT as YAW_DAMPING
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
@@ -18,7 +19,7 @@ def _body(terms: Terms, lever: Expr) -> None:
 
 TORQUE_VECTORING = Effect(
     name="torque_vectoring",
-    form_of="yaw_damping",
+    form_of=YAW_DAMPING,
     lacks="the driven axle turns the car into the bend",
     equation="M_z = k max(F_x,r, 0) sign(delta)",
     source="Milliken & Milliken, Race Car Vehicle Dynamics, ch. 20 (differentials)",

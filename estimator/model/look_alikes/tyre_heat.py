@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from estimator.model.effects.base import Effect
+from estimator.model.effects.grip_drift import EFFECT as GRIP_DRIFT
 from estimator.model.memory import relaxed
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
@@ -30,7 +31,7 @@ def _prepare(signals: Mapping[str, Array], vehicle: Vehicle, parameters: tuple[f
 
 TYRE_HEAT = Effect(
     name="tyre_heat",
-    form_of="grip_drift",
+    form_of=GRIP_DRIFT,
     lacks="D changes with the heat of the tyres",
     equation="D = D_0 (1 + c h), T dh/dt = (a_y / g)^2 - h",
     source="Kelly & Sharp, Vehicle System Dynamics 50, 2012 (heat by sliding, cooled by the air)",

@@ -14,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from estimator.model.declared_vehicle import DECLARED
+from estimator.model.parameters import Quantity
 from estimator.offline.fit.prediction_error import Fit, Point, residual
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import MEASURED
@@ -65,8 +66,8 @@ def by_zero(fit: Fit) -> Array:
 
     k is 0 where there is no bank, no such sensor, or the zero is in the fit.
     """
-    names = {effect.name for effect in fit.predictor.model.effects}
-    if "road_bank" not in names or "imu_bias" in names or not fit.predictor.record.used[AY]:
+    banked, zeroed = (fit.predictor.model.place_of(q) is not None for q in (Quantity.BANK, Quantity.LATERAL_ZERO))
+    if not banked or zeroed or not fit.predictor.record.used[AY]:
         return np.zeros((0, len(fit.parameters)))
     at = Point.at(fit.predictor, fit.parameters, fit.noise)
     error = np.zeros_like(at.left.error)

@@ -7,58 +7,40 @@ errors of a sensor; left out, they are taken for tyres that fall off beyond thei
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-from estimator.model.effects import catalogue
+from estimator.model.effects import catalogue, effect_with
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Quantity
 from estimator.model.single_track import Terms
 from estimator.offline.predict.nuisance import along
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
 
-DOWNFORCE = "aero_downforce"
-LOAD_TRANSFER = "load_transfer"
-FORCES = ("aero_drag", "combined_slip", "yaw_damping")
-"""What tells the driven axle's force, what it leaves of the lateral one, and the moment of its differential,
-of it the form that goes with the yaw rate alone: lever and compliance of the other are not told apart on an oval."""
 PRESSED = 0.25
 """Share of an axle's static load: as much more cornering stiffness as a log leaves unknown"""
 
 
 def presses(fast: float, vehicle: Vehicle) -> bool:
     """Whether the air of a race car presses on an axle at `fast` m/s with more than `PRESSED` of its static load."""
-    typical = catalogue()[DOWNFORCE].parameters[0].prior_std
+    typical = effect_with(Quantity.DOWNFORCE).parameters[0].prior_std
     return bool(typical * fast**2 > PRESSED * min(vehicle.static_load_front, vehicle.static_load_rear))
 
 
 def loads() -> tuple[Effect, ...]:
     """Axle loads by the air and by ax."""
-    return (along(DOWNFORCE), load_transfer())
+    return _beside_tyres("loads")
 
 
 def forces() -> tuple[Effect, ...]:
     """The force of the driven axle, and what that does across the car: to be fitted from where the loads are known.
 
-    Without them, both grow on the wrong side of the peak of a tyre that is not known yet.
+    Without them, both grow on the wrong side of the peak of a tyre that is not known yet. Of the differential the form
+    that goes with the yaw rate alone: lever and compliance of the other are not told apart on an oval.
     """
-    return (drive_zero(), *(along(name) for name in FORCES))
+    return (drive_zero(), *_beside_tyres("forces"))
 
 
-def _moved(terms: Terms, height: Expr) -> None:
-    moved = height / terms.vehicle.wheelbase * terms.vehicle.mass * terms.aux["ax"]
-    terms.load_f = terms.load_f - moved
-    terms.load_r = terms.load_r + moved
-
-
-def load_transfer() -> Effect:
-    """Axle loads moved by the ax of the log: it has brakes and slopes in it, which the model's forces lack."""
-    return replace(
-        along(LOAD_TRANSFER),
-        equation="F_z,f = F_z0,f - h m a_x / L; F_z,r = F_z0,r + h m a_x / L, a_x as logged or derived",
-        hooks={"LOAD": _moved},
-        needs=("ax",),
-    )
+def _beside_tyres(part: str) -> tuple[Effect, ...]:
+    return tuple(along(e.as_logged or e) for e in catalogue().values() if e.beside_tyres == part)
 
 
 def _from_zero(terms: Terms, zero: Expr) -> None:

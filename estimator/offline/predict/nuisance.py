@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import casadi as ca
 
-from estimator.model.effects import catalogue
+from estimator.model.effects import effect_with
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Quantity
 from estimator.model.single_track import Terms
 from estimator.offline.record.road_load import bank_load
 from estimator.offline.record.unknown_inputs import DISPLACED_VY
@@ -20,7 +20,6 @@ from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
 
 STEER_TIMING = "steer_timing"
-STEER_ZERO = "steer_offset"
 YAW_RATE_TIMING = "yaw_rate_timing"
 KNOWN_BANK = "known_bank"
 
@@ -51,15 +50,11 @@ def steer_timing(step: float) -> Effect:
 
 def steer_zero() -> Effect:
     """Offset of the reported angle, rad: a steering that reads zero a degree off bends one side's tyre curve."""
-    return along(STEER_ZERO)
+    return along(effect_with(Quantity.STEER_ZERO))
 
 
-def along(name: str) -> Effect:
-    """An effect of the catalogue with parameters named `effect.parameter`."""
-    return _renamed(catalogue()[name])
-
-
-def _renamed(effect: Effect) -> Effect:
+def along(effect: Effect) -> Effect:
+    """An effect with parameters named `effect.parameter`."""
     parameters = tuple(replace(p, name=f"{effect.name}.{p.name}") for p in effect.parameters)
     return replace(effect, parameters=parameters)
 
@@ -69,7 +64,7 @@ def vy_sensor() -> Effect:
 
     Where vy is simulated it is no input, and what the sensor makes of it is an output (`reported_vy`).
     """
-    return replace(_renamed(DISPLACED_VY), hooks={})
+    return replace(along(DISPLACED_VY), hooks={})
 
 
 def yaw_rate_timing() -> Effect:

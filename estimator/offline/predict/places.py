@@ -19,8 +19,8 @@ from hil_gateway.process.arrays import Expr
 class Place:
     """Where an empirical term acts.
 
-    `constant` is the effect that a term without its signal would be, `constant_per_unit` of a vehicle its size for one
-    unit of the term.
+    A term without its signal would be a constant effect (`Effect.constant_at`): `constant_per_unit` of a vehicle is the
+    size of that for one unit of the term.
     """
 
     stage: str
@@ -29,7 +29,6 @@ class Place:
     std: float
     channels: tuple[str, ...]
     words: str
-    constant: str = ""
     constant_per_unit: Callable[[Vehicle], float] = lambda _: 1.0
 
 
@@ -108,10 +107,10 @@ def _gyro(terms: Terms, value: Expr) -> None:
 LATERAL, FORWARD = ("ay", "yaw_acc", "vy_dot"), ("ax", "vx_dot")
 PLACES = {
     "force_x": Place(
-        "LONGITUDINAL", _force_x, "m/s2", 0.5, FORWARD, "longitudinal force", "rolling_resistance", lambda v: -v.mass
+        "LONGITUDINAL", _force_x, "m/s2", 0.5, FORWARD, "longitudinal force", lambda v: -v.mass
     ),
     "air_force": Place(
-        "LONGITUDINAL", _air_force, "N s2/m2", 0.3, FORWARD, "longitudinal force by speed squared", "aero_drag",
+        "LONGITUDINAL", _air_force, "N s2/m2", 0.3, FORWARD, "longitudinal force by speed squared",
         lambda _: -1.0,
     ),
     "force_y": Place("BODY", _force_y, "m/s2", 0.5, ("ay", "vy_dot"), "lateral force"),
@@ -120,8 +119,8 @@ PLACES = {
     "grip": Place("GRIP", _grip, "1", 0.1, LATERAL, "tyre grip of both axles"),
     "grip_front": Place("GRIP", _grip_front, "1", 0.1, LATERAL, "tyre grip of the front axle"),
     "grip_rear": Place("GRIP", _grip_rear, "1", 0.1, LATERAL, "tyre grip of the rear axle"),
-    "steer": Place("INPUT", _steer, "rad", 0.005, LATERAL, "road-wheel angle", "steer_offset"),
-    "steer_gain": Place("INPUT", _steer_gain, "1", 0.1, LATERAL, "gain of the steering", "steer_scale"),
+    "steer": Place("INPUT", _steer, "rad", 0.005, LATERAL, "road-wheel angle"),
+    "steer_gain": Place("INPUT", _steer_gain, "1", 0.1, LATERAL, "gain of the steering"),
     "power_gain": Place("INPUT", _power_gain, "1", 0.1, FORWARD, "gain of the drive command, driving"),
     "brake_gain": Place("INPUT", _brake_gain, "1", 0.1, FORWARD, "gain of the drive command, braking"),
     "motion_x": Place("MOTION", _motion_x, "m/s2", 0.3, ("vx_dot",), "longitudinal motion, not felt in ax"),

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import ModelColumns
+from estimator.model.effects.base import VY_SENSOR
 from estimator.model.single_track import SIGNALS
 from estimator.offline.predict.simulate import OUTPUTS, Simulator
 from estimator.offline.record.prepare import Samples
-from estimator.offline.record.unknown_inputs import VY_SENSOR
 from estimator.offline.record.windows import STATE_ROWS, cut
 from hil_gateway.process.arrays import Array
 

@@ -15,9 +15,9 @@ import casadi as ca
 import numpy as np
 
 from estimator.model.columns import CHANNELS, Columns, ModelColumns
+from estimator.model.effects.base import VY_SENSOR
 from estimator.model.single_track import SIGNALS
 from estimator.offline.predict.nuisance import YAW_RATE_TIMING, reported_vy
-from estimator.offline.record.unknown_inputs import VY_SENSOR
 from estimator.offline.record.windows import STATE_ROWS, Windows
 from hil_gateway.process.arrays import Array
 

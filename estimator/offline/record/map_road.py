@@ -9,15 +9,17 @@ import numpy as np
 
 from estimator.drive_log.table import DriveLog
 from estimator.model.basis import make_basis
-from estimator.model.effects import catalogue
+from estimator.model.effects import effect_with
 from estimator.model.effects.base import Effect
+from estimator.model.parameters import SLOPES, Quantity
 from estimator.model.profile import profile_basis
 from estimator.offline.record.record import Record, RoadProfile
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.track import Track
 
-ROAD: tuple[str, ...] = ("road_bank", "road_grade")
+ROAD: tuple[str, ...] = tuple(effect_with(slope).name for slope in SLOPES)
+"""Effects that a map declares."""
 MAP_STD = 0.005
 """rad; a surveyed bank or grade against what the car feels: body roll and pitch on the springs add as much"""
 FURTHEST_M = 30.0
@@ -26,7 +28,7 @@ FURTHEST_M = 30.0
 
 def road_effects() -> tuple[Effect, ...]:
     """What the map says of, always active where it is declared."""
-    return tuple(catalogue()[name] for name in ROAD)
+    return tuple(effect_with(slope) for slope in SLOPES)
 
 
 def road_size(track: Track) -> int:
@@ -78,5 +80,5 @@ def with_map_road(record: Record, track: Track) -> Record:
 def road_profiles(track: Track, size: int) -> dict[str, Array]:
     """Spline coefficients (size,) of bank and grade over the lap, least squares on the map's points."""
     basis, at = profile_basis(track.s, track.length, size), track.at(track.s)
-    angles = {"road_bank": at.bank, "road_grade": at.grade}
-    return {name: np.linalg.lstsq(basis, angle, rcond=None)[0] for name, angle in angles.items()}
+    angles = {Quantity.BANK: at.bank, Quantity.GRADE: at.grade}
+    return {effect_with(slope).name: np.linalg.lstsq(basis, angle, rcond=None)[0] for slope, angle in angles.items()}

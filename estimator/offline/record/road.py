@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.model.basis import Basis
+from estimator.model.effects import effect_with
+from estimator.model.parameters import Quantity
 from estimator.offline.record.record import Record, RoadProfile
 from estimator.offline.record.roll import ROLL_PRIORS, ROLL_STD, ROLL_STRAIGHT, bank_by_roll, no_surer_than_roll
 from hil_gateway.car.vehicle import GRAVITY
@@ -64,26 +66,29 @@ PEDALS = ("drive", "throttle", "brake")
 """What the driver asks for along the car; either sign of each has its own force."""
 ANY_FORCE = 100.0
 """m/s2 (rms) of each force that may act along the car: more than any does"""
-TOLD_BY = {"road_bank": (1, 4), "road_grade": (0, 3)}
+SHOWN_BY = {Quantity.BANK: (1, 4), Quantity.GRADE: (0, 3)}
 """Rows of `record.MEASURED` that say without any tyre whether there is a bank or a grade."""
 
 
 def find_road(record: Record) -> dict[str, RoadProfile]:
-    """`road_bank` and `road_grade`, where accelerometer and velocities of the `record`'s laps show them.
+    """Bank and grade by effect, where accelerometer and velocities of the `record`'s laps show them.
 
     A bank needs straights: on an open circle it is the sensor's zero.
     """
     if "track_position" not in record.bases or len(np.unique(record.lap)) < LEAST_LAPS:
         return {}
-    found, straights = {}, bool(_is_straight(record).any())
-    for name in TOLD_BY:
-        kinematics = _of(record, name)
-        if kinematics is not None and (straights or name == "road_grade"):
-            profile = _profile(record, kinematics, None if name == "road_grade" else _straights(record))
-            if profile is not None:
-                found[name] = profile
-    rolled = None if "road_bank" in found or not straights else _by_roll(record)
-    return found if rolled is None else {**found, "road_bank": rolled}
+    straights = bool(_is_straight(record).any())
+    bank = _shown(record, Quantity.BANK, _straights(record)) if straights else None
+    if bank is None and straights:
+        bank = _by_roll(record)
+    found = {Quantity.BANK: bank, Quantity.GRADE: _shown(record, Quantity.GRADE, None)}
+    return {effect_with(slope).name: profile for slope, profile in found.items() if profile is not None}
+
+
+def _shown(record: Record, slope: Quantity, straight: tuple[float, float] | None) -> RoadProfile | None:
+    """Bank or grade by kinematics (`straight`: see `_profile`)."""
+    kinematics = _of(record, slope)
+    return None if kinematics is None else _profile(record, kinematics, straight)
 
 
 def _straights(record: Record) -> tuple[float, float]:
@@ -102,14 +107,14 @@ def _is_straight(record: Record) -> NDArray[np.bool_]:
     return np.asarray(curvature < STRAIGHT_SHARE * np.quantile(curvature, 0.95))
 
 
-def share_in_kinematics(record: Record, name: str, coefficients: Array) -> float | None:
+def share_in_kinematics(record: Record, slope: Quantity, coefficients: Array) -> float | None:
     """Factor on a bank or grade with these `coefficients` (n,) at which kinematics agree best; None where none tell.
 
     Without a sensor of ax a grade is told from d/dt vx beside any force that follows speed, pedals and bends: a force
     that the model lacks comes back at its place as often as the driver does what he did there.
     """
-    kinematics = _of(record, name)
-    if kinematics is None and name == "road_grade":
+    kinematics = _of(record, slope)
+    if kinematics is None and slope is Quantity.GRADE:
         kinematics = _beside_forces(record)
     if kinematics is None:
         return None
@@ -121,11 +126,11 @@ def share_in_kinematics(record: Record, name: str, coefficients: Array) -> float
     return float(np.linalg.solve(X.T @ X / variance + known, X.T @ y / variance)[0])
 
 
-def _of(record: Record, name: str) -> _Kinematics | None:
+def _of(record: Record, slope: Quantity) -> _Kinematics | None:
     """The component of gravity that a bank or grade gives, where sensors of their own show it."""
-    if not record.used[list(TOLD_BY[name])].all():
+    if not record.used[list(SHOWN_BY[slope])].all():
         return None
-    return _lateral(record) if name == "road_bank" else _longitudinal(record)
+    return _lateral(record) if slope is Quantity.BANK else _longitudinal(record)
 
 
 def _by_roll(record: Record) -> RoadProfile | None:

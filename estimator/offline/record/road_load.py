@@ -9,8 +9,9 @@ from collections.abc import Collection
 
 import casadi as ca
 
+from estimator.model.effects import effect_with
 from estimator.model.effects.base import Effect
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
@@ -37,4 +38,4 @@ ROAD_LOAD = Effect(
 
 def road_load(names: Collection[str], signals: Collection[str]) -> tuple[Effect, ...]:
     """The nuisance where a bank is among the effects, and no accelerometer among the signals tells the load."""
-    return (ROAD_LOAD,) if "road_bank" in names and "extra_load" not in signals else ()
+    return (ROAD_LOAD,) if effect_with(Quantity.BANK).name in names and "extra_load" not in signals else ()

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from estimator.model.effects.base import Effect, Hook, smooth_negative_part
+from estimator.model.effects import catalogue
+from estimator.model.effects.base import VY_SENSOR, Effect, Hook, smooth_negative_part
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
@@ -27,16 +28,17 @@ def _lateral(terms: Terms, delay: Expr) -> None:
     terms.imu_ay = terms.imu_ay - delay * (terms.vx * terms.yaw_acc + terms.vx_dot * terms.yaw_rate)
 
 
-SAMPLED = {"steer_delay": _steer, "drive_delay": _drive}
-"""Delays that sampling can be mistaken for, with the shift of the signal as a nuisance."""
+SAMPLED = {"steer": _steer, "drive": _drive}
+"""Shift of an input as a nuisance: sampling can be mistaken for a delay."""
 RESAMPLED_S = 0.015
 """s between rows from which a log holds older readings: inertial units report at 100 Hz"""
 
 
-def sampling_effects(step: float, delays: frozenset[str]) -> tuple[Effect, ...]:
-    """Nuisance shifts of up to one sample of steer and drive, but for the signal whose delay is being tried, and of
+def sampling_effects(step: float, names: frozenset[str]) -> tuple[Effect, ...]:
+    """Nuisance shifts of up to one sample of steer and drive, but for the signal whose delay is among `names`, and of
     the lateral accelerometer, which looks displaced by what the car travels in that time, in logs slower than it."""
-    inputs = [_shift(name, {"INPUT": hook}, step) for name, hook in SAMPLED.items() if name not in delays]
+    delayed = {effect.shifts for name, effect in catalogue().items() if name in names}
+    inputs = [_shift(name, {"INPUT": hook}, step) for name, hook in SAMPLED.items() if name not in delayed]
     if step < RESAMPLED_S:
         return tuple(inputs)
     return (*inputs, _shift("ay", {"SENSOR": _lateral}, step))
@@ -84,9 +86,6 @@ def pedal_effects(pedals: bool) -> tuple[Effect, ...]:
         hooks={"INPUT": _pedals},
     )
     return (effect,)
-
-
-VY_SENSOR = "vy_sensor"
 
 
 def _at_the_centre(terms: Terms, x: Expr, angle: Expr, bias: Expr) -> None:

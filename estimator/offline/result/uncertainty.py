@@ -11,7 +11,6 @@ from estimator.offline.fit.held import UNIFORM, by_declared, by_sampling, by_zer
 from estimator.offline.fit.prediction_error import Fit, Point
 from estimator.offline.predict.places import PLACES, Place, term_effect
 from estimator.offline.predict.predict import Block, Predictor
-from estimator.offline.record.unknown_inputs import SAMPLED
 from estimator.offline.result.leftover import PLACED
 from estimator.offline.search.plausible import LEAST_STRETCHES
 from estimator.offline.search.trial import warm_start
@@ -33,7 +32,7 @@ def covariance(fit: Fit, without: Fit | None = None) -> Array:
     moves = np.concatenate([by_sampling(fit), by_declared(fit), by_zero(fit), _by_splines(fit, without)])
     found = ideal * np.outer(longer, longer) + moves.T @ moves
     for block in fit.predictor.blocks:
-        if block.effect.name in SAMPLED:  # its own shift within a row is not fitted beside it
+        if block.effect.shifts:  # its own shift within a row is not fitted beside it
             found[block.parameters, block.parameters] += (fit.predictor.record.step * UNIFORM) ** 2
     return np.asarray(found)
 
@@ -55,7 +54,7 @@ def taken_back(fit: Fit) -> Array:
     sizes = fit.parameters.copy()
     blocks = {block.effect.name: block for block in fit.predictor.blocks}
     for place_name, place in PLACES.items():
-        constant = blocks.get(place.constant)
+        constant = next((b for b in fit.predictor.blocks if b.effect.constant_at == place_name), None)
         for term in blocks.values():
             beside = term.effect.name == term_effect(place_name, term.effect.cause).name
             if constant is not None and beside and term.effect.cause not in PLACED:

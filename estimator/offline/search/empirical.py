@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from estimator.model.basis import FEW_VALUES, Basis
+from estimator.model.declared_vehicle import all_candidates
 from estimator.model.effects.base import Effect
 from estimator.offline.fit.normal import TINY, Normal, accumulate
 from estimator.offline.fit.prediction_error import Fit, residual_counts
@@ -167,7 +168,7 @@ class Screening:
 
     def levelled(self, term: Term, accepted: Sequence[str]) -> Term:
         """The term without a constant, where an accepted effect has it: its size would be no size of that effect."""
-        if PLACES[term.place].constant not in accepted:
+        if not any(all_candidates()[name].constant_at == term.place for name in accepted):
             return term
         record = self.predictor.record
         does = np.sum(self.units[..., list(PLACES).index(term.place)] ** 2, axis=2).T.ravel()

@@ -5,14 +5,15 @@ Anything else is no finding, whatever it gains: it stands in for something else,
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 
-from estimator.model.parameters import Parameter
+from estimator.model.parameters import Parameter, Quantity
 from estimator.offline.fit.held import by_sampling
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
-from estimator.offline.record.unknown_inputs import SAMPLED
 from estimator.offline.search.sensor_place import (
     YAW_RATE,
     accelerometer_ahead,
@@ -20,6 +21,7 @@ from estimator.offline.search.sensor_place import (
     gyroscope_zero,
     speed_scale,
 )
+from hil_gateway.process.arrays import Array
 
 LEAST_ERRORS = 3.0
 """Standard errors that one parameter at least must be off its neutral value: 99.7 % of a normal distribution."""
@@ -46,14 +48,13 @@ def believed(fit: Fit, name: str) -> bool:
     """Whether an effect is more than the log's sampling, physically possible, there, alike in both halves, and not
     contradicted by kinematics."""
     block = next(b for b in fit.predictor.blocks if b.effect.name == name)
-    kinematic = (_confirmed, _confirmed_by_positions, _confirmed_by_heading, _confirmed_by_turning)
-    checks = (possible, _there, _agrees, *kinematic, _a_road, _as_high_as_a_car)
-    return not _within_a_sample(fit, block) and all(check(fit, block) for check in checks)
+    alone = all(check(fit, block) for check in (possible, _there, _agrees))
+    return alone and not _within_a_sample(fit, block) and _confirmed(fit, block)
 
 
 def _within_a_sample(fit: Fit, block: Block) -> bool:
     """Whether it is a lag so short that the sampling of the log explains it; a length counts at the mean speed."""
-    if block.effect.name not in (*SAMPLED, "steer_lag", "drive_lag", "tyre_relaxation"):
+    if not block.effect.lags:
         return False
     record = fit.predictor.record
     speed = float(record.signals["vx"][record.rows].mean()) if block.effect.parameters[0].unit == "m" else 1.0
@@ -112,84 +113,106 @@ def _agrees(fit: Fit, block: Block) -> bool:
 
 
 def _confirmed(fit: Fit, block: Block) -> bool:
+    """Whether what else tells a quantity of the effect agrees with it."""
+    rows = range(block.parameters.start, block.parameters.stop)
+    quantities = [p.quantity for p in block.effect.parameters]
+    checks = [(EVIDENCE[q], row) for q, row in zip(quantities, rows, strict=False) if q in EVIDENCE]
+    return all(check(fit, block, row) for check, row in checks)
+
+
+def _by_kinematics(fit: Fit, block: Block, row: int) -> bool:
     """Whether the place of the accelerometer also shows where no tyre is in the equation, if sensors tell.
 
     What steering or tyres lack turns with the car as well, and would be taken for a sensor away from its centre. An ay
     sampled later than the yaw rate by half a step looks displaced by what the car travels in that time. Where no
     kinematics tell, it must be more than the car travels in a whole step.
     """
-    if block.effect.name != "imu_lever_arm":
-        return True
-    place, record = fit.parameters[block.parameters], fit.predictor.record
-    ahead, travelled = float(place[0]), record.step * float(record.signals["vx"][record.rows].mean())
+    ahead, record = float(fit.parameters[row]), fit.predictor.record
+    travelled = record.step * float(record.signals["vx"][record.rows].mean())
     seen = accelerometer_ahead(record)
     if seen is None:
-        return bool(np.max(np.abs(place)) > travelled)
+        return bool(np.max(np.abs(fit.parameters[block.parameters])) > travelled)
     return abs(seen[0] - ahead) < max(LEAST_ERRORS * seen[1] + 0.5 * travelled, CONFIRMED_SHARE * abs(ahead))
 
 
-def _confirmed_by_positions(fit: Fit, block: Block) -> bool:
+def _by_positions(fit: Fit, block: Block, row: int) -> bool:
     """Whether positions show at least half of a scale of speed, where the log has them."""
-    if block.effect.name != "speed_scale":
-        return True
-    scale, seen = float(fit.parameters[block.parameters][0]), speed_scale(fit.predictor.record)
+    scale, seen = float(fit.parameters[row]), speed_scale(fit.predictor.record)
     if seen is None:
         return True
     return abs(seen[0] - scale) < max(LEAST_ERRORS * seen[1], CONFIRMED_SHARE * abs(scale - 1.0), CLOCK)
 
 
-def _confirmed_by_heading(fit: Fit, block: Block) -> bool:
+def _by_heading(fit: Fit, block: Block, row: int) -> bool:
     """Whether the heading shows at least half of the gain of a gyroscope."""
-    if block.effect.name != "gyro_gain":
-        return True
-    gain, seen = float(fit.parameters[block.parameters][0]), gyro_gain(fit.predictor.record)
+    gain, seen = float(fit.parameters[row]), gyro_gain(fit.predictor.record)
     return seen is not None and abs(seen[0] - gain) < max(LEAST_ERRORS * seen[1], CONFIRMED_SHARE * abs(gain - 1.0))
 
 
-def _confirmed_by_turning(fit: Fit, block: Block) -> bool:
+def _by_course(fit: Fit, block: Block, row: int) -> bool:
     """Whether the course turns less than the yaw rate says by the zero of the gyroscope, where positions tell.
 
     Times the speed, that zero is an acceleration across the car: with one of the accelerometer against it, it looks
     like a bank of the whole lap.
     """
-    seen = gyroscope_zero(fit.predictor.record) if block.effect.name == "imu_bias" else None
+    seen = gyroscope_zero(fit.predictor.record)
     if seen is None:
         return True
-    own = [p.name for p in block.effect.parameters]
-    row = range(len(fit.parameters))[block.parameters][own.index("yaw_rate")]
     zero, rate = float(fit.parameters[row]), fit.predictor.record.measured[YAW_RATE]
     error = np.sqrt(max(float(fit.covariance[row, row]), float(fit.slow_variance[row])) + seen[1] ** 2)
     return bool(abs(seen[0] - zero) < max(LEAST_ERRORS * error, CLOCK * float(np.mean(np.abs(rate)))))
 
 
-def _a_road(fit: Fit, block: Block) -> bool:
-    """Whether a bank or grade is more than what repeats on a flat course, and ends the lap at the height it began.
+def _a_road(fit: Fit, block: Block, slope: Quantity) -> bool:
+    """Whether a bank or grade is more than what repeats on a flat course.
 
     With few laps a force passes for a slope, and with many the springs do. A bank also lightens the axles, as less grip
     does, and a grade slows the car, as a brake does: where neither tyre nor drive is in the equation, sensors that tell
     must show at least half of it. So must d/dt vx of a grade that no sensor of ax shows, whatever forces follow speed
     and pedals.
     """
-    if block.effect.name not in ("road_bank", "road_grade"):
-        return True
     record, coefficients = fit.predictor.record, fit.parameters[block.parameters]
     known = block.effect.name in record.road
-    seen = None if known else share_in_kinematics(record, block.effect.name, coefficients)
+    seen = None if known else share_in_kinematics(record, slope, coefficients)
     if seen is not None and seen < CONFIRMED_SHARE:
         return False
-    basis = record.bases[block.effect.profile]
+    return float(np.ptp(_over_the_lap(fit, block))) > 2.0 * LEAST_ANGLE
+
+
+def _a_bank(fit: Fit, block: Block, row: int) -> bool:
+    """Whether it is a road's."""
+    return _a_road(fit, block, Quantity.BANK)
+
+
+def _a_grade(fit: Fit, block: Block, row: int) -> bool:
+    """Whether it is a road's that ends the lap at the height where it began."""
+    grade = _over_the_lap(fit, block)
+    level = abs(float(grade.mean())) < min(LEVEL, CLOSED_SHARE * float(np.ptp(grade)))
+    return level and _a_road(fit, block, Quantity.GRADE)
+
+
+def _over_the_lap(fit: Fit, block: Block) -> Array:
+    """A profile at equal steps over the lap, four a knot."""
+    basis = fit.predictor.record.bases[block.effect.profile]
     at = np.linspace(0.0, basis.period, 4 * basis.size, endpoint=False)
-    angle = basis.matrix(at) @ coefficients
-    extent = float(np.ptp(angle))
-    level = block.effect.name != "road_grade" or abs(float(angle.mean())) < min(LEVEL, CLOSED_SHARE * extent)
-    return level and extent > 2.0 * LEAST_ANGLE
+    return np.asarray(basis.matrix(at) @ fit.parameters[block.parameters])
 
 
-def _as_high_as_a_car(fit: Fit, block: Block) -> bool:
+def _as_high_as_a_car(fit: Fit, block: Block, row: int) -> bool:
     """Whether load transfer has the height of a car: with another one it stands in for brakes or tyres."""
-    if block.effect.name != "load_transfer":
-        return True
-    return LOWEST < float(fit.parameters[block.parameters][0]) / fit.predictor.record.vehicle.wheelbase < HIGHEST
+    return LOWEST < float(fit.parameters[row]) / fit.predictor.record.vehicle.wheelbase < HIGHEST
+
+
+EVIDENCE: Mapping[Quantity | None, Callable[[Fit, Block, int], bool]] = {
+    Quantity.ACCELEROMETER_AHEAD: _by_kinematics,
+    Quantity.SPEED_SCALE: _by_positions,
+    Quantity.GYROSCOPE_GAIN: _by_heading,
+    Quantity.GYROSCOPE_ZERO: _by_course,
+    Quantity.BANK: _a_bank,
+    Quantity.GRADE: _a_grade,
+    Quantity.CG_HEIGHT: _as_high_as_a_car,
+}
+"""What else tells a quantity: whether it agrees with the parameter in a row of a fit."""
 
 
 def _table(fit: Fit, block: Block) -> tuple[Parameter, ...]:

@@ -13,6 +13,7 @@ from estimator.model.parameters import Parameter
 from estimator.offline.fit.prediction_error import Fit, Point
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record, available
+from estimator.offline.record.unknown_inputs import vy_effects
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.trial import Setting, Trial, warm_start
 from estimator.offline.search.workers import Job, begin_each, fit_each
@@ -20,20 +21,18 @@ from hil_gateway.process.arrays import Array
 
 SCREENING_STRIDE = 3
 """Screening uses every third window."""
-AS_ITS_PLACE = {"steer_scale"}
-"""Not told from the place of a sensor of vy that is fitted (`unknown_inputs`): by x the kinematic angle L omega / vx
-looks larger by x / L, and what both axles then lack of slip their tyres make up for."""
 SCREENING_ITERATIONS = 3
 """Steps of a candidate that is stationary at its neutral value and cannot be screened there."""
 
 
 def candidates(record: Record, active: Collection[str]) -> list[Effect]:
     """Effects that can be tried: their signals are there, what they build on is active, and the log can tell them."""
-    signals, untold = available(record), AS_ITS_PLACE if record.vy_displaced else set()
+    signals, always = available(record), {effect.name for effect in vy_effects(record.vy_displaced)}
+    there = {p.quantity for name in active for p in all_candidates()[name].parameters}
     return [
         e for e in all_candidates().values()
-        if e.name not in {*active, *untold} and set(e.needs) <= signals
-        and (not e.requires_any or set(e.requires_any) & set(active))
+        if e.name not in active and e.hidden_by not in always and set(e.needs) <= signals
+        and (not e.requires_any or there.intersection(e.requires_any))
     ]  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from estimator.model.basis import Basis
 from estimator.model.declared_vehicle import all_candidates
 from estimator.model.effects.base import Effect
 from estimator.model.parameters import Layout
-from estimator.model.single_track import SingleTrack
+from estimator.model.single_track import CHANNELS, SingleTrack
 from estimator.offline.fit.prediction_error import CONVERGED, MAX_ITERATIONS, Fit, fit
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import MOTION_ROWS, Noise
@@ -83,8 +83,12 @@ class Setting:
     @property
     def measured_road(self) -> tuple[str, ...]:
         """Found road that only a sensor of its own shows: no channel of the fit that it acts on is used."""
-        judged = {"road_bank": (1, 2, 4), "road_grade": (0, 3)}
-        return tuple(name for name in self.found_road if not self.record.used[list(judged[name])].any())
+        return tuple(name for name in self.found_road if not self._judged(all_candidates()[name]))
+
+    def _judged(self, effect: Effect) -> bool:
+        """Whether the fit uses a channel that shows an effect."""
+        rows = [CHANNELS.index(channel) for channel in effect.judged_by or effect.channels]
+        return bool(self.record.used[rows].any())
 
     @property
     def active_names(self) -> frozenset[str]:

@@ -254,9 +254,11 @@ def test_the_road_presses_on_a_checked_plan_as_on_the_planned_one(solved: tuple[
 @pytest.mark.parametrize(("felt", "gap"), [(1.0, 0.0), (0.0, 0.44)])
 def test_a_checked_plan_is_slowed_by_the_air_and_pulled_by_the_road(felt: float, gap: float) -> None:
     """Straight ahead without drive at 80 m/s, uphill on a bank, by hand: F = k v^2, g sin(grade), g sin(bank)."""
-    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
+    revision = race_car_revision("per_axle", Vehicle())
+    revised = model_of(revision, Vehicle(), 1000.0)
+    k = next(effect.parameters["k"] for effect in revision.effects if effect.name == "aero_drag")
     dt, vx, gravity_x, gravity_y = 0.05, 80.0, -9.81 * np.sin(0.02), -9.81 * np.sin(0.35)
-    slower = (revised.constant("aero_drag", "k") * vx**2 / Vehicle().mass - gravity_x) * dt
+    slower = (k * vx**2 / Vehicle().mass - gravity_x) * dt
     columns = {name: np.zeros(2) for name in COLUMNS}
     columns["vx"], columns["vy"] = np.array([vx, vx - felt * slower]), np.array([0.0, felt * gravity_y * dt])
     columns["x"] = np.array([0.0, (vx - 0.5 * felt * slower) * dt])

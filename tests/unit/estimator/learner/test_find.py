@@ -17,7 +17,6 @@ from estimator.learner.find import (
     Task,
     find,
     judge,
-    moves_the_car,
     without_what_is_idle,
     without_what_spoils,
 )
@@ -142,7 +141,7 @@ def test_an_effect_without_which_predictions_are_as_good_is_left_out(
     [("imu_lever_arm", False), ("imu_misalignment", False), ("engine_braking", True), ("steer_scale", True)],
 )
 def test_the_mounting_of_an_accelerometer_is_nothing_to_drive_with(name: str, moves: bool) -> None:
-    assert moves_the_car(catalogue()[name]) is moves
+    assert catalogue()[name].moves_the_car is moves
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import pickle
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,6 +22,7 @@ from estimator.model.single_track import CHANNELS, SIGNALS, SingleTrack, Terms
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.compiled import find_compiler
 
+ROOT = Path(__file__).resolve().parents[4]
 VEHICLE = Vehicle()
 AUXILIARY = {"brake": 0.3, "yaw": 0.4, "t": 100.0, "steer_rate": 0.3, "drive_rate": -0.2, "track_position": 250.0}
 IDS = {
@@ -324,10 +326,25 @@ def test_a_limited_slip_axle_is_locked_below_what_its_clutches_bear_and_slips_be
     assert moment(80.0, 0.04, 0.0) == borne, "without compliance its clutches slip in every bend"
 
 
+def test_no_module_knows_an_effect_by_its_name() -> None:
+    """What is special about an effect is a field of it: one more is one more file."""
+    catalogue_folder = ROOT / "estimator" / "model" / "effects"
+    files = [file for package in ("estimator", "planner") for file in (ROOT / package).rglob("*.py")]
+    outside = [file for file in files if catalogue_folder not in file.parents]
+    assert len(outside) > 100
+    named = {
+        f"{file.relative_to(ROOT)}:{node.lineno}: {node.value}"
+        for file in outside
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Constant) and node.value in IDS
+    }
+    assert named == set()
+
+
 def test_the_documented_catalogue_is_the_one_in_the_code() -> None:
     from estimator.model.catalogue_page import page
 
-    document = Path(__file__).resolve().parents[4] / "docs" / "effects.md"
+    document = ROOT / "docs" / "effects.md"
     assert document.read_text() == page(), "python -m estimator.model.catalogue_page > docs/effects.md"
 
 

@@ -21,15 +21,17 @@ from estimator.drive_log.health.lateral_velocity import place_left
 from estimator.drive_log.health.offsets import lag_left
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import CHANNELS, ModelColumns
+from estimator.model.effects import catalogue
+from estimator.model.effects.base import VY_SENSOR
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS, SingleTrack
 from estimator.offline import identification
 from estimator.offline.identification import Options, identify
 from estimator.offline.known_bank import examine_on_its_road
-from estimator.offline.predict.fast_car import drive_zero, load_transfer, presses
-from estimator.offline.predict.nuisance import YAW_RATE_TIMING, known_bank
+from estimator.offline.predict.fast_car import drive_zero, presses
+from estimator.offline.predict.nuisance import YAW_RATE_TIMING, along, known_bank
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
-from estimator.offline.record.unknown_inputs import PEDALS, VY_SENSOR
+from estimator.offline.record.unknown_inputs import PEDALS
 from estimator.offline.result.simulated_lateral import (
     identified_laterally,
     lateral_prior,
@@ -119,8 +121,9 @@ def test_another_zero_of_the_bank_pulls_the_car_and_leaves_an_ay_that_was_derive
 
 
 def test_the_measured_acceleration_moves_load_from_the_front_axle_to_the_rear() -> None:
-    car = Vehicle()
-    columns = ModelColumns(SingleTrack(car, "per_axle", (load_transfer(),)))
+    car, load_transfer = Vehicle(), catalogue()["load_transfer"].as_logged
+    assert load_transfer is not None
+    columns = ModelColumns(SingleTrack(car, "per_axle", (along(load_transfer),)))
     inputs = np.zeros((len(SIGNALS) + len(AUXILIARY), 2))
     inputs[:4] = np.array([[50.0], [-0.3], [0.2], [0.02]])
     inputs[len(SIGNALS) + AUXILIARY.index("ax")] = 0.0, 5.0

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.practice_drives import PRIOR, record_of
 
+from estimator.model.parameters import Quantity
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.record import Record
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
@@ -129,14 +130,16 @@ def test_a_bank_no_larger_than_what_the_springs_repeat_is_not_believed(drives: d
         assert believed(replace(done, parameters=parameters, normal=normal), "road_bank") == named
 
 
-@pytest.mark.parametrize(("road", "halved"), [("road_bank", 6), ("road_grade", 4)])
+@pytest.mark.parametrize(
+    ("road", "slope", "halved"), [("road_bank", Quantity.BANK, 6), ("road_grade", Quantity.GRADE, 4)]
+)
 def test_a_road_that_kinematics_do_not_show_is_not_believed_whatever_else_it_does(
-    drives: dict[str, Any], road: str, halved: int
+    drives: dict[str, Any], road: str, slope: Quantity, halved: int
 ) -> None:
     record = record_of(drives["hilly"])
     done = fit_names(Setting(record, "per_axle", PRIOR), [road], None)
     rows = next(b.parameters for b in done.predictor.blocks if b.effect.name == road)
-    assert share_in_kinematics(record, road, done.parameters[rows]) == pytest.approx(1.0, abs=0.1)
+    assert share_in_kinematics(record, slope, done.parameters[rows]) == pytest.approx(1.0, abs=0.1)
     assert believed(done, road)
     moved = done.parameters.copy()
     moved[rows] = np.roll(moved[rows], (rows.stop - rows.start) // halved)  # half a wave, of three or two over the lap

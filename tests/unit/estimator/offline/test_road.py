@@ -13,6 +13,7 @@ from support.practice_drives import record_of
 
 from estimator.drive_log.health import examine
 from estimator.drive_log.table import DriveLog, read_logs
+from estimator.model.parameters import Quantity
 from estimator.offline.record.declared import read_vehicle
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road, share_in_kinematics
@@ -51,9 +52,9 @@ def test_without_a_sensor_of_ax_a_grade_is_told_from_forces_that_the_driver_repe
     hilly, flat = (record_of(drives[name]) for name in ("hilly", "flat"))
     slope = find_road(hilly)["road_grade"].coefficients
     unseen = [replace(one, used=one.used & (np.arange(5) > 0)) for one in (hilly, flat)]
-    assert share_in_kinematics(unseen[0], "road_grade", slope) == pytest.approx(1.0, abs=0.1)
-    assert abs(share_in_kinematics(unseen[1], "road_grade", slope) or 1.0) < 0.1
-    assert share_in_kinematics(unseen[0], "road_bank", slope) is not None, "the sensor of ay is there"
+    assert share_in_kinematics(unseen[0], Quantity.GRADE, slope) == pytest.approx(1.0, abs=0.1)
+    assert abs(share_in_kinematics(unseen[1], Quantity.GRADE, slope) or 1.0) < 0.1
+    assert share_in_kinematics(unseen[0], Quantity.BANK, slope) is not None, "the sensor of ay is there"
 
 
 def test_an_open_circle_tells_no_bank() -> None:
