@@ -267,7 +267,8 @@ def row(case: Case) -> dict[str, Any]:
         "batch": case.wanted.batch,
         "rate_hz": case.wanted.rate_hz,
     }
-    return asked | {"right": case.right, "alone": case.alone, "seconds": case.seconds, "result": case.result}
+    found = {"right": case.right, "alone": case.alone, "not_there": sorted(set(case.named) - case.ids)}
+    return asked | found | {"seconds": case.seconds, "result": case.result}
 
 
 def drives(wanted: Sequence[Wanted]) -> Iterator[Drive]:

@@ -1,0 +1,163 @@
+"""Results of the laboratory: `benchmarks/results/AREA.json` is what runs wrote, `docs/results/AREA.md` the page of it.
+
+    python -m benchmarks.results AREA HEADING FILE COMMAND...
+
+puts the newest run of a command under its heading, in the place of the one before, and writes the page anew. FILE is
+what the command wrote as JSON: `summary.json` of `hil campaign laps`, the report of `hil verify --fault-survey --json`,
+or the cases of `benchmarks.diagnosis.diagnose --json`. Without arguments the pages are written anew.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.campaign.laps import commit
+from hil_gateway.process.errors import InputError
+from hil_gateway.process.model import Model
+from hil_gateway.text_file import read_text
+
+ROOT = Path(__file__).resolve().parents[1]
+BYTES_MAX = 10_000_000
+"""of a report: that of 20 cars has 200 kB"""
+
+Rows = tuple[tuple[str, ...], ...]
+
+
+class Table(Model):
+    """One run: how it is made again, and what came out."""
+
+    heading: str
+    command: str
+    commit: str
+    columns: tuple[str, ...]
+    rows: Rows
+    note: str = ""
+    """what the figures do not say by themselves, in one or two sentences"""
+
+
+class Page(Model):
+    """One area of results."""
+
+    title: str
+    reader: str
+    asked: str
+    tables: tuple[Table, ...]
+
+    def markdown(self) -> str:
+        """The page."""
+        return "\n".join([f"# {self.title}", "", self.reader, "", self.asked, "", *map(_section, self.tables)])
+
+
+def _section(table: Table) -> str:
+    head = [f"## {table.heading}", "", f"`{table.command}`, commit {table.commit}.", ""]
+    grid = [table.columns, ("---",) * len(table.columns), *table.rows]
+    body = ["| " + " | ".join(row) + " |" for row in grid]
+    return "\n".join([*head, *body, "", *([table.note, ""] if table.note else [])])
+
+
+def fault_rows(report: dict[str, Any]) -> tuple[tuple[str, ...], Rows]:
+    """Of a survey: stops that keep to the road, a track a row."""
+    columns = ("track", "single faults that stop", "off the road", "of these by physics", "kept", "pairs kept")
+
+    def row(name: str, found: dict[str, Any]) -> tuple[str, ...]:
+        single, pairs = found["single"], found["pairs"]
+        off, physics = len(single["stops off the road"]), single["off the road by physics"]
+        return (
+            name,
+            str(single["stops"]),
+            str(off),
+            str(physics),
+            _percent(single["kept"]),
+            f"{_percent(pairs['kept'])} of {pairs['stops']}",
+        )
+
+    tracks = [row(track, found) for track, found in report["tracks"].items()]
+    return columns, (*tracks, row("all", report["all"]))
+
+
+def lap_rows(summary: dict[str, Any]) -> tuple[tuple[str, ...], Rows]:
+    """Of a campaign: lap time over the car's own limit, a car a row."""
+    columns = ("car", "track", "lap 1", "lap 3", "last lap", "second session", "off the road, spins")
+
+    def row(car: dict[str, Any]) -> tuple[str, ...]:
+        ratios = car["lap_ratio"]
+        laps = (ratios[i] if len(ratios) > i else None for i in (0, 2, len(ratios) - 1))
+        again = car["second_session_lap_ratio"]
+        return (
+            str(car["seed"]),
+            car["track"],
+            *map(_ratio, laps),
+            _ratio(again),
+            f"{car['off_track']}, {car['spins']}",
+        )
+
+    return columns, tuple(row(car) for car in summary["cars"])
+
+
+def diagnosis_rows(cases: Sequence[dict[str, Any]]) -> tuple[tuple[str, ...], Rows]:
+    """Of a list of drives: how many are right, and what is named that is not there."""
+    columns = ("drives", "right", "named alone", "names that are not there")
+    right, alone = (sum(bool(case[key]) for case in cases) for key in ("right", "alone"))
+    false = sum(len(case["not_there"]) for case in cases)
+    return columns, ((str(len(cases)), str(right), str(alone), str(false)),)
+
+
+READERS: dict[str, Callable[[Any], tuple[tuple[str, ...], Rows]]] = {
+    "faults": fault_rows,
+    "laps": lap_rows,
+    "diagnosis": diagnosis_rows,
+}
+"""area -> rows of what its command writes"""
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.1f} %"
+
+
+def _ratio(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def load(area: str) -> Page:
+    """What is kept of an area."""
+    return Page.model_validate_json((ROOT / "benchmarks" / "results" / f"{area}.json").read_text())
+
+
+def keep(area: str, heading: str, report: Any, command: str) -> Page:
+    """The page with a run in the place of the one before it."""
+    before = load(area)
+    columns, rows = READERS[area](report)
+    new = Table(heading=heading, command=command, commit=commit(), columns=columns, rows=rows)
+    tables = [table for table in before.tables if table.heading != heading]
+    return before.model_copy(update={"tables": (*tables, new)})
+
+
+def write(area: str, page: Page) -> None:
+    """JSON and page."""
+    (ROOT / "benchmarks" / "results" / f"{area}.json").write_text(page.model_dump_json(indent=1) + "\n")
+    (ROOT / "docs" / "results" / f"{area}.md").write_text(page.markdown())
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Keep a run, or write the pages anew."""
+    if not arguments:
+        for area in READERS:
+            write(area, load(area))
+        return
+    if len(arguments) < 4 or arguments[0] not in READERS:
+        raise InputError(f"usage: python -m benchmarks.results {'|'.join(READERS)} HEADING FILE COMMAND...")
+    area, heading, file, *command = arguments
+    report = json.loads(read_text(file, BYTES_MAX, "report"))
+    write(area, keep(area, heading, report, shlex.join(command)))
+
+
+if __name__ == "__main__":
+    try:
+        main(sys.argv[1:])
+    except InputError as error:
+        raise SystemExit(f"results: {error}") from None

@@ -1,0 +1,28 @@
+"""Results of the laboratory: pages are what the JSON says, and a new run takes the place of the one before."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.results import READERS, ROOT, keep, load
+
+SINGLE = {"stops": 40, "stops off the road": ["a", "b"], "off the road by physics": 1, "kept": 0.975}
+FOUND = {"single": SINGLE, "pairs": {"stops": 6, "kept": 0.5}}
+
+
+@pytest.mark.parametrize("area", READERS)
+def test_a_page_is_what_its_json_says(area: str) -> None:
+    assert (ROOT / "docs" / "results" / f"{area}.md").read_text() == load(area).markdown()
+
+
+def test_a_survey_takes_the_place_of_the_one_before() -> None:
+    report = {"tracks": {"oval": FOUND}, "all": FOUND}
+    page = keep("faults", "Survey 9830", report, "hil verify --fault-survey 9830")
+    assert [table.heading for table in page.tables].count("Survey 9830") == 1
+    assert "| oval | 40 | 2 | 1 | 97.5 % | 50.0 % of 6 |" in page.markdown()
+
+
+def test_a_car_that_has_not_driven_its_laps_has_no_figure_for_them() -> None:
+    car = {"seed": 7, "track": "oval", "lap_ratio": [1.2], "second_session_lap_ratio": None, "off_track": 0, "spins": 1}
+    page = keep("laps", "One car", {"cars": [car]}, "hil campaign laps")
+    assert "| 7 | oval | 1.200 | - | 1.200 | - | 0, 1 |" in page.markdown()
