@@ -7,7 +7,7 @@ plant; the limit is the referee's (`hil plan limit`). Nothing that drives hears 
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -153,8 +153,17 @@ def summarise(cars: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "off_track": sum(car["off_track"] for car in cars),
         "spins": sum(car["spins"] for car in cars),
         "slides": sum(car["slides"] for car in cars),
+        "laps_missing": sum(_laps_missing(car) for car in cars),
         "commit": commit(),
     }
+
+
+def _laps_missing(car: Mapping[str, Any]) -> int:
+    """Laps that were asked for and not driven, of all sessions."""
+    laps = car["settings"]["laps"]
+    asked = {"first": laps, "second": SECOND_SESSION_LAPS, "plain": laps}
+    driven = {"first": car, "second": car["second_session"], "plain": car["without_learning"]}
+    return sum(max(asked[name] - len(d["lap_times_s"]), 0) for name, d in driven.items() if d is not None)
 
 
 def commit() -> str:

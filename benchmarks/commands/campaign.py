@@ -1,5 +1,6 @@
 """`hil campaign`: `learn` (infomax), `diagnose` (effects of the simulated car), `closed` (drive, diagnose, drive),
-`laps` (lap times of cars nobody has driven, over their own limit), `explore` (how soon that limit is known)."""
+`laps` (lap times of cars nobody has driven, over their own limit), `cars` (named cars that nothing may stop), `explore`
+(how soon the limit is known)."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
+from benchmarks.commands.campaign_cars import cars
 from benchmarks.commands.campaign_closed import closed
 from benchmarks.commands.campaign_diagnose import RESULTS, diagnose
 from benchmarks.commands.campaign_explore import explore
@@ -29,6 +31,7 @@ app = typer.Typer(no_args_is_help=True, help="Long comparisons over seeds.")
 app.command()(diagnose)
 app.command()(closed)
 app.command("laps")(campaign_laps)
+app.command()(cars)
 app.command()(explore)
 
 

@@ -36,8 +36,9 @@ def laps(  # noqa: PLR0917  (one argument a flag)
 ) -> None:  # fmt: skip
     """Laps of cars nobody has driven over the limit of that very car, judged by the plant.
 
-    Resumable: interrupted, the same command goes on where it stopped. Exit 1 when a car leaves the road, spins, or has
-    an axle beyond the peak of its tyres for more than 0.2 s; with events when one leaves the road.
+    Resumable: interrupted, the same command goes on where it stopped. Exit 1 when a car leaves the road, spins, does
+    not drive all laps, or has an axle beyond the peak of its tyres for more than 0.2 s; with events when one leaves the
+    road.
     """
     from benchmarks.campaign import events as through_events
     from benchmarks.campaign.laps import summarise, trials
@@ -51,7 +52,7 @@ def laps(  # noqa: PLR0917  (one argument a flag)
     seeds, machines = range(first_seed, first_seed + cars), Machines(processes, scheduler)
     if events is None:
         summary = summarise(drive_all(trials(seeds, names, laps, car, without=without), out, machines))
-        failed = bool(summary["off_track"] or summary["spins"] or summary["slides"])
+        failed = any(summary[key] for key in ("off_track", "spins", "slides", "laps_missing"))
     elif car is not None:
         raise InputError("--car with --events: a car file has events of its own; leave one of them out")
     else:
@@ -75,8 +76,9 @@ def _describe(summary: dict[str, Any]) -> list[str]:
         f"spins {car['spins']}, beyond the peak at most {figure(car['friction_over_s'], 's')}"
         for car in summary["cars"]
     ]
+    missing = f"laps not driven: {summary['laps_missing']}"
     medians = ", ".join(f"lap {lap}: {ratio:.3f}" for lap, ratio in summary["median_ratio"].items())
-    return [*rows, f"median ratio: {medians}"]
+    return [*rows, f"median ratio: {medians}", missing]
 
 
 def _describe_cases(summary: dict[str, Any]) -> list[str]:

@@ -14,7 +14,10 @@ from planner.simulation.loop import LoopResult
 
 
 def car(ratios: list[float], **more: object) -> dict[str, object]:
-    usual = {"off_track": 0, "spins": 0, "slides": 0, "second_session_lap_ratio": 1.1}
+    usual = {
+        "settings": {"laps": len(ratios)}, "lap_times_s": ratios, "second_session": {"lap_times_s": [80.0, 80.0]},
+        "without_learning": None, "off_track": 0, "spins": 0, "slides": 0, "second_session_lap_ratio": 1.1,
+    }  # fmt: skip
     return {"lap_ratio": ratios, **usual, **more}
 
 
@@ -52,6 +55,12 @@ def test_the_median_counts_cars_that_drove_the_lap() -> None:
     summary = summarise([car([1.5, 1.2]), car([1.3, 1.1]), car([1.4], off_track=2)])
     assert summary["median_ratio"] == {"1": pytest.approx(1.4), "2": pytest.approx(1.15)}
     assert summary["off_track"] == 2
+
+
+def test_laps_that_no_car_drove_are_missing_in_every_session() -> None:
+    none = {"lap_times_s": []}
+    stopped = car([1.3], settings={"laps": 3}, second_session=none, without_learning=none)
+    assert summarise([car([1.5, 1.2]), stopped])["laps_missing"] == 2 + 2 + 3
 
 
 def test_ratios_are_lap_times_over_the_limit() -> None:
