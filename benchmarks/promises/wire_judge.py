@@ -5,6 +5,7 @@ Nothing of the gateway's chain is imported: a mistake there must not excuse itse
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -39,6 +40,20 @@ def _decoder() -> Any:
     import cantools
 
     return cantools.database.load_file(SHIPPED / "av24/av24.dbc").decode_message
+
+
+def other_than_brakes(frames: Iterable[tuple[int, bytes]]) -> list[str]:
+    """What frames (identifier, data) ask for beside brakes: the accelerator, or steering that moves."""
+    found, steering = [], None
+    for frame_id, data in frames:
+        signals = _decoder()(frame_id, data, decode_choices=False)
+        if signals.get("acc_pedal_cmd", 0.0) > 0:
+            found.append(f"accelerator {signals['acc_pedal_cmd']} %")
+        angle = signals.get("steering_motor_ang_cmd", steering)
+        if steering is not None and angle != steering:
+            found.append(f"steering from {steering} to {angle} deg")
+        steering = angle
+    return found
 
 
 @dataclass

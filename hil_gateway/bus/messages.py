@@ -241,6 +241,7 @@ class Command(Message):
 class OperatorAction(StrEnum):
     """What a person can ask of the gateway."""
 
+    CRANK = "crank"
     ARM = "arm"
     DISARM = "disarm"
     STOP = "stop"
@@ -248,7 +249,7 @@ class OperatorAction(StrEnum):
 
 
 class OperatorCommand(Message):
-    """A person's request; arming is edge-triggered and never remembered."""
+    """A person's request; cranking and arming are edge-triggered and never remembered."""
 
     source: Name
     action: OperatorAction
@@ -286,6 +287,10 @@ class GatewayStatus(Message):
     action: FailsafeAction
     cause: Text
     missing_for_arming: tuple[Text, ...] = Field(max_length=64)
+    missing_for_crank: tuple[Text, ...] = Field(
+        default=("unknown",), max_length=64, description="why a request to crank would be refused; empty: it is awaited"
+    )
+    holding: bool = Field(default=False, description="brakes alone are commanded, without arming")
     bus: Name
     bus_state: Name
     frames_received: Count

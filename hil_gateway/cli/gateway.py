@@ -6,12 +6,13 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from hil_gateway.bus.interface import Subscription
+from hil_gateway.bus.interface import Bus, Subscription
 from hil_gateway.bus.messages import FailsafeAction, GatewayStatus, OperatorAction
 from hil_gateway.config import ZenohConfig, load_config
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
@@ -23,13 +24,15 @@ ANSWER_S = 3.0
 """How long a request waits for the gateway's status."""
 REPEAT_S = 0.1
 """A request is sent again until it is answered; the gateway knows the second delivery of the same one."""
+CRANKED_S = 20.0
+"""How long `arm --crank` waits until the car drives and nothing is missing: cranking takes some seconds."""
 EXPECTED = {
     OperatorAction.ARM: (FailsafeAction.DRIVE,),
     OperatorAction.DISARM: (FailsafeAction.SILENT, FailsafeAction.CONTROLLED_STOP),
     OperatorAction.STOP: (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP, FailsafeAction.SILENT),
     OperatorAction.EMERGENCY: (FailsafeAction.EMERGENCY_STOP, FailsafeAction.SILENT),
 }
-"""Actions after which a request counts as answered."""
+"""Actions after which a request counts as answered; one to crank does when the ladder is beyond it."""
 
 
 @app.command()
@@ -54,14 +57,23 @@ def check(
 
 
 @app.command()
-def arm(config: ConfigOption = None) -> None:
-    """Ask the gateway to send actuator commands. Says what is missing when it refuses."""
-    _request(config, OperatorAction.ARM)
+def crank(config: ConfigOption = None) -> None:
+    """Ask for the engine. Nothing cranks without this request, once for every start of the gateway and emergency."""
+    _request(config, OperatorAction.CRANK)
+
+
+@app.command()
+def arm(
+    config: ConfigOption = None,
+    crank: Annotated[bool, typer.Option("--crank", help="crank first, unless that is done")] = False,
+) -> None:
+    """Ask the gateway to drive the car. Says what is missing when it refuses."""
+    _request(config, *([OperatorAction.CRANK] if crank else []), OperatorAction.ARM)
 
 
 @app.command()
 def disarm(config: ConfigOption = None) -> None:
-    """Stop sending actuator commands. At once when standing, after a controlled stop when moving."""
+    """No longer drive the car. At once when standing, after a controlled stop when moving."""
     _request(config, OperatorAction.DISARM)
 
 
@@ -77,10 +89,9 @@ def emergency(config: ConfigOption = None) -> None:
     _request(config, OperatorAction.EMERGENCY)
 
 
-def _request(config: Path | None, action: OperatorAction) -> None:
-    """Send one request and wait for what the gateway says it does."""
+def _request(config: Path | None, *actions: OperatorAction) -> None:
+    """Send one request after the other, each when the gateway has done what was asked before."""
     from hil_gateway.bus import topics
-    from hil_gateway.bus.messages import OperatorCommand
     from hil_gateway.bus.zenoh_bus import open_bus
 
     reached = _address(load_config(config).zenoh, config)
@@ -88,17 +99,41 @@ def _request(config: Path | None, action: OperatorAction) -> None:
     bus = open_bus(reached.zenoh, "operator")
     try:
         statuses = bus.subscribe(topics.GATEWAY_STATUS)
-        if _wait(statuses) is None:
+        if _wait(statuses, lambda status: True) is None:
             raise InputError(f"no gateway answers at {', '.join(reached.zenoh.connect)}; {reached.remedy}")
-        now = time.monotonic_ns()
-        message = OperatorCommand(stamp_ns=now, seq=now // 1000, source=f"cli-{os.getpid()}", action=action)
-        answer = _wait(statuses, EXPECTED[action], lambda: bus.publish(topics.OPERATOR, message))
+        for action in actions:
+            if action is OperatorAction.CRANK:
+                _wait(statuses, lambda status: not status.missing_for_crank or _done(OperatorAction.CRANK, status))
+            elif len(actions) > 1:
+                _wait(statuses, lambda status: not status.missing_for_arming, seconds=CRANKED_S)
+            _ask(bus, statuses, action)
     finally:
         bus.close()
-    if answer is None or answer.action not in EXPECTED[action]:
-        typer.echo(f"refused: {action.value}: {_why(answer)}", err=True)
+
+
+def _ask(bus: Bus, statuses: Subscription[GatewayStatus], action: OperatorAction) -> None:
+    """Send one request and wait for what the gateway says it does."""
+    from hil_gateway.bus import topics
+    from hil_gateway.bus.messages import OperatorCommand
+
+    now = time.monotonic_ns()
+    message = OperatorCommand(stamp_ns=now, seq=now // 1000, source=f"cli-{os.getpid()}", action=action)
+    request = partial(bus.publish, topics.OPERATOR, message)
+    answer = _wait(statuses, partial(_done, action), request)
+    if answer is None or not _done(action, answer):
+        typer.echo(f"refused: {action.value}: {_why(action, answer)}", err=True)
         raise typer.Exit(EXIT_FAILURE)
-    typer.echo(f"{answer.action.value}{': ' + answer.cause if answer.cause else ''}")
+    if action is OperatorAction.CRANK:
+        typer.echo("cranked")
+    else:
+        typer.echo(f"{answer.action.value}{': ' + answer.cause if answer.cause else ''}")
+
+
+def _done(action: OperatorAction, status: GatewayStatus) -> bool:
+    """Whether the gateway has done what was asked of it."""
+    if action is OperatorAction.CRANK:
+        return "cranked" in status.missing_for_crank
+    return status.action in EXPECTED[action]
 
 
 @dataclass(frozen=True)
@@ -133,32 +168,40 @@ def _address(asked: ZenohConfig, config: Path | None) -> Address:
     return Address(last.zenoh, str(last), "it runs but is silent: end its process")
 
 
-def _why(answer: GatewayStatus | None) -> str:
+def _why(action: OperatorAction, answer: GatewayStatus | None) -> str:
     """What keeps the gateway from doing it."""
+    from hil_gateway.gateway.check.arming import EXPLANATION
+
     if answer is None:
         return "no answer"
+    if action is OperatorAction.CRANK:
+        return ", ".join(EXPLANATION.get(name, name) for name in answer.missing_for_crank)
     state = f"the gateway stays in {answer.action.value}{': ' + answer.cause if answer.cause else ''}"
-    return ", ".join(answer.missing_for_arming) or state
+    awaited = "" if answer.missing_for_crank else "; first `hil gateway crank`"
+    return (", ".join(answer.missing_for_arming) or state) + awaited
 
 
 def _wait(
     statuses: Subscription[GatewayStatus],
-    actions: tuple[FailsafeAction, ...] | None = None,
-    request: Callable[[], None] = lambda: None,
+    enough: Callable[[GatewayStatus], bool],
+    request: Callable[[], object] | None = None,
+    seconds: float = ANSWER_S,
 ) -> GatewayStatus | None:
-    """Newest status within `ANSWER_S`; with `actions`, waits for one of them from the second status on."""
+    """Newest status within `seconds`, at once when it is `enough`; with a request, from the second status on."""
     newest: GatewayStatus | None = None
     seen = 0
     start = asked = time.monotonic()
-    request()
-    while (now := time.monotonic()) < start + ANSWER_S:
+    least = 1 if request is None else 2
+    ask = request or (lambda: None)
+    ask()
+    while (now := time.monotonic()) < start + seconds:
         for status in statuses.poll(time.monotonic_ns()):
             newest = status
             seen += 1
-        if newest is not None and (actions is None or (seen > 1 and newest.action in actions)):
+        if newest is not None and seen >= least and enough(newest):
             return newest
         if now >= asked + REPEAT_S:
             asked = now
-            request()
+            ask()
         time.sleep(0.02)
     return newest

@@ -1,4 +1,4 @@
-"""The operator: arms once when the gateway has everything it needs, and stops the car when told to give up."""
+"""The operator: cranks and arms once when the gateway has what it needs, and stops the car when told to give up."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ STEADY_NS = NS_PER_S
 
 
 class Operator:
-    """Never arms again after the gateway has stopped the car: that is for a person to decide."""
+    """Never cranks or arms again after the gateway has stopped the car: that is for a person to decide."""
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
@@ -24,17 +24,19 @@ class Operator:
         """the car has been under way"""
 
     def update(self, status: GatewayStatus | None, now_ns: int) -> None:
-        """Arm when nothing has been missing for `STEADY_NS`, again every `REPEAT_NS` until it is done."""
+        """Crank, and arm when nothing has been missing for `STEADY_NS`, every `REPEAT_NS` until it is done."""
         if status is None:
             return
         self.driving = self.driving or status.action is FailsafeAction.DRIVE
         if status.missing_for_arming:
             self._ready_ns = None
-            return
-        self._ready_ns = now_ns if self._ready_ns is None else self._ready_ns
-        if not self.driving and now_ns >= max(self._next_ns, self._ready_ns + STEADY_NS):
+        elif self._ready_ns is None:
+            self._ready_ns = now_ns
+        steady = self._ready_ns is not None and now_ns >= self._ready_ns + STEADY_NS
+        action = OperatorAction.ARM if steady else None if status.missing_for_crank else OperatorAction.CRANK
+        if action is not None and not self.driving and now_ns >= self._next_ns:
             self._next_ns = now_ns + REPEAT_NS
-            self.ask(OperatorAction.ARM, now_ns)
+            self.ask(action, now_ns)
 
     def ask(self, action: OperatorAction, now_ns: int) -> None:
         """Send one request to the gateway."""

@@ -61,7 +61,7 @@ class Gateway:
         self._course = CourseReader()
         self._receivers = OtherReceivers(config.origin)
         self._tyres = TyreReports(self.builder)
-        self._conditions = Conditions(self.builder, self._tyres, config.gateway.mode)
+        self._conditions = Conditions(self.builder, self._tyres, config.gateway)
         self.decision = Decision()
         self._actor = Actor(config, codec, link, actuation, track)
         self._reporter = Reporter(config.gateway.mode, load)

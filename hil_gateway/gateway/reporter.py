@@ -9,6 +9,7 @@ from hil_gateway.can_link import CanLink
 from hil_gateway.gateway.act.actor import Actor
 from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import missing_for_arming
+from hil_gateway.gateway.decide.race_control import missing_for_crank
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.gateway.rolling import Rolling
 from hil_gateway.process.clock import NS_PER_S
@@ -66,6 +67,8 @@ class Reporter:
             action=decision.action,
             cause=decision.cause,
             missing_for_arming=() if decision.failsafe.armed else missing_for_arming(situation.conditions),
+            missing_for_crank=self._missing_for_crank(situation, decision),
+            holding=decision.holding,
             bus=link.kind,
             bus_state=str(stats.bus_state),
             frames_received=counts.received,
@@ -79,3 +82,8 @@ class Reporter:
             loop_latency_p99_ms=self._latency_ms.quantile(0.99),
             detail=self._detail,
         )
+
+    def _missing_for_crank(self, situation: Situation, decision: Decision) -> tuple[str, ...]:
+        if self._mode != "armed":
+            return ("mode_without_crank",)
+        return missing_for_crank(decision.race_control.ct_state, situation.ladder)

@@ -62,5 +62,8 @@ class GatewayConfig(Model):
     caution_speed: float = Field(
         default=22.0, ge=5, le=60, description="m/s under yellow flags, when race control names no speed"
     )
+    hold: bool = Field(
+        default=True, description="brakes hold the standing car whenever it obeys commands; false: only in a stop"
+    )
     limits: LimitConfig = LimitConfig()
     stop: StopConfig = StopConfig()

@@ -224,16 +224,24 @@ class Loop:
         result.seconds = (self.clock.now_ns() - self._armed_ns) / NS_PER_S if self._armed_ns else 0.0
         return result
 
+    def ask(self, action: OperatorAction) -> None:
+        """A person's request, which the gateway answers in its next period."""
+        self._asked += 1
+        now_ns = self.clock.now_ns()
+        request = OperatorCommand(stamp_ns=now_ns, seq=self._asked, source="loop", action=action)
+        self.bus.publish(topics.OPERATOR, request)
+
     def _operate(self, now_ns: int, status: GatewayStatus) -> None:
-        """The person at the car: arms once, when nothing is missing."""
+        """The person at the car: cranks and arms once, when nothing is missing."""
         self.result.commands_sent, self.result.commands_limited = status.commands_sent, status.commands_limited
         self.result.frames_lost = status.frames_lost
         if status.armed and not self.result.armed:
             self.result.armed, self._armed_ns = True, now_ns
-        if self._arm and not self.result.armed and not status.missing_for_arming:
-            self._asked += 1
-            request = OperatorCommand(stamp_ns=now_ns, seq=self._asked, source="loop", action=OperatorAction.ARM)
-            self.bus.publish(topics.OPERATOR, request)
+        if self._arm and not self.result.armed:
+            if not status.missing_for_crank:
+                self.ask(OperatorAction.CRANK)
+            if not status.missing_for_arming:
+                self.ask(OperatorAction.ARM)
         stopping = status.action.endswith("stop")
         if stopping and (not self.result.failsafes or self.result.failsafes[-1][1:] != (status.action, status.cause)):
             self.result.failsafes.append((self.elapsed_s, status.action, status.cause))

@@ -129,7 +129,7 @@ class LiveLoop:
         self.bus.publish(topics.OPERATOR, message)
 
     def drive_off(self) -> None:
-        """Whatever it takes to drive: stand, disarm, climb, arm."""
+        """Whatever it takes to drive: stand, disarm, crank, arm."""
         deadline = time.monotonic() + UP_S
         while self.action is not FailsafeAction.DRIVE or self.speed < 5.0:
             message = self.status.latest.message
@@ -138,6 +138,8 @@ class LiveLoop:
             message = self.status.latest.message
             if message is None or self.action is FailsafeAction.DRIVE:
                 continue
+            if not message.missing_for_crank:
+                self.ask(OperatorAction.CRANK)
             # the car may have gone into its own emergency after the first disarming: then it takes a second one
             if (self.action in STOPS or "car_emergency" in message.missing_for_arming) and self.speed < 0.3:
                 self.ask(OperatorAction.DISARM)

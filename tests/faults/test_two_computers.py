@@ -39,7 +39,8 @@ while True:
     s, v = status.update(now).message, state.update(now).message
     if s and v:
         print(json.dumps({"action": s.action, "cause": s.cause, "missing": s.missing_for_arming,
-                          "speed": v.wheel_speed_rl, "p50": s.loop_latency_p50_ms}), flush=True)
+                          "crank": s.missing_for_crank, "speed": v.wheel_speed_rl,
+                          "p50": s.loop_latency_p50_ms}), flush=True)
     time.sleep(0.1)
 """
 
@@ -140,6 +141,8 @@ class TwoComputers:
     def drive_off(self, attempts: int = 3) -> None:
         """Arm until the car is under way: a busy machine may stop it before."""
         for _ in range(attempts):
+            self.wait("crank ready", lambda seen: not seen["crank"] or "cranked" in seen["crank"], 90)
+            self.ask("crank")
             self.wait("ready to arm", lambda seen: seen["missing"] == [], 90)
             self.ask("arm")
             self.wait("under way", lambda seen: seen["action"] != "silent", 20)

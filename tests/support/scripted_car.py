@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from benchmarks.promises.wire_judge import other_than_brakes
 from can_dbc.codec import load_codec
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LocalBus
@@ -168,6 +169,7 @@ class Rig:
         self.estimator_runs = True
         self.estimate_valid = True
         self.gateway_runs = True
+        self.person_cranks = True
         self.hooks: list[Callable[[Rig], None]] = []
 
     @property
@@ -186,6 +188,10 @@ class Rig:
         """Frames of the gateway heard by the car since a time."""
         return [(stamp, frame) for stamp, frame in self.car.heard if stamp >= since_ns and frame.id in ids]
 
+    def other_than_brakes(self) -> list[str]:
+        """What the actuators were asked for beside the brakes that hold the car."""
+        return other_than_brakes((frame.id, frame.data) for _, frame in self.frames())
+
     def step(self) -> None:
         """One period: car, gateway, estimator, planner."""
         self.car.step(self.now_ns)
@@ -194,6 +200,8 @@ class Rig:
         self.applied += self.applied_in.poll(self.now_ns)
         for status in self.status_in.poll(self.now_ns):
             self.status = status
+            if self.person_cranks and not status.missing_for_crank:
+                self.ask(OperatorAction.CRANK)
         for state in self.states.poll(self.now_ns):
             if self.estimator_runs:
                 self.bus.publish(topics.ESTIMATE, self.estimate(state.stamp_ns))

@@ -24,6 +24,7 @@ from support.gateway_process import Gateway, planner
 from support.played_car import PEER, REPORTS, played_car, write_log
 from support.promise_figures import record_figure
 
+from benchmarks.promises.wire_judge import other_than_brakes
 from hil_gateway.bus.messages import (
     FailsafeAction,
     OperatorAction,
@@ -113,12 +114,14 @@ def test_state_on_zenoh_is_what_cantools_encoded(gateway: Gateway, log: Path) ->
 
 
 @pytest.mark.promise("S5")
-def test_nothing_but_race_control_is_said_before_arming(gateway: Gateway, log: Path) -> None:
+def test_nothing_but_race_control_and_brakes_is_said_before_arming(gateway: Gateway, log: Path) -> None:
     with played_car(log), planner(gateway, steer=STEER, drive=0.01):
         gateway.wait(gateway.valid)
         rows = dumped(gateway.channel, 0.5)
     from_us = {frame_id for _, frame_id, _ in rows} - {PEER.get_message_by_name(name).frame_id for name in REPORTS}
-    assert from_us <= {0x57C, 0x57D, 0x57E, 0x5AA}
+    assert from_us <= {0x57C, 0x57D, 0x57E, 0x5AA} | ACTUATORS
+    assert decoded(rows, "brake_pressure_cmd")[-1]["F_brake_pressure_cmd"] == 2000
+    assert other_than_brakes((frame_id, data) for _, frame_id, data in rows if frame_id in ACTUATORS) == []
     assert len(rows) > 50
 
 
@@ -167,7 +170,7 @@ def test_commands_on_the_bus_are_those_of_the_planner_and_stop_with_it(gateway: 
     assert decoded(rows, "brake_pressure_cmd")[-1]["F_brake_pressure_cmd"] == 0
     assert decoded(after, "brake_pressure_cmd")[-1]["F_brake_pressure_cmd"] > 100
     assert decoded(after, "accelerator_cmd")[-1]["acc_pedal_cmd"] == 0
-    assert not {frame_id for _, frame_id, _ in silent} & ACTUATORS
+    assert other_than_brakes((frame_id, data) for _, frame_id, data in silent if frame_id in ACTUATORS) == []
 
 
 @pytest.mark.promise("L7")

@@ -92,10 +92,11 @@ class Actor:
         pose: Pose | None,
     ) -> tuple[bool, tuple[str, ...]]:
         """Send this period's commands; whether all left, and the limits that changed them."""
-        if not decision.failsafe.armed:
+        armed = decision.failsafe.armed
+        if not armed and not decision.holding:
             self._on_wire = self._limits.resting(self._actuation.to_steering_motor(state.steer))
             return False, ()
-        wanted = self._wanted(now_ns, state, motion, decision, command, pose)
+        wanted = self._wanted(now_ns, state, motion, decision, command, pose) if armed else self._brakes_alone()
         command_raw, limited = self._limits.apply(wanted, self._on_wire)
         sent = False
         if self._transmits:
@@ -105,6 +106,11 @@ class Actor:
         self.sent += sent
         self.limited += bool(limited)
         return sent, limited
+
+    def _brakes_alone(self) -> Actuators:
+        """The steering stays where it is."""
+        on_wire = self.on_wire
+        return Actuators(on_wire.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, on_wire.gear)
 
     def _wanted(  # noqa: PLR0917 - a period
         self,

@@ -17,8 +17,12 @@ PERIOD_NS = NS_PER_S // 100
 EXPLANATION = {row.cause: row.meaning for row in TABLE} | {
     "car_moving": "the car must stand still, and valid reports say so",
     "mode": "gateway.mode is listen",
+    "mode_without_crank": "gateway.mode is not armed",
+    "car_not_crank_ready": "the car has not answered the ladder up to crank ready (sys_state 5)",
+    "cranked": "the ladder is beyond cranking already",
+    "in_emergency": "in emergency: remove its cause, then `hil gateway disarm`",
 }
-"""What `missing_for_arming` names -> what a person reads."""
+"""What `missing_for_arming` and `missing_for_crank` name -> what a person reads."""
 
 
 class Playback:

@@ -14,6 +14,7 @@ from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.gateway.perceive.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
+from hil_gateway.gateway.settings import GatewayConfig
 from hil_gateway.process.clock import NS_PER_S
 
 UNCOMMANDED = 1.0
@@ -22,6 +23,10 @@ DRIVING_ONLY = (
     "command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving", "mode_switch_off", "engine_stalled",
 )  # fmt: skip
 """Measures that have no meaning while actuators are tested with the engine off."""
+OBEYS_BRAKES = (SysState.IDLE, SysState.DRIVING)
+"""In driving the car does; commands begin the state before, so that its own brakes hand over to them."""
+LISTENS_NS = NS_PER_S // 10
+"""ten periods of another computer's commands"""
 SUPPLY_MIN_V = 11.0
 """A 12 V battery under load is nearly empty; steering and brakes still work: reports are plausible from 9 V on."""
 ENGINE_TURNS = 40.0
@@ -39,10 +44,13 @@ FAILURE_SIGNALS = (
 class Conditions:
     """Remembers since when state and estimate are invalid and when the gateway ran last."""
 
-    def __init__(self, builder: VehicleStateBuilder, tyres: TyreReports, mode: str) -> None:
+    def __init__(self, builder: VehicleStateBuilder, tyres: TyreReports, config: GatewayConfig) -> None:
         self._builder, self._tyres = builder, tyres
-        self._mode = mode
-        self._testing = mode == "actuator_test"
+        self._mode = config.mode
+        self._testing = config.mode == "actuator_test"
+        self._sends = config.mode in ("armed", "actuator_test")
+        self._holds = config.hold and config.mode == "armed"
+        self._began_ns: int | None = None
         self._state_invalid, self._estimate_invalid = Held(), Held()
         self._supply_low, self._stalled = Held(), Held()
         self._last_ns: int | None = None
@@ -62,7 +70,7 @@ class Conditions:
             now_ns,
             state,
             request,
-            answers_for_motion=decision.failsafe.armed or self._mode not in ("armed", "actuator_test"),
+            answers_for_motion=decision.failsafe.armed or not self._sends,
             command_age_s=command_age_s,
             estimate=estimate,
             heartbeat_frozen_s=decision.race_control.heartbeat_frozen_s(now_ns),
@@ -74,6 +82,8 @@ class Conditions:
             Inputs(everything, standing, request, may_arm=self._mode != "listen"),
             ladder_inputs(self._builder, now_ns, state),
             CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
+            self._sends,
+            self._holds and state.sys_state in OBEYS_BRAKES and self._alone(now_ns),
         )
 
     def measures(
@@ -108,6 +118,11 @@ class Conditions:
             measures |= dict.fromkeys(DRIVING_ONLY, 0.0) | {"engine_running": _holds(running)}
         self._last_ns = now_ns
         return measures
+
+    def _alone(self, now_ns: int) -> bool:
+        """Whether no other computer commands the car, as far as one that has just begun to listen can tell."""
+        self._began_ns = now_ns if self._began_ns is None else self._began_ns
+        return now_ns - self._began_ns >= LISTENS_NS and not self._builder.foreign_commands(now_ns)
 
     def _of_the_car(self, now_ns: int, state: VehicleState) -> dict[str, float]:
         """What the car reports of itself."""

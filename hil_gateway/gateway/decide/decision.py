@@ -8,6 +8,10 @@ from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.car.states import CtState, SysState
 from hil_gateway.gateway.decide.failsafe import Failsafe, Inputs, WhileSilent, first_firing_while_silent
 from hil_gateway.gateway.decide.race_control import Demand, LadderInputs, RaceControl
+from hil_gateway.process.clock import NS_PER_S
+
+NOTICED_S = 0.5
+"""s after which a car that supervises its commands has noticed their end (it takes 0.2 s), and has said so"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +23,10 @@ class Situation:
     ladder: LadderInputs
     highest: CtState = CtState.NOMINAL_RACE
     """rung the mode does not climb beyond"""
+    sends: bool = True
+    """the mode sends frames: what climbs its ladder cranks an engine"""
+    may_hold: bool = False
+    """the car would obey brakes, they are to hold it, and no other computer commands it"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +36,15 @@ class Decision:
     failsafe: Failsafe = field(default_factory=Failsafe)
     race_control: RaceControl = field(default_factory=RaceControl)
     restarting: bool = False
-    """a person disarmed the standing car: the ladder starts over, and waits for the car to do so too"""
+    """the ladder starts over, and waits for the car to do so too"""
     silent_cause: str = ""
     """row that put the ladder into emergency while no commands were sent"""
     silent_ns: int = 0
     """when the failsafe was last silent"""
+    holding: bool = False
+    """brakes alone are commanded, unarmed"""
+    commanded_ns: int | None = None
+    """when actuators were last commanded"""
 
     @property
     def action(self) -> FailsafeAction:
@@ -55,6 +67,7 @@ def decide(situation: Situation, state: Decision) -> Decision:
     """Next decision; never raises, whatever the inputs."""
     failsafe = state.failsafe.step(situation.conditions)
     restarting = _restarting(situation, state)
+    holding = situation.may_hold and not failsafe.armed and not restarting
     row = first_firing_while_silent(situation.conditions)
     starting = restarting or state.race_control.ct_state <= CtState.INIT
     emergency = row is not None and not (row.while_silent is WhileSilent.BEYOND_INIT and starting)
@@ -64,6 +77,7 @@ def decide(situation: Situation, state: Decision) -> Decision:
         restart=restarting,
         armed=failsafe.action is FailsafeAction.DRIVE,
         highest=situation.highest,
+        crank=situation.conditions.request is OperatorAction.CRANK or not situation.sends,
     )
     return Decision(
         failsafe,
@@ -71,6 +85,8 @@ def decide(situation: Situation, state: Decision) -> Decision:
         restarting,
         _silent_cause(state, row.cause if row is not None and emergency else ""),
         state.silent_ns if state.failsafe.armed else situation.now_ns,
+        holding,
+        situation.now_ns if failsafe.armed or holding else state.commanded_ns,
     )
 
 
@@ -82,8 +98,14 @@ def _silent_cause(state: Decision, cause: str) -> str:
 
 
 def _restarting(situation: Situation, state: Decision) -> bool:
-    """Whether both ladders begin anew: after a disarm the car misses our commands and goes into its own emergency."""
+    """Whether both ladders begin anew: a person disarms the standing car after an emergency, or so that commands end
+    which the car supervises; or the car has begun anew. A car that has lost its power is back before it has noticed
+    that commands end, and would then go into its emergency.
+    """
+    ct_state, armed = state.race_control.ct_state, state.failsafe.armed
     if situation.conditions.request is OperatorAction.DISARM and situation.conditions.standing:
-        return state.restarting or state.failsafe.armed or state.race_control.ct_state is CtState.EMERGENCY
+        return state.restarting or ct_state is CtState.EMERGENCY or (armed and not situation.may_hold)
     back = situation.ladder.car_alive and situation.ladder.sys_state <= SysState.CONNECTED
-    return state.restarting and not back
+    began = back and not armed and CtState.ACTUATOR_TEST < ct_state < CtState.EMERGENCY
+    noticed = state.commanded_ns is None or situation.now_ns - state.commanded_ns > NOTICED_S * NS_PER_S
+    return began or (state.restarting and not (back and noticed))

@@ -43,10 +43,12 @@ class Demand:
     stop: bool = False
     emergency: bool = False
     restart: bool = False
-    """disarmed by a person at standstill: start over, and wait for the car to do so too"""
+    """start over, and wait for the car to do so too"""
     armed: bool = False
     highest: CtState = CtState.NOMINAL_RACE
     """rung the ladder is not climbed beyond"""
+    crank: bool = False
+    """a person asks for it in this very period, or the mode sends nothing and so cranks nothing"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,15 +82,27 @@ def _next(ct: CtState, inputs: LadderInputs, demand: Demand, heartbeat: bool) ->
         return ct
     if demand.stop and ct >= CtState.INIT_DRIVING:
         return CtState.COORDINATED_STOP
-    if ct > CtState.ACTUATOR_TEST and inputs.car_alive and sys_state <= SysState.CONNECTED:
-        return CtState.INIT  # the car started over: so does the ladder
     if ct is CtState.COORDINATED_STOP:
         return _pace(inputs) if demand.armed else ct
     if ct in DRIVING:
         return _pace(inputs)
     if ct is CtState.INIT_DRIVING:
         return _pace(inputs) if sys_state == SysState.DRIVING else ct
+    if ct is CtState.CRANK_READY and not demand.crank:
+        return ct
     return CtState(ct + 1) if ct < demand.highest and _may_climb(ct, sys_state, inputs, heartbeat) else ct
+
+
+def missing_for_crank(ct: CtState, inputs: LadderInputs) -> tuple[str, ...]:
+    """Why a request to crank would be refused now."""
+    if ct is CtState.EMERGENCY:
+        return ("in_emergency",)
+    if ct > CtState.CRANK_READY:
+        return ("cranked",)
+    sys_state = inputs.sys_state if inputs.car_alive else 0
+    answered = ct is CtState.CRANK_READY and SysState.CRANK_READY <= sys_state <= SysState.DRIVING
+    ladder = () if answered else ("car_not_crank_ready",)
+    return ladder + (() if inputs.mode_switch else ("mode_switch_off",))
 
 
 def _may_climb(ct: CtState, sys_state: int, inputs: LadderInputs, heartbeat: bool) -> bool:

@@ -11,10 +11,13 @@ from hil_gateway.gateway.decide.command_gate import CommandGate
 COMMAND_QUEUE = 16
 OPERATOR_QUEUE = 1024
 """Requests of a period that are all looked at: a flood of others does not displace the one to stop."""
-ARMS_REMEMBERED = 4096
-"""Requests to arm that are known again when they are delivered twice: a person makes some dozens a day. Beyond that
-the gateway has to be restarted to be armed; none is ever forgotten and taken again."""
-URGENCY = (OperatorAction.EMERGENCY, OperatorAction.STOP, OperatorAction.DISARM, OperatorAction.ARM)
+STARTS = (OperatorAction.ARM, OperatorAction.CRANK)
+STARTS_REMEMBERED = 4096
+"""Requests to arm and to crank that are known again when they are delivered twice: a person makes some dozens a day.
+Beyond that the gateway has to be restarted to be armed; none is ever forgotten and taken again."""
+URGENCY = (
+    OperatorAction.EMERGENCY, OperatorAction.STOP, OperatorAction.DISARM, OperatorAction.ARM, OperatorAction.CRANK,
+)  # fmt: skip
 """which request counts when several arrive in one period"""
 
 
@@ -27,7 +30,7 @@ class Inbox:
         self._operator = bus.subscribe(topics.OPERATOR, depth=OPERATOR_QUEUE)
         self._plan = LatestReader(bus, topics.PLAN)
         self._estimate = LatestReader(bus, topics.ESTIMATE)
-        self._arms_seen: set[tuple[str, int, int]] = set()
+        self._starts_seen: set[tuple[str, str, int, int]] = set()
         self.gate = CommandGate(latency_max_s)
         self.refused: dict[str, int] = {}
 
@@ -60,11 +63,11 @@ class Inbox:
         return next((action for action in URGENCY if action in asked), None)
 
     def _counts(self, request: OperatorCommand) -> bool:
-        """Whether a request is no second delivery of one to arm; to stop twice does no harm."""
-        if request.action is not OperatorAction.ARM:
+        """Whether a request is no second delivery of one to arm or crank; to stop twice does no harm."""
+        if request.action not in STARTS:
             return True
-        identity = (request.source, request.seq, request.stamp_ns)
-        known = identity in self._arms_seen or len(self._arms_seen) >= ARMS_REMEMBERED
+        identity = (request.action, request.source, request.seq, request.stamp_ns)
+        known = identity in self._starts_seen or len(self._starts_seen) >= STARTS_REMEMBERED
         if not known:
-            self._arms_seen.add(identity)
+            self._starts_seen.add(identity)
         return not known

@@ -150,6 +150,20 @@ def test_effects_are_read() -> None:
     assert parse_effects(["aero_drag=0.6", "wind = -2"]) == {"aero_drag": 0.6, "wind": -2.0}
 
 
+def test_operator_cranks_when_that_is_awaited_and_never_again_after_a_stop() -> None:
+    bus = LocalBus()
+    sent, operator = bus.subscribe(OPERATOR, depth=10), Operator(bus)
+    awaited = status(missing=("car_not_driving",)).model_copy(update={"missing_for_crank": ()})
+    operator.update(status(missing=("car_not_driving",)), 0)
+    assert sent.poll(0) == []
+    operator.update(awaited, 1 * MS)
+    operator.update(awaited, 2 * MS)
+    assert [c.action for c in sent.poll(0)] == [m.OperatorAction.CRANK]
+    operator.update(status("drive"), 2700 * MS)
+    operator.update(awaited, 9000 * MS)
+    assert sent.poll(0) == []
+
+
 def test_operator_arms_only_when_nothing_is_missing_and_never_again_after_a_stop() -> None:
     bus = LocalBus()
     sent, operator = bus.subscribe(OPERATOR, depth=10), Operator(bus)

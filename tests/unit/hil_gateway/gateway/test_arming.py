@@ -13,15 +13,16 @@ from hil_gateway.config import Config
 
 @pytest.mark.promise("S5")
 def test_nothing_but_an_arm_request_ends_the_silence():
-    rig = Rig()
-    rig.run(3.0)
-    assert rig.status.missing_for_arming == ()
-    assert rig.frames() == []
-    for action in (OperatorAction.DISARM, OperatorAction.STOP):
-        rig.ask(action)
-        rig.run(0.1)
-    assert rig.frames() == []
-    record_figure("S5", "all conditions met for 2 s: silent until a person arms")
+    for hold in (True, False):
+        rig = Rig(Config.model_validate({"gateway": {"hold": hold}}))
+        rig.run(3.0)
+        assert rig.status.missing_for_arming == ()
+        for action in (OperatorAction.DISARM, OperatorAction.STOP, OperatorAction.CRANK):
+            rig.ask(action)
+            rig.run(0.1)
+        assert (rig.frames() != []) == hold
+        assert rig.other_than_brakes() == []
+    record_figure("S5", "all conditions met for 2 s: silent until a person arms, but for brakes where they are to hold")
 
 
 @pytest.mark.promise("S5")
@@ -35,7 +36,8 @@ def test_a_request_to_arm_is_answered_at_once_or_forgotten():
     rig.estimate_valid = True
     rig.run(1.0)
     assert rig.status.missing_for_arming == ()
-    assert rig.frames() == [], "an old request must not arm later"
+    assert rig.other_than_brakes() == [], "an old request must not arm later"
+    assert not rig.status.armed
     rig.ask(OperatorAction.ARM)
     rig.step()
     assert rig.action is FailsafeAction.DRIVE
@@ -76,12 +78,12 @@ def test_the_whole_gateway_refuses_to_arm_with_one_thing_missing(spoil):
     elif spoil == "heartbeat":
         rig.car.heartbeat_runs = False
     elif spoil == "moving":
-        rig.car.speed = 3.0
+        rig.car.overrides["wheel_speed_FL"] = 3.0 * 3.6
     rig.run(0.7)
     rig.ask(OperatorAction.ARM)
     rig.run(0.2)
     assert rig.action is FailsafeAction.SILENT
-    assert rig.frames() == []
+    assert rig.other_than_brakes() == []
     assert rig.status.missing_for_arming
     record_figure("S5", f"gateway refuses with {spoil} missing")
 

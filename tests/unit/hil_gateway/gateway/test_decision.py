@@ -60,9 +60,37 @@ def test_a_decision_is_a_function_of_its_arguments():
 
 
 def test_disarming_a_standing_car_starts_the_ladder_over_until_the_car_is_there_too():
-    armed = Decision(Failsafe(FailsafeAction.DRIVE), RaceControl(CtState.NOMINAL_RACE, 0, 10**9))
+    armed = Decision(Failsafe(FailsafeAction.DRIVE), RaceControl(CtState.NOMINAL_RACE, 0, 10**9), commanded_ns=10**9)
     after = decide(situation(request=OperatorAction.DISARM), armed)
     assert after.restarting and after.race_control.ct_state is CtState.INIT
     assert decide(situation(), after).restarting
     back = replace(situation(), ladder=replace(LADDER, sys_state=2))
-    assert not decide(back, after).restarting
+    assert decide(back, after).restarting, "the car may not have noticed yet that the commands have ended"
+    assert not decide(replace(back, now_ns=10**9 + 600_000_000), after).restarting
+
+
+@pytest.mark.parametrize("ct_state", [CtState.CRANK_READY, CtState.CRANKING, CtState.NOMINAL_RACE])
+def test_a_car_that_starts_over_takes_the_ladder_with_it(ct_state):
+    back = replace(situation(), ladder=replace(LADDER, sys_state=1))
+    assert decide(back, silent(ct_state)).race_control.ct_state is CtState.INIT
+    assert decide(back, silent(CtState.ACTUATOR_TEST)).race_control.ct_state is CtState.ACTUATOR_TEST
+
+
+@pytest.mark.parametrize("cause", ["", "operator_stop"])
+def test_disarming_a_car_that_is_held_keeps_the_engine(cause):
+    action = FailsafeAction.CONTROLLED_STOP if cause else FailsafeAction.DRIVE
+    armed = Decision(Failsafe(action, cause), RaceControl(CtState.NOMINAL_RACE, 0, 10**9))
+    disarming = situation(request=OperatorAction.DISARM)
+    after = decide(replace(disarming, may_hold=True), armed)
+    assert after.holding and not after.restarting
+    assert after.race_control.ct_state is CtState.NOMINAL_RACE
+    assert decide(disarming, armed).restarting, "commands end, and the car sees it"
+
+
+@pytest.mark.parametrize("ct_state", [CtState.NOMINAL_RACE, CtState.EMERGENCY])
+@pytest.mark.parametrize("may_hold", [True, False])
+def test_brakes_hold_until_the_ladders_begin_anew(ct_state, may_hold):
+    before = silent(ct_state)
+    assert decide(replace(situation(), may_hold=may_hold), before).holding == may_hold
+    disarmed = decide(replace(situation(request=OperatorAction.DISARM), may_hold=may_hold), before)
+    assert disarmed.holding == (may_hold and ct_state is not CtState.EMERGENCY)

@@ -111,7 +111,7 @@ def test_the_first_move_is_to_the_left():
 
 def test_a_car_that_moves_on_old_commands_is_stopped_by_a_gateway_that_sends_none():
     """What replaces a killed gateway is silent; the car is in driving again and still has its last accelerator."""
-    rig = rig_in("armed")
+    rig = Rig(Config.model_validate({"gateway": {"hold": False}}))
     rig.car.commands["acc_pedal_cmd"], rig.car.supervised = 40.0, False
     rig.run(2.0)
     assert (rig.action, rig.car.ct_state, rig.car.sys_state) == (FailsafeAction.SILENT, 12, 16)

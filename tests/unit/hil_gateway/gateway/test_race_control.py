@@ -7,12 +7,12 @@ from dataclasses import replace
 import pytest
 
 from hil_gateway.car.states import CtState, stronger_track_flag, stronger_vehicle_flag
-from hil_gateway.gateway.decide.race_control import Demand, LadderInputs, RaceControl
+from hil_gateway.gateway.decide.race_control import Demand, LadderInputs, RaceControl, missing_for_crank
 
 INPUTS = LadderInputs(
     car_alive=True, sys_state=9, mode_switch=True, heartbeat=1, heartbeat_age_s=0.01, track_flag=1, vehicle_flag=0
 )
-CALM = Demand()
+CALM, CRANKED = Demand(), Demand(crank=True)
 
 
 def at(ct: CtState, inputs: LadderInputs, demand: Demand = CALM) -> CtState:
@@ -26,9 +26,8 @@ def at(ct: CtState, inputs: LadderInputs, demand: Demand = CALM) -> CtState:
 def test_each_rung_waits_for_the_car(ct, needed, below):
     waiting, answered = replace(INPUTS, sys_state=below), replace(INPUTS, sys_state=needed)
     expected = CtState.NOMINAL_RACE if ct == 7 else CtState(ct + 1)
-    assert at(CtState(ct), answered) is expected
-    stays = CtState.INIT if ct >= 4 and below <= 2 else CtState(ct)
-    assert at(CtState(ct), waiting) is stays
+    assert at(CtState(ct), answered, CRANKED) is expected
+    assert at(CtState(ct), waiting, CRANKED) is CtState(ct)
 
 
 @pytest.mark.parametrize("ct", range(1, 8))
@@ -38,7 +37,15 @@ def test_a_car_that_is_not_on_the_ladder_does_not_lift_it(ct, sys_state):
 
 
 def test_the_engine_is_not_cranked_without_the_switch_at_the_car():
-    assert at(CtState.CRANK_READY, replace(INPUTS, mode_switch=False)) is CtState.CRANK_READY
+    assert at(CtState.CRANK_READY, replace(INPUTS, mode_switch=False), CRANKED) is CtState.CRANK_READY
+
+
+@pytest.mark.parametrize("sys_state", range(1, 19))
+def test_the_engine_is_not_cranked_without_a_person_s_request(sys_state):
+    inputs = replace(INPUTS, sys_state=sys_state)
+    assert at(CtState.CRANK_READY, inputs) is CtState.CRANK_READY
+    would = at(CtState.CRANK_READY, inputs, CRANKED) is CtState.CRANKING
+    assert would == (missing_for_crank(CtState.CRANK_READY, inputs) == ())
 
 
 @pytest.mark.parametrize("change", [
@@ -69,11 +76,6 @@ def test_emergency_comes_from_everywhere_and_ends_only_with_a_restart(ct):
     assert at(CtState.EMERGENCY, INPUTS, CALM) is CtState.EMERGENCY
     assert at(CtState(ct), INPUTS, Demand(restart=True)) is CtState.INIT
     assert at(CtState(ct), INPUTS, Demand(emergency=True, restart=True)) is CtState.EMERGENCY
-
-
-def test_a_car_that_starts_over_takes_the_ladder_with_it():
-    assert at(CtState.NOMINAL_RACE, replace(INPUTS, sys_state=1)) is CtState.INIT
-    assert at(CtState.ACTUATOR_TEST, replace(INPUTS, sys_state=2)) is CtState.ACTUATOR_TEST
 
 
 def test_a_repeated_heartbeat_is_a_frozen_one():
