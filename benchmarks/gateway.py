@@ -121,7 +121,7 @@ class GatewayPath:
         config = Config()
         actuation = Actuation(config.vehicle, config.powertrain)
         self.links = [open_link(can) for can in configs]
-        self.builders = [VehicleStateBuilder(config, load_codec(), actuation) for _ in configs]
+        self.builders = [VehicleStateBuilder(config, actuation) for _ in configs]
         self.latency_ms: list[float] = []
 
     def __call__(self) -> int:

@@ -17,7 +17,7 @@ from struct import Struct
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from can_dbc.database import EXTENDED, Database, Message, Signal, load_database
+from can_dbc.database import Database, Message, Signal, id_text, load_database
 from can_dbc.folder import DEFAULT_PLATFORM, platform_folder
 from can_dbc.signals import Place, SignalMap, read_signals
 
@@ -43,7 +43,7 @@ class Fault:
     expected_length: int | None = None
 
     def __str__(self) -> str:
-        name = f"0x{self.frame_id & ~EXTENDED:03X}"
+        name = id_text(self.frame_id)
         if self.kind is FaultKind.UNKNOWN_ID:
             return f"{name}: identifier not in the DBC"
         return f"{name}: {self.length} bytes, the DBC says {self.expected_length}"

@@ -133,12 +133,17 @@ class Message:
     @property
     def id_text(self) -> str:
         """As people write it: 0x53C, 0x18FF1234."""
-        return f"0x{self.id & ~EXTENDED:03X}"
+        return id_text(self.id)
 
     @cached_property
     def signal(self) -> Mapping[str, Signal]:
         """Signals by name."""
         return MappingProxyType({signal.name: signal for signal in self.signals})
+
+
+def id_text(identifier: int) -> str:
+    """An identifier as people write it."""
+    return f"0x{identifier & ~EXTENDED:03X}"
 
 
 @dataclass(frozen=True)

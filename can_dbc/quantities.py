@@ -114,11 +114,11 @@ class Command(NamedTuple):
     required: bool = False
 
 
-COMMANDS: dict[str, Command] = {
+COMMANDS: dict[str, Command] = {  # in the order in which they leave: brakes before the accelerator that waits for them
     "steering_motor": Command("rad", actuator=True, required=True),
-    "accelerator": Command("1", actuator=True, required=True),
     "brake_front": Command("Pa", actuator=True, required=True),
     "brake_rear": Command("Pa", actuator=True),  # absent: the rear brakes follow the front ones by the declared bias
+    "accelerator": Command("1", actuator=True, required=True),
     "gear": Command("1", actuator=True, required=True),
     "ct_state": Command("1", required=True),
     "vehicle_number": Command("1"),

@@ -112,6 +112,20 @@ class SignalMap:
     codes: Mapping[str, Mapping[str, int]]
     """coded quantity -> meaning -> code on the wire"""
 
+    @property
+    def actuator_messages(self) -> tuple[str, ...]:
+        """Messages that command actuators, in the order of `COMMANDS`."""
+        return self._carrying(actuator=True)
+
+    @property
+    def status_messages(self) -> tuple[str, ...]:
+        """Messages that say what the computer does."""
+        return self._carrying(actuator=False)
+
+    def _carrying(self, actuator: bool) -> tuple[str, ...]:
+        names = (name for name, command in COMMANDS.items() if command.actuator is actuator and name in self.commands)
+        return tuple(dict.fromkeys(self.commands[name].message.name for name in names))
+
 
 def read_signals(folder: Path, database: Database) -> SignalMap:
     """Read `signals.toml` of a car folder.

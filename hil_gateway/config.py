@@ -162,6 +162,11 @@ class Config(Model):
         return self
 
     @model_validator(mode="after")
+    def _moves(self) -> Self:
+        self.gateway.limits.within(self.car)
+        return self
+
+    @model_validator(mode="after")
     def _stops(self) -> Self:
         """The declared brakes must be able to do what stopping asks of them."""
         train, stop = self.powertrain, self.gateway.stop

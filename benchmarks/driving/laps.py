@@ -10,6 +10,7 @@ import numpy as np
 
 from benchmarks.driving.driver import Driver
 from hil_gateway.car.actuation import Actuation, Actuators
+from hil_gateway.car.car import load_car
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import OriginConfig
@@ -94,7 +95,7 @@ class _Recorder:
 
     def __init__(self, car: Car, seed: int, noise: EstimateNoise) -> None:
         self._car = car
-        self._sensors = Sensors(car, car.parameters.sensors, OriginConfig(), seed)
+        self._sensors = Sensors(car, car.parameters.sensors, load_car(), OriginConfig(), seed)
         self._noise, self._draw = noise, Noise(seed + 1_000_003)
         train = Powertrain()
         self._actuation = Actuation(Vehicle(), train)
@@ -103,7 +104,7 @@ class _Recorder:
     def take(self, lap: int) -> None:
         """Add a row."""
         car, e, z = self._car, self._noise, self._draw
-        imu, wheels = self._sensors.imu(), self._sensors.wheel_speeds()
+        imu, wheels = self._sensors.imu("main"), self._sensors.wheel_speeds()
         engine_speed = car.output("engine_speed")
         front, rear = car["brake_front"], car["brake_rear"]
         pedals = Actuators(0.0, car["throttle"], front, rear, car.gear)
@@ -116,9 +117,9 @@ class _Recorder:
                 car["yaw"] + e.yaw * z(),
                 scale * car["vx"] + e.vx * z(),
                 car["vy"] + e.vy * z(),
-                imu["imu_yaw_rate"],
-                imu["imu_ax"],
-                imu["imu_ay"],
+                imu["imu.main.yaw_rate"],
+                imu["imu.main.ax"],
+                imu["imu.main.ay"],
                 self._sensors.steering(),
                 self._actuation.to_drive(pedals, engine_speed, car.gear),
                 float(lap),
@@ -126,10 +127,10 @@ class _Recorder:
                 0.5 * (front + rear),
                 float(car.gear),
                 engine_speed,
-                wheels["wheel_speed_FL"],
-                wheels["wheel_speed_FR"],
-                wheels["wheel_speed_RL"],
-                wheels["wheel_speed_RR"],
+                wheels["wheel_speed_fl"],
+                wheels["wheel_speed_fr"],
+                wheels["wheel_speed_rl"],
+                wheels["wheel_speed_rr"],
             )
         )
 

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from can_dbc.codec import load_codec
 from hil_gateway.car.actuation import Actuation, Actuators
 from hil_gateway.config import Config
 from hil_gateway.gateway.act.axle_brakes import AxleBrakes, Demand
@@ -131,7 +130,7 @@ def _margin(
 ) -> float:
     """Drives the plant's car, its engine cut, until it stands or is far off the road."""
     drive, side = driver(), _side(actuate)
-    car, referee, limits = plant.car, plant.referee, Limits(load_codec(), config.gateway.limits)
+    car, referee, limits = plant.car, plant.referee, Limits(config.car, config.gateway.limits.within(config.car))
     on_wire, did = limits.resting(car["steer"] * config.vehicle.steering_ratio), plant.obeyed
     referee.worst_margin_m = math.inf
     until_s = car.time_s + STANDS_WITHIN_S

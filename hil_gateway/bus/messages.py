@@ -76,6 +76,8 @@ class VehicleState(Message):
 
     valid: bool = Field(description="every source needed for driving is alive and plausible")
     sources: dict[Name, SourceHealth] = Field(max_length=64)
+    imu: Name = Field(default="", description="the inertial sensor that is used, of those the car has")
+    receiver: Name = Field(default="", description="the receiver that positions are from")
     ax: Reported
     ay: Reported
     az: Reported

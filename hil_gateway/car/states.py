@@ -1,8 +1,10 @@
-"""States and flags as they stand on the wire: computer, car, race control (docs/failsafe.md)."""
+"""States and flags by their meaning: computer, car, race control (docs/failsafe.md); codes are those of the AV-24."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
+from typing import TypeVar
 
 
 class CtState(IntEnum):
@@ -23,12 +25,16 @@ class CtState(IntEnum):
 
 
 class SysState(IntEnum):
-    """What the car reports; the numbers the gateway compares with."""
+    """What the car reports; the ladder rises up to DRIVING."""
 
+    UNKNOWN = 0
     POWER_ON = 1
     CONNECTED = 2
+    TESTING = 3
     TEST_DONE = 4
     CRANK_READY = 5
+    PRE_CRANK = 6
+    CRANKING = 7
     IDLE = 8
     DRIVING = 9
     SHUT_ENGINE = 10
@@ -39,6 +45,7 @@ class SysState(IntEnum):
 class TrackFlag(IntEnum):
     """Flag shown to everybody."""
 
+    UNKNOWN = -1
     NONE = 0
     GREEN = 1
     RED = 3
@@ -49,6 +56,7 @@ class TrackFlag(IntEnum):
 class VehicleFlag(IntEnum):
     """Flag shown to this car."""
 
+    UNKNOWN = -1
     NONE = 0
     BLACK = 4
     YELLOW = 7
@@ -63,15 +71,23 @@ KILL_VEHICLE_FLAGS = frozenset({VehicleFlag.PURPLE, VehicleFlag.E_KILL})
 DRIVING = frozenset({CtState.CAUTION, CtState.NOMINAL_RACE})
 
 
-def stronger_vehicle_flag(base: int, marelli: int) -> int:
-    """The more restrictive of the two flags received (`base_to_car_summary` has 4 bits, `marelli_report_1` 8)."""
-    return max(base, marelli, key=_severity)
+E = TypeVar("E", bound=IntEnum)
 
 
-def stronger_track_flag(base: int, marelli: int) -> int:
-    """The more restrictive of the two track flags received."""
+def meanings(codes: Mapping[str, int], states: type[E]) -> dict[int, E]:
+    """Code on the wire -> what it means."""
+    return {code: states[name.upper()] for name, code in codes.items()}
+
+
+def stronger_vehicle_flag(one: int, other: int) -> int:
+    """The more restrictive of the flags of two transmitters."""
+    return max(one, other, key=_severity)
+
+
+def stronger_track_flag(one: int, other: int) -> int:
+    """The more restrictive of the track flags of two transmitters."""
     rank = (TrackFlag.NONE, TrackFlag.GREEN, TrackFlag.FULL_COURSE_YELLOW, TrackFlag.CHECKERED, TrackFlag.RED)
-    return max(base, marelli, key=lambda flag: rank.index(flag) if flag in rank else 0)
+    return max(one, other, key=lambda flag: rank.index(flag) if flag in rank else 0)
 
 
 def _severity(flag: int) -> int:

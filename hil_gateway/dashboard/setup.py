@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from can_dbc.codec import load_codec
 from hil_gateway.config import Config
 from hil_gateway.track.track import Track
 
 TRACK_POINTS = 600
-STEERING = ("steering_cmd", "steering_motor_ang_cmd")
 
 
 def setup_of(
@@ -34,10 +33,7 @@ def setup_of(
 
 def _steering_limit_deg(config: Config) -> float:
     """The car's own limit at the road wheel, deg."""
-    message, name = STEERING
-    limits = load_codec().messages[message].signal[name].limits
-    assert limits is not None
-    return round(limits[1] / config.vehicle.steering_ratio, 2)
+    return round(math.degrees(config.car.actuators.steering_range), 2)
 
 
 def track_outline(track: Track) -> dict[str, Any]:

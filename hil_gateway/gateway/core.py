@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Mapping
 
-from can_dbc.codec import load_codec
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import VehicleState
@@ -50,8 +49,8 @@ class Gateway:
         self, config: Config, bus: Bus, link: CanLink, track: Track | None = None, load: Callable[[], str] = str
     ) -> None:
         self._bus, self._link = bus, link
-        codec, actuation = load_codec(), Actuation(config.vehicle, config.powertrain)
-        self.builder = VehicleStateBuilder(config, codec, actuation)
+        codec, actuation = config.car.codec, Actuation(config.vehicle, config.powertrain)
+        self.builder = VehicleStateBuilder(config, actuation)
         self.inbox = Inbox(bus, config.gateway.command_latency_max_s)
         self.monitors = Monitors(config, track)
         self._dead_reckoning = DeadReckoning(config.vehicle.lr)
@@ -59,7 +58,7 @@ class Gateway:
         self._before_pause = self._reckoned()
         """what had been reckoned when frames last came: those that waited go on from there"""
         self._course = CourseReader()
-        self._receivers = OtherReceivers(config.origin)
+        self._receivers = OtherReceivers(config.car, config.origin)
         self._tyres = TyreReports(self.builder)
         self._conditions = Conditions(self.builder, self._tyres, config.gateway)
         self.decision = Decision()

@@ -2,29 +2,72 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+import math
+from typing import Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
+from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.model import Model
 
 PERIOD_S = 0.01
-"""of the gateway: the car expects its commands at 100 Hz (can_dbc/av24.toml)"""
+"""of the gateway: cars expect their commands at 100 Hz"""
+LEAST_STEERING = 0.2
+"""rad/s at the road wheel: 0.1 rad in half a second, or the car could no longer be steered around a bend"""
+LEAST_RISE, LEAST_FALL = 2.0, 1.0
+"""1/s, of the full pressure: it is there within half a second, and gone within one, or the car does not roll again"""
+LEAST_ACCELERATOR = 0.2
+"""1/s: full throttle within five seconds"""
+
+
+class CommandRates(NamedTuple):
+    """Fastest moves that are let out, SI."""
+
+    steering: float
+    """rad/s, at the motor"""
+    accelerator_rise: float
+    """1/s; falling is never held back"""
+    brake_rise: float
+    """Pa/s"""
+    brake_fall: float
 
 
 class LimitConfig(Model):
-    """Fastest moves the gateway lets out; value limits are the car's own (can_dbc/av24.toml).
+    """Slower moves than the car's own (`[actuators]` of its car.toml), which hold where nothing is given."""
 
-    Slower than the least ones here the car could no longer be steered around a bend (0.1 rad at the wheels in half a
-    second), braked in time (full pressure in half a second) or let roll again (pressure gone in a second). All of them
-    are many raw steps a frame: no rate rounds to nothing.
-    """
+    steering_rate: float | None = Field(default=None, description="motor angle, deg/s")
+    accelerator_rise: float | None = Field(default=None, description="%/s; falling is never held back")
+    brake_rise: float | None = Field(default=None, description="kPa/s")
+    brake_fall: float | None = Field(default=None, description="kPa/s")
 
-    steering_rate: float = Field(default=500.0, ge=200, le=500, description="motor angle, deg/s")
-    accelerator_rise: float = Field(default=400.0, ge=20, le=1000, description="%/s; falling is never held back")
-    brake_rise: float = Field(default=180_000.0, ge=12_000, le=180_000, description="kPa/s")
-    brake_fall: float = Field(default=60_000.0, ge=6_000, le=180_000, description="kPa/s")
+    def within(self, car: Car) -> CommandRates:
+        """Rates in force, in SI.
+
+        Raises:
+            ValueError: faster than the car's own, or so slow that it could not be steered or stopped.
+        """
+        own, full = car.actuators, car.powertrain.brake_pressure_max
+        steering = LEAST_STEERING * car.vehicle.steering_ratio
+        return CommandRates(
+            self._rate("steering_rate", math.radians(1.0), (steering, own.steering_rate)),
+            self._rate("accelerator_rise", 0.01, (LEAST_ACCELERATOR, own.accelerator_rise)),
+            self._rate("brake_rise", 1e3, (LEAST_RISE * full, own.brake_rise)),
+            self._rate("brake_fall", 1e3, (LEAST_FALL * full, own.brake_fall)),
+        )
+
+    def _rate(self, key: str, unit: float, bounds: tuple[float, float]) -> float:
+        """The configured rate, or the car's, in SI; `unit` is that of the setting."""
+        low, high = bounds
+        given: float | None = getattr(self, key)
+        rate = high if given is None else given * unit
+        if not low * (1 - ROUNDED) <= rate <= high * (1 + ROUNDED):
+            raise ValueError(f"gateway.limits.{key} = {rate / unit:g}: between {low / unit:g} and {high / unit:g}")
+        return rate
+
+
+ROUNDED = 1e-9
+"""share by which a rate may pass its bound: units are converted"""
 
 
 class StopConfig(Model):

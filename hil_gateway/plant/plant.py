@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from can_dbc.codec import load_codec
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.topics import TRUTH
 from hil_gateway.can_link import CanLink
@@ -62,24 +61,22 @@ class Plant:
         simulated: SimulatedCar | None = None,
     ) -> None:  # fmt: skip
         """`simulated` replaces the configuration's base, effects and numbers of the car."""
-        codec = load_codec()
         parameters = simulated.parameters() if simulated else plant_parameters(config.plant)
         track, events = track or load_track(config.track or None), simulated.events if simulated else ()
         self.car = Car(parameters, track, start_s=config.plant.start_s, events=events)
         self.controller = VehicleController()
         self.race_control = RaceControl()
         self.referee = Referee(self.car)
-        self._receiver = CommandReceiver(codec, config.vehicle.steering_ratio)
-        sensors = Sensors(self.car, parameters.sensors, config.origin, config.plant.seed)
+        self._receiver = CommandReceiver(config.car)
+        sensors = Sensors(self.car, parameters.sensors, config.car, config.origin, config.plant.seed)
         self._transmitter = Transmitter(
-            codec=codec,
+            platform=config.car,
             link=link,
             car=self.car,
             sensors=sensors,
             controller=self.controller,
             referee=self.referee,
             race_control=self.race_control,
-            steering_ratio=config.vehicle.steering_ratio,
         )
         self._link, self._truth_bus = link, truth_bus
         self._reached_ns: int | None = None

@@ -9,13 +9,11 @@ from typing import Any
 import pytest
 from support.promise_figures import record_figure, volume
 
-from can_dbc.codec import load_codec
 from hil_gateway.car.actuation import Actuation, Actuators
 from hil_gateway.config import Config
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.process.errors import InputError
 
-CODEC = load_codec()
 KEYS = {
     "gateway.limits.steering_rate": 500.0, "gateway.limits.accelerator_rise": 400.0,
     "gateway.limits.brake_rise": 180e3, "gateway.limits.brake_fall": 60e3,
@@ -52,7 +50,10 @@ def reached(limits: Limits, wanted: Actuators, seconds: float) -> Actuators:
 
 def check(config: Config) -> None:
     """Steering turns the wheels, the brakes bite and let go, the stop that is asked for can be had."""
-    limits, actuation = Limits(CODEC, config.gateway.limits), Actuation(config.vehicle, config.powertrain)
+    limits, actuation = (
+        Limits(config.car, config.gateway.limits.within(config.car)),
+        Actuation(config.vehicle, config.powertrain),
+    )
     for side in (1.0, -1.0):
         motor = actuation.to_steering_motor(side * STEER)
         assert reached(limits, Actuators(motor, 0, 0, 0, 1), 2.1).steering_motor == pytest.approx(motor, abs=0.02)
@@ -60,7 +61,7 @@ def check(config: Config) -> None:
     front, rear = actuation.brake_pressures(force)
     assert (front + rear) * config.powertrain.brake_force_per_pa == pytest.approx(force, rel=1e-6)
     braked = reached(limits, Actuators(0, 0, front, rear, 1), 0.6)
-    ceiling = limits.signals["F_brake_pressure_cmd"].high * limits.signals["F_brake_pressure_cmd"].scale
+    ceiling = limits.signals["brake_front"].high * limits.signals["brake_front"].scale
     assert braked.brake_front >= min(front, ceiling) - 1e3
     assert braked.brake_rear >= min(rear, ceiling) - 1e3
     assert max(front, rear) <= ceiling

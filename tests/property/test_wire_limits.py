@@ -16,13 +16,15 @@ from hil_gateway.bus import topics
 from hil_gateway.bus.messages import Command, FailsafeAction, OperatorAction
 from hil_gateway.can_link import VirtualWire
 from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.car import load_car
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.config import Config
 from hil_gateway.gateway.act.limits import Limits
-from hil_gateway.gateway.act.transmitter import TRANSMITTED, Transmitter
+from hil_gateway.gateway.act.transmitter import Transmitter, transmitted
 from hil_gateway.gateway.settings import LimitConfig
 from hil_gateway.process.clock import VirtualClock
 
+CAR = load_car()
 HOSTILE = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.0, -0.0, 1e9, -1e9)
 
 
@@ -34,7 +36,7 @@ def hostile_number(rng: random.Random, scale: float) -> float:
 def transmitter_on_a_wire() -> tuple[Transmitter, Limits, object]:
     wire = VirtualWire(VirtualClock())
     link, ear = wire.link(), wire.link()
-    return Transmitter(load_codec(), link, 1), Limits(load_codec(), LimitConfig()), ear
+    return Transmitter(load_codec(), link, 1), Limits(CAR, LimitConfig().within(CAR)), ear
 
 
 @pytest.mark.promise("S1")
@@ -137,7 +139,7 @@ def test_only_declared_identifiers_and_lengths_leave():
     wire = VirtualWire(VirtualClock())
     link, ear = wire.link(), wire.link()
     transmitter = Transmitter(load_codec(), link, 1)
-    declared = {load_codec().messages[name].id for name in TRANSMITTED}
+    declared = {load_codec().messages[name].id for name in transmitted(CAR.codec.signals)}
     for frame_id in range(2048):
         for length in range(9):
             assert transmitter.send(frame_id, bytes(length)) == (frame_id in declared and length == 8)
@@ -183,7 +185,7 @@ class FailingLink:
 @pytest.mark.promise("S4")
 def test_a_frame_that_could_not_leave_costs_no_counter_and_no_limit():
     rng = random.Random(4)
-    link, limits = FailingLink(rng), Limits(load_codec(), LimitConfig())
+    link, limits = FailingLink(rng), Limits(CAR, LimitConfig().within(CAR))
     transmitter, previous = Transmitter(load_codec(), link, 1), limits.resting(0.0)
     for _ in range(5000):
         wanted = Actuators(rng.uniform(-4, 4), rng.uniform(0, 1), rng.choice((0, 5e6)), rng.choice((0, 5e6)), 3)

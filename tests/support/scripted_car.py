@@ -36,7 +36,7 @@ MAP = LocalMap(Config().origin)
 ACTUATOR_IDS = frozenset({0x578, 0x579, 0x57A, 0x57B})
 REPORTS = (
     "imu_1", "imu_2", "imu_3", "wheel_speed_report", "steering_report", "steering_report_extd", "accelerator_report",
-    "brake_pressure_report", "pt_report_1", "misc_report", "diagnostic_report",
+    "brake_pressure_report", "pt_report_1", "misc_report", "diagnostic_report", "steering_report_extd_2",
 )  # fmt: skip
 
 

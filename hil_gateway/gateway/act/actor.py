@@ -51,7 +51,7 @@ class Actor:
         self.steering_reversed = False
         """whether the steering goes to the other side than its command: a stop then asks for the other side"""
         self._gears = GearChoice(config.powertrain, config.vehicle.wheel_radius)
-        self._limits = Limits(codec, config.gateway.limits)
+        self._limits = Limits(config.car, config.gateway.limits.within(config.car))
         self._transmitter = Transmitter(codec, link, config.gateway.vehicle_number)
         self._on_wire = self._limits.resting(0.0)
         self.stopping = Stopping(config.vehicle, config.gateway.stop, config.powertrain.force_per_drive, track)

@@ -1,27 +1,31 @@
 """Value and rate limits of the commands, on the raw integers that are packed into the frames.
 
-Working on raw integers makes the promise exact: what is checked here is packed as it is (`Codec.pack`). Values
-are the car's (`can_dbc/av24.toml`), rates the configuration's. Pure: the previous frame is an argument.
+Working on raw integers makes the promise exact: what is checked here is packed as it is (`Codec.pack`). Values are the
+car's, rates those of the configuration within the car's. Pure: the previous frame is an argument.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
-from can_dbc.codec import Codec
-from can_dbc.database import Signal
+from can_dbc.signals import Place
 from hil_gateway.car.actuation import Actuators
-from hil_gateway.gateway.settings import PERIOD_S, LimitConfig
+from hil_gateway.car.car import Car
+from hil_gateway.gateway.settings import CommandRates
+from hil_gateway.process.errors import InputError
 
 PEDAL_OVERLAP_PA = 50e3
 """Above this brake pressure the accelerator is closed."""
+FREE = 1 << 32
+"""steps: more than any field has"""
 
 
 @dataclass(frozen=True, slots=True)
 class RawCommand:
-    """Raw integers of the actuator signals, as they stand in the frames."""
+    """Raw integers of the actuator signals, as they stand in the frames; 0 where the car has no such signal."""
 
     steering_motor: int
     accelerator: int
@@ -29,124 +33,137 @@ class RawCommand:
     brake_rear: int
     gear: int
 
+    def with_those_of(self, other: RawCommand, names: Iterable[str]) -> RawCommand:
+        """The same with some of another command."""
+        changed: dict[str, Any] = {name: getattr(other, name) for name in names}
+        return replace(self, **changed)
+
 
 @dataclass(frozen=True, slots=True)
 class SignalLimit:
-    """Bounds of one raw signal; `rise` and `fall` are steps per frame."""
+    """Bounds of one raw signal; `up` and `down` are steps per frame."""
 
     name: str
     scale: float
-    """SI per raw step"""
+    """SI per raw step; negative where the signal counts the other way"""
+    zero: float
+    """SI at raw 0"""
     low: int
     high: int
-    rise: int
-    fall: int
+    up: int
+    down: int
 
     def apply(self, wanted: float, previous: int) -> int:
         """Nearest admissible raw value to `wanted` (SI); not-a-number keeps the previous one."""
-        low, high = max(self.low, previous - self.fall), min(self.high, previous + self.rise)
-        raw = wanted / self.scale
+        low, high = max(self.low, previous - self.down), min(self.high, previous + self.up)
+        raw = (wanted - self.zero) / self.scale
         if math.isnan(raw):
             return min(max(previous, low), high)
         return low if raw <= low else high if raw >= high else round(raw)
+
+    def value(self, raw: int) -> float:
+        """SI of a raw value."""
+        return raw * self.scale + self.zero
 
 
 class Limits:
     """All actuator limits; one call a frame."""
 
-    def __init__(self, codec: Codec, config: LimitConfig) -> None:
-        signals = {name: codec.messages[message].signal[name] for name, message in SIGNALS.items()}
-        free = 1 << 16
-        rates = {
-            "steering_motor_ang_cmd": (config.steering_rate, config.steering_rate),
-            "acc_pedal_cmd": (config.accelerator_rise, float("inf")),
-            "F_brake_pressure_cmd": (config.brake_rise, config.brake_fall),
-            "R_brake_pressure_cmd": (config.brake_rise, config.brake_fall),
-            "desired_gear": (1 / PERIOD_S, 1 / PERIOD_S),
+    def __init__(self, car: Car, rates: CommandRates) -> None:
+        """
+        Raises:
+            InputError: a range or rate that the signal cannot show.
+        """
+        train, steering = car.powertrain, car.actuators.steering_range * car.vehicle.steering_ratio
+        commands = car.codec.signals.commands
+        ranges = {
+            "steering_motor": (-steering, steering),
+            "accelerator": (0.0, 1.0),
+            "brake_front": (0.0, train.brake_pressure_max),
+            "brake_rear": (0.0, train.brake_pressure_max),
+            "gear": (0.0, float(len(train.gears))),
+        }
+        moves = {
+            "steering_motor": (rates.steering, rates.steering),
+            "accelerator": (rates.accelerator_rise, math.inf),
+            "brake_front": (rates.brake_rise, rates.brake_fall),
+            "brake_rear": (rates.brake_rise, rates.brake_fall),
+            "gear": (1.0 / commands["gear"].message.period_s,) * 2,  # one gear a frame
         }
         self.signals: Mapping[str, SignalLimit] = {
-            name: _signal_limit(signal, *(_steps(rate, signal, free) for rate in rates[name]))
-            for name, signal in signals.items()
+            name: _signal_limit(name, commands[name], ranges[name], moves[name]) for name in ranges if name in commands
         }
-        self._overlap = round(PEDAL_OVERLAP_PA / self.signals["F_brake_pressure_cmd"].scale)
+        self._bias = None if "brake_rear" in commands else train.brake_bias_front
+        """front share of the pressure where the car sets the rear one by itself"""
 
     def resting(self, steering_motor: float) -> RawCommand:
         """Where commands start from: pedals free, the steering (rad at the motor) where it is."""
-        steering = self.signals["steering_motor_ang_cmd"]
-        return RawCommand(min(max(round(steering_motor / steering.scale), steering.low), steering.high), 0, 0, 0, 1)
+        rest = Actuators(steering_motor, 0.0, 0.0, 0.0, 1)
+        return self._raw(
+            {
+                name: min(max(round((getattr(rest, name) - limit.zero) / limit.scale), limit.low), limit.high)
+                for name, limit in self.signals.items()
+            }
+        )
 
     def apply(self, wanted: Actuators, previous: RawCommand) -> tuple[RawCommand, tuple[str, ...]]:
-        """Admissible command nearest to `wanted` after `previous`, and the names of the signals it had to change.
+        """Admissible command nearest to `wanted` after `previous`, and the names of the quantities it had to change.
 
         The accelerator is closed while the brakes that are sent (not those asked for) still bite.
         """
-        signals = self.signals
-        front = signals["F_brake_pressure_cmd"].apply(wanted.brake_front, previous.brake_front)
-        rear = signals["R_brake_pressure_cmd"].apply(wanted.brake_rear, previous.brake_rear)
-        braking = max(front, rear) > self._overlap
-        accelerator = 0.0 if braking or math.isnan(wanted.accelerator) else wanted.accelerator
-        command = RawCommand(
-            signals["steering_motor_ang_cmd"].apply(wanted.steering_motor, previous.steering_motor),
-            signals["acc_pedal_cmd"].apply(accelerator, previous.accelerator),
-            front,
-            rear,
-            signals["desired_gear"].apply(wanted.gear, previous.gear),
-        )
-        return command, self._changed(wanted, command)
+        asked = self._in_one_circuit(wanted)
+        braked = {name: self._apply(name, asked, previous) for name in ("brake_front", "brake_rear")}
+        bites = any(self.signals[name].value(raw) > PEDAL_OVERLAP_PA for name, raw in braked.items() if raw is not None)
+        closed = replace(asked, accelerator=0.0) if bites or math.isnan(asked.accelerator) else asked
+        others = {name: self._apply(name, closed, previous) for name in ("steering_motor", "accelerator", "gear")}
+        command = self._raw({**braked, **others})
+        return command, self._changed(asked, command)
 
     def to_actuators(self, command: RawCommand) -> Actuators:
         """SI values of what stands in the frames."""
-        signals = self.signals
-        return Actuators(
-            command.steering_motor * signals["steering_motor_ang_cmd"].scale,
-            command.accelerator * signals["acc_pedal_cmd"].scale,
-            command.brake_front * signals["F_brake_pressure_cmd"].scale,
-            command.brake_rear * signals["R_brake_pressure_cmd"].scale,
-            command.gear,
-        )
+        values: dict[str, Any] = {n: limit.value(getattr(command, n)) for n, limit in self.signals.items()}
+        if self._bias is not None:
+            values["brake_rear"] = values["brake_front"] * (1.0 - self._bias) / self._bias
+        return Actuators(**{**values, "gear": round(values["gear"])})
+
+    def _in_one_circuit(self, wanted: Actuators) -> Actuators:
+        """What to ask of the front circuit where the rear one follows it: the same force of both together."""
+        if self._bias is None:
+            return wanted
+        return replace(wanted, brake_front=self._bias * (wanted.brake_front + wanted.brake_rear))
+
+    def _apply(self, name: str, wanted: Actuators, previous: RawCommand) -> int | None:
+        limit = self.signals.get(name)
+        return None if limit is None else limit.apply(getattr(wanted, name), getattr(previous, name))
+
+    @staticmethod
+    def _raw(values: Mapping[str, int | None]) -> RawCommand:
+        return RawCommand(**{name: values.get(name) or 0 for name in RawCommand.__slots__})
 
     def _changed(self, wanted: Actuators, command: RawCommand) -> tuple[str, ...]:
         sent = self.to_actuators(command)
-        pairs = zip(self.signals.values(), _values(wanted), _values(sent), strict=True)
-        return tuple(limit.name for limit, want, got in pairs if not abs(want - got) <= 0.501 * limit.scale)
+        return tuple(
+            name
+            for name, limit in self.signals.items()
+            if not abs(getattr(wanted, name) - getattr(sent, name)) <= 0.501 * abs(limit.scale)
+        )
 
 
-SIGNALS: Mapping[str, str] = {
-    "steering_motor_ang_cmd": "steering_cmd",
-    "acc_pedal_cmd": "accelerator_cmd",
-    "F_brake_pressure_cmd": "brake_pressure_cmd",
-    "R_brake_pressure_cmd": "brake_pressure_cmd",
-    "desired_gear": "gear_shift_cmd",
-}
-"""Actuator signal -> its message, in the order of `Actuators`."""
-
-
-def _values(actuators: Actuators) -> tuple[float, ...]:
-    return (
-        actuators.steering_motor,
-        actuators.accelerator,
-        actuators.brake_front,
-        actuators.brake_rear,
-        actuators.gear,
-    )
-
-
-def _signal_limit(signal: Signal, rise: int, fall: int) -> SignalLimit:
+def _signal_limit(name: str, place: Place, bounds: tuple[float, float], rates: tuple[float, float]) -> SignalLimit:
     """Raw bounds inside the car's limits: the limit itself may lie between two raw steps."""
-    if signal.limits is None:
-        raise ValueError(f"{signal.name}: no limits in av24.toml")
-    low, high = signal.limits
-    raw_low, raw_high = signal.raw_range
-    return SignalLimit(
-        signal.name,
-        signal.si_resolution,
-        max(math.ceil(low / signal.scale - 1e-9), raw_low),
-        min(math.floor(high / signal.scale + 1e-9), raw_high),
-        rise,
-        fall,
-    )
+    ends = sorted((bound - place.zero) / place.scale for bound in bounds)
+    raw_low, raw_high = place.signal.raw_range
+    low, high = max(math.ceil(ends[0] - 1e-9), raw_low), min(math.floor(ends[1] + 1e-9), raw_high)
+    rise, fall = (_steps(rate, place) for rate in rates)
+    if low >= high or min(rise, fall) < 1:
+        raise InputError(
+            f"{place.message.name}.{place.signal.name}: steps of {abs(place.scale):g} (SI) cannot show {name} from"
+            f" {bounds[0]:g} to {bounds[1]:g} at {min(rates):g} 1/s in frames every {place.message.period_s:g} s"
+        )
+    up, down = (rise, fall) if place.scale > 0 else (fall, rise)
+    return SignalLimit(name, place.scale, place.zero, low, high, up, down)
 
 
-def _steps(rate: float, signal: Signal, free: int) -> int:
-    """Steps per frame of a rate in DBC units per second."""
-    return free if math.isinf(rate) else math.floor(rate * PERIOD_S / signal.scale + 1e-9)
+def _steps(rate: float, place: Place) -> int:
+    """Steps per frame of a rate in SI per second."""
+    return FREE if math.isinf(rate) else math.floor(rate * place.message.period_s / abs(place.scale) + 1e-9)

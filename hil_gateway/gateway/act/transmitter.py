@@ -1,4 +1,4 @@
-"""Transmission to the bus: declared identifiers and lengths only, rolling counters, one frame of each a period.
+"""Transmission to the bus: declared identifiers and lengths only, rolling counters, every message at its period.
 
 There is no thread and no kernel timer behind the counters: when the process hangs they stop, and the car sees it.
 """
@@ -6,22 +6,37 @@ There is no thread and no kernel timer behind the counters: when the process han
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from can_dbc.codec import Codec
+from can_dbc.database import Message
+from can_dbc.signals import SignalMap
 from hil_gateway.can_link import CanLink
 from hil_gateway.car.states import CtState
 from hil_gateway.gateway.act.limits import RawCommand
 from hil_gateway.gateway.decide.ladder_inputs import Flags
+from hil_gateway.gateway.settings import PERIOD_S
 
-TRANSMITTED = (
-    "brake_pressure_cmd",
-    "accelerator_cmd",
-    "steering_cmd",
-    "gear_shift_cmd",
-    "ct_report",
-    "ct_report_2",
-)
-"""The white-list: no other message ever leaves."""
+
+def transmitted(signals: SignalMap) -> tuple[str, ...]:
+    """The white-list: no other message ever leaves."""
+    return signals.actuator_messages + signals.status_messages
+
+
+@dataclass(slots=True)
+class _Sent:
+    """One message that leaves."""
+
+    layout: Message
+    rest: Mapping[str, int]
+    """integers of the signals that nothing sets"""
+    signals: Mapping[str, str]
+    """quantity -> its signal"""
+    every: int
+    """periods of the gateway between two frames"""
+    wait: int = 0
+    """periods until the next one is due"""
+    counter: int = 0
 
 
 class Transmitter:
@@ -31,10 +46,13 @@ class Transmitter:
         self._codec = codec
         self._link = link
         self._vehicle_number = vehicle_number
-        self._allowed = {codec.messages[name].id: codec.messages[name].dlc for name in TRANSMITTED}
-        self._counters = dict.fromkeys(TRANSMITTED, 0)
-        self._report_due_ns = 0
-        self._reported: tuple[int, ...] = ()
+        signals = codec.signals
+        self._allowed = {codec.messages[name].id: codec.messages[name].dlc for name in transmitted(signals)}
+        self._actuators = [_sent(codec, name) for name in signals.actuator_messages]
+        self._status = [_sent(codec, name) for name in signals.status_messages]
+        self._due_ns = dict.fromkeys(signals.status_messages, 0)
+        self._states = signals.codes["ct_state"]
+        self._reported: tuple[CtState, Flags] | None = None
         self.refused = 0
         self.failed = 0
 
@@ -52,59 +70,56 @@ class Transmitter:
         return sent
 
     def actuators(self, command: RawCommand, before: RawCommand) -> tuple[RawCommand, bool]:
-        """The four actuator frames of one period: what now stands on the wire, and whether all of it left.
+        """The actuator frames of one period: what now stands on the wire, and whether all that were due left.
 
         A frame that could not be sent leaves its values and its counter as they were `before`, so that the next one
-        continues from what the car has really received.
+        continues from what the car has really received; so does one that is not due.
         """
-        steering = {
-            "steering_motor_ang_cmd": command.steering_motor,
-            "driver_steering_P_cmd": 0,
-            "driver_steering_I_cmd": 0,
-            "driver_steering_D_cmd": 0,
-            "driver_steering_FF_cmd": 0,
-        }
-        brakes = {"F_brake_pressure_cmd": command.brake_front, "R_brake_pressure_cmd": command.brake_rear}
-        steered = self._message("steering_cmd", steering)
-        braked = self._message("brake_pressure_cmd", brakes)
-        pushed = self._message("accelerator_cmd", {"acc_pedal_cmd": command.accelerator})
-        shifted = self._message("gear_shift_cmd", {"desired_gear": command.gear})
-        left = RawCommand(
-            command.steering_motor if steered else before.steering_motor,
-            command.accelerator if pushed else before.accelerator,
-            command.brake_front if braked else before.brake_front,
-            command.brake_rear if braked else before.brake_rear,
-            command.gear if shifted else before.gear,
-        )
-        return left, steered and braked and pushed and shifted
+        stands, all_left = command, True
+        for message in self._actuators:
+            message.wait -= 1
+            due = message.wait < 0
+            raw = {signal: getattr(command, name) for name, signal in message.signals.items()}
+            left = due and self._message(message, raw)
+            message.wait = message.every - 1 if left else message.wait if not due else 0
+            all_left = all_left and (left or not due)
+            if not left:
+                stands = stands.with_those_of(before, message.signals)
+        return stands, all_left
 
     def race_control(self, now_ns: int, ct_state: CtState, flags: Flags) -> None:
-        """State and acknowledged flags, on every change and once a period."""
-        content = (int(ct_state), *flags)
-        if now_ns < self._report_due_ns and content == self._reported:
-            return
-        self._reported = content
-        self._report_due_ns = now_ns + round(self._codec.messages["ct_report"].period_s * 1e9)
-        vehicle, track, marelli_track, marelli_vehicle, marelli_sector = flags
-        report = {
-            "veh_sig_ack": vehicle,
-            "track_cond_ack": track,
-            "ct_state": ct_state,
-            "veh_num": self._vehicle_number,
+        """State and acknowledged flags, on every change and once a period of each message."""
+        changed, self._reported = (ct_state, flags) != self._reported, (ct_state, flags)
+        content = {
+            "ct_state": self._state_code(ct_state),
+            "vehicle_number": self._vehicle_number,
+            **{f"{flag}_ack": code for flag, code in flags.items()},
         }
-        self._message("ct_report", report)
-        acknowledged = {
-            "marelli_track_flag_ack": marelli_track,
-            "marelli_vehicle_flag_ack": marelli_vehicle,
-            "marelli_sector_flag_ack": marelli_sector,
-        }
-        self._message("ct_report_2", acknowledged)
+        for message in self._status:
+            name = message.layout.name
+            if changed or now_ns >= self._due_ns[name]:
+                self._due_ns[name] = now_ns + round(message.layout.period_s * 1e9)
+                places = self._codec.signals.commands
+                raw = {signal: places[key].raw(content[key]) for key, signal in message.signals.items()}
+                self._message(message, raw)
 
-    def _message(self, name: str, raw: Mapping[str, int]) -> bool:
-        """Add the counter, pack, send: the integers that were checked are those in the bytes."""
-        layout = self._codec.messages[name]
+    def _state_code(self, state: CtState) -> int:
+        """Code of a state; of the rung below where the car's ladder does not have it."""
+        below = (CtState(value) for value in range(state, 0, -1))
+        return next(self._states[rung.name.lower()] for rung in below if rung.name.lower() in self._states)
+
+    def _message(self, message: _Sent, raw: Mapping[str, int]) -> bool:
+        """Add what rests and the counter, pack, send: the integers that were checked are those in the bytes."""
+        layout, values = message.layout, {**message.rest, **raw}
         if layout.counter is None:
-            return self.send(*self._codec.pack(name, raw))
-        sent = self.send(*self._codec.pack(name, {**raw, layout.counter.signal: self._counters[name]}))
-        self._counters[name] = (self._counters[name] + sent) % layout.counter.modulus
+            return self.send(*self._codec.pack(layout.name, values))
+        sent = self.send(*self._codec.pack(layout.name, {**values, layout.counter.signal: message.counter}))
+        message.counter = (message.counter + sent) % layout.counter.modulus
         return sent
+
+
+def _sent(codec: Codec, name: str) -> _Sent:
+    layout = codec.messages[name]
+    signals = {key: place.signal.name for key, place in codec.signals.commands.items() if place.message is layout}
+    rest = {signal.name: codec.at_rest(signal) for signal in layout.signals}
+    return _Sent(layout, rest, signals, max(round(layout.period_s / PERIOD_S), 1))

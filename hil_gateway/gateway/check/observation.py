@@ -9,14 +9,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from can_dbc.codec import Codec, Fault, Values
+from can_dbc.codec import COUNTER, Codec, Fault, Values
 from can_dbc.database import Message
-from hil_gateway.can_link import Frame
+from can_dbc.signals import SignalMap
+from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 
-FOLLOWED = ("imu_1", "imu_2", "imu_3", "wheel_speed_report", "steering_report_extd", "base_to_car_summary")
-"""messages whose signals are kept over time for the plausibility checks"""
+FOLLOWED = ("imu.", "wheel_speed_", "steering_motor", "heartbeat")
+"""beginnings of the quantities that are kept over time for the plausibility checks"""
+EXTENDED_BITS = 20
+"""that a 29-bit identifier adds to a frame: 18 bits of it, SRR and r1 (ISO 11898-1)"""
 
 
 @dataclass
@@ -62,7 +65,14 @@ class Observation:
     """what bit stuffing can add at most: one bit in four of the 34 + 8 n it applies to"""
     backward_stamps: int
     series: dict[str, tuple[Array, Array]]
-    """signal -> (time s, value SI) of the messages `FOLLOWED`"""
+    """quantity -> (time s, value SI) of those `FOLLOWED`"""
+    signals: SignalMap
+    """of the car"""
+
+    def newest(self, quantity: str) -> float | None:
+        """Last value of a quantity, SI; None where it never came."""
+        place = self.signals.reports.get(quantity)
+        return None if place is None else self.records[place.message.name].newest.get(quantity)
 
     @property
     def seconds(self) -> float:
@@ -79,20 +89,21 @@ class Observation:
 def observe(frames: Iterable[Frame], codec: Codec, start_ns: int, end_ns: int) -> Observation:
     """Sort out `frames` received between two monotonic times."""
     seen = Observation(
-        start_ns, end_ns, {m.name: Record(m) for m in codec.messages.values()}, Counter(), 0, 0, 0, 0, {}
+        start_ns, end_ns, {m.name: Record(m) for m in codec.messages.values()}, Counter(), 0, 0, 0, 0, {}, codec.signals
     )
     last_ns = start_ns
-    followed: dict[str, list[tuple[int, Values]]] = {name: [] for name in FOLLOWED}
+    names = [name for name in codec.signals.reports if name.startswith(FOLLOWED)]
+    followed: dict[str, list[tuple[int, Values]]] = {codec.signals.reports[n].message.name: [] for n in names}
     for frame in frames:
         seen.backward_stamps += frame.stamp_ns < last_ns
         last_ns = frame.stamp_ns
         if frame.is_error:
             seen.error_frames += 1
             continue
-        payload_bits = 8 * len(frame.data)
+        payload_bits = 8 * len(frame.data) + (EXTENDED_BITS if frame.id & EXTENDED_ID else 0)
         seen.bits += 47 + payload_bits
         seen.stuff_bits_max += (34 + payload_bits - 1) // 4
-        values = codec.decode(frame.id, frame.data)
+        values = codec.decode_quantities(frame.id, frame.data)
         if isinstance(values, Fault):
             _take_fault(seen, codec, frame)
             continue
@@ -100,11 +111,10 @@ def observe(frames: Iterable[Frame], codec: Codec, start_ns: int, end_ns: int) -
         _take_values(seen.records[name], frame.stamp_ns, values)
         if name in followed:
             followed[name].append((frame.stamp_ns, values))
-    for name, samples in followed.items():
+    for name in names:
+        samples = followed[codec.signals.reports[name].message.name]
         times = np.array([(stamp - start_ns) / NS_PER_S for stamp, _ in samples])
-        for layout in codec.messages[name].signals:
-            signal = layout.si_name
-            seen.series[signal] = times, np.array([values[signal] for _, values in samples], dtype=np.float64)
+        seen.series[name] = times, np.array([values[name] for _, values in samples], dtype=np.float64)
     return seen
 
 
@@ -119,7 +129,7 @@ def _take_fault(seen: Observation, codec: Codec, frame: Frame) -> None:
 def _take_values(record: Record, stamp_ns: int, values: Values) -> None:
     counter = record.layout.counter
     if counter and record.newest:
-        step = int(values[counter.signal] - record.newest[counter.signal]) % counter.modulus
+        step = int(values[COUNTER] - record.newest[COUNTER]) % counter.modulus
         record.steps[step] += 1
     record.stamps.append(stamp_ns)
     if not record.newest:

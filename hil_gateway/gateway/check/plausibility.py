@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from hil_gateway.car.states import SysState
+from can_dbc.quantities import WHEELS
+from hil_gateway.car.states import SysState, meanings
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.config import Config
 from hil_gateway.gateway.check.finding import Finding, Verdict
 from hil_gateway.gateway.check.observation import Observation
-from hil_gateway.gateway.perceive.vehicle_state import SENSOR_DISAGREEMENT
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.geodesy import LocalMap
 
 AREA = "plausibility"
-WHEELS = ("FL", "FR", "RL", "RR")
 STANDING_SPEED = 0.3
 """Faster than this is moving, m/s."""
 TILT_MAX = np.radians(15.0)
@@ -33,11 +32,14 @@ YAW_SEEN, ACCELERATION_SEEN = 0.05, 0.3
 """Yaw rate and acceleration below which a sign is not judged, rad/s and m/s2."""
 POSITION_MAX_M = 20_000.0
 MIN_SAMPLES = 20
+NOTHING: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
+"""series of a quantity that the car does not report"""
 
 
 def judge_signals(seen: Observation, config: Config) -> list[Finding]:
     """Everything the values themselves can tell."""
-    findings = [*_limits(seen), *_frozen_imu(seen), *_states(seen), *_position(seen, config)]
+    imus = [f"imu.{name}" for name in config.car.imus]
+    findings = [*_limits(seen), *_frozen(seen, imus), *_states(seen), *_position(seen, config)]
     speeds = wheel_speeds(seen)
     if speeds is None:
         return findings
@@ -45,13 +47,15 @@ def judge_signals(seen: Observation, config: Config) -> list[Finding]:
     if max(float(v.max()) for v in by_wheel.values()) < STANDING_SPEED:
         remedy = "push the car forward around a left bend while the check runs: it then judges the signs"
         hint = Finding(area=AREA, name="movement", verdict=Verdict.INFO, detail="standing still", remedy=remedy)
-        return [*findings, hint, *_gravity(seen), *_rates_at_rest(seen), *_steering_at_rest(seen)]
-    return [*findings, *_wheels_agree(by_wheel), *_signs(seen, time, by_wheel, config.vehicle)]
+        of_imus = [found for imu in imus for found in (*_gravity(seen, imu), *_rates_at_rest(seen, imu))]
+        return [*findings, hint, *of_imus, *_steering_at_rest(seen, config.car.sensors.steering_apart)]
+    signs = [found for imu in imus for found in _signs(seen, imu, time, by_wheel, config.vehicle)]
+    return [*findings, *_wheels_agree(by_wheel), *signs]
 
 
 def wheel_speeds(seen: Observation) -> tuple[Array, dict[str, Array]] | None:
     """(time, speed by wheel), m/s; None when there is too little."""
-    time, _ = seen.series["wheel_speed_FL"]
+    time, _ = seen.series["wheel_speed_fl"]
     if time.size < MIN_SAMPLES:
         return None
     return time, {wheel: seen.series[f"wheel_speed_{wheel}"][1] for wheel in WHEELS}
@@ -64,27 +68,27 @@ def _finding(name: str, good: bool, detail: str, remedy: str = "", bad: Verdict 
 
 
 def _limits(seen: Observation) -> list[Finding]:
-    """Every signal of the car that left what the car can do (av24.toml)."""
+    """Every signal of the car that left what the car can do (`bus.toml`)."""
     findings = []
-    for record in seen.records.values():
-        for signal in record.layout.signals if record.frames and record.layout.direction == "car" else ():
-            if signal.limits is None:
-                continue
-            ends = sorted(extreme[signal.name] / signal.si_factor for extreme in (record.lowest, record.highest))
-            if not signal.limits[0] <= ends[0] <= ends[1] <= signal.limits[1]:
-                possible = f"{signal.limits[0]:g} to {signal.limits[1]:g}"
-                detail = f"{ends[0]:g} to {ends[1]:g} {signal.unit}, possible are {possible}"
-                remedy = f"0x{record.layout.id:03X}: sensor, wiring, or another version of the car's DBC"
-                findings.append(_finding(signal.name, False, detail, remedy))
+    for name, place in seen.signals.reports.items():
+        record, limits = seen.records[place.message.name], place.signal.limits
+        if not record.frames or limits is None:
+            continue
+        ends = sorted((e[name] - place.offset) / place.factor for e in (record.lowest, record.highest))
+        if not limits[0] <= ends[0] <= ends[1] <= limits[1]:
+            possible = f"{limits[0]:g} to {limits[1]:g}"
+            detail = f"{ends[0]:g} to {ends[1]:g} {place.signal.unit}, possible are {possible}"
+            remedy = f"{record.layout.id_text}: sensor, wiring, or another version of the car's DBC"
+            findings.append(_finding(place.signal.name, False, detail, remedy))
     if not findings and any(record.frames for record in seen.records.values()):
         findings.append(_finding("ranges", True, "every signal within what the car can do"))
     return findings
 
 
-def _frozen_imu(seen: Observation) -> list[Finding]:
+def _frozen(seen: Observation, imus: list[str]) -> list[Finding]:
     """Noise alone moves the last bit of a live sensor."""
     findings = []
-    for name in ("imu_ax", "imu_ay", "imu_az", "imu_yaw_rate"):
+    for name in (f"{imu}.{reading}" for imu in imus for reading in ("ax", "ay", "az", "yaw_rate")):
         _, values = seen.series[name]
         if values.size >= MIN_SAMPLES and float(np.ptp(values)) == 0.0:
             detail = f"exactly {values[0]:.4g} in all {values.size} frames"
@@ -95,27 +99,27 @@ def _frozen_imu(seen: Observation) -> list[Finding]:
 
 
 def _mean(seen: Observation, signal: str) -> float | None:
-    _, values = seen.series[signal]
+    _, values = seen.series.get(signal, NOTHING)
     return float(values.mean()) if values.size >= MIN_SAMPLES else None
 
 
-def _gravity(seen: Observation) -> list[Finding]:
+def _gravity(seen: Observation, imu: str) -> list[Finding]:
     """At rest the accelerometer feels 1 g upwards and nothing else."""
-    means = [_mean(seen, f"imu_a{axis}") for axis in "xyz"]
+    means, name = [_mean(seen, f"{imu}.a{axis}") for axis in "xyz"], f"gravity, {imu}"
     if any(mean is None for mean in means):
         return []
     felt = np.array(means, dtype=np.float64)
     size = float(np.linalg.norm(felt))
     detail = f"ax {felt[0]:+.2f}, ay {felt[1]:+.2f}, az {felt[2]:+.2f} m/s2 at rest"
     if abs(size - GRAVITY) > GRAVITY_TOLERANCE:
-        return [_finding("gravity", False, f"{detail}: {size / GRAVITY:.2f} g in all", "scale or bias of the IMU")]
+        return [_finding(name, False, f"{detail}: {size / GRAVITY:.2f} g in all", "scale or bias of the IMU")]
     if felt[2] >= size * np.cos(TILT_MAX):
-        return [_finding("gravity", True, detail)]
+        return [_finding(name, True, detail)]
     axis = int(np.abs(felt).argmax())
     sign = "+" if felt[axis] > 0 else "-"
     return [
         _finding(
-            "gravity",
+            name,
             False,
             f"{detail}: up is along {sign}{'xyz'[axis]}",
             "the IMU is mounted turned, or axes are swapped",
@@ -123,9 +127,9 @@ def _gravity(seen: Observation) -> list[Finding]:
     ]
 
 
-def _rates_at_rest(seen: Observation) -> list[Finding]:
+def _rates_at_rest(seen: Observation, imu: str) -> list[Finding]:
     findings = []
-    for signal in ("imu_yaw_rate", "imu_roll_rate"):
+    for signal in (f"{imu}.yaw_rate", f"{imu}.roll_rate"):
         mean = _mean(seen, signal)
         if mean is not None:
             detail = f"{np.degrees(mean):+.2f} deg/s at rest"
@@ -133,21 +137,21 @@ def _rates_at_rest(seen: Observation) -> list[Finding]:
     return findings
 
 
-def _steering_at_rest(seen: Observation) -> list[Finding]:
-    primary, secondary, average = (
-        _mean(seen, f"{name}_steering_{rest}")
-        for name, rest in (("primary", "angle_fbk"), ("secondary", "ang_fdbk"), ("average", "ang_fdbk"))
-    )
-    if primary is None or secondary is None or average is None:
+def _steering_at_rest(seen: Observation, most_apart: float) -> list[Finding]:
+    """`most_apart`: by which the motor's two sensors may differ, rad."""
+    average, primary, secondary = (_mean(seen, f"steering_motor{which}") for which in ("", "_primary", "_secondary"))
+    if average is None:
         return []
     centre = _finding(
         "steering centre", abs(average) <= CENTRE_MAX, f"motor at {np.degrees(average):+.1f} deg",
         "turn the wheels straight ahead; if they are, the sensor's zero is off", Verdict.WARN,
     )  # fmt: skip
+    if primary is None or secondary is None:
+        return [centre]
     apart = abs(primary - secondary)
     agree = _finding(
         "steering sensors",
-        apart <= SENSOR_DISAGREEMENT,
+        apart <= most_apart,
         f"{np.degrees(apart):.1f} deg apart",
         "one of the two sensors is off",
     )
@@ -157,10 +161,11 @@ def _steering_at_rest(seen: Observation) -> list[Finding]:
 def _states(seen: Observation) -> list[Finding]:
     """What car and race control say they are doing."""
     findings = []
-    if sys_state := int(seen.records["misc_report"].newest.get("sys_state", 0)):
-        name = SysState(sys_state).name.lower() if sys_state in set(SysState) else "unknown"
-        findings.append(Finding(area=AREA, name="sys_state", verdict=Verdict.INFO, detail=f"{sys_state} ({name})"))
-    _, beats = seen.series["base_to_car_heartbeat"]
+    if (code := seen.newest("sys_state")) is not None:
+        state = meanings(seen.signals.codes["sys_state"], SysState).get(int(code), SysState.UNKNOWN)
+        detail = f"{code:.0f} ({state.name.lower()})"
+        findings.append(Finding(area=AREA, name="sys_state", verdict=Verdict.INFO, detail=detail))
+    _, beats = seen.series["heartbeat"]
     if beats.size >= MIN_SAMPLES // 2:
         beating = float(np.ptp(beats)) > 0
         detail = "beating" if beating else f"frozen at {beats[0]:.0f}"
@@ -171,10 +176,10 @@ def _states(seen: Observation) -> list[Finding]:
 
 
 def _position(seen: Observation, config: Config) -> list[Finding]:
-    fix = seen.records["novatel_report"].newest
-    if not fix:
+    receiver = next(iter(config.car.receivers))
+    latitude, longitude = (seen.newest(f"receiver.{receiver}.{name}") for name in ("latitude", "longitude"))
+    if latitude is None or longitude is None:
         return []
-    latitude, longitude = fix["novatel_lat"], fix["novatel_long"]
     if latitude == longitude == 0.0:
         return [_finding("position", False, "0, 0: no fix", "antenna, sky", Verdict.WARN)]
     distance = float(np.hypot(*LocalMap(config.origin).to_map_radians(latitude, longitude)))
@@ -189,19 +194,19 @@ def _wheels_agree(by_wheel: dict[str, Array]) -> list[Finding]:
     means = {wheel: float(speed.mean()) for wheel, speed in by_wheel.items()}
     typical = float(np.median(list(means.values())))
     off = [wheel for wheel, mean in means.items() if abs(mean - typical) > WHEEL_SPREAD * max(typical, STANDING_SPEED)]
-    detail = ", ".join(f"{wheel} {mean:.2f}" for wheel, mean in means.items()) + " m/s on average"
-    return [_finding("wheel speeds", not off, detail, f"sensor of {', '.join(off)}")]
+    detail = ", ".join(f"{wheel.upper()} {mean:.2f}" for wheel, mean in means.items()) + " m/s on average"
+    return [_finding("wheel speeds", not off, detail, f"sensor of {', '.join(off).upper()}")]
 
 
-def _signs(seen: Observation, time: Array, by_wheel: dict[str, Array], vehicle: Vehicle) -> list[Finding]:
+def _signs(seen: Observation, imu: str, time: Array, by_wheel: dict[str, Array], vehicle: Vehicle) -> list[Finding]:
     """Signs of yaw rate, steering and longitudinal acceleration against the wheels."""
     speed = np.mean(list(by_wheel.values()), axis=0)
-    yaw = _resampled(seen, "imu_yaw_rate", time)
-    steer = _resampled(seen, "average_steering_ang_fdbk", time)
-    ax = _resampled(seen, "imu_ax", time)
+    yaw = _resampled(seen, f"{imu}.yaw_rate", time)
+    steer = _resampled(seen, "steering_motor", time)
+    ax = _resampled(seen, f"{imu}.ax", time)
     findings = []
     if yaw is not None and float(np.abs(yaw).max()) > YAW_SEEN:
-        turning = (by_wheel["RR"] - by_wheel["RL"]) / vehicle.track_rear
+        turning = (by_wheel["rr"] - by_wheel["rl"]) / vehicle.track_rear
         findings.append(
             _sign("yaw rate against wheels", yaw, turning, "left and right wheels swapped, or sign of the yaw rate")
         )

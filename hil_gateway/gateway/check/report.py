@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from can_dbc.database import id_text
 from hil_gateway.gateway.check.arming import EXPLANATION
 from hil_gateway.gateway.check.finding import Finding, Verdict
 from hil_gateway.gateway.check.interface import Interface
@@ -81,7 +82,7 @@ def _messages_table(rows: Sequence[MessageRow]) -> RenderableType:
     for row in shown:
         gap = "-" if row.longest_gap_ms is None else f"{row.longest_gap_ms:.0f} ms"
         verdict = Text(row.verdict.value, style=COLOUR[row.verdict])
-        cells = (f"0x{row.id:03X}", row.name, f"{row.hz:.1f}", f"{row.expected_hz:g}", gap, row.counter, row.detail)
+        cells = (id_text(row.id), row.name, f"{row.hz:.1f}", f"{row.expected_hz:g}", gap, row.counter, row.detail)
         table.add_row(verdict, *map(Text, cells))
     silent = [row for row in rows if row not in shown and row.direction == "car"]
     if silent:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 
-from can_dbc.codec import load_codec
+from can_dbc.database import id_text
 from hil_gateway.can_link import CanLink, Frame, LinkStats, open_link
 from hil_gateway.config import Config
 from hil_gateway.gateway.check.arming import missing_for_arming
@@ -54,7 +54,7 @@ def capture(link: CanLink, clock: Clock, seconds: float) -> Capture:
 
 def examine(config: Config, bus: str, interface: Interface | None, captured: Capture) -> Report:
     """Everything that can be said about a capture. Pure."""
-    codec = load_codec()
+    codec = config.car.codec
     seen = observe(captured.frames, codec, captured.start_ns, captured.end_ns)
     messages = tuple(message_rows(seen)) if seen.frames else ()
     findings = (
@@ -74,7 +74,7 @@ def examine(config: Config, bus: str, interface: Interface | None, captured: Cap
         interface=interface,
         findings=findings,
         messages=messages,
-        unknown={f"0x{frame_id:03X}": number for frame_id, number in seen.unknown.most_common()},
+        unknown={id_text(frame_id): number for frame_id, number in seen.unknown.most_common()},
         missing_for_arming=missing_for_arming(config, captured.frames, captured.start_ns, captured.end_ns),
         failures=count(Verdict.FAIL, findings, messages),
         warnings=count(Verdict.WARN, findings, messages),

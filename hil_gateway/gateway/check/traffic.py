@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from can_dbc.database import Message
+from can_dbc.database import Message, id_text
+from can_dbc.signals import SignalMap
 from hil_gateway.gateway.check.finding import Finding, Verdict
 from hil_gateway.gateway.check.observation import Observation, Record
-from hil_gateway.gateway.perceive.vehicle_state import ACTUATOR_COMMANDS, REQUIRED, SOURCES
+from hil_gateway.gateway.perceive.vehicle_state import REQUIRED
 from hil_gateway.process.model import Model
 
 RATE_TOLERANCE = 0.2
@@ -15,8 +16,6 @@ RATE_TOLERANCE = 0.2
 LOAD_WARN = 0.8
 """Above this share of the bus the messages of low priority come late."""
 READ_DELAY_WARN_S = 0.01
-REQUIRED_MESSAGES = frozenset(message for source in REQUIRED for message in SOURCES[source])
-WANTED_MESSAGES = frozenset(message for messages in SOURCES.values() for message in messages) - REQUIRED_MESSAGES
 OUT_OF_ORDER_SHARE = 0.001
 """Two senders on two processor cores may be stamped a microsecond the wrong way round."""
 COUNTER_SHARE = 0.9
@@ -48,7 +47,7 @@ def _row(seen: Observation, record: Record) -> MessageRow:
     layout = record.layout
     hz = record.rate_hz(seen.seconds)
     gap = record.longest_gap_s(seen.start_ns, seen.end_ns) if record.frames else None
-    verdict, detail = _judge(record, hz, gap)
+    verdict, detail = _judge(record, hz, gap, seen.signals)
     return MessageRow(
         name=layout.name,
         id=layout.id,
@@ -64,23 +63,24 @@ def _row(seen: Observation, record: Record) -> MessageRow:
     )
 
 
-def _weight(layout: Message) -> Verdict:
+def _weight(layout: Message, signals: SignalMap) -> Verdict:
     """How much a problem with this message matters."""
-    if layout.name in REQUIRED_MESSAGES:
+    sources = [name for name, messages in signals.sources.items() if layout.name in messages]
+    if any(name in REQUIRED or name == f"imu.{signals.imus[0]}" for name in sources):
         return Verdict.FAIL
-    return Verdict.WARN if layout.name in WANTED_MESSAGES else Verdict.INFO
+    return Verdict.WARN if sources else Verdict.INFO
 
 
-def _judge(record: Record, hz: float, gap_s: float | None) -> tuple[Verdict, str]:
+def _judge(record: Record, hz: float, gap_s: float | None, signals: SignalMap) -> tuple[Verdict, str]:
     """The worst that can be said of a message."""
     if record.layout.direction == "computer":
-        return _judge_command(record)
-    return next(_problems(record, hz, gap_s), (Verdict.OK, ""))
+        return _judge_command(record, signals)
+    return next(_problems(record, hz, gap_s, _weight(record.layout, signals)), (Verdict.OK, ""))
 
 
-def _problems(record: Record, hz: float, gap_s: float | None) -> Iterator[tuple[Verdict, str]]:
-    """Worst first."""
-    layout, weight = record.layout, _weight(record.layout)
+def _problems(record: Record, hz: float, gap_s: float | None, weight: Verdict) -> Iterator[tuple[Verdict, str]]:
+    """Worst first; `weight` is what it matters."""
+    layout = record.layout
     expected_hz = 1 / layout.period_s
     if record.wrong_lengths:
         lengths = ", ".join(f"{length} bytes" for length in sorted(record.wrong_lengths))
@@ -100,11 +100,11 @@ def _problems(record: Record, hz: float, gap_s: float | None) -> Iterator[tuple[
         yield Verdict.WARN, f"{_missing(record)} frames lost by its counter"
 
 
-def _judge_command(record: Record) -> tuple[Verdict, str]:
+def _judge_command(record: Record, signals: SignalMap) -> tuple[Verdict, str]:
     """Messages only a computer sends: nobody should, unless a gateway is running beside this check."""
     if not record.frames and not record.wrong_lengths:
         return Verdict.OK, ""
-    verdict = Verdict.WARN if record.layout.name in ACTUATOR_COMMANDS else Verdict.INFO
+    verdict = Verdict.WARN if record.layout.name in signals.actuator_messages else Verdict.INFO
     return verdict, "somebody sends this: a gateway that is running, or a second computer"
 
 
@@ -149,9 +149,11 @@ def judge_bus(seen: Observation, bitrate: int, lost: int, malformed: int) -> lis
     if malformed:
         findings.append(_warn(area, "not data", f"{malformed} remote requests or foreign datagrams", ""))
     if seen.unknown:
-        ids = ", ".join(f"0x{frame_id:03X} ({count})" for frame_id, count in seen.unknown.most_common(8))
+        ids = ", ".join(f"{id_text(frame_id)} ({count})" for frame_id, count in seen.unknown.most_common(8))
         more = f" and {len(seen.unknown) - 8} more" if len(seen.unknown) > 8 else ""
-        findings.append(_warn(area, "unknown identifiers", ids + more, "not in av24.dbc: another bus, or another car"))
+        findings.append(
+            _warn(area, "unknown identifiers", ids + more, "not in the DBC: another bus, or another car (--platform)")
+        )
     return findings
 
 

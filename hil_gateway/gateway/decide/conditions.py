@@ -34,11 +34,6 @@ ENGINE_TURNS = 40.0
 ESTIMATE_MAX_S = 0.1
 """An estimate of an older state is none. The state's stamp is the gateway's own, so that what lay in a queue while the
 gateway was held up does not pass for new."""
-FAILURE_SIGNALS = (
-    "sd_system_failure", "est1_oos_front_brk", "est2_oos_rear_brk", "est4_sd_comms_loss", "est5_motec_comms_loss",
-    "est6_sd_ebrake", "sbw_error_code",
-)  # fmt: skip
-"""failure, brakes out of service, lost communication, emergency brake (0x53E); error of the steering (0x521)"""
 
 
 class Conditions:
@@ -126,14 +121,14 @@ class Conditions:
 
     def _of_the_car(self, now_ns: int, state: VehicleState) -> dict[str, float]:
         """What the car reports of itself."""
-        signal = self._builder.signal
+        builder = self._builder
         return {
             "car_emergency": _holds(state.sys_state in (SysState.EMERGENCY, SysState.CRITICAL_LIMIT)),
             "car_not_driving": _holds(state.sys_state != SysState.DRIVING),
-            "car_failure": _holds(any(signal(name) for name in FAILURE_SIGNALS)),
-            "mode_switch_off": _holds(signal("mode_switch_state") == 0),
-            "safety_switch": _holds(signal("safety_switch_state") != 0),
-            "supply_low": self._supply_low.update(0.0 < signal("battery_voltage") < SUPPLY_MIN_V, now_ns),
+            "car_failure": _holds(builder.failing),
+            "mode_switch_off": _holds(not builder.mode_switch),
+            "safety_switch": _holds(builder.value("safety_switch") != 0),
+            "supply_low": self._supply_low.update(0.0 < builder.value("battery_voltage") < SUPPLY_MIN_V, now_ns),
             "engine_stalled": self._stalled.update(_stalled(state), now_ns),
             "tyre_flat": self._tyres.flat_s(now_ns),
         }

@@ -7,31 +7,31 @@ from hil_gateway.car.states import stronger_track_flag, stronger_vehicle_flag
 from hil_gateway.gateway.decide.race_control import LadderInputs
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 
-MARELLI_DEADLINE_S = 0.5
-"""Flags of `marelli_report_1` count while they are no older."""
+SECOND_DEADLINE_S = 0.5
+"""Flags of a second transmitter count while they are no older."""
+FLAGS = ("vehicle_flag", "track_flag", "second_track_flag", "second_vehicle_flag", "second_sector_flag")
 
-Flags = tuple[int, int, int, int, int]
-"""Vehicle and track flag of `base_to_car_summary`; track, vehicle and sector flag of `marelli_report_1`."""
+Flags = dict[str, int]
+"""Quantity of `FLAGS` -> its code as it was received."""
 
 
 def flags_in_force(builder: VehicleStateBuilder, now_ns: int) -> tuple[int, int]:
-    """Track and vehicle flag: the more restrictive of the two senders."""
-    vehicle, track, marelli_track, marelli_vehicle, _ = flags_received(builder)
-    if builder.age_s("marelli_report_1", now_ns) > MARELLI_DEADLINE_S:
+    """Track and vehicle flag: the more restrictive of the two transmitters."""
+    track, vehicle = builder.track_flag("track_flag"), builder.vehicle_flag("vehicle_flag")
+    if builder.age_s("race_control_flags", now_ns) > SECOND_DEADLINE_S:
         return track, vehicle
-    return stronger_track_flag(track, marelli_track), stronger_vehicle_flag(vehicle, marelli_vehicle)
+    second_track, second_vehicle = builder.track_flag("second_track_flag"), builder.vehicle_flag("second_vehicle_flag")
+    return stronger_track_flag(track, second_track), stronger_vehicle_flag(vehicle, second_vehicle)
 
 
 def flags_received(builder: VehicleStateBuilder) -> Flags:
     """Every flag as it was received, for the acknowledgements."""
-    names = ("veh_flag", "track_flag", "marelli_track_flag", "marelli_vehicle_flag", "marelli_sector_flag")
-    vehicle, track, marelli_track, marelli_vehicle, sector = (int(builder.signal(name)) for name in names)
-    return vehicle, track, marelli_track, marelli_vehicle, sector
+    return {name: int(builder.value(name)) for name in FLAGS}
 
 
 def caution_speed(builder: VehicleStateBuilder, declared: float) -> float:
     """Speed under yellow flags, m/s: the one race control names, if it does, and never above `declared`."""
-    named = builder.signal("round_target_speed")
+    named = builder.value("target_speed")
     return min(named, declared) if named > 0.0 else declared
 
 
@@ -40,9 +40,9 @@ def ladder_inputs(builder: VehicleStateBuilder, now_ns: int, state: VehicleState
     return LadderInputs(
         car_alive=state.sources["vehicle"].valid,
         sys_state=state.sys_state,
-        mode_switch=builder.signal("mode_switch_state") > 0,
-        heartbeat=int(builder.signal("base_to_car_heartbeat")),
-        heartbeat_age_s=builder.age_s("base_to_car_summary", now_ns),
+        mode_switch=builder.mode_switch,
+        heartbeat=int(builder.value("heartbeat")),
+        heartbeat_age_s=builder.age_s("race_control", now_ns),
         track_flag=state.track_flag,
         vehicle_flag=state.vehicle_flag,
     )

@@ -14,8 +14,6 @@ from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.process.clock import NS_PER_S
 
-CLOCK = "brake_pressure_report"
-"""a message of the drive-by-wire node with a counter, 100 Hz"""
 SILENT_S = 0.05
 """without any frame: five periods of the fastest reports"""
 LEAST_S = 0.03
@@ -26,10 +24,10 @@ class Lateness:
     """Once a period; nothing is late before the first silence."""
 
     def __init__(self, builder: VehicleStateBuilder) -> None:
-        self._builder = builder
-        layout = builder.layout(CLOCK)
-        assert layout.counter is not None
-        self._period_ns, self._modulus = round(layout.period_s * NS_PER_S), layout.counter.modulus
+        self._builder, self._clock = builder, builder.clock
+        layout = self._clock.layout if self._clock is not None else None
+        self._period_ns = round(layout.period_s * NS_PER_S) if layout is not None else 0
+        self._modulus = layout.counter.modulus if layout is not None and layout.counter is not None else 1
         self._newest_ns = self._since_ns = 0
         """when frames last came, and when the silence began after which the clock is read"""
         self._count: int | None = None
@@ -41,7 +39,7 @@ class Lateness:
 
     def step(self) -> int:
         """How late the newest frames are, ns; 0: in time."""
-        newest_ns, count = self._builder.newest_ns, self._builder.counter(CLOCK)
+        newest_ns, count = self._builder.newest_ns, self._clock.counter if self._clock is not None else None
         self.pauses = newest_ns == self._newest_ns
         silent = newest_ns - self._newest_ns > SILENT_S * NS_PER_S
         if silent and not self._since_ns and self._count is not None:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 
+from can_dbc.quantities import WHEELS
 from hil_gateway.bus.tyres import Tyres
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.process.clock import NS_PER_S
 
 PERIOD_NS = NS_PER_S // 5
-WHEELS = ("FL", "FR", "RL", "RR")
-POINTS = tuple(range(1, 17))
-"""places over the width of the tread, by the DBC"""
 AIR_PA = 101_325.0
-"""standard atmosphere; `*_Tire_Pressure` counts from vacuum, `*_Gauge` from here (assumed from their names)"""
+"""standard atmosphere; `tyre.*.pressure` counts from vacuum, `tyre.*.gauge` from here"""
 READS_PA = 70_000.0
 """less than any air outside: a sensor that is not there or dead, which says nothing of the tyre"""
 MOST_PA = 400_000.0
@@ -30,6 +28,7 @@ class TyreReports:
 
     def __init__(self, builder: VehicleStateBuilder) -> None:
         self._builder = builder
+        self._treads = {wheel: builder.reported(f"tyre.{wheel}.temperature.") for wheel in WHEELS}
         self._had: dict[str, float] = {}
         self._flat = Held()
         self._due_ns = self._seq = 0
@@ -40,7 +39,7 @@ class TyreReports:
         """Seconds a tyre has had less than half of the pressure it had, infinite where both values of its report say
         so, which no wrong bit makes them; once a period."""
         flat = [self._is_flat(wheel) for wheel in WHEELS]  # each keeps its own pressure
-        sure = [self._has_lost(f"{wheel}_Tire_Pressure_Gauge", self._gauge(wheel) or 0.0) for wheel in WHEELS]
+        sure = [self._has_lost(f"tyre.{wheel}.gauge", self._gauge(wheel) or 0.0) for wheel in WHEELS]
         self.flat_front, self.flat_rear = any(flat[:2]), any(flat[2:])
         self.flat = self.flat_front or self.flat_rear
         held_s = self._flat.update(self.flat, now_ns)
@@ -62,9 +61,9 @@ class TyreReports:
         )
 
     def _is_flat(self, wheel: str) -> bool:
-        inside = self._builder.signal(f"{wheel}_Tire_Pressure")
+        inside = self._builder.value(f"tyre.{wheel}.pressure")
         over = inside - AIR_PA
-        return inside >= READS_PA and self._has_lost(f"{wheel}_Tire_Pressure", over)
+        return inside >= READS_PA and self._has_lost(f"tyre.{wheel}.pressure", over)
 
     def _has_lost(self, signal: str, over: float) -> bool:
         """Whether a pressure over the air outside, Pa, is less than half of what its signal had."""
@@ -75,9 +74,8 @@ class TyreReports:
         return over < LOST * had
 
     def _tread(self, wheel: str) -> list[float]:
-        heard = self._builder.heard(f"Tire_Temp_{wheel}_1")
-        return [self._builder.signal(f"{wheel}_Tire_Temp_{point:02d}") for point in POINTS] if heard else []
+        return [self._builder.value(name) for name in self._treads[wheel] if self._builder.known(name)]
 
     def _gauge(self, wheel: str) -> float | None:
-        heard = self._builder.heard(f"Tire_Pressure_{wheel}")
-        return self._builder.signal(f"{wheel}_Tire_Pressure_Gauge") if heard else None
+        name = f"tyre.{wheel}.gauge"
+        return self._builder.value(name) if self._builder.known(name) else None

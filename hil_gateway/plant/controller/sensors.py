@@ -6,13 +6,16 @@ import math
 
 import numpy as np
 
+from can_dbc.quantities import WHEELS
+from hil_gateway.car.car import Car as Platform
 from hil_gateway.config import OriginConfig
 from hil_gateway.plant.car import Car
 from hil_gateway.plant.physics.parameters import SensorParameters
 from hil_gateway.track.geodesy import LocalMap
 
 BLOCK = 4096
-WHEELS = tuple((f"wheel_speed_{wheel.upper()}", f"spin_{wheel}") for wheel in ("fl", "fr", "rl", "rr"))
+WHEEL_SPEEDS = tuple((f"wheel_speed_{wheel}", f"spin_{wheel}") for wheel in WHEELS)
+Values = dict[str, float]
 
 WANDER_M = 1.5
 """standard deviation of a receiver without corrections, assumed: satellites' clocks and orbits, ionosphere. The GPS
@@ -39,51 +42,69 @@ class Noise:
 
 
 class Sensors:
-    """Readings in SI, as signals of the DBC."""
+    """Readings in SI, as quantities of a platform: its sensors are where it declares them, and off by what is not."""
 
-    def __init__(self, car: Car, parameters: SensorParameters, origin: OriginConfig, seed: int) -> None:
+    def __init__(
+        self, car: Car, parameters: SensorParameters, platform: Platform, origin: OriginConfig, seed: int
+    ) -> None:
         self._car = car
         self._p = parameters
         self._map = LocalMap(origin)
         self._noise = Noise(seed)
-        self._cos, self._sin = math.cos(parameters.imu_yaw), math.sin(parameters.imu_yaw)
-        self.mylaps, self.marelli = (StandaloneReceiver(car, origin, self._noise) for _ in range(2))
+        self._imus = {
+            name: _Mounting(imu.x + parameters.imu_x, imu.y, imu.yaw + parameters.imu_yaw)
+            for name, imu in platform.imus.items()
+        }
+        self._first, *others = platform.receivers
+        self._standalone = {name: StandaloneReceiver(car, origin, self._noise) for name in others}
 
-    def imu(self) -> dict[str, float]:
-        """Specific force and rates where and how the IMU is mounted, m/s2 and rad/s.
+    def imu(self, name: str) -> Values:
+        """Specific force and rates where and how an IMU is mounted, m/s2 and rad/s.
 
         a_imu = a + yaw_acc x r - yaw_rate^2 r, turned by the mounting angle, plus bias.
         """
-        p, car, noise = self._p, self._car, self._noise
-        rate = car["yaw_rate"]
-        x = car.output("ax") - rate * rate * p.imu_x
-        y = car.output("ay") + car.output("yaw_acc") * p.imu_x
+        p, car, noise, at = self._p, self._car, self._noise, self._imus[name]
+        rate, gained = car["yaw_rate"], car.output("yaw_acc")
+        x = car.output("ax") - rate * rate * at.x - gained * at.y
+        y = car.output("ay") - rate * rate * at.y + gained * at.x
         return {
-            "imu_ax": self._cos * x + self._sin * y + p.imu_bias_x + p.acceleration_noise * noise(),
-            "imu_ay": self._cos * y - self._sin * x + p.imu_bias_y + p.acceleration_noise * noise(),
-            "imu_az": car.output("az") + p.acceleration_noise * noise(),
-            "imu_yaw_rate": rate + p.yaw_rate_noise * noise(),
-            "imu_roll_rate": p.yaw_rate_noise * noise(),
+            f"imu.{name}.ax": at.cos * x + at.sin * y + p.imu_bias_x + p.acceleration_noise * noise(),
+            f"imu.{name}.ay": at.cos * y - at.sin * x + p.imu_bias_y + p.acceleration_noise * noise(),
+            f"imu.{name}.az": car.output("az") + p.acceleration_noise * noise(),
+            f"imu.{name}.yaw_rate": rate + p.yaw_rate_noise * noise(),
+            f"imu.{name}.roll_rate": p.yaw_rate_noise * noise(),
+            f"imu.{name}.pitch_rate": 0.0,
         }
 
-    def wheel_speeds(self) -> dict[str, float]:
+    def wheel_speeds(self) -> Values:
         """Circumferential speeds, m/s; the sensor knows no direction."""
         car, draw = self._car, self._noise
         radius = car.parameters.car.wheel_radius * self._p.speed_scale
         noise = 0.0 if car.standing else self._p.speed_noise
-        return {signal: abs(car[spin] * radius + noise * draw()) for signal, spin in WHEELS}
+        return {signal: abs(car[spin] * radius + noise * draw()) for signal, spin in WHEEL_SPEEDS}
 
     def steering(self) -> float:
         """Road-wheel angle as the motor's sensor has it, rad."""
         return self._car["steer"] + self._p.steer_noise * self._noise()
 
-    def position(self) -> tuple[float, float]:
-        """Latitude and longitude, rad."""
+    def position(self, name: str) -> Values:
+        """Latitude and longitude of a receiver, rad; the first has corrections, the others have none."""
+        latitude, longitude = self._corrected() if name == self._first else self._standalone[name].position()
+        return {f"receiver.{name}.latitude": latitude, f"receiver.{name}.longitude": longitude}
+
+    def _corrected(self) -> tuple[float, float]:
         noise = self._p.position_noise
         latitude, longitude = self._map.to_geodetic(
             self._car["x"] + noise * self._noise(), self._car["y"] + noise * self._noise()
         )
         return math.radians(latitude), math.radians(longitude)
+
+
+class _Mounting:
+    """Place (m) and turn (rad) of an inertial sensor."""
+
+    def __init__(self, x: float, y: float, yaw: float) -> None:
+        self.x, self.y, self.cos, self.sin = x, y, math.cos(yaw), math.sin(yaw)
 
 
 class StandaloneReceiver:

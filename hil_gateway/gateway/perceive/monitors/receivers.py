@@ -1,6 +1,6 @@
 """Position fixes against the two receivers of race control, whose worth is learnt on the way.
 
-Transponders report positions of their own (`marelli_gps_*` and MyLaps): without corrections, late by a time that is
+Transponders report positions of their own: without corrections, late by a time that is
 learnt, with an offset in the map that wanders by metres in minutes. A Kalman filter follows offset and lateness of
 each (random walks; the readings are white beside them). How far their mean offset moves within some seconds is what
 they are worth; where it moves by much more than it used to, and that of both the same way, it is the fixes that drift:
@@ -16,6 +16,7 @@ from collections import deque
 
 import numpy as np
 
+from hil_gateway.car.car import Car, Receiver
 from hil_gateway.config import OriginConfig
 from hil_gateway.gateway.perceive.fixes import Fixes
 from hil_gateway.gateway.perceive.monitors.held import Held
@@ -24,25 +25,16 @@ from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.geodesy import LocalMap
 
-SIGNALS = {
-    "marelli_report_2": ("marelli_gps_lat", "marelli_gps_long"),
-    "mylaps_report_2": ("Latitude", "Longitude"),
-}
 LINE = 30
 """fixes: 1.5 s, as late as a receiver may be"""
 CHORD = 2
 """fixes to either side between which the line's direction and speed are taken"""
 AHEAD_S = 0.1
 """by which a reading may be newer than the newest fix: two periods of them"""
-STALE_S = 0.35
-"""without a reading for so long a receiver says nothing: three are lost"""
-READING_S = 0.1
-"""s between two readings"""
-READING_M = 0.13
-"""standard deviation of a reading beside the offset: what smoothing with the carrier leaves of noise and multipath"""
-WALKS = (0.09**2, 0.09**2, 1e-4**2)
-"""by which the variances of the offset (m2) and the lateness (s2) grow a second: 1.5 m of error with a time constant of
-ten minutes"""
+STALE = 3.5
+"""periods without a reading after which a receiver says nothing: three are lost"""
+LATE_WALK = 1e-4**2
+"""s2 by which the variance of the lateness grows a second"""
 FIRST_LATE_S = 0.2
 """lateness before anything is learnt"""
 FIRST_VARIANCES = (25.0, 25.0, 0.09)
@@ -62,9 +54,6 @@ LEARNT = 0.0025
 receivers"""
 DEVIATIONS = 6.5
 """of the movement's own: with 2e5 independent readings in 20 h one of 5,000 such drives exceeds it"""
-LEAST = 0.4
-"""m a root of a second of the window at least: as far as good receivers (0.1 m, 0.09 m a root of a second) move with
-`DEVIATIONS`, less a tenth"""
 UNSURE = 2.0
 """by which the deviation of a lateness counts more: before the first braking offset and lateness look alike, and its
 error lasts"""
@@ -114,8 +103,13 @@ class _Line:
 class _Receiver:
     """One of them: its offset in the map, m, and its lateness, s."""
 
-    def __init__(self, message: str, local_map: LocalMap) -> None:
-        self._message, self._map = message, local_map
+    def __init__(self, name: str, declared: Receiver, period_s: float, local_map: LocalMap) -> None:
+        """`period_s` between two readings."""
+        self._source, self._map = f"receiver.{name}", local_map
+        self._latitude, self._longitude = (f"{self._source}.{name}" for name in ("latitude", "longitude"))
+        self._stale_s, self._noise = STALE * period_s, declared.noise
+        self.walk = 2.0 * declared.wander**2 / declared.wander_time
+        """m2 by which the variance of the offset grows a second: that of its Gauss-Markov process"""
         self._stamp_ns: int | None = None
         self._read = (0.0, 0.0)
         self._begin()
@@ -139,8 +133,8 @@ class _Receiver:
 
     def step(self, now_ns: int, builder: VehicleStateBuilder, line: _Line) -> None:
         """Takes in a new reading, if there is one."""
-        age_s = builder.age_s(self._message, now_ns)
-        if age_s > STALE_S:
+        age_s = builder.age_s(self._source, now_ns)
+        if age_s > self._stale_s:
             self.proven = 0
             return
         stamp_ns = now_ns - round(NS_PER_S * age_s)
@@ -148,7 +142,7 @@ class _Receiver:
             return
         since_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) / NS_PER_S
         self._stamp_ns = stamp_ns
-        read = self._map.to_map_radians(*(builder.signal(name) for name in SIGNALS[self._message]))
+        read = self._map.to_map_radians(builder.value(self._latitude), builder.value(self._longitude))
         if read == self._read:
             self.proven = 0
             return
@@ -160,13 +154,13 @@ class _Receiver:
     def _compare(self, read: tuple[float, float], there: tuple[float, float, float, float], since_s: float) -> None:
         """One step of the filter: a reading is where the fixes were `lateness` before, and `offset` beside it."""
         x, y, east, north = there
-        self._covariance = self._covariance + since_s * np.diag(WALKS)
+        self._covariance = self._covariance + since_s * np.diag((self.walk, self.walk, LATE_WALK))
         differs = np.array([read[0] - x - self._state[0], read[1] - y - self._state[1]])
         if math.hypot(*differs) > FAR_M and self._covariance[0, 0] < SETTLED_M**2:
             self._begin()
             return
         by = np.array([[1.0, 0.0, -east], [0.0, 1.0, -north]])
-        gain = np.linalg.solve(by @ self._covariance @ by.T + READING_M**2 * np.eye(2), by @ self._covariance).T
+        gain = np.linalg.solve(by @ self._covariance @ by.T + self._noise**2 * np.eye(2), by @ self._covariance).T
         self._state = self._state + gain @ differs
         self._state[2] = min(max(self._state[2], 0.0), LATEST_S)
         self._covariance = self._covariance - gain @ by @ self._covariance
@@ -180,8 +174,9 @@ Move = tuple[float, float]
 class _Window:
     """How far the mean offset moves within one window, against how far it usually does."""
 
-    def __init__(self, window_s: float) -> None:
-        self._least = LEAST * math.sqrt(window_s)
+    def __init__(self, window_s: float, walk: float) -> None:
+        """`walk`: m2 that the variance of the mean offset grows a second, as declared: it counts at least."""
+        self._least = DEVIATIONS * math.sqrt(walk * window_s)
         self._squares = [0.0, 0.0]
         """mean squares along and across the way, m2"""
 
@@ -202,15 +197,19 @@ class _Window:
 
 
 class OtherReceivers:
-    """Whether the offsets of both have moved the same way by more than they do."""
+    """Whether the offsets of both have moved the same way by more than they do; never where the car has fewer."""
 
-    def __init__(self, origin: OriginConfig) -> None:
-        local_map = LocalMap(origin)
-        self._receivers = [_Receiver(message, local_map) for message in SIGNALS]
+    def __init__(self, car: Car, origin: OriginConfig) -> None:
+        local_map, signals = LocalMap(origin), car.codec.signals
+        periods = {name: signals.reports[f"receiver.{name}.latitude"].message.period_s for name in car.receivers}
+        _, *others = car.receivers
+        self._receivers = [_Receiver(n, car.receivers[n], periods[n], local_map) for n in others[:2]]
+        self._reading_s = max((periods[name] for name in others[:2]), default=1.0)
         self._line = _Line()
-        self._kept: deque[tuple[Move, Move, Move]] = deque(maxlen=1 + round(max(WINDOWS_S) / READING_S))
+        self._kept: deque[tuple[Move, Move, Move]] = deque(maxlen=1 + round(max(WINDOWS_S) / self._reading_s))
         """offsets of both at the last readings, and velocity of the fixes"""
-        self._windows = {round(window_s / READING_S): _Window(window_s) for window_s in WINDOWS_S}
+        walk = sum(receiver.walk for receiver in self._receivers) / 4.0
+        self._windows = {round(window_s / self._reading_s): _Window(window_s, walk) for window_s in WINDOWS_S}
         self._next_ns = 0
         self._held = Held()
         self.share = 0.0
@@ -220,11 +219,13 @@ class OtherReceivers:
 
     def step(self, now_ns: int, builder: VehicleStateBuilder, learns: bool = True) -> float:
         """Seconds they have; once a period. They learn nothing from fixes that are not believed."""
+        if len(self._receivers) < 2:
+            return 0.0
         self._line.take(builder.fixes)
         for receiver in self._receivers:
             receiver.step(now_ns, builder, self._line)
         if now_ns >= self._next_ns:
-            self._next_ns = now_ns + round(READING_S * NS_PER_S)
+            self._next_ns = now_ns + round(self._reading_s * NS_PER_S)
             self._judge(learns)
         return self._held.update(self.share > 1.0, now_ns)
 

@@ -14,10 +14,10 @@ from hil_gateway.gateway.check.finding import Verdict
 @pytest.mark.parametrize(
     ("change", "name", "words"),
     [
-        (edit("imu_3", imu_az=-GRAVITY), "gravity", "up is along -z"),
-        (edit("imu_3", imu_az=0.5 * GRAVITY), "gravity", "0.50 g in all"),
-        (edit("imu_3", imu_az=GRAVITY), "imu_az", "in all 200 frames"),
-        (edit("imu_1", imu_yaw_rate=0.1), "imu_yaw_rate", "+5.73 deg/s"),
+        (edit("imu_3", imu_az=-GRAVITY), "gravity, imu.main", "up is along -z"),
+        (edit("imu_3", imu_az=0.5 * GRAVITY), "gravity, imu.main", "0.50 g in all"),
+        (edit("imu_3", imu_az=GRAVITY), "imu.main.az", "in all 200 frames"),
+        (edit("imu_1", imu_yaw_rate=0.1), "imu.main.yaw_rate", "+5.73 deg/s"),
         (edit("steering_report_extd", average_steering_ang_fdbk=1.0), "steering centre", "+57.5 deg"),
         (edit("steering_report_extd", secondary_steering_ang_fdbk=0.2), "steering sensors", "apart"),
         (edit("misc_report", battery_voltage=3.0), "battery_voltage", "3 to 3 V, possible are 9 to 16"),

@@ -4,32 +4,35 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
-from can_dbc.codec import load_codec
 from hil_gateway.car.actuation import Actuators
-from hil_gateway.gateway.act.limits import Limits, RawCommand, SignalLimit, _signal_limit
+from hil_gateway.car.car import load_car
+from hil_gateway.gateway.act.limits import FREE, Limits, RawCommand, SignalLimit, _signal_limit
 from hil_gateway.gateway.settings import LimitConfig
+from hil_gateway.process.errors import InputError
 
-LIMITS = Limits(load_codec(), LimitConfig())
+CAR = load_car()
+LIMITS = Limits(CAR, LimitConfig().within(CAR))
 REST = Actuators(0.0, 0.0, 0.0, 0.0, 1)
 STILL = RawCommand(0, 0, 0, 0, 1)
 STEERING = math.radians(0.5)
 
 
 def test_bounds_and_rates_are_the_declared_ones_in_raw_steps():
-    bounds = {name: (limit.low, limit.high, limit.rise, limit.fall) for name, limit in LIMITS.signals.items()}
+    bounds = {name: (limit.low, limit.high, limit.up, limit.down) for name, limit in LIMITS.signals.items()}
     assert bounds == {
-        "steering_motor_ang_cmd": (-479, 479, 10, 10),  # 239.8 deg lies between two steps of 0.5
-        "acc_pedal_cmd": (0, 10_000, 400, 65_536),
-        "F_brake_pressure_cmd": (0, 6000, 1800, 600),
-        "R_brake_pressure_cmd": (0, 6000, 1800, 600),
-        "desired_gear": (0, 6, 1, 1),
+        "steering_motor": (-479, 479, 10, 10),  # 239.8 deg lies between two steps of 0.5
+        "accelerator": (0, 10_000, 400, FREE),
+        "brake_front": (0, 6000, 1800, 600),
+        "brake_rear": (0, 6000, 1800, 600),
+        "gear": (0, 6, 1, 1),
     }
-    assert LIMITS.signals["steering_motor_ang_cmd"].scale == pytest.approx(STEERING)
-    assert LIMITS.signals["acc_pedal_cmd"].scale == pytest.approx(1e-4)
-    assert LIMITS.signals["F_brake_pressure_cmd"].scale == pytest.approx(1e3)
+    assert LIMITS.signals["steering_motor"].scale == pytest.approx(STEERING)
+    assert LIMITS.signals["accelerator"].scale == pytest.approx(1e-4)
+    assert LIMITS.signals["brake_front"].scale == pytest.approx(1e3)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +46,7 @@ def test_bounds_and_rates_are_the_declared_ones_in_raw_steps():
 )  # fmt: skip
 def test_a_signal_goes_as_far_as_it_may(wanted, previous, raw):
     """Bounds -20..20, up 5 and down 7 a frame; a previous value outside is led back no faster than that."""
-    limit = SignalLimit("x", 1.0, -20, 20, 5, 7)
+    limit = SignalLimit("x", 1.0, 0.0, -20, 20, 5, 7)
     if abs(previous) <= 20:
         assert limit.apply(wanted, previous) == raw
     else:
@@ -51,7 +54,7 @@ def test_a_signal_goes_as_far_as_it_may(wanted, previous, raw):
 
 
 def test_the_scale_is_applied_once():
-    assert SignalLimit("x", 0.25, -100, 100, 100, 100).apply(5.0, 0) == 20
+    assert SignalLimit("x", 0.25, 0.0, -100, 100, 100, 100).apply(5.0, 0) == 20
 
 
 def test_what_is_admissible_is_not_called_limited():
@@ -63,15 +66,15 @@ def test_what_is_admissible_is_not_called_limited():
 @pytest.mark.parametrize(
     ("wanted", "name", "expected"),
     [
-        (replace(REST, steering_motor=11 * STEERING), "steering_motor_ang_cmd", {"steering_motor": 10}),
-        (replace(REST, steering_motor=-11 * STEERING), "steering_motor_ang_cmd", {"steering_motor": -10}),
-        (replace(REST, accelerator=0.0402), "acc_pedal_cmd", {"accelerator": 400}),
-        (replace(REST, accelerator=-0.5), "acc_pedal_cmd", {}),
-        (replace(REST, brake_front=1.802e6), "F_brake_pressure_cmd", {"brake_front": 1800}),
-        (replace(REST, brake_rear=1.802e6), "R_brake_pressure_cmd", {"brake_rear": 1800}),
-        (replace(REST, gear=3), "desired_gear", {"gear": 2}),
-        (replace(REST, steering_motor=math.nan), "steering_motor_ang_cmd", {}),
-        (replace(REST, accelerator=math.nan), "acc_pedal_cmd", {}),
+        (replace(REST, steering_motor=11 * STEERING), "steering_motor", {"steering_motor": 10}),
+        (replace(REST, steering_motor=-11 * STEERING), "steering_motor", {"steering_motor": -10}),
+        (replace(REST, accelerator=0.0402), "accelerator", {"accelerator": 400}),
+        (replace(REST, accelerator=-0.5), "accelerator", {}),
+        (replace(REST, brake_front=1.802e6), "brake_front", {"brake_front": 1800}),
+        (replace(REST, brake_rear=1.802e6), "brake_rear", {"brake_rear": 1800}),
+        (replace(REST, gear=3), "gear", {"gear": 2}),
+        (replace(REST, steering_motor=math.nan), "steering_motor", {}),
+        (replace(REST, accelerator=math.nan), "accelerator", {}),
     ],
 )
 def test_each_limit_is_named_when_it_acts(wanted, name, expected):
@@ -83,14 +86,14 @@ def test_each_limit_is_named_when_it_acts(wanted, name, expected):
 def test_half_a_step_is_rounding_and_a_whole_one_is_a_limit():
     _, rounded = LIMITS.apply(replace(REST, brake_front=1_800_499.0), STILL)
     _, limited = LIMITS.apply(replace(REST, brake_front=1_801_000.0), STILL)
-    assert (rounded, limited) == ((), ("F_brake_pressure_cmd",))
+    assert (rounded, limited) == ((), ("brake_front",))
 
 
 @pytest.mark.parametrize(("front", "rear", "pedal"), [(50, 0, 100), (51, 0, 0), (0, 50, 100), (0, 51, 0), (51, 51, 0)])
 def test_the_accelerator_is_closed_while_the_brakes_bite(front, rear, pedal):
     command, changed = LIMITS.apply(Actuators(0.0, 0.01, front * 1e3, rear * 1e3, 1), STILL)
     assert command.accelerator == pedal
-    assert ("acc_pedal_cmd" in changed) == (pedal == 0)
+    assert ("accelerator" in changed) == (pedal == 0)
 
 
 def test_brakes_still_falling_keep_the_accelerator_closed():
@@ -118,21 +121,46 @@ def test_raw_and_si_agree():
     assert sent == Actuators(pytest.approx(-math.radians(10)), pytest.approx(0.5), 1e6, 9e5, 4)
 
 
-def test_a_signal_without_limits_is_a_mistake_of_ours():
-    signal = load_codec().messages["steering_cmd"].signal["driver_steering_P_cmd"]
-    with pytest.raises(ValueError, match=r"driver_steering_P_cmd: no limits in av24\.toml"):
-        _signal_limit(signal, 1, 1)
-
-
 def test_limits_wider_than_the_field_stop_at_the_field():
-    signal = load_codec().messages["steering_cmd"].signal["steering_motor_ang_cmd"]
-    wide = _signal_limit(replace(signal, limits=(-9e9, 9e9)), 1, 1)
+    place = CAR.codec.signals.commands["steering_motor"]
+    wide = _signal_limit("x", place, (-9e9, 9e9), (1.0, 1.0))
     assert (wide.low, wide.high) == (-1024, 1023)
-    exact = _signal_limit(replace(signal, limits=(-2.0, 2.0)), 1, 1)
+    exact = _signal_limit("x", place, (math.radians(-2.0), math.radians(2.0)), (1.0, 1.0))
     assert (exact.low, exact.high) == (-4, 4)
 
 
 @pytest.mark.parametrize(("rate", "steps"), [(500.0, 10), (499.9, 9), (200.0, 4)])
 def test_rates_are_rounded_down_to_whole_steps(rate, steps):
-    limit = Limits(load_codec(), LimitConfig(steering_rate=rate)).signals["steering_motor_ang_cmd"]
-    assert (limit.rise, limit.fall) == (steps, steps)
+    limit = Limits(CAR, LimitConfig(steering_rate=rate).within(CAR)).signals["steering_motor"]
+    assert (limit.up, limit.down) == (steps, steps)
+
+
+def test_a_signal_that_counts_the_other_way_rises_as_it_should_fall():
+    """2000 - raw kPa: pressing hard counts down, letting go counts up."""
+    place = CAR.codec.signals.commands["brake_front"]
+    turned = replace(place, factor=-1e3, offset=2e6)
+    limit = _signal_limit("x", turned, (0.0, 1e6), (180e6, 60e6))
+    assert (limit.low, limit.high, limit.up, limit.down) == (1000, 2000, 600, 1800)
+    assert limit.apply(0.0, 1000) == 1600, "let go by 600 kPa"
+    assert limit.apply(1e6, 2000) == 1000, "pressed by 1000 kPa"
+    assert limit.value(1000) == pytest.approx(1e6)
+
+
+def test_a_field_too_coarse_for_its_rate_is_refused():
+    place = CAR.codec.signals.commands["brake_front"]
+    with pytest.raises(InputError, match=r"brake_pressure_cmd\.F_brake_pressure_cmd: steps of 1e\+06"):
+        _signal_limit("brake_front", replace(place, factor=1e6), (0.0, 6e6), (10e6, 10e6))
+
+
+def test_where_the_rear_brakes_follow_the_front_ones_the_force_is_the_same():
+    """A car with one command for both circuits: 54 % of the pressure is in front."""
+    signals = CAR.codec.signals
+    one = SimpleNamespace(commands={n: p for n, p in signals.commands.items() if n != "brake_rear"})
+    car = SimpleNamespace(
+        powertrain=CAR.powertrain, actuators=CAR.actuators, vehicle=CAR.vehicle, codec=SimpleNamespace(signals=one)
+    )
+    limits = Limits(car, LimitConfig().within(CAR))
+    command, changed = limits.apply(replace(REST, brake_front=0.3e6, brake_rear=0.7e6), STILL)
+    sent = limits.to_actuators(command)
+    assert (command.brake_front, command.brake_rear, changed) == (540, 0, ())
+    assert sent.brake_front + sent.brake_rear == pytest.approx(1.0e6)

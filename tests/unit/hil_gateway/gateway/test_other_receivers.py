@@ -10,14 +10,14 @@ import pytest
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.fixes import Fixes
 from hil_gateway.gateway.perceive.monitors.position import OUTVOTED_S
-from hil_gateway.gateway.perceive.monitors.receivers import SIGNALS, OtherReceivers
+from hil_gateway.gateway.perceive.monitors.receivers import OtherReceivers
 from hil_gateway.plant.controller.sensors import Noise, StandaloneReceiver
 from hil_gateway.process.clock import NS_PER_S
 
-ORIGIN = Config().origin
+CAR, ORIGIN = Config().car, Config().origin
 FAST, TIGHT = (60.0, 300.0), (15.0, 25.0)
 """m/s, and m of radius"""
-BOTH = tuple(SIGNALS)
+BOTH = ("marelli", "mylaps")
 FIX_NS = NS_PER_S // 20
 
 
@@ -29,11 +29,15 @@ class Reports:
     values: dict[str, float] = field(default_factory=dict)
     stamps: dict[str, int] = field(default_factory=dict)
 
-    def signal(self, name: str) -> float:
-        return self.values[name]
+    def value(self, quantity: str) -> float:
+        return self.values[quantity]
 
-    def age_s(self, message: str, now_ns: int) -> float:
-        return (now_ns - self.stamps[message]) / NS_PER_S if message in self.stamps else math.inf
+    def read(self, receiver: str, position: tuple[float, float]) -> None:
+        self.values |= zip((f"receiver.{receiver}.{n}" for n in ("latitude", "longitude")), position, strict=True)
+
+    def age_s(self, source: str, now_ns: int) -> float:
+        name = source.removeprefix("receiver.")
+        return (now_ns - self.stamps[name]) / NS_PER_S if name in self.stamps else math.inf
 
 
 def noticed_s(
@@ -70,8 +74,8 @@ def drive(
     at_speed, radius = bend
     found_s: float | None = None
     noise, place = Noise(seed), {"x": radius, "y": 0.0}
-    receivers = {message: StandaloneReceiver(place, ORIGIN, noise) for message in heard}
-    reports, others, way = Reports(), OtherReceivers(ORIGIN), 0.0
+    receivers = {name: StandaloneReceiver(place, ORIGIN, noise) for name in heard}
+    reports, others, way = Reports(), OtherReceivers(CAR, ORIGIN), 0.0
     for tick in range(round(20 * seconds)):
         now_ns, speed = tick * FIX_NS, 0.0 if tick < 100 else at_speed
         way += 0.05 * speed / radius
@@ -81,10 +85,10 @@ def drive(
         off, on = drift * since_s + 0.02 * noise(), along * since_s + 0.02 * noise()
         east, north = off * cos - on * sin, off * sin + on * cos
         reports.fixes.take(place["x"] + east, place["y"] + north, now_ns)
-        for message in heard if tick % 2 == 0 else ():
+        for name in heard if tick % 2 == 0 else ():
             if 0.05 * tick < lost_s:
-                reports.values |= zip(SIGNALS[message], receivers[message].position(), strict=True)
-            reports.stamps[message] = now_ns
+                reports.read(name, receivers[name].position())
+            reports.stamps[name] = now_ns
         for _ in range(5):  # at 100 Hz
             held_s = others.step(now_ns, reports, learns=found_s is None)
             now_ns += FIX_NS // 5
@@ -129,16 +133,16 @@ def test_after_a_drift_the_receivers_tell_where_the_fixes_lead(seed: int) -> Non
 def first_braking(seed: int) -> float:
     """Largest share of the bound on a straight: 14 s of acceleration to 67 m/s, and 5 s of braking."""
     noise, place = Noise(seed), {"x": 0.0, "y": 0.0}
-    receivers = {message: StandaloneReceiver(place, ORIGIN, noise) for message in BOTH}
-    reports, others, speed, largest = Reports(), OtherReceivers(ORIGIN), 0.0, 0.0
+    receivers = {name: StandaloneReceiver(place, ORIGIN, noise) for name in BOTH}
+    reports, others, speed, largest = Reports(), OtherReceivers(CAR, ORIGIN), 0.0, 0.0
     for tick in range(20 * 22):
         now_ns, t = tick * FIX_NS, 0.05 * tick
         speed = max(speed + 0.05 * (0.0 if t < 3.0 else 4.8 if t < 17.0 else -10.0), 0.0)
         place["x"] += 0.05 * speed
         reports.fixes.take(place["x"] + 0.02 * noise(), 0.02 * noise(), now_ns)
-        for message in BOTH if tick % 2 == 0 else ():
-            reports.values |= zip(SIGNALS[message], receivers[message].position(), strict=True)
-            reports.stamps[message] = now_ns
+        for name in BOTH if tick % 2 == 0 else ():
+            reports.read(name, receivers[name].position())
+            reports.stamps[name] = now_ns
         others.step(now_ns, reports)
         largest = max(largest, others.share)
     return largest

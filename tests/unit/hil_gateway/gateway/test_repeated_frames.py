@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from can_dbc.codec import Codec, load_codec
+from collections import Counter
+from functools import partial
+
+from can_dbc.codec import Decoder, Fault, Values, load_codec
 from hil_gateway.can_link import Frame
 from hil_gateway.car.actuation import Actuation
 from hil_gateway.config import Config
@@ -13,31 +16,33 @@ GOOD = bytes.fromhex("c08ac105fac212c8")  # pt_report_1: 6123 rpm in gear 4
 BAD = bytes.fromhex("c08affffffffffff")
 
 
-class Counting(Codec):
-    """Counts how often a frame is decoded."""
+class Decoded(Counter[int]):
+    """Counts how often the frames of an identifier are decoded."""
 
-    decoded = 0
+    def watch(self, build: VehicleStateBuilder) -> None:
+        for number, entry in build._received.items():
+            entry.decode = partial(self._decode, number, entry.decode)
 
-    def decode(self, frame_id, data):
-        self.decoded += 1
-        return super().decode(frame_id, data)
+    def _decode(self, number: int, decode: Decoder, data: bytes) -> Values | Fault:
+        self[number] += 1
+        return decode(data)
 
 
-def builder() -> tuple[VehicleStateBuilder, Counting]:
-    config = Config()
-    codec = Counting.__new__(Counting)
-    codec.__dict__.update(load_codec().__dict__)
-    return VehicleStateBuilder(config, codec, Actuation(config.vehicle, config.powertrain)), codec
+def builder() -> tuple[VehicleStateBuilder, Decoded]:
+    config, decoded = Config(), Decoded()
+    build = VehicleStateBuilder(config, Actuation(config.vehicle, config.powertrain))
+    decoded.watch(build)
+    return build, decoded
 
 
 def test_a_repeated_frame_keeps_its_message_alive_without_being_decoded() -> None:
-    build, codec = builder()
+    build, decoded = builder()
     for k in range(100):
         build.take([Frame(0x53C, GOOD, k * 10 * MS)], k * 10 * MS)
-    assert (build.counts.received, codec.decoded) == (100, 1)
-    assert build.age_s("pt_report_1", 99 * 10 * MS) == build.silence_s(99 * 10 * MS) == 0.0
+    assert (build.counts.received, decoded.total()) == (100, 1)
+    assert build.age_s("powertrain", 99 * 10 * MS) == build.silence_s(99 * 10 * MS) == 0.0
     assert build.build(99 * 10 * MS, 1, 0, 0).sources["powertrain"].valid
-    assert build.signal("current_gear") == 4
+    assert build.value("gear") == 4
 
 
 def test_a_repeated_implausible_frame_is_counted_every_time_and_stays_invalid() -> None:
@@ -51,9 +56,9 @@ def test_a_repeated_implausible_frame_is_counted_every_time_and_stays_invalid() 
 
 
 def test_counters_fixes_and_imu_samples_are_always_decoded() -> None:
-    build, codec = builder()
+    build, decoded = builder()
     for name in ("accelerator_report", "novatel_report", "imu_1"):
-        layout, before = codec.messages[name], codec.decoded
+        layout = load_codec().messages[name]
         for k in range(5):
             build.take([Frame(layout.id, bytes(layout.dlc), k * MS)], k * MS)
-        assert codec.decoded - before == 5, name
+        assert decoded[layout.id] == 5, name
