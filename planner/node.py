@@ -21,7 +21,7 @@ from planner.line.joining import Joining
 from planner.line.telling import LineTeller
 from planner.plan.checks import PlanCheck
 from planner.plan.fallback import STANDSTILL, Stopping, Trajectory, shifted, stop_plan
-from planner.plan.from_rest import WALKING, Following, Unmoved, is_off, moves_off
+from planner.plan.from_rest import STILL, WALKING, Following, Unmoved, is_off, moves_off
 from planner.plan.prediction import Actuators, Car, Moment, Sent, credible, predict
 from planner.plan.publishing import Decision, Publisher, Stamps, within
 from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, store_limits
@@ -68,9 +68,8 @@ class Planner:
         self._guess_start_ns: int | None = None
         self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
         self._check = PlanCheck(self.settings)
-        controller, limits = self.adoption.controller, self.settings.limits
-        room = controller.clearance + limits.edge_zone
-        self._following = Following(Joining(config.vehicle.wheelbase, limits, room))
+        clearance = self.adoption.controller.clearance
+        self._following = Following(Joining(self._track, config.vehicle.wheelbase, self.settings.limits, clearance))
         self._unmoved = Unmoved()
         self._newest_applied: Applied | None = None
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
@@ -174,9 +173,10 @@ class Planner:
             self._following.give_up()
         reference = self._following.reference(base, last)
         s = reference.project(x, y, last) if near else reference.find(x, y, last)
-        going = near and self._guess_start_ns is not None and speed > STANDSTILL
+        going = near and self._guess_start_ns is not None and speed > STILL
         if speed < WALKING and not going and is_off(reference, s, (x, y, yaw)):
-            self._following.begin(base, (x, y, yaw), then.steer)
+            # a standing car turns its wheels before it moves
+            self._following.begin(base, (x, y, yaw), then.steer if speed > STILL else 0.0)
             reference = self._following.reference(base, s)
             self._guess_start_ns = None  # a guess beside another path is none
         self.adoption.controller.reference = reference
@@ -205,9 +205,11 @@ class Planner:
     def _or_not_moving(self, decision: Decision, now_ns: int) -> Decision:
         """The decision, or the same with why a standing car goes on standing."""
         speed = float(decision.plan.z[VX, 0])
-        reason = self._unmoved.update(now_ns, self._newest_applied, speed)
         if speed < STANDSTILL and not moves_off(decision.plan.z, self.settings.dt):
+            self._unmoved.forget()
             reason = decision.reason or "the solver finds no way to drive off"
+        else:
+            reason = self._unmoved.update(now_ns, self._newest_applied, speed)
         return replace(decision, status=PlanStatus.NOT_MOVING, reason=reason) if reason else decision
 
     def _solve(self, z0: Array, start_ns: int, started: int) -> Decision | str:

@@ -1,7 +1,8 @@
 """Tracks from CSV files in the convention of the TUM race-track database.
 
 Header `x_m,y_m,w_tr_right_m,w_tr_left_m` (a leading `#` is allowed), optionally `z_m` and `bank_rad`, in any
-order; one row a point, in driving order, the last not repeating the first.
+order; one row a point, in driving order, the last not repeating the first. A pit lane is the same, not closed, in
+`NAME.pit.csv` beside `NAME.csv`, from where it leaves the road to where it is back.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.text_file import read_text
+from hil_gateway.track.pit_lane import LaneSurvey
 from hil_gateway.track.smoothing import Survey
 
 REQUIRED = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
@@ -42,20 +44,10 @@ def read_csv(path: Path) -> Survey:
     Raises:
         InputError: with file, row (line number), column, value and remedy.
     """
-    lines = read_text(path, BYTES_MAX, "track").splitlines()
-    names = [name.strip() for name in lines[0].lstrip("# ").split(",")] if lines else []
-    if twice := next((name for name in LIMITS if names.count(name) > 1), ""):
-        raise InputError(f"{path}:1: column {twice} is there twice; leave one")
-    missing = [name for name in REQUIRED if name not in names]
-    if missing:
-        raise InputError(f"{path}:1: column {missing[0]} is missing; the header must name {','.join(REQUIRED)}")
-    rows = [(i, line) for i, line in enumerate(lines[1:], start=2) if line.strip() and not line.startswith("#")]
-    table = np.array([_row(path, number, line, names) for number, line in rows]).reshape(len(rows), len(names))
-    columns = {name: table[:, names.index(name)] for name in (*REQUIRED, *OPTIONAL) if name in names}
-    numbers = [number for number, _ in rows]
+    columns, numbers = _columns(path)
     keep = _distinct(columns["x_m"], columns["y_m"])
     _check_line(path, numbers, columns["x_m"], columns["y_m"], keep)
-    flat = np.zeros(len(rows))
+    flat = np.zeros(len(numbers))
     _check_height(path, numbers, columns, columns.get("z_m", flat))
     return Survey(
         source=str(path),
@@ -66,7 +58,33 @@ def read_csv(path: Path) -> Survey:
         width_right=columns["w_tr_right_m"][keep],
         z=columns.get("z_m", flat)[keep],
         bank=columns.get("bank_rad", flat)[keep],
+        pit_lane=_read_lane(lane) if (lane := lane_file(path)).is_file() else None,
     )
+
+
+def lane_file(path: Path) -> Path:
+    """Where the pit lane of a track file is, if it has one."""
+    return path.with_suffix(".pit.csv")
+
+
+def _read_lane(path: Path) -> LaneSurvey:
+    columns, _ = _columns(path)
+    return LaneSurvey(str(path), *(columns[name] for name in ("x_m", "y_m", "w_tr_left_m", "w_tr_right_m")))
+
+
+def _columns(path: Path) -> tuple[dict[str, Array], list[int]]:
+    """Columns by name, and the line number of every row."""
+    lines = read_text(path, BYTES_MAX, "track").splitlines()
+    names = [name.strip() for name in lines[0].lstrip("# ").split(",")] if lines else []
+    if twice := next((name for name in LIMITS if names.count(name) > 1), ""):
+        raise InputError(f"{path}:1: column {twice} is there twice; leave one")
+    missing = [name for name in REQUIRED if name not in names]
+    if missing:
+        raise InputError(f"{path}:1: column {missing[0]} is missing; the header must name {','.join(REQUIRED)}")
+    rows = [(i, line) for i, line in enumerate(lines[1:], start=2) if line.strip() and not line.startswith("#")]
+    table = np.array([_row(path, number, line, names) for number, line in rows]).reshape(len(rows), len(names))
+    columns = {name: table[:, names.index(name)] for name in (*REQUIRED, *OPTIONAL) if name in names}
+    return columns, [number for number, _ in rows]
 
 
 def _row(path: Path, number: int, line: str, names: list[str]) -> list[float]:

@@ -20,6 +20,10 @@ width = 14.0                 # this segment only; optional, right and left: [7.0
 [[elevation]]                # height at arc length, joined smoothly
 s = 0.0
 z = 0.0
+
+[pit_lane]                   # optional: offset of its middle at arc length, m, positive left, joined smoothly
+width = 8.0
+points = [[-240.0, 4.0], [-150.0, 14.0], [150.0, 14.0], [240.0, 4.0]]
 ```
 
 A corner is a spiral (clothoid), an arc and a spiral: its curvature is a trapezium over arc length. Headings must
@@ -40,9 +44,11 @@ from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
 from hil_gateway.text_file import read_toml
+from hil_gateway.track.pit_lane import LaneSurvey
 from hil_gateway.track.smoothing import Survey
 
 STEP_M = 1.0
+LANE_STEP_M = 5.0
 STRETCH_MAX = 0.35
 Sides = float | tuple[float, float]
 
@@ -66,6 +72,13 @@ class Height(Model):
     z: float
 
 
+class Lane(Model):
+    """Pit lane."""
+
+    width: float = Field(ge=3, le=30, description="m")
+    points: tuple[tuple[float, float], ...] = Field(min_length=2, description="arc length and offset to the left, m")
+
+
 class Layout(Model):
     """The whole description."""
 
@@ -76,6 +89,7 @@ class Layout(Model):
     width: Sides = 12.0
     segment: tuple[Segment, ...] = Field(min_length=2)
     elevation: tuple[Height, ...] = ()
+    pit_lane: Lane | None = None
 
 
 def read_layout(path: Path) -> Survey:
@@ -128,7 +142,28 @@ def _lay_out(path: Path, layout: Layout) -> Survey:
     ds = sum(lengths) / len(curvature)
     x, y = _integrate(curvature, ds, math.radians(layout.heading_deg))
     s = np.linspace(0.0, sum(lengths), len(x), endpoint=False)
-    return Survey(str(path), layout.name, x, y, left, right, _heights(layout, s, sum(lengths)), bank)
+    lane = None if layout.pit_lane is None else _lane(path, layout.pit_lane, x, y)
+    return Survey(str(path), layout.name, x, y, left, right, _heights(layout, s, sum(lengths)), bank, lane)
+
+
+def _lane(path: Path, lane: Lane, x: Array, y: Array) -> LaneSurvey:
+    """Points of the pit lane beside the closed line x, y of points about `STEP_M` apart.
+
+    Raises:
+        InputError: its points are not in driving order.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    at, offset = np.array(lane.points).T
+    if not (np.diff(at) > 0.0).all():
+        raise InputError(f"{path}: pit_lane.points are not in driving order; arc length before the line is negative")
+    steps = np.hypot(*(np.roll(v, -1) - v for v in (x, y)))
+    wanted = np.arange(at[0], at[-1], LANE_STEP_M)
+    i = (np.searchsorted(np.cumsum(steps), wanted % steps.sum())) % len(x)
+    left = np.array([np.roll(y, 1)[i] - np.roll(y, -1)[i], np.roll(x, -1)[i] - np.roll(x, 1)[i]])
+    aside = PchipInterpolator(at, offset)(wanted) / np.hypot(*left)
+    half = np.full(len(wanted), 0.5 * lane.width)
+    return LaneSurvey(str(path), x[i] + aside * left[0], y[i] + aside * left[1], half, half)
 
 
 def _arc_length(segment: Segment) -> float:

@@ -9,7 +9,7 @@ from pathlib import Path
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.shipped import did_you_mean, shipped
 from hil_gateway.track.course import check_course
-from hil_gateway.track.csv_file import read_csv
+from hil_gateway.track.csv_file import lane_file, read_csv
 from hil_gateway.track.layout import read_layout
 from hil_gateway.track.smoothing import Survey, smooth
 from hil_gateway.track.track import Track
@@ -40,15 +40,22 @@ def load_track(path: str | Path | None = None) -> Track:
     if reader is None:
         raise InputError(f"{file}: a track is a .csv (x_m,y_m,w_tr_right_m,w_tr_left_m) or a .toml description")
     try:
-        changed = file.stat()
+        changed = tuple((part.stat().st_mtime_ns, part.stat().st_size) for part in _parts(file))
     except OSError as error:
         raise InputError(f"{file}: cannot read: {error.strerror}") from None
-    return _read(file, Path.cwd(), reader, changed.st_mtime_ns, changed.st_size)
+    return _read(file, Path.cwd(), reader, changed)
+
+
+def _parts(file: Path) -> tuple[Path, ...]:
+    """The files a track is in."""
+    return (file, lane) if (lane := lane_file(file)).is_file() else (file,)
 
 
 @lru_cache(maxsize=KEPT)
-def _read(file: Path, _folder: Path, reader: Callable[[Path], Survey], _changed_ns: int, _size: int) -> Track:
-    """A quarter of a second of work, once for a file that has not changed: a `Track` is never written to.
+def _read(
+    file: Path, _folder: Path, reader: Callable[[Path], Survey], _changed: tuple[tuple[int, int], ...]
+) -> Track:  # fmt: skip
+    """A quarter of a second of work, once for files that have not changed: a `Track` is never written to.
 
     A relative `file` is another one in another working folder.
     """

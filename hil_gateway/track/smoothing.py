@@ -14,6 +14,7 @@ import numpy as np
 
 from hil_gateway.process.arrays import Array, Complex
 from hil_gateway.process.errors import InputError
+from hil_gateway.track.pit_lane import LaneSurvey, lane_along
 from hil_gateway.track.track import Track
 
 SPACING_M = 1.0
@@ -42,6 +43,7 @@ class Survey:
     width_right: Array
     z: Array
     bank: Array
+    pit_lane: LaneSurvey | None = None
 
 
 def smooth(survey: Survey) -> Track:
@@ -71,7 +73,8 @@ def smooth(survey: Survey) -> Track:
     raw_levels = np.vstack([np.interp(along, np.arange(n + 1.0), row) for row in _wrap(profiles)])
     smoothed = [_cross_validated(np.fft.rfft(row[None, :]), period, n)[0][0] for row in raw_levels]
     levels = np.vstack([np.fft.irfft(spectrum, n) for spectrum in smoothed])
-    return _resample(survey, coefficients, levels, period, removed)
+    track = _resample(survey, coefficients, levels, period, removed)
+    return track if survey.pit_lane is None else replace(track, pit_lane=lane_along(track, survey.pit_lane))
 
 
 def _jagged(x: Array, y: Array) -> bool:

@@ -35,6 +35,38 @@ class TrackPoint(NamedTuple):
 
 
 @dataclass(frozen=True)
+class PitLane:
+    """A lane beside the track; arrays (n,): arc length of the track from its entry to its exit, m, beyond a lap where
+    it crosses the line; offset of its middle to the left of the centre line, and widths from its middle, m."""
+
+    s: Array
+    offset: Array
+    width_left: Array
+    width_right: Array
+    speed: float = 20.0
+    """m/s; no pit lane is driven faster"""
+
+    @cached_property
+    def left(self) -> Array:
+        """Offset of its left edge from the centre line of the track, m, (n,)."""
+        return self.offset + self.width_left
+
+    @cached_property
+    def right(self) -> Array:
+        """Offset of its right edge, m, (n,)."""
+        return self.offset - self.width_right
+
+
+class Room(NamedTuple):
+    """Distance from a place to the left and to the right edge of where a car may be, m, negative beyond it; and whether
+    that is the pit lane alone. Numbers, or arrays of one shape."""
+
+    left: Any
+    right: Any
+    in_lane: Any
+
+
+@dataclass(frozen=True)
 class Track:
     """Closed centre line at equal steps of arc length; arrays have shape (n,), the last point is not the first again.
 
@@ -58,6 +90,7 @@ class Track:
     deviation: float
     """root mean square distance from the points of the file to the smoothed line, m"""
     closed: bool = True
+    pit_lane: PitLane | None = None
 
     def level(self) -> Track:
         """The same course without slopes and bank."""
@@ -97,6 +130,40 @@ class Track:
             (self.x + left * across[0], self.y + left * across[1]),
             (self.x + right * across[0], self.y + right * across[1]),
         )
+
+    def lane_edges(self) -> tuple[tuple[Array, Array], tuple[Array, Array]] | None:
+        """Left and right edge of the pit lane as x and y, m; None where there is none."""
+        if (lane := self.pit_lane) is None:
+            return None
+        at = self.at(lane.s)
+        left, right = ((at.x - e * np.sin(at.heading), at.y + e * np.cos(at.heading)) for e in (lane.left, lane.right))
+        return left, right
+
+    def room(self, s: float | Array, lateral: float | Array) -> Room:
+        """Beside a car at arc length `s`, `lateral` m to the left of the centre line: on the road, in the pit lane, or
+        on both where they touch; the nearer of the two for a car on neither."""
+        at, lane = self.at(s), self.pit_lane
+        left, right = at.width_left, -at.width_right
+        if lane is None:
+            return Room(left - lateral, lateral - right, np.zeros(np.shape(s), dtype=bool))
+        along = lane.s[0] + np.mod(np.asarray(s) - lane.s[0], self.length)
+        # not a number where there is no lane: it neither touches nor is near
+        outer, inner = (np.interp(along, lane.s, edge, right=np.nan) for edge in (lane.left, lane.right))
+        touches = (inner <= left) & (outer >= right)
+        beyond = np.maximum(lateral - left, right - lateral), np.maximum(lateral - outer, inner - lateral)
+        in_lane = ~touches & (beyond[1] < beyond[0])
+        left = np.where(touches, np.fmax(left, outer), np.where(in_lane, outer, left))
+        right = np.where(touches, np.fmin(right, inner), np.where(in_lane, inner, right))
+        return Room(left - lateral, lateral - right, in_lane)
+
+    def inside(self, s: float, lateral: float) -> float:
+        """Distance from such a place to the nearer edge of where a car may be, m; negative beyond it."""
+        i = min(int(s / self.length * len(self.s)), len(self.s) - 1)
+        lane = self.pit_lane
+        if lane is not None and (s - lane.s[0]) % self.length < lane.s[-1] - lane.s[0]:
+            room = self.room(s, lateral)
+            return float(min(room.left, room.right))
+        return float(self.width_left[i] if lateral > 0 else self.width_right[i]) - abs(lateral)
 
     def near(self, x: float, y: float) -> bool:
         """Whether a car that drives here can be at a point; one that is no number is nowhere."""

@@ -3,13 +3,15 @@
 A race line alone says nothing of a car that stands beside it or across the road: over a short horizon it costs less to
 wait than to turn. So the path begins where the car is and as it points. It is rolled out beside the race line, by pure
 pursuit (Coulter, 1992) with the steering angle and rate the car has, and takes its place on the same grid: progress
-means the same on both, and from the end of the way on they are one.
+means the same on both, and from the end of the way on they are one. In the pit lane it aims at the middle of the lane
+until that touches the road.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +19,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from hil_gateway.process.arrays import Array
+from hil_gateway.track.track import Room, Track
 from planner.line.raceline import RaceLine
 from planner.line.track import Reference
 from planner.problem.settings import Limits
@@ -24,7 +27,7 @@ from planner.problem.settings import Limits
 STEP = 0.5
 """m of progress between points of the roll-out"""
 LONGEST = 300.0
-"""m after which what is left of the way is blended into the race line"""
+"""m on the road after which what is left of the way is blended into the race line"""
 PREVIEWS = (30.0, 20.0, 13.0, 8.0)
 """m ahead of the car at which it aims: the gentlest way that keeps to the road is taken"""
 ROLLED_AT = 3.0
@@ -40,9 +43,13 @@ GENTLE = 5.0
 """m/s2, along and across: half of what dry tyres hold"""
 BEYOND = 0.05
 """m a way may lead further beyond the edge than the car stands: less than a map knows"""
+CUT = 0.1
+"""m to either side that a plan may keep beside a way, however near an edge is: what acceptance tolerates"""
 MOST_ACROSS = math.radians(60.0)
 """angle to the road beyond which a car is no longer one that follows it"""
 
+OPENING = 0.3
+"""m a metre by which the room beside a way grows where road and pit lane meet"""
 SLIGHT = 1e-6
 """of a curvature, 1/m, or its slope: none"""
 MOVED = ("x", "y", "heading", "curvature", "width_left", "width_right", "grade", "bank")
@@ -54,12 +61,29 @@ Pose = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
+class _Own:
+    """Points of the grid that are not the race line's, in the order of driving, arrays (n,): their number, the distance
+    to the next one, m, and the speed there by itself, m/s."""
+
+    index: Index
+    step: Array
+    fastest: Array
+
+    def speeds(self, line: RaceLine) -> Array:
+        """Of a whole lap: those of the race line, no faster than its own, and braked for gently."""
+        v = line.vx_profile.copy()
+        v[self.index] = np.minimum(v[self.index], self.fastest)
+        for i, step in zip(self.index[::-1], self.step[::-1], strict=True):
+            v[i] = min(v[i], math.sqrt(v[(i + 1) % len(v)] ** 2 + 2.0 * GENTLE * step))
+        return v
+
+
+@dataclass(frozen=True)
 class Joined:
     """A reference that is `base` from progress `end` (m, less than half a lap from the line) on."""
 
     end: float
-    index: Index
-    """points of the grid that are its own, in the order of driving"""
+    own: _Own
     base: Reference
     reference: Reference
 
@@ -75,20 +99,34 @@ class _Start(NamedTuple):
 
 @dataclass(frozen=True)
 class _Way:
-    """A roll-out: progress along the race line (m) and offset to its left (m), arrays (n,); how far beyond the left and
-    the right edge of the road it leads, m, by more than the car stands beyond one."""
+    """A roll-out: progress along the race line and offset to its left, m, arrays (n,); the least distance to the left
+    and to the right edge of road or pit lane, m, and that to the nearer one where it begins."""
 
     s: Array
     offset: Array
-    beyond: tuple[float, float]
+    room: tuple[float, float]
+    begun: float
+
+    def beyond(self, distance: float) -> float:
+        """How far it leads beyond a `distance` from the edges, m, by more than the car stands beyond it at first."""
+        return distance - min(self.room) - max(distance - self.begun, 0.0)
+
+
+@dataclass(frozen=True)
+class _Aim:
+    """What is pursued, at the points of the race line, (n,): offset to its left, m, while the car is where `in_lane`;
+    else the race line itself."""
+
+    offset: Array
+    in_lane: npt.NDArray[np.bool_]
 
 
 class Joining:
-    """Ways onto a race line for one car; `wheelbase` in m."""
+    """Ways onto the race line of one track for one car; `wheelbase` in m."""
 
-    def __init__(self, wheelbase: float, limits: Limits, room: float) -> None:
-        """`room` is the least distance (m) from the path to the bounds of the solver's corridor."""
-        self._wheelbase, self._limits, self._room = wheelbase, limits, room
+    def __init__(self, track: Track, wheelbase: float, limits: Limits, clearance: float) -> None:
+        """`clearance`: distance from the edges at which the solver's corridor ends, m."""
+        self._track, self._wheelbase, self._limits, self._clearance = track, wheelbase, limits, clearance
         self._most = math.tan(STEER_USE * limits.steer) / wheelbase
         self._rate = limits.steer_rate / wheelbase
 
@@ -99,38 +137,56 @@ class Joining:
         if abs(across) > MOST_ACROSS:
             return f"the car points {math.degrees(abs(across)):.0f} degrees across the track: turn it"
         way = self._gentlest(base, _Start(s, offset, across, math.tan(steer) / self._wheelbase))
-        if max(way.beyond) > BEYOND:
-            side = "left" if way.beyond[0] > way.beyond[1] else "right"
-            return f"to turn into the track takes {max(way.beyond):.1f} m more road on the {side}: push or turn it"
+        if (short := way.beyond(self._limits.car_half_width)) > BEYOND:
+            side = "left" if way.room[0] < way.room[1] else "right"
+            return f"to turn into the track takes {short:.1f} m more road on the {side}: push or turn it"
         return self._joined(base, way, math.tan(across))
 
     def again(self, joined: Joined, base: Reference) -> Joined:
         """The same way onto a race line whose path is the same and whose speeds are new."""
         line = joined.reference.line
-        line = replace(line, vx_profile=self._speeds(line, base.line, joined.index))
-        return replace(joined, base=base, reference=Reference(line, joined.reference, self._room))
+        line = replace(line, vx_profile=joined.own.speeds(base.line))
+        return replace(joined, base=base, reference=Reference(line, joined.reference, self._clearance + CUT))
 
     def _gentlest(self, base: Reference, start: _Start) -> _Way:
-        """The first that keeps to the road, or the one that leaves it least."""
-        best: _Way | None = None
-        for preview in PREVIEWS:
-            way = self._roll(base, start, preview)
-            if best is None or max(way.beyond) < max(best.beyond):
-                best = way
-            if max(best.beyond) <= BEYOND:
-                break
-        assert best is not None
-        return best
+        """The first that keeps clear of the edges, or the one that comes least near."""
+        ways = []
+        for aim, preview in product(self._aims(base.line, start), PREVIEWS):
+            ways.append(self._roll(base, aim, start, preview))
+            if ways[-1].beyond(self._clearance + self._limits.edge_zone) <= BEYOND:
+                return ways[-1]
+        return max(ways, key=lambda way: min(way.room))
 
-    def _roll(self, base: Reference, start: _Start, preview: float) -> _Way:
+    def _aims(self, line: RaceLine, start: _Start) -> list[_Aim]:
+        """The race line, unless the car is in the lane alone; the middle of the lane, where the car can be in it."""
+        n, lane, track_s, aside = len(line.s), self._track.pit_lane, line.track_s, self._aside(line)
+        onto_road = _Aim(np.zeros(n), np.zeros(n, dtype=bool))
+        if lane is None:
+            return [onto_road]
+        along = lane.s[0] + (track_s - lane.s[0]) % self._track.length
+        middle = np.interp(along, lane.s, lane.offset)
+        apart = np.asarray(self._track.room(track_s, middle).in_lane) & (along <= lane.s[-1])
+        i = round(start.s / line.length * n) % n
+        before = along[i] <= np.max(along, where=apart, initial=-np.inf)
+        through = [_Aim(middle - aside, along <= np.max(along, where=apart, initial=-np.inf))] if before else []
+        in_lane = self._track.room(float(track_s[i]), float(aside[i]) + start.offset).in_lane
+        return through if in_lane else [onto_road, *through]
+
+    def _aside(self, line: RaceLine) -> Array:
+        """Offset of the race line to the left of the centre line, m, (n,)."""
+        return np.asarray(self._track.at(line.track_s).width_left - line.width_left)
+
+    def _roll(self, base: Reference, aim: _Aim, start: _Start, preview: float) -> _Way:
         """From progress, offset and angle to the race line on, until that is reached."""
         s, e, across, bend = start
         curvature = base.line.curvature
         spacing, n = base.length / len(curvature), len(curvature)
-        rows, merged = [(s, e)], math.inf
-        while s - start.s < min(LONGEST, merged + BLEND):
-            along = float(curvature[math.floor(s / spacing) % n])
-            lateral = -e * math.cos(across) - preview * math.sin(across)
+        rows, end = [(s, e)], math.inf
+        while s < end:
+            i = math.floor(s / spacing) % n
+            along, in_lane = float(curvature[i]), bool(aim.in_lane[i])
+            wanted_e = float(aim.offset[math.floor((s + preview) / spacing) % n]) if in_lane else 0.0
+            lateral = (wanted_e - e) * math.cos(across) - preview * math.sin(across)
             rate = math.cos(across) / max(1.0 - e * along, 0.2)
             wanted = along * rate + 2.0 * lateral / preview**2
             step = STEP / rate
@@ -140,18 +196,14 @@ class Joining:
             e += step * math.sin(across + 0.5 * turned)
             across, s = across + turned, s + STEP
             rows.append((s, e))
-            if math.isinf(merged) and abs(e) < MERGED[0] and abs(across) < MERGED[1]:
-                merged = s - start.s
+            if not in_lane:
+                merged = abs(e) < MERGED[0] and abs(across) < MERGED[1]
+                end = min(end, s + (BLEND if merged else LONGEST))
         reached, offset = np.array(rows).T
-        return _Way(reached, offset, self._beyond(base, reached, offset))
-
-    def _beyond(self, base: Reference, s: Array, offset: Array) -> tuple[float, float]:
-        """How far beyond the left and the right edge a way leads, by more than it begins beyond one, m."""
-        line, half = base.line, self._limits.car_half_width
-        left, right = (np.interp(s, line.s, w, period=line.length) for w in (line.width_left, line.width_right))
-        over = offset + half - left, half - right - offset
-        begun = max(float(over[0][0]), float(over[1][0]), 0.0)
-        return float(over[0].max()) - begun, float(over[1].max()) - begun
+        i = np.round(reached / spacing).astype(int) % n
+        room = self._track.room(base.line.track_s[i], self._aside(base.line)[i] + offset)
+        least = float(room.left.min()), float(room.right.min())
+        return _Way(reached, offset, least, min(float(room.left[0]), float(room.right[0])))
 
     def _joined(self, base: Reference, way: _Way, slope: float) -> Joined:
         """The way in place of the race line; `slope` of the offset where it begins."""
@@ -160,21 +212,34 @@ class Joining:
         s, index = number * spacing, number % n
         offset = np.where(s < way.s[0], way.offset[0] + slope * (s - way.s[0]), CubicSpline(way.s, way.offset)(s))
         left = np.clip((way.s[-1] - s) / BLEND, 0.0, 1.0)
-        joined = _moved(line, index, offset * left**2 * (3.0 - 2.0 * left))
-        joined = replace(joined, vx_profile=self._speeds(joined, line, index))
-        return Joined(float(way.s[-1]), index, base, Reference(joined, None, self._room))
+        offset *= left**2 * (3.0 - 2.0 * left)
+        room = self._track.room(line.track_s[index], self._aside(line)[index] + offset)
+        behind = int(np.searchsorted(s, way.s[0]))
+        left, right = (_opening(width, spacing, behind) for width in (room.left, room.right))
+        room = room._replace(left=left, right=right)
+        joined = _moved(line, index, offset, room)
+        step = np.hypot(*(np.diff(row[[*index, (index[-1] + 1) % n]]) for row in (joined.x, joined.y)))
+        own = _Own(index, step, self._fastest(joined.curvature[index], step, np.asarray(room.in_lane)))
+        joined = replace(joined, vx_profile=own.speeds(line))
+        return Joined(float(way.s[-1]), own, base, Reference(joined, None, self._clearance + CUT))
 
-    def _speeds(self, joined: RaceLine, line: RaceLine, index: Index) -> Array:
-        """Of the race line, and no faster than a gentle way with the steering rate the car has, m/s."""
-        step = np.hypot(*(np.diff(values[[*index, (index[-1] + 1) % len(values)]]) for values in (joined.x, joined.y)))
-        bend = np.abs(joined.curvature[index])
-        change = np.abs(np.gradient(joined.curvature[index])) / step
-        most = np.minimum(np.sqrt(GENTLE / np.maximum(bend, SLIGHT)), self._rate / np.maximum(change, SLIGHT))
-        v = line.vx_profile.copy()
-        v[index] = np.minimum(v[index], most)
-        for i, ds in zip(index[::-1], step[::-1], strict=True):
-            v[i] = min(v[i], math.sqrt(v[(i + 1) % len(v)] ** 2 + 2.0 * GENTLE * ds))
-        return v
+    def _fastest(self, curvature: Array, step: Array, in_lane: npt.NDArray[np.bool_]) -> Array:
+        """Speeds, m/s, of a gentle way with the steering rate the car has; of curvature and steps (m) of its points."""
+        change = np.abs(np.gradient(curvature)) / step
+        fastest = np.sqrt(GENTLE / np.maximum(np.abs(curvature), SLIGHT))
+        fastest = np.minimum(fastest, self._rate / np.maximum(change, SLIGHT))
+        lane = self._track.pit_lane
+        return fastest if lane is None else np.where(in_lane, np.minimum(fastest, lane.speed), fastest)
+
+
+def _opening(width: Array, spacing: float, first: int) -> Array:
+    """Widths (n,) at points `spacing` m apart that change by `OPENING` at most: what opens suddenly opens gradually, so
+    that between points it is what it is at them. Those before the `first` are as that: there is no way."""
+    slope = OPENING * spacing * np.arange(len(width))
+    width = np.concatenate([np.full(first, width[first]), width[first:]])
+    for way in (1, -1):
+        width = (np.minimum.accumulate(width[::way] - slope) + slope)[::way]
+    return width
 
 
 def beside(reference: Reference, s: float, pose: Pose) -> tuple[float, float]:
@@ -185,14 +250,13 @@ def beside(reference: Reference, s: float, pose: Pose) -> tuple[float, float]:
     return offset, math.remainder(pose[2] - heading, math.tau)
 
 
-def _moved(line: RaceLine, index: Index, offset: Array) -> RaceLine:
-    """The line with the points `index` moved to the left by `offset` (m); speeds are left alone."""
+def _moved(line: RaceLine, index: Index, offset: Array, room: Room) -> RaceLine:
+    """The line with the points `index` moved to the left by `offset` (m), where they have `room`; with its speeds."""
     changed = {name: getattr(line, name).copy() for name in MOVED}
     heading = line.heading[index]
     changed["x"][index] -= offset * np.sin(heading)
     changed["y"][index] += offset * np.cos(heading)
-    changed["width_left"][index] -= offset
-    changed["width_right"][index] += offset
+    changed["width_left"][index], changed["width_right"][index] = room.left, room.right
     spline = CubicSpline(np.arange(len(index)), np.column_stack([changed["x"][index], changed["y"][index]]))
     (dx, dy), (ddx, ddy) = spline(np.arange(len(index)), 1).T, spline(np.arange(len(index)), 2).T
     across = np.angle(np.exp(1j * (np.arctan2(dy, dx) - heading)))

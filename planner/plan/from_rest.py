@@ -14,10 +14,12 @@ from planner.problem.motion import VX
 
 WALKING = 3.0
 """m/s up to which a car gets a way of its own onto the race line; a faster one is led there by its controller"""
+STILL = 0.1
+"""m/s up to which a car is not under way: a few times the noise of an estimate at rest"""
 OFF = 0.1, 0.02
 """m and rad beside its reference within which a standing car needs no other: what fixes leave"""
-UNDER_WAY_S = 1.0
-"""within which a plan from rest moves: with the lags of actuators and engine the car does within 2 s"""
+UNDER_WAY_S = 0.5
+"""within which a plan from rest moves; one that would wait waits again in the next plan"""
 PATIENCE_NS = 2 * NS_PER_S
 
 
@@ -64,6 +66,10 @@ class Unmoved:
 
     def __init__(self) -> None:
         self._since_ns: int | None = None
+
+    def forget(self) -> None:
+        """The plan itself stands."""
+        self._since_ns = None
 
     def update(self, now_ns: int, applied: Applied | None, speed: float) -> str:
         """In words; empty while the car moves, is not driven, or has not had `PATIENCE_NS`."""

@@ -16,7 +16,7 @@ from estimator.model.single_track import SingleTrack
 from hil_gateway.process.arrays import Expr
 from planner.problem import infomax, load_rows
 from planner.problem.load_rows import LoadRow
-from planner.problem.motion import BOUNDED, NU, NZ, PROGRESS, VX, S
+from planner.problem.motion import BOUNDED, NU, NZ, PROGRESS, VX, S, dynamic_share
 from planner.problem.settings import Settings
 from planner.problem.stage_model import StageModel
 from planner.problem.stage_parameters import common_names, stage_names
@@ -29,6 +29,8 @@ OUTPUTS = (
 
 ADVANCE_STEPS = 8
 """steps of `advance_function`; a plan starts some six steps of 10 ms after the estimate it is made from"""
+STANDING_STEER = 0.02
+"""share of its weight that a change of steering has at rest: (1.5 / 10)^2, as the force across that it makes"""
 ZONE_ROUNDING = 0.05
 """m over which the force of the edge zone sets in: an iteration sees it coming"""
 
@@ -88,10 +90,11 @@ class Problem(StageModel):
         J: Expr = ca.jacobian(residuals, z)
         return J.T @ J + self.settings.weights.regularisation * ca.DM.eye(NZ), J.T @ residuals
 
-    def change_weights(self) -> Expr:
-        """Diagonal R of Eq. (4) times two."""
+    def change_weights(self, vx: Expr) -> Expr:
+        """Diagonal R of Eq. (4) times two; steering costs what it moves the car by, next to nothing at walking pace."""
         w, bounds = self.settings.weights, self.change_bounds()
-        weights = (w.drive_change, w.steer_change, w.progress_change)
+        steered = STANDING_STEER + (1.0 - STANDING_STEER) * dynamic_share(vx)
+        weights = (w.drive_change, w.steer_change * steered, w.progress_change)
         return ca.vertcat(*(2 * weight / bound**2 for weight, bound in zip(weights, bounds, strict=True)))
 
     def change_bounds(self) -> tuple[float, float, float]:
@@ -136,7 +139,7 @@ class Problem(StageModel):
         q[PROGRESS] -= stage["progress"]
         info = infomax.cost_terms(self, zn, p) if self.informative else infomax.no_terms()
         proximal = ca.vertcat(*(2 * self.settings.weights.proximal / b**2 for b in self.change_bounds()))
-        weights = self.change_weights()
+        weights = self.change_weights(z[VX])
         loads = [load_rows.worst_load(self, axle, zn, p) for axle in "fr"]
         for row, multiplier in zip(loads, ca.vertsplit(stage["multiplier"]), strict=True):
             Q += multiplier * row.curvature
@@ -172,7 +175,7 @@ class Problem(StageModel):
         z, du, stage_vector, stage, common_vector, p = self._symbols()
         theta_f, theta_r = (ca.SX.sym(name, len(self.model.tyre_table)) for name in ("theta_f", "theta_r"))
         cost = 0.5 * ca.sumsqr(self.residuals(z, stage)) - stage["progress"] * z[PROGRESS]
-        cost += 0.5 * ca.dot(self.change_weights(), du**2)
+        cost += 0.5 * ca.dot(self.change_weights(z[VX]), du**2)
         if self.informative:
             cost -= p["q_information"] * p["learning"] * infomax.weighted_gain(self, z, p)
         loads = [load_rows.load_row(self, axle, z, theta, p) for axle, theta in (("f", theta_f), ("r", theta_r))]

@@ -114,12 +114,29 @@ def way_along(track: Track, pose: Pose, turn_rate: float, deceleration: float, c
     count = math.ceil((pose.speed**2 / (2 * deceleration) + BEYOND) / STEP)
     s: Array = s0 + STEP * np.arange(1.0 - GIVEN, count)
     on, gone = track.at(s), np.maximum(s - s0, 0.0)
-    start = _start(pose, turn_rate, offset, s[:GIVEN] - s0, on)
-    room = CLEAR_FIRST + (clear - CLEAR_FIRST) * np.minimum(gone / (CLEAR_S * max(pose.speed, SLOWEST)), 1.0)
-    corridor = _corridor(on.width_right, room), _corridor(on.width_left, room)
+    aside = _lane_aside(track, s, offset)
+    start = _start(pose, turn_rate, offset, s[:GIVEN] - s0, on) - aside[:GIVEN]
+    clearance = CLEAR_FIRST + (clear - CLEAR_FIRST) * np.minimum(gone / (CLEAR_S * max(pose.speed, SLOWEST)), 1.0)
+    room = track.room(s, aside)
+    corridor = _corridor(room.right, clearance), _corridor(room.left, clearance)
     speed2 = np.maximum(pose.speed**2 - 2 * deceleration * gone, SLOWEST**2)
-    e = _least_lateral_force(start, on.curvature, speed2, *corridor)
+    e = aside + _least_lateral_force(start, on.curvature + _bend(aside), speed2, *corridor)
     return polyline(np.array([on.x - e * np.sin(on.heading), on.y + e * np.cos(on.heading)]))
+
+
+def _lane_aside(track: Track, s: Array, offset: float) -> Array:
+    """Offset from the centre line of what the way is pulled to, m: the line itself, or the middle of the pit lane that
+    the car is in, as it is at its exit beyond that."""
+    lane = track.pit_lane
+    if lane is None or not track.room(float(s[GIVEN - 1]), offset).in_lane:
+        return np.zeros_like(s)
+    along = lane.s[0] + (s[GIVEN - 1] - lane.s[0]) % track.length + s - s[GIVEN - 1]
+    return np.asarray(np.interp(along, lane.s, lane.offset))
+
+
+def _bend(aside: Array) -> Array:
+    """Curvature of an offset (n,) in steps of `STEP`, 1/m."""
+    return np.asarray(np.gradient(np.gradient(aside, STEP), STEP))
 
 
 def _start(pose: Pose, turn_rate: float, offset: float, s: Array, on: TrackPoint) -> Array:

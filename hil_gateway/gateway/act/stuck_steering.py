@@ -168,9 +168,7 @@ class StuckSteering:
         s, lateral = track.project(x, y)
         least, since_s = math.inf, 0.0
         while speed > 0.0 and least > LOST_M:
-            i = min(int(s / track.length * len(track.s)), len(track.s) - 1)
-            edge = float(track.width_left[i] if lateral > 0 else track.width_right[i])
-            least = min(least, edge - HALF_WIDTH - abs(lateral))
+            least = min(least, track.inside(s, lateral) - HALF_WIDTH)
             way = rolls if since_s < slides_after_s else slides
             since_s += STEP_S
             course += STEP_S * speed * way.curvature(speed)

@@ -180,7 +180,7 @@ TABLE: tuple[Row, ...] = (
     ),
     Row("position_lost", "no position fixes", "position_lost", 1.0, _STOP, Clear.REARM),
     Row("off_road", "the car is not on the track", "off_road", 0.05, _STOP, Clear.REARM),
-    Row("wrong_way", "the car points against the direction of the track", "wrong_way", 0.2, _STOP, Clear.REARM),
+    Row("wrong_way", "the car points across the track or against it", "wrong_way", 0.2, _STOP, Clear.REARM),
 )
 """In order of priority: the first row that fires with the strongest action names the cause."""
 

@@ -7,7 +7,7 @@ from hil_gateway.plant.car import Car
 from hil_gateway.plant.referee.judge import LoadJudge
 
 HALF_WIDTH_M = 0.95
-"""of the car over its wheels; off track is when a wheel leaves the road"""
+"""of the car over its wheels; off track is when a wheel leaves road and pit lane"""
 
 
 class Referee:
@@ -50,9 +50,7 @@ class Referee:
 
     def _judge(self) -> None:
         road = self._car.road
-        i = min(int(road.s / road.track.length * len(road.track.s)), len(road.track.s) - 1)
-        width = road.track.width_left[i] if road.lateral > 0 else road.track.width_right[i]
-        margin = float(width) - abs(road.lateral) - HALF_WIDTH_M
+        margin = road.track.inside(road.s, road.lateral) - HALF_WIDTH_M
         self.worst_margin_m = min(self.worst_margin_m, margin)
         off = margin < 0.0
         self.off_track_count += off and not self.off_track

@@ -162,3 +162,68 @@ def test_broken_description_is_explained(tmp_path: Path, case: str) -> None:
     path.write_text(f'name = "t"\n{text}')
     with pytest.raises(InputError, match=message):
         load_track(path)
+
+
+def _with_lane(folder: Path, lateral: list[float]) -> Track:
+    """A circle of 100 m, driven to the left, with a lane `lateral` m inside of its line over its first half."""
+    angle = np.linspace(-0.5, 2.0, len(lateral))
+    radius = 100.0 - np.array(lateral)
+    rows = [f"{r * np.cos(a):.4f},{r * np.sin(a):.4f},4.0,3.0" for a, r in zip(angle, radius, strict=True)]
+    (folder / "t.pit.csv").write_text("\n".join([HEADER, *rows]))
+    return _load(folder, _circle(100.0, 200))
+
+
+def test_a_pit_lane_beside_a_track_file_lies_where_its_points_are(tmp_path: Path) -> None:
+    track = _with_lane(tmp_path, [3.0, 12.0, 15.0, 15.0, 15.0, 12.0, 3.0])
+    assert track.pit_lane is not None
+    half_way = 100.0 * 0.75
+    room = track.room(half_way, 15.0)
+    assert room.in_lane
+    assert (room.left, room.right) == pytest.approx((3.0, 4.0), abs=0.1)
+    assert track.room(half_way, 0.0)[:2] == pytest.approx((5.0, 6.0), abs=0.05)
+    assert track.inside(half_way, 8.0) == pytest.approx(-3.0, abs=0.1), "between road (5) and lane (11)"
+    assert track.inside(400.0, 15.0) == pytest.approx(-10.0, abs=0.1), "no lane there"
+    touching = track.room(track.length - 49.0, 4.0)
+    assert not touching.in_lane
+    assert touching.right == pytest.approx(10.0, abs=0.1)
+    assert touching.left > 1.5
+
+
+def test_a_pit_lane_changes_nothing_of_the_track_and_is_read_again_when_it_changes(tmp_path: Path) -> None:
+    bare = _load(tmp_path, _circle(100.0, 200))
+    assert bare.pit_lane is None
+    track = _with_lane(tmp_path, [3.0, 14.0, 14.0, 3.0])
+    np.testing.assert_array_equal(track.x, bare.x)
+    assert track.pit_lane is not None
+    assert track.pit_lane.offset.max() == pytest.approx(14.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("lateral", "said"),
+    [([12.0, 14.0, 14.0, 3.0], "entry is 3.0 m from"), ([3.0, 14.0, 14.0, 20.0], "exit is 11.0 m from")],
+)
+def test_a_pit_lane_that_does_not_touch_the_road_is_refused(tmp_path: Path, lateral: list[float], said: str) -> None:
+    with pytest.raises(InputError, match=said) as error:
+        _with_lane(tmp_path, lateral)
+    assert "t.pit.csv" in str(error.value)
+
+
+def test_a_pit_lane_against_the_track_is_refused(tmp_path: Path) -> None:
+    _with_lane(tmp_path, [3.0, 12.0, 12.0, 3.0])
+    lane = tmp_path / "t.pit.csv"
+    header, *rows = lane.read_text().splitlines()
+    lane.write_text("\n".join([header, *rows[::-1]]))
+    with pytest.raises(InputError, match="driving order"):
+        load_track(tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize("name", sorted(shipped_tracks()))
+def test_shipped_pit_lanes_begin_and_end_on_the_road_and_lie_beside_it(name: str) -> None:
+    track = load_track(name)
+    lane = track.pit_lane
+    assert lane is not None
+    beside = track.room(lane.s, lane.offset)
+    assert not beside.in_lane[0]
+    assert not beside.in_lane[-1]
+    assert beside.in_lane.mean() > 0.4
+    assert min(beside.left.min(), beside.right.min()) > 2.0
