@@ -16,7 +16,7 @@ from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 
-FOLLOWED = ("imu.", "wheel_speed_", "steering_motor", "heartbeat")
+FOLLOWED = ("imu.", "wheel_speed_", "steering_motor", "heartbeat", "receiver.")
 """beginnings of the quantities that are kept over time for the plausibility checks"""
 EXTENDED_BITS = 20
 """that a 29-bit identifier adds to a frame: 18 bits of it, SRR and r1 (ISO 11898-1)"""

@@ -6,6 +6,8 @@ steering are positive to the left; in a left turn the right wheels are the faste
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from can_dbc.quantities import WHEELS
@@ -30,6 +32,14 @@ WHEEL_SPREAD = 0.25
 """Wheels of a car pushed around a bend differ by less, share of their mean."""
 YAW_SEEN, ACCELERATION_SEEN = 0.05, 0.3
 """Yaw rate and acceleration below which a sign is not judged, rad/s and m/s2."""
+PUSH_S = 0.5
+"""People change how they push no faster: samples of less than that apart are one."""
+CHANCE = 3.0
+"""Standard deviations of the correlation of nothing (1 / sqrt(n)) that a sign must exceed to be told."""
+JUMP, JUMP_RATE = 3.0, 1.0
+"""m/s2 and rad/s from one frame to the next, 10 ms on: no car that stands or is pushed does that, swapped bytes do."""
+PUSHED_M, SPEED_SPREAD = 3.0, 0.2
+"""Least way by the positions on which speeds are judged, m, and by how much they may differ: a tyre that is low."""
 POSITION_MAX_M = 20_000.0
 MIN_SAMPLES = 20
 NOTHING: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
@@ -38,8 +48,10 @@ NOTHING: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
 
 def judge_signals(seen: Observation, config: Config) -> list[Finding]:
     """Everything the values themselves can tell."""
-    imus = [f"imu.{name}" for name in config.car.imus]
-    findings = [*_limits(seen), *_frozen(seen, imus), *_states(seen), *_position(seen, config)]
+    swapped = _byte_order(seen)
+    imus = [f"imu.{name}" for name in config.car.imus if not _within(seen, f"imu.{name}", swapped)]
+    findings = [*swapped.values(), *_limits(seen, swapped), *_frozen(seen, imus)]
+    findings += [*_states(seen), *_position(seen, config)]
     speeds = wheel_speeds(seen)
     if speeds is None:
         return findings
@@ -50,7 +62,7 @@ def judge_signals(seen: Observation, config: Config) -> list[Finding]:
         of_imus = [found for imu in imus for found in (*_gravity(seen, imu), *_rates_at_rest(seen, imu))]
         return [*findings, hint, *of_imus, *_steering_at_rest(seen, config.car.sensors.steering_apart)]
     signs = [found for imu in imus for found in _signs(seen, imu, time, by_wheel, config.vehicle)]
-    return [*findings, *_wheels_agree(by_wheel), *signs]
+    return [*findings, *_wheels_agree(by_wheel), *_speed_agrees(seen, time, by_wheel, config), *signs]
 
 
 def wheel_speeds(seen: Observation) -> tuple[Array, dict[str, Array]] | None:
@@ -67,12 +79,34 @@ def _finding(name: str, good: bool, detail: str, remedy: str = "", bad: Verdict 
     )
 
 
-def _limits(seen: Observation) -> list[Finding]:
+def _byte_order(seen: Observation) -> dict[str, Finding]:
+    """Messages of an IMU whose readings jump from frame to frame, by name: what was noise has become the high byte."""
+    found = {}
+    for quantity, place in seen.signals.reports.items():
+        _, values = seen.series.get(quantity, NOTHING)
+        if not quantity.startswith("imu.") or values.size < MIN_SAMPLES:
+            continue
+        jump = float(np.median(np.abs(np.diff(values))))
+        if jump > (JUMP_RATE if quantity.endswith("_rate") else JUMP):
+            unit, message = ("rad/s" if quantity.endswith("_rate") else "m/s2"), place.message
+            detail = f"{quantity} jumps by {jump:.1f} {unit} from frame to frame"
+            remedy = f"{message.id_text}: read as {message.byte_order}-endian; has its sender the other byte order?"
+            found[message.name] = _finding(f"byte order, {message.name}", False, detail, remedy)
+    return found
+
+
+def _within(seen: Observation, imu: str, messages: Mapping[str, Finding]) -> bool:
+    """Whether a reading of an IMU comes in one of these messages."""
+    places = seen.signals.reports.items()
+    return any(place.message.name in messages for quantity, place in places if quantity.startswith(f"{imu}."))
+
+
+def _limits(seen: Observation, left_out: Mapping[str, Finding]) -> list[Finding]:
     """Every signal of the car that left what the car can do (`bus.toml`)."""
     findings = []
     for name, place in seen.signals.reports.items():
         record, limits = seen.records[place.message.name], place.signal.limits
-        if not record.frames or limits is None:
+        if not record.frames or limits is None or place.message.name in left_out:
             continue
         ends = sorted((e[name] - place.offset) / place.factor for e in (record.lowest, record.highest))
         if not limits[0] <= ends[0] <= ends[1] <= limits[1]:
@@ -80,7 +114,7 @@ def _limits(seen: Observation) -> list[Finding]:
             detail = f"{ends[0]:g} to {ends[1]:g} {place.signal.unit}, possible are {possible}"
             remedy = f"{record.layout.id_text}: sensor, wiring, or another version of the car's DBC"
             findings.append(_finding(place.signal.name, False, detail, remedy))
-    if not findings and any(record.frames for record in seen.records.values()):
+    if not findings and not left_out and any(record.frames for record in seen.records.values()):
         findings.append(_finding("ranges", True, "every signal within what the car can do"))
     return findings
 
@@ -198,6 +232,30 @@ def _wheels_agree(by_wheel: dict[str, Array]) -> list[Finding]:
     return [_finding("wheel speeds", not off, detail, f"sensor of {', '.join(off).upper()}")]
 
 
+def _speed_agrees(seen: Observation, time: Array, by_wheel: dict[str, Array], config: Config) -> list[Finding]:
+    """Way by the wheels over way by the positions, which are averaged over a second to be free of their noise."""
+    receiver = f"receiver.{next(iter(config.car.receivers))}"
+    at, latitude = seen.series.get(f"{receiver}.latitude", NOTHING)
+    if at.size < MIN_SAMPLES:
+        return []
+    longitude = seen.series[f"{receiver}.longitude"][1]
+    places = np.array([LocalMap(config.origin).to_map_radians(*p) for p in zip(latitude, longitude, strict=True)])
+    second = at.astype(int)
+    whole = [second == s for s in np.unique(second)[1:-1]]
+    if len(whole) < 2:
+        return []
+    steps = np.diff([places[s].mean(axis=0) for s in whole], axis=0)
+    way = float(np.linalg.norm(steps, axis=1).sum())
+    speed = np.mean(list(by_wheel.values()), axis=0)
+    middle = (time > at[whole[0]].mean()) & (time < at[whole[-1]].mean())
+    rolled = float(np.trapezoid(speed[middle], time[middle]))
+    if max(way, rolled) < PUSHED_M:
+        return []
+    detail = f"{rolled:.1f} m by the wheels, {way:.1f} m by the positions"
+    good, remedy = abs(rolled - way) <= SPEED_SPREAD * way, "unit or scale of the wheel speeds, or the position hangs"
+    return [_finding("speed against positions", good, detail, remedy)]
+
+
 def _signs(seen: Observation, imu: str, time: Array, by_wheel: dict[str, Array], vehicle: Vehicle) -> list[Finding]:
     """Signs of yaw rate, steering and longitudinal acceleration against the wheels."""
     speed = np.mean(list(by_wheel.values()), axis=0)
@@ -208,19 +266,20 @@ def _signs(seen: Observation, imu: str, time: Array, by_wheel: dict[str, Array],
     if yaw is not None and float(np.abs(yaw).max()) > YAW_SEEN:
         turning = (by_wheel["rr"] - by_wheel["rl"]) / vehicle.track_rear
         findings.append(
-            _sign("yaw rate against wheels", yaw, turning, "left and right wheels swapped, or sign of the yaw rate")
+            _sign("yaw rate against wheels", yaw, turning, time, "wheels left and right swapped, or sign of the yaw")
         )
         if steer is not None:
             steered = speed * np.tan(steer / vehicle.steering_ratio)
             findings.append(
-                _sign("yaw rate against steering", yaw, steered, "sign of the steering angle or of the yaw rate")
+                _sign("yaw rate against steering", yaw, steered, time, "sign of the steering angle or of the yaw rate")
             )
     smooth = np.convolve(speed, np.full(15, 1 / 15), mode="same")
     gained = np.gradient(smooth, time) if np.ptp(time) > 0 and np.all(np.diff(time) > 0) else np.zeros_like(speed)
     if ax is not None and float(np.abs(gained[15:-15]).max(initial=0.0)) > ACCELERATION_SEEN:
         change = ax[15:-15] - ax[15:-15].mean()
         remedy = "the x axis points backwards, or the car was pushed backwards"
-        findings.append(_sign("acceleration against wheels", change, gained[15:-15] - gained[15:-15].mean(), remedy))
+        gain = gained[15:-15] - gained[15:-15].mean()
+        findings.append(_sign("acceleration against wheels", change, gain, time[15:-15], remedy))
     if not findings:
         remedy = "push harder, around a bend"
         findings.append(
@@ -229,11 +288,16 @@ def _signs(seen: Observation, imu: str, time: Array, by_wheel: dict[str, Array],
     return findings
 
 
-def _sign(name: str, a: Array, b: Array, remedy: str) -> Finding:
-    """Two signals that must go up and down together."""
+def _sign(name: str, a: Array, b: Array, time: Array, remedy: str) -> Finding:
+    """Two signals that must go up and down together; nothing is told where chance could do as much."""
     scale = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
     together = float(np.sum(a * b)) / scale if scale > 0 else 0.0
-    return _finding(name, together > 0, f"correlation {together:+.2f}", remedy)
+    independent = max(float(np.ptp(time)) / PUSH_S, 1.0)
+    detail = f"correlation {together:+.2f}"
+    if abs(together) < min(CHANCE / np.sqrt(independent), 0.9):
+        detail, remedy = f"{detail}: chance could do as much", "push longer, around bends, faster and slower"
+        return Finding(area=AREA, name=name, verdict=Verdict.INFO, detail=detail, remedy=remedy)
+    return _finding(name, together > 0, detail, remedy)
 
 
 def _resampled(seen: Observation, signal: str, time: Array) -> Array | None:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
-from support.check_traffic import SECONDS, Change, Values, edit, finding, report, traffic, trouble
+from support import check_traffic
+from support.check_traffic import CODEC, SECONDS, Change, Values, edit, finding, report, traffic, trouble
 
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.check.finding import Verdict
@@ -75,3 +78,46 @@ def test_a_dead_wheel_sensor_is_named_when_pushed() -> None:
         return values | {"wheel_speed_RR": 0.0} if name == "wheel_speed_report" else values
 
     assert finding(report(traffic(change)), "wheel speeds").remedy == "sensor of RR"
+
+
+@pytest.mark.parametrize(("scale", "verdict"), [(1.0, Verdict.OK), (0.5, Verdict.FAIL)])
+def test_wheels_at_half_scale_are_named_by_the_positions(
+    monkeypatch: pytest.MonkeyPatch, scale: float, verdict: Verdict
+) -> None:
+    """Pushed north at 1.5 m/s for 8 s; a degree of latitude is 110.9 km there."""
+    monkeypatch.setattr(check_traffic, "SECONDS", 8.0)
+
+    def change(name: str, t: float, values: Values) -> Values:
+        wheels = {f"wheel_speed_{wheel}": 1.5 * scale for wheel in ("FL", "FR", "RL", "RR")}
+        new = {**wheels, "novatel_lat": math.radians(36.585 + 1.5 * t / 110_955)}
+        return values | {signal: value for signal, value in new.items() if signal in values}
+
+    found = finding(report(traffic(change)), "speed against positions")
+    assert found.verdict is verdict
+    if verdict is Verdict.FAIL:
+        assert "by the wheels" in found.detail
+        assert "scale of the wheel speeds" in found.remedy
+
+
+def test_swapped_bytes_of_the_imu_are_one_finding_a_message() -> None:
+    """A sender with the other byte order; the accelerations are in two messages, one of them with the yaw rate."""
+    imu = {CODEC.messages[name].id for name in ("imu_1", "imu_2", "imu_3")}
+    frames = [replace(f, data=_swapped(f.data)) if f.id in imu else f for f in traffic()]
+    named = {name for name in trouble(report(frames)) if "imu" in name}
+    assert named == {"byte order, imu_1", "byte order, imu_2", "byte order, imu_3"}
+
+
+def _swapped(data: bytes) -> bytes:
+    """The bytes of each 16-bit word in the other order."""
+    return b"".join(data[i : i + 2][::-1] for i in range(0, len(data), 2))
+
+
+def test_a_sign_that_chance_explains_is_not_told() -> None:
+    """Pushed around the bend with an accelerometer that shows nothing but noise."""
+    rng = np.random.default_rng(5)
+
+    def change(name: str, t: float, values: Values) -> Values:
+        values = pushed()(name, t, values)
+        return values | {"imu_ax": 0.3 * rng.standard_normal()} if name == "imu_2" else values
+
+    assert finding(report(traffic(change)), SIGNS[2]).verdict is Verdict.INFO
