@@ -1,0 +1,153 @@
+"""The whole loop as real processes, with a person, a judge on the wire and a look at the gateway's status."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import time
+from pathlib import Path
+
+from benchmarks.promises.wire_judge import DLC, Judge
+from hil_gateway.bus import topics
+from hil_gateway.bus.interface import LatestReader
+from hil_gateway.bus.messages import FailsafeAction, OperatorAction, OperatorCommand
+from hil_gateway.bus.zenoh_bus import open_bus
+from hil_gateway.can_link import open_link
+from hil_gateway.demo.options import DemoOptions, prepare
+from hil_gateway.process.supervisor import DASHBOARD, PROCESSES, ProcessSpec, Supervisor
+
+STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
+UP_S = 60.0
+
+
+class Ordinary(Supervisor):
+    """Processes without permission to go before others: no real-time priority, no negative niceness."""
+
+    def command(self, spec: ProcessSpec) -> list[str]:
+        return ["setpriv", "--bounding-set=-sys_nice", "nice", "-n", "10", *super().command(spec)]
+
+
+class LiveLoop:
+    """The supervised processes with a person, a judge on the wire and a look at the gateway's status."""
+
+    def __init__(self, folder: Path, real_time: bool = True) -> None:
+        setup = prepare(DemoOptions(seconds=3600.0, out=folder, headless=True))
+        self.lock, self.config = setup.lock, setup.config
+        self.specs = {spec.name: spec for spec in (*PROCESSES, DASHBOARD)}
+        kind = Supervisor if real_time else Ordinary
+        self.supervisors = {name: kind(setup.config_file, folder, (spec,)) for name, spec in self.specs.items()}
+        self.folder = folder
+        self.judge = Judge()
+        self.gaps: list[float] = []
+        self._last_ns: int | None = None
+        self.seq = 0
+        self.done: list[str] = []
+        """losses so far"""
+
+    def __enter__(self) -> LiveLoop:
+        self.link = open_link(self.config.can)
+        for name in sorted(self.specs, key=lambda name: self.specs[name].stage):
+            self.start(name)
+            time.sleep(1.0)
+        self.bus = open_bus(self.config.zenoh, "operator")
+        self.status = LatestReader(self.bus, topics.GATEWAY_STATUS)
+        self.state = LatestReader(self.bus, topics.VEHICLE_STATE)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for name, supervisor in self.supervisors.items():
+            if name in supervisor.pids:
+                os.kill(supervisor.pids[name], signal.SIGCONT)
+            supervisor.stop()
+        self.bus.close()
+        self.link.close()
+        self.lock.release()
+
+    def start(self, name: str) -> None:
+        """Start one process, perhaps again."""
+        self.supervisors[name].start(self.specs[name].stage)
+
+    def pid(self, name: str) -> int:
+        return self.supervisors[name].pids[name]
+
+    def died(self) -> list[str]:
+        """Processes that ended by themselves."""
+        return [str(end) for supervisor in self.supervisors.values() for end in supervisor.poll()]
+
+    def look(self, seconds: float = 0.0) -> None:
+        """Listen to wire and bus for a while."""
+        deadline = time.monotonic() + seconds
+        while True:
+            for frame in self.link.receive(0.01):
+                if frame.id in DLC:
+                    self.judge.take(frame.id, frame.data)
+                if frame.id == 0x57A:
+                    if self._last_ns is not None:
+                        self.gaps.append((frame.stamp_ns - self._last_ns) / 1e9)
+                    self._last_ns = frame.stamp_ns
+            now_ns = time.monotonic_ns()
+            self.status.update(now_ns)
+            self.state.update(now_ns)
+            if time.monotonic() >= deadline:
+                return
+
+    @property
+    def action(self) -> FailsafeAction | None:
+        message = self.status.latest.message
+        return None if message is None else message.action
+
+    @property
+    def cause(self) -> str:
+        """Why the gateway is in its state."""
+        message = self.status.latest.message
+        return "" if message is None else message.cause
+
+    @property
+    def speed(self) -> float:
+        message = self.state.latest.message
+        return 0.0 if message is None else message.wheel_speed_rl
+
+    def ask(self, action: OperatorAction) -> None:
+        self.seq += 1
+        message = OperatorCommand(stamp_ns=time.monotonic_ns(), seq=self.seq, source="test", action=action)
+        self.bus.publish(topics.OPERATOR, message)
+
+    def drive_off(self) -> None:
+        """Whatever it takes to drive: stand, disarm, crank, arm."""
+        deadline = time.monotonic() + UP_S
+        while self.action is not FailsafeAction.DRIVE or self.speed < 5.0:
+            message = self.status.latest.message
+            assert time.monotonic() < deadline, f"{self.done}: {message.missing_for_arming if message else message}"
+            self.look(0.2)
+            message = self.status.latest.message
+            if message is None or self.action is FailsafeAction.DRIVE:
+                continue
+            if not message.missing_for_crank:
+                self.ask(OperatorAction.CRANK)
+            # the car may have gone into its own emergency after the first disarming: then it takes a second one
+            if (self.action in STOPS or "car_emergency" in message.missing_for_arming) and self.speed < 0.3:
+                self.ask(OperatorAction.DISARM)
+            elif self.action is FailsafeAction.SILENT and not message.missing_for_arming:
+                self.judge.last.clear()  # after silence the first frame starts anew
+                self._last_ns = None
+                self.ask(OperatorAction.ARM)
+
+    def lose(self, victim: str, way: str, rng: random.Random) -> None:
+        """Take a process away, look on, and give it back."""
+        pid = self.pid(victim)
+        self.done.append(f"{victim} {way}")
+        if way == "kill":
+            os.kill(pid, signal.SIGKILL)
+            self.look(1.5)
+            assert len(self.died()) == 1
+            self.start(victim)
+            return
+        length_s = rng.uniform(0.7, 1.5)
+        deadline = time.monotonic() + length_s
+        while time.monotonic() < deadline:  # starving: one millisecond of work in each half second
+            os.kill(pid, signal.SIGSTOP)
+            self.look(0.5 if way == "starve" else length_s)
+            os.kill(pid, signal.SIGCONT)
+            self.look(0.001)
+        self.look(0.3)
