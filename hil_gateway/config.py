@@ -13,8 +13,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from can_dbc.folder import DEFAULT_PLATFORM
-from hil_gateway.car.car import Car, load_car
+from hil_gateway.car.car import Car, default_platform, load_car
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.settings import GatewayConfig
@@ -32,7 +31,7 @@ class CanConfig(Model):
 
     interface: Literal["auto", "socketcan", "udp_multicast", "virtual"] = "auto"
     channel: str = "vcan0"
-    bitrate: int = Field(default=1_000_000, gt=0, description="bit/s, for the bus load figure")
+    bitrate: int | None = Field(default=None, gt=0, description="bit/s; not given: that of the car's bus")
     multicast_group: str = "239.74.163.2"
     multicast_port: int = Field(default=43113, gt=0, lt=65536)
 
@@ -135,10 +134,10 @@ class Config(Model):
         default="race_car", description="what is driven with at first: with air, load transfer, both brakes, or Eq. 1-3"
     )
     platform: str = Field(
-        default=DEFAULT_PLATFORM, description="the car that is operated: name of a shipped one, or a folder"
+        default_factory=default_platform, description="the car that is operated: name of a shipped one, or a folder"
     )
-    vehicle: Vehicle = Vehicle()
-    powertrain: Powertrain = Powertrain()
+    vehicle: Vehicle = Field(default_factory=lambda: load_car().vehicle, description="the car's, where not given")
+    powertrain: Powertrain = Field(default_factory=lambda: load_car().powertrain, description="as vehicle")
     track: str = Field(default="", description="track file; empty: the road course that is shipped")
     origin: OriginConfig = OriginConfig()
     can: CanConfig = CanConfig()
@@ -154,6 +153,20 @@ class Config(Model):
     def car(self) -> Car:
         """What is known of the car before it has driven."""
         return load_car(self.platform)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_the_car(cls, tree: Any) -> Any:
+        """Numbers of the car, where the configuration does not give others."""
+        if not isinstance(tree, dict):
+            return tree
+        car = load_car(str(tree.get("platform") or default_platform()))
+        merged = dict(tree) | {"platform": car.platform}
+        for section, own in (("vehicle", car.vehicle), ("powertrain", car.powertrain)):
+            given = tree.get(section)
+            if given is None or isinstance(given, dict):
+                merged[section] = own.model_dump() | (given or {})
+        return merged
 
     @model_validator(mode="after")
     def _drives_a_race_car(self) -> Self:

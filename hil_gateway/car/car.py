@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Mapping
 from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import Field
@@ -119,6 +121,11 @@ class Car(Model):
         """Hash over all files of the folder."""
         return hashlib.sha256("".join(self.files().values()).encode()).hexdigest()
 
+    @property
+    def dbc(self) -> Path:
+        """Its DBC, for tools that read one themselves."""
+        return dbc_path(platform_folder(self.platform))
+
     def files(self) -> dict[str, str]:
         """Name -> text of every file of the folder that says something."""
         folder = platform_folder(self.platform)
@@ -126,13 +133,26 @@ class Car(Model):
         return {path.name: read_text(path) for path in paths}
 
 
-@lru_cache(maxsize=64)
-def load_car(platform: str = DEFAULT_PLATFORM) -> Car:
+PLATFORM_VARIABLE = "HIL_PLATFORM"
+"""what `--platform` sets, for this process and those that it starts"""
+
+
+def default_platform() -> str:
+    """The car that is operated where nobody names another."""
+    return os.environ.get(PLATFORM_VARIABLE, DEFAULT_PLATFORM)
+
+
+def load_car(platform: str | None = None) -> Car:
     """The car of a name or folder, read once a process.
 
     Raises:
         InputError: no such car, or a mistake in its folder: file, key, value, limit, remedy.
     """
+    return _load(platform or default_platform())
+
+
+@lru_cache(maxsize=64)
+def _load(platform: str) -> Car:
     try:
         return _read(platform, load_codec(platform))
     except PlatformError as error:

@@ -79,6 +79,22 @@ def meanings(codes: Mapping[str, int], states: type[E]) -> dict[int, E]:
     return {code: states[name.upper()] for name, code in codes.items()}
 
 
+STANDS_IN = {
+    CtState.POWER_ON: "init", CtState.INIT_DRIVING: "nominal_race", CtState.CAUTION: "nominal_race",
+    CtState.COORDINATED_STOP: "nominal_race",
+}  # fmt: skip
+"""states that a car's ladder may lack, and what is said instead; of other rungs the one below"""
+
+
+def computer_codes(codes: Mapping[str, int]) -> dict[CtState, int]:
+    """Code of every state of the computer, in the order of the ladder."""
+    found: dict[CtState, int] = {}
+    for state in CtState:
+        below = found.get(CtState(max(state - 1, 1)), 0)
+        found[state] = codes.get(state.name.lower(), codes.get(STANDS_IN.get(state, ""), below))
+    return found
+
+
 def stronger_vehicle_flag(one: int, other: int) -> int:
     """The more restrictive of the flags of two transmitters."""
     return max(one, other, key=_severity)

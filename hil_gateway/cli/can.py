@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from can_dbc.codec import load_codec
 from hil_gateway.can_link import CanLink, Frame, open_link
 from hil_gateway.can_link.monitor import FrameMonitor, Stream, cells, line, signals
+from hil_gateway.car.car import load_car
 from hil_gateway.config import load_config
 from hil_gateway.process.clock import NS_PER_S, SystemClock
 from hil_gateway.process.errors import InputError
@@ -42,7 +42,7 @@ def monitor(
     as_json: Annotated[bool, typer.Option("--json", help="at the end, one JSON object on standard output")] = False,
 ) -> None:
     """Signals, rate, age and counter of every message; what has just changed stands out."""
-    view = FrameMonitor(load_codec(), filters or ())
+    view = FrameMonitor(load_car().codec, filters or ())
     now_ns = _read(file, view) if file else _listen(_open(config, channel), view, seconds, quiet=as_json)
     if as_json:
         messages = [_tree(stream, now_ns) for stream in view.shown()]

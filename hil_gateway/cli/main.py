@@ -97,6 +97,9 @@ def _root(
     version: Annotated[
         bool, typer.Option("--version", help="print the version", callback=_print_version, is_eager=True)
     ] = False,
+    platform: Annotated[
+        str, typer.Option(PLATFORM_OPTION, help="the car: name of a shipped one, or a folder; after any command, too")
+    ] = "",
 ) -> None:
     """Hardware-in-the-loop CAN gateway and active tyre-learning loop for the Dallara AV-24."""
 
@@ -112,6 +115,7 @@ INTERRUPTED = EXIT_SIGNAL + signal.SIGINT
 def main() -> None:
     """Run the command line; bad input ends in one line on standard error and exit code 2."""
     end_with_parent()
+    _take_platform(sys.argv)
     interrupt = Interrupt()
     try:
         code = _run()
@@ -124,6 +128,21 @@ def main() -> None:
     finally:
         interrupt.over()
     raise SystemExit(_flushed(code))
+
+
+def _take_platform(arguments: list[str]) -> None:
+    """`--platform NAME|FOLDER`, which every command takes, into the variable that its processes read, too."""
+    for index, argument in enumerate(arguments):
+        name, equals, value = argument.partition("=")
+        if name == PLATFORM_OPTION:
+            taken = 1 if equals else 2
+            value = value if equals else "".join(arguments[index + 1 : index + 2])
+            os.environ["HIL_PLATFORM"] = str(Path(value).absolute()) if Path(value).is_dir() else value
+            del arguments[index : index + taken]
+            return
+
+
+PLATFORM_OPTION = "--platform"
 
 
 def _run() -> Any:

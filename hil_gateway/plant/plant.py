@@ -15,6 +15,7 @@ from hil_gateway.plant.controller.ladder import AT_REST, MARELLI_KILL, SysState,
 from hil_gateway.plant.controller.receive import CommandReceiver
 from hil_gateway.plant.controller.sensors import Sensors
 from hil_gateway.plant.controller.transmit import RaceControl, Transmitter
+from hil_gateway.plant.fitted import fitted
 from hil_gateway.plant.physics.effects import configure
 from hil_gateway.plant.physics.parameters import PlantParameters
 from hil_gateway.plant.referee.referee import Referee
@@ -61,7 +62,8 @@ class Plant:
         simulated: SimulatedCar | None = None,
     ) -> None:  # fmt: skip
         """`simulated` replaces the configuration's base, effects and numbers of the car."""
-        parameters = simulated.parameters() if simulated else plant_parameters(config.plant)
+        asked = simulated.parameters() if simulated else plant_parameters(config.plant)
+        parameters = fitted(asked, config.car)
         track, events = track or load_track(config.track or None), simulated.events if simulated else ()
         self.car = Car(parameters, track, start_s=config.plant.start_s, events=events)
         self.controller = VehicleController()

@@ -9,10 +9,11 @@ import difflib
 from importlib.resources import files
 from pathlib import Path
 
+from can_dbc.folder import FILES
 from hil_gateway.process.errors import InputError
 
 NEEDED: dict[str, tuple[str, ...]] = {
-    "can_dbc": ("av24/av24.dbc", "av24/bus.toml", "av24/signals.toml", "av24/car.toml"),
+    "can_dbc": tuple(f"{car}/{name}" for car in ("av21", "av24", "kestrel") for name in (f"{car}.dbc", *FILES)),
     "hil_gateway": (
         "data/av24.toml",
         "data/secure.json5",

@@ -12,7 +12,7 @@ from can_dbc.codec import Codec
 from can_dbc.database import Message
 from can_dbc.signals import SignalMap
 from hil_gateway.can_link import CanLink
-from hil_gateway.car.states import CtState
+from hil_gateway.car.states import CtState, computer_codes
 from hil_gateway.gateway.act.limits import RawCommand
 from hil_gateway.gateway.decide.ladder_inputs import Flags
 from hil_gateway.gateway.settings import PERIOD_S
@@ -51,7 +51,7 @@ class Transmitter:
         self._actuators = [_sent(codec, name) for name in signals.actuator_messages]
         self._status = [_sent(codec, name) for name in signals.status_messages]
         self._due_ns = dict.fromkeys(signals.status_messages, 0)
-        self._states = signals.codes["ct_state"]
+        self._states = computer_codes(signals.codes["ct_state"])
         self._reported: tuple[CtState, Flags] | None = None
         self.refused = 0
         self.failed = 0
@@ -91,7 +91,7 @@ class Transmitter:
         """State and acknowledged flags, on every change and once a period of each message."""
         changed, self._reported = (ct_state, flags) != self._reported, (ct_state, flags)
         content = {
-            "ct_state": self._state_code(ct_state),
+            "ct_state": self._states[ct_state],
             "vehicle_number": self._vehicle_number,
             **{f"{flag}_ack": code for flag, code in flags.items()},
         }
@@ -102,11 +102,6 @@ class Transmitter:
                 places = self._codec.signals.commands
                 raw = {signal: places[key].raw(content[key]) for key, signal in message.signals.items()}
                 self._message(message, raw)
-
-    def _state_code(self, state: CtState) -> int:
-        """Code of a state; of the rung below where the car's ladder does not have it."""
-        below = (CtState(value) for value in range(state, 0, -1))
-        return next(self._states[rung.name.lower()] for rung in below if rung.name.lower() in self._states)
 
     def _message(self, message: _Sent, raw: Mapping[str, int]) -> bool:
         """Add what rests and the counter, pack, send: the integers that were checked are those in the bytes."""

@@ -55,11 +55,12 @@ def capture(link: CanLink, clock: Clock, seconds: float) -> Capture:
 def examine(config: Config, bus: str, interface: Interface | None, captured: Capture) -> Report:
     """Everything that can be said about a capture. Pure."""
     codec = config.car.codec
+    bitrate = config.can.bitrate or codec.bitrate
     seen = observe(captured.frames, codec, captured.start_ns, captured.end_ns)
     messages = tuple(message_rows(seen)) if seen.frames else ()
     findings = (
-        *(judge_interface(interface, config.can.bitrate) if interface else ()),
-        *judge_bus(seen, config.can.bitrate, captured.stats.lost, captured.stats.malformed),
+        *(judge_interface(interface, bitrate) if interface else ()),
+        *judge_bus(seen, bitrate, captured.stats.lost, captured.stats.malformed),
         *judge_stamps(seen, captured.read_delay_s),
         *judge_signals(seen, config),
     )

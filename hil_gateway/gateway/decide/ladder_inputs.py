@@ -45,4 +45,5 @@ def ladder_inputs(builder: VehicleStateBuilder, now_ns: int, state: VehicleState
         heartbeat_age_s=builder.age_s("race_control", now_ns),
         track_flag=state.track_flag,
         vehicle_flag=state.vehicle_flag,
+        rungs=builder.rungs,
     )

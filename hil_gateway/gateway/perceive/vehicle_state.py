@@ -62,6 +62,8 @@ class VehicleStateBuilder:
         self._track_flags = meanings(codec.signals.codes["track_flag"], TrackFlag)
         self._vehicle_flags = meanings(codec.signals.codes["vehicle_flag"], VehicleFlag)
         self._sys_states = meanings(codec.signals.codes["sys_state"], SysState)
+        self.rungs = frozenset[int](self._sys_states.values())
+        """states of the car that its ladder has"""
         self._emergency = codec.signals.codes["ct_state"]["emergency"]
         self._commands = frozenset(codec.signals.actuator_messages)
         self._steering_rate = _SteeringRate(codec)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from can_dbc.codec import COUNTER, Fault
 from hil_gateway.can_link import Frame
 from hil_gateway.car.car import Car
-from hil_gateway.car.states import CtState, meanings
+from hil_gateway.car.states import computer_codes
 from hil_gateway.plant.car import Commands
 from hil_gateway.plant.controller.ladder import Received
 
@@ -20,7 +20,8 @@ class CommandReceiver:
         self._codec = codec = platform.codec
         self._layouts = {m.id: m for m in codec.messages.values() if m.direction == "computer"}
         self._ratio, self._bias = platform.vehicle.steering_ratio, platform.powertrain.brake_bias_front
-        self._states = meanings(codec.signals.codes["ct_state"], CtState)  # of rungs that share a code the highest
+        codes = computer_codes(codec.signals.codes["ct_state"])
+        self._states = {code: state for state, code in codes.items()}  # of rungs that share a code the highest
         actuators = codec.signals.actuator_messages
         counted = [name for name in actuators if codec.messages[name].counter is not None]
         self._supervised = tuple(counted or actuators)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from can_dbc.codec import Codec, Fault, load_codec
+from can_dbc.codec import Codec, Fault
+from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
@@ -30,7 +31,7 @@ def export_signals(source: Path, target: Path) -> Exported:
     Raises:
         InputError: no recording, no frames the DBC knows, `target` cannot be written, pyarrow missing.
     """
-    codec, left_out, reader = load_codec(), dict[str, int](), SessionReader(source, frozenset({CAN_TOPIC}))
+    codec, left_out, reader = load_car().codec, dict[str, int](), SessionReader(source, frozenset({CAN_TOPIC}))
     samples: Samples = {}
     with named(source):
         for item in reader.items():

@@ -19,11 +19,11 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from can_dbc.codec import load_codec
-from can_dbc.folder import SHIPPED, dbc_path, platform_folder
+from can_dbc.folder import SHIPPED
 from hil_gateway.bus.messages import Message
 from hil_gateway.bus.topics import Topic
 from hil_gateway.can_link import EXTENDED_ID, Frame
+from hil_gateway.car.car import load_car
 from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
@@ -80,7 +80,7 @@ def frame_source(bus: str, frame_id: int) -> str:
 
 @cache
 def _computer_ids() -> frozenset[int]:
-    return frozenset(message.id for message in load_codec().messages.values() if message.direction == "computer")
+    return frozenset(message.id for message in load_car().codec.messages.values() if message.direction == "computer")
 
 
 @cache
@@ -157,7 +157,7 @@ def session_metadata(config: Config, name: str, bus: str, started: str) -> dict[
 
 def dbc_hash() -> str:
     """SHA-256 of the DBC in use."""
-    return hashlib.sha256(dbc_path(platform_folder("av24")).read_bytes()).hexdigest()
+    return hashlib.sha256(load_car().dbc.read_bytes()).hexdigest()
 
 
 def software_version() -> str:

@@ -17,8 +17,8 @@ from typing import Self
 from mcap.writer import Writer
 from typing_extensions import Buffer
 
-from can_dbc.folder import dbc_path, platform_folder
 from hil_gateway.bus.topics import TOPICS
+from hil_gateway.car.car import load_car
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.writable import free_bytes, short_of_space
 from hil_gateway.session.files.format import CAN_SCHEMA, CAN_SCHEMA_NAME, CAN_TOPIC, METADATA_SESSION, json_schema
@@ -84,7 +84,7 @@ class Sink:
 class SessionFile:
     """One MCAP file with a channel for raw frames, one for every recorded topic, and one for each `further` one.
 
-    The DBC that decodes the frames is attached.
+    The files of the car that decode the frames are attached, the DBC first.
 
     `further`: topic -> name and text of its JSON schema.
     """
@@ -99,8 +99,8 @@ class SessionFile:
             self._writer = Writer(self.sink, chunk_size=2 * PENDING_LIMIT, enable_data_crcs=True)
             self._writer.start(library="hil-gateway")
             self._channels = self._register(further or {})
-            dbc = dbc_path(platform_folder("av24"))
-            self._writer.add_attachment(0, 0, dbc.name, "text/plain", dbc.read_bytes())
+            for name, text in load_car().files().items():
+                self._writer.add_attachment(0, 0, name, "text/plain", text.encode())
             for name, values in metadata.items():
                 self._writer.add_metadata(name, values)
             self.sink.flush()

@@ -8,8 +8,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from hil_gateway.bus.alerts import grouped
 from hil_gateway.bus.event import EventKind
 from hil_gateway.bus.messages import Alert, FailsafeAction
@@ -145,5 +143,5 @@ def config_of(metadata: dict[str, Any]) -> Config:
     """The configuration in a session's metadata, or the default one."""
     try:
         return Config.model_validate(json.loads(metadata.get("config", "{}")))
-    except (ValueError, ValidationError):
+    except (ValueError, InputError):
         return Config()

@@ -117,6 +117,6 @@ def to_can(link: CanLink, ids: frozenset[int]) -> Send:
 
 def ids_from_car() -> frozenset[int]:
     """Identifiers that a car sends, by the DBC."""
-    from can_dbc.codec import load_codec
+    from hil_gateway.car.car import load_car
 
-    return frozenset(m.id for m in load_codec().messages.values() if m.direction == "car")
+    return frozenset(m.id for m in load_car().codec.messages.values() if m.direction == "car")

@@ -44,8 +44,9 @@ def test_session_opens_with_the_mcap_reader_and_has_a_channel_for_every_topic(tm
         assert summary is not None
         topics = {channel.topic for channel in summary.channels.values()}
         assert topics == {CAN_TOPIC, *(t.key for t in TOPICS if t.recorded)}
-        attached = [a.data for a in reader.iter_attachments()]
-        assert attached == [(SHIPPED / "av24" / "av24.dbc").read_bytes()], "frames decode without us"
+        attached = {a.name: a.data for a in reader.iter_attachments()}
+        assert set(attached) == {"av24.dbc", "bus.toml", "signals.toml", "car.toml"}
+        assert attached["av24.dbc"] == (SHIPPED / "av24" / "av24.dbc").read_bytes(), "frames decode without us"
         for schema, channel, message in reader.iter_messages(topics=[COMMAND.key]):
             assert schema is not None
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
