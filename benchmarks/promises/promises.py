@@ -160,6 +160,16 @@ PROMISES: tuple[Promise, ...] = (
         "flood and bomb set",
     ),
     Promise(
+        "G1",
+        "Nothing starts by itself: no cranking, released brake or motion without a person's request",
+        "every state of the ladder x restart of every process",
+    ),
+    Promise(
+        "G2",
+        "A car that stands is held, and knows where it points or says that it does not",
+        "10 min, 9 % grade, 20 deg bank, pushed 30 m: 0.1 m rolled, heading within 0.02 rad or not valid",
+    ),
+    Promise(
         "G3",
         "Armed means under way within 2 s, or the reason is said",
         "1,000 places and headings, all tracks and their pit lanes",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from struct import Struct
 from typing import Any
 
-from hil_gateway.plant.events import CALM, Disturbance, Event, disturbance
+from hil_gateway.plant.events import CALM, Disturbance, Event, disturbance, pushed
 from hil_gateway.plant.physics.dynamics import INPUTS, OUTPUTS, STATES, step_function
 from hil_gateway.plant.physics.parameters import PlantParameters
 from hil_gateway.plant.physics.road import Road
@@ -152,6 +152,7 @@ class Car:
             *disturbed.flats,
             disturbed.gust,
             disturbed.brake_loss,
+            disturbed.push,
         )
         self._function()
         self.steer_rate = (self._after[STEER] - state[STEER]) / STEP_S
@@ -159,11 +160,12 @@ class Car:
         self.steps += 1
 
     def _disturbance(self, vx: float) -> Disturbance:
-        """Events count from when the car first moves."""
+        """Events count from when the car first moves, but for those that move it."""
         if self._moved_s > self.time_s and vx > MOVING:
             self._moved_s = self.time_s
         since = self.time_s - self._moved_s
-        return disturbance(self._events, since, self.road.s, self.road.track.length) if since >= 0.0 else CALM
+        driving = disturbance(self._events, since, self.road.s, self.road.track.length) if since >= 0.0 else CALM
+        return pushed(self._events, self.time_s, vx, driving)
 
     def _ratio(self, wanted: int) -> float:
         """Engine over axle speed; 0 in neutral and while a shift is under way."""

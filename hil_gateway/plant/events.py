@@ -1,4 +1,4 @@
-"""What happens to the simulated car during a run: a wet stretch, a gust, a puncture, brake fade."""
+"""What happens to the simulated car during a run: a wet stretch, a gust, a puncture, brake fade, a crew that pushes."""
 
 from __future__ import annotations
 
@@ -51,16 +51,32 @@ class BrakeFadeEvent(Model):
     factor: float = Field(ge=0.1, le=1.0)
 
 
-Event = Annotated[GripEvent | GustEvent | PunctureEvent | BrakeFadeEvent, Field(discriminator="kind")]
+class PushEvent(Model):
+    """A crew releases the brakes, pushes, and puts them on again."""
+
+    kind: Literal["push"]
+    t: float = Field(ge=0, description="s after the plant's start: the car need not have moved")
+    for_s: Duration
+    speed: float = Field(ge=-3, le=3, description="m/s, negative backwards")
+
+
+PUSH_MOST = 1200.0
+"""N of a crew: three people who push with 400 N each; a grade of 9 % takes 690 N of an AV-24"""
+PUSH_GAIN = 4000.0
+"""N a m/s by which the car is slower than it is to be"""
+
+Event = Annotated[GripEvent | GustEvent | PunctureEvent | BrakeFadeEvent | PushEvent, Field(discriminator="kind")]
 
 
 class Disturbance(NamedTuple):
-    """Factor on friction; per wheel 0 (sound) or 1 (flat); side force, N; share of the brakes' torque lost."""
+    """Factor on friction; per wheel 0 (sound) or 1 (flat); side force, N; share of the brakes' torque lost; force
+    forward, N."""
 
     grip: float = 1.0
     flats: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     gust: float = 0.0
     brake_loss: float = 0.0
+    push: float = 0.0
 
 
 CALM = Disturbance()
@@ -79,9 +95,18 @@ def disturbance(events: Sequence[Event], time_s: float, s: float, length: float)
                 grip *= event.factor if _there(event, s, length) else 1.0
             elif isinstance(event, GustEvent):
                 gust += event.force_n
-            else:
+            elif isinstance(event, BrakeFadeEvent):
                 brakes *= event.factor
     return Disturbance(grip, tuple(float(wheel in flat) for wheel in WHEELS), gust, 1.0 - brakes)
+
+
+def pushed(events: Sequence[Event], time_s: float, vx: float, otherwise: Disturbance) -> Disturbance:
+    """`otherwise`, with a crew at work where one is, `time_s` after the plant's start, at a speed of `vx` (m/s)."""
+    for event in events:
+        if isinstance(event, PushEvent) and event.t <= time_s < event.t + event.for_s:
+            force = PUSH_GAIN * (event.speed - vx)
+            return otherwise._replace(brake_loss=1.0, push=max(-PUSH_MOST, min(force, PUSH_MOST)))
+    return otherwise
 
 
 def _there(event: GripEvent, s: float, length: float) -> bool:

@@ -13,10 +13,10 @@ import casadi as ca
 from hil_gateway.plant.physics.parameters import ENGINE_SPEEDS
 from hil_gateway.process.arrays import Expr
 
-BRAKE_FADE = 0.1
-"""rad/s of a wheel below which a brake's torque fades to zero"""
 BRAKE_STIFFNESS = 1200.0
 """1/s, the quickest a brake may stop a wheel: what the 1 kHz integration can follow"""
+LEAST_TORQUE = 1e-6
+"""N m; keeps the division finite with the brakes off"""
 CLOSED, CLOSED_WIDTH = 0.015, 0.004
 """throttle below which fuel is cut, and the width of that switch"""
 LOCKING = 3.0
@@ -58,10 +58,16 @@ def differential(p: Any, torque: Expr, speed_left: Expr, speed_right: Expr) -> t
     return 0.5 * torque - 0.5 * locking, 0.5 * torque + 0.5 * locking
 
 
-def brake_torques(p: Any, front: Expr, rear: Expr, speeds: list[Expr]) -> list[Expr]:
-    """Torque of each brake, N m, from circuit pressures (Pa), against the wheel's rotation (rad/s)."""
+def brake_torques(
+    p: Any, front: Expr, rear: Expr, *, speeds: list[Expr], others: list[Expr], inertia: list[Expr]
+) -> list[Expr]:
+    """Torque of each brake, N m, from circuit pressures (Pa): dry friction against the wheel's rotation (rad/s).
+
+    As much as stops the wheel against the `others` torques on it (N m), up to what the pressure gives: a wheel that
+    stands stays where it is.
+    """
     on_front = p.front_brake * p.brake_gain_front * front
     on_rear = p.brake_gain_rear * rear + (1.0 - p.front_brake) * p.brake_gain_front * front
-    torques = (on_front, on_front, on_rear, on_rear)
-    fades = [BRAKE_FADE + t / (BRAKE_STIFFNESS * p.wheel_inertia) for t in torques]
-    return [-t * ca.tanh(w / f) for t, w, f in zip(torques, speeds, fades, strict=True)]
+    most = (on_front, on_front, on_rear, on_rear)
+    stopping = [o + i * BRAKE_STIFFNESS * w for o, i, w in zip(others, inertia, speeds, strict=True)]
+    return [-m * ca.fmax(-1.0, ca.fmin(1.0, s / (m + LEAST_TORQUE))) for m, s in zip(most, stopping, strict=True)]

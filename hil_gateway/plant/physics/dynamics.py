@@ -32,10 +32,11 @@ INPUTS = (
     "ratio", "engine_running",
     "gravity_x", "gravity_y", "gravity_z", "grip",
     "late_steer", "late_throttle", "late_brake_front", "late_brake_rear",
-    "flat_fl", "flat_fr", "flat_rl", "flat_rr", "gust", "brake_loss",
+    "flat_fl", "flat_fr", "flat_rl", "flat_rr", "gust", "brake_loss", "push",
 )  # fmt: skip
 """delayed commands, engine over axle speed, 0 or 1, gravity in body axes m/s2, factor on friction, delayed actuators,
-per wheel 0 (sound) to 1 (tyre flat), side force on the body N, share of the brakes' torque that is missing"""
+per wheel 0 (sound) to 1 (tyre flat), side force on the body N, share of the brakes' torque that is missing, force
+forward on the body N"""
 
 FLAT_GRIP_LOSS = 0.6
 """share of its friction a tyre without air loses, assumed: the carcass folds under the rim and carries on its edge"""
@@ -94,7 +95,7 @@ def _tyre_forces(s: Any, u: Any, p: Any, steers: list[Expr], loads: list[Expr]) 
         rim = getattr(s, f"spin_{name}") * p.wheel_radius
         velocity = chassis.wheel_velocity(s.vx, s.vy, s.yaw_rate, x=xs[i], y=ys[i], steer=steers[i])
         relaxed = getattr(s, f"slip_x_{name}"), getattr(s, f"slip_y_{name}")
-        rate_x, rate_y = tyre.slip_rates(velocity, rim, relaxed, (p.relaxation_x, p.relaxation_y))
+        rate_x, rate_y = tyre.slip_rates(velocity, rim, relaxed, (p.relaxation_x, p.relaxation_y), contact)
         slip = tyre.damped(velocity, rim, relaxed)
         fx, fy = tyre.forces(slip, contact)
         fy = fy * (1.0 + p.turn_asymmetry * ca.tanh(slip[1] / 0.01))
@@ -135,7 +136,7 @@ def _use(tyres: Any, wheels: tuple[int, ...]) -> tuple[Expr, Expr]:
     return ca.sqrt(share_x**2 + share_y**2), slip / sum(c.load for c in contacts)
 
 
-def _wheels(s: Any, u: Any, p: Any, *, throttle: Expr, brakes: tuple[Expr, Expr], along: list[Expr],
+def _wheels(s: Any, u: Any, p: Any, *, throttle: Expr, pressures: tuple[Expr, Expr], along: list[Expr],
             loads: list[Expr]) -> Any:  # fmt: skip
     """Spin rates of the wheels, engine speed, axle torque and the power lost in brakes, flat tyres and differential."""
     spins = [s.spin_fl, s.spin_fr, s.spin_rl, s.spin_rr]
@@ -145,11 +146,12 @@ def _wheels(s: Any, u: Any, p: Any, *, throttle: Expr, brakes: tuple[Expr, Expr]
     torque = driveline.axle_torque(p, throttle, speed, u.ratio, u.engine_running)
     driven = [0.0, 0.0, *driveline.differential(p, torque, s.spin_rl, s.spin_rr)]
     rolling = [-FLAT_ROLLING * p.wheel_radius * flats[i] * loads[i] * ca.tanh(spins[i]) for i in range(4)]
-    braked = [b + r for b, r in zip(driveline.brake_torques(p, *brakes, spins), rolling, strict=True)]
     inertia = [p.wheel_inertia, p.wheel_inertia] + 2 * [p.wheel_inertia + 0.5 * p.engine_inertia * u.ratio**2]
-    rates = [(driven[i] + braked[i] - p.wheel_radius * along[i]) / inertia[i] for i in range(4)]
+    others = [driven[i] + rolling[i] - p.wheel_radius * along[i] for i in range(4)]
+    brakes = driveline.brake_torques(p, *pressures, speeds=spins, others=others, inertia=inertia)
+    rates = [(others[i] + brakes[i]) / inertia[i] for i in range(4)]
     slipping = sum(driven[i] * (axle - spins[i]) for i in (2, 3))
-    lost = slipping - sum(t * w for t, w in zip(braked, spins, strict=True))
+    lost = slipping - sum((b + r) * w for b, r, w in zip(brakes, rolling, spins, strict=True))
     return SimpleNamespace(rates=rates, engine_speed=speed, torque=torque, lost=lost)
 
 
@@ -159,7 +161,7 @@ def _body(s: Any, u: Any, p: Any, *, steers: list[Expr], tyres: Any, air: tuple[
     rolling = -p.rolling_resistance * ca.tanh(s.vx)
     xs, ys = chassis.wheel_positions(p)
     wheels = [chassis.to_body(tyres.along[i], tyres.across[i], steers[i]) for i in range(4)]
-    ax = (sum(w[0] for w in wheels) + drag + rolling) / p.mass
+    ax = (sum(w[0] for w in wheels) + drag + rolling + u.push) / p.mass
     ay = (sum(w[1] for w in wheels) + side + u.gust) / p.mass
     moment = sum(xs[i] * wheels[i][1] - ys[i] * wheels[i][0] for i in range(4)) - p.yaw_damping * s.yaw_rate
     yaw_acc = moment / p.yaw_inertia
@@ -171,19 +173,19 @@ def _body(s: Any, u: Any, p: Any, *, steers: list[Expr], tyres: Any, air: tuple[
         ay - s.vx * s.yaw_rate + u.gravity_y,
         yaw_acc,
     ]
-    lost = p.yaw_damping * s.yaw_rate**2 - (drag + rolling) * s.vx - (side + u.gust) * s.vy
+    lost = p.yaw_damping * s.yaw_rate**2 - (drag + rolling + u.push) * s.vx - (side + u.gust) * s.vy
     return SimpleNamespace(ax=ax, ay=ay, yaw_acc=yaw_acc, rates=rates, lost=lost)
 
 
 def _rates(x: Expr, u: Expr, p: Any) -> tuple[Expr, Expr]:
     """dx/dt and outputs."""
     s, u = _bind(STATES, x), _bind(INPUTS, u)
-    steer, throttle, *brakes = _effective_inputs(s, u, p)
+    steer, throttle, *pressures = _effective_inputs(s, u, p)
     steers: list[Expr] = [steer, steer, 0.0, 0.0]
     drag, side, downforce = chassis.air_forces(p, s.vx, s.vy, s.yaw)
     loads = chassis.wheel_loads(p, u.gravity_z, s.load_ax, s.load_ay, downforce)
     tyres = _tyre_forces(s, u, p, steers, loads)
-    wheels = _wheels(s, u, p, throttle=throttle, brakes=(brakes[0], brakes[1]), along=tyres.along, loads=loads)
+    wheels = _wheels(s, u, p, throttle=throttle, pressures=(pressures[0], pressures[1]), along=tyres.along, loads=loads)
     body = _body(s, u, p, steers=steers, tyres=tyres, air=(drag, side))
     load_lags = [(body.ax - s.load_ax) / p.load_lag, (body.ay - s.load_ay) / p.load_lag]
     rates = [*body.rates, *wheels.rates, *tyres.rate_x, *tyres.rate_y, *load_lags, *_actuator_rates(s, u, p)]

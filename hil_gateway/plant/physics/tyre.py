@@ -15,9 +15,13 @@ from hil_gateway.process.arrays import Expr
 Pair = tuple[Expr, Expr]
 
 LOW_SPEED = 1.0
-"""m/s; slip is taken against sqrt(v^2 + LOW_SPEED^2)"""
+"""m/s; slip is taken against sqrt(v^2 + LOW_SPEED^2) where the contact patch slides"""
 RATE_MAX = 1000.0
-"""1/s; the quickest slip can follow, for the 1 kHz integration; relaxation length 0 means this"""
+"""1/s; the quickest slip can follow, for the 1 kHz integration"""
+LEAST_LENGTH = 0.02
+"""m of relaxation at least: the tread alone yields by as much"""
+STILL = 1e-9
+"""m/s; keeps the division of zero by zero at rest finite"""
 DAMPING_SPEED = 3.0
 """m/s; below it the contact patch is damped, or a standing car would swing on its tyres for ever"""
 DAMPING_X, DAMPING_Y = 0.016, 0.1
@@ -53,17 +57,6 @@ def friction_factor(load: Expr, nominal: Expr, sensitivity: Expr) -> Expr:
     return ca.fmax(0.3, 1.0 - sensitivity * (load / nominal - 1.0))
 
 
-def slip_rates(velocity: Pair, rim: Expr, slip: Pair, length: Pair) -> Pair:
-    """Rates of longitudinal slip and of the slip angle's tangent, first order over the relaxation lengths (m).
-
-    `velocity` of the wheel centre along and across the wheel, `rim` circumferential speed, m/s.
-    """
-    vx, vy = velocity
-    speed = ca.sqrt(vx * vx + LOW_SPEED**2)
-    rate_x, rate_y = (ca.fmin(speed / ca.fmax(x, 1e-6), RATE_MAX) for x in length)
-    return rate_x * ((rim - vx) / speed - slip[0]), rate_y * (-vy / speed - slip[1])
-
-
 def damped(velocity: Pair, rim: Expr, slip: Pair) -> Pair:
     """Slips with contact damping at walking pace."""
     vx, vy = velocity
@@ -83,6 +76,20 @@ class Tyre(NamedTuple):
     """0..1, from longitudinal force linear in slip to the magic formula"""
     stiffness: Expr
     """N per unit slip where the longitudinal force is linear"""
+
+
+def slip_rates(velocity: Pair, rim: Expr, slip: Pair, length: Pair, tyre: Tyre) -> Pair:
+    """Rates of longitudinal slip and of the slip angle's tangent, first order over the relaxation lengths (m).
+
+    `velocity` of the wheel centre along and across the wheel, `rim` circumferential speed, m/s. At rest slip is the
+    deflection of the tread over the relaxation length, which stays as it is (Eq. 7.7 for V_x = 0): a standing tyre
+    holds what it is loaded with, up to the peak of its force; there it slides, as a bristle does.
+    """
+    vx, vy = velocity
+    sliding = ca.sqrt(((rim - vx) / peak_slip(tyre.along)) ** 2 + (vy / peak_slip(tyre.across)) ** 2 + STILL**2)
+    speed = ca.sqrt(vx * vx + ca.fmin(sliding, LOW_SPEED) ** 2)
+    rate_x, rate_y = (ca.fmin(speed / ca.fmax(x, LEAST_LENGTH), RATE_MAX) for x in length)
+    return rate_x * ((rim - vx) / speed - slip[0]), rate_y * (-vy / speed - slip[1])
 
 
 def slip_over_peak(slip: Pair, tyre: Tyre) -> Expr:

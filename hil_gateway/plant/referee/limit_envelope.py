@@ -194,11 +194,13 @@ class Side:
             with suppress(NoEquilibriumError):  # a car with little grip under a large load does not turn so fast
                 guess = self._extreme(held, guess, (0.0, 0.0), lateral)
         try:
-            return self._extreme(held, guess, (0.0, self._sign), None)
+            peak = self._extreme(held, guess, (0.0, self._sign), None)
         except NoEquilibriumError:
             if guess is START:
                 raise
             return self._climb(held, guess)
+        # the search may settle where the car slides to the other side
+        return peak if self._sign * (peak[AY] - guess[AY]) >= 0.0 else self._climb(held, guess)
 
     def _climb(self, held: list[float], guess: Array) -> Array:
         """The largest lateral force by bisection, where the search for it does not settle."""

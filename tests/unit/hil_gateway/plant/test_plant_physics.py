@@ -190,7 +190,7 @@ def test_parked_car_stays_parked(parameters: PlantParameters) -> None:
     u = _input(brake_front_command=1e6, brake_rear_command=1e6)
     x, _ = _run(_state(vx=0.5, vy=0.05), u, 5.0, 1e-3, parameters.car)
     assert np.isfinite(x).all()
-    assert np.abs(x[3:6]).max() < 5e-3
+    assert np.abs(x[3:6]).max() < 1e-5
 
 
 def test_full_braking_stops_without_reversing() -> None:

@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.promise_figures import record_figure, volume
+from support.sloped_track import place_of, sloped_track
 
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.demo.drive import _with_arguments
 from hil_gateway.demo.options import DemoOptions, prepare
 from hil_gateway.plant.car import Car, Commands
@@ -124,6 +127,49 @@ def test_gust_pushes_by_its_force_and_ends(flat: Track) -> None:
 def test_puncture_pulls_the_car_to_its_side_and_stays(flat: Track) -> None:
     car = _brake(flat, [{"kind": "puncture", "t": 0.0, "wheel": "fl"}], 0.8)
     assert car["yaw_rate"] > 0.003 + abs(_brake(flat, [], 0.8)["yaw_rate"])
+
+
+@pytest.mark.slow
+@pytest.mark.promise("G2")
+@pytest.mark.parametrize(("grade", "bank_deg"), [(0.2, 0.0), (-0.2, 0.0), (0.0, 20.0)])
+def test_brakes_hold_a_standing_car_to_the_millimetre(grade: float, bank_deg: float) -> None:
+    car, parked = Car(AV24, sloped_track(), start_s=place_of(grade, bank_deg)), Commands(0.0, 0.0, 1e6, 1e6)
+    for _ in range(2000):  # tyres and brakes take the load
+        car.step(parked, engine_running=False)
+    x, y, yaw = car["x"], car["y"], car["yaw"]
+    minutes = volume(1, 10)
+    for _ in range(60_000 * minutes):
+        car.step(parked, engine_running=False)
+    crept = np.hypot(car["x"] - x, car["y"] - y)
+    assert crept < 1e-3
+    assert abs(car["yaw"] - yaw) < 1e-4
+    assert np.hypot(car.output("ax"), car.output("ay")) == pytest.approx(
+        GRAVITY * np.sin(np.hypot(np.arctan(grade), np.radians(bank_deg))), rel=0.03
+    )
+    where = f"{100 * grade:.0f} % of grade" if grade else f"{bank_deg:.0f} deg of bank"
+    record_figure("G2", f"plant, {where}, 1 MPa, {minutes} min: crept {1e6 * crept:.2f} micrometres")
+
+
+def test_a_standing_car_without_brakes_rolls_down() -> None:
+    car = Car(AV24, sloped_track(), start_s=place_of(0.12))
+    for _ in range(3000):
+        car.step(Commands(), engine_running=False)
+    assert car["vx"] == pytest.approx(-GRAVITY * 0.119 * 3.0, rel=0.15)
+
+
+@pytest.mark.parametrize("speed", [1.0, -1.0])
+@pytest.mark.parametrize("grade", [0.0, -0.12])
+def test_a_crew_pushes_a_braked_car_and_lets_it_stand_again(speed: float, grade: float) -> None:
+    event = {"kind": "push", "t": 2.0, "for_s": 10.0, "speed": speed}
+    simulated = SimulatedCar.model_validate({"events": [event]})
+    car = Car(AV24, sloped_track(), start_s=place_of(grade), events=simulated.events)
+    at = {}
+    for step in range(16_000):
+        car.step(Commands(brake_front=1e6, brake_rear=1e6), engine_running=False)
+        at[step] = car.road.s
+    assert abs(at[1999] - at[1000]) < 1e-3
+    assert 6.0 < (at[11_999] - at[2000]) * np.sign(speed) < 13.0, "uphill a crew is slower than it means to be"
+    assert abs(at[15_999] - at[13_500]) < 2e-3
 
 
 def _turn(track: Track, events: list[dict[str, Any]], steer: float, seconds: float = 2.0) -> LoadJudge:
