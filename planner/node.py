@@ -21,6 +21,7 @@ from planner.line.joining import Joining
 from planner.line.telling import LineTeller
 from planner.plan.checks import PlanCheck
 from planner.plan.fallback import STANDSTILL, Stopping, Trajectory, shifted, stop_plan
+from planner.plan.first_metres import straight_ahead
 from planner.plan.from_rest import STILL, WALKING, Following, Unmoved, is_off, moves_off
 from planner.plan.prediction import Actuators, Car, Moment, Sent, credible, predict
 from planner.plan.publishing import Decision, Publisher, Stamps, within
@@ -91,7 +92,7 @@ class Planner:
         started = self._stopwatch()
         start_ns = now_ns + round((self._config.planner.compute_s + self._config.planner.actuator_delay_s) * NS_PER_S)
         z0 = self._initial_state(now_ns, start_ns)
-        decision = self._decide(z0, start_ns, started)
+        decision = self._first_metres(now_ns, start_ns) or self._decide(z0, start_ns, started)
         if decision is None:
             return None
         self._plan = decision.plan
@@ -201,6 +202,21 @@ class Planner:
         elif z0 is not None:
             self._fresh_ns, reason = 0, self._following.hindrance  # no plan of before leads on from here
         return self._fall_back(z0, start_ns, reason)
+
+    def _first_metres(self, now_ns: int, start_ns: int) -> Decision | None:
+        """Straight ahead while all that is not known is where the car points."""
+        latest = self._estimate.latest
+        e = latest.message
+        if e is None or e.lacks != "heading" or not latest.alive(now_ns) or not credible(
+            (e.x, e.y, e.yaw, e.vx, e.vy, e.yaw_rate), self._track
+        ):  # fmt: skip
+            return None
+        base, stopping = self.adoption.current.reference, self._stopping()
+        s = base.find(e.x, e.y, 0.0 if self._plan is None else float(self._plan.z[S, 0]))
+        grade = float(self._track.at(self._track.project(e.x, e.y)[0]).grade)
+        self._guess_start_ns, self._fresh_ns = None, 0  # what is planned as soon as it is known begins afresh
+        plan = straight_ahead(e, s, grade, start_ns, self.settings.horizon, stopping)
+        return Decision(plan, PlanStatus.FIRST_METRES, "the first metres show where the car points")
 
     def _or_not_moving(self, decision: Decision, now_ns: int) -> Decision:
         """The decision, or the same with why a standing car goes on standing."""

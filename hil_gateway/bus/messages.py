@@ -198,6 +198,8 @@ class PlanStatus(StrEnum):
     SOLVED = "solved"
     SHIFTED = "shifted"
     STOP = "stop"
+    FIRST_METRES = "first_metres"
+    """straight ahead at walking pace, until it is known where the car points"""
     NOT_MOVING = "not_moving"
     """the car stands and goes on standing: `Plan.reason` says why"""
 
@@ -291,6 +293,9 @@ class GatewayStatus(Message):
     missing_for_arming: tuple[Text, ...] = Field(max_length=64)
     missing_for_crank: tuple[Text, ...] = Field(
         default=("unknown",), max_length=64, description="why a request to crank would be refused; empty: it is awaited"
+    )
+    advice: Annotated[dict[Name, Text], Field(max_length=64)] = Field(
+        default={}, description="what to do about causes of `missing_for_arming`, where the table's words are not all"
     )
     holding: bool = Field(default=False, description="brakes alone are commanded, without arming")
     bus: Name

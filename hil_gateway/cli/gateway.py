@@ -178,7 +178,9 @@ def _why(action: OperatorAction, answer: GatewayStatus | None) -> str:
         return ", ".join(EXPLANATION.get(name, name) for name in answer.missing_for_crank)
     state = f"the gateway stays in {answer.action.value}{': ' + answer.cause if answer.cause else ''}"
     awaited = "" if answer.missing_for_crank else "; first `hil gateway crank`"
-    return (", ".join(answer.missing_for_arming) or state) + awaited
+    advice = answer.advice
+    missing = [f"{name}: {advice[name]}" if name in advice else name for name in answer.missing_for_arming]
+    return (", ".join(missing) or state) + awaited
 
 
 def _wait(

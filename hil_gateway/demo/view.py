@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from hil_gateway.bus.messages import FailsafeAction
+from hil_gateway.bus.messages import FailsafeAction, GatewayStatus
 from hil_gateway.demo.canvas import Canvas
 from hil_gateway.demo.monitor import Monitor
 from hil_gateway.demo.referee import Referee
@@ -157,14 +157,15 @@ def _headline(scene: Scene) -> RenderableType:
     text = Text(f" {status.action.value.upper()} ", style=f"bold reverse {COLOURS[status.action]}")
     text.append(f"  {status.cause}" if status.cause else "", style="reset")
     if status.missing_for_arming and status.action is FailsafeAction.SILENT:
-        text.append(f"  {_before_arming(status.missing_for_arming)}", style="reset yellow")
+        text.append(f"  {_before_arming(status)}", style="reset yellow")
     return text
 
 
-def _before_arming(missing: tuple[str, ...]) -> str:
+def _before_arming(status: GatewayStatus) -> str:
     """What is still needed, in words: the first, and how many more."""
+    missing = status.missing_for_arming
     more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
-    return f"not armed yet: {EXPLANATION.get(missing[0], missing[0])}{more}"
+    return f"not armed yet: {status.advice.get(missing[0]) or EXPLANATION.get(missing[0], missing[0])}{more}"
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -242,7 +243,7 @@ def line(scene: Scene) -> str:
     if status and status.cause:
         parts.append(f"({status.cause})")
     if status and status.action is FailsafeAction.SILENT and status.missing_for_arming:
-        parts.append(_before_arming(status.missing_for_arming))
+        parts.append(_before_arming(status))
     if estimate:
         parts.append(f"{estimate.vx:5.1f} m/s, steering {math.degrees(estimate.steer):+5.1f} deg")
     if plan:

@@ -149,7 +149,7 @@ class Gateway:
             monitors.position.outvoted(outvoted_s)
             monitors.heed(now_ns, state, self.inbox.estimate)
         believed = estimate if monitors.estimate_fits and in_time else None
-        if believed is not None and not before.stopping:
+        if believed is not None and believed.valid and not before.stopping:
             monitors.motion.teach(now_ns, state, believed)
         drifts, aside = monitors.position.drifts, self._drifted(known)
         pose = self._dead_reckoning.step(then_ns, state, motion, believed, monitors.fixes_fit or drifts, aside)
@@ -172,7 +172,10 @@ class Gateway:
     def _decide(self, now_ns: int, state: VehicleState, monitored: Measures, before: Decision) -> Situation:
         """Failsafe and ladder of this period."""
         request, age_s = self.inbox.read_request(now_ns), self.inbox.gate.age_s(now_ns)
-        situation = self._conditions.situation(now_ns, state, request, before, age_s, self.inbox.estimate, monitored)
+        situation = self._conditions.situation(
+            now_ns, state, request, before, age_s, self.inbox.estimate, monitored,
+            self.inbox.plan,
+        )  # fmt: skip
         self.decision = decide(situation, before)
         self.seen = state, situation.conditions
         self._reporter.note_change(situation, before, self.decision, self.inbox.estimate.age_s(now_ns))

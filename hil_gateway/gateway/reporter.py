@@ -67,6 +67,7 @@ class Reporter:
             action=decision.action,
             cause=decision.cause,
             missing_for_arming=() if decision.failsafe.armed else missing_for_arming(situation.conditions),
+            advice={} if decision.failsafe.armed else dict(situation.conditions.unready),
             missing_for_crank=self._missing_for_crank(situation, decision),
             holding=decision.holding,
             bus=link.kind,

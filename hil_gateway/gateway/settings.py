@@ -94,6 +94,14 @@ class StopConfig(Model):
         return self
 
 
+class ArmingConfig(Model):
+    """What arming asks for."""
+
+    heading: Literal["first_metres", "known"] = Field(
+        default="first_metres", description="the first metres, at walking pace, may show where the car points"
+    )
+
+
 class GatewayConfig(Model):
     """Gateway process."""
 
@@ -105,6 +113,7 @@ class GatewayConfig(Model):
     caution_speed: float = Field(
         default=22.0, ge=5, le=60, description="m/s under yellow flags, when race control names no speed"
     )
+    arming: ArmingConfig = ArmingConfig()
     hold: bool = Field(
         default=True, description="brakes hold the standing car whenever it obeys commands; false: only in a stop"
     )

@@ -19,6 +19,7 @@ from hil_gateway.bus.messages import (
     Estimate,
     FailsafeAction,
     GatewayStatus,
+    Lacks,
     OperatorAction,
     OperatorCommand,
     Plan,
@@ -168,6 +169,10 @@ class Rig:
         self.planner_runs = True
         self.estimator_runs = True
         self.estimate_valid = True
+        self.lacks: Lacks = ""
+        self.aside = 0.0
+        """m by which the estimate lies beside the fixes"""
+        self.plan_changes: dict[str, object] = {}
         self.gateway_runs = True
         self.person_cranks = True
         self.hooks: list[Callable[[Rig], None]] = []
@@ -243,16 +248,18 @@ class Rig:
     def estimate(self, state_stamp_ns: int) -> Estimate:
         """Estimate of a car driving straight along x."""
         return Estimate(
-            stamp_ns=self.now_ns, seq=self.tick, state_stamp_ns=state_stamp_ns, valid=self.estimate_valid,
-            x=self.car.x, y=0.0, yaw=0.0, vx=self.car.speed, vy=0.0, yaw_rate=0.0, bias_ax=0.0, bias_ay=0.0,
-            bias_yaw_rate=0.0, std=(0.0,) * 9, steer=0.0, drive=0.0, innovations_rejected=0,
+            stamp_ns=self.now_ns, seq=self.tick, state_stamp_ns=state_stamp_ns,
+            valid=self.estimate_valid and not self.lacks, lacks=self.lacks, x=self.car.x, y=self.aside, yaw=0.0,
+            vx=self.car.speed, vy=0.0, yaw_rate=0.0, bias_ax=0.0, bias_ay=0.0, bias_yaw_rate=0.0,
+            std=(0.0,) * 9, steer=0.0, drive=0.0, innovations_rejected=0,
         )  # fmt: skip
 
     def plan(self, state_stamp_ns: int, points: int = 41) -> Plan:
         """Straight ahead."""
         x = tuple(self.car.x + 2.0 * i for i in range(points))
         zero = (0.0,) * points
-        return Plan(
+        plan = Plan(
             stamp_ns=self.now_ns, seq=self.tick, state_stamp_ns=state_stamp_ns, status=PlanStatus.SOLVED, dt=0.05,
             x=x, y=zero, yaw=zero, vx=(40.0,) * points, s=x, steer=zero, drive=zero, lap=0, revision="-", solve_ms=1.0,
         )  # fmt: skip
+        return plan.model_copy(update=self.plan_changes)

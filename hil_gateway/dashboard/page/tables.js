@@ -38,7 +38,7 @@ function reason(gateway) {
   if (gateway.action === "drive") return "";
   if (gateway.cause) return words(gateway.cause);
   if (!gateway.missing_for_crank.length) return "ready to be cranked by a person: hil gateway crank";
-  if (gateway.missing_for_arming.length) return `before it can be armed: ${gateway.missing_for_arming.map(words).join(", ")}`;
+  if (gateway.missing_for_arming.length) return `before it can be armed: ${gateway.missing_for_arming.map((name) => gateway.advice[name] || words(name)).join(", ")}`;
   return "ready to be armed by a person";
 }
 

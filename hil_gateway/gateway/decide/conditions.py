@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hil_gateway.bus.latest import Latest
-from hil_gateway.bus.messages import Estimate, OperatorAction, VehicleState
+from hil_gateway.bus.messages import Estimate, OperatorAction, Plan, VehicleState
 from hil_gateway.car.states import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, CtState, SysState
+from hil_gateway.gateway.decide.arming import unready
 from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import HOLDS, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import ladder_inputs
+from hil_gateway.gateway.perceive.inbox import lacks_heading_only
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.gateway.perceive.tyre_reports import TyreReports
@@ -20,7 +22,8 @@ from hil_gateway.process.clock import NS_PER_S
 UNCOMMANDED = 1.0
 """m/s; a car in sys_state driving that moves so fast while nobody sends commands obeys old ones"""
 DRIVING_ONLY = (
-    "command_age", "estimate_invalid", "heartbeat_frozen", "car_not_driving", "mode_switch_off", "engine_stalled",
+    "command_age", "estimate_invalid", "heading_unknown", "heartbeat_frozen", "car_not_driving", "mode_switch_off",
+    "engine_stalled",
 )  # fmt: skip
 """Measures that have no meaning while actuators are tested with the engine off."""
 OBEYS_BRAKES = (SysState.IDLE, SysState.DRIVING)
@@ -36,6 +39,10 @@ ESTIMATE_MAX_S = 0.1
 gateway was held up does not pass for new."""
 
 
+FIRST_METRES = 6.0
+"""m driven straight ahead after which it is known where a car points: two or three show it"""
+
+
 class Conditions:
     """Remembers since when state and estimate are invalid and when the gateway ran last."""
 
@@ -49,6 +56,9 @@ class Conditions:
         self._state_invalid, self._estimate_invalid = Held(), Held()
         self._supply_low, self._stalled = Held(), Held()
         self._last_ns: int | None = None
+        self._needs_heading = config.arming.heading == "known"
+        self._blind_m = 0.0
+        """driven without knowing where the car points"""
 
     def situation(  # noqa: PLR0917 - what a decision depends on
         self,
@@ -59,6 +69,7 @@ class Conditions:
         command_age_s: float,
         estimate: Latest[Estimate],
         monitored: Mapping[str, float],
+        plan: Latest[Plan],
     ) -> Situation:
         """Inputs of this period's decision; `decision` is the one in force, `monitored` what the monitors measure."""
         measures = self.measures(
@@ -74,7 +85,7 @@ class Conditions:
         everything = {**measures, **(dict.fromkeys(monitored, 0.0) if self._testing else monitored)}
         return Situation(
             now_ns,
-            Inputs(everything, standing, request, may_arm=self._mode != "listen"),
+            Inputs(everything, standing, request, self._mode != "listen", self._unready(now_ns, estimate, plan)),
             ladder_inputs(self._builder, now_ns, state),
             CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
             self._sends,
@@ -107,12 +118,28 @@ class Conditions:
             "heartbeat_frozen": heartbeat_frozen_s,
             "state_invalid": self._state_invalid.update(not state.valid, now_ns),
             "estimate_invalid": self._without_estimate(estimate, now_ns),
+            "heading_unknown": self._without_heading(now_ns, state, estimate, answers_for_motion),
         }
         if self._testing:
             running = state.engine_speed > 0 or state.sys_state >= SysState.IDLE
             measures |= dict.fromkeys(DRIVING_ONLY, 0.0) | {"engine_running": _holds(running)}
         self._last_ns = now_ns
         return measures
+
+    def _unready(self, now_ns: int, estimate: Latest[Estimate], plan: Latest[Plan]) -> Mapping[str, str]:
+        fixes = self._builder.fixes
+        return {} if self._testing else unready(now_ns, estimate, plan, (fixes.x, fixes.y) if fixes.seq else None)
+
+    def _without_heading(
+        self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], driven: bool
+    ) -> float:  # fmt: skip
+        """Holds where the car does not know where it points: at once, or after the first metres that are to show it."""
+        lacks = estimate.message is not None and estimate.message.lacks == "heading"
+        if not (lacks and driven):
+            self._blind_m = 0.0
+        elif self._last_ns is not None:
+            self._blind_m += road_speed(state) * (now_ns - self._last_ns) / NS_PER_S
+        return _holds(lacks and (self._needs_heading or self._blind_m > FIRST_METRES))
 
     def _alone(self, now_ns: int) -> bool:
         """Whether no other computer commands the car, as far as one that has just begun to listen can tell."""
@@ -147,7 +174,8 @@ class Conditions:
     def _without_estimate(self, estimate: Latest[Estimate], now_ns: int) -> float:
         """Seconds without a valid estimate of a recent state."""
         age_s = 0.0 if estimate.message is None else (now_ns - estimate.message.state_stamp_ns) / NS_PER_S
-        invalid = not (estimate.valid(now_ns) and 0.0 <= age_s <= ESTIMATE_MAX_S)
+        usable = estimate.valid(now_ns) or lacks_heading_only(estimate, now_ns)
+        invalid = not (usable and 0.0 <= age_s <= ESTIMATE_MAX_S)
         held_s = self._estimate_invalid.update(invalid, now_ns)
         return max(held_s, age_s - ESTIMATE_MAX_S) if invalid else 0.0
 

@@ -8,7 +8,7 @@ armed again, and a request to arm is an edge that is answered in its period or d
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
@@ -125,6 +125,14 @@ TABLE: tuple[Row, ...] = (
         Clear.REARM,
     ),
     Row("estimate_invalid", "no valid estimate: `hil estimator run`", "estimate_invalid", 0.05, _STOP, Clear.REARM),
+    Row(
+        "heading_unknown",
+        "where the car points is not known: push it forward by 3 m",
+        "heading_unknown",
+        0.0,
+        _STOP,
+        Clear.REARM,
+    ),
     Row("counters_wrong", "rolling counters jump", "counters_wrong", 0.0, _STOP, Clear.REARM),
     Row("foreign_commands", "another computer commands the actuators", "foreign_commands", 0.0, _STOP, Clear.REARM),
     Row("heartbeat_frozen", "race control's heartbeat stands still", "heartbeat_frozen", 0.5, _STOP, Clear.REARM),
@@ -199,6 +207,8 @@ class Inputs:
     """a person's request that arrived in this very period"""
     may_arm: bool = True
     """the mode allows commands"""
+    unready: Mapping[str, str] = field(default_factory=dict)
+    """what else stands in the way of arming, and what to do about it, in words"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,10 +252,10 @@ def first_firing_while_silent(inputs: Inputs) -> Row | None:
 
 
 def missing_for_arming(inputs: Inputs) -> tuple[str, ...]:
-    """Why a request to arm would be refused now: every firing row, movement, mode."""
+    """Why a request to arm would be refused now: every firing row, movement, mode, what does not fit."""
     firing = tuple(row.cause for row in _firing(inputs))
     standing = () if inputs.standing else ("car_moving",)
-    return firing + standing + (() if inputs.may_arm else ("mode",))
+    return firing + standing + (() if inputs.may_arm else ("mode",)) + tuple(inputs.unready)
 
 
 def _firing(inputs: Inputs) -> list[Row]:

@@ -127,7 +127,8 @@ def _refusal(failsafe: Failsafe, inputs: Inputs) -> Iterator[Change]:
     """A request to arm that changed nothing."""
     missing = missing_for_arming(inputs)
     if failsafe.action is not FailsafeAction.DRIVE and missing:
-        text = f"arming refused: {EXPLANATION.get(missing[0], missing[0])}"
+        words = inputs.unready.get(missing[0]) or EXPLANATION.get(missing[0], missing[0])
+        text = f"arming refused: {words}"
         yield Change(EventKind.ARMING, failsafe.action, failsafe.action, text, Severity.WARNING, ", ".join(missing))
 
 

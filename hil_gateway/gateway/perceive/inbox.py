@@ -35,6 +35,11 @@ class Inbox:
         self.refused: dict[str, int] = {}
 
     @property
+    def plan(self) -> Latest[Plan]:
+        """The newest plan."""
+        return self._plan.latest
+
+    @property
     def estimate(self) -> Latest[Estimate]:
         """The newest estimate."""
         return self._estimate.latest
@@ -53,9 +58,10 @@ class Inbox:
         return plan.message if plan.count != before else None
 
     def read_estimate(self, now_ns: int) -> Estimate | None:
-        """The newest estimate, while it is valid."""
+        """The newest estimate, while it is valid or lacks the heading only, for which it then has the track's."""
         estimate = self._estimate.update(now_ns)
-        return estimate.message if estimate.valid(now_ns) else None
+        usable = estimate.valid(now_ns) or lacks_heading_only(estimate, now_ns)
+        return estimate.message if usable else None
 
     def read_request(self, now_ns: int) -> OperatorAction | None:
         """The most urgent request of a person that arrived this period."""
@@ -71,3 +77,8 @@ class Inbox:
         if not known:
             self._starts_seen.add(identity)
         return not known
+
+
+def lacks_heading_only(estimate: Latest[Estimate], now_ns: int) -> bool:
+    """Whether all that a recent estimate does not know is where the car points."""
+    return estimate.message is not None and estimate.message.lacks == "heading" and estimate.alive(now_ns)

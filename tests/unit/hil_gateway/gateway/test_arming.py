@@ -7,7 +7,7 @@ from support.promise_figures import record_figure
 from support.scripted_car import Rig
 
 from hil_gateway.bus import topics
-from hil_gateway.bus.messages import FailsafeAction, OperatorAction, OperatorCommand
+from hil_gateway.bus.messages import FailsafeAction, OperatorAction, OperatorCommand, PlanStatus
 from hil_gateway.config import Config
 
 
@@ -159,3 +159,66 @@ def test_disarming_while_moving_stops_the_car_first():
     rig.ask(OperatorAction.DISARM)
     rig.step()
     assert rig.action is FailsafeAction.SILENT
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"status": PlanStatus.NOT_MOVING, "reason": "92 degrees across the track: turn it"}, "92 degrees"),
+        ({"status": PlanStatus.STOP, "reason": "solver: iteration limit"}, "iteration limit"),
+        ({"status": PlanStatus.SHIFTED, "reason": "solver: late"}, "late"),
+        ({"vx": (0.0,) * 41}, "does not drive off"),
+        ({"vx": (0.0,) * 20 + (5.0,) * 21}, "does not drive off"),
+    ],
+)
+@pytest.mark.promise("S5")
+def test_a_plan_that_does_not_drive_off_refuses_arming_and_says_why(changes: dict[str, object], said: str) -> None:
+    rig = Rig()
+    rig.plan_changes = changes
+    rig.run(1.5)
+    assert rig.status.missing_for_arming == ("plan_standing",)
+    assert said in rig.status.advice["plan_standing"]
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.2)
+    assert rig.action is FailsafeAction.SILENT
+    rig.plan_changes = {}
+    rig.run(0.2)
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.1)
+    assert rig.action is FailsafeAction.DRIVE
+
+
+@pytest.mark.promise("S5")
+def test_an_estimate_that_is_not_where_the_fixes_are_refuses_arming() -> None:
+    rig = Rig()
+    rig.aside = 2.0
+    rig.run(1.5)
+    assert rig.status.missing_for_arming == ("estimate_unfit",)
+    assert "2.0 m" in rig.status.advice["estimate_unfit"]
+
+
+@pytest.mark.promise("S5")
+def test_without_a_heading_arming_asks_for_a_push_where_it_must_be_known() -> None:
+    rig = Rig(Config.model_validate({"gateway": {"arming": {"heading": "known"}}}))
+    rig.lacks = "heading"
+    rig.run(1.5)
+    assert rig.status.missing_for_arming == ("heading_unknown",)
+
+
+@pytest.mark.promise("S5")
+def test_the_first_metres_may_show_the_heading_and_end_where_they_have_not() -> None:
+    rig = Rig()
+    rig.lacks = "heading"
+    rig.plan_changes = {"status": PlanStatus.FIRST_METRES, "vx": (1.5,) * 41}
+    rig.run(1.5)
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.1)
+    assert rig.action is FailsafeAction.DRIVE
+    begun = rig.car.x
+    while rig.action is FailsafeAction.DRIVE and rig.car.x < begun + 30.0:
+        rig.step()
+    assert rig.cause == "heading_unknown"
+    assert 5.5 < rig.car.x - begun < 7.0
+    rig = Rig()
+    rig.drive_off()
+    assert rig.action is FailsafeAction.DRIVE

@@ -142,7 +142,8 @@ def test_a_controller_is_judged_by_what_the_kernel_says() -> None:
 
 def test_every_cause_that_can_refuse_arming_is_explained() -> None:
     cranking = {"mode_without_crank", "car_not_crank_ready", "cranked", "in_emergency"}
-    assert {row.cause for row in TABLE} | {"car_moving", "mode"} | cranking == set(EXPLANATION)
+    arming = {"car_moving", "mode", "estimate_unfit", "plan_standing"}
+    assert {row.cause for row in TABLE} | arming | cranking == set(EXPLANATION)
 
 
 def test_listening_sends_nothing_ends_in_time_and_counts_only_its_own_stretch() -> None:

@@ -1,0 +1,38 @@
+"""What arming asks beyond the failsafe table: whether the estimate fits, and whether the plan drives off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from hil_gateway.bus.latest import Latest
+from hil_gateway.bus.messages import Estimate, Plan, PlanStatus
+
+APART_M = 1.0
+"""between the newest fix and the estimate: as near as the way of a stop comes to the edges"""
+UNDER_WAY = 0.5
+"""m/s that a plan which drives off has"""
+UNDER_WAY_S = 0.5
+"""within so much of its horizon"""
+DRIVES_OFF = (PlanStatus.SOLVED, PlanStatus.FIRST_METRES)
+
+
+def unready(
+    now_ns: int, estimate: Latest[Estimate], plan: Latest[Plan], fix: tuple[float, float] | None
+) -> Mapping[str, str]:
+    """Cause -> what to do about it, in words, for everything that does not fit; `fix` is the newest, m, map."""
+    found = {}
+    if estimate.message is not None and fix is not None:
+        apart_m = math.hypot(estimate.message.x - fix[0], estimate.message.y - fix[1])
+        if not apart_m < APART_M:
+            found["estimate_unfit"] = f"the estimate is {apart_m:.1f} m from the position fix: push the car, or wait"
+    newest = plan.message
+    if newest is None or not plan.alive(now_ns):
+        found["plan_standing"] = "no plan: `hil planner run`"
+    elif newest.status not in DRIVES_OFF or not _drives_off(newest):
+        found["plan_standing"] = newest.reason or "the plan does not drive off"
+    return found
+
+
+def _drives_off(plan: Plan) -> bool:
+    return max(plan.vx[: round(UNDER_WAY_S / plan.dt) + 1], default=0.0) > UNDER_WAY
