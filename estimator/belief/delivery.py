@@ -15,11 +15,11 @@ import casadi as ca
 import numpy as np
 
 from estimator.belief.tyre_belief import PLAUSIBLE, Sample
-from estimator.model.compiled import compile_function
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
 from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.compiled import compile_function
 
 WINDOW = 10
 """samples, 0.1 s: longer, a car at 60 m/s is out of the bend before it is known; shorter, noise of the yaw

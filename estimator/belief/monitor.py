@@ -17,12 +17,12 @@ import casadi as ca
 import numpy as np
 
 from estimator.belief.tyre_belief import DEFAULT_STD, PLAUSIBLE, Sample
-from estimator.model.compiled import compile_function
+from estimator.model.effect import Effect
 from estimator.model.effects import catalogue
-from estimator.model.effects.base import Effect
 from estimator.model.measurement import CHANNELS, measurement
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.compiled import compile_function
 
 DECIMATION = 4
 """residuals are looked at on every fourth sample"""

@@ -16,11 +16,11 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from estimator.model.compiled import CompiledFunction, compile_function
 from estimator.model.measurement import CHANNELS, MeasurementKind, measurement_function
 from estimator.model.single_track import SingleTrack
 from estimator.state.kalman import scalar_update
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.compiled import CompiledFunction, compile_function
 
 DEFAULT_STD: Mapping[str, float] = {
     "imu_ax": 0.5, "imu_ay": 0.4, "yaw_acc": 0.4, "fx_r": 400.0, "fy_f": 250.0, "fy_r": 250.0,

@@ -66,11 +66,11 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     # fits run in processes side by side: threads of the linear algebra would only get in their way
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from estimator.drive_log.table import read_logs
+    from estimator.offline import simulated_lateral
     from estimator.offline.diagnosis import diagnose as run
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
     from estimator.offline.report.diagnosis_result import as_json as to_json
     from estimator.offline.report.diagnosis_result import as_revision, write
-    from estimator.offline.result import simulated_lateral
     from estimator.offline.search.pool import workers
     from hil_gateway.process.errors import InputError
     from hil_gateway.track.loading import load_track

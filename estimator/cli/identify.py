@@ -78,7 +78,7 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.offline.identification import identify as run
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
     from estimator.offline.result.identification_score import as_summary
-    from estimator.offline.result.tyre_export import exported, usable_slip
+    from estimator.offline.tyre_export import exported, usable_slip
 
     if out is not None:
         check_folder(out, RESULTS, [path for path in (*sessions, *(score or ()), vehicle, tyre) if path is not None])

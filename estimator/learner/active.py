@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimator.model.effect import Effect
 from estimator.model.effects import catalogue
-from estimator.model.effects.base import Effect
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision
 
 

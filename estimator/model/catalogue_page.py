@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
+from estimator.model.effect import Effect
 from estimator.model.effects import catalogue, effect_with
-from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter
 
 HEAD = """# Catalogue of effects

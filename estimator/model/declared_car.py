@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimator.model.effect import DeclaredParameter, Effect
 from estimator.model.effects import catalogue
-from estimator.model.effects.base import DeclaredParameter, Effect
 from estimator.model.parameters import DEFAULT_TYRE, Layout
 from estimator.model.single_track import Stage
 from hil_gateway.car.vehicle import Vehicle

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from estimator.model.effect import Effect
 from estimator.model.effects import catalogue
-from estimator.model.effects.base import Effect
 from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms

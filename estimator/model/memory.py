@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.model.effects.base import Prepare
+from estimator.model.effect import Prepare
 from estimator.model.library import Library, load_library
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import casadi as ca
 
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.parameters import Layout, Parameter, Quantity, tyre_parameters
 from estimator.model.tyre import (
     front_and_rear,

@@ -14,17 +14,17 @@ from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.lateral_velocity import with_predicted_vy
 from estimator.offline.predict.predict import Predictor
+from estimator.offline.record.derivative import stretches
 from estimator.offline.record.laps import scored_laps
 from estimator.offline.record.map_road import road_effects
 from estimator.offline.record.record import Record
 from estimator.offline.record.road import find_road
-from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout, stretches
+from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout
 from estimator.offline.result.leftover import Leftover, leftovers
-from estimator.offline.result.told import least_errors, untold
-from estimator.offline.result.uncertainty import covariance
+from estimator.offline.result.uncertainty import covariance, least_errors, untold
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
-from estimator.offline.search.look_alikes.term import LookAlikeTerm
+from estimator.offline.search.look_alike_term import LookAlikeTerm
 from estimator.offline.search.pool import Pool, keep_freed_memory
 from estimator.offline.search.screening import candidates
 from estimator.offline.search.search import Search, search

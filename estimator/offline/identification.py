@@ -17,7 +17,7 @@ from estimator.drive_log.health.offsets import lag_left
 from estimator.drive_log.health.steering import LAG_STEER, lag_of, without_lag, zero_of
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import ModelColumns
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.equation_error import Fit, fit

@@ -12,10 +12,10 @@ from typing import Any
 
 import casadi as ca
 
-from estimator.model.compiled import CompiledFunction, compile_function
 from estimator.state.kalman import scalar_update, symmetric
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
+from hil_gateway.process.compiled import CompiledFunction, compile_function
 
 STATES = (
     "x",

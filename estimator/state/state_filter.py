@@ -22,7 +22,6 @@ from math import atan2, cos, isfinite, sin, sqrt
 
 import numpy as np
 
-from estimator.model.compiled import CompiledFunction
 from estimator.state import filter_steps
 from estimator.state.filter_steps import (
     BIAS_AX,
@@ -37,6 +36,7 @@ from estimator.state.filter_steps import (
 )
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.compiled import CompiledFunction
 
 YAW_ACCELERATION_S = 0.05
 """time constant, s: noise of the gyro's differences"""

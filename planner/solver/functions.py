@@ -14,18 +14,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from estimator.model.compiled import (
+from estimator.model.effects import catalogue
+from estimator.model.parameters import Layout
+from estimator.model.single_track import SingleTrack
+from hil_gateway.car.powertrain import Powertrain
+from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.compiled import (
     CompiledFunction,
     compile_function,
     compile_library,
     densified,
     load_function,
 )
-from estimator.model.effects import catalogue
-from estimator.model.parameters import Layout
-from estimator.model.single_track import SingleTrack
-from hil_gateway.car.powertrain import Powertrain
-from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.model import Model
 from planner.problem.brake_law import BrakeLaw
 from planner.problem.checked_motion import CheckedMotion

@@ -16,7 +16,7 @@ from estimator.drive_log.health.finding import Action, Finding, confidence_of
 from estimator.drive_log.health.regression import PARTS, jackknifed
 from estimator.drive_log.health.straight import goes_straight
 from estimator.drive_log.table import DriveLog
-from estimator.model.effects.base import VY_SENSOR
+from estimator.model.effect import VY_SENSOR
 from estimator.offline.fit.equation_error import Fit
 from estimator.offline.record.prepare import moving_speed, prepare
 from hil_gateway.car.vehicle import Vehicle

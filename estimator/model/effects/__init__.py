@@ -6,14 +6,14 @@ import importlib
 import pkgutil
 from functools import cache
 
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.parameters import Quantity
 
 
 @cache
 def catalogue() -> dict[str, Effect]:
-    """All effects by id; each module of this package but `base` defines one as `EFFECT`."""
-    names = sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name != "base")
+    """All effects by id; each module of this package defines one as `EFFECT`."""
+    names = sorted(m.name for m in pkgutil.iter_modules(__path__))
     effects = (importlib.import_module(f"{__name__}.{name}").EFFECT for name in names)
     return {effect.name: effect for effect in effects}
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from estimator.model.effect import DeclaredParameter, Effect
 from estimator.model.effects.aero_drag import AERO_STD
-from estimator.model.effects.base import DeclaredParameter, Effect
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle

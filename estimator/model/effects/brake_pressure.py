@@ -5,7 +5,7 @@ A slip-ratio command measured at the driven wheels knows nothing of what the bra
 
 from __future__ import annotations
 
-from estimator.model.effects.base import NO_BRAKES_AHEAD, Effect
+from estimator.model.effect import NO_BRAKES_AHEAD, Effect
 from estimator.model.effects.front_brake import EFFECT as FRONT_BRAKE
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.memory import input_delay
 from estimator.model.parameters import Parameter, Plausible
 

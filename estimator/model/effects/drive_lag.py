@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import NOT_DRIVEN_WITH, Effect
+from estimator.model.effect import NOT_DRIVEN_WITH, Effect
 from estimator.model.effects.drive_delay import EFFECT as DRIVE_DELAY
 from estimator.model.memory import input_lag
 from estimator.model.parameters import Parameter, Plausible

@@ -6,7 +6,7 @@ times what each makes of it, and p is the share at equal pressures; elsewhere b 
 
 from __future__ import annotations
 
-from estimator.model.effects.base import SWITCHING_FORCE, DeclaredParameter, Effect, smooth_negative_part
+from estimator.model.effect import SWITCHING_FORCE, DeclaredParameter, Effect, smooth_negative_part
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle

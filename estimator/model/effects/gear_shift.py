@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimator.model.effects.base import SWITCHING_FORCE, Effect, smooth_negative_part
+from estimator.model.effect import SWITCHING_FORCE, Effect, smooth_negative_part
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from estimator.model.effects.base import NOT_DRIVEN_WITH, Effect
+from estimator.model.effect import NOT_DRIVEN_WITH, Effect
 from estimator.model.effects.yaw_damping import EFFECT as YAW_DAMPING
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import GRAVITY

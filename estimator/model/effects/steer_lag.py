@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import NOT_DRIVEN_WITH, Effect
+from estimator.model.effect import NOT_DRIVEN_WITH, Effect
 from estimator.model.effects.steer_delay import EFFECT as STEER_DELAY
 from estimator.model.memory import input_lag
 from estimator.model.parameters import Parameter, Plausible

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.memory import after_play, followed
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms

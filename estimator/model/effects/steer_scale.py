@@ -6,7 +6,7 @@ x / L, and what both axles then lack of slip their tyres make up for.
 
 from __future__ import annotations
 
-from estimator.model.effects.base import VY_SENSOR, Effect
+from estimator.model.effect import VY_SENSOR, Effect
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr

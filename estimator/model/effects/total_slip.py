@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from estimator.model.effects.base import NO_BRAKES_AHEAD, Effect
+from estimator.model.effect import NO_BRAKES_AHEAD, Effect
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect, smooth_sign
+from estimator.model.effect import Effect, smooth_sign
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr

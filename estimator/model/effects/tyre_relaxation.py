@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.memory import SLOWEST, followed, relaxed
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.look_alikes.accelerometer_gain import AX_GAIN, AY_GAIN
 from estimator.model.look_alikes.brake_drag import BRAKE_DRAG
 from estimator.model.look_alikes.drive_curve import DRIVE_CURVE

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect, Hook
+from estimator.model.effect import Effect, Hook
 from estimator.model.effects.imu_misalignment import EFFECT as IMU_MISALIGNMENT
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimator.model.effects.base import Effect, braking_part
+from estimator.model.effect import Effect, braking_part
 from estimator.model.effects.rolling_resistance import EFFECT as ROLLING_RESISTANCE
 from estimator.model.memory import followed, held
 from estimator.model.parameters import Parameter, Plausible

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from estimator.model.effects.base import Effect, smooth_negative_part
+from estimator.model.effect import Effect, smooth_negative_part
 from estimator.model.effects.rolling_resistance import EFFECT as ROLLING_RESISTANCE
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms

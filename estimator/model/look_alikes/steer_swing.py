@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.effects.steer_delay import EFFECT as STEER_DELAY
 from estimator.model.memory import followed, swung
 from estimator.model.parameters import Parameter, Plausible

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import Effect, braking_part
+from estimator.model.effect import Effect, braking_part
 from estimator.model.effects.steer_offset import EFFECT as STEER_OFFSET
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms

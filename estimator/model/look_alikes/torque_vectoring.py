@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimator.model.effects.base import SWITCHING_FORCE, Effect, smooth_negative_part, smooth_sign
+from estimator.model.effect import SWITCHING_FORCE, Effect, smooth_negative_part, smooth_sign
 from estimator.model.effects.yaw_damping import EFFECT as YAW_DAMPING
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.effects.grip_drift import EFFECT as GRIP_DRIFT
 from estimator.model.memory import relaxed
 from estimator.model.parameters import Parameter, Plausible

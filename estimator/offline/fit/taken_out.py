@@ -11,7 +11,7 @@ from estimator.drive_log.health import Finding
 from estimator.drive_log.health.lateral_velocity import POSITION_VY
 from estimator.drive_log.health.offsets import OFFSET_YAW_RATE
 from estimator.drive_log.health.steering import LAG_STEER
-from estimator.model.effects.base import VY_SENSOR
+from estimator.model.effect import VY_SENSOR
 from estimator.offline.fit.equation_error import Fit
 from estimator.offline.predict.nuisance import STEER_TIMING, YAW_RATE_TIMING
 

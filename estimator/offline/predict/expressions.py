@@ -11,7 +11,7 @@ from typing import Any
 
 import casadi as ca
 
-from estimator.model.effects.base import Effect, Hook
+from estimator.model.effect import Effect, Hook
 from estimator.model.single_track import AUXILIARY, SIGNALS, SingleTrack, Terms
 from estimator.offline.predict.compiled_columns import CompiledColumns
 from hil_gateway.process.arrays import Expr

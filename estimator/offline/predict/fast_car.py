@@ -7,8 +7,8 @@ errors of a sensor; left out, they are taken for tyres that fall off beyond thei
 
 from __future__ import annotations
 
+from estimator.model.effect import Effect
 from estimator.model.effects import catalogue, effect_with
-from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter, Quantity
 from estimator.model.single_track import Terms
 from estimator.offline.predict.nuisance import along

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import casadi as ca
 
+from estimator.model.effect import Effect
 from estimator.model.effects import effect_with
-from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter, Quantity
 from estimator.model.single_track import Terms
 from estimator.offline.record.road_load import bank_load

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from estimator.model.effects.base import Effect, braking_part
+from estimator.model.effect import Effect, braking_part
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle

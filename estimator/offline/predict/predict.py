@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import CHANNELS, SingleTrack
 from estimator.offline.predict.compiled_windows import arrange

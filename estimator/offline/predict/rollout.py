@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import ModelColumns
-from estimator.model.effects.base import VY_SENSOR
+from estimator.model.effect import VY_SENSOR
 from estimator.model.single_track import SIGNALS
 from estimator.offline.predict.simulate import OUTPUTS, Simulator
 from estimator.offline.record.prepare import Samples

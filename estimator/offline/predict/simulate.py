@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from estimator.model.columns import CHANNELS, Columns, ModelColumns
-from estimator.model.effects.base import VY_SENSOR
+from estimator.model.effect import VY_SENSOR
 from estimator.model.single_track import SIGNALS
 from estimator.offline.predict.nuisance import YAW_RATE_TIMING, reported_vy
 from estimator.offline.record.windows import STATE_ROWS, Windows

@@ -9,8 +9,8 @@ import numpy as np
 
 from estimator.drive_log.table import DriveLog
 from estimator.model.basis import make_basis
+from estimator.model.effect import Effect
 from estimator.model.effects import effect_with
-from estimator.model.effects.base import Effect
 from estimator.model.parameters import SLOPES, Quantity
 from estimator.model.profile import profile_basis
 from estimator.offline.record.record import Record, RoadProfile

@@ -9,8 +9,8 @@ from collections.abc import Collection
 
 import casadi as ca
 
+from estimator.model.effect import Effect
 from estimator.model.effects import effect_with
-from estimator.model.effects.base import Effect
 from estimator.model.parameters import Parameter, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import GRAVITY

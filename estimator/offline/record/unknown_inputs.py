@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from estimator.model.effect import VY_SENSOR, Effect, Hook, smooth_negative_part
 from estimator.model.effects import catalogue
-from estimator.model.effects.base import VY_SENSOR, Effect, Hook, smooth_negative_part
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr

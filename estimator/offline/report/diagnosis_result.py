@@ -17,9 +17,9 @@ from estimator.offline.predict.predict import Block
 from estimator.offline.report.unexplained import unexplained
 from estimator.offline.result.diagnosis_score import HORIZON_S, rmse
 from estimator.offline.result.handover import tempered
+from estimator.offline.search.acceptance import laterally_structured
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.terms import WHITE_FOR_TERMS
-from estimator.offline.search.whiteness import laterally_structured
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision, Provenance
 from hil_gateway.process.arrays import Array
 

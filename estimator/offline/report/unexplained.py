@@ -22,7 +22,7 @@ from estimator.offline.report.words import (
 from estimator.offline.result.leftover import Leftover
 from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.empirical import Term
-from estimator.offline.search.look_alikes.term import LookAlikeTerm
+from estimator.offline.search.look_alike_term import LookAlikeTerm
 from estimator.offline.search.stretches.cells import Stretch
 from estimator.offline.search.stretches.term import StretchTerm
 

@@ -1,12 +1,17 @@
 """How far the parameters of a diagnosis may be off: by noise, by what scatters from stretch to stretch and from
-lap to lap, by what is declared, by when the sensors were read, and by empirical terms beside them."""
+lap to lap, by what is declared, by when the sensors were read, and by empirical terms beside them; and which of them
+are significant.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtri
 
+from estimator.model.effect import Effect
 from estimator.offline.fit.held import UNIFORM, by_declared, by_sampling, by_zero
 from estimator.offline.fit.prediction_error import Fit, Point
 from estimator.offline.predict.places import PLACES, Place, term_effect
@@ -16,6 +21,8 @@ from estimator.offline.search.plausible import LEAST_STRETCHES
 from estimator.offline.search.trial import warm_start
 from hil_gateway.process.arrays import Array
 
+FALSE_ALARM = 0.05
+"""Probability that of effects none of which is there one is told from nothing."""
 DRIVEN = 0.01, 0.99
 """Quantiles of what a term is over a drive: beyond them are seconds."""
 
@@ -90,3 +97,31 @@ def _within_windows(fit: Fit) -> Array:
     weighted = at.left.error / fit.normal.variance[:, None, None]
     scores = np.einsum("cpwb,cwb->pw", at.sensitivity.dense, weighted, optimize=True)
     return np.asarray(np.sum((fit.covariance @ scores) ** 2, axis=1))
+
+
+def least_errors(candidates: Sequence[Effect]) -> float:
+    """Standard errors that every size of the `candidates` stays within, 1 - `FALSE_ALARM`, where none is there.
+
+    The bound of Bonferroni: each of n sizes goes beyond with a probability of `FALSE_ALARM` / n.
+    """
+    sizes = sum(parameter.tells for effect in candidates for parameter in effect.parameters)
+    return float(-ndtri(0.5 * FALSE_ALARM / max(sizes, 1)))
+
+
+def untold(fit: Fit, spread: Array, names: Sequence[str], least: float) -> tuple[str, ...]:
+    """Those of the named effects all of whose sizes that tell are within `least` errors of nothing.
+
+    A road is told by its laps.
+
+    Args:
+        spread: (p, p) covariance that is stated of the parameters of `fit`.
+    """
+    blocks = {block.effect.name: block for block in fit.predictor.blocks}
+    within = least * np.sqrt(np.diag(spread))
+    return tuple(name for name in names if not _told(fit, within, blocks[name]))
+
+
+def _told(fit: Fit, within: Array, block: Block) -> bool:
+    rows, table = block.parameters, fit.predictor.table[block.parameters]
+    beyond = np.abs(fit.parameters[rows] - np.array([p.prior for p in table])) > within[rows]
+    return bool(block.effect.profile) or bool(np.any(beyond[[p.tells for p in table]]))

@@ -1,15 +1,20 @@
-"""What a trial must show to be accepted, and an accepted effect to stay."""
+"""What a trial must show to be accepted, and an accepted effect to stay; and whether anything is left to explain.
+
+A residual that is white in time has no structure that a model could take out.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from estimator.model.declared_vehicle import DECLARED, all_candidates
-from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.fit.normal import TINY
+from estimator.offline.fit.prediction_error import Fit, residual
+from estimator.offline.predict.predict import LATERAL, Predictor
+from estimator.offline.record.noise import Noise
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.trial import Setting, Trial
-from estimator.offline.search.whiteness import laterally_structured
 from hil_gateway.process.arrays import Array
 
 SMALLEST_SHARE = 0.02
@@ -20,8 +25,10 @@ BEYOND_NOISE = 1.25
 """RMS over the noise floor: 56 % more variance than noise; the true model stays within 3 % on practice drives."""
 ACCELEROMETER = {0: 0, 1: 1, 3: 0, 4: 1}
 """Row of ax or ay for what shows in it or in the velocity along it."""
-TURNING, LATERAL = 2, 1
-"""row of the yaw rate, and of ay: what turns the car by the forces of its tyres shows there too"""
+YAW_ACC, AY = 2, 1
+"""Rows of `CHANNELS`; what turns the car by the forces of its tyres shows in ay too."""
+SLOW_BLOCKS = 5
+"""Residuals are averaged over so many blocks (0.2 s)."""
 WHITE_FOR_DATA = 1.3
 """Declared data compete where averages of what they leave vary no more than so many times what white noise would."""
 
@@ -74,16 +81,35 @@ def explains_more_than_is_left(effect: str, channel: int, without: Fit, final: F
 
 def _shown_by(effect: str, channel: int) -> tuple[int, ...]:
     """Rows of the sensors of force or turning that show what gains most in `channel`."""
-    if channel != TURNING:
+    if channel != YAW_ACC:
         return (ACCELEROMETER[channel],)
-    return (TURNING, LATERAL) if "ay" in all_candidates()[effect].channels else (TURNING,)
+    return (YAW_ACC, AY) if "ay" in all_candidates()[effect].channels else (YAW_ACC,)
 
 
 def leaves_more_than_noise(fit: Fit) -> bool:
     """Whether either accelerometer or the gyroscope shows more than the model and noise explain."""
-    return bool(_left_beyond_noise(fit)[[*ACCELEROMETER.values(), TURNING]].max() > 0.0)
+    return bool(_left_beyond_noise(fit)[[*ACCELEROMETER.values(), YAW_ACC]].max() > 0.0)
 
 
 def _left_beyond_noise(fit: Fit) -> Array:
     """(5,) variance of the residuals that is more than noise; negative where there is none."""
     return fit.normal.variance - (BEYOND_NOISE * fit.predictor.record.block_noise) ** 2
+
+
+def slow_ratio(predictor: Predictor, parameters: Array, deviation: Array) -> Array:
+    """(5,) variance of averages of the residual over 0.2 s, relative to what it would be for white noise."""
+    error = residual(predictor, parameters, Noise.white(deviation))
+    blocks = error.shape[2] // SLOW_BLOCKS * SLOW_BLOCKS
+    averages = error[:, :, :blocks].reshape(*error.shape[:2], -1, SLOW_BLOCKS).mean(axis=3)
+    ratio: Array = SLOW_BLOCKS * np.mean(averages**2, axis=(1, 2)) / np.maximum(np.mean(error**2, axis=(1, 2)), TINY)
+    return ratio
+
+
+def structured(fit: Fit, limit: float) -> bool:
+    """Whether the residual of any channel varies slowly by more than `limit` times white noise."""
+    return bool(np.any(slow_ratio(fit.predictor, fit.parameters, fit.deviation) > limit))
+
+
+def laterally_structured(fit: Fit, limit: float) -> bool:
+    """The same of the lateral channels and the yaw rate alone."""
+    return bool(np.any(slow_ratio(fit.predictor, fit.parameters, fit.deviation)[list(LATERAL)] > limit))

@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.model.basis import FEW_VALUES, Basis
 from estimator.model.declared_vehicle import all_candidates
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.offline.fit.normal import TINY, Normal, accumulate
 from estimator.offline.fit.prediction_error import Fit, residual_counts
 from estimator.offline.predict.linearised import Linearised, linearised

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 from estimator.model.declared_vehicle import all_candidates
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.search.acceptance import can_be_accepted, stays
 from estimator.offline.search.evidence import Evidence, compare

@@ -19,6 +19,7 @@ from estimator.offline.search.acceptance import (
     earns_its_place,
     eligible,
     stays,
+    structured,
     worth_a_name,
 )
 from estimator.offline.search.every_car import shows_a_real_car, with_every_car
@@ -26,7 +27,6 @@ from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.screening import open_candidates, screen
 from estimator.offline.search.trial import Setting, Trial, fit_names
-from estimator.offline.search.whiteness import structured
 from estimator.offline.search.workers import Job, fit_each
 
 WHITE = 1.1

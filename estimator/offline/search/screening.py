@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.model.declared_vehicle import all_candidates
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.parameters import Parameter
 from estimator.offline.fit.prediction_error import Fit, Point
 from estimator.offline.predict.predict import Predictor

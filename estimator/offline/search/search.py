@@ -2,6 +2,11 @@
 
 One effect at a time finds what stands alone (`greedy`). Of several that are there at once, none may help without the
 others, and another that stands in for all of them is found instead: so the search starts again from what every car has.
+
+Look-alikes then give way to the effect they resemble where they predict no better than it: where a drive does not tell
+them apart, what many cars have is likelier than what few have. Effects that explain less of what an accelerometer or
+the gyroscope shows than is left unexplained there may only stand in for what leaves that, and are no finding; not so of
+a car that shows what every car has, whose rest is no stand-in.
 """
 
 from __future__ import annotations
@@ -10,17 +15,23 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from estimator.model.declared_vehicle import DECLARED
+from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.map_road import ROAD
-from estimator.offline.search.acceptance import earns_its_place
-from estimator.offline.search.every_car import fitted_together
+from estimator.offline.search.acceptance import (
+    can_be_accepted,
+    earns_its_place,
+    explains_more_than_is_left,
+    leaves_more_than_noise,
+    structured,
+)
+from estimator.offline.search.every_car import expected_by_others, fitted_together
 from estimator.offline.search.evidence import Evidence, compare
-from estimator.offline.search.greedy import ASKED_FROM, WHITE, Checked, Greedy
-from estimator.offline.search.look_alikes.contest import prefer_effects
+from estimator.offline.search.greedy import ASKED_FROM, WHITE, Checked, Greedy, check_each, with_effects
 from estimator.offline.search.plausible import there
-from estimator.offline.search.stand_ins import no_stand_ins
+from estimator.offline.search.screening import open_candidates
 from estimator.offline.search.trial import Setting, Trial, fit_names
-from estimator.offline.search.whiteness import structured
+from estimator.offline.search.workers import fit_each
 
 
 @dataclass(frozen=True)
@@ -124,3 +135,50 @@ def _with_road(
     done = fit_names(setting, names, base)
     evidence = compare(base.held_out(), done.held_out(), done.normal.count)
     return done, [(Trial(name, evidence, done),) for name in names]
+
+
+def prefer_effects(state: Greedy) -> None:
+    """Exchange, one by one, the look-alikes of a search that do not lead over their effect."""
+    for name in [n for n in state.names if n in LOOK_ALIKES]:
+        if name in state.names and (trial := _effect_instead(state, name)) is not None:
+            state.put_instead(name, trial)
+
+
+def _effect_instead(state: Greedy, name: str) -> Trial | None:
+    """The effect in place of a look-alike, in the form that explains most, where it earns its name there and is not
+    led."""
+    setting, (others, without) = state.setting, state.others(name)
+    forms = [e.name for e in open_candidates(setting, others) if e.id == LOOK_ALIKES[name].id]
+    jobs = [replace(with_effects((*others, form)), warm=without) for form in forms if form not in LOOK_ALIKES]
+    fits = fit_each(setting, state.fit, jobs, state.progress)
+    gains = (compare(without.held_out(), fit.held_out(), fit.normal.count) for fit in fits)
+    trials = [Trial(job.names[-1], gain, fit) for job, gain, fit in zip(jobs, gains, fits, strict=True)]
+    possible = [t for t in trials if can_be_accepted(t, setting, 0.0) and not _led(state, t)]
+    return max(possible, key=lambda t: t.evidence.gain, default=None)
+
+
+def _led(state: Greedy, trial: Trial) -> bool:
+    """Whether what the search has predicts better than a trial, beyond scatter."""
+    assert trial.fit is not None
+    return compare(trial.fit.held_out(), state.fit.held_out(), state.fit.normal.count).beyond_scatter
+
+
+def without_stand_ins(
+    setting: Setting, checked: Checked, fit: Fit, progress: Callable[[str], None]
+) -> tuple[Checked, Fit]:
+    """What is left of the effects of a fit, each put to the test again."""
+    kept = no_stand_ins(setting, checked, fit)
+    if len(kept) == len(checked.gains):
+        return checked, fit
+    fit = fit_names(setting, kept, fit)
+    return check_each(setting, kept, fit, progress), fit
+
+
+def no_stand_ins(setting: Setting, checked: Checked, fit: Fit) -> list[str]:
+    """Names of the effects of a fit that stand in for nothing."""
+    names = tuple(checked.gains)
+    if not leaves_more_than_noise(fit):
+        return [*names]
+    sure = {*setting.found_road, *DECLARED, *expected_by_others(names)}
+    without, gains = checked.without, checked.gains
+    return [n for n in names if n in sure or explains_more_than_is_left(n, gains[n].channel, without[n], fit)]

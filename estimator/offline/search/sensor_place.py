@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.offline.record.derivative import kernel, stretches
 from estimator.offline.record.record import Record
 from estimator.offline.record.road import PRIOR_STD, SENSORS
-from estimator.offline.result.diagnosis_score import kernel, stretches
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array, Ints
 

@@ -14,18 +14,16 @@ from dataclasses import dataclass, field, replace
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record
-from estimator.offline.search.acceptance import earns_its_place
+from estimator.offline.search.acceptance import earns_its_place, structured
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import Checked, check_each, recheck
-from estimator.offline.search.look_alikes.term import told_apart
+from estimator.offline.search.look_alike_term import told_apart
 from estimator.offline.search.plausible import believed
-from estimator.offline.search.search import Search, search
-from estimator.offline.search.stand_ins import without_stand_ins
+from estimator.offline.search.search import Search, search, without_stand_ins
 from estimator.offline.search.stretches.cells import LEAST_LAPS, MOST, around
 from estimator.offline.search.stretches.term import StretchTerm, fitted, localised, search_stretch, without
 from estimator.offline.search.trial import Setting, fit_names
-from estimator.offline.search.whiteness import structured
 
 Progress = Callable[[str], None]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.model.basis import Basis
 from estimator.model.declared_vehicle import all_candidates
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.parameters import Layout
 from estimator.model.single_track import CHANNELS, SingleTrack
 from estimator.offline.fit.prediction_error import CONVERGED, MAX_ITERATIONS, Fit, fit

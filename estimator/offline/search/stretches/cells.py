@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.model.effects.base import Effect, Hook
+from estimator.model.effect import Effect, Hook
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import Terms
 from estimator.offline.fit.normal import accumulate

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.model.basis import Proportional
-from estimator.model.effects.base import Effect, Hook
+from estimator.model.effect import Effect, Hook
 from estimator.offline.fit.prediction_error import Fit, residual
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record

@@ -13,8 +13,8 @@ import pytest
 from typer.testing import CliRunner
 
 from estimator.model import memory
+from estimator.model.effect import Effect
 from estimator.model.effects import catalogue
-from estimator.model.effects.base import Effect
 from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.model.memory import after_play, axle_courses, delayed, held, relaxed, swung
 from estimator.model.profile import profile_basis, profile_value

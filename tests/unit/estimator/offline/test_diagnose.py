@@ -23,11 +23,12 @@ from estimator.offline.diagnosis import Diagnosis, diagnose
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import CONVERGED
 from estimator.offline.fit.steps import Coordinates
+from estimator.offline.record.derivative import kernel
 from estimator.offline.record.laps import scored_laps
 from estimator.offline.report.diagnosis_result import as_json, as_revision, sizes_of
 from estimator.offline.report.unexplained import unexplained
 from estimator.offline.report.words import describe, follows_turn_direction, parameter_words, verdict_sentence
-from estimator.offline.result.diagnosis_score import kernel, noise_floor, rmse
+from estimator.offline.result.diagnosis_score import noise_floor, rmse
 from estimator.offline.result.leftover import EXPLAINS, Leftover, comes_back, leftovers
 from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.acceptance import BEYOND_NOISE

@@ -18,7 +18,7 @@ from estimator.model.tyre import AXLES, normalised_force
 from estimator.offline.identification import Identification, Options, identify, score_log
 from estimator.offline.record.declared import read_tyre_prior, read_vehicle
 from estimator.offline.report.plots import curve_band
-from estimator.offline.result.tyre_export import exported
+from estimator.offline.tyre_export import exported
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 

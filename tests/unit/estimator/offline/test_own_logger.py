@@ -21,8 +21,8 @@ from estimator.drive_log.health.lateral_velocity import place_left
 from estimator.drive_log.health.offsets import lag_left
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import CHANNELS, ModelColumns
+from estimator.model.effect import VY_SENSOR
 from estimator.model.effects import catalogue
-from estimator.model.effects.base import VY_SENSOR
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS, SingleTrack
 from estimator.offline import identification
 from estimator.offline.identification import Options, identify
@@ -32,13 +32,13 @@ from estimator.offline.predict.nuisance import YAW_RATE_TIMING, along, known_ban
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road
 from estimator.offline.record.unknown_inputs import PEDALS
-from estimator.offline.result.simulated_lateral import (
+from estimator.offline.search.trial import Setting, fit_names
+from estimator.offline.simulated_lateral import (
     identified_laterally,
     lateral_prior,
     repaired_log,
     with_simulated_lateral,
 )
-from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 
 LEAN, ZERO = 0.002, 0.012

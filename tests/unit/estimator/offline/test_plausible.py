@@ -13,7 +13,7 @@ from estimator.model.parameters import Quantity
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.record import Record
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
-from estimator.offline.result.told import untold
+from estimator.offline.result.uncertainty import untold
 from estimator.offline.search.plausible import LEAST_ERRORS, believed, there
 from estimator.offline.search.screening import candidates
 from estimator.offline.search.trial import Setting, fit_names

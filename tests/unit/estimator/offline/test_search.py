@@ -17,11 +17,9 @@ from estimator.offline.search.empirical import SCREENING_STRIDE, Screening, Term
 from estimator.offline.search.every_car import on_every_car
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import Greedy, check_each
-from estimator.offline.search.look_alikes.contest import prefer_effects
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.screening import open_candidates
-from estimator.offline.search.search import better, from_every_car, search
-from estimator.offline.search.stand_ins import without_stand_ins
+from estimator.offline.search.search import better, from_every_car, prefer_effects, search, without_stand_ins
 from estimator.offline.search.trial import Setting, fit_names
 
 

@@ -15,8 +15,7 @@ from estimator.offline.fit.held import MASS_ERROR, ZERO_ERROR, by_declared, by_s
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.unknown_inputs import sampling_effects
-from estimator.offline.result.told import FALSE_ALARM, least_errors, untold
-from estimator.offline.result.uncertainty import covariance, taken_back
+from estimator.offline.result.uncertainty import FALSE_ALARM, covariance, least_errors, taken_back, untold
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.trial import Setting, fit_names

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from estimator.model.basis import Proportional
-from estimator.model.effects.base import Effect
+from estimator.model.effect import Effect
 from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.search import Search

@@ -17,7 +17,7 @@ from estimator.model.parameters import Layout
 from estimator.offline.identification import Identification, Options, Progress, identify
 from estimator.offline.predict.nuisance import KNOWN_BANK
 from estimator.offline.record.record import Record
-from estimator.offline.result.tyre_export import exported
+from estimator.offline.tyre_export import exported
 from hil_gateway.car.vehicle import Vehicle
 
 LATERAL_ROWS = (1, 2, 4)

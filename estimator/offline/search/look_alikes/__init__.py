@@ -1,1 +1,0 @@
-"""Look-alikes of effects: found as candidates, told as unexplained."""
