@@ -110,9 +110,9 @@ def _share(hits: Iterator[bool]) -> float | None:
 
 def write_report(results: Sequence[dict[str, Any]], summary: dict[str, Any], path: Path) -> Path:
     """The campaign as one HTML page: shares, confusion matrix, every case."""
-    from estimator.offline.report.page import Report
+    from estimator.offline.report.page import ReportPage
 
-    report = Report("Diagnosis campaign", f"{summary['cases']} drives of the simulated car")
+    report = ReportPage("Diagnosis campaign", f"{summary['cases']} drives of the simulated car")
     report.tiles([
         ("named first", percent(summary["named_first"]), "effect switched on"),
         ("nothing but the truth", percent(summary["nothing_but_the_truth"]), "effect switched on"),

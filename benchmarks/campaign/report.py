@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.campaign.analysis import HEADLINE, TARGETS, Drive, lap_time_lost_percent, samples_to_targets
-from estimator.offline.report.page import COLOURS, Report, new_figure, plot_style
+from estimator.offline.report.page import COLOURS, ReportPage, new_figure, plot_style
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import compared
 
@@ -28,7 +28,7 @@ assert set(SHORT) == set(TARGETS)
 def write_report(drives: Sequence[Drive], summary: dict[str, Any], path: Path) -> Path:
     """Write the page."""
     methods = [m for m in LABEL if m in summary["methods"]]
-    report = Report("Learning campaign", f"{summary['seeds']} cars, closed loop on the simulated car")
+    report = ReportPage("Learning campaign", f"{summary['seeds']} cars, closed loop on the simulated car")
     _verdict(report, summary)
     with plot_style():
         report.section(
@@ -69,7 +69,7 @@ def interval(value: dict[str, float] | None, digits: int = 2) -> str:
     return f"{value['median']:.{digits}f} ({value['low']:.{digits}f} to {value['high']:.{digits}f})"
 
 
-def _verdict(report: Report, summary: dict[str, Any]) -> None:
+def _verdict(report: ReportPage, summary: dict[str, Any]) -> None:
     infomax = summary["methods"].get("infomax")
     if infomax is None:
         return
@@ -139,7 +139,7 @@ def _lost(drives: Sequence[Drive], methods: Sequence[str], lap_length: float) ->
     return figure
 
 
-def _table(report: Report, summary: dict[str, Any], methods: Sequence[str]) -> None:
+def _table(report: ReportPage, summary: dict[str, Any], methods: Sequence[str]) -> None:
     rows = []
     for method in methods:
         m = summary["methods"][method]
@@ -151,7 +151,7 @@ def _table(report: Report, summary: dict[str, Any], methods: Sequence[str]) -> N
                  "Median over cars with its 95 % interval.")  # fmt: skip
 
 
-def _safety(report: Report, summary: dict[str, Any], methods: Sequence[str]) -> None:
+def _safety(report: ReportPage, summary: dict[str, Any], methods: Sequence[str]) -> None:
     rows = []
     for method in methods:
         m = summary["methods"][method]
@@ -167,7 +167,7 @@ def _safety(report: Report, summary: dict[str, Any], methods: Sequence[str]) -> 
     report.table(header, rows, "Off track and over the load limit: counts over all cars.")
 
 
-def _afterwards(report: Report, after: dict[str, Any]) -> None:
+def _afterwards(report: ReportPage, after: dict[str, Any]) -> None:
     report.section(
         "After learning",
         f"The plain planner, learning nothing more, on {after['seeds']} cars: with the declared model and with model, "

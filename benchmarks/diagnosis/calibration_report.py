@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta, norm
 
-from estimator.offline.report.page import COLOURS, Report, new_figure
+from estimator.offline.report.page import COLOURS, ReportPage, new_figure
 
 BOUND = float(norm.ppf(0.975))
 CONFIDENCES = ((0.0, 0.9), (0.9, 0.99), (0.99, 1.0))
@@ -137,7 +137,7 @@ def by_parameter(drives: Sequence[Drive]) -> dict[str, list[float]]:
 
 def write_report(drives: Sequence[Drive], subtitle: str, path: Path) -> Path:
     """One page: shares, deviations against the normal distribution, every parameter, and false names."""
-    report = Report("Calibration of the diagnosis", subtitle)
+    report = ReportPage("Calibration of the diagnosis", subtitle)
     report.section("How often what is stated holds")
     report.table(
         ["Stated", "How often (95 % interval)"], [[what, share.words()] for what, share in summary(drives).items()]

@@ -9,7 +9,7 @@ from benchmarks.promises.wire_judge import DLC, Judge
 from hil_gateway.bus.messages import Applied, FailsafeAction, Message, VehicleState
 from hil_gateway.bus.topics import COMMAND, ESTIMATE
 from hil_gateway.can_link.wire import WireLink
-from hil_gateway.plant.controller.ladder import SysState
+from hil_gateway.plant.controller.ladder import CarState
 from hil_gateway.process.clock import NS_PER_S
 from planner.simulation.loop import TICK_NS, Loop
 
@@ -105,7 +105,7 @@ class Watch:
         state = self.loop.plant.controller.state
         if since_s > STOP_WITHIN_S and not self.loop.plant.car.standing:
             speed = self.loop.plant.car["vx"]
-            self._break("L1", f"still at {speed:.1f} m/s {since_s:.1f} s after the stop began ({SysState(state).name})")
+            self._break("L1", f"still at {speed:.1f} m/s {since_s:.1f} s after the stop began ({CarState(state).name})")
 
     def _finite(self, what: str, values: tuple[float, ...]) -> None:
         if not all(map(math.isfinite, values)):

@@ -22,7 +22,7 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
 from planner.line.envelope import envelope_of
-from planner.line.raceline import RaceLine, raceline_for
+from planner.line.raceline import OptimisedLine, raceline_for
 from planner.line.track import Reference
 from planner.plan import acceptance
 from planner.plan.checks import Roadside, bounds_of, plan_of
@@ -68,7 +68,7 @@ class Run:
 
 def bench_controller(
     track: Track, vehicle: Vehicle, settings: Settings, *, backend: str = "auto", compiled: bool = True
-) -> tuple[Controller, RaceLine]:
+) -> tuple[Controller, OptimisedLine]:
     """Controller of the declared model on the race line of a track, with a belief of 5 %."""
     revised = model_of(declared_revision("per_axle"), vehicle, track.length)
     problem = Problem(revised.model, settings)

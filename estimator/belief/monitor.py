@@ -56,7 +56,7 @@ PEDAL = 0.01
 
 
 @dataclass(frozen=True)
-class Finding:
+class ModelAlert:
     """What an alert says; `strength` is the residual's RMS over its noise floor."""
 
     channel: str
@@ -124,7 +124,7 @@ class ResidualMonitor:
         ax, ay, yaw_acc = np.clip(np.mean(looks, axis=0), -MOST, MOST).tolist()
         return ax, ay, yaw_acc
 
-    def push(self, sample: Sample, theta: Array, stamp_ns: int) -> list[Finding]:
+    def push(self, sample: Sample, theta: Array, stamp_ns: int) -> list[ModelAlert]:
         """Take in one sample with the tyre parameters now believed."""
         z = sample.z.tolist()
         if not all(abs(value) < PLAUSIBLE for value in (*z, *sample.signals.tolist())):  # not-a-number is not
@@ -141,7 +141,7 @@ class ResidualMonitor:
             self._cells.setdefault(key, _Cell()).add(value, self._looks)
         return self._findings(sample, stamp_ns)
 
-    def _findings(self, sample: Sample, stamp_ns: int) -> list[Finding]:
+    def _findings(self, sample: Sample, stamp_ns: int) -> list[ModelAlert]:
         """Alerts due in the cells just visited."""
         findings = []
         for channel, floor in zip(SMALLEST, self._noise.std(), strict=True):
@@ -157,7 +157,7 @@ class ResidualMonitor:
             if key in self._alerted_ns and stamp_ns - self._alerted_ns[key] < REPEAT_NS:
                 continue
             self._alerted_ns[key] = stamp_ns
-            findings.append(Finding(channel, condition, suspect, float(np.sqrt(cell.square) / floor)))
+            findings.append(ModelAlert(channel, condition, suspect, float(np.sqrt(cell.square) / floor)))
         return findings
 
 

@@ -83,7 +83,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     prior = read_tyre_prior(tyre, layout, car)  # type: ignore[arg-type]
     known = None if track is None else (track, load_track(track))
     with _progress() as bar, workers(os.cpu_count() or 1) as pool:
-        progress = Course(bar)
+        progress = DiagnosisProgress(bar)
         progress("reading")
         logged = read_logs(sessions)
         record, log, health = _examined(logged, car, known, progress)
@@ -111,7 +111,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
         _print(summary)
 
 
-class Course:
+class DiagnosisProgress:
     """Tells a progress bar how far a diagnosis is, by the names of its parts and the number of steps in them."""
 
     def __init__(self, bar: Callable[[str, float], None]) -> None:

@@ -34,7 +34,7 @@ VX, YAW_RATE = 3, 5
 
 
 @dataclass
-class Lap:
+class CollectedLap:
     """One lap, `number` counted by the collector: a planner that begins again counts from 0."""
 
     number: int
@@ -52,8 +52,8 @@ class Collector:
         self._estimates = bus.subscribe(ESTIMATE, depth=round(QUEUE_S * ESTIMATE.rate_hz))
         self._plans = bus.subscribe(PLAN, depth=round(QUEUE_S * PLAN.rate_hz))
         self._waiting: OrderedDict[int, VehicleState] = OrderedDict()
-        self._over: deque[Lap] = deque(maxlen=MOST_LAPS)
-        self._under_way: Lap | None = None
+        self._over: deque[CollectedLap] = deque(maxlen=MOST_LAPS)
+        self._under_way: CollectedLap | None = None
         self.done = 0
         """laps over since the learner began"""
         self.stamp_ns = self._added_ns = 0
@@ -104,7 +104,7 @@ class Collector:
             lap.lasted_s = (plan.state_stamp_ns - lap.began_ns) / NS_PER_S
             self._over.append(lap)
         self.done += before is not None
-        self._under_way = Lap(self.done, plan.state_stamp_ns)
+        self._under_way = CollectedLap(self.done, plan.state_stamp_ns)
 
     def _add(self, state: VehicleState, estimate: Estimate) -> None:
         """One row, of the lap that had begun at its stamp; a state without new frames has the stamp of the last."""

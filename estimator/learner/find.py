@@ -18,7 +18,7 @@ from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.learner.active import active_effects, parameter_std
 from estimator.learner.known_road import with_road
 from estimator.learner.rule import IDLE, Errors, mean_ratio, why_not
-from estimator.learner.taught import SPREAD, Laps, parameters_of, taught
+from estimator.learner.taught import SPREAD, LapColumns, parameters_of, taught
 from estimator.model.declared_vehicle import DECLARED
 from estimator.model.effects import catalogue
 from estimator.model.look_alikes import LOOK_ALIKES
@@ -219,7 +219,7 @@ def _taught(effects: list[ActiveEffect], task: Task, ground: Ground) -> ModelRev
     learnt = task.columns["lap"] < task.columns["lap"].max()
     columns = {name: column[learnt] for name, column in task.columns.items()}
     further = [effect for effect in effects if effect.name not in known]
-    return taught(task.declared, further, Laps(columns, ground.position[learnt]), task.config, ground.track)
+    return taught(task.declared, further, LapColumns(columns, ground.position[learnt]), task.config, ground.track)
 
 
 def score(revision: ModelRevision, task: Task, ground: Ground, lap: int) -> Errors:

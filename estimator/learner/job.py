@@ -40,7 +40,7 @@ class Running(Protocol):
         ...
 
 
-class Job:
+class ChildJob:
     """`work(argument)` in a process of its own."""
 
     def __init__(self, work: Callable[[Any], Any], argument: Any, most_s: float = MOST_S) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 from estimator.learner.collect import Collector
 from estimator.learner.find import LEAST_LAPS, FirstLap, Found, Task, find, judge
-from estimator.learner.job import NICENESS, Failed, Job, Running
+from estimator.learner.job import NICENESS, ChildJob, Failed, Running
 from estimator.learner.rule import Errors, mean_ratio, regress
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import ModelRevision
@@ -38,7 +38,7 @@ Effects = tuple[str, ...]
 
 
 @dataclass
-class Trial:
+class Probation:
     """A proposed model until the first whole lap with it is over; `first_lap` once the planner drives with it."""
 
     model: Effects
@@ -54,7 +54,7 @@ class Trial:
 class Learner:
     """Decides when to diagnose, what to propose, and when to take it back; `start` runs work beside it."""
 
-    def __init__(self, config: Config, bus: Bus, start: Start = Job) -> None:
+    def __init__(self, config: Config, bus: Bus, start: Start = ChildJob) -> None:
         self._config, self._bus, self._start = config, bus, start
         self._laps = Collector(bus)
         self._revisions = bus.subscribe(MODEL_REVISION, depth=16)
@@ -63,7 +63,7 @@ class Learner:
         self._current: ModelRevision | None = None
         self._effects_of: OrderedDict[str, Effects] = OrderedDict()
         self._job: Running | None = None
-        self._trial: Trial | None = None
+        self._trial: Probation | None = None
         self._withdrawn: set[Effects] = set()
         self._diagnosed_at, self._alerted, self._seq = -1, False, 0
 
@@ -136,10 +136,10 @@ class Learner:
         if reason:
             self._say(now_ns, Outcome.KEPT, reason, found.effects)
             return
-        self._trial = Trial(_names(found.revision), found.effects, self._current, now_ns)
+        self._trial = Probation(_names(found.revision), found.effects, self._current, now_ns)
         self._say(now_ns, Outcome.PROPOSED, _gains(found), found.effects, found.revision)
 
-    def _watch(self, trial: Trial, now_ns: int) -> None:
+    def _watch(self, trial: Probation, now_ns: int) -> None:
         """Follow a proposed model from the planner's first plan with it to the end of its first whole lap."""
         plan = self._laps.plan
         taken = plan is not None and self._effects_of.get(plan.revision) == trial.model
@@ -155,7 +155,7 @@ class Learner:
             trial.lap_s = self._laps.lap_s(whole[0])
             self._job = self._start(judge, FirstLap(self._task(), trial.first_lap, trial.before))
 
-    def _end_trial(self, trial: Trial, result: tuple[Errors, Errors] | Failed, now_ns: int) -> None:
+    def _end_trial(self, trial: Probation, result: tuple[Errors, Errors] | Failed, now_ns: int) -> None:
         """The verdict of the first whole lap."""
         if isinstance(result, Failed):
             self._withdraw(trial, f"its first lap cannot be judged: {result.reason}", now_ns)
@@ -168,7 +168,7 @@ class Learner:
         text = f"the first lap with it: {_ratios(before, after)}; {trial.lap_before_s:.1f} s, then {trial.lap_s:.1f} s"
         self._say(now_ns, Outcome.CONFIRMED, text, trial.found)
 
-    def _withdraw(self, trial: Trial, reason: str, now_ns: int) -> None:
+    def _withdraw(self, trial: Probation, reason: str, now_ns: int) -> None:
         self._trial = None
         self._withdrawn.add(trial.found)
         self._say(now_ns, Outcome.WITHDRAWN, reason, trial.found, trial.before)

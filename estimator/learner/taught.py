@@ -30,7 +30,7 @@ EVEN = 1.5
 
 
 @dataclass(frozen=True)
-class Laps:
+class LapColumns:
     """What is learnt from: name -> (n,) columns as of `Collector`, and (n,) arc length of the map, m."""
 
     columns: Mapping[str, Array]
@@ -38,7 +38,7 @@ class Laps:
 
 
 def taught(
-    declared: ModelRevision, further: Sequence[ActiveEffect], laps: Laps, config: Config, track: Track
+    declared: ModelRevision, further: Sequence[ActiveEffect], laps: LapColumns, config: Config, track: Track
 ) -> ModelRevision:
     """The declared model with `further` effects, learnt from `laps`; learning begins at the values these have."""
     effects = (*declared.effects, *further)
@@ -68,7 +68,7 @@ def _known_before(declared: ModelRevision, scale: Array) -> Array:
     return covariance
 
 
-def samples(laps: Laps, revised: RevisedModel) -> Iterator[Sample]:
+def samples(laps: LapColumns, revised: RevisedModel) -> Iterator[Sample]:
     """`imu_yaw` samples as `SampleWindow` makes them of the running estimates, but where a row is missing."""
     columns = laps.columns
     signals = np.stack([columns[name] for name in SIGNALS])
@@ -91,7 +91,7 @@ FROM_LAPS = ("t", "yaw", "throttle", "brake_balance", "gear", "engine_speed", "a
 """auxiliaries that the laps have as columns"""
 
 
-def _auxiliary(laps: Laps) -> Array:
+def _auxiliary(laps: LapColumns) -> Array:
     """(auxiliaries, n) in the order of `AUXILIARY`."""
     columns = laps.columns
     known = {

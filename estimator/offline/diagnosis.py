@@ -30,7 +30,7 @@ from estimator.offline.search.screening import candidates
 from estimator.offline.search.search import Search, search
 from estimator.offline.search.stretches.cells import Candidate, most_gaining
 from estimator.offline.search.stretches.term import StretchTerm, can_tell
-from estimator.offline.search.terms import TERM_SHARE, Outcome, Rival, with_terms
+from estimator.offline.search.terms import TERM_SHARE, Explanation, Rival, with_terms
 from estimator.offline.search.trial import Setting, Trial, fit_names
 from hil_gateway.process.arrays import Array, Ints
 
@@ -38,7 +38,7 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Model:
+class FittedModel:
     """A model with its numbers."""
 
     model: SingleTrack
@@ -69,7 +69,7 @@ class Diagnosis:
     accepted: tuple[str, ...]
     gains: Mapping[str, Evidence]
     terms: tuple[Term, ...]
-    models: Mapping[str, Model]
+    models: Mapping[str, FittedModel]
     channels: Mapping[str, Mapping[str, float]]
     rollout: Mapping[str, Mapping[str, float]]
     term_trials: tuple[Term, ...]
@@ -175,7 +175,7 @@ def held_out_in_turn(windows: int) -> Ints:
     return np.arange(windows, dtype=np.int64) // HELD_OUT_WINDOWS
 
 
-def _without(setting: Setting, outcome: Outcome, terms: Sequence[Term]) -> Fit:
+def _without(setting: Setting, outcome: Explanation, terms: Sequence[Term]) -> Fit:
     """The fit without these empirical `terms`."""
     if not terms:
         return outcome.fit
@@ -184,16 +184,16 @@ def _without(setting: Setting, outcome: Outcome, terms: Sequence[Term]) -> Fit:
     return fit_names(replace(setting, extra=kept), outcome.accepted, outcome.fit, exact=True)
 
 
-def _models(setting: Setting, outcome: Outcome, catalogue: Fit) -> dict[str, Model]:
+def _models(setting: Setting, outcome: Explanation, catalogue: Fit) -> dict[str, FittedModel]:
     declared = SingleTrack(setting.record.vehicle, setting.layout, (), setting.prior)
     tyre = np.array([p.prior for p in declared.tyre_table])
     final = outcome.fit
     base = fit_names(replace(setting, extra=()), (), outcome.search.base, exact=True)
     return {
-        "declared": Model(declared, tyre),
-        "refit": Model(base.predictor.model, base.parameters),
-        "catalogue": Model(catalogue.predictor.model, catalogue.parameters),
-        "with_effects": Model(final.predictor.model, final.parameters),
+        "declared": FittedModel(declared, tyre),
+        "refit": FittedModel(base.predictor.model, base.parameters),
+        "catalogue": FittedModel(catalogue.predictor.model, catalogue.parameters),
+        "with_effects": FittedModel(final.predictor.model, final.parameters),
     }
 
 

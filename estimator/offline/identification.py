@@ -20,7 +20,7 @@ from estimator.model.columns import ModelColumns
 from estimator.model.effect import Effect
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
-from estimator.offline.fit.equation_error import Fit, fit
+from estimator.offline.fit.equation_error import EquationErrorFit, fit
 from estimator.offline.fit.identifiability import Identifiability, analyse
 from estimator.offline.fit.output_error import OutputErrorSettings, fit_output_error
 from estimator.offline.fit.recursive import Curve, Recursion, averaged, batch, sample
@@ -95,7 +95,7 @@ class Identification:
     split: Split
     health: HealthReport
     columns: ModelColumns
-    fit: Fit
+    fit: EquationErrorFit
     initial: Mapping[str, float]
     rmse: Scores
     rmse_at_states: Scores
@@ -216,7 +216,7 @@ class _Fitted:
     samples: Samples
     split: Split
     columns: ModelColumns
-    fit: Fit
+    fit: EquationErrorFit
     recursion: Recursion
 
 
@@ -255,7 +255,7 @@ def _fit_with_forces(task: _Task, health: HealthReport, fitted: _Fitted) -> _Fit
     return best
 
 
-def _left_across(fit: Fit) -> float:
+def _left_across(fit: EquationErrorFit) -> float:
     """Logarithm of the product of what a fit leaves of vy and yaw rate; 0 where it simulates neither."""
     return float(np.log([fit.spread[name] for name in ("vy", "yaw_rate") if name in fit.spread]).sum())
 
@@ -350,7 +350,7 @@ def _is_fast(task: _Task, health: HealthReport) -> bool:
 
 def _fit(
     task: _Task, columns: ModelColumns, train: Samples, held_out: Samples, known: Mapping[str, float] | None
-) -> tuple[Fit, Recursion]:
+) -> tuple[EquationErrorFit, Recursion]:
     recursion = _recursion(task, columns, train, held_out)
     if task.options.method != "nls":
         return recursion.fit, recursion

@@ -37,7 +37,7 @@ SOLVER_TIMEOUT_S = 60.0
 
 
 @dataclass(frozen=True)
-class Finding:
+class Check:
     """One thing looked at. `required` ones make `hil demo` impossible when they are not ok."""
 
     name: str
@@ -72,32 +72,32 @@ def _find(program: Program) -> str | None:
     return next((path for path in map(shutil.which, program.names) if path), None)
 
 
-def _program(program: Program) -> Finding:
+def _program(program: Program) -> Check:
     path = _find(program)
     remedy = f"apt-get install {program.package}"
-    return Finding(program.names[0], path is not None, path or "not found", program.needed_for, remedy)
+    return Check(program.names[0], path is not None, path or "not found", program.needed_for, remedy)
 
 
-def _python() -> Finding:
+def _python() -> Check:
     ok = sys.version_info >= (3, 11)
-    return Finding("python", ok, platform.python_version(), "everything", "install Python 3.11 or newer", True)
+    return Check("python", ok, platform.python_version(), "everything", "install Python 3.11 or newer", True)
 
 
-def _packages() -> Finding:
+def _packages() -> Check:
     """Whether every distribution the project declares without an extra is installed."""
     declared = importlib.metadata.requires("hil-gateway") or []
     names = [_distribution(line) for line in declared if "extra ==" not in line]
     missing = [name for name in names if not _installed(name)]
     detail = f"missing: {', '.join(missing)}" if missing else f"{len(names)} installed"
-    return Finding("packages", not missing, detail, "everything", "rm -r .venv && deploy/setup.sh", True)
+    return Check("packages", not missing, detail, "everything", "rm -r .venv && deploy/setup.sh", True)
 
 
-def _package_data() -> Finding:
+def _package_data() -> Check:
     """Whether what comes with the packages is there: tracks, database, configuration, templates."""
     missing = missing_files()
     tracks = ", ".join(shipped_tracks())
     detail = f"missing: {', '.join(missing)}" if missing else f"tracks {tracks}"
-    return Finding("package data", not missing, detail, "everything", "install the package again", True)
+    return Check("package data", not missing, detail, "everything", "install the package again", True)
 
 
 def _distribution(requirement: str) -> str:
@@ -121,24 +121,24 @@ def socketcan_available() -> bool:
     return True
 
 
-def _socketcan() -> Finding:
+def _socketcan() -> Check:
     ok = socketcan_available()
     remedy = "a kernel with CAN (modprobe can-raw vcan); without, the demo uses UDP multicast"
     detail = "available" if ok else "this kernel has none"
-    return Finding("socketcan", ok, detail, "a real car, vcan", remedy)
+    return Check("socketcan", ok, detail, "a real car, vcan", remedy)
 
 
-def _interface(channel: str) -> Finding:
+def _interface(channel: str) -> Check:
     ok = Path("/sys/class/net", channel).exists()
     remedy = f"ip link add dev {channel} type vcan && ip link set {channel} up (as root), or go without"
-    return Finding(channel, ok, "present" if ok else "absent", "the demo over SocketCAN", remedy)
+    return Check(channel, ok, "present" if ok else "absent", "the demo over SocketCAN", remedy)
 
 
-def _user_mode_linux() -> Finding | None:
+def _user_mode_linux() -> Check | None:
     return None if socketcan_available() else _program(USER_MODE_LINUX)
 
 
-def _multicast(group: str) -> Finding:
+def _multicast(group: str) -> Check:
     """A datagram to the group over loopback must come back."""
     remedy = "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo (as root)"
     try:
@@ -152,32 +152,30 @@ def _multicast(group: str) -> Finding:
             ok, detail = probe.recv(16) == b"hil", f"{group} loops back"
     except OSError as error:
         ok, detail = False, f"{group}: {error}"
-    return Finding("udp multicast", ok, detail, "the demo without SocketCAN", remedy)
+    return Check("udp multicast", ok, detail, "the demo without SocketCAN", remedy)
 
 
-def _disk(folder: str) -> Finding:
+def _disk(folder: str) -> Check:
     """Room where recordings go, or where their folder would be made."""
     try:
         place = next(p for p in Path(folder, "x").resolve().parents if p.exists())
         free, writable = shutil.disk_usage(place).free, os.access(place, os.W_OK)
     except OSError as error:
-        return Finding("disk", False, f"{folder}: {error.strerror}", "recordings", "cd to a folder that exists")
+        return Check("disk", False, f"{folder}: {error.strerror}", "recordings", "cd to a folder that exists")
     detail = f"{free / 1e9:.1f} GB free in {place}" if writable else f"{place} cannot be written"
-    return Finding(
-        "disk", writable and free > MIN_FREE_BYTES, detail, "recordings", "set recorder.folder to another one"
-    )
+    return Check("disk", writable and free > MIN_FREE_BYTES, detail, "recordings", "set recorder.folder to another one")
 
 
-def _cache() -> Finding:
+def _cache() -> Check:
     """Where compiled functions are kept; without it each start runs them interpreted."""
     folder = cache_directory()
     place = next(p for p in (folder, *folder.parents) if p.exists())
     ok = place.is_dir() and os.access(place, os.W_OK) and not str(place).startswith("/proc")
     detail = str(folder) if ok else f"{place} cannot be written"
-    return Finding("compiled functions", ok, detail, "planner at full speed", "set XDG_CACHE_HOME to a folder of yours")
+    return Check("compiled functions", ok, detail, "planner at full speed", "set XDG_CACHE_HOME to a folder of yours")
 
 
-def _solver() -> Finding:
+def _solver() -> Check:
     """Asked of the planner's own command: this package does not know the planner."""
     name, purpose = "planner's solver", "plans in a tenth of the time"
     command = [sys.executable, "-m", "hil_gateway", "plan", "solver", "--json"]
@@ -185,13 +183,13 @@ def _solver() -> Finding:
         child = subprocess.run(command, capture_output=True, text=True, timeout=SOLVER_TIMEOUT_S, check=True)
         found: dict[str, str] = json.loads(child.stdout)
     except (OSError, ValueError, subprocess.SubprocessError) as error:
-        return Finding(name, False, f"not known: {error}"[:80], purpose, "hil plan solver")
+        return Check(name, False, f"not known: {error}"[:80], purpose, "hil plan solver")
     ok = not found["lacks"]
     detail = f"{found['first']}, then {found['second']}" if ok else f"{found['first']}: {found['lacks']}"
-    return Finding(name, ok, detail, purpose, "apt-get install gcc libc6-dev, or set CC to a compiler that works")
+    return Check(name, ok, detail, purpose, "apt-get install gcc libc6-dev, or set CC to a compiler that works")
 
 
-def _zenoh(endpoint: str) -> Finding:
+def _zenoh(endpoint: str) -> Check:
     """Whether the gateway may listen where the configuration says; on another computer's address it does not."""
     host, _, port = endpoint.partition("/")[2].rpartition(":")
     ok, detail = True, "free"
@@ -203,22 +201,22 @@ def _zenoh(endpoint: str) -> Finding:
         ok = error.errno == errno.EADDRNOTAVAIL
         detail = "on another computer" if ok else str(error.strerror).partition(" (")[0].lower()
     remedy = "end what listens there, or set zenoh.connect to another endpoint"
-    return Finding("zenoh endpoint", ok, f"{endpoint}: {detail}", "hil gateway run", remedy)
+    return Check("zenoh endpoint", ok, f"{endpoint}: {detail}", "hil gateway run", remedy)
 
 
-def _cpus() -> Finding:
+def _cpus() -> Check:
     count = len(os.sched_getaffinity(0))
-    return Finding("processors", count >= 2, str(count), "the demo in real time", "a machine with 2 cores or more")
+    return Check("processors", count >= 2, str(count), "the demo in real time", "a machine with 2 cores or more")
 
 
-def _real_time() -> Finding:
+def _real_time() -> Check:
     without = [f"{name} ({priority})" for name, priority in PRIORITIES.items() if not permitted(name)]
     detail = f"not permitted: {', '.join(without)}" if without else "may be raised"
     remedy = f"run by deploy/systemd, or ulimit -r {max(PRIORITIES.values())}"
-    return Finding("real-time priority", not without, detail, "a car (not the demo)", remedy)
+    return Check("real-time priority", not without, detail, "a car (not the demo)", remedy)
 
 
-def findings(config: Config) -> Iterator[Finding]:
+def findings(config: Config) -> Iterator[Check]:
     """Look at everything, cheap things first."""
     yield from (_python(), _packages(), _package_data(), _cpus(), _disk(config.recorder.folder), _cache())
     yield from (_socketcan(), _interface(config.can.channel), _multicast(config.can.multicast_group))
@@ -236,7 +234,7 @@ def missing_packages() -> list[str]:
     return [p.package for p in wanted if _find(p) is None]
 
 
-def _print_findings(rows: list[Finding], echo: Callable[[str], None]) -> None:
+def _print_findings(rows: list[Check], echo: Callable[[str], None]) -> None:
     for row in rows:
         mark = "ok  " if row.ok else ("FAIL" if row.required else "none")
         echo(f"{mark} {row.name:20} {row.detail:28} for {row.needed_for}")

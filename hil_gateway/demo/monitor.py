@@ -48,7 +48,7 @@ STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 
 
 @dataclass(frozen=True)
-class Failsafe:
+class ObservedFailsafe:
     """The gateway stopped the car."""
 
     t_s: float
@@ -89,7 +89,7 @@ class Monitor:
         self.plan: Plan | None = None
         self.plans = PlanCount()
         self.journal = Journal(bus)
-        self.failsafes: list[Failsafe] = []
+        self.failsafes: list[ObservedFailsafe] = []
         self.prior: Belief | None = None
 
     def update(self, now_ns: int, driving: bool) -> None:
@@ -115,7 +115,7 @@ class Monitor:
         self._action = status.action
         if status.action in STOPS and len(self.failsafes) < STOPS_MAX:
             t_s = (now_ns - self._started_ns) / 1e9
-            self.failsafes.append(Failsafe(t_s, status.action.value, status.cause, status.detail))
+            self.failsafes.append(ObservedFailsafe(t_s, status.action.value, status.cause, status.detail))
 
     def _message(self, topic: Topic[Any]) -> Any:
         return self._readers[topic.key].latest.message

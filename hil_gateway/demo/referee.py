@@ -11,7 +11,7 @@ from hil_gateway.bus.topics import TRUTH
 STANDSTILL_MPS = 0.3
 
 
-class Referee:
+class DriveReferee:
     """Watches the truth topic."""
 
     def __init__(self, bus: Bus) -> None:

@@ -11,7 +11,7 @@ from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.demo.monitor import Monitor
 from hil_gateway.demo.operator import Operator
 from hil_gateway.demo.options import DemoOptions, DemoSetup
-from hil_gateway.demo.referee import Referee
+from hil_gateway.demo.referee import DriveReferee
 from hil_gateway.demo.view import Scene, View
 from hil_gateway.demo.waiting import Account, Waiting
 from hil_gateway.process.clock import NS_PER_S, Clock, SystemClock
@@ -47,7 +47,7 @@ class RunResult:
     """What the summary is made of."""
 
     monitor: Monitor
-    referee: Referee
+    referee: DriveReferee
     ending: Ending = Ending.DONE
     exits: list[Exit] = field(default_factory=list)
     zero_ns: int = 0
@@ -71,7 +71,7 @@ class Run:
         self._clock: Clock = SystemClock()
         self._bus = open_bus(setup.config.zenoh, "operator")
         self._operator = Operator(self._bus)
-        self.result = RunResult(Monitor(self._bus), Referee(self._bus))
+        self.result = RunResult(Monitor(self._bus), DriveReferee(self._bus))
         self._started_ns = self.result.zero_ns = self._clock.now_ns()
         self._under_way_ns: int | None = None
         self._moved_ns = self._started_ns

@@ -16,7 +16,7 @@ import numpy as np
 from hil_gateway.bus.messages import FailsafeAction, GatewayStatus
 from hil_gateway.demo.canvas import Canvas
 from hil_gateway.demo.monitor import Monitor
-from hil_gateway.demo.referee import Referee
+from hil_gateway.demo.referee import DriveReferee
 from hil_gateway.gateway.check.arming import EXPLANATION
 from hil_gateway.process.figures import figure
 from hil_gateway.track.track import Track
@@ -49,7 +49,7 @@ class Scene:
     now_ns: int
     elapsed_s: float
     monitor: Monitor
-    referee: Referee
+    referee: DriveReferee
     cpu_share: Mapping[str, float]
     alive: Mapping[str, int]
     heading: str

@@ -11,10 +11,10 @@ from hil_gateway.can_link import CanLink
 from hil_gateway.config import Config, PlantConfig
 from hil_gateway.plant.car import STEP_S, Car, Commands
 from hil_gateway.plant.car_file import SimulatedCar
-from hil_gateway.plant.controller.ladder import AT_REST, MARELLI_KILL, SysState, VehicleController
+from hil_gateway.plant.controller.ladder import AT_REST, MARELLI_KILL, CarState, VehicleController
 from hil_gateway.plant.controller.receive import CommandReceiver
 from hil_gateway.plant.controller.sensors import Sensors
-from hil_gateway.plant.controller.transmit import RaceControl, Transmitter
+from hil_gateway.plant.controller.transmit import ReportTransmitter, SimulatedRaceControl
 from hil_gateway.plant.fitted import fitted
 from hil_gateway.plant.physics.effects import configure
 from hil_gateway.plant.physics.parameters import PlantParameters
@@ -67,11 +67,11 @@ class Plant:
         track, events = track or load_track(config.track or None), simulated.events if simulated else ()
         self.car = Car(parameters, track, start_s=config.plant.start_s, events=events)
         self.controller = VehicleController()
-        self.race_control = RaceControl()
+        self.race_control = SimulatedRaceControl()
         self.referee = Referee(self.car)
         self._receiver = CommandReceiver(config.car)
         sensors = Sensors(self.car, parameters.sensors, config.car, config.origin, config.plant.seed)
-        self._transmitter = Transmitter(
+        self._transmitter = ReportTransmitter(
             platform=config.car,
             link=link,
             car=self.car,
@@ -115,7 +115,7 @@ class Plant:
         if self.race_control.vehicle_flag in MARELLI_KILL:
             self.controller.kill("race control")
         self.controller.step(t_ns, received, self.car.standing)
-        if before is SysState.EMERGENCY and self.controller.state is not before:
+        if before is CarState.EMERGENCY and self.controller.state is not before:
             self._receiver.forget()
         self._obeyed, self._engine_running = self.controller.obeyed(t_ns, received), self.controller.engine_running
         self.referee.step(self.car.time_s)

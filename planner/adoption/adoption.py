@@ -25,7 +25,7 @@ from planner.adoption.trust import Trust, slides
 from planner.adoption.unlearnt import measured_loads
 from planner.adoption.usable_grip import PROFILE_SHARE, borne_next
 from planner.line.envelope import Brakes, envelope_of
-from planner.line.raceline import RaceLine, raceline_for
+from planner.line.raceline import OptimisedLine, raceline_for
 from planner.line.track import Reference
 from planner.plan.controller import Controller, TyreKnowledge
 from planner.problem.load_limits import LoadLimits, judged_limits
@@ -85,7 +85,7 @@ class Adoption:
         self._answer = np.inf if self._by_data_sheet and not config.estimator.learn else None
         self.notes: list[str] = []
         """what was refused or rolled back, and why; newest last"""
-        self._line: RaceLine | None = None
+        self._line: OptimisedLine | None = None
         self._last: Reference | None = None
         """made last, with the path of all of them"""
         self._asked = NOTHING_ASKED

@@ -20,9 +20,9 @@ from scipy.interpolate import CubicSpline
 
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Room, Track
-from planner.line.raceline import RaceLine
+from planner.line.raceline import OptimisedLine
 from planner.line.track import Reference
-from planner.problem.settings import Limits
+from planner.problem.settings import PlanLimits
 
 STEP = 0.5
 """m of progress between points of the roll-out"""
@@ -69,7 +69,7 @@ class _Own:
     step: Array
     fastest: Array
 
-    def speeds(self, line: RaceLine) -> Array:
+    def speeds(self, line: OptimisedLine) -> Array:
         """Of a whole lap: those of the race line, no faster than its own, and braked for gently."""
         v = line.vx_profile.copy()
         v[self.index] = np.minimum(v[self.index], self.fastest)
@@ -124,7 +124,7 @@ class _Aim:
 class Joining:
     """Ways onto the race line of one track for one car; `wheelbase` in m."""
 
-    def __init__(self, track: Track, wheelbase: float, limits: Limits, clearance: float) -> None:
+    def __init__(self, track: Track, wheelbase: float, limits: PlanLimits, clearance: float) -> None:
         """`clearance`: distance from the edges at which the solver's corridor ends, m."""
         self._track, self._wheelbase, self._limits, self._clearance = track, wheelbase, limits, clearance
         self._most = math.tan(STEER_USE * limits.steer) / wheelbase
@@ -157,7 +157,7 @@ class Joining:
                 return ways[-1]
         return max(ways, key=lambda way: min(way.room))
 
-    def _aims(self, line: RaceLine, start: _Start) -> list[_Aim]:
+    def _aims(self, line: OptimisedLine, start: _Start) -> list[_Aim]:
         """The race line, unless the car is in the lane alone; the middle of the lane, where the car can be in it."""
         n, lane, track_s, aside = len(line.s), self._track.pit_lane, line.track_s, self._aside(line)
         onto_road = _Aim(np.zeros(n), np.zeros(n, dtype=bool))
@@ -172,7 +172,7 @@ class Joining:
         in_lane = self._track.room(float(track_s[i]), float(aside[i]) + start.offset).in_lane
         return through if in_lane else [onto_road, *through]
 
-    def _aside(self, line: RaceLine) -> Array:
+    def _aside(self, line: OptimisedLine) -> Array:
         """Offset of the race line to the left of the centre line, m, (n,)."""
         return np.asarray(self._track.at(line.track_s).width_left - line.width_left)
 
@@ -250,7 +250,7 @@ def beside(reference: Reference, s: float, pose: Pose) -> tuple[float, float]:
     return offset, math.remainder(pose[2] - heading, math.tau)
 
 
-def _moved(line: RaceLine, index: Index, offset: Array, room: Room) -> RaceLine:
+def _moved(line: OptimisedLine, index: Index, offset: Array, room: Room) -> OptimisedLine:
     """The line with the points `index` moved to the left by `offset` (m), where they have `room`; with its speeds."""
     changed = {name: getattr(line, name).copy() for name in MOVED}
     heading = line.heading[index]

@@ -37,7 +37,7 @@ VERSION = 3
 
 
 @dataclass(frozen=True)
-class RaceLine:
+class OptimisedLine:
     """Closed line at equal steps of its own arc length; arrays (n,), the last point does not repeat the first.
 
     `width_left`, `width_right` are the distances from the line to the edges of the track, m (no margin taken off);
@@ -61,7 +61,7 @@ class RaceLine:
     lap_time: float
     """s: the quasi-steady minimum for this car on this track"""
 
-    def with_envelope(self, envelope: Envelope, trust: Array | float = 1.0) -> RaceLine:
+    def with_envelope(self, envelope: Envelope, trust: Array | float = 1.0) -> OptimisedLine:
         """The same path with the speed profile of another model: milliseconds instead of seconds.
 
         `trust` (n,) is the share of the envelope that may be used at each point.
@@ -79,7 +79,7 @@ def compute_raceline(
     *,
     grip_use: float = 0.9,
     max_speed: float = 80.0,
-) -> RaceLine:
+) -> OptimisedLine:
     """Minimum-time line of the declared model with tyre parameters `tyre`.
 
     Args:
@@ -92,23 +92,23 @@ def compute_raceline(
     return raceline_for(track, envelope_of(model, theta, use=(grip_use, grip_use), max_speed=max_speed), margin)
 
 
-def raceline_for(track: Track, envelope: Envelope, margin: float = 1.5) -> RaceLine:
+def raceline_for(track: Track, envelope: Envelope, margin: float = 1.5) -> OptimisedLine:
     """Minimum-time line within `envelope`, from the cache where it was computed before."""
     path = cache_directory() / f"raceline-{_key(track, envelope, margin)}.npz"
     try:
         with np.load(path) as stored:
-            return RaceLine(**{f.name: _unpack(stored[f.name]) for f in fields(RaceLine)})
+            return OptimisedLine(**{f.name: _unpack(stored[f.name]) for f in fields(OptimisedLine)})
     except (OSError, KeyError, ValueError):
         pass
     line = _finish(track, _optimise(track, envelope, margin), envelope)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(f".{id(line)}.npz")
-    np.savez(temporary, **{f.name: getattr(line, f.name) for f in fields(RaceLine)})
+    np.savez(temporary, **{f.name: getattr(line, f.name) for f in fields(OptimisedLine)})
     temporary.replace(path)
     return line
 
 
-def centre_line(track: Track, envelope: Envelope) -> RaceLine:
+def centre_line(track: Track, envelope: Envelope) -> OptimisedLine:
     """The centre line with its speed profile: what a first lap or a failed optimisation can use."""
     return _finish(track, np.zeros(_node_count(track)), envelope)
 
@@ -237,7 +237,7 @@ def _next(z: Any) -> Any:
     return ca.vertcat(z[1:], z[0])
 
 
-def _finish(track: Track, offset: Array, envelope: Envelope) -> RaceLine:
+def _finish(track: Track, offset: Array, envelope: Envelope) -> OptimisedLine:
     """Line through the offset nodes, on a uniform grid of its own arc length."""
     n = len(offset)
     at = track.at(np.arange(n) * track.length / n)
@@ -250,7 +250,7 @@ def _finish(track: Track, offset: Array, envelope: Envelope) -> RaceLine:
     road = track.at(track_s)
     bend = bend_of(track, track_s)
     v = speed_profile(RoadPath(curvature, road.grade, road.bank, bend, length), envelope)
-    return RaceLine(
+    return OptimisedLine(
         s=np.arange(len(x)) * length / len(x), x=x, y=y, heading=heading, curvature=curvature, vx_profile=v,
         width_left=road.width_left - lateral, width_right=road.width_right + lateral,
         grade=road.grade, bank=road.bank, bend=bend, track_s=track_s, length=length, lap_time=lap_time_of(v, length),

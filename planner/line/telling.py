@@ -11,7 +11,7 @@ from hil_gateway.bus.race_line import RaceLine as Told
 from hil_gateway.bus.topics import RACE_LINE
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
-from planner.line.raceline import RaceLine
+from planner.line.raceline import OptimisedLine
 
 POINTS = 500
 """at most; some 10 m on a 5 km lap, finer than a pixel of a map"""
@@ -24,7 +24,7 @@ class LineTeller:
     def __init__(self, bus: Bus) -> None:
         self._bus, self._due_ns, self._seq = bus, 0, 0
 
-    def step(self, now_ns: int, line: RaceLine, clearance: float) -> None:
+    def step(self, now_ns: int, line: OptimisedLine, clearance: float) -> None:
         """Say what is aimed at, when it is time; `clearance` as in the message, m."""
         if now_ns < self._due_ns:
             return
@@ -33,7 +33,7 @@ class LineTeller:
         self._seq += 1
 
 
-def told(line: RaceLine, clearance: float, now_ns: int, seq: int) -> Told:
+def told(line: OptimisedLine, clearance: float, now_ns: int, seq: int) -> Told:
     """The message of a line."""
     step = -(-len(line.s) // POINTS)
     columns: Mapping[str, tuple[Array, int]] = {

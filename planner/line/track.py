@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array, Complex
-from planner.line.raceline import RaceLine
+from planner.line.raceline import OptimisedLine
 
 WINDOW = 15
 """points of the line either side of a hint among which the nearest is sought, some 30 m"""
@@ -38,7 +38,7 @@ class ReferencePoint:
 class Reference:
     """A race line with its speed limit on a uniform grid, addressed by unwrapped progress s (m, grows over laps)."""
 
-    def __init__(self, line: RaceLine, before: Reference | None = None, least_width: float = 0.0) -> None:
+    def __init__(self, line: OptimisedLine, before: Reference | None = None, least_width: float = 0.0) -> None:
         """`before`: one made before, whose path is used again where it is the same and only speeds are new.
         `least_width`: a plan may go by so much (m) to either side of the line, however near an edge is."""
         self.line, self._least_width = line, least_width
@@ -51,7 +51,7 @@ class Reference:
         self._road: Array = same._road.copy() if same else self._road_of(line)
         self._road[SPEED] = line.vx_profile, self._slope(line.vx_profile)
 
-    def _road_of(self, line: RaceLine) -> Array:
+    def _road_of(self, line: OptimisedLine) -> Array:
         """Rows of `stages`, speeds left open."""
         left, right = (np.maximum(width, self._least_width) for width in (line.width_left, line.width_right))
         centre, half_width = 0.5 * (left - right), 0.5 * (left + right)
@@ -126,13 +126,13 @@ class Reference:
         return s
 
 
-def _lapped(line: RaceLine) -> Complex:
+def _lapped(line: OptimisedLine) -> Complex:
     """Points of a line as x + iy, the first ones repeated behind the last: a window of them is one piece."""
     points = line.x + 1j * line.y
     return np.concatenate([points, points[: 2 * WINDOW + 1]])
 
 
-def _cubics(line: RaceLine) -> Array:
+def _cubics(line: OptimisedLine) -> Array:
     """Coefficients of x then y by rising power, (8, n), of the periodic spline through the points of a line."""
     grid, points = np.append(line.s, line.length), np.column_stack([line.x, line.y])
     spline = CubicSpline(grid, np.vstack([points, points[:1]]), bc_type="periodic")

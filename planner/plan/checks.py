@@ -11,7 +11,7 @@ from estimator.belief.revision import RevisedModel
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from planner.adoption.adoption import Adopted
-from planner.line.raceline import RaceLine
+from planner.line.raceline import OptimisedLine
 from planner.plan import acceptance
 from planner.plan.acceptance import ACROSS, SHARES, Bounds, Check
 from planner.plan.controller import Controller, TyreKnowledge
@@ -76,7 +76,7 @@ class PlanCheck:
             self._check = Check(controller.checked, knowledge.theta, phi, knowledge.brake_ratio)
         return self._check
 
-    def _beside(self, line: RaceLine) -> Roadside:
+    def _beside(self, line: OptimisedLine) -> Roadside:
         """Of the path in use, whose speed profile may be a new one."""
         if self._roadside is None or line.x is not self._roadside.x:
             self._roadside = Roadside(line)
@@ -97,7 +97,7 @@ def bounds_of(settings: Settings, load_max: tuple[float, float], drive: float) -
 class Roadside:
     """Points of a race line's path with what is beside them."""
 
-    def __init__(self, line: RaceLine) -> None:
+    def __init__(self, line: OptimisedLine) -> None:
         self.x, self.spacing = line.x, line.length / len(line.x)
         cos, sin = np.cos(line.heading), np.sin(line.heading)
         widths = [line.width_left, line.width_right]

@@ -15,7 +15,7 @@ from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
 from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, STEER, VX, YAW_RATE, S
-from planner.problem.settings import Limits
+from planner.problem.settings import PlanLimits
 
 PREVIEW_S = 0.5
 MIN_PREVIEW = 6.0
@@ -49,7 +49,7 @@ class Stopping:
 
     step: Callable[[Array, Array], Array]
     reference: Reference
-    limits: Limits
+    limits: PlanLimits
     dt: float
     vehicle: Vehicle
     deceleration: float

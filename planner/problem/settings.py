@@ -23,9 +23,9 @@ class Weights:
     lag: float = 20.0
     """q_l, 1/m2"""
     edge: float = 30.0
-    """on the way into `Limits.edge_zone`, 1/m2: the closed loop across the track answers within 0.1 s, what steering
-    and its dead time can do. A bound alone is answered as hard as the actuators can: cars that turn quicker than their
-    model wove along it by 9 mrad of steering"""
+    """on the way into `PlanLimits.edge_zone`, 1/m2: the closed loop across the track answers within 0.1 s, what
+    steering and its dead time can do. A bound alone is answered as hard as the actuators can: cars that turn quicker
+    than their model wove along it by 9 mrad of steering"""
     progress: float = 0.2
     """q_v, s/m"""
     drive_change: float = 0.05
@@ -43,7 +43,7 @@ class Weights:
 
 
 @dataclass(frozen=True)
-class Limits:
+class PlanLimits:
     """Actuator and state limits of Eq. (4); rates are per second."""
 
     steer: float = 0.26
@@ -101,7 +101,7 @@ class Settings:
     horizon: int = 40
     dt: float = 0.05
     weights: Weights = Weights()
-    limits: Limits = Limits()
+    limits: PlanLimits = PlanLimits()
     slack: Slack = Slack()
     information: Information = Information()
     load_limit: LoadLimit = "ellipse"

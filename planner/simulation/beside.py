@@ -16,7 +16,7 @@ DIAGNOSIS_S = 90.0
 """virtual time from the start of a diagnosis to its result: measured on two laps, one processor"""
 
 
-class Beside:
+class DelayedWork:
     """Work whose result is told after so many polls."""
 
     def __init__(self, work: Callable[[Any], Any], argument: Any, after_s: float = DIAGNOSIS_S) -> None:
@@ -37,4 +37,4 @@ class Beside:
 
 def learner(config: Config, bus: Bus, track: Track) -> Learner:
     """A component of the loop."""
-    return Learner(config, bus, Beside)
+    return Learner(config, bus, DelayedWork)

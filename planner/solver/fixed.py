@@ -43,7 +43,7 @@ class _Report(ctypes.Structure):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SolveOutcome:
     """How a call of `FixedSqp.iterate` ended: status of the last QP, SQP iterations done, QP iterations, durations."""
 
     status: QpStatus
@@ -128,11 +128,11 @@ class FixedSqp:
         arrays = (self.z, self.du, self.stages, self.common, self.multiplier, self.information)
         self._arguments = (*map(_pointer, arrays), ctypes.byref(self._report))
 
-    def iterate(self, iterations: int) -> Outcome:
+    def iterate(self, iterations: int) -> SolveOutcome:
         """SQP iterations from the guess in `z`, `du`, `multiplier`, in place; parameters are in `stages`, `common`."""
         self._lib.iterate_sqp(self._lib.work, ctypes.c_int32(iterations), *self._arguments)
         r = self._report
-        return Outcome(STATUS[r.status], r.iterations, r.qp_iterations, r.linearise_ns, r.qp_ns, r.step)
+        return SolveOutcome(STATUS[r.status], r.iterations, r.qp_iterations, r.linearise_ns, r.qp_ns, r.step)
 
     def shift(self) -> None:
         """The held multipliers one stage on."""

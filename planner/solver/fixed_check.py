@@ -28,7 +28,7 @@ WINDOW = 6
 FOLDER = Path(__file__).parent
 
 
-class Beside(Protocol):
+class RoadsidePoints(Protocol):
     """What is beside the plan: rows of points (13, n) of a closed line at equal steps, see `plan.checks.Roadside`."""
 
     points: Array
@@ -50,7 +50,7 @@ class FixedCheck:
         self.inputs: tuple[Array, ...] = (self._columns[:, :-1], self._columns[:, 1:], *parameters)
         self.outputs: tuple[Array, ...] = (np.zeros((len(FOUND), stages), order="F"),)
         self._z, self._information = np.zeros((NZ, stages), order="F"), np.zeros(stages - 1)
-        self._beside: Beside | None = None
+        self._beside: RoadsidePoints | None = None
         self.finite = False
         """whether every number of the plan checked last is one"""
         self._arguments = tuple(map(_pointer, (self._columns, *parameters, self.outputs[0])))
@@ -60,7 +60,7 @@ class FixedCheck:
         """Evaluate from `inputs` into `outputs`."""
         self.finite = bool(self._check(*self._arguments))
 
-    def lay_out(self, z: Array, information: Array, beside: Beside) -> Array:
+    def lay_out(self, z: Array, information: Array, beside: RoadsidePoints) -> Array:
         """`COLUMNS` of states z (NZ, N+1) with the information (N,), beside a line; they are the input `after`."""
         self._z[:], self._information[:] = z, information
         if beside is not self._beside:

@@ -30,7 +30,7 @@ from hil_gateway.process.model import Model
 from planner.problem.brake_law import BrakeLaw
 from planner.problem.checked_motion import CheckedMotion
 from planner.problem.mpcc import Problem
-from planner.problem.settings import Information, Limits, Settings, Slack, Weights
+from planner.problem.settings import Information, PlanLimits, Settings, Slack, Weights
 from planner.solver.fixed import FixedHorizon, build_library
 from planner.solver.fixed_check import FixedCheck, build_check
 
@@ -121,7 +121,7 @@ def _describe(problem: Problem) -> str:
 def _restore(text: str) -> Problem:
     data = json.loads(text)
     settings = data["settings"]
-    for name, kind in (("weights", Weights), ("limits", Limits), ("slack", Slack), ("information", Information)):
+    for name, kind in (("weights", Weights), ("limits", PlanLimits), ("slack", Slack), ("information", Information)):
         settings[name] = kind(**settings[name])
     law = settings["brakes"]
     settings["brakes"] = BrakeLaw(Vehicle(**law["vehicle"]), Powertrain(**law["powertrain"]))

@@ -21,7 +21,7 @@ from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 from planner.node import Planner
 from planner.plan.prediction import Actuators, Sent
-from planner.solver.fixed import Outcome
+from planner.solver.fixed import SolveOutcome
 from planner.solver.qp import QpStatus
 from planner.solver.sqp import Sqp, Stopwatch
 
@@ -143,8 +143,8 @@ def fail_solvers(monkeypatch: pytest.MonkeyPatch, sqp: Sqp, status: Callable[[],
         return
     iterate = generated.iterate
 
-    def forced(iterations: int) -> Outcome:
+    def forced(iterations: int) -> SolveOutcome:
         found = status()
-        return Outcome(found, 0, 0, 0, 0, 0.0) if found else iterate(iterations)
+        return SolveOutcome(found, 0, 0, 0, 0, 0.0) if found else iterate(iterations)
 
     monkeypatch.setattr(generated, "iterate", forced)

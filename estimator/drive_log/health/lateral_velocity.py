@@ -17,7 +17,7 @@ from estimator.drive_log.health.regression import PARTS, jackknifed
 from estimator.drive_log.health.straight import goes_straight
 from estimator.drive_log.table import DriveLog
 from estimator.model.effect import VY_SENSOR
-from estimator.offline.fit.equation_error import Fit
+from estimator.offline.fit.equation_error import EquationErrorFit
 from estimator.offline.record.prepare import moving_speed, prepare
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
@@ -98,7 +98,7 @@ def _misaligned(angle: float, bias: float, speed: float, std: tuple[float, float
     )
 
 
-def place_left(fit: Fit) -> Finding | None:
+def place_left(fit: EquationErrorFit) -> Finding | None:
     """What `fit` says is left of the place of the sensor of vy; None where it did not estimate that."""
     name = f"{VY_SENSOR}.x"
     if name not in fit.values:

@@ -13,7 +13,7 @@ from estimator.drive_log.derived import derivative
 from estimator.drive_log.health.finding import Action, Finding, confidence_of
 from estimator.drive_log.health.lag import Lag, lag_between
 from estimator.drive_log.table import DriveLog
-from estimator.offline.fit.equation_error import Fit
+from estimator.offline.fit.equation_error import EquationErrorFit
 from estimator.offline.predict.nuisance import YAW_RATE_TIMING
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
@@ -56,7 +56,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
     ]  # fmt: skip
 
 
-def lag_left(fit: Fit) -> Finding | None:
+def lag_left(fit: EquationErrorFit) -> Finding | None:
     """What `fit` says is left of the yaw rate's lag after log health moved it; None where it did not estimate that."""
     name = f"{YAW_RATE_TIMING}.tau"
     if name not in fit.values:

@@ -16,7 +16,7 @@ from estimator.drive_log.health.offsets import shifted
 from estimator.drive_log.health.regression import PARTS, jackknifed
 from estimator.drive_log.health.straight import goes_straight
 from estimator.drive_log.table import DriveLog
-from estimator.offline.fit.equation_error import Fit
+from estimator.offline.fit.equation_error import EquationErrorFit
 from estimator.offline.predict.nuisance import STEER_TIMING, steer_zero
 from estimator.offline.record.prepare import prepare
 from hil_gateway.car.vehicle import Vehicle
@@ -33,7 +33,7 @@ GENTLE_SHARE = 0.5
 """Only samples below this share of the log's hardest cornering are used."""
 
 
-def lag_of(fit: Fit, step: float, again: bool = False) -> Finding | None:
+def lag_of(fit: EquationErrorFit, step: float, again: bool = False) -> Finding | None:
     """Finding for the steering lag that `fit` estimated, None where there is none to speak of.
 
     Once a lag was taken out (`again`), half a sample of what is left is worth another round.
@@ -86,7 +86,7 @@ def _unknown() -> Finding:
     return Finding(UNKNOWN_ZERO, "steer", text, float("nan"), float("nan"), "rad", 0.0)
 
 
-def zero_of(fit: Fit) -> Finding | None:
+def zero_of(fit: EquationErrorFit) -> Finding | None:
     """The steering zero as `fit` estimated it along with the tyres, None where it did not."""
     name = steer_zero().parameters[0].name
     found = _zero(-fit.values[name], fit.std[name]) if name in fit.values else []

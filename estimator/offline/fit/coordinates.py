@@ -51,13 +51,13 @@ class StepCoordinates:
             rows = list(indices)
             room = np.minimum(theta[rows] - self.lower[rows], self.upper[rows] - theta[rows])
             inside = bool((room > NEAR_BOUND * (self.upper - self.lower)[rows]).all())
-            forces = Forces(indices, slips)
-            curves.append(forces if inside and forces.told_apart(theta[rows]) else Stiffness(indices))
+            forces = ForceCoordinates(indices, slips)
+            curves.append(forces if inside and forces.told_apart(theta[rows]) else StiffnessCoordinates(indices))
         return LocalCoordinates(self, u, theta, tuple(curves))
 
 
 @dataclass(frozen=True)
-class Forces:
+class ForceCoordinates:
     """Force over load and D-like peak at three slips as coordinates of one axle."""
 
     indices: Axle
@@ -99,7 +99,7 @@ class Forces:
 
 
 @dataclass(frozen=True)
-class Stiffness:
+class StiffnessCoordinates:
     """log(B C D), C and log D as coordinates of one axle."""
 
     indices: Axle
@@ -127,7 +127,7 @@ class Stiffness:
         return low, high
 
 
-Curve = Forces | Stiffness
+Curve = ForceCoordinates | StiffnessCoordinates
 
 
 @dataclass(frozen=True)

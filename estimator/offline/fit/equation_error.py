@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.model.columns import CHANNELS, ModelColumns
 from estimator.model.parameters import Parameter
 from estimator.offline.fit.gauss_newton import minimise
-from estimator.offline.fit.problem import AlgebraicProblem, FitSettings, Problem
+from estimator.offline.fit.problem import AlgebraicProblem, FitProblem, FitSettings
 from estimator.offline.record.prepare import Samples
 from hil_gateway.process.arrays import Array
 
@@ -45,7 +45,7 @@ NEARLY_WHITE = 3.0
 
 
 @dataclass(frozen=True)
-class Fit:
+class EquationErrorFit:
     """Result of a fit.
 
     Attributes:
@@ -87,7 +87,7 @@ class Fit:
 
 def fit(
     columns: ModelColumns, samples: Samples, settings: FitSettings | None = None, start: Array | None = None
-) -> Fit:
+) -> EquationErrorFit:
     """Estimate all parameters of `columns.model` from `samples`; `start` (p,) SI instead of the prior.
 
     A long log is first fitted on every so many of its samples: from there few rounds over all of them are needed.
@@ -100,7 +100,7 @@ def fit(
     return solve(problem, solve(few, start).theta, rounds=2, far=False)
 
 
-def solve(problem: Problem, start: Array, rounds: int = SPREAD_ROUNDS, far: bool = True) -> Fit:
+def solve(problem: FitProblem, start: Array, rounds: int = SPREAD_ROUNDS, far: bool = True) -> EquationErrorFit:
     """Minimise the cost of `problem` from `start` (p,) SI, with the spreads estimated anew between `rounds`.
 
     `far`: the start is far from the answer, and so are its residuals.
@@ -126,7 +126,7 @@ def rmse(columns: ModelColumns, samples: Samples, theta: Array, channels: Sequen
     return {c: float(np.sqrt(np.mean(e**2))) for c, e in zip(channels, errors, strict=True)}
 
 
-def _covariance(information: Array, scatter: Array, blocks: int, problem: Problem, free: NDArray[np.bool_]) -> Array:
+def _covariance(information: Array, scatter: Array, blocks: int, problem: FitProblem, free: NDArray[np.bool_]) -> Array:
     """Covariance (p, p), SI, as if there were no bounds; one that ended on its bound is as uncertain as its prior.
 
     What was held on its bound is not known there: with it held, the others would look surer than they are.
@@ -145,7 +145,7 @@ def _covariance(information: Array, scatter: Array, blocks: int, problem: Proble
     return np.asarray(scaled * np.outer(problem.scale, problem.scale))
 
 
-def _along_the_curve(covariance: Array, problem: Problem, u: Array, free: NDArray[np.bool_]) -> Array:
+def _along_the_curve(covariance: Array, problem: FitProblem, u: Array, free: NDArray[np.bool_]) -> Array:
     """`covariance` with the spreads that normally distributed forces at three slips have in B, C and D.
 
     Where B, C and D are known together but hardly each, the covariance at the estimate is that of a tangent; draws
@@ -168,7 +168,7 @@ def _along_the_curve(covariance: Array, problem: Problem, u: Array, free: NDArra
     return np.asarray(covariance * np.outer(ratio, ratio))
 
 
-def _result(problem: Problem, u: Array, iterations: int, converged: bool) -> Fit:
+def _result(problem: FitProblem, u: Array, iterations: int, converged: bool) -> EquationErrorFit:
     information, scatter, blocks = problem.information_and_scatter(u)
     free = (u > problem.lower) & (u < problem.upper)
     covariance = _covariance(information, scatter, blocks, problem, free)
@@ -176,7 +176,7 @@ def _result(problem: Problem, u: Array, iterations: int, converged: bool) -> Fit
     std = np.sqrt(np.diag(covariance)) / problem.scale
     near = ON_BOUND * np.minimum(std, 0.1 * (problem.upper - problem.lower))
     on_bound = ~free | (np.minimum(u - problem.lower, problem.upper - u) < near)
-    return Fit(
+    return EquationErrorFit(
         parameters=problem.table,
         theta=problem.theta(u),
         covariance=covariance,

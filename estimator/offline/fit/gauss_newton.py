@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from estimator.offline.fit.coordinates import LocalCoordinates
-from estimator.offline.fit.problem import Problem
+from estimator.offline.fit.problem import FitProblem
 from hil_gateway.process.arrays import Array
 
 MOST_DAMPING = 1e9
@@ -20,7 +20,7 @@ LONGEST_STEP = 2.0
 """Prior standard deviations a parameter moves at most in one step: farther, the linearisation says nothing."""
 
 
-def minimise(problem: Problem, u: Array, decrease: float) -> tuple[Array, int, bool]:
+def minimise(problem: FitProblem, u: Array, decrease: float) -> tuple[Array, int, bool]:
     """Damped Gauss-Newton within the bounds: (estimate, iterations, whether the step fell below the tolerance)."""
     settings, damping, cost = problem.settings, 1e-6, problem.cost(u)
     for iteration in range(settings.max_iterations):
@@ -46,7 +46,7 @@ def minimise(problem: Problem, u: Array, decrease: float) -> tuple[Array, int, b
     return u, settings.max_iterations, False
 
 
-def _within_reach(problem: Problem, local: LocalCoordinates, step: Array) -> tuple[Array, Array]:
+def _within_reach(problem: FitProblem, local: LocalCoordinates, step: Array) -> tuple[Array, Array]:
     """u after the step, clipped to the bounds, and the step, shortened so that u moves by `LONGEST_STEP` at most."""
     for _ in range(2):
         trial = np.clip(local.moved(step), problem.lower, problem.upper)

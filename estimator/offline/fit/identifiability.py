@@ -13,7 +13,7 @@ import numpy as np
 from estimator.belief.information import a_criterion, d_criterion, e_criterion, trace_criterion
 from estimator.model.parameters import Layout
 from estimator.model.tyre import AXLES, CURVE, TyreAxle, force_derivatives, slip_at_peak
-from estimator.offline.fit.equation_error import Fit
+from estimator.offline.fit.equation_error import EquationErrorFit
 from estimator.offline.record.prepare import Samples, slip_angles
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
@@ -64,7 +64,7 @@ class Identifiability:
     stiffness_std: dict[str, float]
 
 
-def analyse(fit: Fit, samples: Samples, vehicle: Vehicle, layout: Layout) -> Identifiability:
+def analyse(fit: EquationErrorFit, samples: Samples, vehicle: Vehicle, layout: Layout) -> Identifiability:
     """Identifiability of the tyre parameters at the estimate of `fit`."""
     tyre = [i for i, name in enumerate(fit.names) if "." not in name]
     names = [fit.names[i] for i in tyre]
@@ -101,7 +101,7 @@ def marginal_information(information: Array, kept: Sequence[int]) -> Array:
     return np.asarray(A - B @ np.linalg.pinv(C, hermitian=True) @ B.T)
 
 
-def _inflation(fit: Fit, tyre: list[int]) -> Array:
+def _inflation(fit: EquationErrorFit, tyre: list[int]) -> Array:
     """By how much correlated residuals inflate the variance of each tyre parameter: sandwich over plain."""
     scale = np.array([p.prior_std for p in fit.parameters])
     plain = np.diag(_inverse(fit.information + np.eye(len(scale)))) * scale**2
@@ -122,7 +122,7 @@ def _data_std(logarithmic: Array, names: list[str], at_bound: Sequence[str]) -> 
     return dict(zip(names, std.tolist(), strict=True))
 
 
-def _implausible(fit: Fit) -> tuple[str, ...]:
+def _implausible(fit: EquationErrorFit) -> tuple[str, ...]:
     """Tyre parameters so far from their prior that they stand for something the model lacks."""
     far = {p.name: abs(v - p.prior) / p.prior_std for p, v in zip(fit.parameters, fit.theta, strict=True)}
     return tuple(name for name, distance in far.items() if distance > IMPLAUSIBLE and "." not in name)
@@ -140,7 +140,7 @@ def _product_std(logarithmic: Array, names: list[str], axle: Axle) -> float:
     return float(np.sqrt(direction @ _inverse(logarithmic) @ direction))
 
 
-def _of_drive(fit: Fit, identifiable: dict[str, bool]) -> list[str]:
+def _of_drive(fit: EquationErrorFit, identifiable: dict[str, bool]) -> list[str]:
     if identifiable["cx"]:
         return []
     contradicted = "cx" in fit.at_bound
@@ -180,14 +180,14 @@ def _on(axle: Axle, name: str) -> bool:
     return name != "cx" and (len(name) == 1 or name[1] == axle.name[0])
 
 
-def _at_bounds(fit: Fit) -> list[str]:
+def _at_bounds(fit: EquationErrorFit) -> list[str]:
     text = "{} = {:.4g} {}: it is not exported"
     stuck = [text.format(n, fit.values[n], "ended on its bound") for n in fit.at_bound if "." not in n]
     far = [text.format(n, fit.values[n], "is too far from its prior to be believed") for n in _implausible(fit)]
     return stuck + far
 
 
-def _axle(axle: TyreAxle, fit: Fit, samples: Samples, vehicle: Vehicle) -> Axle:
+def _axle(axle: TyreAxle, fit: EquationErrorFit, samples: Samples, vehicle: Vehicle) -> Axle:
     B, C, D = _curve_of(axle, fit)
     alpha = slip_of(axle, samples, vehicle)
     alpha = alpha[:: max(1, len(alpha) // 5000)]
@@ -209,7 +209,7 @@ def slip_of(axle: TyreAxle, samples: Samples, vehicle: Vehicle) -> Array:
     return {"f": front, "r": rear}.get(axle.suffix, np.concatenate([front, rear]))
 
 
-def _curve_of(axle: TyreAxle, fit: Fit) -> tuple[float, float, float]:
+def _curve_of(axle: TyreAxle, fit: EquationErrorFit) -> tuple[float, float, float]:
     """B, C, D of an axle; where one is on its bound, the prior's C and D with the stiffness that was found."""
     B, C, D = axle.of(fit.values)
     if not any(name in fit.at_bound for name in axle.parameters):

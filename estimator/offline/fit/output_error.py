@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import ModelColumns
 from estimator.offline.fit.coordinates import LocalCoordinates
-from estimator.offline.fit.equation_error import Fit, solve
+from estimator.offline.fit.equation_error import EquationErrorFit, solve
 from estimator.offline.fit.problem import (
     AlgebraicProblem,
+    FitProblem,
     FitSettings,
-    Problem,
     block_length,
     huber_loss,
     huber_weight,
     typical_slips,
 )
-from estimator.offline.predict.simulate import OUTPUTS, STATES, Simulator, Trajectory
+from estimator.offline.predict.simulate import OUTPUTS, STATES, SimulatedStates, Simulator
 from estimator.offline.record.prepare import Samples
 from estimator.offline.record.windows import STATE_ROWS, cut
 from hil_gateway.process.arrays import Array
@@ -64,7 +64,7 @@ class OutputErrorSettings:
     longitudinal: tuple[str, ...] = ("ax",)
 
 
-class OutputErrorProblem(Problem):
+class OutputErrorProblem(FitProblem):
     """Residuals of simulated windows, plus the algebraic longitudinal channel."""
 
     def __init__(
@@ -104,16 +104,16 @@ class OutputErrorProblem(Problem):
     def channels(self) -> tuple[str, ...]:
         return (*self.outputs, *self.algebraic.channels)
 
-    def simulate(self, u: Array, sensitivities: bool = True) -> Trajectory:
+    def simulate(self, u: Array, sensitivities: bool = True) -> SimulatedStates:
         """Windows simulated at u from the start states that fit best there."""
         self.simulating()
         return self.simulator.run(self.windows, self.starts.near(u), self.theta(u), sensitivities)
 
-    def errors(self, trajectory: Trajectory) -> Array:
+    def errors(self, trajectory: SimulatedStates) -> Array:
         """(o, K, L) measured minus simulated; padding is zero."""
         return np.asarray((self.measured - trajectory.outputs[self.rows]) * self.windows.weight)
 
-    def _weighted(self, trajectory: Trajectory) -> tuple[Array, Array, Array]:
+    def _weighted(self, trajectory: SimulatedStates) -> tuple[Array, Array, Array]:
         """Residuals (o, K, L), their Jacobians by u (o, p, K, L) and by start (o, 2, K, L), all times sqrt(weight)."""
         assert trajectory.by_theta is not None
         assert trajectory.by_start is not None
@@ -132,12 +132,12 @@ class OutputErrorProblem(Problem):
         self._pass_spread()
         return float(losses.sum()) + self.algebraic.cost(u) + self.prior_cost(u)
 
-    def _losses(self, trajectory: Trajectory) -> Array:
+    def _losses(self, trajectory: SimulatedStates) -> Array:
         """(L,) robust loss of each window."""
         z = self.errors(trajectory) / self.spread[: len(self.outputs), None, None]
         return np.asarray(huber_loss(z, self.settings.huber).sum(axis=(0, 1)))
 
-    def _better_starts(self, u: Array, shift: Array, here: Trajectory) -> Array:
+    def _better_starts(self, u: Array, shift: Array, here: SimulatedStates) -> Array:
         """Start states moved by `shift` (2, L) in the windows that gain by it: those of an unstable car may not."""
         start = self.starts.near(u)
         moved = self.simulator.run(self.windows, start + shift, self.theta(u), sensitivities=False)
@@ -206,7 +206,7 @@ def fit_output_error(  # noqa: PLR0917 - what is fitted to what, and who is told
     settings: OutputErrorSettings,
     starts: Sequence[Array],
     simulating: Callable[[], None] = lambda: None,
-) -> Fit:
+) -> EquationErrorFit:
     """Estimate the parameters, beginning at the best of `starts` (p,), SI: the prior, or what the algebraic fit says.
 
     A simulation has local optima that an algebraic fit to noisy states can fall into. Windows that run away from the
@@ -222,7 +222,7 @@ def fit_output_error(  # noqa: PLR0917 - what is fitted to what, and who is told
     return result
 
 
-def _diverges(problem: OutputErrorProblem, result: Fit) -> bool:
+def _diverges(problem: OutputErrorProblem, result: EquationErrorFit) -> bool:
     """Whether some windows diverge: beyond its limit a car is unstable and cannot be simulated for long."""
     return any(result.rmse[o] > DIVERGING * result.spread[o] for o in problem.outputs)
 

@@ -15,7 +15,7 @@ from estimator.offline.fit.normal import Normal, accumulate, inverse
 from estimator.offline.fit.steps import Coordinates
 from estimator.offline.predict.linearised import Linearised, linearised
 from estimator.offline.predict.predict import Predictor
-from estimator.offline.record.noise import Noise, likeliest
+from estimator.offline.record.noise import ResidualNoise, likeliest
 from estimator.offline.record.record import Record
 from estimator.offline.record.window_columns import WindowColumns
 from hil_gateway.process.arrays import Array
@@ -40,7 +40,7 @@ class Fit:
     predictor: Predictor
     parameters: Array
     normal: Normal
-    noise: Noise
+    noise: ResidualNoise
 
     @property
     def covariance(self) -> Array:
@@ -75,12 +75,12 @@ class Point:
 
     predictor: Predictor
     parameters: Array
-    noise: Noise
+    noise: ResidualNoise
     left: Linearised
     columns: WindowColumns
 
     @classmethod
-    def at(cls, predictor: Predictor, parameters: Array, noise: Noise) -> Point:
+    def at(cls, predictor: Predictor, parameters: Array, noise: ResidualNoise) -> Point:
         """Evaluate the model there."""
         values, state_by, columns = predictor.linearise(parameters)
         left = linearised(predictor.record, values, state_by, noise)
@@ -100,20 +100,20 @@ class Point:
             precision, -precision @ (self.parameters - predictor.prior), record.block_noise**2,
         )  # fmt: skip
 
-    def under(self, noise: Noise) -> Point:
+    def under(self, noise: ResidualNoise) -> Point:
         """The same with other noise."""
         return replace(self, noise=noise, left=self.left.under(noise))
 
-    def likeliest_noise(self, deviation: Array) -> Noise:
+    def likeliest_noise(self, deviation: Array) -> ResidualNoise:
         """The noise that the residuals show; `deviation` (5,) of the whitened ones."""
         used = self.predictor.record.used
         white = np.maximum(deviation / self.left.innovations.scale, self.predictor.record.block_noise)
 
-        def deviance(noise: Noise) -> float:
+        def deviance(noise: ResidualNoise) -> float:
             error, _ = self.left.error_under(noise)
             return float(np.log(np.mean(error[used] ** 2, axis=(1, 2))).sum())
 
-        return likeliest(Noise(white, self.noise.drift), used, deviance)
+        return likeliest(ResidualNoise(white, self.noise.drift), used, deviance)
 
 
 def residual_counts(record: Record) -> Array:
@@ -121,7 +121,7 @@ def residual_counts(record: Record) -> Array:
     return np.asarray(np.bincount(record.lap).astype(np.float64) * record.rows.shape[1])
 
 
-def residual(predictor: Predictor, parameters: Array, noise: Noise) -> Array:
+def residual(predictor: Predictor, parameters: Array, noise: ResidualNoise) -> Array:
     """(5, windows, blocks) what the model leaves of the measured signals, whitened."""
     return linearised(predictor.record, *predictor.linearise_motion(parameters), noise).error
 
@@ -129,7 +129,7 @@ def residual(predictor: Predictor, parameters: Array, noise: Noise) -> Array:
 def fit(
     predictor: Predictor,
     start: Array,
-    noise: Noise | None = None,
+    noise: ResidualNoise | None = None,
     iterations: int = MAX_ITERATIONS,
     *,
     least: float = CONVERGED[0],
@@ -140,7 +140,7 @@ def fit(
     A step that lowers the deviance by less than `least` is the last.
     At the end the noise is estimated from the residuals up to `reweighings` times, and the fit goes on from there.
     """
-    noise = noise or Noise.white(predictor.record.block_noise)
+    noise = noise or ResidualNoise.white(predictor.record.block_noise)
     point = Point.at(predictor, np.clip(start, *predictor.bounds), noise)
     point, normal = _descended(point, iterations, least)
     for _ in range(reweighings):

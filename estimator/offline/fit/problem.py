@@ -52,7 +52,7 @@ class FitSettings:
     tolerance: float = 0.01
 
 
-class Problem(ABC):
+class FitProblem(ABC):
     """One fit in scaled parameters u = (theta - prior) / prior_std; `spread` (c,) weighs the channels."""
 
     def __init__(self, table: Sequence[Parameter], settings: FitSettings, slips: Mapping[str, Array]) -> None:
@@ -106,7 +106,7 @@ class Problem(ABC):
         return 0.5 * float(u @ self.precision @ u)
 
 
-class AlgebraicProblem(Problem):
+class AlgebraicProblem(FitProblem):
     """Forces from measured states against specific forces and yaw acceleration: the paper's formulation."""
 
     def __init__(self, columns: ModelColumns, samples: Samples, settings: FitSettings) -> None:

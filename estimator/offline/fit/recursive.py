@@ -10,7 +10,7 @@ import numpy as np
 from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.columns import ModelColumns
 from estimator.model.single_track import AUXILIARY, SIGNALS
-from estimator.offline.fit.equation_error import Fit, rmse
+from estimator.offline.fit.equation_error import EquationErrorFit, rmse
 from estimator.offline.fit.problem import AlgebraicProblem, FitSettings
 from estimator.offline.record.prepare import Samples
 from hil_gateway.process.arrays import Array
@@ -49,7 +49,7 @@ class Recursion:
     not reported. Both begin with the initial parameters.
     """
 
-    fit: Fit
+    fit: EquationErrorFit
     curve: Curve
     as_published: Curve = ()
 
@@ -177,12 +177,12 @@ def _integrated_autocorrelation(errors: Array) -> float:
     return float(1.0 + 2.0 * np.sum(correlation[1:stop]))
 
 
-def _as_fit(columns: ModelColumns, samples: Samples, state: _State, updates: int) -> Fit:
+def _as_fit(columns: ModelColumns, samples: Samples, state: _State, updates: int) -> EquationErrorFit:
     problem = AlgebraicProblem(columns, samples, FitSettings(prior=False))
     scale = np.outer(problem.scale, problem.scale)
     u = problem.scaled(state.theta)
     at_bound = (u <= problem.lower) | (u >= problem.upper)
-    return Fit(
+    return EquationErrorFit(
         parameters=problem.table,
         theta=state.theta,
         covariance=np.asarray(np.linalg.inv(state.information) * scale, float),

@@ -12,7 +12,7 @@ from estimator.drive_log.health.lateral_velocity import POSITION_VY
 from estimator.drive_log.health.offsets import OFFSET_YAW_RATE
 from estimator.drive_log.health.steering import LAG_STEER
 from estimator.model.effect import VY_SENSOR
-from estimator.offline.fit.equation_error import Fit
+from estimator.offline.fit.equation_error import EquationErrorFit
 from estimator.offline.predict.nuisance import STEER_TIMING, YAW_RATE_TIMING
 
 LEAST_ERRORS = 3.0
@@ -23,13 +23,13 @@ ESTIMATED = {
 """Finding -> what the fit estimates of it."""
 
 
-def without(fit: Fit, found: Iterable[Finding]) -> Fit:
+def without(fit: EquationErrorFit, found: Iterable[Finding]) -> EquationErrorFit:
     """`fit` for the log that what was `found` is taken out of."""
     values = fit.values | {ESTIMATED[finding.name]: 0.0 for finding in found}
     return replace(fit, theta=np.array([values[name] for name in fit.names]))
 
 
-def moves_ay(fit: Fit, speed: float) -> bool:
+def moves_ay(fit: EquationErrorFit, speed: float) -> bool:
     """Whether d/dt vy + vx yaw_rate is off beyond error at `speed`, m/s: by the sensor's place less the way of the lag.
 
     A sensor further ahead looks like a yaw rate that is later; of that the derived ay shows nothing.

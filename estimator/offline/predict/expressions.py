@@ -23,7 +23,7 @@ KEPT = 48
 
 
 @dataclass(frozen=True)
-class Functions:
+class ModelExpressions:
     """Functions of `inputs` (`SIGNALS`, `AUXILIARY`, signals that effects remember, values of profiles) and `theta`.
 
     `theta` are the parameters that are the same for all samples; `by` what `channels` are differentiated by: states,
@@ -56,7 +56,7 @@ class Functions:
         return CompiledColumns(ca.Function(name, [self.inputs, self.theta], [full], {"cse": True}))
 
 
-def functions_of(model: SingleTrack) -> Functions:
+def functions_of(model: SingleTrack) -> ModelExpressions:
     """The functions of a model, built or as they were built before."""
     return _functions(_Form(model.vehicle, model.layout, tuple(_form_of(e) for e in model.effects), model))
 
@@ -88,7 +88,7 @@ def _told_apart(hook: Hook) -> tuple[Any, ...]:
 
 
 @lru_cache(KEPT)
-def _functions(form: _Form) -> Functions:
+def _functions(form: _Form) -> ModelExpressions:
     model = form.model
     names = (*SIGNALS, *AUXILIARY, *memory_names(model))
     profiles = sum(bool(effect.profile) for effect in model.effects)
@@ -103,4 +103,4 @@ def _functions(form: _Form) -> Functions:
     model.evaluate(terms, parts[: len(model.tyre_table)], phi)
     remembered = given[len(SIGNALS) + len(AUXILIARY) : len(names)]
     by = ca.vertcat(*given[:STATES], theta, *given[len(names) :], *remembered)
-    return Functions(inputs, theta, ca.vertcat(*terms.channels()), by)
+    return ModelExpressions(inputs, theta, ca.vertcat(*terms.channels()), by)

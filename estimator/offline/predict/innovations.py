@@ -16,7 +16,7 @@ import numpy as np
 
 from estimator.offline.predict.compiled_windows import VECTOR, windows_library
 from estimator.offline.predict.propagate import Propagator, product
-from estimator.offline.record.noise import Noise
+from estimator.offline.record.noise import ResidualNoise
 from estimator.offline.record.record import Record
 from hil_gateway.process.arrays import Array
 
@@ -46,7 +46,7 @@ class Innovations:
     scale: Array
 
     @classmethod
-    def make(cls, record: Record, propagator: Propagator, noise: Noise) -> Innovations:
+    def make(cls, record: Record, propagator: Propagator, noise: ResidualNoise) -> Innovations:
         """Gains of all blocks."""
         gains, weight, scale = _gains(record, propagator, noise)
         return cls(maps(propagator, gains, weight), scale)
@@ -95,7 +95,7 @@ class Innovations:
         return out
 
 
-def residuals(record: Record, propagator: Propagator, noise: Noise, inputs: Array) -> tuple[Array, Array]:
+def residuals(record: Record, propagator: Propagator, noise: ResidualNoise, inputs: Array) -> tuple[Array, Array]:
     """(5, windows, blocks) whitened innovations of `inputs` (blocks, windows, 11, 1), and `Innovations.scale`."""
     gains, weight, scale = _gains(record, propagator, noise)
     blocks, windows = inputs.shape[:2]
@@ -109,7 +109,7 @@ def residuals(record: Record, propagator: Propagator, noise: Noise, inputs: Arra
     return out, scale
 
 
-def _gains(record: Record, propagator: Propagator, noise: Noise) -> tuple[Array, Array, Array]:
+def _gains(record: Record, propagator: Propagator, noise: ResidualNoise) -> tuple[Array, Array, Array]:
     """Gains (3, 3 signals, b, w), weights (5, b, w) of the innovations, and `Innovations.scale`."""
     variance = np.where(record.used, noise.deviation**2, NOT_MEASURED)
     walk = (record.used * noise.drift * noise.deviation**2)[STATE_ROWS]
@@ -157,7 +157,7 @@ def _riccati(H: Array, A: Array, variance: Array, walk: Array, start: Array) -> 
     return gains, relative, after
 
 
-def _start(record: Record, noise: Noise) -> Array:
+def _start(record: Record, noise: ResidualNoise) -> Array:
     used = record.used[STATE_ROWS]
     worse = (noise.deviation / record.block_noise)[STATE_ROWS]
     start = np.where(used, START_ERRORS * record.state_error * worse, UNKNOWN_START)

@@ -15,7 +15,7 @@ from estimator.model.single_track import SingleTrack
 from estimator.offline.predict.innovations import STATE_ROWS, VY_ROW
 from estimator.offline.predict.linearised import linearised
 from estimator.offline.predict.predict import Predictor
-from estimator.offline.record.noise import Noise
+from estimator.offline.record.noise import ResidualNoise
 from estimator.offline.record.record import Record
 from hil_gateway.process.arrays import Array, Ints
 
@@ -23,7 +23,7 @@ VY = STATE_ROWS.index(VY_ROW)
 
 
 def with_predicted_vy(
-    record: Record, stretches: Sequence[Ints], model: SingleTrack, parameters: Array, noise: Noise
+    record: Record, stretches: Sequence[Ints], model: SingleTrack, parameters: Array, noise: ResidualNoise
 ) -> Record:
     """The record with vy as the model sees it; as it is where a sensor of its own measures vy.
 
@@ -41,7 +41,7 @@ def with_predicted_vy(
     return replace(record, signals={**record.signals, "vy": vy})
 
 
-def _correction(record: Record, rows: Ints, model: SingleTrack, parameters: Array, noise: Noise) -> Array:
+def _correction(record: Record, rows: Ints, model: SingleTrack, parameters: Array, noise: ResidualNoise) -> Array:
     """(n,) what is added to vy over one stretch: between the edges of its blocks it is linear in time."""
     size = record.rows.shape[2]
     blocks = rows[: len(rows) // size * size].reshape(1, -1, size)

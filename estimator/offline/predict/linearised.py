@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.offline.predict.innovations import STATE_ROWS, VY_ROW, YAW_RATE_ROW, Innovations, residuals
 from estimator.offline.predict.propagate import MOTION, Propagator
-from estimator.offline.record.noise import Noise
+from estimator.offline.record.noise import ResidualNoise
 from estimator.offline.record.record import Record
 from estimator.offline.record.window_columns import WindowColumns
 from hil_gateway.process.arrays import Array
@@ -41,11 +41,11 @@ class Linearised:
         felt = np.array([known, True, known]) * -self.record.block_step
         return replace(columns, values=self.innovations.run_columns(columns.values, felt))
 
-    def error_under(self, noise: Noise) -> tuple[Array, Array]:
+    def error_under(self, noise: ResidualNoise) -> tuple[Array, Array]:
         """Residual (5, windows, blocks) as it would be with other noise, and the scale of its whitening (5,)."""
         return residuals(self.record, self.propagator, noise, self.inputs)
 
-    def under(self, noise: Noise) -> Linearised:
+    def under(self, noise: ResidualNoise) -> Linearised:
         """The same with other noise."""
         innovations = Innovations.make(self.record, self.propagator, noise)
         inputs = self.inputs.copy()
@@ -53,7 +53,7 @@ class Linearised:
         return replace(self, innovations=innovations, inputs=inputs, error=error)
 
 
-def linearised(record: Record, values: Array, state_by: Array, noise: Noise) -> Linearised:
+def linearised(record: Record, values: Array, state_by: Array, noise: ResidualNoise) -> Linearised:
     """Residual of the measured signals, and what their sensitivities are whitened with.
 
     Args:

@@ -16,7 +16,7 @@ from hil_gateway.process.arrays import Expr
 
 
 @dataclass(frozen=True)
-class Place:
+class TermPlace:
     """Where an empirical term acts.
 
     A term without its signal would be a constant effect (`Effect.constant_at`): `constant_per_unit` of a vehicle is the
@@ -106,29 +106,29 @@ def _gyro(terms: Terms, value: Expr) -> None:
 
 LATERAL, FORWARD = ("ay", "yaw_acc", "vy_dot"), ("ax", "vx_dot")
 PLACES = {
-    "force_x": Place(
+    "force_x": TermPlace(
         "LONGITUDINAL", _force_x, "m/s2", 0.5, FORWARD, "longitudinal force", lambda v: -v.mass
     ),
-    "air_force": Place(
+    "air_force": TermPlace(
         "LONGITUDINAL", _air_force, "N s2/m2", 0.3, FORWARD, "longitudinal force by speed squared",
         lambda _: -1.0,
     ),
-    "force_y": Place("BODY", _force_y, "m/s2", 0.5, ("ay", "vy_dot"), "lateral force"),
-    "moment": Place("BODY", _moment, "rad/s2", 0.3, ("yaw_acc",), "yaw moment"),
-    "damping": Place("BODY", _damping, "1/s", 1.0, ("yaw_acc",), "yaw moment by yaw rate"),
-    "grip": Place("GRIP", _grip, "1", 0.1, LATERAL, "tyre grip of both axles"),
-    "grip_front": Place("GRIP", _grip_front, "1", 0.1, LATERAL, "tyre grip of the front axle"),
-    "grip_rear": Place("GRIP", _grip_rear, "1", 0.1, LATERAL, "tyre grip of the rear axle"),
-    "steer": Place("INPUT", _steer, "rad", 0.005, LATERAL, "road-wheel angle"),
-    "steer_gain": Place("INPUT", _steer_gain, "1", 0.1, LATERAL, "gain of the steering"),
-    "power_gain": Place("INPUT", _power_gain, "1", 0.1, FORWARD, "gain of the drive command, driving"),
-    "brake_gain": Place("INPUT", _brake_gain, "1", 0.1, FORWARD, "gain of the drive command, braking"),
-    "motion_x": Place("MOTION", _motion_x, "m/s2", 0.3, ("vx_dot",), "longitudinal motion, not felt in ax"),
-    "motion_y": Place("MOTION", _motion_y, "m/s2", 0.3, ("vy_dot",), "lateral motion, not felt in ay"),
-    "gyro": Place("INPUT", _gyro, "rad/s", 0.01, LATERAL, "gyroscope alone"),
-    "sensor_x": Place("SENSOR", _sensor_x, "m/s2", 0.3, ("ax",), "longitudinal accelerometer alone"),
-    "sensor_y": Place("SENSOR", _sensor_y, "m/s2", 0.3, ("ay",), "lateral accelerometer alone"),
-    "sensor_y_gain": Place("SENSOR", _sensor_y_gain, "1", 0.1, ("ay",), "gain of the lateral accelerometer"),
+    "force_y": TermPlace("BODY", _force_y, "m/s2", 0.5, ("ay", "vy_dot"), "lateral force"),
+    "moment": TermPlace("BODY", _moment, "rad/s2", 0.3, ("yaw_acc",), "yaw moment"),
+    "damping": TermPlace("BODY", _damping, "1/s", 1.0, ("yaw_acc",), "yaw moment by yaw rate"),
+    "grip": TermPlace("GRIP", _grip, "1", 0.1, LATERAL, "tyre grip of both axles"),
+    "grip_front": TermPlace("GRIP", _grip_front, "1", 0.1, LATERAL, "tyre grip of the front axle"),
+    "grip_rear": TermPlace("GRIP", _grip_rear, "1", 0.1, LATERAL, "tyre grip of the rear axle"),
+    "steer": TermPlace("INPUT", _steer, "rad", 0.005, LATERAL, "road-wheel angle"),
+    "steer_gain": TermPlace("INPUT", _steer_gain, "1", 0.1, LATERAL, "gain of the steering"),
+    "power_gain": TermPlace("INPUT", _power_gain, "1", 0.1, FORWARD, "gain of the drive command, driving"),
+    "brake_gain": TermPlace("INPUT", _brake_gain, "1", 0.1, FORWARD, "gain of the drive command, braking"),
+    "motion_x": TermPlace("MOTION", _motion_x, "m/s2", 0.3, ("vx_dot",), "longitudinal motion, not felt in ax"),
+    "motion_y": TermPlace("MOTION", _motion_y, "m/s2", 0.3, ("vy_dot",), "lateral motion, not felt in ay"),
+    "gyro": TermPlace("INPUT", _gyro, "rad/s", 0.01, LATERAL, "gyroscope alone"),
+    "sensor_x": TermPlace("SENSOR", _sensor_x, "m/s2", 0.3, ("ax",), "longitudinal accelerometer alone"),
+    "sensor_y": TermPlace("SENSOR", _sensor_y, "m/s2", 0.3, ("ay",), "lateral accelerometer alone"),
+    "sensor_y_gain": TermPlace("SENSOR", _sensor_y_gain, "1", 0.1, ("ay",), "gain of the lateral accelerometer"),
 }  # fmt: skip
 
 

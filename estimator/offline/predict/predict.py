@@ -16,7 +16,7 @@ from estimator.model.effect import Effect
 from estimator.model.parameters import Parameter
 from estimator.model.single_track import CHANNELS, SingleTrack
 from estimator.offline.predict.compiled_windows import arrange
-from estimator.offline.predict.expressions import STATES, Functions, functions_of, memory_names
+from estimator.offline.predict.expressions import STATES, ModelExpressions, functions_of, memory_names
 from estimator.offline.record.record import Record
 from estimator.offline.record.window_columns import WindowBasis, WindowColumns
 from hil_gateway.process.arrays import Array
@@ -104,7 +104,7 @@ class Predictor:
         return precision
 
     @cached_property
-    def _functions(self) -> Functions:
+    def _functions(self) -> ModelExpressions:
         return functions_of(self.model)
 
     @property

@@ -30,7 +30,7 @@ OUTPUTS = ("vy", "yaw_rate", "ay", "yaw_acc")
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class SimulatedStates:
     """Simulated `OUTPUTS` (4, K, L), with their derivatives where asked for.
 
     `by_theta` (4, p, K, L) and `by_start` (4, 2, K, L) belong to the parameters and the state at the window's start.
@@ -60,20 +60,20 @@ class Simulator:
         out = ca.densify(ca.vertcat(outputs, ca.vec(jacobian.T)))
         self._linear = Columns(ca.Function("linear", [inputs, theta], [out], {"cse": True}))
 
-    def run(self, windows: Windows, start: Array, theta: Array, sensitivities: bool = True) -> Trajectory:
+    def run(self, windows: Windows, start: Array, theta: Array, sensitivities: bool = True) -> SimulatedStates:
         """Simulate from `start` (2, L) at parameters `theta` (p,)."""
         states = self._integrate(windows, start, theta)
         inputs = windows.inputs.copy()
         inputs[list(STATE_ROWS)] = states
         k, size, lanes = inputs.shape
         if not sensitivities:
-            return Trajectory(self._outputs(inputs.reshape(k, -1), theta).reshape(len(OUTPUTS), size, lanes))
+            return SimulatedStates(self._outputs(inputs.reshape(k, -1), theta).reshape(len(OUTPUTS), size, lanes))
         values = self._linear(inputs.reshape(k, -1), theta).reshape(-1, size, lanes)
         J = values[len(OUTPUTS) :].reshape(STATES + len(OUTPUTS), STATES + self.parameters, size, lanes)
         S = _propagate(J[:STATES], windows.step)
         full = np.einsum("oxkl,xpkl->opkl", J[STATES:, :STATES], S)
         full[:, STATES:] += J[STATES:, STATES:]
-        return Trajectory(values[: len(OUTPUTS)], by_theta=full[:, STATES:], by_start=full[:, :STATES])
+        return SimulatedStates(values[: len(OUTPUTS)], by_theta=full[:, STATES:], by_start=full[:, :STATES])
 
     def _integrate(self, windows: Windows, start: Array, theta: Array) -> Array:
         """(2, K, L) states by ROS2 with inputs at the middle of each step; diverging lanes end as nan."""

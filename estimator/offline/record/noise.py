@@ -25,7 +25,7 @@ LEAST_GAIN = 1e-3
 
 
 @dataclass(frozen=True)
-class Noise:
+class ResidualNoise:
     """Noise of the measured signals.
 
     Attributes:
@@ -37,17 +37,19 @@ class Noise:
     drift: Array
 
     @classmethod
-    def white(cls, deviation: Array) -> Noise:
+    def white(cls, deviation: Array) -> ResidualNoise:
         """White noise in every channel."""
         return cls(deviation, np.zeros(len(deviation)))
 
-    def close_to(self, other: Noise, tolerance: float) -> bool:
+    def close_to(self, other: ResidualNoise, tolerance: float) -> bool:
         """Whether the deviations agree within a relative `tolerance`, and the drifts exactly."""
         same = np.abs(np.log(self.deviation / other.deviation)) < tolerance
         return bool(np.all(same) and np.array_equal(self.drift, other.drift))
 
 
-def likeliest(noise: Noise, used: NDArray[np.bool_], deviance: Callable[[Noise], float]) -> Noise:
+def likeliest(
+    noise: ResidualNoise, used: NDArray[np.bool_], deviance: Callable[[ResidualNoise], float]
+) -> ResidualNoise:
     """`noise` with the drifts of least `deviance`: used channels in turn, along `DRIFTS` from where they are."""
     best = deviance(noise)
     for row in (r for r in MOTION_ROWS if used[r]):

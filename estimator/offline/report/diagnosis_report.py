@@ -12,7 +12,7 @@ from estimator.drive_log.table import DriveLog
 from estimator.model.effects import catalogue
 from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis, alternatives
-from estimator.offline.report.page import COLOURS, Report, Tone, new_figure, plot_style
+from estimator.offline.report.page import COLOURS, ReportPage, Tone, new_figure, plot_style
 from estimator.offline.report.words import (
     CHANNEL_NAMES,
     NAMES,
@@ -38,7 +38,7 @@ def write_report(
     told: Callable[[str], None] = lambda _: None,
 ) -> Path:
     """Write the self-contained page; `told` hears the title of every section that begins."""
-    report = Report("What the model does not explain", ", ".join(Path(p).name for p in log.sources), told)
+    report = ReportPage("What the model does not explain", ", ".join(Path(p).name for p in log.sources), told)
     report.verdict(verdict_sentence(summary), TONES[summary["verdict"]])
     report.tiles(_tiles(summary))
     _before_after(report, summary)
@@ -57,7 +57,7 @@ def _tiles(summary: dict[str, Any]) -> list[tuple[str, str, str]]:
     return tiles
 
 
-def _before_after(report: Report, summary: dict[str, Any]) -> None:
+def _before_after(report: ReportPage, summary: dict[str, Any]) -> None:
     report.section(
         "Before and after",
         "RMS residual on laps that no fit and no choice has seen: the declared model with its prior tyre numbers, the "
@@ -91,7 +91,7 @@ def _bars(axes: Any, groups: Mapping[str, Mapping[str, float]], floor: bool) -> 
     axes.set_xticks(at, [g.replace(" specific", "\nspecific") for g in groups], fontsize=8)
 
 
-def _causes(report: Report, diagnosis: Diagnosis, summary: dict[str, Any]) -> None:
+def _causes(report: ReportPage, diagnosis: Diagnosis, summary: dict[str, Any]) -> None:
     drawn = [(e["name"], e["channels"][0], catalogue()[e["form"]].cause) for e in summary["effects"]]
     drawn += [(u.get("term", u["channel"]), u["channel"], u["signal"]) for u in summary["unexplained"][:2]]
     if not drawn:
@@ -159,7 +159,7 @@ def _on_map(axes: Any, diagnosis: Diagnosis, residual: Any, channel: str) -> Non
     axes.set_title(f"{channel} along the lap, before")
 
 
-def _ranking(report: Report, diagnosis: Diagnosis, summary: dict[str, Any]) -> None:
+def _ranking(report: ReportPage, diagnosis: Diagnosis, summary: dict[str, Any]) -> None:
     report.section(
         "What was tried",
         "Gain: held-out log-likelihood over the laps learnt from, every 30 s of them predicted by a fit to the rest.",
@@ -186,7 +186,7 @@ def _ranking(report: Report, diagnosis: Diagnosis, summary: dict[str, Any]) -> N
     report.table(["candidate", "outcome", "gain", "confidence", "parameters, or what would tell it apart"], rows)
 
 
-def _equation(report: Report, summary: dict[str, Any]) -> None:
+def _equation(report: ReportPage, summary: dict[str, Any]) -> None:
     report.section("The model now", "Added to Eq. (1)-(3) of the declared model:")
     lines = []
     for entry in summary["effects"]:
@@ -202,7 +202,7 @@ def _equation(report: Report, summary: dict[str, Any]) -> None:
     report.table(["tyre parameter", "value", "std"], rows)
 
 
-def _provenance(report: Report, diagnosis: Diagnosis, summary: dict[str, Any], log: DriveLog) -> None:
+def _provenance(report: ReportPage, diagnosis: Diagnosis, summary: dict[str, Any], log: DriveLog) -> None:
     report.section("Data split and provenance")
     report.made_with(diagnosis.record.vehicle)
     spans = {k: ", ".join(f"{a:.0f}-{b:.0f} s" for a, b in summary["split"][k]) for k in ("train", "test")}

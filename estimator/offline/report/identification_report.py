@@ -7,7 +7,7 @@ from pathlib import Path
 
 from estimator.offline.identification import Identification
 from estimator.offline.report import plots
-from estimator.offline.report.page import Report, plot_style
+from estimator.offline.report.page import ReportPage, plot_style
 from estimator.offline.result.identification_score import LogScore, Scores
 from hil_gateway.car.tyre_names import label
 from hil_gateway.process.figures import figure
@@ -25,7 +25,7 @@ def write_report(
 
     `told` hears the title of every section that begins.
     """
-    report = Report("Tyre identification", _subtitle(result), told)
+    report = ReportPage("Tyre identification", _subtitle(result), told)
     with plot_style():
         _headline(report, result)
         _parameters(report, result)
@@ -43,7 +43,7 @@ def _subtitle(result: Identification) -> str:
     return f"{names}: {hours:.0f} s at {1 / result.log.step:.0f} Hz, {result.split.kind}"
 
 
-def _headline(report: Report, result: Identification) -> None:
+def _headline(report: ReportPage, result: Identification) -> None:
     unknown = [n for n, known in result.identifiability.identifiable.items() if not known]
     before, after = result.rmse["ay"]
     sentence = f"Lateral error on data not fitted goes {_change(before, after)} from {before:.3g} to {after:.3g} m/s2. "
@@ -70,7 +70,7 @@ def _worse(result: Identification) -> str:
     return "Worse than before: " + ", ".join(f"{c} from {a:.3g} to {b:.3g} {UNITS[c]}" for c, a, b in grown) + ". "
 
 
-def _parameters(report: Report, result: Identification) -> None:
+def _parameters(report: ReportPage, result: Identification) -> None:
     report.section(
         "Parameters", "Initial and identified values; the standard deviation allows for correlated residuals."
     )
@@ -95,7 +95,7 @@ _CURVES = (
 )
 
 
-def _predictions(report: Report, result: Identification) -> None:
+def _predictions(report: ReportPage, result: Identification) -> None:
     report.section("Predicted against measured", "Held-out data only: no fit has seen it.")
     report.figure(plots.time_histories(result), "Measured, and predicted before and after, over one held-out stretch.")
     report.figure(
@@ -127,7 +127,7 @@ def _at_states(what: str, rmse: Scores, at_states: Scores) -> list[str]:
     return _lines(f"{what}, at measured states,", {c: v for c, v in at_states.items() if v != rmse[c]})
 
 
-def _other_logs(report: Report, scores: Mapping[str, LogScore]) -> None:
+def _other_logs(report: ReportPage, scores: Mapping[str, LogScore]) -> None:
     if not scores:
         return
     report.section(
@@ -144,7 +144,7 @@ def _other_logs(report: Report, scores: Mapping[str, LogScore]) -> None:
     report.items([f"{Path(path).name}: {one.grip.words}" for path, one in scores.items()])
 
 
-def _what_is_known(report: Report, result: Identification) -> None:
+def _what_is_known(report: ReportPage, result: Identification) -> None:
     known = result.identifiability
     report.section("What the data tells and what not", "Fisher information of the scaled tyre parameters, Eq. 6 and 7.")
     report.items(known.statements)
@@ -156,7 +156,7 @@ def _what_is_known(report: Report, result: Identification) -> None:
     report.figure(plots.correlations(result), "Correlation of the estimates, and relative standard deviation of each.")
 
 
-def _health(report: Report, result: Identification) -> None:
+def _health(report: ReportPage, result: Identification) -> None:
     report.section("Log health", "Defects found in the recording itself, and what was done about them.")
     if not result.health.findings:
         report.text("Nothing was found.")
@@ -168,7 +168,7 @@ def _health(report: Report, result: Identification) -> None:
     report.table(["Finding", "What", "Size", "Confidence", "Action"], rows, "Switch one off with --keep NAME.")
 
 
-def _provenance(report: Report, result: Identification) -> None:
+def _provenance(report: ReportPage, result: Identification) -> None:
     report.section("Provenance")
     report.made_with(result.vehicle)
     report.items(

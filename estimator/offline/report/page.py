@@ -1,6 +1,6 @@
 """Self-contained HTML reports: one file, no network, figures inline, readable on screen and on paper.
 
-Used by identification, diagnosis and campaigns. Build a `Report` from top to bottom, then `write` it.
+Used by identification, diagnosis and campaigns. Build a `ReportPage` from top to bottom, then `write` it.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class _Block:
 
 
 @dataclass
-class Report:
+class ReportPage:
     """A page: title, one-sentence verdict, then sections of text, tables and figures in the order they are added."""
 
     title: str

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.model.tyre import AXLES, TyreAxle, force_derivatives, normalised_force
-from estimator.offline.fit.equation_error import Fit, residuals
+from estimator.offline.fit.equation_error import EquationErrorFit, residuals
 from estimator.offline.fit.identifiability import slip_of
 from estimator.offline.identification import Identification
 from estimator.offline.report.page import COLOURS, new_figure
@@ -51,7 +51,7 @@ def _slip_shares(axis: Any, slip: Array, reach: float) -> None:
     axis.stairs(0.5 * counts / counts.max(), edges, fill=True, color=COLOURS["muted"], alpha=0.45, label="slip in data")
 
 
-def curve_band(fit: Fit, axle: TyreAxle, alpha: Array) -> tuple[Array, Array]:
+def curve_band(fit: EquationErrorFit, axle: TyreAxle, alpha: Array) -> tuple[Array, Array]:
     """95 % interval (low, high), each (n,), of an axle's normalised force at the slip angles `alpha`, rad.
 
     By the delta method: the covariance of B, C and D through the curve's derivatives at the estimate. So the curve

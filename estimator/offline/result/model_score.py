@@ -44,7 +44,7 @@ STATES = ("vx", "vy", "yaw_rate", "yaw", "x", "y")
 
 
 @dataclass(frozen=True)
-class Windows:
+class HeldOutWindows:
     """Stretches of equal length: `signals` name -> (steps + 1, windows); `steps` (steps, windows), s."""
 
     signals: Mapping[str, Array]
@@ -113,7 +113,7 @@ def _revisions(path: Path, until_ns: int) -> tuple[ModelRevision, ModelRevision]
     return known[0], known[-1]
 
 
-def held_out_windows(columns: Mapping[str, Array], split_s: float, track: Track) -> Windows:
+def held_out_windows(columns: Mapping[str, Array], split_s: float, track: Track) -> HeldOutWindows:
     """Windows of the drive after `split_s`, without gaps and fast enough.
 
     Raises:
@@ -136,10 +136,10 @@ def held_out_windows(columns: Mapping[str, Array], split_s: float, track: Track)
             f"only {rows.shape[1]} windows of {HORIZON_S:g} s above {MIN_SPEED:g} m/s in the part that is held out:"
             f" at least {MIN_WINDOWS} are needed for a score; drive longer"
         )
-    return Windows({name: column[rows] for name, column in signals.items()}, np.diff(t[rows], axis=0))
+    return HeldOutWindows({name: column[rows] for name, column in signals.items()}, np.diff(t[rows], axis=0))
 
 
-def prediction_error(revised: RevisedModel, windows: Windows) -> dict[str, float]:
+def prediction_error(revised: RevisedModel, windows: HeldOutWindows) -> dict[str, float]:
     """RMS error at the horizon, one figure per channel."""
     end = simulate(revised, windows)
     error = {name: end[i] - windows.signals[name][-1] for i, name in enumerate(STATES)}
@@ -147,7 +147,7 @@ def prediction_error(revised: RevisedModel, windows: Windows) -> dict[str, float
     return {**rms, "position": float(np.sqrt(np.mean(error["x"] ** 2 + error["y"] ** 2)))}
 
 
-def simulate(revised: RevisedModel, windows: Windows) -> Array:
+def simulate(revised: RevisedModel, windows: HeldOutWindows) -> Array:
     """States (6, windows) at the end of every window, integrated by RK4 from its first sample.
 
     Effects with memory act in their first-order form, as they do in the planner.

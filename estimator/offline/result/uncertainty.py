@@ -14,7 +14,7 @@ from scipy.special import ndtri
 from estimator.model.effect import Effect
 from estimator.offline.fit.held import UNIFORM, by_declared, by_sampling, by_zero
 from estimator.offline.fit.prediction_error import Fit, Point
-from estimator.offline.predict.places import PLACES, Place, term_effect
+from estimator.offline.predict.places import PLACES, TermPlace, term_effect
 from estimator.offline.predict.predict import Block, Predictor
 from estimator.offline.result.leftover import PLACED
 from estimator.offline.search.plausible import LEAST_STRETCHES
@@ -69,7 +69,7 @@ def taken_back(fit: Fit) -> Array:
     return sizes
 
 
-def _smallest_change(fit: Fit, place: Place, constant: Block, term: Block) -> float:
+def _smallest_change(fit: Fit, place: TermPlace, constant: Block, term: Block) -> float:
     """What leads from the size of a constant effect to the smallest that it is together with the term."""
     record, prior = fit.predictor.record, fit.predictor.table[constant.parameters][0].prior
     signal = record.signals[term.effect.profile][record.rows].ravel()

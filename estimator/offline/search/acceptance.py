@@ -11,7 +11,7 @@ from estimator.model.declared_vehicle import DECLARED, all_candidates
 from estimator.offline.fit.normal import TINY
 from estimator.offline.fit.prediction_error import Fit, residual
 from estimator.offline.predict.predict import LATERAL, Predictor
-from estimator.offline.record.noise import Noise
+from estimator.offline.record.noise import ResidualNoise
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.trial import Setting, Trial
@@ -98,7 +98,7 @@ def _left_beyond_noise(fit: Fit) -> Array:
 
 def slow_ratio(predictor: Predictor, parameters: Array, deviation: Array) -> Array:
     """(5,) variance of averages of the residual over 0.2 s, relative to what it would be for white noise."""
-    error = residual(predictor, parameters, Noise.white(deviation))
+    error = residual(predictor, parameters, ResidualNoise.white(deviation))
     blocks = error.shape[2] // SLOW_BLOCKS * SLOW_BLOCKS
     averages = error[:, :, :blocks].reshape(*error.shape[:2], -1, SLOW_BLOCKS).mean(axis=3)
     ratio: Array = SLOW_BLOCKS * np.mean(averages**2, axis=(1, 2)) / np.maximum(np.mean(error**2, axis=(1, 2)), TINY)

@@ -25,7 +25,7 @@ from estimator.offline.record.record import Record
 from estimator.offline.record.window_columns import WindowBasis, WindowColumns
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.trial import Setting, warm_start
-from estimator.offline.search.workers import Job, fit_each
+from estimator.offline.search.workers import FitJob, fit_each
 from hil_gateway.process.arrays import Array
 
 SIGNALS = (
@@ -82,7 +82,7 @@ def search_terms(
     screened[:FITTED] = [whole.levelled(whole.refined(term), accepted) for term in screened[:FITTED]]
     before, count = current.held_out(), current.normal.count
     best = screened[:FITTED]
-    jobs = [Job(t.label, tuple(accepted), t.added_to(setting)) for t in best]
+    jobs = [FitJob(t.label, tuple(accepted), t.added_to(setting)) for t in best]
     fits = fit_each(setting, current, jobs, progress)
     done = [replace(t, evidence=compare(before, f.held_out(), count), fit=f) for t, f in zip(best, fits, strict=True)]
     return sorted(done, key=lambda t: -t.evidence.gain) + screened[FITTED:]

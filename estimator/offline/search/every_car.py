@@ -19,7 +19,7 @@ from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.screening import open_candidates
 from estimator.offline.search.trial import Setting, Trial, fit_names
-from estimator.offline.search.workers import Job, fit_each
+from estimator.offline.search.workers import FitJob, fit_each
 
 SHOWN = 2
 """A session that shows so many of them is of a car that has them all."""
@@ -75,7 +75,7 @@ def _earned(trial: Trial, setting: Setting, new: bool) -> bool:
 def fitted_together(setting: Setting, accepted: Sequence[str], current: Fit) -> tuple[list[str], Fit]:
     """All that every car has and the model lacks, fitted beside the accepted; of its forms those that explain most."""
     forms = on_every_car(setting, accepted)
-    jobs = [Job(" + ".join(added), (*accepted, *added)) for added in forms]
+    jobs = [FitJob(" + ".join(added), (*accepted, *added)) for added in forms]
     fits = fit_each(setting, current, jobs, lambda _: None)
     return max(zip(forms, fits, strict=True), key=lambda one: _gain(current, one[1]).gain)
 

@@ -27,7 +27,7 @@ from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.screening import open_candidates, screen
 from estimator.offline.search.trial import Setting, Trial, fit_names
-from estimator.offline.search.workers import Job, fit_each
+from estimator.offline.search.workers import FitJob, fit_each
 
 WHITE = 1.1
 """The search ends when averages of the residual vary no more than so many times what white noise would."""
@@ -234,9 +234,9 @@ def _promising(screened: Sequence[Trial], fitted: Mapping[str, Trial], least: fl
     return [t.name for t in leading if t.evidence.gain > enough and t.name not in fitted]
 
 
-def with_effects(names: tuple[str, ...]) -> Job:
+def with_effects(names: tuple[str, ...]) -> FitJob:
     """The fit of these effects."""
-    return Job(" + ".join(names), names)
+    return FitJob(" + ".join(names), names)
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ def check_each(
     setting: Setting, names: Sequence[str], current: Fit, progress: Callable[[str], None], beside: str = ""
 ) -> Checked:
     """Fit the model without each of the effects of `current`."""
-    jobs = [Job(f"without {name}{beside}", tuple(n for n in names if n != name)) for name in names]
+    jobs = [FitJob(f"without {name}{beside}", tuple(n for n in names if n != name)) for name in names]
     after, count = current.held_out(), current.normal.count
     without = dict(zip(names, fit_each(setting, current, jobs, progress), strict=True))
     return Checked(without, {name: compare(f.held_out(), after, count) for name, f in without.items()})

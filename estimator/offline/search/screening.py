@@ -16,7 +16,7 @@ from estimator.offline.record.record import Record, available
 from estimator.offline.record.unknown_inputs import vy_effects
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.trial import Setting, Trial, warm_start
-from estimator.offline.search.workers import Job, begin_each, fit_each
+from estimator.offline.search.workers import FitJob, begin_each, fit_each
 from hil_gateway.process.arrays import Array
 
 SCREENING_STRIDE = 3
@@ -63,9 +63,9 @@ def screen(
     return sorted(trials, key=lambda t: -t.evidence.gain)
 
 
-def _short_fit(accepted: Sequence[str], effect: Effect) -> Job:
+def _short_fit(accepted: Sequence[str], effect: Effect) -> FitJob:
     names = (*accepted, effect.name)
-    return Job(" + ".join(names), names, iterations=1 if effect.profile else SCREENING_ITERATIONS)
+    return FitJob(" + ".join(names), names, iterations=1 if effect.profile else SCREENING_ITERATIONS)
 
 
 def _thinned(setting: Setting, current: Fit) -> tuple[Setting, Fit]:

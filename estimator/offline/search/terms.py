@@ -49,7 +49,7 @@ OWN_SHARE = 0.3
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Explanation:
     """What explains the session: effects with their gains given the rest, terms, the fit, and all terms tried.
 
     `setting` has the terms, with their bases, in it; `search` is the one that found the effects.
@@ -96,7 +96,7 @@ class Rival:
         return best.evidence.gain / max(_total_gain(base, current), 1.0)
 
 
-def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress) -> Outcome:
+def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress) -> Explanation:
     """What the catalogue found, and empirical terms for what it leaves; first a stretch of other grip in some laps.
 
     What was driven there bends tyres and names of all laps, and no lap to come is said to have it: it is left out of
@@ -110,7 +110,7 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
     return replace(outcome, terms=(*look_alikes, *outcome.terms), tried=(*look_alikes, *outcome.tried))
 
 
-def _with_stretches(setting: Setting, found: Search, rival: Rival, progress: Progress) -> Outcome:
+def _with_stretches(setting: Setting, found: Search, rival: Rival, progress: Progress) -> Explanation:
     """What the catalogue found, empirical terms, and a stretch of other grip in some laps."""
     bent = None if rival.suffices(found.start, found.final) else _of_some_laps(setting, found, progress)
     if bent is None:
@@ -137,7 +137,7 @@ def _of_some_laps(setting: Setting, found: Search, progress: Progress) -> Stretc
     return term if _can_be_added(term, setting, found.start, found.final) else None
 
 
-def _with_stretch(outcome: Outcome, whole: Record, bent: StretchTerm) -> Outcome:
+def _with_stretch(outcome: Explanation, whole: Record, bent: StretchTerm) -> Explanation:
     """With the change of grip that the `whole` record shows around what was found without the stretch, as a term."""
     if len(bent.stretch.laps) < LEAST_LAPS:
         return outcome
@@ -152,7 +152,7 @@ def _with_stretch(outcome: Outcome, whole: Record, bent: StretchTerm) -> Outcome
     return replace(outcome, setting=setting, fit=fit, terms=(*outcome.terms, term), tried=(bent, *outcome.tried))
 
 
-def _with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress) -> Outcome:
+def _with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress) -> Explanation:
     """What the catalogue found, and empirical terms for what it leaves.
 
     Terms are added while they earn their place; effects that were only standing in for them are dropped. Beside a
@@ -183,7 +183,7 @@ def _with_terms(setting: Setting, found: Search, rival: Rival, progress: Progres
     checked, current = without_stand_ins(setting, checked, current, progress)
     gains = checked.gains
     ordered = tuple(sorted(gains, key=lambda n: -gains[n].gain))
-    return Outcome(setting, found, ordered, gains, tuple(terms), current, tuple(tried))
+    return Explanation(setting, found, ordered, gains, tuple(terms), current, tuple(tried))
 
 
 def _can_be_added(term: Term, setting: Setting, start: Fit, current: Fit) -> bool:

@@ -14,7 +14,7 @@ from estimator.model.parameters import Layout
 from estimator.model.single_track import CHANNELS, SingleTrack
 from estimator.offline.fit.prediction_error import CONVERGED, MAX_ITERATIONS, Fit, fit
 from estimator.offline.predict.predict import Predictor
-from estimator.offline.record.noise import MOTION_ROWS, Noise
+from estimator.offline.record.noise import MOTION_ROWS, ResidualNoise
 from estimator.offline.record.record import Record
 from estimator.offline.record.road_load import road_load
 from estimator.offline.record.unknown_inputs import pedal_effects, sampling_effects, vy_effects
@@ -121,13 +121,13 @@ def fit_names(
     return fit(predictor, start, noise, most, least=least, reweighings=again)
 
 
-def _first_noise(record: Record) -> Noise:
+def _first_noise(record: Record) -> ResidualNoise:
     """Weights before anything is fitted: the sensors' noise, but no less than any model leaves of a measured signal."""
     spread = record.measured[:, record.rows.ravel()].std(axis=1)
     deviation = np.maximum(record.block_noise, UNFITTED_SHARE * spread)
     drift = np.zeros(len(spread))
     drift[list(MOTION_ROWS)] = FIRST_DRIFT
-    return Noise(deviation, drift)
+    return ResidualNoise(deviation, drift)
 
 
 def warm_start(predictor: Predictor, start: Array, warm: Fit) -> Array:

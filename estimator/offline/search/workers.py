@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Predictor
-from estimator.offline.record.noise import Noise
+from estimator.offline.record.noise import ResidualNoise
 from estimator.offline.search.trial import Setting, fit_names
 from hil_gateway.process.arrays import Array
 
 
 @dataclass(frozen=True)
-class Job:
+class FitJob:
     """A fit to be done: of the named effects, in a `setting` and from a fit of its own if it has them.
 
     The progress says `label`. It ends after `iterations` where there are so many, as in `fit_names`.
@@ -27,13 +27,13 @@ class Job:
     iterations: int | None = None
 
 
-def fit_each(setting: Setting, warm: Fit, jobs: Sequence[Job], progress: Callable[[str], None]) -> list[Fit]:
+def fit_each(setting: Setting, warm: Fit, jobs: Sequence[FitJob], progress: Callable[[str], None]) -> list[Fit]:
     """Fit every job starting from `warm`, side by side where `setting` has workers, results in order."""
     return begin_each(setting, warm, jobs, progress)()
 
 
 def begin_each(
-    setting: Setting, warm: Fit, jobs: Sequence[Job], progress: Callable[[str], None]
+    setting: Setting, warm: Fit, jobs: Sequence[FitJob], progress: Callable[[str], None]
 ) -> Callable[[], list[Fit]]:
     """The same, begun where `setting` has workers; what is returned waits for the results."""
     settings = [job.setting or setting for job in jobs]
@@ -57,7 +57,9 @@ def begin_each(
     return results
 
 
-def _in_turn(settings: Sequence[Setting], warm: Fit, jobs: Sequence[Job], progress: Callable[[str], None]) -> list[Fit]:
+def _in_turn(
+    settings: Sequence[Setting], warm: Fit, jobs: Sequence[FitJob], progress: Callable[[str], None]
+) -> list[Fit]:
     done = []
     for own, job in zip(settings, jobs, strict=True):
         progress(job.label)
@@ -65,7 +67,9 @@ def _in_turn(settings: Sequence[Setting], warm: Fit, jobs: Sequence[Job], progre
     return done
 
 
-def _numbers(setting: Setting, names: Sequence[str], warm: Fit, iterations: int | None) -> tuple[Array, Normal, Noise]:
+def _numbers(
+    setting: Setting, names: Sequence[str], warm: Fit, iterations: int | None
+) -> tuple[Array, Normal, ResidualNoise]:
     """What a fit found, without the record it was found on."""
     done = fit_names(setting, names, warm, iterations)
     done.held_out()  # asked for next, and kept

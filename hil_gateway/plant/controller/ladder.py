@@ -20,7 +20,7 @@ MARELLI_KILL = (32, 33)
 """vehicle flags purple and e-kill: the car obeys them by itself"""
 
 
-class SysState(IntEnum):
+class CarState(IntEnum):
     """What the car reports in `misc_report`."""
 
     POWER_ON = 1
@@ -37,15 +37,15 @@ class SysState(IntEnum):
     CRITICAL_LIMIT = 18
 
 
-CLIMB: dict[SysState, tuple[int, float, SysState]] = {
-    SysState.POWER_ON: (0, 0.3, SysState.CONNECTED),
-    SysState.CONNECTED: (3, 0.0, SysState.TESTING),
-    SysState.TESTING: (3, 0.3, SysState.TEST_DONE),
-    SysState.TEST_DONE: (4, 0.0, SysState.CRANK_READY),
-    SysState.CRANK_READY: (5, 0.0, SysState.PRE_CRANK),
-    SysState.PRE_CRANK: (5, 0.2, SysState.CRANKING),
-    SysState.CRANKING: (5, 0.8, SysState.IDLE),
-    SysState.IDLE: (7, 0.0, SysState.DRIVING),
+CLIMB: dict[CarState, tuple[int, float, CarState]] = {
+    CarState.POWER_ON: (0, 0.3, CarState.CONNECTED),
+    CarState.CONNECTED: (3, 0.0, CarState.TESTING),
+    CarState.TESTING: (3, 0.3, CarState.TEST_DONE),
+    CarState.TEST_DONE: (4, 0.0, CarState.CRANK_READY),
+    CarState.CRANK_READY: (5, 0.0, CarState.PRE_CRANK),
+    CarState.PRE_CRANK: (5, 0.2, CarState.CRANKING),
+    CarState.CRANKING: (5, 0.8, CarState.IDLE),
+    CarState.IDLE: (7, 0.0, CarState.DRIVING),
 }
 """state -> (least ct_state that lets it move on, least time in it (s), next state)"""
 
@@ -64,14 +64,14 @@ class VehicleController:
     """sys_state and its timing."""
 
     def __init__(self) -> None:
-        self.state = SysState.POWER_ON
+        self.state = CarState.POWER_ON
         self.cause = ""
         self._entered_ns: int | None = None
 
     @property
     def engine_running(self) -> bool:
         """Whether the engine turns."""
-        return self.state in (SysState.IDLE, SysState.DRIVING)
+        return self.state in (CarState.IDLE, CarState.DRIVING)
 
     def step(self, now_ns: int, received: Received, standing: bool) -> None:
         """Move at most one rung."""
@@ -81,26 +81,26 @@ class VehicleController:
         if following is not self.state:
             self.state, self._entered_ns = following, now_ns
 
-    def _next(self, now_ns: int, received: Received, standing: bool, in_state_s: float) -> SysState:
-        if self.state is SysState.EMERGENCY:
-            return SysState.CONNECTED if standing and received.ct_state in (1, 2) else self.state
-        if received.ct_state == 12 and self.state > SysState.CONNECTED:
+    def _next(self, now_ns: int, received: Received, standing: bool, in_state_s: float) -> CarState:
+        if self.state is CarState.EMERGENCY:
+            return CarState.CONNECTED if standing and received.ct_state in (1, 2) else self.state
+        if received.ct_state == 12 and self.state > CarState.CONNECTED:
             self.cause = "ct_state emergency"
-            return SysState.EMERGENCY
+            return CarState.EMERGENCY
         if self.silent(now_ns, received):
             self.cause = "commands silent"
-            return SysState.EMERGENCY
+            return CarState.EMERGENCY
         if received.ct_state == 11:
-            return SysState.SHUT_ENGINE
-        if self.state is SysState.SHUT_ENGINE:
-            return SysState.CONNECTED if standing and received.ct_state in (1, 2) else self.state
+            return CarState.SHUT_ENGINE
+        if self.state is CarState.SHUT_ENGINE:
+            return CarState.CONNECTED if standing and received.ct_state in (1, 2) else self.state
         least, pause_s, following = CLIMB.get(self.state, (99, 0.0, self.state))
         return following if least <= received.ct_state <= 10 and in_state_s >= pause_s else self.state
 
     def kill(self, cause: str) -> None:
         """Race control stops the car by itself."""
-        if self.state is not SysState.EMERGENCY:
-            self.state, self.cause, self._entered_ns = SysState.EMERGENCY, cause, None
+        if self.state is not CarState.EMERGENCY:
+            self.state, self.cause, self._entered_ns = CarState.EMERGENCY, cause, None
 
     @staticmethod
     def silent(now_ns: int, received: Received) -> bool:
@@ -110,9 +110,9 @@ class VehicleController:
     def obeyed(self, now_ns: int, received: Received) -> Commands:
         """What the actuators get."""
         asked = received.commands
-        if self.state is SysState.DRIVING:
+        if self.state is CarState.DRIVING:
             return asked
-        if self.state is not SysState.EMERGENCY:
+        if self.state is not CarState.EMERGENCY:
             return Commands(brake_front=PARKING_BRAKE_PA, brake_rear=PARKING_BRAKE_PA)
         if received.counters_ns is not None and not self.silent(now_ns, received):
             return Commands(asked.steer, 0.0, asked.brake_front, asked.brake_rear, 0)

@@ -14,7 +14,7 @@ from hil_gateway.can_link import CanLink
 from hil_gateway.car.car import Car as Platform
 from hil_gateway.car.states import TrackFlag, VehicleFlag
 from hil_gateway.plant.car import Car
-from hil_gateway.plant.controller.ladder import Received, SysState, VehicleController
+from hil_gateway.plant.controller.ladder import CarState, Received, VehicleController
 from hil_gateway.plant.controller.sensors import Sensors, Values
 from hil_gateway.plant.referee.referee import Referee
 from hil_gateway.process.clock import NS_PER_S
@@ -29,7 +29,7 @@ Source = Callable[[], Values]
 
 
 @dataclass
-class RaceControl:
+class SimulatedRaceControl:
     """What the base station says; tests and people change it."""
 
     track_flag: int = TrackFlag.GREEN
@@ -38,7 +38,7 @@ class RaceControl:
     heartbeat: int = 0
 
 
-class Transmitter:
+class ReportTransmitter:
     """Sends what is due."""
 
     def __init__(
@@ -50,7 +50,7 @@ class Transmitter:
         sensors: Sensors,
         controller: VehicleController,
         referee: Referee,
-        race_control: RaceControl,
+        race_control: SimulatedRaceControl,
     ) -> None:
         """`platform`: whose bus it speaks on."""
         self._platform, self._codec, self._link = platform, platform.codec, link
@@ -179,7 +179,7 @@ class Transmitter:
     def _state(self) -> Values:
         """What the vehicle controller says of itself."""
         control = self._controller
-        silent = float(control.state is SysState.EMERGENCY and control.cause == "commands silent")
+        silent = float(control.state is CarState.EMERGENCY and control.cause == "commands silent")
         return {
             "sys_state": float(self._states[control.state]),
             "mode_switch": 1.0,
@@ -247,10 +247,10 @@ class Transmitter:
         code, none = codes.get(flag.name.lower(), codes.get("none", 0)), float(codes.get("none", 0))
         return float(code) if place is None or place.scale * place.raw(code) + place.zero == code else none
 
-    def _codes_of_states(self) -> Mapping[SysState, int]:
+    def _codes_of_states(self) -> Mapping[CarState, int]:
         """Code of each state; of the one before where the car's ladder does not have it."""
         codes, found, last = self._codec.signals.codes["sys_state"], {}, 0
-        for state in SysState:
+        for state in CarState:
             last = codes.get(state.name.lower(), last)
             found[state] = last
         return found

@@ -17,7 +17,7 @@ import numpy as np
 
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.plant.physics.parameters import PlantParameters
-from hil_gateway.plant.referee.limit_envelope import TOP_SPEED, Envelope, NoEquilibriumError, measure_envelope
+from hil_gateway.plant.referee.limit_envelope import TOP_SPEED, LimitEnvelope, NoEquilibriumError, measure_envelope
 from hil_gateway.plant.referee.limit_line import NoLineError, fastest_line
 from hil_gateway.plant.referee.limit_profile import fastest_profile, lap_time
 from hil_gateway.plant.referee.referee import HALF_WIDTH_M
@@ -88,7 +88,7 @@ def _remembered(name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, A
 
 def _compute(parameters: PlantParameters, track: Track, grip: float) -> LapLimit:
     try:
-        envelope: Envelope = measure_envelope(parameters, grip)
+        envelope: LimitEnvelope = measure_envelope(parameters, grip)
         path = fastest_line(track, parameters, envelope, HALF_WIDTH_M)
     except (NoEquilibriumError, NoLineError) as error:
         raise InputError(f"track {track.name}: the car's lap limit cannot be found: {error}") from None

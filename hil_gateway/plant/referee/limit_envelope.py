@@ -66,7 +66,7 @@ AX, AY = Scales._fields.index("ax"), Scales._fields.index("ay")
 START = np.array([0, 0, 0, 0, 0.2, 0.2, 0.2, 0, 0, 0, 0], dtype=float)
 
 
-class Conditions(NamedTuple):
+class LimitConditions(NamedTuple):
     """Held during a manoeuvre: m/s, m/s2, m/s against the car, engine over axle speed, factor on friction."""
 
     speed: float
@@ -81,7 +81,7 @@ class NoEquilibriumError(ArithmeticError):
 
 
 @dataclass(frozen=True)
-class Envelope:
+class LimitEnvelope:
     """Largest forces over mass along and across the path, m/s2, over headwind, speed, load on the road and, along the
     path, the share of the lateral force.
 
@@ -121,7 +121,7 @@ class Envelope:
         return np.asarray(RegularGridInterpolator(axes, table)(points))
 
 
-def measure_envelope(parameters: PlantParameters, grip: float = 1.0) -> Envelope:
+def measure_envelope(parameters: PlantParameters, grip: float = 1.0) -> LimitEnvelope:
     """Envelope of a car, with all its friction times `grip`.
 
     Raises:
@@ -139,7 +139,7 @@ def measure_envelope(parameters: PlantParameters, grip: float = 1.0) -> Envelope
             tables[(i, *place)] = side.measure(*(float(axis[k]) for axis, k in zip(axes, place, strict=True)))
     both = np.broadcast_to(tables, (2, *tables.shape[1:]))  # a car that is alike to both sides is measured once
     n = len(SHARES)
-    return Envelope(headwinds, both[..., 0], both[..., 1 : 1 + n], both[..., 1 + n :])
+    return LimitEnvelope(headwinds, both[..., 0], both[..., 1 : 1 + n], both[..., 1 + n :])
 
 
 def best_ratio(parameters: PlantParameters, speed: float) -> float:
@@ -165,7 +165,7 @@ class Side:
     def measure(self, headwind: float, speed: float, normal: float) -> Array:
         """Largest lateral force, then driving and braking beside each share of it, shape (1 + 2 F,)."""
         ratio = best_ratio(self._parameters, speed)
-        held = [*Conditions(speed, normal, headwind, ratio, self._grip), *self._vector]
+        held = [*LimitConditions(speed, normal, headwind, ratio, self._grip), *self._vector]
         drive, brake = (self._extreme(held, START, (sign, 0.0), 0.0) for sign in (1.0, -1.0))
         peak = self._peak(held)
         drives = self._beside(held, drive, peak, (1.0, 0.0))
@@ -255,10 +255,10 @@ def _solver(patient: bool) -> ca.Function:
     Patient: for the few places the quick search, which stays near its guess, does not get through.
     """
     unknowns, direction = ca.SX.sym("w", len(Scales._fields)), ca.SX.sym("d", 2)
-    held, vector = ca.SX.sym("h", len(Conditions._fields)), ca.SX.sym("p", len(AV24.car.vector()))
+    held, vector = ca.SX.sym("h", len(LimitConditions._fields)), ca.SX.sym("p", len(AV24.car.vector()))
     w = Scales._make(unknowns[i] * scale for i, scale in enumerate(Scales()))
     p = AV24.car.symbols(vector)
-    defects = _defects(w, Conditions._make(ca.vertsplit(held)), vector, p)
+    defects = _defects(w, LimitConditions._make(ca.vertsplit(held)), vector, p)
     problem: dict[str, Any] = {
         "x": unknowns,
         "p": ca.vertcat(direction, held, vector),
@@ -274,7 +274,7 @@ def _solver(patient: bool) -> ca.Function:
     return ca.nlpsol("manoeuvre", "ipopt", problem, options)
 
 
-def _defects(w: Any, held: Conditions, vector: Any, p: Any) -> Any:
+def _defects(w: Any, held: LimitConditions, vector: Any, p: Any) -> Any:
     """What must vanish: forces as supposed, no yaw acceleration, wheels that speed up as the car does."""
     yaw_rate = w.ay / held.speed
     vx, sin = ca.sqrt(held.speed**2 - w.vy**2), w.vy / held.speed

@@ -17,8 +17,8 @@ from scipy.interpolate import CubicSpline
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.plant.physics.parameters import PlantParameters
 from hil_gateway.plant.physics.road import Slopes, slopes_of
-from hil_gateway.plant.referee.limit_envelope import NORMALS, SHARES, SLOWEST, SPEEDS, TOP_SPEED, Envelope
-from hil_gateway.plant.referee.limit_profile import Path
+from hil_gateway.plant.referee.limit_envelope import NORMALS, SHARES, SLOWEST, SPEEDS, TOP_SPEED, LimitEnvelope
+from hil_gateway.plant.referee.limit_profile import LimitPath
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
 
@@ -40,7 +40,7 @@ class NoLineError(ArithmeticError):
 
 
 @dataclass(frozen=True)
-class Fit:
+class LineFit:
     """Smooth envelope: coefficients of `POWERS` of the lateral limit, of the drag there, of what brakes and engine add
     to that drag at most, and exponents of the superellipses that join them to the lateral limit."""
 
@@ -52,7 +52,7 @@ class Fit:
     drive_power: float
 
 
-def fit(envelope: Envelope) -> Fit:
+def fit(envelope: LimitEnvelope) -> LineFit:
     """Least-squares fit over speeds and loads, without wind, both sides alike."""
     calm = len(envelope.headwinds) // 2
     tables = envelope.lateral, envelope.drive, -envelope.brake
@@ -64,7 +64,7 @@ def fit(envelope: Envelope) -> Fit:
     def coefficients(values: Array) -> Array:
         return np.asarray(np.linalg.lstsq(basis, values.ravel() / A0, rcond=None)[0])
 
-    return Fit(
+    return LineFit(
         lateral=coefficients(lateral),
         drag=coefficients(drag),
         brake=coefficients(brake[..., 0] - drag),
@@ -82,18 +82,18 @@ def _exponent(table: Array) -> float:
     return float(tried[int(np.argmin(errors))])
 
 
-def fastest_line(track: Track, parameters: PlantParameters, envelope: Envelope, margin: float) -> Path:
+def fastest_line(track: Track, parameters: PlantParameters, envelope: LimitEnvelope, margin: float) -> LimitPath:
     """Minimum-time line with the car's centre at least `margin` m from the edges.
 
     Raises:
         NoLineError: the optimisation did not converge.
     """
-    nodes = _Nodes.of(track, parameters, margin)
+    nodes = _LimitNodes.of(track, parameters, margin)
     return _path(track, parameters, _solve(nodes, fit(envelope)))
 
 
 @dataclass(frozen=True)
-class _Nodes:
+class _LimitNodes:
     """Centre line at equal steps `ds` (m): curvature, slopes and bounds of the lateral offset (m), shape (n,)."""
 
     ds: float
@@ -103,7 +103,7 @@ class _Nodes:
     upper: Array
 
     @classmethod
-    def of(cls, track: Track, parameters: PlantParameters, margin: float) -> _Nodes:
+    def of(cls, track: Track, parameters: PlantParameters, margin: float) -> _LimitNodes:
         n = max(40, round(track.length / NODE_M))
         s = np.arange(n) * track.length / n
         at = track.at(s)
@@ -116,7 +116,7 @@ def _slopes_at(track: Track, parameters: PlantParameters, s: Array) -> Slopes:
     return Slopes(*(np.interp(s % track.length, at, np.append(row, row[0])) for row in values))
 
 
-def _solve(nodes: _Nodes, shape: Fit) -> Array:
+def _solve(nodes: _LimitNodes, shape: LineFit) -> Array:
     """Lateral offset at the nodes, m."""
     n, ones = len(nodes.curvature), np.ones(len(nodes.curvature))
     names = ("offset", "chi", "v", "kappa", "drive", "brake")
@@ -150,7 +150,7 @@ def _solve(nodes: _Nodes, shape: Fit) -> Array:
     return np.array(result["x"]).ravel()[:n]
 
 
-def _motion(nodes: _Nodes, states: tuple[Any, Any, Any], kappa: Any, force: Any) -> tuple[Any, list[Any]]:
+def _motion(nodes: _LimitNodes, states: tuple[Any, Any, Any], kappa: Any, force: Any) -> tuple[Any, list[Any]]:
     """Time per metre of centre line, s/m, and d/ds of offset, heading against the track and speed."""
     offset, chi, v = states
     along = (1.0 - offset * nodes.curvature) / ca.cos(chi)
@@ -158,13 +158,13 @@ def _motion(nodes: _Nodes, states: tuple[Any, Any, Any], kappa: Any, force: Any)
     return along / v, [along * ca.sin(chi), along * kappa - nodes.curvature, along * slope / v]
 
 
-def _normal(nodes: _Nodes, v: Any, kappa: Any) -> Any:
+def _normal(nodes: _LimitNodes, v: Any, kappa: Any) -> Any:
     """Load on the road over the weight of the car."""
     weight = np.cos(nodes.slopes.grade) * np.cos(nodes.slopes.bank)
     return weight + v * v * (nodes.slopes.bend - kappa * np.sin(nodes.slopes.bank)) / GRAVITY
 
 
-def _limits(nodes: _Nodes, shape: Fit, z: dict[str, Any], normal: Any) -> list[Any]:
+def _limits(nodes: _LimitNodes, shape: LineFit, z: dict[str, Any], normal: Any) -> list[Any]:
     """Braking and driving superellipse, each at most 1."""
 
     def most(row: Array) -> Any:
@@ -193,7 +193,7 @@ def _next(z: Any) -> Any:
     return ca.vertcat(z[1:], z[0])
 
 
-def _path(track: Track, parameters: PlantParameters, offset: Array) -> Path:
+def _path(track: Track, parameters: PlantParameters, offset: Array) -> LimitPath:
     """The line through the offset nodes at equal steps of its own arc length."""
     n = len(offset)
     at = track.at(np.arange(n) * track.length / n)
@@ -204,8 +204,9 @@ def _path(track: Track, parameters: PlantParameters, offset: Array) -> Path:
     (dx, dy), (ddx, ddy) = spline(u, 1).T, spline(u, 2).T
     yaw = np.unwrap(np.arctan2(dy, dx))
     track_s = _beside(track, spline(u))
-    return Path(length / count, yaw, yaw - track.at(track_s).heading, (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3,
-                _slopes_at(track, parameters, track_s))  # fmt: skip
+    curvature = (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3
+    slopes = _slopes_at(track, parameters, track_s)
+    return LimitPath(length / count, yaw, yaw - track.at(track_s).heading, curvature, slopes)
 
 
 def _spline(points: Array) -> tuple[CubicSpline, float]:

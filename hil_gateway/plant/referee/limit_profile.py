@@ -9,7 +9,7 @@ import numpy as np
 
 from hil_gateway.plant.physics.parameters import CarParameters
 from hil_gateway.plant.physics.road import Slopes, body_gravity
-from hil_gateway.plant.referee.limit_envelope import SLOWEST, TOP_SPEED, Envelope
+from hil_gateway.plant.referee.limit_envelope import SLOWEST, TOP_SPEED, LimitEnvelope
 from hil_gateway.process.arrays import Array
 
 SPEED_STEP = 0.5
@@ -19,7 +19,7 @@ EDGE = 0.999
 """share of the largest lateral force beyond which nothing is left along"""
 
 
-class Path(NamedTuple):
+class LimitPath(NamedTuple):
     """A closed line at equal steps of `step` m, arrays (n,): yaw and its offset from the track's heading (rad),
     curvature (1/m), slopes of the road."""
 
@@ -40,7 +40,7 @@ class Reach:
     cornering: Array
 
 
-def reach(path: Path, envelope: Envelope, car: CarParameters) -> Reach:
+def reach(path: LimitPath, envelope: LimitEnvelope, car: CarParameters) -> Reach:
     """What the car can do along a line, whatever it did before."""
     v = GRID[None, :]
     curvature, off = path.curvature[:, None], path.off[:, None]
@@ -56,7 +56,7 @@ def reach(path: Path, envelope: Envelope, car: CarParameters) -> Reach:
     return Reach(rise + along, fall + along, _fastest(np.abs(share)))
 
 
-def _wind(path: Path, car: CarParameters) -> tuple[Array, Array]:
+def _wind(path: LimitPath, car: CarParameters) -> tuple[Array, Array]:
     """Head wind, m/s, and the side force of the cross wind over speed, N s/m, at every place."""
     cos, sin = np.cos(path.yaw), np.sin(path.yaw)
     head = -(car.wind_x * cos + car.wind_y * sin)
@@ -73,7 +73,7 @@ def _fastest(share: Array) -> Array:
     return np.asarray(np.where(first == len(GRID), GRID[-1], GRID[before] + part * (GRID[at] - GRID[before])))
 
 
-def fastest_profile(path: Path, envelope: Envelope, car: CarParameters) -> Array:
+def fastest_profile(path: LimitPath, envelope: LimitEnvelope, car: CarParameters) -> Array:
     """Speed, m/s, shape (n,), of the quickest quasi-steady lap along the line."""
     can = reach(path, envelope, car)
     v = _run(can.cornering, can.rise, path.step)

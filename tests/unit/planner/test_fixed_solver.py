@@ -28,7 +28,7 @@ from planner.problem.settings import Information, Settings
 from planner.solver import choice, fixed, functions, sqp
 from planner.solver import self_test as known
 from planner.solver.choice import solvers_here
-from planner.solver.fixed import FixedHorizon, FixedQpSolver, Outcome, build_library
+from planner.solver.fixed import FixedHorizon, FixedQpSolver, SolveOutcome, build_library
 from planner.solver.pattern import Pattern
 from planner.solver.qp import QpSize, QpStatus, QpWarning, StageQp, objective, violation
 from planner.solver.qp_sparse import PiqpSolver
@@ -266,7 +266,7 @@ def test_hpipm_takes_over_a_qp_that_is_not_solved(monkeypatch: pytest.MonkeyPatc
     z = start_state(controller, 620.0)
     assert controller.sqp.backend.startswith("fixed, then hpipm")
     monkeypatch.setattr(
-        sqp.FixedSqp, "iterate", lambda self, n: Outcome(QpStatus.SMALL_STEP, 0, 3, 0, 0, 0.0), raising=True
+        sqp.FixedSqp, "iterate", lambda self, n: SolveOutcome(QpStatus.SMALL_STEP, 0, 3, 0, 0, 0.0), raising=True
     )
     solution, wanted = controller.cold_start(z, clock), other.cold_start(z, clock)
     assert solution.usable

@@ -17,7 +17,7 @@ from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.line.envelope import MIN_NORMAL, Envelope, envelope_of, normal_share, required_lateral
 from planner.line.left_along import SHARES, SPEEDS
-from planner.line.raceline import RaceLine, centre_line, compute_raceline, raceline_for
+from planner.line.raceline import OptimisedLine, centre_line, compute_raceline, raceline_for
 from planner.line.speed_profile import RoadPath, cornering_speed, lap_time_of, speed_profile
 
 MARGIN = 1.5
@@ -48,13 +48,13 @@ def circle(radius: float, bank: float = 0.0, bend: float = 0.0, n: int = 200, tr
     return RoadPath(ones / radius, 0.0 * ones, bank * ones, bend * ones, 2 * np.pi * radius, trust)
 
 
-def normal(path: RoadPath | RaceLine, v: np.ndarray) -> np.ndarray:
+def normal(path: RoadPath | OptimisedLine, v: np.ndarray) -> np.ndarray:
     """Axle load over the weight, without downforce."""
     level, dip = normal_share(path.grade, path.bank, path.bend, path.curvature)
     return np.maximum(level + dip * v**2, MIN_NORMAL)
 
 
-def assert_sound(line: RaceLine, track: Track, envelope: Envelope) -> None:
+def assert_sound(line: OptimisedLine, track: Track, envelope: Envelope) -> None:
     assert np.allclose(np.diff(line.s), line.length / len(line.s))
     steps = np.hypot(np.diff(line.x, append=line.x[0]), np.diff(line.y, append=line.y[0]))
     assert np.ptp(steps) < 0.05, "uniform and closed"

@@ -7,16 +7,16 @@ import pytest
 
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import RACE_LINE
-from planner.line.raceline import RaceLine
+from planner.line.raceline import OptimisedLine
 from planner.line.telling import PERIOD_NS, POINTS, LineTeller
 
 CLEARANCE = 1.4
 
 
-def circle(n: int, speed: float = 40.0, radius: float = 500.0) -> RaceLine:
+def circle(n: int, speed: float = 40.0, radius: float = 500.0) -> OptimisedLine:
     angle = 2 * np.pi * np.arange(n) / n
     flat, length = np.zeros(n), 2 * np.pi * radius
-    return RaceLine(
+    return OptimisedLine(
         s=radius * angle, x=radius * np.cos(angle), y=radius * np.sin(angle), heading=angle + np.pi / 2,
         curvature=np.full(n, 1 / radius), vx_profile=np.full(n, speed), width_left=flat + 5, width_right=flat + 5,
         grade=flat, bank=flat, bend=flat, track_s=radius * angle, length=length, lap_time=length / speed,

@@ -19,7 +19,7 @@ from estimator.offline.fit.normal import accumulate
 from estimator.offline.fit.prediction_error import Fit, Point
 from estimator.offline.predict.places import LATERAL, PLACES
 from estimator.offline.predict.predict import Predictor
-from estimator.offline.record.noise import Noise
+from estimator.offline.record.noise import ResidualNoise
 from estimator.offline.record.record import Record
 from estimator.offline.record.window_columns import WindowBasis
 from hil_gateway.process.arrays import Array, Expr, Ints
@@ -169,7 +169,7 @@ def _best_laps(pull: Array, weight: Array) -> tuple[float, int, Ints]:
     return float(gains[most, at]), int(at), by_size[: most + 1, at]
 
 
-def cells(predictor: Predictor, parameters: Array, noise: Noise, variance: Array, hook: Hook) -> Cells:
+def cells(predictor: Predictor, parameters: Array, noise: ResidualNoise, variance: Array, hook: Hook) -> Cells:
     """What every cell of the record says of a change of grip of this form, around a model and its parameters.
 
     `variance` (5,) of the residuals. Forces do not follow a change in proportion: the step is that to a wet road.
@@ -191,7 +191,7 @@ def cells(predictor: Predictor, parameters: Array, noise: Noise, variance: Array
     return Cells(edges, laps, *sums, hook)
 
 
-def most_gaining(predictor: Predictor, parameters: Array, noise: Noise, variance: Array) -> Candidate:
+def most_gaining(predictor: Predictor, parameters: Array, noise: ResidualNoise, variance: Array) -> Candidate:
     """The stretch that gains most, in the form that does."""
     each = [cells(predictor, parameters, noise, variance, hook).most_gaining() for hook in FORMS]
     return max(each, key=lambda one: one.gain)

@@ -21,7 +21,7 @@ from estimator.learner.find import (
     without_what_spoils,
 )
 from estimator.learner.rule import regress, why_not
-from estimator.learner.taught import SPREAD, Laps, samples
+from estimator.learner.taught import SPREAD, LapColumns, samples
 from estimator.model.effects import catalogue
 from estimator.node import HALF_WINDOW, LATE_DRIVE, LATE_STEER, acting_variance
 from hil_gateway.config import Config, load_config
@@ -72,7 +72,7 @@ def test_what_is_proposed_was_taught_by_inputs_as_uncertain_as_while_driving(con
     columns = laps_of(DRAG, laps=3)
     revised, count = model_of(starting_revision(config, ""), config.vehicle, 1000.0), len(columns["t"])
     columns |= {name: np.zeros(count) for name in SPREAD}
-    taught = list(samples(Laps(columns, np.zeros(count)), revised))[:500]
+    taught = list(samples(LapColumns(columns, np.zeros(count)), revised))[:500]
     for which, (name, late) in enumerate({"steer": LATE_STEER, "drive": LATE_DRIVE}.items()):
         window: deque[float] = deque(maxlen=HALF_WINDOW + late)
         while_driving = []

@@ -13,7 +13,7 @@ import pytest
 
 from estimator.belief.revision import declared_revision, revision_id
 from estimator.learner.find import Found, Task, find, judge
-from estimator.learner.job import MOST_BYTES, NICENESS, Failed, Job
+from estimator.learner.job import MOST_BYTES, NICENESS, ChildJob, Failed
 from estimator.learner.node import ADOPTION_NS, AGAIN_LAPS, Learner
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LocalBus
@@ -255,19 +255,19 @@ def exits(_: Any) -> None:
     os._exit(3)
 
 
-def result_of(job: Job) -> Any:
+def result_of(job: ChildJob) -> Any:
     while (result := job.poll()) is None:
         time.sleep(0.01)
     return result
 
 
 def test_the_child_gives_way_and_is_bounded() -> None:
-    assert result_of(Job(rank, None)) == (NICENESS, 1, MOST_BYTES)
+    assert result_of(ChildJob(rank, None)) == (NICENESS, 1, MOST_BYTES)
 
 
 def test_a_child_that_refuses_ends_early_or_never_ends_is_a_reason() -> None:
-    assert result_of(Job(refuses, "only 3 s of driving")) == Failed("only 3 s of driving")
-    assert "ended early" in result_of(Job(exits, None)).reason
-    job = Job(never_ends, None, most_s=0.0)
+    assert result_of(ChildJob(refuses, "only 3 s of driving")) == Failed("only 3 s of driving")
+    assert "ended early" in result_of(ChildJob(exits, None)).reason
+    job = ChildJob(never_ends, None, most_s=0.0)
     assert "not done within 0 s" in result_of(job).reason
     assert not Path(f"/proc/{job._process.pid}").exists()

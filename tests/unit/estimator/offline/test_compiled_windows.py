@@ -13,7 +13,7 @@ from estimator.offline.predict import compiled_windows, innovations, propagate
 from estimator.offline.predict.compiled_windows import VECTOR, windows_library
 from estimator.offline.predict.innovations import Innovations
 from estimator.offline.predict.propagate import Propagator, exponentials
-from estimator.offline.record.noise import Noise
+from estimator.offline.record.noise import ResidualNoise
 from estimator.offline.record.window_columns import WindowColumns
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import find_compiler
@@ -73,7 +73,7 @@ def test_compiled_residuals_are_the_innovations_of_the_maps(
 ) -> None:
     whole = record_of(shared_drives(tmp_path_factory)["flat"])
     record = replace(whole, used=np.array(used))
-    noise = Noise(2.0 * record.block_noise, np.array([0.0, 0.0, 0.3, 0.1, 2.0]))
+    noise = ResidualNoise(2.0 * record.block_noise, np.array([0.0, 0.0, 0.3, 0.1, 2.0]))
     inputs = np.random.default_rng(5).normal(size=(BLOCKS, WINDOWS, 11, 1))
     found, scale = innovations.residuals(record, motion, noise, inputs)
     predictor = Innovations.make(record, motion, noise)

@@ -18,14 +18,14 @@ from estimator.offline.search.every_car import fitted_together, on_every_car
 from estimator.offline.search.pool import RECORDS, Pool, workers
 from estimator.offline.search.screening import open_candidates, screen
 from estimator.offline.search.trial import Setting, fit_names
-from estimator.offline.search.workers import Job, fit_each
+from estimator.offline.search.workers import FitJob, fit_each
 
 
 def test_fits_side_by_side_agree_with_fits_in_turn(tmp_path_factory: pytest.TempPathFactory) -> None:
     record = record_of(shared_drives(tmp_path_factory)["single"])
     setting = Setting(record.select(record.lap == 0), "per_axle", PRIOR)
     warm = fit_names(setting, (), None)
-    jobs = [Job("resistance", ("rolling_resistance",)), Job("drag", ("aero_drag",), iterations=1)]
+    jobs = [FitJob("resistance", ("rolling_resistance",)), FitJob("drag", ("aero_drag",), iterations=1)]
     said: list[str] = []
     in_turn = fit_each(setting, warm, jobs, said.append)
     with workers(2) as pool:

@@ -9,7 +9,7 @@ import pytest
 from support.practice_drives import PRIOR, record_of, shared_drives
 
 from estimator.offline.fit.prediction_error import Fit, Point
-from estimator.offline.record.noise import Noise
+from estimator.offline.record.noise import ResidualNoise
 from estimator.offline.result.handover import tempered
 from estimator.offline.search.trial import Setting, fit_names
 
@@ -39,7 +39,7 @@ def test_a_residual_that_lasts_counts_as_fewer_samples(fits: dict[str, tuple[Any
     _, found, handed = fits["much"]
     names = [p.name for p in found.predictor.model.tyre_table]
     # at the same point: a peak that the tyre never reaches is the less certain, the higher it is
-    white = Point.at(found.predictor, handed.parameters, Noise.white(found.deviation)).normal()
+    white = Point.at(found.predictor, handed.parameters, ResidualNoise.white(found.deviation)).normal()
     as_if_white = np.diag(np.linalg.pinv(white.precision(white.variance), hermitian=True))
     wider = np.sqrt(np.diag(handed.covariance) / as_if_white)[: len(names)]
     assert np.all(wider > 0.95)

@@ -10,7 +10,7 @@ from support.practice_drives import record_of, shared_drives
 
 from estimator.offline.predict.innovations import STATE_ROWS, Innovations
 from estimator.offline.predict.propagate import Propagator
-from estimator.offline.record.noise import Noise
+from estimator.offline.record.noise import ResidualNoise
 from estimator.offline.record.record import Record
 
 DRIFT = {"simulated": 0.0, "between": 0.3, "followed": 30.0}
@@ -43,7 +43,7 @@ def test_innovations_have_the_likelihood_of_the_joint_distribution(record: Recor
     windows, blocks = record.rows.shape[:2]
     state_by = rng.normal(scale=2.0, size=(5, 3, windows, blocks))
     propagator = Propagator.make(state_by, record.block_step)
-    noise = Noise(2.0 * record.block_noise, np.array([0.0, 0.0, drift, drift, drift]))
+    noise = ResidualNoise(2.0 * record.block_noise, np.array([0.0, 0.0, drift, drift, drift]))
     innovations = Innovations.make(record, propagator, noise)
     measured = rng.normal(scale=0.01, size=(blocks, windows, 3))
     inputs = np.zeros((blocks, windows, 11, 1))
@@ -60,7 +60,7 @@ def test_a_signal_that_is_not_used_changes_nothing(record: Record) -> None:
     windows, blocks = record.rows.shape[:2]
     state_by = np.random.default_rng(8).normal(size=(5, 3, windows, blocks))
     propagator = Propagator.make(state_by, record.block_step)
-    innovations = Innovations.make(blind, propagator, Noise.white(record.block_noise))
+    innovations = Innovations.make(blind, propagator, ResidualNoise.white(record.block_noise))
     inputs = np.zeros((blocks, windows, 11, 1))
     inputs[:, :, [9, 10]] = 1.0
     out = innovations.run(inputs)

@@ -14,7 +14,7 @@ from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Point, fit, residual
 from estimator.offline.predict.predict import Predictor
-from estimator.offline.record.noise import Noise
+from estimator.offline.record.noise import ResidualNoise
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 
@@ -27,7 +27,7 @@ def test_sensitivities_agree_with_finite_differences(drives: dict[str, Any]) -> 
     predictor = Predictor(model, record)
     at = predictor.start([*PRIOR.values()])
     at[7], at[9] = 0.3, 0.04
-    noise = Noise.white(record.block_noise)
+    noise = ResidualNoise.white(record.block_noise)
     # about measured states the residual is small, so the projection and the exponential may be taken as constant
     jacobian = Point.at(predictor, at, noise).sensitivity.dense
     for i in (0, 1, 7, 8, 9, 12):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.cli.diagnose import LATERAL_END, SHARES, Course
+from estimator.cli.diagnose import LATERAL_END, SHARES, DiagnosisProgress
 
 
 @pytest.mark.parametrize("fits", [5, 400])
 def test_the_bar_never_goes_back_nor_stands_still_and_ends_with_the_report(fits: int) -> None:
     seen: list[float] = []
-    course = Course(lambda _, share: seen.append(share))
+    course = DiagnosisProgress(lambda _, share: seen.append(share))
     search = [f"fit {number}" for number in range(fits)]
     for what in ("reading", "log health", "road", *search, "last steps of the fit", "writing the report"):
         course(what)
@@ -22,7 +22,7 @@ def test_the_bar_never_goes_back_nor_stands_still_and_ends_with_the_report(fits:
 
 def test_an_identification_of_the_lateral_motion_has_a_part_of_the_bar_of_its_own() -> None:
     seen: list[float] = []
-    course = Course(lambda _, share: seen.append(share))
+    course = DiagnosisProgress(lambda _, share: seen.append(share))
     course("lateral motion")
     course.lateral("simulations", 0.5)
     course.lateral("done", 1.0)

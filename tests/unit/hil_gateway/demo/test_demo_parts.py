@@ -19,7 +19,7 @@ from hil_gateway.demo.canvas import Canvas
 from hil_gateway.demo.monitor import REASONS_MAX, Monitor, PlanCount
 from hil_gateway.demo.operator import Operator
 from hil_gateway.demo.options import DemoOptions, parse_effects, prepare
-from hil_gateway.demo.referee import Referee
+from hil_gateway.demo.referee import DriveReferee
 from hil_gateway.demo.view import LiveView, Scene, line
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
@@ -188,7 +188,7 @@ def test_operator_arms_only_when_nothing_is_missing_and_never_again_after_a_stop
 
 def test_referee_adds_up_distance_laps_and_excursions() -> None:
     bus = LocalBus()
-    referee = Referee(bus)
+    referee = DriveReferee(bus)
     for x, vx, laps, off in ((0, 5, (), 0), (3, 45, (), 1), (7, 9, (88.5,), 2)):
         bus.publish(TRUTH, truth(x, vx, laps, off))
     referee.update(0)
@@ -223,7 +223,7 @@ def test_monitor_notes_stops_once_with_their_cause_and_counts_plans_that_are_not
 
 def test_plain_line_says_why_nothing_moves_and_what_the_car_does() -> None:
     bus = LocalBus()
-    monitor, referee = Monitor(bus), Referee(bus)
+    monitor, referee = Monitor(bus), DriveReferee(bus)
     scene = Scene(0, 1.5, monitor, referee, {}, {}, "track on bus")
     assert "waiting for the gateway" in line(scene)
     bus.publish(GATEWAY_STATUS, status(missing=("plan", "estimate")))
@@ -237,7 +237,7 @@ def test_plain_line_says_why_nothing_moves_and_what_the_car_does() -> None:
 @pytest.mark.parametrize(("columns", "rows", "wide"), [(150, 40, True), (80, 24, False)])
 def test_live_page_fits_the_terminal_and_shows_car_cause_and_ages(columns: int, rows: int, wide: bool) -> None:
     bus = LocalBus()
-    monitor, referee = Monitor(bus), Referee(bus)
+    monitor, referee = Monitor(bus), DriveReferee(bus)
     bus.publish(GATEWAY_STATUS, status("controlled_stop", cause="plan older than 100 ms"))
     bus.publish(TRUTH, truth(12.0, laps=(88.5,)))
     monitor.update(0, driving=True)
@@ -276,7 +276,7 @@ def test_the_live_page_follows_the_terminal_when_its_size_changes() -> None:
     console = Console(width=150, height=40, file=io.StringIO(), record=True)
     view = LiveView(load_track("oval"), console)
     view.close()
-    scene = Scene(5 * MS, 1.0, Monitor(bus), Referee(bus), {"plant": 0.1}, {}, "oval on vcan0")
+    scene = Scene(5 * MS, 1.0, Monitor(bus), DriveReferee(bus), {"plant": 0.1}, {}, "oval on vcan0")
     console.print(view.page(scene))
     assert "processes" in console.export_text()
     console.size = (80, 24)

@@ -17,9 +17,9 @@ from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.physics.parameters import AV24, DECLARED
 from hil_gateway.plant.physics.road import Slopes
 from hil_gateway.plant.referee.lap_limit import lap_limit
-from hil_gateway.plant.referee.limit_envelope import Envelope, Side, best_ratio, measure_envelope
+from hil_gateway.plant.referee.limit_envelope import LimitEnvelope, Side, best_ratio, measure_envelope
 from hil_gateway.plant.referee.limit_line import A0, POWERS, V0, fastest_line, fit
-from hil_gateway.plant.referee.limit_profile import Path as Line
+from hil_gateway.plant.referee.limit_profile import LimitPath as Line
 from hil_gateway.plant.referee.limit_profile import fastest_profile, lap_time, reach
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
@@ -47,7 +47,7 @@ PLAIN = np.zeros(400)
 
 
 @pytest.fixture(scope="module")
-def envelope() -> Envelope:
+def envelope() -> LimitEnvelope:
     return measure_envelope(AV24)
 
 
@@ -97,7 +97,7 @@ def _ramp_steer(track: Track, speed: float) -> float:
 
 @pytest.mark.parametrize("speed", [25.0, 40.0])
 def test_circle_is_lapped_at_the_speed_where_the_plant_begins_to_slide(
-    envelope: Envelope, tmp_path: Path, speed: float
+    envelope: LimitEnvelope, tmp_path: Path, speed: float
 ) -> None:
     held = _ramp_steer(_flat(tmp_path), speed)
     radius = speed**2 / held  # the circle on which the plant slides at this speed
@@ -108,7 +108,7 @@ def test_circle_is_lapped_at_the_speed_where_the_plant_begins_to_slide(
 
 
 @pytest.mark.parametrize("speed", [35.0, 60.0])
-def test_straight_line_acceleration_is_that_of_the_plant(envelope: Envelope, tmp_path: Path, speed: float) -> None:
+def test_straight_line_acceleration_is_that_of_the_plant(envelope: LimitEnvelope, tmp_path: Path, speed: float) -> None:
     car = Car(AV24, _flat(tmp_path), speed=speed - 3.0)
     while car["vx"] < speed:
         car.step(Commands(throttle=1.0, gear=_gear(speed)), engine_running=True)
@@ -117,7 +117,7 @@ def test_straight_line_acceleration_is_that_of_the_plant(envelope: Envelope, tmp
     assert np.interp(speed, np.linspace(9.0, 80.0, len(can)), can) == pytest.approx(car.output("ax"), rel=0.04)
 
 
-def test_full_braking_of_the_plant_is_never_stronger_than_its_limit(envelope: Envelope, tmp_path: Path) -> None:
+def test_full_braking_of_the_plant_is_never_stronger_than_its_limit(envelope: LimitEnvelope, tmp_path: Path) -> None:
     line = Line(2.0, PLAIN, PLAIN, PLAIN, Slopes(PLAIN, PLAIN, PLAIN))
     most = -np.interp(50.0, np.linspace(9.0, 80.0, 143), reach(line, envelope, AV24.car).fall[0])
     best = 0.0
@@ -130,7 +130,7 @@ def test_full_braking_of_the_plant_is_never_stronger_than_its_limit(envelope: En
 
 
 @pytest.mark.parametrize("speed", [40.0, 60.0, 80.0])
-def test_what_shapes_the_line_knows_grip_and_drag_of_cornering(envelope: Envelope, speed: float) -> None:
+def test_what_shapes_the_line_knows_grip_and_drag_of_cornering(envelope: LimitEnvelope, speed: float) -> None:
     v, level, found = np.array([speed]), np.array([GRAVITY]), fit(envelope)
     lateral, drag = (
         A0 * sum(c * (speed / V0) ** power for c, (power, _) in zip(row, POWERS, strict=True))
@@ -141,7 +141,7 @@ def test_what_shapes_the_line_knows_grip_and_drag_of_cornering(envelope: Envelop
     assert drag == pytest.approx(-envelope.along(envelope.drive, calm + 1, calm, v, level)[0], abs=1.0)
 
 
-def test_mirrored_track_has_the_same_limit(envelope: Envelope, tmp_path: Path) -> None:
+def test_mirrored_track_has_the_same_limit(envelope: LimitEnvelope, tmp_path: Path) -> None:
     times = []
     for turn in (180.0, -180.0):
         line = fastest_line(_stadium(tmp_path, turn), AV24, envelope, 0.95)

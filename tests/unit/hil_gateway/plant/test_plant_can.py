@@ -16,7 +16,7 @@ from hil_gateway.bus.topics import TRUTH
 from hil_gateway.can_link import Frame, VirtualWire
 from hil_gateway.config import load_config
 from hil_gateway.plant.car import Commands
-from hil_gateway.plant.controller.ladder import SysState
+from hil_gateway.plant.controller.ladder import CarState
 from hil_gateway.plant.physics.effects import configure
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import VirtualClock
@@ -91,7 +91,7 @@ class Bench:
 def driving() -> Bench:
     bench = Bench()
     bench.climb()
-    assert bench.sys_state == SysState.DRIVING
+    assert bench.sys_state == CarState.DRIVING
     bench.commands = Commands(throttle=0.6, gear=1)
     bench.run(4.0)
     assert bench.plant.car["vx"] > 10.0
@@ -138,12 +138,12 @@ def test_report_counters_advance_by_one() -> None:
 def test_ladder_waits_for_the_computer_on_every_rung() -> None:
     bench = Bench()
     bench.run(3.0)
-    assert bench.sys_state == SysState.CONNECTED
+    assert bench.sys_state == CarState.CONNECTED
     for ct_state, expected in (
-        (3, SysState.TEST_DONE),
-        (4, SysState.CRANK_READY),
-        (5, SysState.IDLE),
-        (7, SysState.DRIVING),
+        (3, CarState.TEST_DONE),
+        (4, CarState.CRANK_READY),
+        (5, CarState.IDLE),
+        (7, CarState.DRIVING),
     ):
         bench.ct_state = ct_state
         bench.run(2.0)
@@ -175,9 +175,9 @@ def test_silent_commands_brake_the_car_by_itself_within_200_ms(driving: Bench, h
     else:
         driving.counting = False
     driving.run(0.19)
-    assert driving.sys_state == SysState.DRIVING
+    assert driving.sys_state == CarState.DRIVING
     driving.run(0.05)
-    assert driving.sys_state == SysState.EMERGENCY
+    assert driving.sys_state == CarState.EMERGENCY
     assert driving.last("diagnostic_report")["adlink_hb_lost"] == 1
     driving.run(5.0)
     assert abs(driving.plant.car["vx"]) < 0.05
@@ -187,7 +187,7 @@ def test_emergency_cuts_the_engine_but_steers_and_brakes_as_asked(driving: Bench
     driving.ct_state = 12
     driving.commands = Commands(steer=0.02, throttle=1.0, brake_front=2e6, brake_rear=1e6, gear=1)
     driving.run(0.3)
-    assert driving.sys_state == SysState.EMERGENCY
+    assert driving.sys_state == CarState.EMERGENCY
     assert driving.last("accelerator_report")["acc_pedal_fdbk"] < 0.02
     assert driving.last("brake_pressure_report")["brake_pressure_fdbk_front"] == pytest.approx(2e6, rel=0.02)
     assert driving.last("steering_report_extd")["average_steering_ang_fdbk"] / 15 == pytest.approx(0.02, abs=2e-3)
@@ -197,7 +197,7 @@ def test_emergency_cuts_the_engine_but_steers_and_brakes_as_asked(driving: Bench
 def test_purple_flag_and_e_kill_stop_the_car_without_the_computer(driving: Bench, flag: int) -> None:
     driving.plant.race_control.vehicle_flag = flag
     driving.run(0.05)
-    assert driving.sys_state == SysState.EMERGENCY
+    assert driving.sys_state == CarState.EMERGENCY
 
 
 def test_emergency_is_left_standing_still_only(driving: Bench) -> None:
@@ -205,11 +205,11 @@ def test_emergency_is_left_standing_still_only(driving: Bench) -> None:
     driving.run(0.1)
     driving.ct_state, driving.commands = 2, None
     driving.run(0.5)
-    assert driving.sys_state == SysState.EMERGENCY
+    assert driving.sys_state == CarState.EMERGENCY
     driving.run(8.0)
-    assert driving.sys_state == SysState.CONNECTED
+    assert driving.sys_state == CarState.CONNECTED
     driving.climb()
-    assert driving.sys_state == SysState.DRIVING
+    assert driving.sys_state == CarState.DRIVING
     driving.run(0.5)
     assert driving.last("accelerator_report")["acc_pedal_fdbk"] < 0.02, "the last command is not obeyed again"
 
