@@ -19,6 +19,7 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.settings import GatewayConfig
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
+from hil_gateway.ros2.settings import Ros2Config
 from hil_gateway.text_file import parse_toml, read_toml
 
 ENVIRONMENT_PREFIX = "HIL_"
@@ -148,6 +149,7 @@ class Config(Model):
     planner: PlannerConfig = PlannerConfig()
     recorder: RecorderConfig = RecorderConfig()
     dashboard: DashboardConfig = DashboardConfig()
+    ros2: Ros2Config = Ros2Config()
 
     @property
     def car(self) -> Car:

@@ -13,6 +13,7 @@ from hil_gateway.bus.event import Event
 from hil_gateway.bus.playback import Playback
 from hil_gateway.bus.proposal import ModelProposal
 from hil_gateway.bus.race_line import RaceLine
+from hil_gateway.bus.ros2_status import Ros2Status
 from hil_gateway.bus.tyres import Tyres
 
 M = TypeVar("M", bound=m.Message)
@@ -52,6 +53,7 @@ OPERATOR = Topic("av24/operator", m.OperatorCommand, "operator", 0, 1.0, priorit
 RECORDER_STATUS = Topic("av24/recorder_status", m.RecorderStatus, "recorder", 1, 3.0)
 PLAYBACK = Topic("av24/playback", Playback, "gateway", 5, 1.0, recorded=False)
 EVENT = Topic("av24/event", Event, "gateway", 1, 60.0)
+ROS2_STATUS = Topic("av24/ros2_status", Ros2Status, "ros2", 1, 3.0)
 TRUTH = Topic("referee/truth", m.Truth, "plant", 20, 1.0)
 
 TOPICS: tuple[Topic[Any], ...] = (
@@ -72,4 +74,5 @@ TOPICS: tuple[Topic[Any], ...] = (
     TRUTH,
     EVENT,
     PLAYBACK,
+    ROS2_STATUS,
 )

@@ -182,7 +182,16 @@ def session_config(config: ZenohConfig, name: str) -> dict[str, Any]:
             },
         },
     }
-    return _merge(tree, _read_extra(config.extra)) if config.extra else tree
+    return with_extra(tree, config.extra)
+
+
+def with_extra(tree: dict[str, Any], path: str) -> dict[str, Any]:
+    """A Zenoh configuration with the user's file merged over it; an empty path leaves it as it is.
+
+    Raises:
+        InputError: unreadable, or no Zenoh configuration.
+    """
+    return _merge(tree, _read_extra(path)) if path else tree
 
 
 def _listen_endpoints(config: ZenohConfig, name: str) -> tuple[str, ...]:

@@ -1,0 +1,87 @@
+"""Core of the bridge: the car's state out to ROS, and what keeps nodes and bridge apart. Time is an argument."""
+
+from __future__ import annotations
+
+import logging
+
+from hil_gateway.bus import topics
+from hil_gateway.bus.interface import Bus
+from hil_gateway.bus.ros2_status import Ros2Status
+from hil_gateway.can_link import CanLink
+from hil_gateway.config import Config
+from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.ros2 import topics as ros
+from hil_gateway.ros2.graph import Graph
+from hil_gateway.ros2.outgoing import WARN, Status
+from hil_gateway.ros2.publishing import Publishing
+from hil_gateway.ros2.session import RosNode
+from hil_gateway.ros2.topics import RosTopic
+from hil_gateway.ros2.types import Types
+
+STATUS_PERIOD_NS = NS_PER_S
+NOTES_MAX = 16
+log = logging.getLogger(__name__)
+
+
+def published_topics(config: Config) -> tuple[RosTopic, ...]:
+    """What the bridge publishes."""
+    return (*ros.STATE, *((ros.FRAMES,) if config.ros2.frames else ()))
+
+
+def taken_topics(config: Config) -> tuple[RosTopic, ...]:
+    """Command topics that are listened to."""
+    return ros.COMMANDS[config.ros2.commands]
+
+
+class Bridge:
+    """`step` once a millisecond."""
+
+    def __init__(self, config: Config, bus: Bus, link: CanLink, types: Types, node: RosNode) -> None:
+        self._bus, self._link, self._node = bus, link, node
+        self._publishing = Publishing(bus, config.vehicle, types, node)
+        taken, published = ([(t.name, types.of(t.type)) for t in f(config)] for f in (taken_topics, published_topics))
+        self.graph = Graph(node.session, taken, published)
+        self._notes: tuple[str, ...] = ()
+        self._status_ns = self._seq = 0
+
+    def step(self, now_ns: int, unix_offset_ns: int) -> None:
+        """Pass on what has arrived; `unix_offset_ns` turns monotonic stamps into Unix time."""
+        self._watch_graph()
+        self._publishing.step(now_ns, unix_offset_ns, self._link.receive(0.0), (self._diagnosis(),))
+        if now_ns >= self._status_ns:
+            self._status_ns = now_ns + STATUS_PERIOD_NS
+            self._bus.publish(topics.ROS2_STATUS, self._status(now_ns))
+
+    def _watch_graph(self) -> None:
+        """Log what is new of the notes."""
+        changes = self._node.graph_changes()
+        for token, appeared in changes:
+            self.graph.change(token, appeared)
+        if not changes:
+            return
+        before, self._notes = self._notes, self.graph.notes
+        for note in self._notes:
+            if note not in before:
+                log.warning("%s", note)
+
+    def _diagnosis(self) -> Status:
+        notes = self._notes[:NOTES_MAX]
+        return (
+            "av24: ros2",
+            WARN if notes else 0,
+            notes[0] if notes else "no type differs",
+            [("note", n) for n in notes],
+        )
+
+    def _status(self, now_ns: int) -> Ros2Status:
+        self._seq += 1
+        return Ros2Status(
+            stamp_ns=now_ns,
+            seq=self._seq - 1,
+            session=self._node.session,
+            nodes=self.graph.nodes,
+            sent=self._publishing.sent,
+            taken=0,
+            refused={},
+            notes=self._notes[:NOTES_MAX],
+        )
