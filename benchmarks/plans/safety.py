@@ -96,9 +96,9 @@ def drive(config: Config, laps: int, mismatch: float, seed: int, track: Track | 
 
 def violations(config: Config, watch: Watch, commands: list[Command], off_track: int) -> dict[str, int]:
     """Counts by kind."""
-    from planner.problem.settings import PlanLimits
+    from planner.problem.settings import settings_of
 
-    limits, bound = PlanLimits(), config.planner.information_bound
+    limits, bound = settings_of(config).limits, config.planner.information_bound
     loads = np.maximum(watch.front, watch.rear)
     outside = [abs(c.steer) > limits.steer or not limits.drive_min <= c.drive <= limits.drive_max for c in commands]
     gains = np.array(watch.gain) if config.planner.information_weight > 0 else np.zeros(1)

@@ -86,6 +86,11 @@ class Powertrain(Model):
         return self.engine_rpm[-1] * RPM
 
     @property
+    def power_max(self) -> float:
+        """Greatest power of the engine at the points of its map, W."""
+        return max(torque * rpm * RPM for torque, rpm in zip(self.engine_torque, self.engine_rpm, strict=True))
+
+    @property
     def hardest_braking(self) -> float:
         """Force of both axles, N, with the greater of the declared pressures at its limit."""
         share = max(self.brake_bias_front, 1.0 - self.brake_bias_front)
@@ -107,6 +112,10 @@ class Powertrain(Model):
     def ratio(self, gear: int) -> float:
         """Engine speed over wheel speed in `gear` (1..6); 0 in neutral."""
         return self.gears[gear - 1] * self.final_drive if 1 <= gear <= len(self.gears) else 0.0
+
+    def drag_force(self, gear: int, wheel_radius: float) -> float:
+        """Of the engine at the driven wheels with the throttle closed, N; 0 in neutral."""
+        return self.drag_torque * self.ratio(gear) / wheel_radius
 
     def drive_force(self, gear: int, engine_speed: float, wheel_radius: float) -> float:
         """Full-throttle force at the driven wheels, N; 0 in neutral."""

@@ -7,8 +7,8 @@ from typing import Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from hil_gateway.car.car import Car
-from hil_gateway.car.vehicle import GRAVITY
+from hil_gateway.car.car import Car, load_car
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.model import Model
 
 PERIOD_S = 0.01
@@ -77,15 +77,17 @@ class StopConfig(Model):
         default=6.0, ge=3, le=30, description="m/s2; below 3 a stop from 60 m/s takes more than 600 m"
     )
     emergency_deceleration: float = Field(default=12.0, ge=3, le=30, description="m/s2 on a straight at low speed")
-    lateral_grip: float = Field(default=1.3, ge=0.3, le=4, description="lateral specific force the tyres hold, g")
-    downforce: float = Field(default=1.12, ge=0, le=20, description="N per (m/s)^2, both axles: grip grows with it")
+    lateral_grip: float = Field(
+        default_factory=lambda: load_car().tyres.grip, ge=0.3, le=4,
+        description="lateral specific force the tyres hold, g; not given: the car's",
+    )  # fmt: skip
     hold_pressure: float = Field(
         default=2.0e6, ge=5.0e5, le=6.0e6, description="brake pressure at standstill, Pa; 0.25 MPa hold on a 10 % grade"
     )
 
-    def grip(self, mass: float, speed: float) -> float:
-        """Specific force that the declared grip of the tyres makes at `speed` (m/s) of a car of `mass` (kg), m/s2."""
-        return self.lateral_grip * (GRAVITY + self.downforce * speed**2 / mass)
+    def grip(self, vehicle: Vehicle, speed: float) -> float:
+        """Specific force that the declared grip of the tyres makes at `speed` (m/s), m/s2."""
+        return self.lateral_grip * (GRAVITY + vehicle.downforce(speed) / vehicle.mass)
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:

@@ -24,7 +24,7 @@ from planner.adoption.plausible import implausible, near
 from planner.adoption.trust import Trust, slides
 from planner.adoption.unlearnt import measured_loads
 from planner.adoption.usable_grip import PROFILE_SHARE, borne_next
-from planner.line.envelope import Brakes, envelope_of
+from planner.line.envelope import SPEED_LEFT, Brakes, envelope_of
 from planner.line.raceline import OptimisedLine, raceline_for
 from planner.line.track import Reference
 from planner.plan.controller import Controller, TyreKnowledge
@@ -243,13 +243,14 @@ class Adoption:
         peaks = [knowledge.theta[d] for _, _, d in tyre.axles]
         front, rear = (PROFILE_SHARE * asked / peak for asked, peak in zip(knowledge.capacity, peaks, strict=True))
         at_start = revised.phi_at(np.zeros(1))[:, 0]
-        top = self._settings.limits.speed - 2.0
+        top = self._settings.limits.speed - SPEED_LEFT
         envelope = envelope_of(
             revised.model,
             list(knowledge.theta),
             list(at_start),
             use=(front, rear),
             max_speed=top,
+            car=self._config.car,
             brakes=Brakes(self._settings.brakes, knowledge.brake_ratio, knowledge.brake_doubt),
         ).braked(self.delivered.brakes * self._config.powertrain.hardest_braking / self._config.vehicle.mass)
         if self._line is None:

@@ -20,6 +20,7 @@ import numpy as np
 from estimator.model.effects import catalogue
 from estimator.model.parameters import Layout
 from estimator.model.single_track import SIGNALS, SingleTrack, Terms
+from hil_gateway.car.car import Car, load_car
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import compile_function
@@ -27,11 +28,8 @@ from planner.line.left_along import SPEEDS, Table, left_along
 from planner.problem.brake_law import BrakeLaw
 from planner.problem.friction import along_share, left_across
 
-ENGINE_POWER = 473 * 745.7
-"""W: 473 hp, and no more than that on any straight; what the wheels get is for the plan to find"""
-MAX_TRACTION = 8000.0
-"""N: the largest drive command at the declared C_x"""
-MAX_STEER = 0.279
+SPEED_LEFT = 2.0
+"""m/s below the fastest that a plan may hold: a race line leaves it room"""
 MIN_NORMAL = 0.2
 """share of gravity that is left on a crest at least: a car that takes off needs another model"""
 COMMANDS = np.concatenate([np.linspace(-0.5, 0.0, 401), np.linspace(0.00125, 0.3, 240)])
@@ -108,10 +106,17 @@ def envelope_of(
     phi: Sequence[float] = (),
     *,
     use: tuple[float, float] = (0.9, 0.9),
-    max_speed: float = 80.0,
+    max_speed: float | None = None,
     brakes: Brakes = AS_MODELLED,
+    car: Car | None = None,
 ) -> Envelope:
-    """Envelope of a model, using the shares `use` of the tyre forces of the front and of the rear axle."""
+    """Envelope of a model, using the shares `use` of the tyre forces of the front and of the rear axle.
+
+    `car`: whose engine, steering and fastest speed count; the one that is operated where none is given. What the wheels
+    get of the engine's power is for the plan to find.
+    """
+    car = car or load_car()
+    train = car.powertrain
     peaks, v = _peaks(model, theta, phi, use, brakes), model.vehicle
     return Envelope(
         lateral=_fit(peaks.lateral),
@@ -120,10 +125,10 @@ def envelope_of(
         brake_left=peaks.brake_left,
         drive_left=peaks.drive_left,
         drag=_fit(np.maximum(peaks.coast, _declared_drag(v))),
-        power=ENGINE_POWER / v.mass,
-        traction=MAX_TRACTION / v.mass,
-        max_speed=max_speed,
-        max_curvature=float(np.tan(0.9 * MAX_STEER)) / v.wheelbase,
+        power=train.power_max / v.mass,
+        traction=train.traction_max / v.mass,
+        max_speed=max_speed or car.actuators.speed_max - SPEED_LEFT,
+        max_curvature=float(np.tan(0.9 * car.actuators.steering_range)) / v.wheelbase,
     )
 
 

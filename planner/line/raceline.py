@@ -78,14 +78,14 @@ def compute_raceline(
     margin: float = 1.5,
     *,
     grip_use: float = 0.9,
-    max_speed: float = 80.0,
+    max_speed: float | None = None,
 ) -> OptimisedLine:
     """Minimum-time line of the declared model with tyre parameters `tyre`.
 
     Args:
         margin: least distance of the CoG from the edges, m (half the car's width and what the controller needs).
         grip_use: share of the tyre forces that the line may ask for.
-        max_speed: m/s.
+        max_speed: m/s; that of the car where none is given.
     """
     model = SingleTrack(vehicle, layout_of(tyre))
     theta = [tyre[p.name] for p in model.tyre_table]

@@ -1,4 +1,4 @@
-"""Weights, limits and switches of the planner that are not facts of the car."""
+"""Weights, limits and switches of the planner; what is a fact of the car comes from its folder."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from estimator.model.measurement import MeasurementKind
+from hil_gateway.car.car import Car, load_car
 from hil_gateway.config import Config
+from hil_gateway.gateway.settings import CommandRates, LimitConfig
 from planner.problem.brake_law import BrakeLaw
 
 LoadLimit = Literal["ellipse", "literal"]
@@ -46,20 +48,18 @@ class Weights:
 class PlanLimits:
     """Actuator and state limits of Eq. (4); rates are per second."""
 
-    steer: float = 0.26
-    steer_rate: float = 0.3
-    drive_max: float = 0.16
-    """8 kN: what the rear tyres put down"""
-    drive_min: float = -0.36
-    """18 kN: what both axles take at speed with downforce; the load rows know what they take at each"""
-    drive_rate: float = 1.6
-    """from coasting to full braking in a quarter of a second: the brake's own lag is 0.03 s"""
-    speed: float = 82.0
-    progress_rate: float = 25.0
-    power: float = 340e3
+    steer: float
+    steer_rate: float
+    drive_max: float
+    drive_min: float
+    """what both axles take at speed with downforce; the load rows know what they take at each"""
+    drive_rate: float
+    speed: float
+    power: float
     """engine power at the wheels, W: bounds the drive command at speed"""
-    car_half_width: float = 1.0
-    track_margin: float = 0.25
+    car_half_width: float
+    progress_rate: float = 25.0
+    track_margin: float = 0.3
     """kept clear of the edge beyond the car's own width, m"""
     edge_zone: float = 0.35
     """m inside of that, entered against a rising force only; the race line stays out of it"""
@@ -69,6 +69,36 @@ class PlanLimits:
     """of the load limits, left alone beyond what tyres not yet known are owed, while information is paid for: a slalom
     at 50 m/s swings the rear axle 7 % beyond what was asked, and who brakes out of one with 0.03 locks the inner front
     wheel"""
+
+
+STEER_SHARE = 0.93
+"""of the steering's range that is planned with: the rest is for what corrects"""
+STEER_RATE = 0.3
+"""rad/s at the road wheel, planned at most: quicker steering is seen by the plan as noise"""
+FULL_BRAKING_S = 0.225
+"""from coasting to full braking: the brake's own lag is 0.03 s"""
+
+
+def limits_of(car: Car, rates: CommandRates) -> PlanLimits:
+    """What the car can do, within what the gateway lets out."""
+    train, ratio = car.powertrain, car.vehicle.steering_ratio
+    drive_min = -train.braking_max / train.force_per_drive
+    return PlanLimits(
+        steer=STEER_SHARE * car.actuators.steering_range,
+        steer_rate=min(STEER_RATE, rates.steering / ratio),
+        drive_max=train.traction_max / train.force_per_drive,
+        drive_min=drive_min,
+        drive_rate=-drive_min / FULL_BRAKING_S,
+        speed=car.actuators.speed_max,
+        power=train.power_max * train.driveline_efficiency,
+        car_half_width=car.vehicle.half_width,
+    )
+
+
+def declared_limits() -> PlanLimits:
+    """Of the car that is operated, with its own rates."""
+    car = load_car()
+    return limits_of(car, LimitConfig().within(car))
 
 
 @dataclass(frozen=True)
@@ -101,7 +131,7 @@ class Settings:
     horizon: int = 40
     dt: float = 0.05
     weights: Weights = Weights()
-    limits: PlanLimits = PlanLimits()
+    limits: PlanLimits = field(default_factory=declared_limits)
     slack: Slack = Slack()
     information: Information = Information()
     load_limit: LoadLimit = "ellipse"
@@ -127,6 +157,7 @@ def settings_of(config: Config) -> Settings:
         dt=p.dt,
         information=information,
         load_limit=p.load_limit,
+        limits=limits_of(config.car, config.gateway.limits.within(config.car)),
         brakes=BrakeLaw(config.vehicle, config.powertrain),
         sigma_level=p.sigma_level,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from can_dbc.codec import Codec
 from hil_gateway.bus.messages import Applied, Command, FailsafeAction, VehicleState
@@ -50,6 +51,7 @@ class Actor:
         """m/s, under yellow flags"""
         self.steering_reversed = False
         """whether the steering goes to the other side than its command: a stop then asks for the other side"""
+        self._drag_force = partial(config.powertrain.drag_force, wheel_radius=config.vehicle.wheel_radius)
         self._gears = GearChoice(config.powertrain, config.vehicle.wheel_radius)
         self._limits = Limits(config.car, config.gateway.limits.within(config.car))
         self._transmitter = Transmitter(codec, link, config.gateway.vehicle_number)
@@ -136,7 +138,9 @@ class Actor:
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
         lateral = self.stopping.lateral
         if not driving and lateral is not None:
-            wanted = self._axles.step(wanted, Demand(lateral, self.flat_front, self.flat_rear), state, motion)
+            wanted = self._axles.step(
+                wanted, Demand(lateral, self.flat_front, self.flat_rear, self._drag_force(state.gear)), state, motion
+            )
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
         return Actuators(wanted.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)

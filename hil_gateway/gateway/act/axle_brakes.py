@@ -29,8 +29,6 @@ REAR_SHARE = 0.8
 FRONT_SHARE = 0.9
 """of what they leave beside the lateral force the front tyres brake with at most where the rear brakes are weak: with
 all of it they do not turn the car"""
-ENGINE_DRAG = 600.0
-"""N at the rear wheels with the throttle closed (45 N m of the engine in third gear)"""
 LEAST_SHARE = 0.3
 """of its grip an axle is braked with at least, however large the lateral force, as the whole car is: in a banked bend
 tyres bear more"""
@@ -68,6 +66,8 @@ class Demand:
     flat_front: bool
     flat_rear: bool
     """a tyre of that axle is flat: both of its brakes press alike, and would lock it"""
+    engine_drag: float = 0.0
+    """of the engine at the rear wheels with the throttle closed, N"""
 
 
 class AxleBrakes:
@@ -141,7 +141,7 @@ class AxleBrakes:
             _beside(across * car.static_load_front, front),
             _beside(across * car.static_load_rear, rear),
         )
-        return left_front, max(left_rear - ENGINE_DRAG, 0.0)
+        return left_front, max(left_rear - demand.engine_drag, 0.0)
 
     def _slips(self, state: VehicleState, motion: Motion) -> tuple[float, float]:
         """Slip of the faster wheel of each axle: an inner one may lock in a bend, and carries little."""

@@ -150,7 +150,7 @@ class Stopping:
 
     def _within_grip(self, curvature: float, speed: float) -> float:
         """As much of it as `TURNS_MOST` of the declared grip makes."""
-        most = TURNS_MOST * self._config.grip(self._vehicle.mass, speed) / max(speed, 1.0) ** 2
+        most = TURNS_MOST * self._config.grip(self._vehicle, speed) / max(speed, 1.0) ** 2
         return min(max(curvature, -most), most)
 
     def _rear_slip(self, pose: Pose, motion: Motion, curvature: float) -> float:
@@ -170,7 +170,7 @@ class Stopping:
 
         v^2 of a bend with curvature k: mu (m g + c v^2) = m k v^2, with the declared grip mu and downforce c.
         """
-        grip, lift = BEND_SHARE * self._grip, self._config.downforce / self._vehicle.mass
+        grip, lift = BEND_SHARE * self._grip, self._vehicle.downforce(1.0) / self._vehicle.mass
         nearest = path.nearest(pose.x, pose.y)
         distance = path.s[nearest + 1 :] - path.s[nearest]
         allowed = grip * GRAVITY / np.maximum(self._bends[nearest + 1 :] - grip * lift, 1e-4)
@@ -201,7 +201,7 @@ class Stopping:
 
     def _grip_at(self, speed: float) -> float:
         """Specific force that the tyres make, m/s2."""
-        return self._config.grip(self._vehicle.mass, speed) * (FLAT_GRIP if self.flat else 1.0)
+        return self._config.grip(self._vehicle, speed) * (FLAT_GRIP if self.flat else 1.0)
 
     @property
     def _grip(self) -> float:

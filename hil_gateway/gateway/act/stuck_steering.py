@@ -16,7 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from hil_gateway.car.vehicle import HALF_WIDTH, Vehicle
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.monitors.actuators import moved_share
@@ -71,7 +71,7 @@ class StuckSteering:
 
     def __init__(self, vehicle: Vehicle, config: StopConfig, track: Track | None) -> None:
         self._vehicle, self._track = vehicle, track
-        self._grip = partial(config.grip, vehicle.mass)
+        self._grip = partial(config.grip, vehicle)
         self._angles: deque[tuple[float, float]] = deque(maxlen=WATCHED)
         """reported and asked, rad"""
         self._rates: deque[tuple[float, float]] = deque(maxlen=WATCHED)
@@ -161,14 +161,13 @@ class StuckSteering:
 
         return _Way(lambda speed: 0.0, lambda speed: SLIDING * self._grip(speed)), _Way(arc, left)
 
-    @staticmethod
-    def _margin(track: Track, pose: Pose, rolls: _Way, slides: _Way, slides_after_s: float) -> float:
+    def _margin(self, track: Track, pose: Pose, rolls: _Way, slides: _Way, slides_after_s: float) -> float:
         """Least distance of a wheel to the edge until the car stands, m, negative off the road."""
         x, y, course, speed = pose.x, pose.y, pose.yaw + pose.slip, pose.speed
         s, lateral = track.project(x, y)
         least, since_s = math.inf, 0.0
         while speed > 0.0 and least > LOST_M:
-            least = min(least, track.inside(s, lateral) - HALF_WIDTH)
+            least = min(least, track.inside(s, lateral) - self._vehicle.half_width)
             way = rolls if since_s < slides_after_s else slides
             since_s += STEP_S
             course += STEP_S * speed * way.curvature(speed)

@@ -21,7 +21,7 @@ LEVEL_SHARE = 0.4
 """of a step that a reading on either side of it may differ from the one before: on a ramp all differ alike, and a spike
 goes back"""
 TURN, FORCE = 0.04, 3.0
-"""rad/s and m/s2: steps beside noise (0.0015 and 0.1); sound drives come to 0.02 and 1.5"""
+"""rad/s and m/s2: steps beside noise (data sheets have 0.002 and 0.1); sound drives come to 0.02 and 1.5"""
 KICK = 0.15
 """rad/s of a step of the yaw rate alone: 15 rad/s2, which tyres of 1.5 g reach with both axles against each other"""
 QUIET = 0.08

@@ -65,7 +65,7 @@ class StillMonitor:
     """
 
     def __init__(self, config: Config) -> None:
-        self._stop, self._mass, self._track = config.gateway.stop, config.vehicle.mass, config.vehicle.track_front
+        self._stop, self._vehicle, self._track = config.gateway.stop, config.vehicle, config.vehicle.track_front
         self._per_drive = config.powertrain.force_per_drive / config.vehicle.mass
         self._pushed = 0.0
         self._speeds: deque[float] = deque(maxlen=MEAN + 1)
@@ -95,7 +95,7 @@ class StillMonitor:
 
     def _signals(self, state: VehicleState, speed: float, steered: float, ay: float) -> _Changes:
         """This period's, as far as tyres surely follow."""
-        most = max(HELD_SHARE * self._stop.grip(self._mass, speed), abs(ay)) / speed
+        most = max(HELD_SHARE * self._stop.grip(self._vehicle, speed), abs(ay)) / speed
         wheels = (state.wheel_speed_fr - state.wheel_speed_fl) / (self._track * math.cos(state.steer))
         self._pushed += PERIOD_S / (PEDALS_S + PERIOD_S) * (self._per_drive * state.drive - self._pushed)
         slowed = (self._speeds[-1] - self._speeds[0]) / (MEAN * PERIOD_S)

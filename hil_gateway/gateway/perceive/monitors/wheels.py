@@ -29,7 +29,7 @@ class LockedWheels:
     tyres' declared grip takes within the last half second."""
 
     def __init__(self, config: Config, share: float = 1.0) -> None:
-        self._stop, self._mass, self._share = config.gateway.stop, config.vehicle.mass, share
+        self._stop, self._vehicle, self._share = config.gateway.stop, config.vehicle, share
         self._per_pa = config.powertrain.brake_force_per_pa / config.vehicle.mass
         self._since = SPEED_WINDOW
         """periods"""
@@ -37,7 +37,7 @@ class LockedWheels:
     def step(self, state: VehicleState, speed: float) -> bool:
         """Once a period."""
         braking = (state.brake_front + state.brake_rear) * self._per_pa
-        self._since = 0 if braking > self._share * self._stop.grip(self._mass, speed) else self._since + 1
+        self._since = 0 if braking > self._share * self._stop.grip(self._vehicle, speed) else self._since + 1
         return self._since < SPEED_WINDOW
 
 

@@ -231,7 +231,7 @@ def test_without_a_gyro_no_more_is_steered_than_tyres_could_hold(rig, by_gyro):
     stop.start(0.0)
     lost = Motion(speed=60.0, by_gyro=by_gyro, prompt=False)
     steer, _ = stop.command(lost, Pose(0.0, 0.0, 0.5, 60.0), emergency=False)
-    most = 1.5 * StopConfig().grip(VEHICLE.mass, 60.0)
+    most = 1.5 * StopConfig().grip(VEHICLE, 60.0)
     assert (abs(math.tan(steer)) <= 1.001 * VEHICLE.wheelbase * most / 60.0**2) is not by_gyro
 
 
