@@ -26,6 +26,7 @@ class EventKind(StrEnum):
     ADOPTION = "adoption"
     LEARNING = "learning"
     LAP = "lap"
+    PLAN = "plan"
     PROCESS = "process"
 
 

@@ -71,6 +71,7 @@ class Feed:
             "t": row["t"],
             "state": state_of(newest, now_ns),
             "row": row,
+            "place": self._place(alive.get(ESTIMATE.key)),
             "lap": self._lap(now_ns / NS_PER_S, row),
             "messages": {_short(key): _page_form(latest.message) for key, latest in newest.items()},
             "ages": {_short(key): _age(latest, now_ns) for key, latest in newest.items()},
@@ -126,6 +127,18 @@ class Feed:
         else:
             self._s = None
         return row
+
+    def _place(self, e: Estimate | None) -> dict[str, Any] | None:
+        """How the car stands on the track: m to the left of its middle, degrees to the left of its direction, with the
+        deviation of that, and what is not known; None where no estimate is alive."""
+        if e is None or not self._track.near(e.x, e.y):
+            return None
+        along, lateral = self._track.project(e.x, e.y, self._s)
+        across = math.remainder(e.yaw - float(self._track.at(along).heading), math.tau)
+        return {
+            "lateral_m": round(lateral, 2), "across_deg": round(math.degrees(across), 1),
+            "heading_std_deg": round(math.degrees(e.std[2]), 1), "lacks": e.lacks,
+        }  # fmt: skip
 
     def _lap(self, t_s: float, row: dict[str, float | None]) -> dict[str, Any]:
         laps, best = self._clock.laps, self._clock.best

@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 
 from hil_gateway.config import Config
+from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
 
 TRACK_POINTS = 600
+LANE_STEP = 5
+"""m, about, between drawn points of a pit lane"""
 
 
 def setup_of(
@@ -38,13 +41,20 @@ def _steering_limit_deg(config: Config) -> float:
 
 def track_outline(track: Track) -> dict[str, Any]:
     """Both edges of the track, m, thinned for drawing."""
-    return {"name": track.name, **edges(track), "length_m": round(track.length, 1)}
+    sides = track.lane_edges()
+    lane = None if sides is None else _points(dict(zip(("left", "right"), sides, strict=True)), LANE_STEP)
+    return {"name": track.name, **edges(track), "pit_lane": lane, "length_m": round(track.length, 1)}
 
 
 def edges(track: Track, inset: float = 0.0) -> dict[str, dict[str, list[float]]]:
     """`left` and `right` edge, `inset` m inside the road's, m, thinned for drawing."""
-    step = max(len(track.x) // TRACK_POINTS, 1)
-    left, right = (
-        {"x": np.round(x[::step], 2).tolist(), "y": np.round(y[::step], 2).tolist()} for x, y in track.edges(inset)
-    )
-    return {"left": left, "right": right}
+    sides = dict(zip(("left", "right"), track.edges(inset), strict=True))
+    return _points(sides, max(len(track.x) // TRACK_POINTS, 1))
+
+
+def _points(sides: dict[str, tuple[Array, Array]], step: int) -> dict[str, dict[str, list[float]]]:
+    """Every `step`-th point of each."""
+    return {
+        name: {"x": np.round(x[::step], 2).tolist(), "y": np.round(y[::step], 2).tolist()}
+        for name, (x, y) in sides.items()
+    }

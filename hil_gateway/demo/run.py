@@ -12,7 +12,7 @@ from hil_gateway.demo.monitor import Monitor
 from hil_gateway.demo.operator import Operator
 from hil_gateway.demo.options import DemoOptions, DemoSetup
 from hil_gateway.demo.referee import DriveReferee
-from hil_gateway.demo.view import Scene, View
+from hil_gateway.demo.view import Scene, View, before_arming
 from hil_gateway.demo.waiting import Account, Waiting
 from hil_gateway.process.clock import NS_PER_S, Clock, SystemClock
 from hil_gateway.process.held_up import TIMING_CAUSES
@@ -39,7 +39,7 @@ class Ending(StrEnum):
     PROCESS_DIED = "process died"
     STOPPED = "stopped by the gateway"
     NEVER_STARTED = "never started"
-    STUCK = "stuck"
+    NOT_MOVING = "not moving"
 
 
 @dataclass
@@ -161,10 +161,18 @@ class Run:
         if self._stop_ns is not None:
             return self._stopped(now_ns, self._stop_ns)
         if self._under_way_ns is None:
-            return Ending.NEVER_STARTED if now_ns - self._started_ns > START_S * NS_PER_S else None
+            return self._given_up(Ending.NEVER_STARTED) if now_ns - self._started_ns > START_S * NS_PER_S else None
         if self._complete(now_ns):
             return Ending.DONE
-        return Ending.STUCK if self._stuck(now_ns) else None
+        return self._given_up(Ending.NOT_MOVING) if self._stuck(now_ns) else None
+
+    def _given_up(self, ending: Ending) -> Ending:
+        """The ending, with its cause told."""
+        status, plan = self.result.monitor.status, self.result.monitor.plan
+        causes = before_arming(status) if status and status.missing_for_arming else ""
+        planned = plan.reason if plan and plan.reason else ""
+        self._tell(f"{ending.value}: {causes or planned or 'no process says why'}")
+        return ending
 
     def _complete(self, now_ns: int) -> bool:
         laps = self._options.target_laps

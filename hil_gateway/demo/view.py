@@ -157,11 +157,11 @@ def _headline(scene: Scene) -> RenderableType:
     text = Text(f" {status.action.value.upper()} ", style=f"bold reverse {COLOURS[status.action]}")
     text.append(f"  {status.cause}" if status.cause else "", style="reset")
     if status.missing_for_arming and status.action is FailsafeAction.SILENT:
-        text.append(f"  {_before_arming(status)}", style="reset yellow")
+        text.append(f"  {before_arming(status)}", style="reset yellow")
     return text
 
 
-def _before_arming(status: GatewayStatus) -> str:
+def before_arming(status: GatewayStatus) -> str:
     """What is still needed, in words: the first, and how many more."""
     missing = status.missing_for_arming
     more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
@@ -243,7 +243,7 @@ def line(scene: Scene) -> str:
     if status and status.cause:
         parts.append(f"({status.cause})")
     if status and status.action is FailsafeAction.SILENT and status.missing_for_arming:
-        parts.append(_before_arming(status))
+        parts.append(before_arming(status))
     if estimate:
         parts.append(f"{estimate.vx:5.1f} m/s, steering {math.degrees(estimate.steer):+5.1f} deg")
     if plan:

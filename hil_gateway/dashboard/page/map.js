@@ -10,7 +10,9 @@ let place = null;
 const ring = (edge) => edge.x.map((x, i) => `${i ? "L" : "M"}${x} ${-edge.y[i]}`).join("") + "Z";
 
 export function drawTrack(track) {
+  const lane = track.pit_lane;
   const outline = ring(track.left) + ring(track.right);
+  byId("lane").setAttribute("d", lane ? ring({ x: lane.left.x.concat(lane.right.x.toReversed()), y: lane.left.y.concat(lane.right.y.toReversed()) }) : "");
   byId("road").setAttribute("d", outline);
   byId("edges").setAttribute("d", outline);
   byId("track").textContent = track.name.replaceAll("_", " ");
@@ -37,11 +39,16 @@ export function follow(wanted) {
 
 // Where a source has fallen silent nothing of it is drawn as if it were now: no plan of a dead planner.
 export function drawCar({ estimate, plan }, ages) {
+  byId("nose").style.display = estimate && ages.estimate.alive ? "" : "none";
   byId("map").classList.toggle("stale", !ages.estimate.alive);
   if (estimate) {
     place = [estimate.x, estimate.y];
     byId("car").setAttribute("cx", estimate.x);
     byId("car").setAttribute("cy", -estimate.y);
+    const length = 2.5 * byId("car").getAttribute("r");
+    const ends = { x1: estimate.x, y1: -estimate.y, x2: estimate.x + length * Math.cos(estimate.yaw), y2: -estimate.y - length * Math.sin(estimate.yaw) };
+    for (const [name, value] of Object.entries(ends)) byId("nose").setAttribute(name, value);
+    byId("nose").classList.toggle("guess", estimate.lacks !== "");
     if (following) look();
   }
   const shown = plan && ages.plan.alive;

@@ -1,13 +1,16 @@
 // Everything on the page that is words and figures.
 import { byId, fill, fixed, item, known, lapTime, row, shape, short, signed, words } from "./format.js";
 
-export function drawFigures({ row: now, lap, messages, ages }, limit_s) {
+export function drawFigures({ row: now, place, lap, messages, ages }, limit_s) {
   const set = (id, text, fresh) => {
-    byId(id).textContent = text;
+    byId(id).textContent = fresh ? text : "–"; // what has fallen silent says nothing of now
     byId(id).parentElement.classList.toggle("stale", !fresh);
   };
   const [car, estimate] = [ages.vehicle_state.alive, ages.estimate.alive];
-  set("speed", fixed(known(now.speed) ? 3.6 * now.speed : messages.estimate && 3.6 * messages.estimate.vx, 0), estimate);
+  set("speed", fixed(known(now.speed) ? 3.6 * now.speed : null, 0), estimate);
+  set("across", heading(place), estimate);
+  byId("acrossof").textContent = place && !place.lacks ? `to the track, ± ${place.heading_std_deg.toFixed(1)}°` : "to the track";
+  set("lateral", place ? `${place.lateral_m < 0 ? "R" : "L"} ${Math.abs(place.lateral_m).toFixed(1)} m` : "–", estimate);
   set("lap", String(lap.number), estimate);
   set("laptime", lapTime(lap.current_s), estimate);
   set("delta", signed(lap.delta_s, 2, "s"), estimate);
@@ -23,6 +26,11 @@ export function drawFigures({ row: now, lap, messages, ages }, limit_s) {
   byId("limit").parentElement.classList.toggle("small", bites.length > 0);
 }
 
+function heading(place) {
+  if (!place) return "–";
+  return place.lacks ? "?" : `${signed(place.across_deg, 1, "")}`.trim() + "°";
+}
+
 export function drawHead({ state, messages, ages }, recording) {
   const gateway = messages.gateway_status;
   const shown = recording ? "REPLAY" : state.name;
@@ -31,8 +39,11 @@ export function drawHead({ state, messages, ages }, recording) {
   const heard = gateway && ages.gateway_status.alive;
   byId("action").textContent = heard ? words(gateway.action) : "no word from the gateway";
   byId("action").className = heard ? `pill ${gateway.action}` : "pill";
-  byId("why").textContent = [recording && state.name !== "LIVE" ? `at this moment ${state.name}` : "", recording ? "" : state.why, heard ? reason(gateway) : ""].filter(Boolean).join(" · ");
+  byId("why").textContent = [recording && state.name !== "LIVE" ? `at this moment ${state.name}` : "", recording ? "" : state.why, heard ? reason(gateway) : "", standing(messages.plan, gateway, ages), ages.estimate.alive ? "" : "no estimate: hil estimator run"].filter(Boolean).join(" · ");
 }
+
+// Before it is armed the gateway says the same.
+const standing = (plan, gateway, ages) => (gateway?.armed && plan && ages.plan.alive && plan.status === "not_moving" ? `not moving: ${plan.reason}` : "");
 
 function reason(gateway) {
   if (gateway.action === "drive") return "";

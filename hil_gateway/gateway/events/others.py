@@ -7,7 +7,7 @@ from typing import Any
 
 from hil_gateway.bus.event import EventKind, Severity
 from hil_gateway.bus.interface import Bus, LatestReader
-from hil_gateway.bus.messages import Alert, ModelRevision, Plan
+from hil_gateway.bus.messages import Alert, ModelRevision, Plan, PlanStatus
 from hil_gateway.bus.proposal import ModelProposal, Outcome
 from hil_gateway.bus.topics import ALERT, BELIEF, MODEL_PROPOSAL, MODEL_REVISION, PLAN, RECORDER_STATUS, Topic
 from hil_gateway.gateway.events.change import Change
@@ -35,6 +35,7 @@ class OtherProcesses:
         self._published, self._adopted = _Models(), _Models()
         self._effects: dict[str, str] = {}
         self._lap: tuple[int, int | None] | None = None
+        self._stands = False
 
     def step(self, now_ns: int) -> Iterator[Change]:
         """Changes since the last call."""
@@ -63,7 +64,10 @@ class OtherProcesses:
             yield _appeared(name) if alive else _quiet(name, age_s, limit_s)
 
     def _plan(self, now_ns: int, plan: Plan) -> Iterator[Change]:
-        """A model taken into use, a lap begun."""
+        """A model taken into use, a lap begun, a car that goes on standing."""
+        if (plan.status is PlanStatus.NOT_MOVING) != self._stands:
+            self._stands = not self._stands
+            yield _standing(plan) if self._stands else _driving_off()
         before = self._adopted.revision
         if plan.revision != before:
             effects = self._effects.get(plan.revision, self._adopted.effects)
@@ -76,6 +80,14 @@ class OtherProcesses:
         elif plan.lap > self._lap[0]:
             yield _lap_done(self._lap[0], plan.lap, self._lap[1], started_ns)
             self._lap = plan.lap, started_ns
+
+
+def _standing(plan: Plan) -> Change:
+    return Change(EventKind.PLAN, "", "not moving", plan.reason, Severity.WARNING)
+
+
+def _driving_off() -> Change:
+    return Change(EventKind.PLAN, "not moving", "moving", "the plan drives off")
 
 
 def _lap_done(before: int, after: int, began_ns: int | None, now_ns: int) -> Change:

@@ -232,6 +232,25 @@ def test_what_has_fallen_silent_leaves_a_gap_in_the_history_not_a_flat_line() ->
     assert columns["speed"] == [61.5, None] and columns["plan_ms"] == [12.5, None]
 
 
+def test_the_page_is_told_how_the_car_stands_on_the_track_and_nothing_of_a_dead_estimator() -> None:
+    bus, track, now_ns = LocalBus(), load_track(), 10**9
+    feed = Feed(bus, track, Config())
+    at = track.at(300.0)
+    x, y = at.x - 1.5 * math.sin(at.heading), at.y + 1.5 * math.cos(at.heading)
+    bus.publish(ESTIMATE, m.Estimate(
+        stamp_ns=now_ns, seq=1, state_stamp_ns=now_ns, valid=False, lacks="heading", x=x, y=y,
+        yaw=at.heading + 0.7, vx=0, vy=0, yaw_rate=0, bias_ax=0, bias_ay=0, bias_yaw_rate=0, steer=0, drive=0,
+        std=(0.1, 0.1, 0.5, *(0.1,) * 6),
+        innovations_rejected=0,
+    ))  # fmt: skip
+    place = feed.snapshot(now_ns)["place"]
+    assert place["lateral_m"] == pytest.approx(1.5, abs=0.02)
+    assert place["across_deg"] == pytest.approx(40.1, abs=0.3)
+    assert place["heading_std_deg"] == pytest.approx(28.6, abs=0.1)
+    assert place["lacks"] == "heading"
+    assert feed.snapshot(now_ns + 7 * 10**9)["place"] is None
+
+
 def test_the_history_is_bounded_and_a_page_that_is_loaded_later_gets_all_of_it() -> None:
     bus = LocalBus()
     feed = Feed(bus, load_track(), Config(), minutes=0.5)
@@ -434,6 +453,7 @@ def test_a_real_browser_shows_car_belief_and_alert_and_never_passes_old_figures_
         browser.wait_for("document.getElementById('state').textContent === 'LOST'")
         assert browser.evaluate("document.getElementById('action').className") == "pill"
         assert browser.evaluate("document.getElementById('speed').parentElement.className").strip() == "stale"
+        assert [browser.evaluate(TEXT.format(name)) for name in ("speed", "across", "lateral")] == ["–"] * 3
 
 
 @needs_browser
