@@ -6,7 +6,6 @@ is stated beside them, and the belief goes on from there while driving.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -15,12 +14,9 @@ from estimator.model.effect import DeclaredParameter, Effect
 from estimator.model.effects import catalogue
 from estimator.model.parameters import DEFAULT_TYRE, Layout
 from estimator.model.single_track import Stage
+from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
-
-TYRE_STD: Mapping[str, float] = {"cx": 0.10, "b": 0.20, "c": 0.08, "d": 0.15}
-"""relative; grip of a set of tyres on a track differs by a fifth at most from what is declared, the shape of the curve
-by less, the slip at which it peaks by more; C_x has the engine's force per unit of command"""
 
 
 def declared_effects(vehicle: Vehicle) -> dict[str, dict[str, DeclaredParameter]]:
@@ -38,14 +34,21 @@ def _declared(effect: Effect, vehicle: Vehicle) -> tuple[DeclaredParameter, ...]
     """Of the parameters of an effect; the deviation of a ratio to a tyre parameter has that one's too."""
     assert effect.declare is not None
     return tuple(
-        replace(p, std=float(np.hypot(p.std, p.value * TYRE_STD[p.over]))) if p.over else p
+        replace(p, std=float(np.hypot(p.std, p.value * relative_std(p.over)))) if p.over else p
         for p in effect.declare(vehicle)
     )
 
 
 def declared_tyre_std(layout: Layout) -> dict[str, float]:
     """Standard deviation of every declared tyre parameter of a race car, SI."""
-    return {name: value * TYRE_STD["cx" if name == "cx" else name[0]] for name, value in DEFAULT_TYRE[layout].items()}
+    car = load_car()
+    return {name: car.std(f"tyres.{name}") for name in DEFAULT_TYRE[layout]}
+
+
+def relative_std(name: str) -> float:
+    """Standard deviation of a declared tyre parameter over its value."""
+    car = load_car()
+    return car.std(f"tyres.{name}") / float(getattr(car.tyres, name))
 
 
 def declared_covariance(layout: Layout, vehicle: Vehicle) -> Array:
@@ -56,5 +59,5 @@ def declared_covariance(layout: Layout, vehicle: Vehicle) -> Array:
     for row, p in enumerate(known, len(tyres)):
         if p.over:
             column = [*tyres].index(p.over)
-            covariance[row, column] = covariance[column, row] = -p.value * TYRE_STD[p.over] * tyres[p.over]
+            covariance[row, column] = covariance[column, row] = -p.value * relative_std(p.over) * tyres[p.over]
     return covariance

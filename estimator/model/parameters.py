@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Literal
+
+from hil_gateway.car.car import load_car
 
 Layout = Literal["shared", "per_axle"]
 
@@ -67,10 +69,28 @@ class Parameter:
     quantity: Quantity | None = None
 
 
-DEFAULT_TYRE: Mapping[Layout, Mapping[str, float]] = {
-    "shared": {"cx": 50000.0, "b": 9.5, "c": 1.4, "d": 1.35},
-    "per_axle": {"cx": 50000.0, "bf": 9.0, "cf": 1.35, "df": 1.3567, "br": 10.0, "cr": 1.4, "dr": 1.3392},
+LAYOUTS: Mapping[Layout, tuple[str, ...]] = {
+    "shared": ("cx", "b", "c", "d"),
+    "per_axle": ("cx", "bf", "cf", "df", "br", "cr", "dr"),
 }
+"""layout -> its tyre parameters, in the order of theta"""
+
+
+class _DeclaredTyres(Mapping[Layout, Mapping[str, float]]):
+    """Prior of every layout, of the car that is operated."""
+
+    def __getitem__(self, layout: Layout) -> Mapping[str, float]:
+        tyres = load_car().tyres
+        return {name: getattr(tyres, name) for name in LAYOUTS[layout]}
+
+    def __iter__(self) -> Iterator[Layout]:
+        return iter(LAYOUTS)
+
+    def __len__(self) -> int:
+        return len(LAYOUTS)
+
+
+DEFAULT_TYRE: Mapping[Layout, Mapping[str, float]] = _DeclaredTyres()
 
 _Kind = tuple[str, float, tuple[float, float], tuple[float, float], str]
 # kind -> (unit, prior std over prior, lower and upper over prior, absolute bounds, description)
@@ -100,7 +120,7 @@ def _tyre_parameter(name: str, value: float) -> Parameter:
 
 
 def tyre_parameters(layout: Layout, prior: Mapping[str, float] | None = None) -> tuple[Parameter, ...]:
-    """Tyre parameter table of a layout around `prior` (default: the AV-24 numbers), in the order of theta.
+    """Tyre parameter table of a layout around `prior` (default: the car's), in the order of theta.
 
     Raises:
         ValueError: a parameter is missing, unknown or not positive.

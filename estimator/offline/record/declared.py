@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from estimator.model.parameters import DEFAULT_TYRE, Layout, layout_of, tyre_limits
 from estimator.model.tyre import AXLES, front_and_rear
+from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 from hil_gateway.text_file import read_json
@@ -21,13 +22,13 @@ a slip of a digit in mass, yaw inertia or an axle's place lies outside"""
 
 
 def read_vehicle(path: Path | None) -> Vehicle:
-    """Vehicle data; the AV-24's where no file is given.
+    """Vehicle data; the car's where no file is given.
 
     Raises:
         InputError: unreadable file, unknown key, missing or impossible value.
     """
     if path is None:
-        return Vehicle()
+        return load_car().vehicle
     data = _read_object(path)
     for key in ("mass", "yaw_inertia", "lf", "lr"):
         if key not in data:
@@ -49,9 +50,9 @@ def read_vehicle(path: Path | None) -> Vehicle:
 
 
 def default_tyre_prior(layout: Layout, vehicle: Vehicle) -> Mapping[str, float]:
-    """The AV-24's tyres, with C_x in proportion to the weight they carry: B, C and D have no such scale."""
+    """The car's tyres, with C_x in proportion to the weight they carry: B, C and D have no such scale."""
     values = DEFAULT_TYRE[layout]
-    return {**values, "cx": values["cx"] * vehicle.mass / Vehicle().mass}
+    return {**values, "cx": values["cx"] * vehicle.mass / load_car().vehicle.mass}
 
 
 def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle | None = None) -> Mapping[str, float]:
@@ -63,7 +64,7 @@ def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle | None =
         InputError: unreadable file, unknown key, missing, non-numeric or not positive value.
     """
     if path is None:
-        return default_tyre_prior(layout, vehicle or Vehicle())
+        return default_tyre_prior(layout, vehicle or load_car().vehicle)
     data = _read_object(path)
     given = layout_of(data)
     names = tuple(DEFAULT_TYRE[given])
