@@ -23,8 +23,8 @@ from hil_gateway.process.errors import InputError
 
 LIMITS, FAILSAFE = "hil_gateway.gateway.act.limits", "hil_gateway.gateway.decide.failsafe"
 TARGETS: dict[str, tuple[str, ...]] = {
-    LIMITS: ("tests/unit/hil_gateway/gateway/test_limits.py",),
-    FAILSAFE: ("tests/unit/hil_gateway/gateway/test_failsafe.py",),
+    LIMITS: ("tests/unit/hil_gateway/gateway/act/test_limits.py",),
+    FAILSAFE: ("tests/unit/hil_gateway/gateway/decide/test_failsafe.py",),
     "can_dbc.codec": ("tests/unit/can_dbc/test_codec.py", "tests/property/test_codec_properties.py"),
 }
 """Module -> the tests that must notice."""

@@ -98,5 +98,5 @@ def test_a_full_course_yellow_slows_the_car_to_the_caution_speed(named_mph: tupl
 
 
 def test_the_documented_fault_model_is_the_simulated_one() -> None:
-    text = (Path(__file__).resolve().parents[4] / "docs" / "failsafe.md").read_text()
+    text = (Path(__file__).resolve().parents[5] / "docs" / "failsafe.md").read_text()
     assert markdown() in text, "docs/failsafe.md: replace its fault model with car_faults.markdown()"
