@@ -100,7 +100,7 @@ class Planner:
         e = self._estimate.latest.message
         stamps = Stamps(now_ns, self._seq, 0 if e is None else e.state_stamp_ns)
         self._seq += 1
-        return self._publish(decision, self.adoption, stamps, lambda: self._stopwatch() - started)
+        return self._publish(decision, self.adoption.in_force, stamps, lambda: self._stopwatch() - started)
 
     def store_limits(self) -> None:
         """Write the load limits the next run may use, if a file is configured."""
@@ -264,7 +264,7 @@ class Planner:
         """Why a solution must not be published; empty when it may."""
         if not solution.usable:
             return f"solver: {solution.status.value}"
-        found = self._check(self.adoption.controller, self.adoption.current, solution)
+        found = self._check(self.adoption.controller, self.adoption.current.revised, solution)
         return f"not accepted: {'; '.join(found)}" if found else ""
 
     def _overreaches(self) -> bool:

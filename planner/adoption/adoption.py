@@ -28,6 +28,7 @@ from planner.line.envelope import SPEED_LEFT, Brakes, envelope_of
 from planner.line.raceline import OptimisedLine, raceline_for
 from planner.line.track import Reference
 from planner.plan.controller import Controller, TyreKnowledge
+from planner.plan.publishing import InForce
 from planner.problem.load_limits import LoadLimits, judged_limits
 from planner.problem.mpcc import Problem
 from planner.problem.settings import Settings
@@ -95,6 +96,11 @@ class Adoption:
     def controller(self) -> Controller:
         """The controller to plan with."""
         return self.current.controller
+
+    @property
+    def in_force(self) -> InForce:
+        """What a plan is published of."""
+        return InForce(self.controller, self.current.revision.revision, self.delivered.sent)
 
     def offer(self, revision: ModelRevision) -> None:
         """Consider a revision from the estimator."""

@@ -10,7 +10,6 @@ import numpy as np
 from estimator.belief.revision import RevisedModel
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
-from planner.adoption.adoption import Adopted
 from planner.line.raceline import OptimisedLine
 from planner.plan import acceptance
 from planner.plan.acceptance import ACROSS, SHARES, Bounds, Check
@@ -41,7 +40,7 @@ class PlanCheck:
         self.first_loads, self.first_across, self.worst_load = (0.0, 0.0), (0.0, 0.0), 0.0
         self.first_gain = 0.0
 
-    def __call__(self, controller: Controller, adopted: Adopted, solution: Solution) -> list[str]:
+    def __call__(self, controller: Controller, revised: RevisedModel, solution: Solution) -> list[str]:
         """Limits the solution breaks, in words; empty when it may be published."""
         bounds = self._bounds_of(controller.knowledge.load_max, float(solution.z[7, 0]))
         roadside, check = self._beside(controller.reference.line), controller.checked
@@ -49,7 +48,7 @@ class PlanCheck:
             plan = acceptance.Plan(check.lay_out(solution.z, solution.information, roadside))
         else:
             plan = plan_of(solution, roadside)
-        found = self._with_parameters(controller, adopted)(plan, bounds)
+        found = self._with_parameters(controller, revised)(plan, bounds)
         front, rear = found.first[SHARES]
         self.first_loads, self.worst_load = (front, rear), max(found.largest[SHARES])
         front, rear = found.first[ACROSS]
@@ -67,9 +66,9 @@ class PlanCheck:
             return bounds
         return self._bounds
 
-    def _with_parameters(self, controller: Controller, adopted: Adopted) -> Check:
+    def _with_parameters(self, controller: Controller, revised: RevisedModel) -> Check:
         """With the tyres that the plan is made for, and effect parameters at the start of the lap's profiles."""
-        revised, knowledge = adopted.revised, controller.knowledge
+        knowledge = controller.knowledge
         if self._check is None or self._for is None or self._for[0] is not revised or self._for[1] is not knowledge:
             self._for = revised, knowledge
             phi = revised.phi_at(np.zeros(1))[:, 0]

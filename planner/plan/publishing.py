@@ -13,7 +13,7 @@ from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Command, Plan, PlanStatus
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
-from planner.adoption.adoption import Adoption
+from planner.plan.controller import Controller
 from planner.plan.fallback import Trajectory
 from planner.plan.prediction import Actuators
 from planner.problem.motion import DRIVE, STATES, STEER, S
@@ -34,6 +34,15 @@ class Decision:
 
 
 @dataclass(frozen=True)
+class InForce:
+    """Controller that plans, the revision of its model, and the drive command to send for one by its force."""
+
+    controller: Controller
+    revision: str
+    sent: Callable[[float], float]
+
+
+@dataclass(frozen=True)
 class Stamps:
     """Time and number of both messages, and the stamp of the vehicle state they answer."""
 
@@ -48,21 +57,21 @@ class Publisher:
     def __init__(self, config: Config, bus: Bus, actuators: Actuators, settings: Settings) -> None:
         self._bus, self._actuators, self._settings, self._train = bus, actuators, settings, config.powertrain
 
-    def __call__(self, decision: Decision, adoption: Adoption, stamps: Stamps, took_ns: Callable[[], int]) -> Plan:
+    def __call__(self, decision: Decision, model: InForce, stamps: Stamps, took_ns: Callable[[], int]) -> Plan:
         """Command, then the plan, with how long it took until then; the plan."""
         z = decision.plan.z
-        self._bus.publish(topics.COMMAND, self._command(z, adoption, stamps))
+        self._bus.publish(topics.COMMAND, self._command(z, model, stamps))
         rows = z.tolist()
         message = Plan(
             **vars(stamps), status=decision.status, reason=decision.reason, dt=self._settings.dt,
             **{name: rows[number] for name, number in PUBLISHED.items()},
-            lap=max(0, int(z[S, 0] // adoption.controller.reference.length)),
-            revision=adoption.current.revision.revision, solve_ms=took_ns() / 1e6, information_gain=decision.gain,
+            lap=max(0, int(z[S, 0] // model.controller.reference.length)),
+            revision=model.revision, solve_ms=took_ns() / 1e6, information_gain=decision.gain,
         )  # fmt: skip
         self._bus.publish(topics.PLAN, message)
         return message
 
-    def _command(self, z: Array, adoption: Adoption, stamps: Stamps) -> Command:
+    def _command(self, z: Array, model: InForce, stamps: Stamps) -> Command:
         """That takes the actuators from stage 0 to stage 1 of states z (NZ, N+1) through their lag."""
         actuators, limits, dt, train = self._actuators, self._settings.limits, self._settings.dt, self._train
         steer = actuators.lead(float(z[STEER, 0]), float(z[STEER, 1]), dt, actuators.steer_lag)
@@ -70,8 +79,8 @@ class Publisher:
         drive = within(drive, limits.drive_min, limits.drive_max)
         return Command(
             **vars(stamps), source="planner", steer=within(steer, -limits.steer, limits.steer),
-            drive=max(adoption.delivered.sent(drive), -train.hardest_braking / train.force_per_drive),
-            brake_balance=adoption.controller.brake_balance(z[:, 0], drive),
+            drive=max(model.sent(drive), -train.hardest_braking / train.force_per_drive),
+            brake_balance=model.controller.brake_balance(z[:, 0], drive),
         )  # fmt: skip
 
 

@@ -293,4 +293,4 @@ def test_a_plan_for_tyres_that_deliver_less_is_judged_by_what_they_deliver() -> 
     z0 = start_state(controller, 500.0, 0.7)
     controller.cold_start(z0, clock)
     solution = controller.solve(z0, clock, 10)
-    assert PlanCheck(settings)(controller, adoption.current, solution) == []
+    assert PlanCheck(settings)(controller, adoption.current.revised, solution) == []
