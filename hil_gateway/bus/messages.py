@@ -310,6 +310,8 @@ class GatewayStatus(Message):
     loop_latency_p50_ms: Parameter | None
     loop_latency_p99_ms: Parameter | None
     detail: Text = Field(default="", description="who was late, for how long, load and remedy, if lateness stopped it")
+    command_source: Name = Field(default="", description="who has the right to command; empty: nobody yet")
+    second_source: Name = Field(default="", description="who sends commands that are refused for it, of late")
 
 
 class Alert(Message):

@@ -198,7 +198,7 @@ class Gateway:
 
     def _report(self, situation: Situation) -> None:
         """What is due more slowly: status and tyres."""
-        status = self._reporter.status(situation, self.decision, self.builder, self._link, self._actor)
+        status = self._reporter.status(situation, self.decision, self.builder, self._link, self._actor, self.inbox)
         if status is not None:
             self._bus.publish(topics.GATEWAY_STATUS, status)
         if (tyres := self._tyres.message(situation.now_ns)) is not None:

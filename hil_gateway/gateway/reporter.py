@@ -10,6 +10,7 @@ from hil_gateway.gateway.act.actor import Actor
 from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import missing_for_arming
 from hil_gateway.gateway.decide.race_control import missing_for_crank
+from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.gateway.rolling import Rolling
 from hil_gateway.process.clock import NS_PER_S
@@ -50,8 +51,14 @@ class Reporter:
             self._answered_seq = command.seq
             self._latency_ms.add((now_ns - command.state_stamp_ns) / 1e6)
 
-    def status(
-        self, situation: Situation, decision: Decision, builder: VehicleStateBuilder, link: CanLink, actor: Actor
+    def status(  # noqa: PLR0917 - parts of the gateway that have something to say
+        self,
+        situation: Situation,
+        decision: Decision,
+        builder: VehicleStateBuilder,
+        link: CanLink,
+        actor: Actor,
+        inbox: Inbox,
     ) -> GatewayStatus | None:
         """The message, when it is due."""
         if situation.now_ns < self._due_ns:
@@ -82,6 +89,8 @@ class Reporter:
             loop_latency_p50_ms=self._latency_ms.quantile(0.5),
             loop_latency_p99_ms=self._latency_ms.quantile(0.99),
             detail=self._detail,
+            command_source=inbox.command_source,
+            second_source=inbox.second_source,
         )
 
     def _missing_for_crank(self, situation: Situation, decision: Decision) -> tuple[str, ...]:

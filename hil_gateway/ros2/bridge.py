@@ -10,8 +10,10 @@ from hil_gateway.bus.ros2_status import Ros2Status
 from hil_gateway.can_link import CanLink
 from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.process.lifecycle import worth_a_line
 from hil_gateway.ros2 import topics as ros
 from hil_gateway.ros2.graph import Graph
+from hil_gateway.ros2.incoming import NAME_MAX, Incoming
 from hil_gateway.ros2.outgoing import WARN, Status
 from hil_gateway.ros2.publishing import Publishing
 from hil_gateway.ros2.session import RosNode
@@ -41,6 +43,7 @@ class Bridge:
         self._publishing = Publishing(bus, config.vehicle, types, node)
         taken, published = ([(t.name, types.of(t.type)) for t in f(config)] for f in (taken_topics, published_topics))
         self.graph = Graph(node.session, taken, published)
+        self._incoming = Incoming(config, types, node.session, self.graph.sender)
         self._notes: tuple[str, ...] = ()
         self._status_ns = self._seq = 0
 
@@ -48,9 +51,22 @@ class Bridge:
         """Pass on what has arrived; `unix_offset_ns` turns monotonic stamps into Unix time."""
         self._watch_graph()
         self._publishing.step(now_ns, unix_offset_ns, self._link.receive(0.0), (self._diagnosis(),))
+        self._take_commands(now_ns, unix_offset_ns)
         if now_ns >= self._status_ns:
             self._status_ns = now_ns + STATUS_PERIOD_NS
             self._bus.publish(topics.ROS2_STATUS, self._status(now_ns))
+
+    def _take_commands(self, now_ns: int, unix_offset_ns: int) -> None:
+        """At most one command a step, of the newest messages; each reason to refuse is logged ever more rarely."""
+        fresh = False
+        for received in self._node.received():
+            reason = self._incoming.take(received, now_ns, unix_offset_ns)
+            fresh = fresh or not reason
+            if reason and worth_a_line(self._incoming.refused[reason]):
+                log.warning("command not taken, no. %d: %s", self._incoming.refused[reason], reason)
+        command = self._incoming.command(now_ns, self._publishing.state.message) if fresh else None
+        if command is not None:
+            self._bus.publish(topics.ROS2_COMMAND, command)
 
     def _watch_graph(self) -> None:
         """Log what is new of the notes."""
@@ -81,7 +97,7 @@ class Bridge:
             session=self._node.session,
             nodes=self.graph.nodes,
             sent=self._publishing.sent,
-            taken=0,
-            refused={},
+            taken=self._incoming.taken,
+            refused={reason[:NAME_MAX]: count for reason, count in self._incoming.refused.items()},
             notes=self._notes[:NOTES_MAX],
         )

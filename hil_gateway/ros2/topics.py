@@ -35,14 +35,11 @@ STATE = (ODOMETRY, IMU, PLAN, TF, TF_STATIC, DIAGNOSTICS)
 STEERING_CMD = RosTopic(f"{RAPTOR}/steering_cmd", "raptor_dbw_msgs/msg/SteeringCmd")
 ACCELERATOR_CMD = RosTopic(f"{RAPTOR}/accelerator_pedal_cmd", "raptor_dbw_msgs/msg/AcceleratorPedalCmd")
 BRAKE_CMD = RosTopic(f"{RAPTOR}/brake_cmd", "raptor_dbw_msgs/msg/BrakeCmd")
-GEAR_CMD = RosTopic(f"{RAPTOR}/gear_cmd", "std_msgs/msg/UInt8")
-GEAR_CMD_SIGNED = RosTopic(f"{RAPTOR}/gear_cmd", "std_msgs/msg/Int8")
-"""as some teams publish it"""
 ACKERMANN_CMD = RosTopic("/av24/ackermann_cmd", "ackermann_msgs/msg/AckermannDriveStamped")
 
 COMMANDS: dict[str, tuple[RosTopic, ...]] = {
     "none": (),
-    "raptor": (STEERING_CMD, ACCELERATOR_CMD, BRAKE_CMD, GEAR_CMD, GEAR_CMD_SIGNED),
+    "raptor": (STEERING_CMD, ACCELERATOR_CMD, BRAKE_CMD),
     "ackermann": (ACKERMANN_CMD,),
 }
 """`ros2.commands` -> topics that are taken"""

@@ -57,6 +57,10 @@ class Seen:
     """who was late, where that is why the car is being stopped"""
     second_computer: bool = False
     """another computer on this bus reports its ct_state"""
+    command_source: str = ""
+    """who has the right to command"""
+    second_source: str = ""
+    """who sends commands without it"""
 
     @classmethod
     def of(  # noqa: PLR0917 - what a period shows
@@ -98,6 +102,13 @@ def changes(before: Seen, after: Seen) -> Iterator[Change]:
     if after.second_computer and not before.second_computer:
         text = "another computer reports its ct_state: is a second gateway running?"
         yield Change(EventKind.BUS, "", "second computer", text, Severity.WARNING)
+    if after.second_source and after.second_source != before.second_source:
+        yield _second_source(after)
+
+
+def _second_source(seen: Seen) -> Change:
+    text = f"commands of {seen.second_source} are refused: {seen.command_source} has the right to command"
+    return Change(EventKind.PROCESS, "", "second source of commands", text, Severity.WARNING)
 
 
 def _failsafe(before: Failsafe, after: Seen) -> Change:

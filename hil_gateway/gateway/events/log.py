@@ -42,6 +42,8 @@ class EventLog:
             ct_state = gateway.decision.race_control.ct_state
             second = gateway.builder.foreign_reports(now_ns)
             seen = Seen.of(gateway.failsafe, ct_state, *gateway.seen, bus_state, gateway.late, second)
+            inbox = gateway.inbox
+            seen = replace(seen, command_source=inbox.command_source, second_source=inbox.second_source)
             found, self._seen = list(changes(self._seen, seen)), seen
         for change in chain(found, self._others.step(now_ns)):
             self._publish(now_ns, change)

@@ -6,9 +6,12 @@ from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, OperatorAction, OperatorCommand, Plan
-from hil_gateway.gateway.decide.command_gate import CommandGate
+from hil_gateway.gateway.decide.command_gate import CommandGate, Refusal
+from hil_gateway.process.clock import NS_PER_S
 
 COMMAND_QUEUE = 16
+SECOND_SOURCE_NS = NS_PER_S
+"""how long a refused sender is named"""
 OPERATOR_QUEUE = 1024
 """Requests of a period that are all looked at: a flood of others does not displace the one to stop."""
 STARTS = (OperatorAction.ARM, OperatorAction.CRANK)
@@ -26,13 +29,16 @@ class Inbox:
 
     def __init__(self, bus: Bus, latency_max_s: float) -> None:
         """`latency_max_s`: commands about older states are not taken."""
-        self._commands = bus.subscribe(topics.COMMAND, depth=COMMAND_QUEUE)
+        self._commands = [bus.subscribe(t, depth=COMMAND_QUEUE) for t in (topics.COMMAND, topics.ROS2_COMMAND)]
         self._operator = bus.subscribe(topics.OPERATOR, depth=OPERATOR_QUEUE)
         self._plan = LatestReader(bus, topics.PLAN)
         self._estimate = LatestReader(bus, topics.ESTIMATE)
         self._starts_seen: set[tuple[str, str, int, int]] = set()
         self.gate = CommandGate(latency_max_s)
         self.refused: dict[str, int] = {}
+        self.second_source = ""
+        """who sends commands without having the right to; empty: nobody, of late"""
+        self._second_ns = 0
 
     @property
     def plan(self) -> Latest[Plan]:
@@ -44,12 +50,21 @@ class Inbox:
         """The newest estimate."""
         return self._estimate.latest
 
+    @property
+    def command_source(self) -> str:
+        """Who has the right to command; empty before the first command."""
+        return "" if self.gate.newest is None else self.gate.newest.source
+
     def read_commands(self, now_ns: int, armed: bool) -> None:
         """Offer every command that arrived to the gate."""
-        for command in self._commands.poll(now_ns):
+        for command in (command for source in self._commands for command in source.poll(now_ns)):
             refusal = self.gate.offer(command, now_ns, armed)
             if refusal is not None:
                 self.refused[refusal] = self.refused.get(refusal, 0) + 1
+            if refusal is Refusal.SECOND_SOURCE:
+                self.second_source, self._second_ns = command.source, now_ns
+        if now_ns - self._second_ns > SECOND_SOURCE_NS:
+            self.second_source = ""
 
     def read_plan(self, now_ns: int) -> Plan | None:
         """The plan that arrived this period, if one did."""

@@ -19,12 +19,14 @@ from hil_gateway.ros2 import topics as ros
 from hil_gateway.ros2.outgoing import Outgoing
 from hil_gateway.ros2.session import ZenohRosNode
 from hil_gateway.ros2.settings import Ros2Config
+from hil_gateway.ros2.topics import RosTopic
 from hil_gateway.ros2.types import Types
 
 TYPES = Types("av24")
 ODOMETRY = "nav_msgs::msg::dds_::Odometry_", "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0"
 GEAR = "std_msgs::msg::dds_::UInt8_", "RIHS01_6138bd83d8c3569cb80a667db03cfc1629f529fee79d944c39c34e352e72f010"
 AXLES = "tf2_msgs::msg::dds_::TFMessage_", "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
+GEAR_CMD = RosTopic("/team/gear", "std_msgs/msg/UInt8")
 STEERING = (
     "raptor_dbw_msgs::msg::dds_::SteeringCmd_",
     "RIHS01_72266606c0bbda469d7504a11cbb10970055335f7d09ee364dc04ccd1b178ce5",
@@ -108,13 +110,13 @@ def test_peer_lists_and_echoes_what_the_bridge_publishes(bridge, port):
 
 
 def test_bridge_takes_what_a_peer_publishes_with_its_sequence_and_time(bridge, port):
-    bridge.subscribe(ros.GEAR_CMD)
+    bridge.subscribe(GEAR_CMD)
     with Peer(port, "driver") as peer:
-        peer.publish(ros.GEAR_CMD.name, *GEAR, b"\0\1\0\0\3", source_ns=123)  # declares
+        peer.publish(GEAR_CMD.name, *GEAR, b"\0\1\0\0\3", source_ns=123)  # declares
         until(lambda: any("/MP/%/%/driver/" in token for token, _ in bridge.graph_changes()))
-        got = until(lambda: peer.publish(ros.GEAR_CMD.name, *GEAR, b"\0\1\0\0\4", source_ns=456) or bridge.received())
+        got = until(lambda: peer.publish(GEAR_CMD.name, *GEAR, b"\0\1\0\0\4", source_ns=456) or bridge.received())
     newest = got[-1]
-    assert newest.topic == ros.GEAR_CMD
+    assert newest.topic == GEAR_CMD
     assert (newest.data[-1], newest.attachment.source_ns) in ((3, 123), (4, 456))
     assert newest.attachment.sequence >= 1
 
@@ -200,14 +202,14 @@ def test_another_implementation_subscribes_and_publishes(bridge, sdk):
     from hil_gateway.can_link import Frame
 
     bridge.advertise(ros.FRAMES)
-    bridge.subscribe(ros.GEAR_CMD)
+    bridge.subscribe(GEAR_CMD)
     of = TYPES.of(ros.FRAMES.type)
     got: list[Any] = []
     subscriber = ROS2Subscriber(
         ros.FRAMES.name, "can_msgs/msg/Frame", got.append, msg_definition=FRAME, type_hash=of.hash, **sdk
     )
     publisher = ROS2Publisher(
-        ros.GEAR_CMD.name, "std_msgs/msg/UInt8", msg_definition="uint8 data", type_hash=GEAR[1], **sdk
+        GEAR_CMD.name, "std_msgs/msg/UInt8", msg_definition="uint8 data", type_hash=GEAR[1], **sdk
     )
     try:
         frame = Outgoing(TYPES).frame(Frame(0x514, b"\1\2\3", 0), 9 * 10**9)
