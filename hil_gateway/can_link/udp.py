@@ -25,6 +25,9 @@ SENDERS_REMEMBERED = 64
 # msgpack: map of 5; fixed-width unsigned 32 and 64 bit; strings of 14, 7, 9 and 4 bytes; then the data with its length
 _MAP_ID = b"\x85\xaearbitration_id\xce"
 _CHANNEL = b"\xaeis_extended_id\xc2\xa7channel\xac"
+_EXTENDED_CHANNEL = _CHANNEL.replace(b"\xc2", b"\xc3", 1)
+_LARGEST = {_CHANNEL: STANDARD_ID_MAX, _EXTENDED_CHANNEL: EXTENDED_ID_MAX}
+"""whether it is an extended one -> largest identifier"""
 _SEQUENCE = b"\xa9timestamp\xcf"
 _DATA = b"\xa4data\xc4"
 _HEADER = Struct(f">{len(_MAP_ID)}sI{len(_CHANNEL)}s12s{len(_SEQUENCE)}sQ{len(_DATA)}sB")
@@ -62,15 +65,15 @@ class UdpLink(SocketLink):
             return self._parse_foreign(payload, stamp_ns)
         _, frame_id, channel, sender, sequence_key, sequence, data_key, length = _HEADER.unpack_from(payload)
         data = payload[_HEADER.size :]
-        ours = channel == _CHANNEL and sequence_key == _SEQUENCE and data_key == _DATA
-        if not ours or len(data) != length or length > DLC_MAX or frame_id > STANDARD_ID_MAX:
+        ours = sequence_key == _SEQUENCE and data_key == _DATA
+        if not ours or len(data) != length or length > DLC_MAX or frame_id > _LARGEST.get(channel, -1):
             return self._parse_foreign(payload, stamp_ns)
         if sender == self._sender:
             return None
         if sequence != self._next.get(sender):
             self._count_gap(sender, sequence)
         self._next[sender] = sequence + 1
-        return Frame(frame_id, data, stamp_ns)
+        return Frame(frame_id if channel == _CHANNEL else frame_id | EXTENDED_ID, data, stamp_ns)
 
     def _parse_foreign(self, payload: bytes, stamp_ns: int) -> Frame | None:
         """A datagram of python-can itself, or of anybody: anything can be sent to an open port."""
@@ -86,7 +89,9 @@ class UdpLink(SocketLink):
 
     def _pack(self, frame_id: int, data: bytes) -> bytes:
         sequence, self._sequence = self._sequence, self._sequence + 1
-        header = (_MAP_ID, frame_id, _CHANNEL, self._sender, _SEQUENCE, sequence, _DATA, len(data))
+        channel = _EXTENDED_CHANNEL if frame_id & EXTENDED_ID else _CHANNEL
+        number = frame_id & ~EXTENDED_ID
+        header = (_MAP_ID, number, channel, self._sender, _SEQUENCE, sequence, _DATA, len(data))
         return _HEADER.pack(*header) + data
 
     def _transmit(self, target: socket.socket, payload: bytes) -> None:

@@ -34,7 +34,8 @@ class VirtualLink:
         return frames
 
     def send(self, frame_id: int, data: bytes) -> bool:
-        message = self._can.Message(arbitration_id=frame_id, data=data, is_extended_id=False)
+        extended = bool(frame_id & EXTENDED_ID)
+        message = self._can.Message(arbitration_id=frame_id & ~EXTENDED_ID, data=data, is_extended_id=extended)
         try:
             self._bus.send(message)
         except self._can.CanError:

@@ -67,6 +67,13 @@ def test_frames_keep_their_order_and_are_stamped_on_the_monotonic_clock(links: l
     assert links[0].stats().sent == 200
 
 
+def test_a_29_bit_identifier_arrives_as_one(links: list[CanLink]) -> None:
+    for frame_id in (0x18FF1001 | EXTENDED_ID, 0x001 | EXTENDED_ID, 0x001):
+        assert links[0].send(frame_id, b"ab")
+    assert [f.id for f in collect(links[1], 3)] == [0x18FF1001 | EXTENDED_ID, 0x001 | EXTENDED_ID, 0x001]
+    assert links[1].stats().malformed == 0
+
+
 def test_receive_waits_no_longer_than_told(links: list[CanLink]) -> None:
     started = time.monotonic()
     assert links[0].receive(0.05) == []
