@@ -18,7 +18,7 @@ from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.adoption.adoption import Adoption
 from planner.line.joining import Joining
-from planner.line.telling import LineTeller
+from planner.line.line_publisher import LinePublisher
 from planner.plan.checks import PlanCheck
 from planner.plan.fallback import STANDSTILL, Stopping, Trajectory, shifted, stop_plan
 from planner.plan.first_metres import straight_ahead
@@ -74,7 +74,7 @@ class Planner:
         self._unmoved = Unmoved()
         self._newest_applied: Applied | None = None
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
-        self._teller = LineTeller(bus)
+        self._teller = LinePublisher(bus)
         self._publish = Publisher(config, bus, self._actuators, self.settings)
 
     def step(self, now_ns: int) -> Plan | None:
@@ -147,7 +147,7 @@ class Planner:
         car: Car = (e.x, e.y, e.yaw, e.vx, e.vy, e.yaw_rate)
         if not (credible(car, self._track) and math.isfinite(e.drive) and math.isfinite(e.steer)):
             return None
-        self.adoption.feel(e.delivered)
+        self.adoption.take_delivered(e.delivered)
         controller = self.adoption.controller
         turns = round((float(controller.sqp.z[2, 0]) - e.yaw) / math.tau)
         car = (e.x, e.y, e.yaw + math.tau * turns, e.vx, e.vy, e.yaw_rate)
@@ -281,7 +281,7 @@ class Planner:
         front, rear = (min(share, most) * limit for share, limit in zip(self._check.first_across, limits, strict=True))
         estimate = self._estimate.latest.message
         assert estimate is not None
-        for held, load in zip(self._held, self.adoption.borne((front, rear), estimate), strict=True):
+        for held, load in zip(self._held, self.adoption.carried((front, rear), estimate), strict=True):
             held.push(load)
         before = self.adoption.held
         self.adoption.held = LoadLimits(

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.belief.delivery import Delivery
-from estimator.belief.monitor import ResidualMonitor
 from estimator.belief.relinearised import RelinearisedBelief
+from estimator.belief.residual_monitor import ResidualMonitor
 from estimator.belief.revision import RevisedModel, RevisionPolicy, learns_effects, model_of, unusable
 from estimator.belief.tyre_belief import BeliefSettings, TyreBelief
 from hil_gateway.bus.messages import ModelRevision

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimator.learner.taught import SPREAD
+from estimator.learner.learnt_model import SPREAD
 from estimator.model.extra_load import extra_load
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Estimate, Plan, VehicleState

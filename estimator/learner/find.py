@@ -1,8 +1,8 @@
 """What the laps so far say that the model in force lacks: search, two models as they would be driven, their scores.
 
 The last lap is held out. Both models, re-fitted with and without new effects, are learnt from the other laps in the
-same way (`taught`) and scored as the planner would use them; an effect that spoils the prediction is left out. A pure
-function: the process that runs it may be anywhere.
+same way (`learnt_model`) and scored as the planner would use them; an effect that spoils the prediction is left out.
+A pure function: the process that runs it may be anywhere.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from estimator.drive_log.derived import BY_STATE_FILTER
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.learner.active import active_effects, parameter_std
 from estimator.learner.known_road import with_road
+from estimator.learner.learnt_model import SPREAD, LapColumns, learnt_model, parameters_of
 from estimator.learner.rule import IDLE, Errors, mean_ratio, why_not
-from estimator.learner.taught import SPREAD, LapColumns, parameters_of, taught
 from estimator.model.declared_vehicle import DECLARED
 from estimator.model.effects import catalogue
 from estimator.model.look_alikes import LOOK_ALIKES
@@ -219,7 +219,7 @@ def _taught(effects: list[ActiveEffect], task: Task, ground: Ground) -> ModelRev
     learnt = task.columns["lap"] < task.columns["lap"].max()
     columns = {name: column[learnt] for name, column in task.columns.items()}
     further = [effect for effect in effects if effect.name not in known]
-    return taught(task.declared, further, LapColumns(columns, ground.position[learnt]), task.config, ground.track)
+    return learnt_model(task.declared, further, LapColumns(columns, ground.position[learnt]), task.config, ground.track)
 
 
 def score(revision: ModelRevision, task: Task, ground: Ground, lap: int) -> Errors:

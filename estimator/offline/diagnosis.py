@@ -21,7 +21,7 @@ from estimator.offline.record.record import Record
 from estimator.offline.record.road import find_road
 from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout
 from estimator.offline.result.leftover import Leftover, leftovers
-from estimator.offline.result.uncertainty import covariance, least_errors, untold
+from estimator.offline.result.uncertainty import covariance, critical_errors, insignificant
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.look_alike_term import LookAlikeTerm
@@ -81,22 +81,22 @@ class Diagnosis:
         return covariance(self.fit, self.without_splines)
 
     @cached_property
-    def untold(self) -> tuple[str, ...]:
+    def insignificant(self) -> tuple[str, ...]:
         """Accepted effects whose size is not told from nothing: they predict, and may stand in for another cause."""
         possible = candidates(self.fit.predictor.record, self.accepted)
         tried = [b.effect for b in self.fit.predictor.blocks if b.effect.name in self.accepted] + possible
-        return untold(self.fit, self.spread, self.accepted, least_errors(tried))
+        return insignificant(self.fit, self.spread, self.accepted, critical_errors(tried))
 
     @property
     def named(self) -> tuple[str, ...]:
         """Accepted effects that are told from nothing."""
-        return tuple(name for name in self.accepted if name not in self.untold)
+        return tuple(name for name in self.accepted if name not in self.insignificant)
 
     @property
     def verdict(self) -> str:
         """none | effect | unexplained; the first two only where no channel is left with more than noise and every
         effect of the model is told from nothing."""
-        if self.terms or self.leftover or self.untold:
+        if self.terms or self.leftover or self.insignificant:
             return "unexplained"
         return "effect" if self.accepted else "none"
 

@@ -18,12 +18,12 @@ from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import Belief, Estimate, ModelRevision
 from hil_gateway.config import Config
 from hil_gateway.track.track import Track
-from planner.adoption.delivered import DeliveredNow, grip_factors
-from planner.adoption.knowledge import Now, Reserves, TyreNames, next_knowledge, target_of
+from planner.adoption.delivered import DeliveredShares, grip_factors
+from planner.adoption.knowledge import GripState, Reserves, TyreNames, next_knowledge, target_of
 from planner.adoption.plausible import implausible, near
 from planner.adoption.trust import Trust, slides
 from planner.adoption.unlearnt import measured_loads
-from planner.adoption.usable_grip import PROFILE_SHARE, borne_next
+from planner.adoption.usable_grip import PROFILE_SHARE, sustained_next
 from planner.line.envelope import SPEED_LEFT, Brakes, envelope_of
 from planner.line.raceline import OptimisedLine, raceline_for
 from planner.line.track import Reference
@@ -82,8 +82,8 @@ class Adoption:
         self._new_reference: Reference | None = None
         self._changed = True
         self._probation = self._failures = 0
-        self.delivered = DeliveredNow()
-        self._answer = np.inf if self._by_data_sheet and not config.estimator.learn else None
+        self.delivered = DeliveredShares()
+        self._front_response = np.inf if self._by_data_sheet and not config.estimator.learn else None
         self.notes: list[str] = []
         """what was refused or rolled back, and why; newest last"""
         self._line: OptimisedLine | None = None
@@ -142,12 +142,12 @@ class Adoption:
         target = target_of(current.revised, current.revision, current.tyre, self._reserves)
         self._changed = not (settled and np.array_equal(knowledge.theta, factors * target))
 
-    def feel(self, delivered: Delivered | None) -> None:
+    def take_delivered(self, delivered: Delivered | None) -> None:
         """Plan at once with what tyres and brakes deliver now."""
         if not self._by_data_sheet:
             return
-        if self._answer is not None and delivered is not None and delivered.front is not None:
-            self._answer, self._changed = delivered.front, True
+        if self._front_response is not None and delivered is not None and delivered.front is not None:
+            self._front_response, self._changed = delivered.front, True
         brakes = self.delivered.brakes
         if self.delivered.take(delivered):
             self._changed = True
@@ -166,10 +166,10 @@ class Adoption:
         if lap > self._lap:
             self._lap, self._held_by_lap, self._changed = lap, self.held, True
 
-    def borne(self, modelled: tuple[float, float], estimate: Estimate) -> tuple[float, float]:
+    def carried(self, modelled: tuple[float, float], estimate: Estimate) -> tuple[float, float]:
         """Forces over axle load (front, rear) that tyres bear, from those by the model in force."""
         current = self.current
-        if self._answer is None:
+        if self._front_response is None:
             return modelled
         measured = measured_loads(estimate, self.controller.knowledge.mean, self._config.vehicle, current.tyre.axles)
         return min(modelled[0], measured[0]), min(modelled[1], measured[1])
@@ -196,7 +196,7 @@ class Adoption:
         """What is kept back now."""
         return Reserves.of(
             self._config.planner.load_use, self._settings.sigma_level, self._by_data_sheet, self._lap,
-            self._answer,
+            self._front_response,
         )  # fmt: skip
 
     def _refuse(self, revision: ModelRevision, reason: str) -> None:
@@ -241,8 +241,8 @@ class Adoption:
     ) -> TyreKnowledge:
         """Tyre parameters one slew step from those `before` towards the revision, with the newest belief."""
         belief = self._belief if before is not None else None  # a model being built has its own tyres
-        held = borne_next(self.held.pair, self._held_by_lap.pair)
-        return next_knowledge(before, revised, tyre, revision, belief, Now(self.delivered, held, self._reserves))
+        held = sustained_next(self.held.pair, self._held_by_lap.pair)
+        return next_knowledge(before, revised, tyre, revision, belief, GripState(self.delivered, held, self._reserves))
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""

@@ -20,11 +20,11 @@ USUAL_BRAKES = 0.8
 LEAST = 0.5
 """share that is believed at least: a wet road or an axle with a flat tyre gives more"""
 RELEASE = 0.85
-"""of the braking of an axle that is left each plan while its wheels lock: brakes answer three or four plans late, and
+"""of the braking of an axle that is left each plan while its wheels lock: brakes act three or four plans late, and
 locked wheels roll again with half of what locked them"""
 
 
-class DeliveredNow:
+class DeliveredShares:
     """Shares of the believed peak of front and rear tyres, `tyres`, and of the force of the `brakes`."""
 
     def __init__(self) -> None:

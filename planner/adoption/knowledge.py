@@ -12,8 +12,8 @@ from estimator.model.tyre import front_and_rear
 from hil_gateway.bus.messages import Belief, ModelRevision
 from hil_gateway.process.arrays import Array
 from planner.adoption.brake_doubt import brake_doubt, brake_spread
-from planner.adoption.delivered import DeliveredNow, grip_factors
-from planner.adoption.unlearnt import lively
+from planner.adoption.delivered import DeliveredShares, grip_factors
+from planner.adoption.unlearnt import oversteering
 from planner.adoption.usable_grip import Axles, capacity, rear_share
 from planner.plan.controller import TyreKnowledge
 from planner.problem.brake_law import pressure_ratio
@@ -52,14 +52,16 @@ class Reserves:
     use: float
     level: float
     by_data_sheet: bool
-    answer: float | None = None
-    """where nothing corrects the model: share of what it says that front tyres answer with, inf where not known"""
+    front_response: float | None = None
+    """where nothing corrects the model: share of what it says that front tyres respond with, inf where not known"""
 
     @classmethod
-    def of(cls, use: float, level: float, by_data_sheet: bool, lap: int, answer: float | None = None) -> Reserves:
+    def of(
+        cls, use: float, level: float, by_data_sheet: bool, lap: int, front_response: float | None = None
+    ) -> Reserves:
         """In this lap, the first being 0."""
         level *= FIRST_LAP if by_data_sheet and lap < 1 else 1.0
-        return cls(use, level, by_data_sheet, answer)
+        return cls(use, level, by_data_sheet, front_response)
 
     def uses(self, peaks: Array) -> Array:
         """(2,) share of its peak that either axle may use, from the `peaks` over axle load."""
@@ -67,41 +69,45 @@ class Reserves:
 
 
 @dataclass(frozen=True)
-class Now:
+class GripState:
     """What tyres and brakes deliver, the forces over axle load (front, rear) that were held, and what is kept back."""
 
-    delivered: DeliveredNow
+    delivered: DeliveredShares
     held: tuple[float, float]
     reserves: Reserves
 
 
 def next_knowledge(  # noqa: PLR0917 - all that a plan's tyres depend on
     before: TyreKnowledge | None, revised: RevisedModel, tyre: TyreNames, revision: ModelRevision,
-    belief: Belief | None, now: Now,
+    belief: Belief | None, state: GripState,
 ) -> TyreKnowledge:  # fmt: skip
     """Tyre parameters one slew step from those `before` towards the revision, with what is believed of them."""
-    lasting = _one_step(before, target_of(revised, revision, tyre, now.reserves), tyre)
-    mean, covariance = _believed(belief, revision, tyre, lasting if now.reserves.answer is None else revised.theta)
-    peaks, level = [d for _, _, d in tyre.axles], now.reserves.level
-    use = now.reserves.uses(mean[peaks])
+    lasting = _one_step(before, target_of(revised, revision, tyre, state.reserves), tyre)
+    mean, covariance = _believed(
+        belief, revision, tyre, lasting if state.reserves.front_response is None else revised.theta
+    )
+    peaks, level = [d for _, _, d in tyre.axles], state.reserves.level
+    use = state.reserves.uses(mean[peaks])
     # by the tyres as they last: a plan that gets by with what a sudden loss leaves may ask for all of it
-    judged = judged_limits(now.reserves.use, lasting[peaks], before.load_max if before else None)
-    factors = grip_factors(tyre.axles, now.delivered.tyres, len(lasting))
+    judged = judged_limits(state.reserves.use, lasting[peaks], before.load_max if before else None)
+    factors = grip_factors(tyre.axles, state.delivered.tyres, len(lasting))
     theta, mean, covariance = factors * lasting, factors * mean, covariance * np.outer(factors, factors)
     # a belief that has learnt of less grip tells at once, before the model in force follows
-    asked = capacity(tyre.axles, np.minimum(mean, theta), covariance, use=use, level=level, held=now.held)
+    asked = capacity(tyre.axles, np.minimum(mean, theta), covariance, use=use, level=level, held=state.held)
     doubt = brake_doubt(brake_spread(revision), np.sqrt(np.diag(covariance)[peaks]) / mean[peaks], level)
-    front, rear = (d / rolling for d, rolling in zip(doubt, now.delivered.rolling, strict=True))
+    front, rear = (d / rolling for d, rolling in zip(doubt, state.delivered.rolling, strict=True))
     return TyreKnowledge(
         theta, mean, covariance, tyre.prior_std, judged, (float(use[0]), float(use[1])), asked,
-        _brake_ratio(before, asked, revised), level, (front, rear), now.delivered.tyres,
+        _brake_ratio(before, asked, revised), level, (front, rear), state.delivered.tyres,
     )  # fmt: skip
 
 
 def target_of(revised: RevisedModel, revision: ModelRevision, tyre: TyreNames, reserves: Reserves) -> Array:
     """theta that parameters in force go to."""
-    stated, answer = tyre_covariance(revision), reserves.answer
-    return revised.theta if answer is None or stated is None else lively(revised.theta, stated, tyre.axles, answer)
+    stated, response = tyre_covariance(revision), reserves.front_response
+    if response is None or stated is None:
+        return revised.theta
+    return oversteering(revised.theta, stated, tyre.axles, response)
 
 
 def _one_step(before: TyreKnowledge | None, target: Array, tyre: TyreNames) -> Array:

@@ -3,10 +3,10 @@
 A car that learns has the stiffness of its tyres within two or three seconds. One that does not is steered by the data
 sheet for good. Two things follow:
 
-- **Balance.** A car whose front axle answers more than the model says, against its rear axle, swings more with every
-  correction: at 60 to 75 m/s it weaves until it spins, long before a tyre has reached its peak. One that answers less
-  runs wide. So motion is predicted with the more lively car: front tyres one standard deviation of the balance
-  stiffer, and less where they are seen to answer less. How far that is, the covariance of the model says.
+- **Balance.** A car whose front axle responds more than the model says, against its rear axle, swings more with every
+  correction: at 60 to 75 m/s it weaves until it spins, long before a tyre has reached its peak. One that responds less
+  runs wide. So motion is predicted with the car that oversteers more: front tyres one standard deviation of the balance
+  stiffer, and less where they are seen to respond less. How far that is, the covariance of the model says.
 - **Loads held.** What the model says an axle has borne is no evidence where nothing corrects the model: a weak axle
   slips more, which to the model is more force, and more would be asked for. What was measured counts.
 """
@@ -23,8 +23,8 @@ from planner.adoption.trust import JUDGED_SPEED, slip_angles
 from planner.adoption.usable_grip import Axles
 
 
-def lively(theta: Array, covariance: Array, axles: Axles, answer: float) -> Array:
-    """`theta` (n,) with B of the front tyres times their `answer`, within one relative standard deviation of B front
+def oversteering(theta: Array, covariance: Array, axles: Axles, response: float) -> Array:
+    """`theta` (n,) with B of the front tyres times their `response`, within one relative standard deviation of B front
     over B rear; the same where both axles share one B."""
     (front, _, _), (rear, _, _) = axles
     gradient = np.zeros(len(theta))
@@ -32,7 +32,7 @@ def lively(theta: Array, covariance: Array, axles: Axles, answer: float) -> Arra
     gradient[rear] -= 1.0 / theta[rear]
     factors = np.ones(len(theta))
     spread = np.sqrt(max(float(gradient @ covariance @ gradient), 0.0))
-    factors[front] = np.clip(answer, 1.0 - spread, 1.0 + spread)
+    factors[front] = np.clip(response, 1.0 - spread, 1.0 + spread)
     return np.asarray(factors * theta)
 
 

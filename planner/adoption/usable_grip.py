@@ -52,7 +52,7 @@ def rear_share(peaks: Array) -> float:
     return min(1.0, max(LEAST_REAR, STABLE * float(peaks[1] / peaks[0])))
 
 
-def borne_next(held: tuple[float, float], laps_before: tuple[float, float]) -> tuple[float, float]:
+def sustained_next(held: tuple[float, float], laps_before: tuple[float, float]) -> tuple[float, float]:
     """What `capacity` may count on as held: forces over axle load (front, rear) `held` so far, and in whole laps."""
     return max(held[0], NEXT_LAP / PROFILE_SHARE * laps_before[0]), held[1]
 

@@ -24,7 +24,7 @@ from hil_gateway.car.car import Car, load_car
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import compile_function
-from planner.line.left_along import SPEEDS, Table, left_along
+from planner.line.longitudinal_reserve import SPEEDS, Table, longitudinal_reserve
 from planner.problem.brake_law import BrakeLaw
 from planner.problem.friction import along_share, left_across
 
@@ -179,7 +179,7 @@ def _along(felt: Array, across: Array, steady: Array) -> list[tuple[Array, Table
     for way, part in ((-1.0, COMMANDS <= 0.0), (1.0, COMMANDS >= 0.0)):
         outwards = np.flatnonzero(part)[:: int(way)]
         force = np.maximum.accumulate(np.maximum(way * felt[:, outwards], 0.0), axis=1)
-        ways.append((force[:, -1], left_along(force, across[:, outwards], held)))
+        ways.append((force[:, -1], longitudinal_reserve(force, across[:, outwards], held)))
     return ways
 
 

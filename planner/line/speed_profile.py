@@ -20,7 +20,7 @@ from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import CompiledFunction, compile_function
 from planner.line.envelope import MIN_NORMAL, Envelope, normal_share
-from planner.line.left_along import SHARES, SPEEDS, interpolated
+from planner.line.longitudinal_reserve import SHARES, SPEEDS, interpolated
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ class StepCoordinates:
             room = np.minimum(theta[rows] - self.lower[rows], self.upper[rows] - theta[rows])
             inside = bool((room > NEAR_BOUND * (self.upper - self.lower)[rows]).all())
             forces = ForceCoordinates(indices, slips)
-            curves.append(forces if inside and forces.told_apart(theta[rows]) else StiffnessCoordinates(indices))
+            curves.append(forces if inside and forces.well_conditioned(theta[rows]) else StiffnessCoordinates(indices))
         return LocalCoordinates(self, u, theta, tuple(curves))
 
 
@@ -63,7 +63,7 @@ class ForceCoordinates:
     indices: Axle
     slips: Array
 
-    def told_apart(self, theta: Array) -> bool:
+    def well_conditioned(self, theta: Array) -> bool:
         """Whether (B, C, D) follow from the three forces."""
         return bool(np.linalg.cond(self.derivative(theta) * theta) < WORST_CONDITION)
 

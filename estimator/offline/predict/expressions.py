@@ -78,11 +78,11 @@ class _Form:
 
 def _form_of(effect: Effect) -> tuple[Any, ...]:
     """An effect as its equations see it; the same for one that came from another process."""
-    hooks = tuple((stage, *_told_apart(hook)) for stage, hook in sorted(effect.hooks.items()))
+    hooks = tuple((stage, *_identity_of(hook)) for stage, hook in sorted(effect.hooks.items()))
     return effect.name, len(effect.parameters), bool(effect.profile), effect.prepare is None, hooks
 
 
-def _told_apart(hook: Hook) -> tuple[Any, ...]:
+def _identity_of(hook: Hook) -> tuple[Any, ...]:
     """A partial function is equal to none but itself."""
     return getattr(hook, "func", hook), *getattr(hook, "args", ())
 

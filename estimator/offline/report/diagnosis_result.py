@@ -58,7 +58,7 @@ def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
                 "parameters": sizes_of(diagnosis, blocks[name], diagnosis.spread),
                 "channels": list(blocks[name].effect.channels),
             }
-            for name in diagnosis.untold
+            for name in diagnosis.insignificant
         ],
         "vehicle": _vehicle(diagnosis, std),
         "unexplained": unexplained(diagnosis),

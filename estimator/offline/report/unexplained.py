@@ -39,7 +39,7 @@ def unexplained(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     after what is left, and what any other leaves comes last.
     """
     tried = [entry for term in diagnosis.terms for entry in _by_term(diagnosis, term)]
-    tried += [entry for name in diagnosis.untold for entry in _by_untold(diagnosis, name)]
+    tried += [entry for name in diagnosis.insignificant for entry in _by_insignificant(diagnosis, name)]
     tried.sort(key=lambda e: -float(e["share_of_residual"]))
     entries = [e for e in tried if e["share_of_residual"] > SMALLEST_CHANNEL_SHARE]
     left = sorted((_left(left) for left in diagnosis.leftover), key=lambda e: -float(e["share_of_residual"]))
@@ -86,7 +86,7 @@ def _entry(diagnosis: Diagnosis, term: Term, channel: str, signal: str, what: st
     }  # fmt: skip
 
 
-def _by_untold(diagnosis: Diagnosis, name: str) -> list[dict[str, Any]]:
+def _by_insignificant(diagnosis: Diagnosis, name: str) -> list[dict[str, Any]]:
     """What an effect whose size is not told from nothing would explain, for each channel; shares as of a stretch."""
     effect, gains = all_candidates()[name], diagnosis.gains[name].channels
     words = f"over {NAMES.get(effect.cause, effect.cause)}, as {id_of(name)} would, whose size is not told from nothing"

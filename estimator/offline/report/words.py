@@ -146,7 +146,7 @@ def verdict_sentence(summary: dict[str, Any]) -> str:
     from estimator.model.effects import catalogue
 
     found = [effect_words(entry) for entry in summary["effects"]]
-    untold = [f"{entry['name']} ({size_words(entry)})" for entry in summary["not_told"]]
+    insignificant = [f"{entry['name']} ({size_words(entry)})" for entry in summary["not_told"]]
     if summary["verdict"] == "none":
         return "The declared model, re-identified, explains this session down to its sensor noise: nothing is missing."
     wrong = [
@@ -159,5 +159,5 @@ def verdict_sentence(summary: dict[str, Any]) -> str:
     first, empirical = summary["unexplained"][0], summary["unexplained"][0]["empirical"]
     what = "Something outside the catalogue acts on" if empirical else "Not explained:"
     beside = f" {'Beside it' if empirical else 'Found'}: {', '.join(found)}." if found else ""
-    not_told = f" Not told from nothing: {', '.join(untold)}." if untold else ""
+    not_told = f" Not told from nothing: {', '.join(insignificant)}." if insignificant else ""
     return f"{what} {first['description']}.{beside}{not_told}"

@@ -99,7 +99,7 @@ def _within_windows(fit: Fit) -> Array:
     return np.asarray(np.sum((fit.covariance @ scores) ** 2, axis=1))
 
 
-def least_errors(candidates: Sequence[Effect]) -> float:
+def critical_errors(candidates: Sequence[Effect]) -> float:
     """Standard errors that every size of the `candidates` stays within, 1 - `FALSE_ALARM`, where none is there.
 
     The bound of Bonferroni: each of n sizes goes beyond with a probability of `FALSE_ALARM` / n.
@@ -108,7 +108,7 @@ def least_errors(candidates: Sequence[Effect]) -> float:
     return float(-ndtri(0.5 * FALSE_ALARM / max(sizes, 1)))
 
 
-def untold(fit: Fit, spread: Array, names: Sequence[str], least: float) -> tuple[str, ...]:
+def insignificant(fit: Fit, spread: Array, names: Sequence[str], least: float) -> tuple[str, ...]:
     """Those of the named effects all of whose sizes that tell are within `least` errors of nothing.
 
     A road is told by its laps.
@@ -118,10 +118,10 @@ def untold(fit: Fit, spread: Array, names: Sequence[str], least: float) -> tuple
     """
     blocks = {block.effect.name: block for block in fit.predictor.blocks}
     within = least * np.sqrt(np.diag(spread))
-    return tuple(name for name in names if not _told(fit, within, blocks[name]))
+    return tuple(name for name in names if not _significant(fit, within, blocks[name]))
 
 
-def _told(fit: Fit, within: Array, block: Block) -> bool:
+def _significant(fit: Fit, within: Array, block: Block) -> bool:
     rows, table = block.parameters, fit.predictor.table[block.parameters]
     beyond = np.abs(fit.parameters[rows] - np.array([p.prior for p in table])) > within[rows]
     return bool(block.effect.profile) or bool(np.any(beyond[[p.tells for p in table]]))

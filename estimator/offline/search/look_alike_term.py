@@ -41,7 +41,7 @@ class LookAlikeTerm(Term):
         return replace(setting, extra=(*setting.extra, self.effect), untried=untried)
 
 
-def told_apart(found: Search) -> tuple[tuple[LookAlikeTerm, ...], Search]:
+def split_look_alikes(found: Search) -> tuple[tuple[LookAlikeTerm, ...], Search]:
     """The look-alikes that a search has accepted, and the search with all else."""
     terms = tuple(LookAlikeTerm.of(name, found) for name in found.accepted if name in LOOK_ALIKES)
     checked = replace(found.checked, gains={n: gain for n, gain in found.gains.items() if n not in LOOK_ALIKES})

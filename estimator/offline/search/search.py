@@ -123,7 +123,7 @@ def better(first: Greedy, second: Greedy) -> Greedy:
 
 def _that_counts(state: Greedy) -> Fit:
     """The fit of its effects that stand in for nothing."""
-    kept = state.names if state.checked is None else no_stand_ins(state.setting, state.checked, state.fit)
+    kept = state.names if state.checked is None else not_proxies(state.setting, state.checked, state.fit)
     return state.fit if len(kept) == len(state.names) else fit_names(state.setting, kept, state.fit)
 
 
@@ -163,18 +163,18 @@ def _led(state: Greedy, trial: Trial) -> bool:
     return compare(trial.fit.held_out(), state.fit.held_out(), state.fit.normal.count).beyond_scatter
 
 
-def without_stand_ins(
+def without_proxies(
     setting: Setting, checked: Checked, fit: Fit, progress: Callable[[str], None]
 ) -> tuple[Checked, Fit]:
     """What is left of the effects of a fit, each put to the test again."""
-    kept = no_stand_ins(setting, checked, fit)
+    kept = not_proxies(setting, checked, fit)
     if len(kept) == len(checked.gains):
         return checked, fit
     fit = fit_names(setting, kept, fit)
     return check_each(setting, kept, fit, progress), fit
 
 
-def no_stand_ins(setting: Setting, checked: Checked, fit: Fit) -> list[str]:
+def not_proxies(setting: Setting, checked: Checked, fit: Fit) -> list[str]:
     """Names of the effects of a fit that stand in for nothing."""
     names = tuple(checked.gains)
     if not leaves_more_than_noise(fit):

@@ -18,9 +18,9 @@ from estimator.offline.search.acceptance import earns_its_place, structured
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import Checked, check_each, recheck
-from estimator.offline.search.look_alike_term import told_apart
+from estimator.offline.search.look_alike_term import split_look_alikes
 from estimator.offline.search.plausible import believed
-from estimator.offline.search.search import Search, search, without_stand_ins
+from estimator.offline.search.search import Search, search, without_proxies
 from estimator.offline.search.stretches.cells import LEAST_LAPS, MOST, around
 from estimator.offline.search.stretches.term import StretchTerm, fitted, localised, search_stretch, without
 from estimator.offline.search.trial import Setting, fit_names
@@ -103,7 +103,7 @@ def with_terms(setting: Setting, found: Search, rival: Rival, progress: Progress
     the fit and all is sought again. Where laps agree about the change it is a term, where one lap shows it a leftover.
     Look-alikes of effects that the search has accepted are terms from the start.
     """
-    look_alikes, found = told_apart(found)
+    look_alikes, found = split_look_alikes(found)
     for term in look_alikes:
         setting = term.added_to(setting)
     outcome = _with_stretches(setting, found, rival, progress)
@@ -180,7 +180,7 @@ def _with_terms(setting: Setting, found: Search, rival: Rival, progress: Progres
             if compare(current.held_out(), again.final.held_out(), current.normal.count).gain > 0.0:
                 checked, current = again.checked, again.final
                 found = replace(again, base=found.base, start=found.start, rounds=(*found.rounds, *again.rounds))
-    checked, current = without_stand_ins(setting, checked, current, progress)
+    checked, current = without_proxies(setting, checked, current, progress)
     gains = checked.gains
     ordered = tuple(sorted(gains, key=lambda n: -gains[n].gain))
     return Explanation(setting, found, ordered, gains, tuple(terms), current, tuple(tried))
@@ -214,7 +214,7 @@ def _joined(
     stronger = {n for n in own if found.gains[n].gain > most}
     if not all(believed(term.fit, n) for n in stronger):
         return None
-    checked, fit = _drop_stand_ins(setting, own, names, term.fit, progress)
+    checked, fit = _drop_proxies(setting, own, names, term.fit, progress)
     return (term, setting, checked, fit) if stronger <= set(checked.gains) else None
 
 
@@ -241,7 +241,7 @@ def _blocks(record: Record) -> int:
     return int(record.rows.shape[0] * record.rows.shape[1])
 
 
-def _drop_stand_ins(
+def _drop_proxies(
     setting: Setting, own: Collection[str], names: Collection[str], fit: Fit, progress: Progress
 ) -> tuple[Checked, Fit]:
     """Remove, weakest first, effects that gain little once the empirical term is there; those in `own` if nothing."""

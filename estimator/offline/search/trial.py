@@ -32,7 +32,7 @@ FIRST_DRIFT = 1.0
 """of the motion, before anything is fitted: the model is trusted little"""
 UNFITTED_SHARE = 0.02
 """Part of a signal that any model is taken to leave before anything is fitted."""
-STAND_IN_SHARE = 0.1
+PROXY_SHARE = 0.1
 """An effect beside an empirical term must gain this share of what the term gains in the channel it gains most in."""
 
 
@@ -63,7 +63,7 @@ class Setting:
         record = self.record
         signals = {**record.signals, effect.profile: record.signals[basis.signal]}
         record = replace(record, signals=signals, bases={**record.bases, effect.profile: basis})
-        least = tuple(float(g) for g in np.maximum(self.least, STAND_IN_SHARE * gained))
+        least = tuple(float(g) for g in np.maximum(self.least, PROXY_SHARE * gained))
         return replace(self, record=record, extra=(*self.extra, effect), least=least)
 
     def model(self, names: Sequence[str]) -> SingleTrack:

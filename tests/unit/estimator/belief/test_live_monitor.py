@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from support.measurement_evaluation import MeasurementEvaluation
 
-from estimator.belief.monitor import ResidualMonitor
+from estimator.belief.residual_monitor import ResidualMonitor
 from estimator.belief.tyre_belief import Sample
 from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.car.vehicle import Vehicle

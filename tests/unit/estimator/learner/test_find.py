@@ -20,8 +20,8 @@ from estimator.learner.find import (
     without_what_is_idle,
     without_what_spoils,
 )
+from estimator.learner.learnt_model import SPREAD, LapColumns, samples
 from estimator.learner.rule import regress, why_not
-from estimator.learner.taught import SPREAD, LapColumns, samples
 from estimator.model.effects import catalogue
 from estimator.node import HALF_WINDOW, LATE_DRIVE, LATE_STEER, acting_variance
 from hil_gateway.config import Config, load_config

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil_gateway.bus.delivered import Delivered
-from planner.adoption.delivered import LEAST, RELEASE, USUAL, DeliveredNow, grip_factors
+from planner.adoption.delivered import LEAST, RELEASE, USUAL, DeliveredShares, grip_factors
 from planner.problem.load_limits import SLEW
 
 
@@ -15,19 +15,19 @@ def told(front: float | None = None, rear: float | None = None, brakes: float | 
 
 
 def test_a_loss_counts_at_once_and_for_its_axle_only() -> None:
-    now = DeliveredNow()
+    now = DeliveredShares()
     assert now.take(told(front=0.75))
     assert now.tyres == (0.75, 1.0)
 
 
 def test_model_errors_are_no_loss() -> None:
-    now = DeliveredNow()
+    now = DeliveredShares()
     assert not now.take(told(front=USUAL + 0.01, rear=1.1, brakes=0.85))
     assert (now.tyres, now.brakes) == ((1.0, 1.0), 1.0)
 
 
 def test_what_is_no_longer_used_stays_as_it_was_seen_last() -> None:
-    now = DeliveredNow()
+    now = DeliveredShares()
     now.take(told(rear=0.7))
     assert not now.take(None)
     assert not now.take(told(front=1.0))
@@ -35,7 +35,7 @@ def test_what_is_no_longer_used_stays_as_it_was_seen_last() -> None:
 
 
 def test_grip_comes_back_as_fast_as_parameters_may_change() -> None:
-    now = DeliveredNow()
+    now = DeliveredShares()
     now.take(told(front=0.8))
     now.take(told(front=1.0))
     assert now.tyres[0] == pytest.approx(0.8 * (1.0 + SLEW))
@@ -45,13 +45,13 @@ def test_grip_comes_back_as_fast_as_parameters_may_change() -> None:
 
 
 def test_a_wild_reading_leaves_grip_to_steer_with() -> None:
-    now = DeliveredNow()
+    now = DeliveredShares()
     now.take(told(front=-2.0, rear=0.0))
     assert now.tyres == (LEAST, LEAST)
 
 
 def test_faded_brakes_are_pressed_harder_for_the_same_force() -> None:
-    now = DeliveredNow()
+    now = DeliveredShares()
     now.take(told(brakes=0.7))
     assert now.acting(now.sent(-0.2)) == pytest.approx(-0.2)
     assert now.sent(-0.2) == pytest.approx(-0.2 / 0.7)
@@ -59,7 +59,7 @@ def test_faded_brakes_are_pressed_harder_for_the_same_force() -> None:
 
 
 def test_an_axle_whose_wheels_lock_brakes_less_with_every_plan_until_they_roll() -> None:
-    now, locks = DeliveredNow(), Delivered(front=None, rear=None, brakes=None, locking=(True, False))
+    now, locks = DeliveredShares(), Delivered(front=None, rear=None, brakes=None, locking=(True, False))
     assert now.take(locks)
     now.take(locks)
     assert now.rolling == (pytest.approx(RELEASE**2), 1.0)

@@ -1,4 +1,4 @@
-"""A car that does not learn is steered for the more lively car its data sheet allows, and trusts measured loads."""
+"""A car that does not learn is steered for the most oversteer its data sheet allows, and trusts measured loads."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from estimator.model.parameters import DEFAULT_TYRE
 from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import Estimate
 from hil_gateway.car.vehicle import Vehicle
-from planner.adoption.unlearnt import lively, measured_loads
+from planner.adoption.unlearnt import measured_loads, oversteering
 
 AXLES = ((1, 2, 3), (4, 5, 6))
 THETA = np.array([*DEFAULT_TYRE["per_axle"].values()])
@@ -30,25 +30,25 @@ def moving(delivered: Delivered | None) -> Estimate:
 
 def test_front_tyres_count_as_stiffer_by_the_spread_of_the_balance_until_they_answer() -> None:
     assert STATED is not None
-    made = lively(THETA, STATED, AXLES, np.inf)
+    made = oversteering(THETA, STATED, AXLES, np.inf)
     assert made[1] == pytest.approx((1.0 + SPREAD) * THETA[1])
     assert np.delete(made, 1).tolist() == np.delete(THETA, 1).tolist()
 
 
 def test_front_tyres_count_as_they_answer_within_the_spread() -> None:
     assert STATED is not None
-    assert lively(THETA, STATED, AXLES, 1.1)[1] == pytest.approx(1.1 * THETA[1])
-    assert lively(THETA, STATED, AXLES, 0.2)[1] == pytest.approx((1.0 - SPREAD) * THETA[1])
+    assert oversteering(THETA, STATED, AXLES, 1.1)[1] == pytest.approx(1.1 * THETA[1])
+    assert oversteering(THETA, STATED, AXLES, 0.2)[1] == pytest.approx((1.0 - SPREAD) * THETA[1])
 
 
 def test_a_well_known_model_is_driven_as_it_is() -> None:
     known = np.diag((0.03 * THETA) ** 2)
-    assert lively(THETA, known, AXLES, np.inf)[1] < 1.05 * THETA[1]
+    assert oversteering(THETA, known, AXLES, np.inf)[1] < 1.05 * THETA[1]
 
 
 def test_tyres_shared_by_both_axles_have_no_balance() -> None:
     shared = THETA[:4]
-    assert lively(shared, np.diag((0.2 * shared) ** 2), ((1, 2, 3),) * 2, np.inf).tolist() == shared.tolist()
+    assert oversteering(shared, np.diag((0.2 * shared) ** 2), ((1, 2, 3),) * 2, np.inf).tolist() == shared.tolist()
 
 
 def test_a_load_counts_as_it_was_delivered() -> None:

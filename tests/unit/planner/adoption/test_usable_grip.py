@@ -13,9 +13,9 @@ from planner.adoption.usable_grip import (
     MIN_CAPACITY,
     MOST_SLIP,
     PROFILE_SHARE,
-    borne_next,
     capacity,
     rear_share,
+    sustained_next,
 )
 from planner.problem.infomax import sigma_points
 
@@ -74,10 +74,10 @@ def test_a_rear_axle_that_gives_way_first_keeps_away_from_its_peak_and_no_other_
 
 def test_front_tyres_that_bore_a_force_for_laps_are_asked_for_a_little_more_and_rear_ones_are_not() -> None:
     """By the speed profile, which asks for a share of what it is given."""
-    front, rear = borne_next((1.0, 1.0), (1.0, 1.0))
+    front, rear = sustained_next((1.0, 1.0), (1.0, 1.0))
     assert 1.0 < PROFILE_SHARE * front < 1.03
     assert rear == 1.0
-    assert borne_next((1.1, 1.0), (0.5, 1.0))[0] == 1.1, "what was held in this lap is asked for again, no more"
+    assert sustained_next((1.1, 1.0), (0.5, 1.0))[0] == 1.1, "what was held in this lap is asked for again, no more"
 
 
 def test_each_axle_is_asked_for_what_its_own_tyres_bear() -> None:

@@ -16,7 +16,7 @@ from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.line.envelope import MIN_NORMAL, Envelope, envelope_of, normal_share, required_lateral
-from planner.line.left_along import SHARES, SPEEDS
+from planner.line.longitudinal_reserve import SHARES, SPEEDS
 from planner.line.raceline import OptimisedLine, centre_line, compute_raceline, raceline_for
 from planner.line.speed_profile import RoadPath, cornering_speed, lap_time_of, speed_profile
 

@@ -286,7 +286,7 @@ def test_a_plan_for_tyres_that_deliver_less_is_judged_by_what_they_deliver() -> 
     settings, track = settings_of(config), load_track(config.track)
     adoption = Adoption(config, track, settings, LoadLimits(2.0, 2.0), starting_revision(config, config.planner.model))
     for _ in range(40):
-        adoption.feel(Delivered(front=1.0, rear=0.8, brakes=None))
+        adoption.take_delivered(Delivered(front=1.0, rear=0.8, brakes=None))
         adoption.catch_up()
     controller = adoption.controller
     assert controller.knowledge.theta[-1] < 0.81 * adoption.current.revised.theta[-1]

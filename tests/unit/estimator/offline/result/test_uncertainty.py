@@ -15,7 +15,7 @@ from estimator.offline.fit.held import MASS_ERROR, ZERO_ERROR, by_declared, by_s
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.unknown_inputs import sampling_effects
-from estimator.offline.result.uncertainty import FALSE_ALARM, covariance, least_errors, taken_back, untold
+from estimator.offline.result.uncertainty import FALSE_ALARM, covariance, critical_errors, insignificant, taken_back
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import compare
 from estimator.offline.search.trial import Setting, fit_names
@@ -99,7 +99,7 @@ def test_when_an_accelerometer_was_read_is_fitted_in_logs_slower_than_it(step: f
 def test_of_sizes_that_are_not_there_none_is_told_from_nothing_in_nineteen_logs_of_twenty(pair: Fit) -> None:
     candidates = [block.effect for block in pair.predictor.blocks]
     sizes = np.random.default_rng(4).normal(size=(40_000, sum(len(e.parameters) for e in candidates)))
-    assert np.mean(np.abs(sizes).max(axis=1) > least_errors(candidates)) == pytest.approx(FALSE_ALARM, rel=0.1)
+    assert np.mean(np.abs(sizes).max(axis=1) > critical_errors(candidates)) == pytest.approx(FALSE_ALARM, rel=0.1)
 
 
 def test_an_effect_is_told_from_nothing_by_the_error_that_is_stated_of_it(pair: Fit) -> None:
@@ -109,7 +109,7 @@ def test_an_effect_is_told_from_nothing_by_the_error_that_is_stated_of_it(pair: 
         there = pair.parameters.copy()
         there[drag] *= 1.0 + moved
         stated = covariance(pair, Fit(pair.predictor, there, pair.normal, pair.noise))
-        assert set(names) - set(untold(pair, stated, names, least)) == set(named)
+        assert set(names) - set(insignificant(pair, stated, names, least)) == set(named)
 
 
 def test_a_constant_that_a_spline_takes_back_is_as_small_as_both_are_together(drives: dict[str, Any]) -> None:

@@ -13,7 +13,7 @@ from estimator.model.parameters import Quantity
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.record import Record
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
-from estimator.offline.result.uncertainty import untold
+from estimator.offline.result.uncertainty import insignificant
 from estimator.offline.search.plausible import LEAST_ERRORS, believed, there
 from estimator.offline.search.screening import candidates
 from estimator.offline.search.trial import Setting, fit_names
@@ -82,7 +82,9 @@ def test_a_scale_of_the_brakes_is_no_sign_of_brakes_at_the_front(drives: dict[st
         parameters[row : row + 2] = share, 0.7
         off = replace(done, parameters=parameters)
         assert there(off, "front_brake") == named
-        assert untold(off, done.covariance, ("front_brake",), LEAST_ERRORS) == (() if named else ("front_brake",))
+        assert insignificant(off, done.covariance, ("front_brake",), LEAST_ERRORS) == (
+            () if named else ("front_brake",)
+        )
 
 
 def test_the_steering_scale_is_not_tried_where_the_place_of_vy_is_fitted(drives: dict[str, Any]) -> None:

@@ -19,7 +19,7 @@ from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import Greedy, check_each
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.screening import open_candidates
-from estimator.offline.search.search import better, from_every_car, prefer_effects, search, without_stand_ins
+from estimator.offline.search.search import better, from_every_car, prefer_effects, search, without_proxies
 from estimator.offline.search.trial import Setting, fit_names
 
 
@@ -185,7 +185,7 @@ def test_what_stands_in_is_removed_unless_the_car_shows_what_every_car_has(drive
     alone, two = ["front_brake"], ["front_brake", "aero_drag"]
     for names, kept in ((alone, False), (two, False), ([*two, "rolling_resistance"], True)):
         done = fit_names(setting, names, None)
-        checked, _ = without_stand_ins(setting, check_each(setting, names, done, _quiet), done, _quiet)
+        checked, _ = without_proxies(setting, check_each(setting, names, done, _quiet), done, _quiet)
         assert ("front_brake" in checked.gains) == kept
 
 

@@ -37,7 +37,7 @@ class LapColumns:
     position: Array
 
 
-def taught(
+def learnt_model(
     declared: ModelRevision, further: Sequence[ActiveEffect], laps: LapColumns, config: Config, track: Track
 ) -> ModelRevision:
     """The declared model with `further` effects, learnt from `laps`; learning begins at the values these have."""

@@ -24,7 +24,7 @@ Table = tuple[tuple[float, ...], ...]
 """share of the force along on a straight that is left, at `SPEEDS` (rows) and `SHARES` (columns)"""
 
 
-def left_along(force: Array, lateral: Array, steady: Array) -> Table:
+def longitudinal_reserve(force: Array, lateral: Array, steady: Array) -> Table:
     """From what is borne with every command: largest force at a share of the lateral limit, over that at none.
 
     `force` (speeds, K): specific force along of K commands, rising from 0, as far as tyres bear them; `lateral`

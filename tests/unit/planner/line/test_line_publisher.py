@@ -7,8 +7,8 @@ import pytest
 
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import RACE_LINE
+from planner.line.line_publisher import PERIOD_NS, POINTS, LinePublisher
 from planner.line.raceline import OptimisedLine
-from planner.line.telling import PERIOD_NS, POINTS, LineTeller
 
 CLEARANCE = 1.4
 
@@ -25,7 +25,7 @@ def circle(n: int, speed: float = 40.0, radius: float = 500.0) -> OptimisedLine:
 
 def test_a_listener_that_comes_late_hears_the_line_within_a_period() -> None:
     bus = LocalBus()
-    teller = LineTeller(bus)
+    teller = LinePublisher(bus)
     teller.step(0, circle(800), CLEARANCE)
     late = bus.subscribe(RACE_LINE, depth=9)
     for now_ns in range(0, 2 * PERIOD_NS + 1, 50_000_000):
@@ -36,7 +36,7 @@ def test_a_listener_that_comes_late_hears_the_line_within_a_period() -> None:
 def test_a_long_line_is_thinned_and_stays_the_same_line_within_the_topic_s_bound() -> None:
     bus = LocalBus()
     heard, line = bus.subscribe(RACE_LINE), circle(7919)
-    LineTeller(bus).step(0, line, CLEARANCE)
+    LinePublisher(bus).step(0, line, CLEARANCE)
     (message,) = heard.poll(0)
     assert len(message.x) <= POINTS
     assert len(message.model_dump_json()) <= RACE_LINE.max_bytes

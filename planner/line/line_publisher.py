@@ -18,7 +18,7 @@ POINTS = 500
 PERIOD_NS = round(NS_PER_S / RACE_LINE.rate_hz)
 
 
-class LineTeller:
+class LinePublisher:
     """Publishes the line in use, at once and then every `PERIOD_NS`."""
 
     def __init__(self, bus: Bus) -> None:
@@ -29,11 +29,11 @@ class LineTeller:
         if now_ns < self._due_ns:
             return
         self._due_ns = now_ns + PERIOD_NS
-        self._bus.publish(RACE_LINE, told(line, clearance, now_ns, self._seq))
+        self._bus.publish(RACE_LINE, race_line_message(line, clearance, now_ns, self._seq))
         self._seq += 1
 
 
-def told(line: OptimisedLine, clearance: float, now_ns: int, seq: int) -> Told:
+def race_line_message(line: OptimisedLine, clearance: float, now_ns: int, seq: int) -> Told:
     """The message of a line."""
     step = -(-len(line.s) // POINTS)
     columns: Mapping[str, tuple[Array, int]] = {
