@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import casadi as ca
 
-from estimator.model.parameters import Parameter, Quantity
-from hil_gateway.car.vehicle import Vehicle
+from estimator.model.parameters import Parameter, Quantity, of_size
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 
 Hook = Callable[..., None]
@@ -126,6 +126,13 @@ class Effect:
         """Parameter values at the prior mean, where the declared model is unchanged."""
         return tuple(p.prior for p in self.parameters)
 
+    def of_size(self, vehicle: Vehicle) -> Effect:
+        """The same with ranges and starts for a car as heavy and as long as `vehicle`."""
+        sized = tuple(of_size(p, vehicle) for p in self.parameters)
+        factors = [of_size(replace(p, prior=1.0), vehicle).prior for p in self.parameters]
+        initial = tuple(value * factor for value, factor in zip(self.initial, factors, strict=False))
+        return replace(self, parameters=sized, initial=initial)
+
     def start(self) -> tuple[float, ...]:
         """Parameter values from which a fit starts."""
         return self.initial or self.neutral()
@@ -155,10 +162,15 @@ def smooth_negative_part(value: Any, width: float) -> Any:
     return 0.5 * (value - ca.sqrt(value * value + width * width) + width)
 
 
+SWITCHING_SHARE = 0.0026
+"""The change of a longitudinal force from driving to braking is smooth within about this share of the weight."""
 BRAKING_WIDTH = 1e-3
 """The change from driving to braking is smooth within about this slip command."""
-SWITCHING_FORCE = 20.0
-"""The same of a longitudinal force, N."""
+
+
+def braking_force(force: Any, vehicle: Vehicle) -> Any:
+    """What of a longitudinal force, N, brakes, at most 0."""
+    return smooth_negative_part(force, SWITCHING_SHARE * vehicle.mass * GRAVITY)
 
 
 def braking_part(command: Any) -> Any:

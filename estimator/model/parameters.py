@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Literal
 
 from hil_gateway.car.car import load_car
+from hil_gateway.car.vehicle import Vehicle
 
 Layout = Literal["shared", "per_axle"]
 
@@ -67,6 +68,28 @@ class Parameter:
     plausible: Plausible | None = None
     tells: bool = True
     quantity: Quantity | None = None
+
+
+TABLE_MASS, TABLE_WHEELBASE = 787.3, 2.972
+"""kg, m of the car that the ranges of all effects are written down for: the AV-24."""
+_DIMENSIONS: Mapping[str, tuple[float, float]] = {
+    "N": (1.0, 0.0), "N s2/m2": (1.0, -1.0), "N m s/rad": (1.0, 1.5), "rad/(kN m2)": (-1.0, -2.0), "m": (0.0, 1.0),
+}  # fmt: skip
+"""unit -> exponents of mass and wheelbase of what cars of all sizes have alike where gravity is the same (Froude's
+similarity). Others do not grow with the car: ratios, angles, specific forces, and what sensors, actuators and the air
+have of their own."""
+
+
+def of_size(parameter: Parameter, vehicle: Vehicle) -> Parameter:
+    """`parameter` with its range in proportion to the mass and the wheelbase of `vehicle`."""
+    by_mass, by_length = _DIMENSIONS.get(parameter.unit, (0.0, 0.0))
+    k = (vehicle.mass / TABLE_MASS) ** by_mass * (vehicle.wheelbase / TABLE_WHEELBASE) ** by_length
+    p, believed = parameter, parameter.plausible
+    if believed is not None:
+        believed = replace(believed, lower=k * believed.lower, upper=k * believed.upper, least=k * believed.least)
+    return replace(
+        p, prior=k * p.prior, prior_std=k * p.prior_std, lower=k * p.lower, upper=k * p.upper, plausible=believed
+    )
 
 
 LAYOUTS: Mapping[Layout, tuple[str, ...]] = {

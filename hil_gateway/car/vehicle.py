@@ -56,6 +56,12 @@ class Vehicle(Model):
         return self.lf + self.lr
 
     @property
+    def own_time(self) -> float:
+        """s, root of wheelbase over gravity: what cars of all sizes do alike takes
+        as many of these (Froude's similarity). 0.55 s for the AV-24, 0.13 s for a car at 1:10."""
+        return float((self.wheelbase / GRAVITY) ** 0.5)
+
+    @property
     def static_load_front(self) -> float:
         """Front axle load on level ground at rest, N."""
         return self.mass * GRAVITY * self.lr / self.wheelbase

@@ -6,7 +6,7 @@ times what each makes of it, and p is the share at equal pressures; elsewhere b 
 
 from __future__ import annotations
 
-from estimator.model.effect import SWITCHING_FORCE, DeclaredParameter, Effect, smooth_negative_part
+from estimator.model.effect import DeclaredParameter, Effect, braking_force
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
@@ -24,7 +24,7 @@ def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
 
 
 def _longitudinal(terms: Terms, share: Expr, gain: Expr) -> None:
-    braking = smooth_negative_part(terms.fx_r, SWITCHING_FORCE)
+    braking = braking_force(terms.fx_r, terms.vehicle)
     balance = terms.auxiliary("brake_balance")
     front = (1.0 + balance) * share / (1.0 + balance * (2.0 * share - 1.0))
     terms.fx_f = terms.fx_f + front * gain * braking

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimator.model.effect import SWITCHING_FORCE, Effect, smooth_negative_part
+from estimator.model.effect import Effect, braking_force
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.car.vehicle import Vehicle
@@ -17,7 +17,7 @@ from hil_gateway.process.arrays import Array, Expr
 
 
 def _longitudinal(terms: Terms, gap: Expr) -> None:
-    driving = terms.fx_r - smooth_negative_part(terms.fx_r, SWITCHING_FORCE)
+    driving = terms.fx_r - braking_force(terms.fx_r, terms.vehicle)
     terms.fx_r = terms.fx_r - terms.aux.get("shifting", 0.0 * gap) * driving
 
 

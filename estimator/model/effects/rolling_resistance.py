@@ -5,14 +5,16 @@ from __future__ import annotations
 from estimator.model.effect import Effect, smooth_sign
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Expr
 
-STANDSTILL_SPEED = 0.5
-"""The force fades below about this speed, m/s, instead of chattering about zero."""
+STANDSTILL = 0.093
+"""Speed over the root of gravity times wheelbase below about which the force fades instead of chattering about zero:
+0.5 m/s for an AV-24."""
 
 
 def _longitudinal(terms: Terms, force: Expr) -> None:
-    terms.body_x = terms.body_x - force * smooth_sign(terms.vx, STANDSTILL_SPEED)
+    terms.body_x = terms.body_x - force * smooth_sign(terms.vx, STANDSTILL * GRAVITY * terms.vehicle.own_time)
 
 
 EFFECT = Effect(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimator.model.effect import SWITCHING_FORCE, Effect, smooth_negative_part, smooth_sign
+from estimator.model.effect import Effect, braking_force, smooth_sign
 from estimator.model.effects.yaw_damping import EFFECT as YAW_DAMPING
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
@@ -13,7 +13,7 @@ STRAIGHT = 0.01
 
 
 def _body(terms: Terms, lever: Expr) -> None:
-    pushing = terms.fx_r - smooth_negative_part(terms.fx_r, SWITCHING_FORCE)
+    pushing = terms.fx_r - braking_force(terms.fx_r, terms.vehicle)
     terms.body_yaw = terms.body_yaw + lever * pushing * smooth_sign(terms.steer, STRAIGHT)
 
 

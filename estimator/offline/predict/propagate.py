@@ -6,6 +6,7 @@ exponential; the same recursion carries every sensitivity.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +14,10 @@ import numpy as np
 from estimator.offline.predict.compiled_windows import VECTOR, windows_library
 from hil_gateway.process.arrays import Array
 
-ORDER, DOUBLINGS = 8, 3
-"""Terms of the exponential series of an eighth of a block: |A| dt may be 8 at slow speed with stiff tyres."""
+ORDER = 8
+"""Terms of the exponential series"""
+SERIES_NORM = 0.5
+"""Largest norm of what the series is taken of: its first missing term is then below 1e-7."""
 MOTION = (3, 4, 2)
 """Channels that are the derivatives of vx, vy, yaw_rate."""
 
@@ -49,18 +52,26 @@ class Propagator:
 def exponentials(a: Array) -> tuple[Array, Array, Array]:
     """exp(a) and its first and second integral over the block, of (3, 3, blocks, windows), each of that shape.
 
-    Series of a fraction of a block first, then doubled (scaling and squaring).
+    Series of a fraction of a block first, then doubled (scaling and squaring; Golub and Van Loan, Matrix Computations,
+    9.3): a car that is small and slow decays a hundred times within a block.
     """
-    a = a / 2**DOUBLINGS
+    doublings = _doublings(a)
+    a = a / 2**doublings
     library = windows_library()
     if library is None or a[0, 0].size < VECTOR:
-        return _exponentials(a)
+        return _exponentials(a, doublings)
     decay, first, second = (np.empty_like(a) for _ in range(3))
-    library.call("exponentials", a[0, 0].size, ORDER, DOUBLINGS, a, decay, first, second)
+    library.call("exponentials", a[0, 0].size, ORDER, doublings, a, decay, first, second)
     return decay, first, second
 
 
-def _exponentials(a: Array) -> tuple[Array, Array, Array]:
+def _doublings(a: Array) -> int:
+    """Halvings of a block after which every matrix is within `SERIES_NORM`."""
+    largest = float(np.abs(a).sum(axis=1).max(initial=0.0))
+    return max(0, math.ceil(math.log2(largest / SERIES_NORM))) if largest > SERIES_NORM else 0
+
+
+def _exponentials(a: Array, doublings: int) -> tuple[Array, Array, Array]:
     identity = np.eye(3)[:, :, None, None]
     power, decay, first, second = (np.broadcast_to(identity / d, a.shape).copy() for d in (1.0, 1.0, 1.0, 2.0))
     factorial = 1.0
@@ -70,7 +81,7 @@ def _exponentials(a: Array) -> tuple[Array, Array, Array]:
         decay += power / factorial
         first += power / (factorial * (j + 1))
         second += power / (factorial * (j + 1) * (j + 2))
-    for _ in range(DOUBLINGS):
+    for _ in range(doublings):
         second = (product(first, first) + 2.0 * second) / 4.0
         first = product(first, decay + identity) / 2.0
         decay = product(decay, decay)

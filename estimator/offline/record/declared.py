@@ -21,8 +21,12 @@ GYRATION = (0.1, 1.5)
 a slip of a digit in mass, yaw inertia or an axle's place lies outside"""
 
 
+LENGTHS = ("cg_height", "track_front", "track_rear", "half_width", "wheel_radius")
+AREAS = ("drag_area", "lift_area_front", "lift_area_rear")
+
+
 def read_vehicle(path: Path | None) -> Vehicle:
-    """Vehicle data; the car's where no file is given.
+    """Vehicle data; the car's where no file is given, and in proportion to its wheelbase what a file leaves out.
 
     Raises:
         InputError: unreadable file, unknown key, missing or impossible value.
@@ -34,7 +38,7 @@ def read_vehicle(path: Path | None) -> Vehicle:
         if key not in data:
             raise InputError(f"{path}: {key} is missing: mass, yaw_inertia, lf and lr are needed")
     try:
-        vehicle = Vehicle.model_validate(data, strict=True)
+        vehicle = _in_proportion(Vehicle.model_validate(data, strict=True))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
@@ -47,6 +51,15 @@ def read_vehicle(path: Path | None) -> Vehicle:
             f" a car has {low:g} to {high:g}; are the units SI?"
         )
     return vehicle
+
+
+def _in_proportion(vehicle: Vehicle) -> Vehicle:
+    """`vehicle` with the lengths and areas that its file leaves out as the car has them, at its own size."""
+    car = load_car().vehicle
+    size = vehicle.wheelbase / car.wheelbase
+    scaled = {**dict.fromkeys(LENGTHS, size), **dict.fromkeys(AREAS, size**2)}
+    left_out = scaled.keys() - vehicle.model_fields_set
+    return vehicle.model_copy(update={name: scaled[name] * getattr(car, name) for name in left_out})
 
 
 def default_tyre_prior(layout: Layout, vehicle: Vehicle) -> Mapping[str, float]:

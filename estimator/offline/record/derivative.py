@@ -6,13 +6,11 @@ import numpy as np
 
 from hil_gateway.process.arrays import Array, Ints
 
-KERNEL_S = 0.25
-"""Full width of the differentiating kernel (Hann)."""
 
-
-def kernel(step: float) -> tuple[Array, Array]:
-    """Differentiating kernel's smoothing of a derivative, and that kernel, per sample of `step` s."""
-    half = max(2, round(0.5 * KERNEL_S / step))
+def kernel(step: float, width_s: float) -> tuple[Array, Array]:
+    """Smoothing of a derivative by a differentiating kernel (Hann) of `width_s`, and that kernel, per sample of `step`.
+    """
+    half = max(2, round(0.5 * width_s / step))
     at = np.arange(-half, half + 1)
     hann = 1.0 + np.cos(np.pi * at / (half + 1))
     edges = np.concatenate([[0.0], hann, [0.0]])
@@ -36,8 +34,8 @@ def _passed(differences: Array) -> Array:
     return np.asarray(inside, np.float64)
 
 
-def stretches(rows: Ints, step: float) -> list[Ints]:
-    """Uninterrupted runs of row numbers long enough for the kernel."""
+def stretches(rows: Ints, step: float, width_s: float) -> list[Ints]:
+    """Uninterrupted runs of row numbers long enough for a kernel of `width_s`."""
     cuts = np.flatnonzero(np.diff(rows) != 1) + 1
-    least = 3 * round(KERNEL_S / step) + 2
+    least = 3 * round(width_s / step) + 2
     return [run for run in np.split(rows, cuts) if len(run) > least]

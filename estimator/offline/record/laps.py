@@ -7,34 +7,36 @@ import itertools
 import numpy as np
 
 from estimator.drive_log.table import DriveLog
-from estimator.offline.record.split import BLOCK_S
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Ints
 
-SHORTEST_LAP_S = 15.0
-RETURN_RADIUS_M = 25.0
+BLOCK, SHORTEST_LAP = 36.3, 27.2
+"""Own times of the car: blocks that stand for laps, 20 s for an AV-24, and the least time of a lap, 15 s."""
+RETURN_RADIUS = 8.4
+"""Wheelbases, 25 m for an AV-24."""
 
 
-def lap_numbers(log: DriveLog) -> tuple[Ints, bool]:
+def lap_numbers(log: DriveLog, vehicle: Vehicle) -> tuple[Ints, bool]:
     """(n,) lap of every row, and whether these are real laps (else blocks of time)."""
     if "lap" in log and len(np.unique(log["lap"])) >= 3:
         return log["lap"].astype(np.int64), True
     if "x" in log and "y" in log:
-        laps = _laps_from_position(log)
+        laps = _laps_from_position(log, vehicle)
         if laps.max() >= 3:
             return laps, True
-    return ((log["t"] - log["t"][0]) // BLOCK_S).astype(np.int64) + 10_000 * log.segment, False
+    return ((log["t"] - log["t"][0]) // (BLOCK * vehicle.own_time)).astype(np.int64) + 10_000 * log.segment, False
 
 
-def _laps_from_position(log: DriveLog) -> Ints:
+def _laps_from_position(log: DriveLog, vehicle: Vehicle) -> Ints:
     """Counts returns, in the same direction, to where the car was at half its fastest speed for the first time."""
     speed = np.hypot(log["vx"], log["vy"])
     start = int(np.argmax(speed > 0.5 * np.quantile(speed, 0.95)))
     distance = np.hypot(log["x"] - log["x"][start], log["y"] - log["y"][start])
     laps = np.zeros(len(log), np.int64)
-    near = distance < RETURN_RADIUS_M
+    near = distance < RETURN_RADIUS * vehicle.wheelbase
     last = log["t"][start]
     for i in np.flatnonzero(np.diff(near.astype(int)) == 1):
-        if i > start and log["t"][i] - last > SHORTEST_LAP_S:
+        if i > start and log["t"][i] - last > SHORTEST_LAP * vehicle.own_time:
             stop = i + int(np.argmax(~near[i + 1 :])) + 1
             closest = i + int(np.argmin(distance[i : stop + 1]))
             laps[closest:] += 1

@@ -1,6 +1,6 @@
 """A drive log cut into windows: smoothed states, measured channels with white noise, laps.
 
-Every fit works on block means over 40 ms inside windows of 2 s. What is compared with a model are the five
+Every fit works on block means inside windows, 40 ms and 2 s for an AV-24. What is compared with a model are the five
 measured signals themselves, whose noise is white: differentiating a sensor would make it blue. Smoothing acts
 only on the states a prediction is linearised at, so that no filter can shift a channel in time and pass for an
 effect.
@@ -23,6 +23,7 @@ from estimator.drive_log.table import DriveLog
 from estimator.model.basis import Basis, make_basis
 from estimator.model.extra_load import extra_loads
 from estimator.model.memory import axle_courses
+from estimator.model.parameters import TABLE_WHEELBASE
 from estimator.model.single_track import AUXILIARY, SIGNALS
 from estimator.offline.record.laps import lap_numbers, scored_laps, track_position
 from estimator.offline.record.prepare import smoothed_velocity
@@ -32,10 +33,15 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Ints
 from hil_gateway.process.errors import InputError
 
-BLOCK_S = 0.04
-"""Block means thin the data to 25 Hz, above anything a car's body does."""
-WINDOW_S = 2.0
-"""Long enough for slow effects to add up, short enough that the integrated yaw-rate noise stays below the sensor's."""
+BLOCK = 0.0727
+"""Length of a block over the car's own time: 25 Hz for an AV-24, above anything its body does."""
+WINDOW = 3.633
+"""The same of a window, 2 s for an AV-24: long enough for slow effects to add up, short enough that the integrated
+yaw-rate noise stays below the sensor's."""
+KERNEL = 0.454
+"""The same of `Record.kernel_s`, 0.25 s for an AV-24."""
+WINDOWS_MIN = 20
+"""Fewer cannot be learnt from, chosen by and scored on."""
 SLOWEST = 0.15
 """Windows slower than this share of the log's fast speed (95th percentile) carry no tyre information."""
 SPUN = 0.7
@@ -112,6 +118,16 @@ class Record:
     def block_noise(self) -> Array:
         """(5,) standard deviation of the noise of a block mean."""
         return np.asarray(self.noise / np.sqrt(self.rows.shape[2]))
+
+    @property
+    def kernel_s(self) -> float:
+        """Full width of the kernel (Hann) that differentiates the motion where it is shown and not fitted, s."""
+        return KERNEL * self.vehicle.own_time
+
+    @property
+    def size(self) -> float:
+        """Wheelbase over that of the car that lengths on the road are written down for."""
+        return self.vehicle.wheelbase / TABLE_WHEELBASE
 
     @property
     def block_step(self) -> float:
@@ -198,15 +214,16 @@ def make_record(
     signals = {name: np.array(log[name], float) for name in log.columns}
     if "az" in log:
         signals["extra_load"] = np.zeros(len(log))
-    long_enough = [s for s in log.segments() if (s.stop - s.start) * log.step > 2 * WINDOW_S]
+    window_s = WINDOW * vehicle.own_time
+    long_enough = [s for s in log.segments() if (s.stop - s.start) * log.step > 2 * window_s]
     if not long_enough:
-        raise InputError(f"the log has no uninterrupted stretch of {2 * WINDOW_S:g} s: nothing can be diagnosed")
+        raise InputError(f"the log has no uninterrupted stretch of {2 * window_s:.2g} s: nothing can be diagnosed")
     for stretch in long_enough:
         _smooth(log, stretch, signals)
-    lap, has_laps = lap_numbers(log)
-    windows, window_lap = _cut(log, lap, signals["vx"], signals["vy"])
+    lap, has_laps = lap_numbers(log, vehicle)
+    windows, window_lap = _cut(log, lap, signals["vx"], signals["vy"], vehicle.own_time)
     learnt = windows[~np.isin(window_lap, scored_laps(window_lap, has_laps))]
-    noise, state_error = _noise(log, learnt, long_enough)
+    noise, state_error = _noise(log, learnt, long_enough, 2 * window_s)
     position, length = track_position(log, lap, has_laps, np.unique(lap[learnt]))
     signals |= {"track_position": position} if has_laps else {}
     if "brake" in signals:
@@ -268,15 +285,15 @@ def _smoothed(log: DriveLog, rows: slice) -> dict[str, Smoothed]:
     return {"vx": forward, "vy": sideways, "yaw_rate": omega}
 
 
-def _noise(log: DriveLog, learnt: Ints, segments: Sequence[slice]) -> tuple[Array, Array]:
+def _noise(log: DriveLog, learnt: Ints, segments: Sequence[slice], shortest_s: float) -> tuple[Array, Array]:
     """Noise (5,) of the measured channels and error (3,) left in the smoothed states, where it is learnt from.
 
-    `learnt` (windows, ...) are the rows of the windows that fits see. Where none of their runs is long enough,
-    whole `segments` tell.
+    `learnt` (windows, ...) are the rows of the windows that fits see. Where none of their runs is as long as
+    `shortest_s`, whole `segments` tell.
     """
     rows = np.sort(learnt.ravel())
     runs = [slice(int(run[0]), int(run[-1]) + 1) for run in np.split(rows, np.flatnonzero(np.diff(rows) != 1) + 1)]
-    runs = [r for r in runs if (r.stop - r.start) * log.step > 2 * WINDOW_S] or list(segments)
+    runs = [r for r in runs if (r.stop - r.start) * log.step > shortest_s] or list(segments)
     weight = [run.stop - run.start for run in runs]
     found = [_noise_of(log, run) for run in runs]
     noise, error = (np.sqrt(np.average([part[k] ** 2 for part in found], axis=0, weights=weight)) for k in (0, 1))
@@ -290,10 +307,10 @@ def _noise_of(log: DriveLog, rows: slice) -> tuple[Array, Array]:
     return np.array([noise[n] for n in MEASURED]), np.array([states[n].value_error for n in STATES])
 
 
-def _cut(log: DriveLog, lap: Ints, vx: Array, vy: Array) -> tuple[Ints, Ints]:
+def _cut(log: DriveLog, lap: Ints, vx: Array, vy: Array, own_time: float) -> tuple[Ints, Ints]:
     """Rows (windows, blocks, q) and lap of every full window inside one lap of one segment, driven and not spun."""
-    q = max(1, round(BLOCK_S / log.step))
-    blocks = max(8, round(WINDOW_S / (q * log.step)))
+    q = max(1, round(BLOCK * own_time / log.step))
+    blocks = max(8, round(WINDOW * own_time / (q * log.step)))
     size, edge = q * blocks, round(EDGE_S / log.step)
     slowest = SLOWEST * float(np.quantile(vx, 0.95))
     starts: list[int] = []
@@ -304,8 +321,8 @@ def _cut(log: DriveLog, lap: Ints, vx: Array, vy: Array) -> tuple[Ints, Ints]:
             starts.extend(range(a, b - size + 1, size))
     driven = (vx > slowest) & ~_lost(vx, vy, slowest, round(GROWS_S / log.step))
     keep = np.array([s for s in starts if driven[s : s + size].all()], dtype=np.int64)
-    if len(keep) < 20:
-        found, least = len(keep) * WINDOW_S, 20 * WINDOW_S
+    if len(keep) < WINDOWS_MIN:
+        found, least = len(keep) * size * log.step, WINDOWS_MIN * size * log.step
         raise InputError(f"only {found:.0f} s of driving in the log: at least {least:.0f} s are needed")
     rows = keep[:, None] + np.arange(size)
     _, number = np.unique(lap[keep], return_inverse=True)

@@ -192,7 +192,7 @@ def comes_back(record: Record, rows: Ints, mean: Array) -> float:
 
     1 where no two laps tell.
     """
-    cell = np.floor(record.signals["track_position"][rows] / CELL_M).astype(np.int64)
+    cell = np.floor(record.signals["track_position"][rows] / (CELL_M * record.size)).astype(np.int64)
     laps, lap = np.unique(record.lap_of_row[rows], return_inverse=True)
     sums, count = np.zeros((2, len(laps), cell.max() + 1))
     np.add.at(sums, (lap, cell), mean)

@@ -18,8 +18,6 @@ from hil_gateway.process.arrays import Array, Ints
 
 AX, AY, YAW_RATE, VX, VY = range(5)
 """Rows of `record.MEASURED`."""
-CHORD_S = 0.25
-"""s between positions: the car turns by 0.1 rad at most, and drives far against their noise"""
 TRIMMED = 0.05
 """share of the windows at either end that does not count: a receiver jumped"""
 
@@ -31,7 +29,7 @@ def accelerometer_ahead(record: Record) -> tuple[float, float] | None:
     """
     if not record.used[[AY, YAW_RATE, VY]].all():
         return None
-    parts = [_equation(record, rows) for rows in stretches(np.sort(record.rows.ravel()), record.step)]
+    parts = [_equation(record, rows) for rows in stretches(record, np.sort(record.rows.ravel()))]
     y, X = (np.concatenate(part) for part in zip(*parts, strict=True))
     precision = np.zeros((X.shape[1],) * 2)
     own = len(SENSORS)
@@ -49,7 +47,7 @@ def _equation(record: Record, rows: Ints) -> tuple[Array, Array]:
 
     One row per half length of the kernel: closer ones say the same.
     """
-    smooth, slope = kernel(record.step)
+    smooth, slope = kernel(record.step, record.kernel_s)
     half = len(smooth) // 2
     measured = record.measured[:, rows]
 
@@ -77,7 +75,7 @@ def speed_scale(record: Record) -> tuple[float, float] | None:
     """
     if not {"x", "y"} <= record.signals.keys():
         return None
-    stride = max(1, round(CHORD_S / record.step))
+    stride = max(1, round(record.kernel_s / record.step))  # turns by 0.1 rad at most, and drives far against noise
     rows = record.rows.reshape(record.windows, -1)
     ends = rows[:, ::stride]
     x, y, vx, vy = (record.signals[name] for name in ("x", "y", "vx", "vy"))
@@ -111,11 +109,11 @@ def gyro_gain(record: Record) -> tuple[float, float] | None:
 def gyroscope_zero(record: Record) -> tuple[float, float] | None:
     """Reported yaw rate less that of the course, rad/s, and its standard deviation; None without positions.
 
-    Within windows of 2 s; what the side slip changes meanwhile adds up to nothing.
+    Within windows; what the side slip changes meanwhile adds up to nothing.
     """
     if not {"x", "y"} <= record.signals.keys():
         return None
-    stride = max(1, round(CHORD_S / record.step))
+    stride = max(1, round(record.kernel_s / record.step))  # turns by 0.1 rad at most, and drives far against noise
     rows = record.rows.reshape(record.windows, -1)
     ends = rows[:, ::stride]
     north, east = (np.diff(record.signals[name][ends]) for name in ("y", "x"))

@@ -68,7 +68,7 @@ class Setting:
 
     def model(self, names: Sequence[str]) -> SingleTrack:
         """The model with the named effects."""
-        effects = tuple(e for e in all_candidates().values() if e.name in names)
+        effects = tuple(e.of_size(self.record.vehicle) for e in all_candidates().values() if e.name in names)
         there = frozenset(names) | self.active_names
         sampling = sampling_effects(self.record.step, there)
         logged = pedal_effects(self.record.pedals) + vy_effects(self.record.vy_displaced)

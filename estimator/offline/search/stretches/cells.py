@@ -24,7 +24,7 @@ from estimator.offline.record.record import Record
 from estimator.offline.record.window_columns import WindowBasis
 from hil_gateway.process.arrays import Array, Expr, Ints
 
-CELL_M, MOST_CELLS = 10.0, 400
+CELL_M, FEWEST_CELLS, MOST_CELLS = 10.0, 8, 400
 """m of track position a cell, which a car passes in a few blocks; most cells of a lap"""
 LONGEST_SHARE = 0.4
 """of a lap: what covers more of it in some laps acts over time"""
@@ -179,7 +179,7 @@ def cells(predictor: Predictor, parameters: Array, noise: ResidualNoise, varianc
     unit = replace(effect_of("unit", hook), profile="")
     wide = Predictor(replace(model, effects=(*model.effects, unit)), record)
     dry, wet = (wide.predict(np.insert(parameters, wide.blocks[-1].parameters.start, x)) for x in (0.0, -GRIP_STD))
-    count = int(np.clip(round(record.lap_length / CELL_M), 1, MOST_CELLS))
+    count = int(np.clip(round(record.lap_length / (CELL_M * record.size)), FEWEST_CELLS, MOST_CELLS))
     edges = np.linspace(0.0, record.lap_length, count + 1)
     place = np.searchsorted(edges, record.thin(record.signals["track_position"]).ravel(), side="right") - 1
     box = np.eye(count)[np.clip(place, 0, count - 1)]

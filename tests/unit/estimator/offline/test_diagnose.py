@@ -412,7 +412,7 @@ def test_windows_in_which_the_car_has_spun_are_left_out(drives: dict[str, Any]) 
 
 @pytest.mark.parametrize("step", [0.04, 0.02, 0.01, 0.005])
 def test_differentiating_kernel_is_the_derivative_of_the_smoothing_one(step: float) -> None:
-    smooth, slope = kernel(step)
+    smooth, slope = kernel(step, 0.25)
     t = step * np.arange(400)
     wave, rate = np.sin(10 * t), 10 * np.cos(10 * t)
     np.testing.assert_allclose(np.convolve(wave, slope, "valid"), np.convolve(rate, smooth, "valid"), atol=5e-4)
@@ -487,7 +487,7 @@ def test_a_pedal_that_chatters_between_the_rows_is_no_more_than_noise_in_the_spe
     model = SingleTrack(record.vehicle, "per_axle", (), drive.tyre)
     rows, numbers = np.sort(record.rows.ravel()), np.array([p.prior for p in model.tyre_table])
     left = rmse(chattering, rows, model, numbers)["vx_dot"]
-    sensor = second_difference_noise(record.measured[3]) * np.sqrt(np.sum(kernel(record.step)[1] ** 2))
+    sensor = second_difference_noise(record.measured[3]) * np.sqrt(np.sum(kernel(record.step, record.kernel_s)[1] ** 2))
     assert left > BEYOND_NOISE * sensor
     floor = noise_floor(chattering, rows, model, numbers)["vx_dot"]
     assert left < floor < BEYOND_NOISE * left, "as if nothing were known of the pedal between the rows"

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from support.practice_drives import record_of, shared_drives
 
 from estimator.offline.fit import normal
@@ -35,8 +36,23 @@ def motion() -> Propagator:
 @needs_a_compiler
 def test_compiled_exponentials_are_those_of_numpy() -> None:
     a = np.random.default_rng(1).normal(scale=0.5, size=(3, 3, BLOCKS, WINDOWS))
-    for compiled, plain in zip(exponentials(a), propagate._exponentials(a / 2**propagate.DOUBLINGS), strict=True):
+    doublings = propagate._doublings(a)
+    for compiled, plain in zip(exponentials(a), propagate._exponentials(a / 2**doublings, doublings), strict=True):
         np.testing.assert_allclose(compiled, plain, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("size", [0.01, 1.0, 30.0, 2000.0])
+def test_exponentials_are_right_however_stiff_the_motion_is(size: float) -> None:
+    """A model car at walking pace decays thousands of times within a block, an AV-24 at speed hardly at all."""
+    rng = np.random.default_rng(7)
+    a = np.zeros((3, 3, 2, WINDOWS))
+    for b, w in np.ndindex(2, WINDOWS):
+        skew = rng.normal(size=(3, 3))
+        a[:, :, b, w] = skew @ np.diag(-size * rng.uniform(0.0, 1.0, 3)) @ np.linalg.inv(skew)
+    decay, first, _ = exponentials(a)
+    for b, w in np.ndindex(2, WINDOWS):
+        np.testing.assert_allclose(decay[:, :, b, w], expm(a[:, :, b, w]), atol=1e-6)
+        np.testing.assert_allclose(a[:, :, b, w] @ first[:, :, b, w], expm(a[:, :, b, w]) - np.eye(3), atol=1e-6)
 
 
 @needs_a_compiler

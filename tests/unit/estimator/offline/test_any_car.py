@@ -1,0 +1,77 @@
+"""Cars of any size, and every measured run at hand: results or one clear line, never a traceback."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.any_car import AnyCar
+
+from estimator.drive_log.table import DriveLog, read_logs
+from estimator.offline.diagnosis import diagnose
+from estimator.offline.identification import Options, identify
+from estimator.offline.record.declared import default_tyre_prior, read_vehicle
+from estimator.offline.record.record import make_record
+from estimator.offline.report.diagnosis_result import as_revision
+
+MODEL_CAR = {"mass": 1.58, "yaw_inertia": 0.0048, "lf": 0.0805, "lr": 0.0930}
+"""1:10, of the measured runs"""
+CARS = {
+    "1:10": AnyCar(2.0, 0.2, rear=(9.0, 1.5, 1.2)),
+    "kart": AnyCar(160.0, 1.05, front=(8.0, 1.45, 1.3)),
+    "lorry": AnyCar(3000.0, 4.0, front_share=0.5, front=(9.0, 1.4, 0.8), rear=(10.0, 1.4, 0.8)),
+}
+
+
+def _log(car: AnyCar) -> DriveLog:
+    columns = car.drive(seed=1)
+    return DriveLog(columns, np.zeros(len(columns["t"]), np.int64))
+
+
+def _vehicle_file(folder: Path, values: dict[str, float]) -> Path:
+    path = folder / "vehicle.json"
+    path.write_text(json.dumps(values))
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CARS)
+def test_tyres_of_a_car_of_any_size_are_found(name: str, tmp_path: Path) -> None:
+    car = CARS[name]
+    vehicle = read_vehicle(_vehicle_file(tmp_path, car.vehicle))
+    found = identify(_log(car), vehicle, default_tyre_prior("per_axle", vehicle), Options()).final
+    stiffness = [np.prod([found[f"{p}{axle}"] for p in "bcd"]) for axle in "fr"]
+    np.testing.assert_allclose(stiffness, [np.prod(car.front), np.prod(car.rear)], rtol=0.05)
+    assert found["cx"] == pytest.approx(car.slip_stiffness * car.mass * 9.80665, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CARS)
+def test_nothing_is_found_on_a_car_of_any_size_that_lacks_nothing(name: str, tmp_path: Path) -> None:
+    car = CARS[name]
+    vehicle = read_vehicle(_vehicle_file(tmp_path, car.vehicle))
+    result = diagnose(make_record(_log(car), vehicle), "per_axle", default_tyre_prior("per_axle", vehicle))
+    assert result.verdict == "none"
+    assert np.isfinite(as_revision(result, "per_axle", ()).covariance).all()
+
+
+def test_what_a_vehicle_file_leaves_out_is_in_proportion_to_the_car(tmp_path: Path) -> None:
+    small = read_vehicle(_vehicle_file(tmp_path, MODEL_CAR))
+    assert small.cg_height / small.wheelbase == pytest.approx(0.275 / 2.972, rel=1e-3)
+    assert small.drag_area == pytest.approx(0.86 * (small.wheelbase / 2.972) ** 2, rel=1e-3)
+    given = read_vehicle(_vehicle_file(tmp_path, {**MODEL_CAR, "cg_height": 0.03}))
+    assert given.cg_height == 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(1, 4))
+def test_measured_runs_of_a_model_car_are_diagnosed(measured_data: Path, tmp_path: Path, number: int) -> None:
+    log = sorted((measured_data / "dart").glob("*.csv"))[number]
+    vehicle = read_vehicle(_vehicle_file(tmp_path, MODEL_CAR))
+    record = make_record(read_logs([log]), vehicle)
+    result = diagnose(record, "per_axle", default_tyre_prior("per_axle", vehicle))
+    assert np.isfinite(as_revision(result, "per_axle", ()).covariance).all()
+    ay = result.channels["ay"]
+    assert ay["with_effects"] < 0.3 * ay["declared"]  # the prior is a full-size car's
