@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import os
 import re
@@ -38,6 +39,16 @@ def read_text(path: Path | str, bytes_max: int, of: str = "file") -> str:
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a text file: byte {error.start} is not UTF-8") from None
+
+
+def text_of(data: bytes) -> str:
+    """Text that another program wrote in the encoding of its machine: UTF-8, UTF-16 with its mark, else Windows's."""
+    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return data.decode("utf-16", "replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", "replace")
 
 
 def check_ends(path: Path | str, of: str) -> None:

@@ -138,7 +138,7 @@ def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
     catalogue = _without(setting, outcome, outcome.terms)
     models = _models(setting, outcome, catalogue)
     best = models["with_effects"]
-    driven = stretches(record, np.sort(record.rows.ravel()))
+    driven = stretches(np.sort(record.rows.ravel()), record.step, record.kernel_s)
     record = with_predicted_vy(record, driven, best.model, best.parameters, outcome.fit.noise)
     scores = {name: rmse(record, test_rows, m.model, m.parameters) for name, m in models.items()}
     ahead = {name: rollout(record, test_rows, m.model, m.parameters) for name, m in models.items()}

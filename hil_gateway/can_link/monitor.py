@@ -80,12 +80,13 @@ class FrameMonitor:
     def __init__(self, codec: Codec, filters: Sequence[str] = ()) -> None:
         self._codec, self._filters = codec, [text.lower() for text in filters]
         self.streams: dict[int, Stream] = {}
-        self.frames = self.errors = 0
+        self.frames = self.errors = self.last_ns = 0
 
     def take(self, frames: Iterable[Frame]) -> None:
         """In the order they were heard."""
         for frame in frames:
             self.frames += 1
+            self.last_ns = max(self.last_ns, frame.stamp_ns)
             if frame.is_error:
                 self.errors += 1
                 continue

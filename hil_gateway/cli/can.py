@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hil_gateway.can_link import CanLink, Frame, open_link
+from hil_gateway.can_link import CanLink, open_link
 from hil_gateway.can_link.monitor import FrameMonitor, Stream, cells, line, signals
 from hil_gateway.car.car import load_car
 from hil_gateway.config import load_config
 from hil_gateway.process.clock import NS_PER_S, SystemClock
-from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import print_json
 from hil_gateway.process.lifecycle import StopRequest
+from hil_gateway.session.exchange.importer import open_named
+from hil_gateway.session.overview.bus_log import BusLog, read_buses
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -33,54 +33,47 @@ def _group() -> None:
 
 @app.command()
 def monitor(
-    file: Annotated[Path | None, typer.Argument(help="a .mcap, .log, .asc or .blf instead of a live bus")] = None,
+    file: Annotated[Path | None, typer.Argument(help="a CAN log of any kind, or a bag, instead of a live bus")] = None,
     *,
-    channel: Annotated[str | None, typer.Option(help="SocketCAN interface; without it the configured bus")] = None,
+    channel: Annotated[
+        str | None, typer.Option(help="SocketCAN interface, default: the configured bus; of a log: only this bus")
+    ] = None,
     filters: Annotated[list[str] | None, typer.Option("--filter", help="part of an id, message or signal")] = None,
     seconds: Annotated[float, typer.Option(help="end after so long; 0: until interrupted", min=0)] = 0.0,
     config: Annotated[Path | None, typer.Option(help="configuration (TOML)")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="at the end, one JSON object on standard output")] = False,
 ) -> None:
     """Signals, rate, age and counter of every message; what has just changed stands out."""
+    if file is not None:
+        _show(read_buses(open_named(file), load_car().codec, filters or (), channel), as_json)
+        return
     view = FrameMonitor(load_car().codec, filters or ())
-    now_ns = _read(file, view) if file else _listen(_open(config, channel), view, seconds, quiet=as_json)
+    now_ns = _listen(_open(config, channel), view, seconds, quiet=as_json)
     if as_json:
         messages = [_tree(stream, now_ns) for stream in view.shown()]
         print_json({"frames": view.frames, "error_frames": view.errors, "messages": messages})
-    elif file is not None:
-        print("\n".join(line(stream, now_ns) for stream in view.shown()))
+
+
+def _show(log: BusLog, as_json: bool) -> None:
+    """A whole log, bus by bus."""
+    for place in (*log.notes, *(f"left out: {reason}, {count} times" for reason, count in log.left_out.items())):
+        print(f"hil: {place}", file=sys.stderr)
+    if as_json:
+        views = log.buses.items()
+        messages = [{**_tree(s, view.last_ns), "bus": bus} for bus, view in views for s in view.shown()]
+        counts = {bus: {"frames": view.frames, "error_frames": view.errors} for bus, view in views}
+        frames, errors = (sum(count[key] for count in counts.values()) for key in ("frames", "error_frames"))
+        told = {"left_out": log.left_out, "notes": log.notes}
+        print_json({"frames": frames, "error_frames": errors, "buses": counts, "messages": messages, **told})
+        return
+    for bus, view in log.buses.items():
+        print(f"{bus or 'bus without a name'}: {view.frames} frames, {view.errors} error frames")
+        print("\n".join(line(stream, view.last_ns) for stream in view.shown()))
 
 
 def _open(config: Path | None, channel: str | None) -> CanLink:
     can = load_config(config).can
     return open_link(can.model_copy(update={"channel": channel, "interface": "socketcan"}) if channel else can)
-
-
-def _read(file: Path, view: FrameMonitor) -> int:
-    """Take in a whole file; the time of its last frame."""
-    last_ns = 0
-
-    def seen(frames: Iterable[Frame]) -> Iterable[Frame]:
-        nonlocal last_ns
-        for frame in frames:
-            last_ns = max(last_ns, frame.stamp_ns)
-            yield frame
-
-    view.take(seen(_frames(file)))
-    if not view.frames:
-        raise InputError(f"{file}: holds no CAN frames")
-    return last_ns
-
-
-def _frames(file: Path) -> Iterable[Frame]:
-    if file.suffix == ".mcap":
-        from hil_gateway.session.files.format import CAN_TOPIC, unpack_frame
-        from hil_gateway.session.files.reader import SessionReader
-
-        return (unpack_frame(item.data) for item in SessionReader(file, frozenset({CAN_TOPIC})).items())
-    from hil_gateway.session.exchange.importer import frames_of
-
-    return frames_of(file)
 
 
 def _listen(link: CanLink, view: FrameMonitor, seconds: float, quiet: bool) -> int:

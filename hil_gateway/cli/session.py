@@ -77,7 +77,7 @@ def recover(file: OneSession, out: Out = None, as_json: AsJson = False) -> None:
     target = out or beside(file, f"_recovered{file.suffix}")
     check_file(target, (file,))
     done = recover_session(file, target)
-    values = {"messages": done.messages, "left_out": done.left_out, "damage": done.damage, "path": str(target)}
+    values = {"messages": done.messages, "damage": done.damage, "path": str(target)}
     _report(values, f"{done.messages} messages recovered to {target}", as_json)
 
 
@@ -128,7 +128,7 @@ def _format_of(out: Path | None) -> Format:
 
 @app.command(name="import")
 def import_(
-    file: Annotated[Path, typer.Argument(help="a candump .log, Vector .asc or .blf file; with --estimate also .mcap")],
+    file: Annotated[Path, typer.Argument(help="a CAN log of any kind, or a ROS 2 bag with can_msgs/Frame")],
     *,
     out: Out = None,
     channel: Annotated[str | None, typer.Option(help="only this bus of a log that holds several")] = None,
@@ -151,7 +151,7 @@ def import_(
         _report(values, text, as_json)
         return
     done = import_log(file, target, channel)
-    values = {"frames": done.frames, "left_out": done.left_out, "path": str(target)}
+    values = {"frames": done.frames, "left_out": done.left_out, "notes": done.notes, "path": str(target)}
     _report(values, f"{done.frames} frames written to {target}", as_json)
 
 
@@ -195,6 +195,8 @@ def _report(values: Mapping[str, Any], text: str, as_json: bool) -> None:
         print(f"hil: not readable: {place}", file=sys.stderr)
     for reason, number in values.get("left_out", {}).items():
         print(f"hil: left out: {reason}, {number} times", file=sys.stderr)
+    for note in values.get("notes", ()):
+        print(f"hil: {note}", file=sys.stderr)
     if as_json:
         print_json(values)
     else:

@@ -24,13 +24,10 @@ def import_and_estimate(
         InputError: unreadable log or configuration, frames of no car, an estimator that fails.
     """
     config = load_config(config_file)
-    left_out: dict[str, int] = {}
     with tempfile.TemporaryDirectory(dir=target.resolve().parent, prefix=".import-") as folder:
         frames, states = Path(folder) / "frames.mcap", Path(folder) / "states.mcap"
-        if source.suffix == ".mcap":
-            frames = source
-        else:
-            left_out = dict(import_log(source, frames, channel).left_out)
+        done = import_log(source, frames, channel)
+        left_out, notes = dict(done.left_out), done.notes
         seen = perceive(frames, states, config)
         missing = sorted(seen.never_heard)
         if not seen.valid:
@@ -41,7 +38,8 @@ def import_and_estimate(
             raise InputError(f"{source}: {answer.reason}")
     counts = answer.content["counts"]
     values = {
-        "path": str(target), "left_out": left_out, "vehicle_states": seen.states, "valid_states": seen.valid,
+        "path": str(target), "left_out": left_out, "notes": notes,
+        "vehicle_states": seen.states, "valid_states": seen.valid,
         "estimates": counts["av24/estimate"], "valid_estimates": counts["valid"], "never_heard": missing,
     }  # fmt: skip
     text = f"{counts['valid']} of {counts['av24/estimate']} estimates valid, written to {target}"

@@ -39,7 +39,7 @@ def channel_residuals(
     smooth, slope = kernel(record.step, record.kernel_s)
     half = len(smooth) // 2
     parts: dict[str, list[tuple[Ints, Array]]] = {name: [] for name in CHANNELS}
-    for run in stretches(record, rows):
+    for run in stretches(rows, record.step, record.kernel_s):
         whole = replace(record, rows=run[None, :, None], lap=np.zeros(1, np.int64))
         predicted = _as_derived(record, run, Predictor(model, whole).predict(parameters)[:, 0])
         for c, name in enumerate(CHANNELS):
@@ -91,7 +91,7 @@ def _between_rows(record: Record, rows: Ints, model: SingleTrack, parameters: Ar
     A pedal that moves up and down faster than the log is known as badly there as it jumps from row to row.
     """
     smooth, _ = kernel(record.step, record.kernel_s)
-    runs = stretches(record, rows)
+    runs = stretches(rows, record.step, record.kernel_s)
     jumps = np.concatenate([np.diff(record.signals["drive"][run], 2) for run in runs]) if runs else np.zeros(1)
     stiffness = parameters[[p.name for p in model.tyre_table].index("cx")]
     return float(stiffness / model.vehicle.mass * np.sqrt(np.mean(jumps**2) / 6.0 * np.sum(smooth**2)))
@@ -107,7 +107,7 @@ def _noise_through_states(record: Record, model: SingleTrack, parameters: Array)
 def rollout(record: Record, rows: Ints, model: SingleTrack, parameters: Array) -> dict[str, float]:
     """RMS error of vx, vy, yaw rate after `HORIZON_S` of simulation (Heun) from the smoothed state."""
     length = round(HORIZON_S / record.step)
-    starts = [np.arange(run[0], run[-1] - length, length) for run in stretches(record, rows)]
+    starts = [np.arange(run[0], run[-1] - length, length) for run in stretches(rows, record.step, record.kernel_s)]
     first = np.concatenate(starts) if starts else np.zeros(0, np.int64)
     if not len(first):
         return dict.fromkeys(ROLLOUT_STATES, 0.0)

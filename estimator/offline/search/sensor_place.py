@@ -29,7 +29,7 @@ def accelerometer_ahead(record: Record) -> tuple[float, float] | None:
     """
     if not record.used[[AY, YAW_RATE, VY]].all():
         return None
-    parts = [_equation(record, rows) for rows in stretches(record, np.sort(record.rows.ravel()))]
+    parts = [_equation(record, rows) for rows in stretches(np.sort(record.rows.ravel()), record.step, record.kernel_s)]
     y, X = (np.concatenate(part) for part in zip(*parts, strict=True))
     precision = np.zeros((X.shape[1],) * 2)
     own = len(SENSORS)

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.drive_table import DriveTable, as_rows, read_drive_table
-from hil_gateway.session.exchange.candump import format_line
 from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, named, unpack_frame
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.logs.candump import format_line
 
 UNKNOWN_CHANNEL = "can0"
 """where the session came over no interface with a name"""

@@ -60,7 +60,7 @@ def export_foxglove(source: Path, target: Path) -> Exported:
     maker = FoxgloveMaker(load_track(config.track), LocalMap(config.origin))
     with named(source):
         done = recover(source, target, {topic: (name, schema_text(name)) for topic, name in CHANNELS.items()}, maker)
-    return Exported(maker.count, done.left_out, done.damage)
+    return Exported(maker.count, {}, done.damage)
 
 
 class FoxgloveMaker:

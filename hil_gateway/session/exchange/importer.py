@@ -1,4 +1,4 @@
-"""Raw frames of a candump, ASC or BLF log -> session."""
+"""Raw frames of a CAN log of any program -> session."""
 
 from __future__ import annotations
 
@@ -7,19 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
-from hil_gateway.can_link import EXTENDED_ID, Frame
-from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.exchange.candump import (
-    CUT_OFF,
-    LONGER_FRAME,
-    REMOTE_REQUEST,
-    LeftOut,
-    LoggedFrame,
-    read_candump,
-)
 from hil_gateway.session.files.format import (
     CAN_TOPIC,
     METADATA_SESSION,
@@ -30,13 +20,10 @@ from hil_gateway.session.files.format import (
 )
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.writer import FLUSH_EVERY, SessionFile
-from hil_gateway.text_file import check_ends
+from hil_gateway.session.logs.entry import LoggedFrame
+from hil_gateway.session.logs.reading import Log, open_log
 
-CANDUMP = ".log"
-SUFFIXES = (CANDUMP, ".asc", ".blf")
-DLC_MAX = 8
-LATEST_NS = (1 << 31) * NS_PER_S
-"""what the recorded form of a frame can say: 2038"""
+OTHER_CHANNEL = "frame of another channel"
 
 
 @dataclass
@@ -46,6 +33,17 @@ class Imported:
     frames: int = 0
     left_out: Counter[str] = field(default_factory=Counter)
     """entries a recording has no place for, by kind"""
+    notes: list[str] = field(default_factory=list)
+    """what was wrong with the log, and what was done about it"""
+
+
+def open_named(source: Path) -> Log:
+    """A log whose messages may be named as in the DBC.
+
+    Raises:
+        InputError: unreadable, or of no known kind.
+    """
+    return open_log(source, {message.name: number for number, message in load_car().codec.by_id.items()})
 
 
 def import_log(source: Path, target: Path, channel: str | None = None) -> Imported:
@@ -56,13 +54,13 @@ def import_log(source: Path, target: Path, channel: str | None = None) -> Import
     Raises:
         InputError: unreadable, unknown or empty log, several channels, `target` cannot be written.
     """
-    count = Imported()
-    entries = _recorded(source, channel, count)
-    first = next(entries, None)
+    log, count = open_named(source), Imported()
+    frames = _of_channel(log, channel)
+    first = next(frames, None)
     if first is None:
         raise InputError(f"{source}: holds no CAN frames{f' of channel {channel}' if channel else ''}")
     with output_file(target, source) as path, SessionFile(path, _metadata(source, first.channel)) as file:
-        for entry in chain((first,), entries):
+        for entry in chain((first,), frames):
             if entry.channel != first.channel:
                 both = f"{first.channel} and {entry.channel}"
                 raise InputError(f"{source}: holds the channels {both}; choose one with --channel")
@@ -72,6 +70,7 @@ def import_log(source: Path, target: Path, channel: str | None = None) -> Import
             file.add(CAN_TOPIC, data, stamp_ns, stamp_ns, count.frames)
             if count.frames % FLUSH_EVERY == 0:
                 file.flush()
+    count.left_out, count.notes = log.left_out, log.notes
     return count
 
 
@@ -80,66 +79,10 @@ def _metadata(source: Path, channel: str) -> dict[str, dict[str, str]]:
     return {METADATA_SESSION: {**session, "software": software_version(), "dbc_sha256": dbc_hash()}}
 
 
-def _recorded(source: Path, channel: str | None, count: Imported) -> Iterator[LoggedFrame]:
-    """What goes into the recording; the rest is counted."""
-    for entry in _entries(source):
-        if isinstance(entry, LeftOut):
-            count.left_out[entry.kind] += 1
-        elif channel in (None, entry.channel):
+def _of_channel(log: Log, channel: str | None) -> Iterator[LoggedFrame]:
+    """Frames of one bus; those of others are counted."""
+    for entry in log.frames():
+        if channel in (None, entry.channel):
             yield entry
         else:
-            count.left_out["frame of another channel"] += 1
-
-
-def frames_of(source: Path) -> Iterator[Frame]:
-    """Every frame of a log, of whatever bus.
-
-    Raises:
-        InputError: unreadable or unknown log.
-    """
-    return (entry.frame for entry in _entries(source) if isinstance(entry, LoggedFrame))
-
-
-def _entries(source: Path) -> Iterator[LoggedFrame | LeftOut]:
-    """Entries of a log of any kind, with times that can be recorded."""
-    suffix = source.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f"{source}: unknown kind of log; known are {', '.join(SUFFIXES)} (candump, Vector ASC, BLF)")
-    check_ends(source, "log")
-    try:
-        for number, entry in enumerate(read_candump(source) if suffix == CANDUMP else _read_other(source), start=1):
-            if isinstance(entry, LoggedFrame) and not 0 <= entry.frame.stamp_ns < LATEST_NS:
-                raise InputError(f"{source}: entry {number}: a time before 1970 or after 2038: not a {suffix} log")
-            yield entry
-    except OSError as error:
-        raise InputError(f"{source}: cannot read: {error.strerror}") from None
-
-
-def _read_other(source: Path) -> Iterator[LoggedFrame | LeftOut]:
-    """Through python-can's readers, which raise whatever a damaged file makes of them."""
-    import can
-
-    number, reader = 0, None
-    try:
-        with can.LogReader(source, relative_timestamp=False) as reader:
-            for message in reader:
-                yield _entry(message)
-                number += 1
-    except OSError:
-        raise
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{source}: damaged after {number} entries, or not a {source.suffix} log: {reason}") from None
-    if getattr(reader, "file_size", 0) > source.stat().st_size:  # which the header of a BLF gives
-        yield CUT_OFF
-
-
-def _entry(message: Any) -> LoggedFrame | LeftOut:
-    if message.is_remote_frame or message.is_fd:
-        return REMOTE_REQUEST if message.is_remote_frame else LONGER_FRAME
-    if len(message.data) > DLC_MAX:
-        raise ValueError(f"a frame of {len(message.data)} bytes")
-    stamp_ns = round(message.timestamp * 1e6) * 1000  # a float of today's Unix time says no more than that
-    number = message.arbitration_id | (EXTENDED_ID if message.is_extended_id and not message.is_error_frame else 0)
-    channel = f"can{message.channel}" if isinstance(message.channel, int) else message.channel or ""
-    return LoggedFrame(channel, Frame(number, bytes(message.data), stamp_ns, message.is_error_frame))
+            log.left_out[OTHER_CHANNEL] += 1

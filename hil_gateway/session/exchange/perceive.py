@@ -17,7 +17,7 @@ from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.events.log import EventLog
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, dbc_hash, named, unpack_frame
+from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, computer_ids, dbc_hash, named, unpack_frame
 from hil_gateway.session.files.format import software_version as software
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.reader import SessionReader
@@ -78,7 +78,8 @@ def _entries(
 ) -> Iterator[tuple[str, bytes, int, int, int]]:
     """Frames as they were recorded and messages as the recorder writes them, in order of time."""
     frames = [frame for frame, _ in records]
-    bus, link = LocalBus(), Playback(frames)
+    heard = [frame for frame in frames if frame.id not in computer_ids()]  # a gateway does not hear what it sends
+    bus, link = LocalBus(), Playback(heard)
     gateway, events = Gateway(config, bus, link), EventLog(bus)
     queues = [(topic, bus.subscribe(topic, depth=256)) for topic in KEPT]
     written = 0

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
@@ -51,11 +51,11 @@ uint32 nanosec
 METADATA_SESSION = "session"
 METADATA_REVISION = "model_revision"
 
-SOURCE_MAX = 60
+SOURCE_MAX = 255
 """longest `header.frame_id` that is read, bytes"""
 
+_ROS1_TAIL = struct.Struct("<I???B8s")
 _CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
-_SOURCE_LENGTH = struct.Struct("<I")
 _SOURCE_AT = 12
 """after the encapsulation and the stamp (sec, nanosec)"""
 
@@ -75,18 +75,19 @@ def named(path: Path) -> Iterator[None]:
 
 def frame_source(bus: str, frame_id: int) -> str:
     """`header.frame_id` of a recorded frame: bus and direction; `tx` is what the computer sends, by the DBC."""
-    return f"{bus}/{'tx' if frame_id in _computer_ids() else 'rx'}"
+    return f"{bus}/{'tx' if frame_id in computer_ids() else 'rx'}"
 
 
 @cache
-def _computer_ids() -> frozenset[int]:
+def computer_ids() -> frozenset[int]:
+    """Identifiers of what the computer sends, by the DBC."""
     return frozenset(message.id for message in load_car().codec.messages.values() if message.direction == "computer")
 
 
 @cache
-def _layout(source_bytes: int) -> struct.Struct:
+def _layout(source_bytes: int, order: str = "<") -> struct.Struct:
     """CDR of a frame whose `frame_id` has this many bytes (NUL and padding to 4 follow), id, flags, dlc, data."""
-    return struct.Struct(f"<4siII{source_bytes // 4 * 4 + 4}sI???B8s")
+    return struct.Struct(f"{order}4siII{source_bytes // 4 * 4 + 4}sI???B8s")
 
 
 def pack_frame(frame: Frame, unix_ns: int, source: str = "") -> bytes:
@@ -105,9 +106,9 @@ def unpack_frame(cdr: bytes) -> Frame:
     Raises:
         MessageError: no frame in CDR of this layout.
     """
-    _, seconds, nanoseconds, _, _, number, _, extended, is_error, dlc, data = _fields(cdr)
+    seconds, nanoseconds, _, number, _, extended, is_error, data = frame_fields(cdr)
     stamp_ns = seconds * NS_PER_S + nanoseconds
-    return Frame(number | EXTENDED_ID if extended else number, data[:dlc], stamp_ns, is_error)
+    return Frame(number | EXTENDED_ID if extended else number, data, stamp_ns, is_error)
 
 
 def recorded_source(cdr: bytes) -> str:
@@ -116,18 +117,58 @@ def recorded_source(cdr: bytes) -> str:
     Raises:
         MessageError: as `unpack_frame`.
     """
-    source: bytes = _fields(cdr)[4]
+    return frame_fields(cdr)[2]
+
+
+class FrameFields(NamedTuple):
+    """`can_msgs/msg/Frame` field by field."""
+
+    seconds: int
+    nanoseconds: int
+    frame_id: str
+    number: int
+    is_remote: bool
+    is_extended: bool
+    is_error: bool
+    data: bytes
+
+
+def frame_fields(cdr: bytes, *, ros1: bool = False) -> FrameFields:
+    """What any program's `can_msgs/msg/Frame` says, in CDR of either byte order or as ROS 1 writes it.
+
+    Raises:
+        MessageError: no such message.
+    """
+    if ros1:
+        return _ros1_fields(cdr)
+    order = ">" if len(cdr) > 1 and not cdr[1] & 1 else "<"
+    length = int.from_bytes(cdr[_SOURCE_AT : _SOURCE_AT + 4], "big" if order == ">" else "little")
+    layout = _layout(length - 1, order) if 1 <= length <= SOURCE_MAX + 1 else None
+    if layout is None or not layout.size <= len(cdr) < layout.size + 4:  # some writers pad the end
+        raise _no_frame(cdr)
+    _, seconds, nanoseconds, _, source, number, remote, extended, error, dlc, data = layout.unpack_from(cdr)
+    return FrameFields(seconds, nanoseconds, _text(source), number, remote, extended, error, data[:dlc])
+
+
+def _ros1_fields(data: bytes) -> FrameFields:
+    """Without padding, and with a sequence number before the stamp."""
+    head = struct.Struct("<IiII")
+    if len(data) < head.size or len(data) != head.size + (length := head.unpack_from(data)[3]) + _ROS1_TAIL.size:
+        raise _no_frame(data)
+    _, seconds, nanoseconds, _ = head.unpack_from(data)
+    number, remote, extended, error, dlc, content = _ROS1_TAIL.unpack_from(data, head.size + length)
+    source = _text(data[head.size : head.size + length])
+    return FrameFields(seconds, nanoseconds, source, number, remote, extended, error, content[:dlc])
+
+
+def _text(source: bytes) -> str:
     return source.rstrip(b"\0").decode("ascii", "replace")
 
 
-def _fields(cdr: bytes) -> tuple[Any, ...]:
-    length = _SOURCE_LENGTH.unpack_from(cdr, _SOURCE_AT)[0] if len(cdr) >= _SOURCE_AT + _SOURCE_LENGTH.size else 0
-    layout = _layout(length - 1) if 1 <= length <= SOURCE_MAX + 1 else None
-    if layout is None or len(cdr) != layout.size:
-        raise MessageError(
-            f"{CAN_TOPIC}: a record of {len(cdr)} bytes that is no {CAN_SCHEMA_NAME}: recorded by another program"
-        )
-    return layout.unpack(cdr)
+def _no_frame(data: bytes) -> MessageError:
+    return MessageError(
+        f"{CAN_TOPIC}: a record of {len(data)} bytes that is no {CAN_SCHEMA_NAME}: recorded by another program"
+    )
 
 
 def unpack_message(topic: Topic[M], data: bytes) -> M:

@@ -1,8 +1,9 @@
-"""Reads a session file however it ended: killed, cut at any byte, or damaged in the middle.
+"""Reads an MCAP file of any program however it ended: killed, cut at any byte, or damaged in the middle.
 
-The file is read once, front to back, without its index. Every whole chunk with a right checksum is given out;
-what is not readable is described in `damage`, with its place, and the reader goes on at the next chunk. What lies
-between the chunks, and the index at the end, have checksums as well: they are compared when nothing else was wrong.
+The file is read once, front to back, without its index. Every whole chunk with a right checksum is given out, and
+every message that lies between chunks, as writers without chunks leave them; what is not readable is described in
+`damage`, with its place, and the reader goes on at the next chunk. What lies between the chunks, and the index at the
+end, have checksums as well: they are compared when nothing else was wrong.
 """
 
 from __future__ import annotations
@@ -22,14 +23,16 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Metadata
+from mcap.records import Channel, Chunk, Header, Metadata, Schema
 
 from hil_gateway.bus.topics import TOPICS
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.format import CAN_TOPIC
+from hil_gateway.session.files.format import CAN_SCHEMA, CAN_SCHEMA_NAME, CAN_TOPIC
 from hil_gateway.text_file import check_ends
 
+LIBRARY = "hil-gateway"
+"""what the header of a file of ours says"""
 MAGIC = b"\x89MCAP0\r\n"
 _HEADER = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
@@ -37,15 +40,39 @@ _FOOTER = struct.Struct("<BQQQI8s")
 """footer record (opcode, length, two offsets, checksum of the index up to here) and the magic behind it"""
 _FOOTER_CHECKED = 25
 # start, end, uncompressed size, CRC, length and name of the compression: what makes a chunk recognisable
-_CHUNK_START = re.compile(rb"\x06.{8}.{28}\x04\x00\x00\x00zstd|\x06.{8}.{28}\x03\x00\x00\x00lz4", re.DOTALL)
+_CHUNK_START = re.compile(
+    rb"\x06.{8}.{28}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4|\x00\x00\x00\x00)", re.DOTALL
+)
+_PLAIN_CHUNK = struct.Struct("<BQ8x8xQ4xIQ")
+"""of a chunk without compression: its length, the size of its content twice, and no name say that it is one"""
+_PLAIN_CHUNK_HEAD = 40
 CHUNK_BYTES_MAX = 1 << 26
 """of a chunk's content: ours have 1 MB, other writers' some; more is a mistake, or meant to fill the memory"""
+_CONTENT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _SCAN_BYTES = 1 << 20
 _SCAN_OVERLAP = 64
 _KNOWN_OPCODES = {int(code) for code in Opcode}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """One channel of a file: its topic, how its messages are encoded, and what they are.
+
+    `kind` is the name of the schema, as `can_msgs/msg/Frame`; `definition` its text in `schema_encoding`.
+    """
+
+    topic: str
+    encoding: str = ""
+    kind: str = ""
+    schema_encoding: str = ""
+    definition: bytes = b""
+    metadata: tuple[tuple[str, str], ...] = ()
+
+
+NO_STREAM = Stream("")
+
+
+@dataclass(frozen=True, slots=True)
 class Item:
     """One recorded message; times are Unix nanoseconds."""
 
@@ -54,6 +81,7 @@ class Item:
     publish_ns: int
     sequence: int
     data: bytes
+    stream: Stream = NO_STREAM
 
 
 @dataclass(frozen=True)
@@ -80,10 +108,21 @@ class SessionReader:
     path: Path
     topics: frozenset[str] | None = None
     """only these are given out, which is much quicker where raw frames are not wanted; None: all"""
+    kinds: frozenset[str] | None = None
+    """only messages of these schemas are given out; None: all"""
     damage: list[Damage] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     complete: bool = False
+    profile: str = ""
+    """of the header: what kinds of messages the file holds, as `ros2`"""
+    ours: bool = True
+    """whether the file was written by this program, so far as its header says"""
     chunks: int = 0
+    streams: dict[int, Stream] = field(init=False)
+    _schemas: dict[int, Schema] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.streams = _default_streams()
 
     def items(self) -> Iterator[Item]:
         """Every readable message, in file order."""
@@ -101,7 +140,7 @@ class SessionReader:
                 raise InputError(f"{self.path}: cannot read the session: {error.strerror}") from None
 
     def _records(self, file: BinaryIO, size: int) -> Iterator[Item]:
-        topics, checksum = _default_topics(), zlib.crc32(MAGIC)
+        checksum = zlib.crc32(MAGIC)
         while (offset := file.tell()) < size:
             head = file.read(_HEADER.size)
             if len(head) < _HEADER.size:
@@ -119,9 +158,13 @@ class SessionReader:
                 return
             checksum = zlib.crc32(body, zlib.crc32(head, checksum))
             if opcode == Opcode.CHUNK:
-                yield from self._chunk(body, offset, topics)
+                yield from self._chunk(body, offset)
+            elif opcode in _CONTENT:
+                yield from self._between_chunks(opcode, body, offset)
             elif opcode == Opcode.METADATA:
                 self._read_metadata(body, offset)
+            elif opcode == Opcode.HEADER:
+                self._read_header(body)
             elif opcode == Opcode.FOOTER:
                 self.complete = file.read() == MAGIC
                 self._note(offset, "the record that ends the messages is corrupt")
@@ -143,7 +186,13 @@ class SessionReader:
         if expected not in (0, found) and not self.damage:
             self._note(offset, f"{what} is corrupt: its checksum is wrong; every message is whole")
 
-    def _chunk(self, body: bytes, offset: int, topics: dict[int, str]) -> Iterator[Item]:
+    def _between_chunks(self, opcode: int, body: bytes, offset: int) -> Iterator[Item]:
+        try:
+            yield from self._record(opcode, body, 0, len(body))
+        except (McapError, ValueError, struct.error) as error:
+            self._note(offset, f"a record between the chunks is corrupt: {error}")
+
+    def _chunk(self, body: bytes, offset: int) -> Iterator[Item]:
         number, self.chunks = self.chunks, self.chunks + 1
         try:
             chunk = Chunk.read(ReadDataStream(BytesIO(body)))
@@ -155,11 +204,11 @@ class SessionReader:
             self._note(offset, f"chunk {number}{_span(body)} is corrupt: {type(error).__name__}: {error}")
             return
         try:
-            yield from self._messages(data, topics)
+            yield from self._messages(data)
         except (McapError, ValueError, struct.error) as error:
             self._note(offset, f"chunk {number}{_span(body)} is corrupt: {error}")
 
-    def _messages(self, data: bytes, topics: dict[int, str]) -> Iterator[Item]:
+    def _messages(self, data: bytes) -> Iterator[Item]:
         """Messages of a chunk; a checksum, where there is one, has said already that they are whole."""
         position = 0
         while position < len(data):
@@ -167,15 +216,45 @@ class SessionReader:
             position += _HEADER.size
             if position + size > len(data):
                 raise ValueError("a record is longer than the chunk")
-            if opcode == Opcode.MESSAGE:
-                channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, position)
-                topic = topics.get(channel, f"channel {channel}")
-                if self.topics is None or topic in self.topics:
-                    yield Item(topic, log_ns, publish_ns, sequence, data[position + _MESSAGE.size : position + size])
-            elif opcode == Opcode.CHANNEL:
-                record = Channel.read(ReadDataStream(BytesIO(data[position : position + size])))
-                topics[record.id] = record.topic
+            yield from self._record(opcode, data, position, size)
             position += size
+
+    def _record(self, opcode: int, data: bytes, position: int, size: int) -> Iterator[Item]:
+        """The message of one record, if it is one that is wanted; schemas and channels are kept."""
+        if opcode == Opcode.MESSAGE:
+            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, position)
+            stream = self.streams.get(channel) or self._unknown(channel)
+            if self._wanted(stream):
+                content = data[position + _MESSAGE.size : position + size]
+                yield Item(stream.topic, log_ns, publish_ns, sequence, content, stream)
+        elif opcode == Opcode.CHANNEL:
+            self._add_stream(Channel.read(ReadDataStream(BytesIO(data[position : position + size]))))
+        elif opcode == Opcode.SCHEMA:
+            schema = Schema.read(ReadDataStream(BytesIO(data[position : position + size])))
+            self._schemas[schema.id] = schema
+
+    def _wanted(self, stream: Stream) -> bool:
+        right_topic = self.topics is None or stream.topic in self.topics
+        return right_topic and (self.kinds is None or stream.kind in self.kinds)
+
+    def _add_stream(self, channel: Channel) -> None:
+        schema = self._schemas.get(channel.schema_id) or Schema(0, b"", "", "")
+        self.streams[channel.id] = Stream(
+            channel.topic, channel.message_encoding, schema.name, schema.encoding, schema.data,
+            tuple(channel.metadata.items()),
+        )  # fmt: skip
+
+    def _unknown(self, channel: int) -> Stream:
+        return self.streams.setdefault(channel, Stream(f"channel {channel}"))
+
+    def _read_header(self, body: bytes) -> None:
+        try:
+            header = Header.read(ReadDataStream(BytesIO(body)))
+        except (McapError, ValueError, struct.error):
+            return  # the checksum of what lies between the chunks says so
+        self.profile, self.ours = header.profile, header.library.startswith(LIBRARY)
+        if not self.ours:
+            self.streams.clear()
 
     def _read_metadata(self, body: bytes, offset: int) -> None:
         try:
@@ -194,7 +273,7 @@ class SessionReader:
             for found in _CHUNK_START.finditer(window):
                 position = start + found.start()
                 length = _HEADER.unpack_from(window, found.start())[1]
-                if position + _HEADER.size + length <= size:
+                if position + _HEADER.size + length <= size and _is_chunk(window, found):
                     self._note(offset, f"{position - offset} unreadable bytes")
                     file.seek(position)
                     return True
@@ -214,7 +293,7 @@ def _unpacked(chunk: Chunk) -> bytes:
     """
     limit = chunk.uncompressed_size + 1
     if chunk.compression == "zstd":
-        data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(limit)
+        data = zstandard.ZstdDecompressor().stream_reader(chunk.data, read_across_frames=True).read(limit)
     elif chunk.compression == "lz4":
         data = lz4.frame.LZ4FrameFile(BytesIO(chunk.data)).read(limit)
     elif not chunk.compression:
@@ -228,9 +307,21 @@ def _unpacked(chunk: Chunk) -> bytes:
     return bytes(data)
 
 
-def _default_topics() -> dict[int, str]:
-    """Channel numbers as the writer gives them out, for a file whose first chunk is damaged."""
-    return dict(enumerate((CAN_TOPIC, *(t.key for t in TOPICS if t.recorded)), start=1))
+def _is_chunk(window: bytes, found: re.Match[bytes]) -> bool:
+    """Whether a place that looks like the start of a chunk is one: without compression its lengths must agree."""
+    if found.group().endswith((b"zstd", b"lz4")):
+        return True
+    if found.start() + _PLAIN_CHUNK.size > len(window):
+        return False
+    _, length, content, no_name, again = _PLAIN_CHUNK.unpack_from(window, found.start())
+    return bool(no_name == 0 and content == again and length == content + _PLAIN_CHUNK_HEAD)
+
+
+def _default_streams() -> dict[int, Stream]:
+    """Channel numbers as our writer gives them out, for a file whose first chunk is damaged."""
+    frames = Stream(CAN_TOPIC, "cdr", CAN_SCHEMA_NAME, "ros2msg", CAN_SCHEMA.encode())
+    topics = (Stream(topic.key, "json", topic.message.__name__, "jsonschema") for topic in TOPICS if topic.recorded)
+    return dict(enumerate((frames, *topics), start=1))
 
 
 def _expected(data_end: bytes) -> int:

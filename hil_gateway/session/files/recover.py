@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
+from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.reader import Item, SessionReader
-from hil_gateway.session.files.writer import FLUSH_EVERY, SessionFile
+from hil_gateway.session.files.writer import PENDING_LIMIT, SessionFile
 
 Make = Callable[[Item], Iterable[tuple[str, bytes]]]
 """(topic, data) of messages made of a recorded one"""
@@ -24,8 +25,6 @@ class Recovered:
     """What became of a damaged file."""
 
     messages: int
-    left_out: Counter[str]
-    """messages of topics this version does not record, by topic"""
     damage: tuple[str, ...]
 
 
@@ -35,21 +34,26 @@ def recover(
     """Copy every readable message of `source` to `target`, with what `make` makes of each on the topics `further`.
 
     Raises:
-        InputError: `source` is no recording, or `target` cannot be written.
+        InputError: `source` is no recording or nothing in it can be read, or `target` cannot be written.
     """
     reader = SessionReader(source)
-    count, left_out = 0, Counter[str]()
-    with output_file(target, source) as path, SessionFile(path, {}, further=further) as file:
-        for item in reader.items():
-            if not file.knows(item.topic):
-                left_out[item.topic] += 1
-                continue
+    items = reader.items()
+    first = next(items, None)
+    if first is None:
+        reason = "; ".join(map(str, reader.damage)) or "it holds none"
+        raise InputError(f"{source}: no message in it can be read: {reason}")
+    foreign = None if reader.ours else reader.profile
+    count = pending = 0
+    with output_file(target, source) as path, SessionFile(path, {}, further=further, foreign=foreign) as file:
+        for item in chain((first,), items):
+            file.open(item.stream)
             file.add(item.topic, item.data, item.log_ns, item.publish_ns, item.sequence)
             for topic, data in make(item):
                 file.add(topic, data, item.log_ns, item.publish_ns, item.sequence)
-            count += 1
-            if count % FLUSH_EVERY == 0:
+            count, pending = count + 1, pending + len(item.data)
+            if pending > PENDING_LIMIT:
                 file.flush()
+                pending = 0
         for name, values in reader.metadata.items():
             file.add_metadata(name, values)
-    return Recovered(count, left_out, tuple(map(str, reader.damage)))
+    return Recovered(count, tuple(map(str, reader.damage)))

@@ -22,6 +22,7 @@ from hil_gateway.car.car import load_car
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.writable import free_bytes, short_of_space
 from hil_gateway.session.files.format import CAN_SCHEMA, CAN_SCHEMA_NAME, CAN_TOPIC, METADATA_SESSION, json_schema
+from hil_gateway.session.files.reader import LIBRARY, Stream
 
 log = logging.getLogger(__name__)
 
@@ -86,20 +87,22 @@ class SessionFile:
 
     The files of the car that decode the frames are attached, the DBC first.
 
-    `further`: topic -> name and text of its JSON schema.
+    `further`: topic -> name and text of its JSON schema. `foreign`: profile of a file of another program, that gets
+    its own channels alone.
     """
 
     def __init__(
         self, path: Path, metadata: Mapping[str, dict[str, str]], write: Write = os.write,
-        *, further: Mapping[str, tuple[str, bytes]] | None = None,
+        *, further: Mapping[str, tuple[str, bytes]] | None = None, foreign: str | None = None,
     ) -> None:  # fmt: skip
         self.path = path
         self.sink = Sink(path, write)
         try:
             self._writer = Writer(self.sink, chunk_size=2 * PENDING_LIMIT, enable_data_crcs=True)
-            self._writer.start(library="hil-gateway")
-            self._channels = self._register(further or {})
-            for name, text in load_car().files().items():
+            self._writer.start(profile=foreign or "", library=LIBRARY)
+            self._schemas: dict[tuple[str, bytes], int] = {}
+            self._channels = self._register(further or {}) if foreign is None else {}
+            for name, text in load_car().files().items() if foreign is None else ():
                 self._writer.add_attachment(0, 0, name, "text/plain", text.encode())
             for name, values in metadata.items():
                 self._writer.add_metadata(name, values)
@@ -126,6 +129,20 @@ class SessionFile:
             self.sink.close()
         else:
             self.finish()
+
+    def open(self, stream: Stream) -> None:
+        """Have a channel for the messages of `stream`, as its own file describes them."""
+        if stream.topic in self._channels:
+            return
+        key, schema = (stream.kind, stream.definition), 0
+        if stream.kind:
+            schema = self._schemas.get(key) or self._writer.register_schema(
+                stream.kind, stream.schema_encoding, stream.definition
+            )
+            self._schemas[key] = schema
+        self._channels[stream.topic] = self._writer.register_channel(
+            stream.topic, stream.encoding, schema, dict(stream.metadata)
+        )
 
     def knows(self, topic: str) -> bool:
         """Whether the file has a channel for `topic`."""

@@ -1,44 +1,42 @@
-"""The log format of can-utils (`candump -l`, read by canplayer): one line a frame, times to the microsecond.
+"""The formats of can-utils: `candump -l` (read by canplayer) and what candump prints with `-t`.
 
 Read here and not through python-can: its reader takes times as floating-point numbers, which moves half of them by a
-microsecond, and makes extended data frames of most error frames.
+microsecond, makes extended data frames of most error frames, and does not know what candump prints.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
+from datetime import UTC, datetime
 
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
+from hil_gateway.session.logs.entry import (
+    CUT_OFF,
+    EXTENDED_ID_MAX,
+    LONGER_FRAME,
+    REMOTE_REQUEST,
+    Entry,
+    data_frame,
+    error_frame,
+    nanoseconds,
+)
+from hil_gateway.session.logs.source import Source
 
 ERROR_FLAG = 0x20000000
-EXTENDED_ID_MAX = 0x1FFFFFFF
-_LINE = re.compile(r"\((\d{1,10})\.(\d{1,9})\)\s+(\S+)\s+([0-9A-F]{3}|[0-9A-F]{8})#(.*?)(?:\s+[RT])?\s*", re.IGNORECASE)
+_STAMP = r"\s*\(([^)]*)\)\s+"
+_LINE = re.compile(_STAMP + r"(\S+)\s+([0-9A-F]{3}|[0-9A-F]{8})#(.*?)(?:\s+[RT])?\s*", re.IGNORECASE)
 _DATA = re.compile(r"((?:[0-9A-F]{2}\.?){0,8})(?:_[9A-F])?", re.IGNORECASE)
 """bytes with optional dots between; after eight of them perhaps the raw length code"""
-
-
-@dataclass(frozen=True, slots=True)
-class LoggedFrame:
-    """One frame of a log, and the bus it was on."""
-
-    channel: str
-    frame: Frame
-
-
-@dataclass(frozen=True, slots=True)
-class LeftOut:
-    """One entry of a log that a recording has no place for."""
-
-    kind: str
-
-
-REMOTE_REQUEST, LONGER_FRAME = LeftOut("remote request"), LeftOut("CAN FD or CAN XL frame")
-CUT_OFF = LeftOut("end that was cut off")
+_PRINTED = re.compile(
+    r"\s*(?:\(([^)]*)\)\s+)?(\S+)\s+(?:[RT]X\s+\S+\s+\S+\s+)?([0-9A-F]{3}|[0-9A-F]{8})"
+    r"\s+\[(\d{1,2})\]\s*(.*)",
+    re.IGNORECASE,
+)
+_BYTES = re.compile(r"((?:[0-9A-F]{2}(?:\s+|$))*)", re.IGNORECASE)
+_DATE = re.compile(r"(\d{4})-(\d\d)-(\d\d) (\d\d):(\d\d):(\d\d)(\.\d+)?")
 
 
 def format_line(frame: Frame, channel: str) -> str:
@@ -54,16 +52,16 @@ def _number(frame: Frame) -> str:
     return f"{frame.id & ~EXTENDED_ID:08X}" if frame.id & EXTENDED_ID else f"{frame.id:03X}"
 
 
-def parse_line(line: str) -> LoggedFrame | LeftOut:
-    """Inverse of `format_line`.
+def parse_line(line: str) -> Entry:
+    """Inverse of `format_line`; a line that candump prints as well.
 
     Raises:
         ValueError: not a line of such a log.
     """
     found = _LINE.fullmatch(line)
     if found is None:
-        raise ValueError("not `(seconds) channel identifier#data`")
-    seconds, fraction, channel, number, content = found.groups()
+        return _printed(line)
+    stamp, channel, number, content = found.groups()
     if content[:1].upper() == "R":
         return REMOTE_REQUEST
     if "#" in content:
@@ -71,34 +69,63 @@ def parse_line(line: str) -> LoggedFrame | LeftOut:
     data = _DATA.fullmatch(content)
     if data is None:
         raise ValueError(f"{content!r} is no data of a CAN frame")
-    stamp_ns = int(seconds) * NS_PER_S + int(fraction.ljust(9, "0"))
-    return LoggedFrame(channel, _frame(number, bytes.fromhex(data[1].replace(".", "")), stamp_ns))
+    return _frame(channel, number, bytes.fromhex(data[1].replace(".", "")), _time(stamp))
 
 
-def _frame(number: str, data: bytes, stamp_ns: int) -> Frame:
-    value = int(number, 16)
-    if len(number) == 8 and value & ERROR_FLAG:
-        return Frame(value & ~ERROR_FLAG & EXTENDED_ID_MAX, data, stamp_ns, is_error=True)
-    if value > (EXTENDED_ID_MAX if len(number) == 8 else 0x7FF):
-        raise ValueError(f"{number} is no CAN identifier")
-    return Frame(value | EXTENDED_ID if len(number) == 8 else value, data, stamp_ns)
+def _printed(line: str) -> Entry:
+    """A line as candump prints it: `(time)  can0  123   [2]  11 22`."""
+    found = _PRINTED.fullmatch(line)
+    if found is None:
+        raise ValueError("not `(seconds) channel identifier#data`")
+    stamp, channel, number, length, content = found.groups()
+    if stamp is None:
+        raise ValueError("no time: candump prints it with -t a, and logs it with -l")
+    if content.lower().startswith("remote"):
+        return REMOTE_REQUEST
+    if len(length) == 2:  # [08] where classic frames have [8]
+        return LONGER_FRAME
+    shown = _BYTES.match(content)
+    data = bytes.fromhex(shown[1])[: int(length)] if shown else b""
+    if len(data) < int(length):
+        raise ValueError(f"{content!r} are not {length} bytes of a CAN frame")
+    return _frame(channel, number, data, _time(stamp))
 
 
-def read_candump(path: Path) -> Iterator[LoggedFrame | LeftOut]:
+def _time(stamp: str) -> int:
+    """ns of seconds, or of the date that `-t A` prints."""
+    found = _DATE.fullmatch(stamp.strip())
+    if found is None:
+        return nanoseconds(stamp)
+    *date, fraction = found.groups()
+    whole = int(datetime(*map(int, date), tzinfo=UTC).timestamp())  # type: ignore[misc, arg-type]
+    return whole * NS_PER_S + nanoseconds(f"0{fraction or '.0'}")
+
+
+def _frame(channel: str, number: str, data: bytes, stamp_ns: int) -> Entry:
+    value, extended = int(number, 16), len(number) == 8
+    if extended and value & ERROR_FLAG:
+        return error_frame(channel, stamp_ns, value & ~ERROR_FLAG & EXTENDED_ID_MAX, data)
+    return data_frame(channel, value, data, stamp_ns, extended=extended)
+
+
+def recognises(source: Source) -> bool:
+    """Whether one of the first lines looks like one of candump."""
+    return any(_LINE.fullmatch(line) or _PRINTED.fullmatch(line) for line in source.first_lines[:20])
+
+
+def read_candump(source: Source) -> Iterator[Entry]:
     """Entries of a log. A last line that was cut off is left out.
 
     Raises:
         InputError: a line that is none of such a log, with its number.
-        OSError: unreadable.
     """
-    with path.open(encoding="ascii", errors="replace", newline="\n") as file:
-        for number, line in enumerate(file, start=1):
-            if not line.strip():
-                continue
-            try:
-                yield parse_line(line)
-            except ValueError as error:
-                if not line.endswith("\n"):
-                    yield CUT_OFF
-                    return
-                raise InputError(f"{path}: line {number}: {error}: not a candump log") from None
+    for line in source.lines():
+        if not line.text.strip():
+            continue
+        try:
+            yield parse_line(line.text)
+        except ValueError as error:
+            if not line.ended:
+                yield CUT_OFF
+                return
+            raise InputError(f"{source.path}: line {line.number}: {error}: not a candump log") from None

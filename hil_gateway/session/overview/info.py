@@ -4,57 +4,110 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure
-from hil_gateway.session.files.format import CAN_TOPIC, MessageError, recorded_source
-from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.bags.raw import Bag, bag_files, is_mcap, is_sqlite
+from hil_gateway.session.exchange.importer import open_named
+from hil_gateway.session.files.format import MessageError, recorded_source
+from hil_gateway.session.files.reader import Item, SessionReader
+from hil_gateway.session.logs.bag import KINDS
+from hil_gateway.session.logs.entry import CUT_OFF
+from hil_gateway.session.logs.source import Source
 from hil_gateway.session.overview.summary import session_summary
 
 
 def session_info(path: Path) -> dict[str, Any]:
     """Summary of one file, ready for JSON; times in s, sizes in B.
 
+    A CAN log of another program has the same keys as a recording, with its frames by bus.
+
     Raises:
-        InputError: not a readable recording.
+        InputError: not a readable recording or log.
     """
-    reader = SessionReader(path)
-    counts: Counter[str] = Counter()
-    frames: Counter[str] = Counter()
-    first, last = None, 0
+    if path.is_dir() or is_sqlite(Source(path)):
+        return bag_info(path)
+    return _recording_info(path) if is_mcap(Source(path)) else log_info(path)
+
+
+def bag_info(path: Path) -> dict[str, Any]:
+    """The same of a ROS 2 bag in SQLite, or in a folder of parts."""
+    bag, seen = Bag(path), _Seen()
+    for item in bag.items():
+        seen.note(item)
+    return _tree(path, "ROS 2 bag", seen.start_ns, seen.end_ns) | seen.tree() | {"damage": bag.damage}
+
+
+def log_info(path: Path) -> dict[str, Any]:
+    """The same of a CAN log of any kind."""
+    log, buses, stamps = open_named(path), Counter[str](), [1 << 63, 0]
+    for entry in log.frames():
+        buses[f"{entry.channel or 'of a bus without a name'}{' errors' if entry.frame.is_error else ''}"] += 1
+        stamps = [min(stamps[0], entry.frame.stamp_ns), max(stamps[1], entry.frame.stamp_ns)]
+    if not buses:
+        raise InputError(f"{path}: holds no CAN frames")
+    frames = {"messages": buses.total(), "frames": dict(sorted(buses.items())), "left_out": dict(log.left_out)}
+    cut = {"complete": CUT_OFF.kind not in log.left_out, "notes": log.notes}
+    return _tree(path, log.format, *stamps) | frames | cut
+
+
+def _tree(path: Path, kind: str, start_ns: int | None, end_ns: int) -> dict[str, Any]:
+    """What is said of any file, with nothing of what only some have."""
+    return {
+        "path": str(path), "format": kind, "complete": True, "damage": [], "corrupt": False, "notes": [],
+        "bytes": sum(file.stat().st_size for file in bag_files(path)),
+        "start_unix_s": None if start_ns is None else start_ns / NS_PER_S,
+        "duration_s": 0.0 if start_ns is None else (end_ns - start_ns) / NS_PER_S,
+        "messages": 0, "frames": {}, "left_out": {}, "chunks": 0, "topics": {}, "config": {}, "session": {},
+        "model_revision": {}, **_NO_STORY,
+    }  # fmt: skip
+
+
+@dataclass
+class _Seen:
+    """Messages counted by topic, frames by bus and direction; Unix ns of the first and the last."""
+
+    topics: Counter[str] = field(default_factory=Counter)
+    frames: Counter[str] = field(default_factory=Counter)
+    start_ns: int | None = None
+    end_ns: int = 0
+
+    def note(self, item: Item) -> None:
+        """Count one message."""
+        self.topics[item.topic] += 1
+        if item.stream.kind in KINDS:
+            self.frames[_source(item.data)] += 1
+        self.start_ns = item.log_ns if self.start_ns is None else min(self.start_ns, item.log_ns)
+        self.end_ns = max(self.end_ns, item.log_ns)
+
+    def tree(self) -> dict[str, Any]:
+        """The counts, ready for JSON."""
+        duration_s = 0.0 if self.start_ns is None else (self.end_ns - self.start_ns) / NS_PER_S
+        rates = {t: {"messages": n, "rate_hz": _rate(n, duration_s)} for t, n in sorted(self.topics.items())}
+        return {"messages": self.topics.total(), "topics": rates, "frames": dict(sorted(self.frames.items()))}
+
+
+def _recording_info(path: Path) -> dict[str, Any]:
+    reader, seen = SessionReader(path), _Seen()
     for item in reader.items():
-        counts[item.topic] += 1
-        if item.topic == CAN_TOPIC:
-            frames[_source(item.data)] += 1
-        first = item.log_ns if first is None else min(first, item.log_ns)
-        last = max(last, item.log_ns)
-    duration = (last - first) / NS_PER_S if first is not None else 0.0
+        seen.note(item)
     session = dict(reader.metadata.get("session", {}))
     damage, corrupt = [str(damage) for damage in reader.damage], not all(d.cut for d in reader.damage)
     try:
         config = json.loads(session.pop("config", "{}"))
     except ValueError:
         config, damage, corrupt = {}, [*damage, "the configuration in the metadata is not readable"], True
+    kind = RECORDING if reader.ours else f"MCAP of another program, profile {reader.profile or 'not named'}"
     return {
-        "path": str(path),
-        "complete": reader.complete,
-        "damage": damage,
-        "corrupt": corrupt,
-        "bytes": path.stat().st_size,
-        "start_unix_s": None if first is None else first / NS_PER_S,
-        "duration_s": duration,
-        "chunks": reader.chunks,
-        "messages": sum(counts.values()),
-        "topics": {topic: {"messages": n, "rate_hz": _rate(n, duration)} for topic, n in sorted(counts.items())},
-        "frames": dict(sorted(frames.items())),
-        "config": config,
-        "session": session,
-        "model_revision": reader.metadata.get("model_revision", {}),
-        **_story(path),
-    }
+        **_tree(path, kind, seen.start_ns, seen.end_ns), **seen.tree(),
+        "complete": reader.complete, "damage": damage, "corrupt": corrupt, "chunks": reader.chunks,
+        "config": config, "session": session, "model_revision": reader.metadata.get("model_revision", {}),
+        **(_story(path) if reader.ours else {}),
+    }  # fmt: skip
 
 
 def _source(data: bytes) -> str:
@@ -65,7 +118,9 @@ def _source(data: bytes) -> str:
         return "not readable"
 
 
+RECORDING = "recording"
 STORY = ("laps", "best_lap_s", "stops", "alerts", "revisions", "effects", "events")
+_NO_STORY: dict[str, Any] = {name: [] for name in STORY} | {"best_lap_s": None}
 
 
 def _story(path: Path) -> dict[str, Any]:
@@ -82,20 +137,23 @@ def _rate(count: int, duration_s: float) -> float | None:
 
 
 def _origin(session: dict[str, str]) -> str:
+    by = session.get("software", "unknown software")
     if source := session.get("imported_from"):
-        return f"imported from {source}, channel {session.get('channel') or 'not named'},"
+        name = session.get("channel") or "not named"
+        return f"imported from {source}, channel {name}, by {by}"
     bus = session.get("channel") or session.get("bus", "an unknown bus")
-    return f"recorded {session.get('started', 'at an unknown time')} on {bus}"
+    return f"recorded {session.get('started', 'at an unknown time')} on {bus} by {by}"
 
 
 def describe(info: dict[str, Any]) -> list[str]:
     """The summary in lines for a person."""
     session = info["session"]
+    ours = info["format"] == RECORDING
     ending = "complete" if info["complete"] else "not closed in order (readable up to its last whole chunk)"
     lines = [
         f"{info['path']}: {info['duration_s']:.1f} s, {info['bytes'] / 1e6:.1f} MB, {info['messages']} messages",
         f"  {ending}",
-        f"  {_origin(session)} by {session.get('software', 'unknown software')}",
+        f"  {_origin(session) if ours else info['format']}",
     ]
     if revision := info["model_revision"].get("revision"):
         lines.append(f"  newest model revision {revision}")
@@ -103,7 +161,9 @@ def describe(info: dict[str, Any]) -> list[str]:
         rate = "" if row["rate_hz"] is None else f"{row['rate_hz']:8.1f} Hz"
         lines.append(f"  {topic:24} {row['messages']:9d} {rate}")
     lines += [f"  CAN frames {source:13} {number:9d}" for source, number in info["frames"].items()]
-    lines += _story_lines(info)
+    lines += [f"  {note}" for note in info["notes"]]
+    lines += [f"  left out: {reason}, {count} times" for reason, count in info["left_out"].items()]
+    lines += _story_lines(info) if ours else []
     return lines + [f"  damaged: {damage}" for damage in info["damage"]]
 
 

@@ -17,10 +17,10 @@ from can_dbc.folder import SHIPPED
 from hil_gateway.can_link import Frame
 from hil_gateway.can_link.monitor import FrameMonitor, line, signals
 from hil_gateway.cli.main import app
-from hil_gateway.session.exchange.candump import format_line
 from hil_gateway.session.exchange.signals import export_signals
 from hil_gateway.session.files.format import CAN_TOPIC, pack_frame
 from hil_gateway.session.files.writer import SessionFile
+from hil_gateway.session.logs.candump import format_line
 
 STEERING = 0x517
 

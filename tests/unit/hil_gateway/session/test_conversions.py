@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from support.session_rig import recorded
 
 from hil_gateway.can_link import EXTENDED_ID, Frame
@@ -20,7 +22,7 @@ from hil_gateway.session.exchange.importer import import_log
 from hil_gateway.session.files.format import CAN_TOPIC, pack_frame, unpack_frame
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.recover import recover
-from hil_gateway.session.files.writer import SessionFile, SessionWriter
+from hil_gateway.session.files.writer import SessionWriter
 
 DATE = 1_700_000_000.25
 
@@ -43,13 +45,29 @@ def test_recovered_file_is_complete_and_holds_what_was_readable(tmp_path: Path) 
     assert again.metadata["session"]["name"] == "test"
 
 
-def test_recovery_says_what_it_has_no_place_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as other_program:
-        other_program.setattr("hil_gateway.session.files.writer.CAN_TOPIC", "camera")
-        with SessionFile(tmp_path / "s.mcap", {}) as file:
-            file.add("camera", b"picture", 0, 0, 0)
-    done = recover(tmp_path / "s.mcap", tmp_path / "out.mcap")
-    assert (done.messages, done.left_out) == (0, {"camera": 1})
+@pytest.mark.parametrize("chunked", [True, False])
+def test_a_recording_of_another_program_is_recovered_with_its_own_channels(tmp_path: Path, chunked: bool) -> None:
+    with (tmp_path / "s.mcap").open("wb") as out:
+        writer = Writer(out, use_chunking=chunked)
+        writer.start(profile="ros2", library="another program")
+        schema = writer.register_schema("sensor_msgs/msg/Image", "ros2msg", b"uint8[] data")
+        camera = writer.register_channel("/camera", "cdr", schema)
+        for i in range(20):
+            writer.add_message(camera, i, bytes([i]) * 50, i)
+        writer.finish()
+    whole = (tmp_path / "s.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[:-100])
+    assert recover(tmp_path / "cut.mcap", tmp_path / "out.mcap").messages == 20
+    with (tmp_path / "out.mcap").open("rb") as file:
+        again = list(make_reader(file).iter_messages())
+    assert [message.data for _, _, message in again] == [bytes([i]) * 50 for i in range(20)]
+    assert {(s.name, s.data, c.topic) for s, c, _ in again} == {("sensor_msgs/msg/Image", b"uint8[] data", "/camera")}
+
+
+def test_where_nothing_can_be_recovered_that_is_said(tmp_path: Path) -> None:
+    (tmp_path / "s.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(50))
+    with pytest.raises(InputError, match="no message in it can be read"):
+        recover(tmp_path / "s.mcap", tmp_path / "out.mcap")
 
 
 def random_log(lines: int) -> str:
@@ -145,7 +163,7 @@ def test_a_blf_log_that_was_cut_off_says_so(tmp_path: Path) -> None:
         ("x.log", "(1.0) can0 9FF#\n", "line 1: 9FF is no CAN identifier"),
         ("x.log", "(9999999999.0) can0 123#\n", "entry 1: a time before 1970 or after 2038"),
         ("x.log", "", "holds no CAN frames"),
-        ("x.txt", "", "unknown kind of log"),
+        ("x.txt", "a letter\nof two lines\n", "unknown kind of log"),
         ("absent.log", None, "cannot read: No such file"),
     ],
 )

@@ -18,11 +18,12 @@ from hil_gateway.bus.topics import COMMAND
 from hil_gateway.process.clock import VirtualClock
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.exchange.export import export_candump
-from hil_gateway.session.exchange.importer import frames_of, import_log
+from hil_gateway.session.exchange.importer import import_log
 from hil_gateway.session.files import writer as writer_module
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.recover import recover
 from hil_gateway.session.files.writer import SessionFile, SessionWriter
+from hil_gateway.session.logs.reading import open_log
 from hil_gateway.session.overview.info import session_info
 from hil_gateway.session.playback.replay import in_order, replay, to_bus
 
@@ -79,7 +80,7 @@ def test_messages_of_another_version_and_frames_of_another_program_are_one_clear
 def test_a_pipe_is_no_recording_and_not_waited_for(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / name)
     with pytest.raises(InputError, match="a pipe, socket or device; write it to a file first"):
-        list(SessionReader(tmp_path / name).items() if name == "s.mcap" else frames_of(tmp_path / name))
+        list(SessionReader(tmp_path / name).items() if name == "s.mcap" else open_log(tmp_path / name).frames())
 
 
 def test_damaged_metadata_is_named(tmp_path: Path) -> None:

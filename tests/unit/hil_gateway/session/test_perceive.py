@@ -14,11 +14,11 @@ from hil_gateway.can_link import Frame
 from hil_gateway.config import Config
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.drive_table import read_drive_table
-from hil_gateway.session.exchange.candump import format_line
 from hil_gateway.session.exchange.importer import import_log
 from hil_gateway.session.exchange.perceive import perceive
 from hil_gateway.session.files.format import unpack_message
 from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.logs.candump import format_line
 
 
 def frames_of_a_drive(seconds: float) -> list[Frame]:

@@ -327,7 +327,7 @@ def test_a_recording_that_was_only_cut_is_not_corrupt(tmp_path: Path) -> None:
     ("name", "content", "words"),
     [
         ("missing.mcap", None, "No such file"),
-        ("text.mcap", b"hello", "not an MCAP recording"),
+        ("text.mcap", b"hello", "unknown kind of log"),
     ],
 )
 def test_what_is_no_recording_gets_one_clear_line(tmp_path: Path, name: str, content: bytes | None, words: str) -> None:
