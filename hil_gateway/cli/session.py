@@ -145,7 +145,7 @@ def import_(
         raise InputError(f"{target}: there already, perhaps the recording the log was made of; name a file with --out")
     check_file(target, (file,))
     if estimate:
-        from hil_gateway.cli.session_estimate import import_and_estimate
+        from hil_gateway.session.exchange.estimate import import_and_estimate
 
         values, text = import_and_estimate(file, target, channel, config_file)
         _report(values, text, as_json)
