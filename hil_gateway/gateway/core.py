@@ -174,7 +174,7 @@ class Gateway:
         request, age_s = self.inbox.read_request(now_ns), self.inbox.gate.age_s(now_ns)
         situation = self._conditions.situation(
             now_ns, state, request, before, age_s, self.inbox.estimate, monitored,
-            self.inbox.plan,
+            self.inbox.plan, self.inbox.gate.newest,
         )  # fmt: skip
         self.decision = decide(situation, before)
         self.seen = state, situation.conditions

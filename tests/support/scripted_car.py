@@ -167,6 +167,7 @@ class Rig:
         self.brake_balance: float | None = None
         self.drive = 0.02
         self.planner_runs = True
+        self.publishes_plans = True
         self.estimator_runs = True
         self.estimate_valid = True
         self.lacks: Lacks = ""
@@ -212,7 +213,8 @@ class Rig:
                 self.bus.publish(topics.ESTIMATE, self.estimate(state.stamp_ns))
             if self.planner_runs and self.tick % 5 == 0:
                 self.bus.publish(topics.COMMAND, self.command(state.stamp_ns))
-                self.bus.publish(topics.PLAN, self.plan(state.stamp_ns))
+                if self.publishes_plans:
+                    self.bus.publish(topics.PLAN, self.plan(state.stamp_ns))
         for hook in self.hooks:
             hook(self)
         self.clock.advance(PERIOD_NS)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from hil_gateway.bus.latest import Latest
-from hil_gateway.bus.messages import Estimate, Plan, PlanStatus
+from hil_gateway.bus.messages import Command, Estimate, Plan, PlanStatus
 
 APART_M = 1.0
 """between the newest fix and the estimate: as near as the way of a stop comes to the edges"""
@@ -18,9 +18,16 @@ DRIVES_OFF = (PlanStatus.SOLVED, PlanStatus.FIRST_METRES)
 
 
 def unready(
-    now_ns: int, estimate: Latest[Estimate], plan: Latest[Plan], fix: tuple[float, float] | None
+    now_ns: int,
+    estimate: Latest[Estimate],
+    plan: Latest[Plan],
+    command: Command | None,
+    fix: tuple[float, float] | None,
 ) -> Mapping[str, str]:
-    """Cause -> what to do about it, in words, for everything that does not fit; `fix` is the newest, m, map."""
+    """Cause -> what to do about it, in words, for everything that does not fit; `fix` is the newest, m, map.
+
+    Whoever publishes no plans is asked for a `command` that drives.
+    """
     found = {}
     if estimate.message is not None and fix is not None:
         apart_m = math.hypot(estimate.message.x - fix[0], estimate.message.y - fix[1])
@@ -28,7 +35,8 @@ def unready(
             found["estimate_unfit"] = f"the estimate is {apart_m:.1f} m from the position fix: push the car, or wait"
     newest = plan.message
     if newest is None or not plan.alive(now_ns):
-        found["plan_standing"] = "no plan: `hil planner run`"
+        if command is None or command.drive <= 0.0:
+            found["plan_standing"] = "neither a plan nor a command that drives: `hil planner run`"
     elif newest.status not in DRIVES_OFF or not _drives_off(newest):
         found["plan_standing"] = newest.reason or "the plan does not drive off"
     return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hil_gateway.bus.latest import Latest
-from hil_gateway.bus.messages import Estimate, OperatorAction, Plan, VehicleState
+from hil_gateway.bus.messages import Command, Estimate, OperatorAction, Plan, VehicleState
 from hil_gateway.car.states import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, CtState, SysState
 from hil_gateway.gateway.decide.arming import unready
 from hil_gateway.gateway.decide.decision import Decision, Situation
@@ -70,6 +70,7 @@ class Conditions:
         estimate: Latest[Estimate],
         monitored: Mapping[str, float],
         plan: Latest[Plan],
+        command: Command | None,
     ) -> Situation:
         """Inputs of this period's decision; `decision` is the one in force, `monitored` what the monitors measure."""
         measures = self.measures(
@@ -85,7 +86,9 @@ class Conditions:
         everything = {**measures, **(dict.fromkeys(monitored, 0.0) if self._testing else monitored)}
         return Situation(
             now_ns,
-            Inputs(everything, standing, request, self._mode != "listen", self._unready(now_ns, estimate, plan)),
+            Inputs(
+                everything, standing, request, self._mode != "listen", self._unready(now_ns, estimate, plan, command)
+            ),
             ladder_inputs(self._builder, now_ns, state),
             CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
             self._sends,
@@ -126,9 +129,13 @@ class Conditions:
         self._last_ns = now_ns
         return measures
 
-    def _unready(self, now_ns: int, estimate: Latest[Estimate], plan: Latest[Plan]) -> Mapping[str, str]:
+    def _unready(
+        self, now_ns: int, estimate: Latest[Estimate], plan: Latest[Plan], command: Command | None
+    ) -> Mapping[str, str]:
+        if self._testing:
+            return {}
         fixes = self._builder.fixes
-        return {} if self._testing else unready(now_ns, estimate, plan, (fixes.x, fixes.y) if fixes.seq else None)
+        return unready(now_ns, estimate, plan, command, (fixes.x, fixes.y) if fixes.seq else None)
 
     def _without_heading(
         self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], driven: bool

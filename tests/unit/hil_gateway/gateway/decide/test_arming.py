@@ -161,6 +161,18 @@ def test_disarming_while_moving_stops_the_car_first():
     assert rig.action is FailsafeAction.SILENT
 
 
+def test_a_planner_that_publishes_no_plans_is_armed_by_a_command_that_drives():
+    rig = Rig()
+    rig.publishes_plans, rig.drive = False, 0.0
+    rig.run(1.5)
+    assert rig.status.missing_for_arming == ("plan_standing",)
+    rig.drive = 0.02
+    rig.run(0.3)
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.2)
+    assert rig.action is FailsafeAction.DRIVE
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
