@@ -12,8 +12,9 @@ from typing import Any
 
 import casadi as ca
 
+from estimator.model.parameters import DEFAULT_TYRE
 from estimator.state.kalman import scalar_update, symmetric
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Expr
 from hil_gateway.process.compiled import CompiledFunction, compile_function
 
@@ -30,8 +31,17 @@ STATES = (
     "slope_share",
     "imu_turn",
     "imu_ahead",
+    "drift_x",
+    "drift_y",
 )
 X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, SLOPE_SHARE, IMU_TURN, IMU_AHEAD = range(12)
+DRIFT_X, DRIFT_Y = 12, 13
+
+
+def _declared_yield() -> float:
+    """Slip angle of the rear axle a m/s2 of lateral force, declared tyres, linear, rad."""
+    tyre = DEFAULT_TYRE["per_axle"]
+    return 1.0 / (tyre["br"] * tyre["cr"] * tyre["dr"] * GRAVITY)
 
 
 @dataclass(frozen=True)
@@ -44,24 +54,37 @@ class FilterNoise:
     """what the map leaves out of gravity, m/s2 per sample"""
     bias_accel_walk: float = 0.01
     """m/s2 per square root of a second"""
-    bias_yaw_rate_walk: float = 2e-4
+    bias_yaw_rate_walk: float = 2e-5
+    """rad/s per square root of a second, 100 degrees an hour within 10 minutes: an automotive unit that warms up"""
     wheel_scale_walk: float = 5e-4
     slope_share_walk: float = 0.01
     imu_turn_walk: float = 1e-4
     """rad per square root of a second: a mounting that settles"""
     imu_ahead_walk: float = 1e-3
     """m per square root of a second: a centre of gravity that moves with the fuel"""
-    position: float = 0.05
+    position: float = 0.03
+    """of a fix by itself, m: what the next fix does not share"""
+    position_wander: float = 0.04
+    """m per square root of a second, 0.3 m a minute: corrections whose ambiguities are not resolved (float RTK)"""
+    position_drift: float = 0.01
+    """m/s at which fixes lead away for longer, and"""
+    position_drift_s: float = 300.0
+    """s, for how long: orbits, clocks and ionosphere of a receiver without corrections"""
     position_delay: float = 0.006
     """s: a fix whose frame just misses a state comes with the next one, 10 ms older"""
-    wheel_speed: float = 0.3
-    """per axle, including what stays correlated from sample to sample, m/s"""
+    wheel_speed: float = 0.03
+    """per axle, m/s: resolution and noise of the sensors"""
+    wheel_rolling: float = 0.01
+    """share of the speed by which a wheel that rolls freely may go wrong, with what stays correlated from sample to
+    sample"""
     wheel_slip: float = 0.6
     """share of vx * drive by which a driven or braked wheel may slip unseen"""
     rear_slip: float = 0.03
     """rear slip angle on a straight, with what stays correlated from sample to sample, rad"""
-    rear_slip_per_ay: float = 0.2
-    """growth of the above with lateral acceleration, rad per m/s2"""
+    rear_slip_yield: float = field(default_factory=_declared_yield)
+    """rad per m/s2: what a car on a bank creeps downhill"""
+    rear_slip_per_ay: float = 0.05
+    """error of the above, with what stays correlated from sample to sample, rad per m/s2"""
     initial_position: float = 0.3
     initial_yaw: float = 0.3
     initial_speed: float = 0.5
@@ -83,7 +106,7 @@ GATE_POSITION = 25.0
 
 @dataclass
 class Moment:
-    """Symbolic mean (12,), covariance (12, 12) and yaw rate; `nis` gathers normalised innovations squared."""
+    """Symbolic mean (n,), covariance (n, n) and yaw rate; `nis` gathers normalised innovations squared."""
 
     mean: Expr
     covariance: Expr
@@ -92,9 +115,10 @@ class Moment:
     noise: FilterNoise
     nis: list[Expr] = field(default_factory=list)
 
-    def update(self, H: Expr, innovation: Expr, variance: Expr) -> None:
-        """Take in a measurement with row `H` (1, 12)."""
-        K, self.covariance = scalar_update(self.covariance, H, variance)
+    def update(self, H: Expr, innovation: Expr, variance: Expr, spread: Expr = 0.0) -> None:
+        """Take in a measurement with row `H` (1, n); `spread`: variance of an innovation that is a mean of several."""
+        K, covariance = scalar_update(self.covariance, H, variance)
+        self.covariance = covariance + spread * (K @ K.T)
         self.mean = self.mean + K * innovation
         self.yaw_rate = self.yaw_rate - K[BIAS_YAW_RATE] * innovation
 
@@ -104,6 +128,18 @@ class Moment:
         nis = innovation**2 / (H @ self.covariance @ H.T + variance)
         self.update(H, innovation, variance)
         self.keep_if(nis, GATE, before)
+
+    def unsigned(self, H: Expr, expected: Expr, reading: Expr, variance: Expr) -> None:
+        """Take in the magnitude of a speed with row `H` (1, n) that is `expected`, by a sensor that knows no direction.
+
+        The reading has either sign, each as likely as the speed expected makes it; mean and covariance are those of the
+        mixture of both (probabilistic data association, Bar-Shalom and Li, Multitarget-Multisensor Tracking, ch. 3).
+        """
+        before = self.mean, self.covariance, self.yaw_rate
+        S = H @ self.covariance @ H.T + variance
+        sign = ca.tanh(expected * reading / S)
+        self.update(H, sign * reading - expected, variance, (1.0 - sign**2) * reading**2)
+        self.keep_if((reading - ca.fabs(expected)) ** 2 / S, GATE, before)
 
     def keep_if(self, nis: Expr, gate: float, before: tuple[Expr, Expr, Expr]) -> None:
         """Go back to `before` where `nis` is not below `gate` (not-a-number is not)."""
@@ -129,15 +165,17 @@ def step_function(step: Step, measured: int, vehicle: Vehicle, noise: FilterNois
 
 
 def predict(moment: Moment, *imu: Expr) -> None:
-    """Strap-down step over dt s, second order in it: ax, ay, yaw rate held; gravity along the body's axes; dt.
+    """Strap-down step over dt s, second order in it.
 
-    The forces act on the velocity where the IMU is, which moves to the side as the car turns.
+    ax, ay, yaw rate held; gravity along the body's axes; dt; 1, or 0 of a car that stands; variances of force and yaw
+    rate beyond the noise. The forces act on the velocity where the IMU is, which moves to the side as the
+    car turns. The place is the one the fixes give, which wander and drift.
     """
-    ax, ay, gyro, gravity_x, gravity_y, dt = imu
-    x, y, yaw, vx, vy, bias_ax, bias_ay, bias_yaw_rate, wheel_scale, slope_share, turn, ahead = ca.vertsplit(
-        moment.mean
-    )
-    r = gyro - bias_yaw_rate
+    ax, ay, gyro, gravity_x, gravity_y, dt, moves, accel_variance, rate_variance = imu
+    n, m = moment.noise, moment.mean
+    x, y, yaw, vx, vy, bias_ax, bias_ay, bias_yaw_rate, _, slope_share, turn, ahead, drift_x, drift_y = ca.vertsplit(m)
+    rate = gyro - bias_yaw_rate
+    r = moves * rate
     # known by difference: a bias is not in it, and what noise adds the next step takes away again
     change = ca.SX.sym("change")
     felt_x, felt_y = levelled(ax - bias_ax, ay - bias_ay, ca.cos(turn), ca.sin(turn))
@@ -147,16 +185,19 @@ def predict(moment: Moment, *imu: Expr) -> None:
     ch, sh = ca.cos(0.5 * r * dt) * dt, ca.sin(0.5 * r * dt) * dt
     vx1 = c * vx + s * (vy + ahead * r) + ch * fx + sh * fy
     vy1 = -s * vx + c * vy - sh * fx + ch * fy - ahead * change
-    forward, left, course = 0.5 * (vx + vx1), 0.5 * (vy + vy1), yaw + 0.5 * r * dt
+    forward, left, course = 0.5 * moves * (vx + vx1), 0.5 * moves * (vy + vy1), yaw + 0.5 * r * dt
     cy, sy = ca.cos(course), ca.sin(course)
+    east, north = cy * forward - sy * left + drift_x, sy * forward + cy * left + drift_y
+    kept = ca.exp(-dt / n.position_drift_s)
     after = ca.vertcat(
-        x + dt * (cy * forward - sy * left), y + dt * (sy * forward + cy * left), yaw + r * dt, vx1, vy1,
-        bias_ax, bias_ay, bias_yaw_rate, wheel_scale, slope_share, turn, ahead,
+        x + dt * east, y + dt * north, yaw + r * dt, vx1, vy1, m[BIAS_AX : DRIFT_X], kept * drift_x, kept * drift_y
     )  # fmt: skip
-    F, G = ca.jacobian(after, moment.mean), ca.jacobian(after, ca.vertcat(ax, ay, gyro))
-    after, F, G = ca.substitute([after, F, G], [change], [r - moment.yaw_rate])
-    moment.covariance = symmetric(F @ moment.covariance @ F.T + _process_noise(moment.noise, G, dt))
-    moment.mean, moment.yaw_rate = after, r
+    F, G = ca.jacobian(after, m), ca.jacobian(after, ca.vertcat(ax, ay, gyro))
+    after, F, G = ca.substitute([after, F, G], [change], [rate - moment.yaw_rate])
+    white = n.accel**2 + n.accel_model**2 + accel_variance
+    noise = G @ ca.diag(ca.vertcat(white, white, n.yaw_rate**2 + rate_variance)) @ G.T + _walks(n, dt)
+    moment.covariance = symmetric(F @ moment.covariance @ F.T + noise)
+    moment.mean, moment.yaw_rate = after, rate
 
 
 def levelled(ax: Any, ay: Any, cos: Any, sin: Any) -> tuple[Any, Any]:
@@ -164,15 +205,14 @@ def levelled(ax: Any, ay: Any, cos: Any, sin: Any) -> tuple[Any, Any]:
     return cos * ax - sin * ay, sin * ax + cos * ay
 
 
-def _process_noise(n: FilterNoise, G: Expr, dt: Expr) -> Expr:
-    """Covariance of IMU noise, which acts through `G` (12, 3), and of the random walks over `dt` s."""
-    accel = n.accel**2 + n.accel_model**2
+def _walks(n: FilterNoise, dt: Expr) -> Expr:
+    """Covariance of the random walks over `dt` s."""
+    drift = n.position_drift * (2.0 / n.position_drift_s) ** 0.5
     walk = (
-        n.bias_accel_walk, n.bias_accel_walk, n.bias_yaw_rate_walk, n.wheel_scale_walk, n.slope_share_walk,
-        n.imu_turn_walk, n.imu_ahead_walk,
+        n.position_wander, n.position_wander, 0.0, 0.0, 0.0, n.bias_accel_walk, n.bias_accel_walk,
+        n.bias_yaw_rate_walk, n.wheel_scale_walk, n.slope_share_walk, n.imu_turn_walk, n.imu_ahead_walk, drift, drift,
     )  # fmt: skip
-    walks = ca.diag(ca.vertcat(ca.DM.zeros(BIAS_AX), ca.DM(walk) ** 2))
-    return G @ ca.diag(ca.DM([accel, accel, n.yaw_rate**2])) @ G.T + walks * dt
+    return ca.diag(ca.DM(walk) ** 2) * dt
 
 
 def position(moment: Moment, x: Expr, y: Expr) -> None:
@@ -195,37 +235,45 @@ def position(moment: Moment, x: Expr, y: Expr) -> None:
 
 
 def wheel_speeds(moment: Moment, front: Expr, rear: Expr, steer: Expr, drive: Expr) -> None:
-    """Mean circumferential speeds of front and rear wheels; slip widens their noise."""
+    """Mean circumferential speeds of front and rear wheels, without direction; slip widens their noise."""
     m, n, lf, c, s = moment.mean, moment.noise, moment.vehicle.lf, ca.cos(steer), ca.sin(steer)
-    slip = n.wheel_slip * m[VX] * drive
+    speed = ca.fabs(m[VX])
+    slip, free = n.wheel_slip * speed * drive, n.wheel_speed**2 + (n.wheel_rolling * speed) ** 2
     scale, rolling = 1.0 + m[WHEEL_SCALE], m[VX] * c + (m[VY] + lf * moment.yaw_rate) * s
     H = _row({VX: c * scale, VY: s * scale, BIAS_YAW_RATE: -lf * s * scale, WHEEL_SCALE: rolling})
-    moment.gated(H, front - rolling * scale, n.wheel_speed**2 + ca.fmin(slip, 0.0) ** 2)
+    moment.unsigned(H, rolling * scale, front, free + ca.fmin(slip, 0.0) ** 2)
     m = moment.mean
     scale = 1.0 + m[WHEEL_SCALE]
-    moment.gated(_row({VX: scale, WHEEL_SCALE: m[VX]}), rear - m[VX] * scale, n.wheel_speed**2 + slip**2)
+    moment.unsigned(_row({VX: scale, WHEEL_SCALE: m[VX]}), m[VX] * scale, rear, free + slip**2)
 
 
 def rear_slip(moment: Moment, ay: Expr) -> None:
-    """The rear axle hardly slides on a straight: vy - l_r r = 0, the less certain the more the car corners."""
-    m, n, lr = moment.mean, moment.noise, moment.vehicle.lr
-    std = (n.rear_slip + n.rear_slip_per_ay * ca.fabs(ay)) * ca.fabs(m[VX]) + 0.05
-    moment.gated(_row({VY: 1.0, BIAS_YAW_RATE: lr}), lr * moment.yaw_rate - m[VY], std**2)
+    """The rear axle yields to a side force: vy - l_r r = -yield ay |vx|, the less certain the more the car corners."""
+    m, n, lr, speed = moment.mean, moment.noise, moment.vehicle.lr, ca.fabs(moment.mean[VX])
+    std = (n.rear_slip + n.rear_slip_per_ay * ca.fabs(ay)) * speed + 0.05
+    expected = lr * moment.yaw_rate - n.rear_slip_yield * ay * speed
+    moment.gated(_row({VY: 1.0, BIAS_YAW_RATE: lr}), expected - m[VY], std**2)
 
 
 def standstill(moment: Moment, *imu: Expr) -> None:
-    """Wheels at rest: no velocity, no yaw rate; the gyro and the accelerometers show their biases."""
+    """The car stands: no yaw rate; the gyro and the accelerometers show their biases."""
     n, (ax, ay, gyro, gravity_x, gravity_y) = moment.noise, imu
-    for speed in (VX, VY):
-        moment.update(_row({speed: 1.0}), -moment.mean[speed], 0.02**2)
     moment.update(_row({BIAS_YAW_RATE: 1.0}), gyro - moment.mean[BIAS_YAW_RATE], n.yaw_rate**2)
-    for bias, force, gravity in ((BIAS_AX, ax, gravity_x), (BIAS_AY, ay, gravity_y)):
+    variance = 10 * (n.accel**2 + n.accel_model**2)
+    level(moment, ax, ay, gravity_x, gravity_y, variance, variance)
+
+
+def level(moment: Moment, *read: Expr) -> None:
+    """What the accelerometers read of a car at rest, and its variance: bias less gravity."""
+    ax, ay, gravity_x, gravity_y, variance_x, variance_y = read
+    rows = (BIAS_AX, ax, gravity_x, variance_x), (BIAS_AY, ay, gravity_y, variance_y)
+    for bias, force, gravity, variance in rows:
         H = _row({bias: 1.0, SLOPE_SHARE: -gravity})
-        moment.update(H, force - H @ moment.mean, 10 * (n.accel**2 + n.accel_model**2))
+        moment.update(H, force - H @ moment.mean, variance)
 
 
 def _row(entries: dict[int, Expr]) -> Expr:
-    """A measurement's row of the Jacobian, sparse (1, 12)."""
+    """A measurement's row of the Jacobian, sparse (1, n)."""
     row = ca.SX(1, len(STATES))
     for index, value in entries.items():
         row[0, index] = value

@@ -1,39 +1,54 @@
-"""From vehicle states to estimates: alignment, gravity from the track map, standstill, recovery.
+"""From vehicle states to estimates: alignment, gravity from the track map, standstill, gaps, recovery.
 
-The filter starts at the first valid position fix, heading along the track there, with a wide uncertainty that
-the first metres of motion remove. If fixes keep being refused while the car drives, the estimate is invalid and goes on
-without them: what a receiver says after it has jumped is no place to start from at speed. Standing still, or before the
-first metres have shown the heading, the filter starts again on the course made good between them.
+The filter starts at the first valid position fix. Where the car points is not known before it has moved by some metres
+(`alignment.py`); what is missing meanwhile is said in `lacks`, and the heading given is the track's. A standing car
+does not turn. A sample or some that are missing are bridged by prediction, ever less certain. If fixes keep being
+refused while the car drives, the estimate is invalid and goes on without them: what a receiver says after it has jumped
+is no place to start from at speed. At walking pace the filter goes on from them.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from math import cos, hypot, sin
 
 import numpy as np
 
-from estimator.state.filter_steps import BIAS_YAW_RATE, STATES, VX, VY, YAW
-from estimator.state.state_filter import Imu, StateFilter, course
+from estimator.state.alignment import UNKNOWN_STD, Alignment
+from estimator.state.filter_steps import BIAS_AX, BIAS_YAW_RATE, STATES, VX, VY, YAW, X, Y
+from estimator.state.state_filter import SEEN, Imu, StateFilter, Unseen
 from hil_gateway.bus.messages import Estimate, Lacks, VehicleState
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.gateway.perceive.road_speed import rests
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 
-MAX_GAP_S = 0.2
-"""longest gap between states that is bridged by one prediction"""
+LATE_S = 0.025
+"""s between two states, beyond which one is missing"""
+LONGEST_GAP_S = 1.0
+"""s without a state that are bridged by one prediction"""
+LONGEST_REST_S = 10.0
+"""the same of a car that stands before and after: nobody turns one round and brings it back within it"""
+ANYTHING_S = 0.3
+"""s within which a car goes from any force to any other, and"""
+ANYTHING = Unseen(accel=15.0, yaw_rate=0.5)
+"""how much that is: half of what tyres and downforce give to either side"""
 LOST_AFTER_FIXES = 10
-"""refused fixes in a row after which the filter starts again"""
-ALIGNED_AFTER_FIXES = 10
-"""fixes taken in while moving (0.5 s) after which the heading is known, and fixes that no longer fit are wrong"""
-STANDSTILL_SPEED = 0.15
-RESTART_SPEED = 2.0
+"""refused fixes in a row after which the place is not known"""
+JUMP = 2.0
+"""m between a standing car and its fixes: more than a receiver corrects itself by, it has been carried away"""
+QUIET = 5.0
+"""standard deviations of the gyro within which a standing car does not turn"""
+WALKING_SPEED = 2.0
 """m/s; faster, a filter that has lost its fixes does not start again on them"""
+FORWARDS_SPEED = 5.0
+"""m/s: faster, a car is driving, and forwards"""
 MAX_POSITION_STD = 2.0
-"""m, beyond which the estimate calls itself invalid"""
-COURSE_DISTANCE = 2.0
-"""m between two fixes for their direction to be a heading"""
+"""m, beyond which the place is not known"""
+MAX_YAW_STD = 0.03
+"""rad, beyond which the heading is not known: at walking pace a plan is a car's width off after 60 m"""
+GRAVITY_STD = 3.0
+"""m/s2 along the body where it is not known which way it points: banks of 20 degrees"""
 
 
 class Localisation:
@@ -43,28 +58,29 @@ class Localisation:
         self.filter = StateFilter(vehicle)
         self._track = track
         self.track_position = 0.0
-        self._started = False
+        self._started = self._resting = False
+        self._alignment: Alignment | None = None
+        """while the heading is not known"""
         self._stamp_ns: int | None = None
         self._position_seq: int | None = None
-        self._refused = 0
-        self._aligned = 0
-        """fixes taken in while moving since the start: before some of them the heading is only the track's"""
+        self._refused = self._bridged = 0
+        self._unseen_s = 0.0
+        """since the last good sample of the inertial unit"""
         self._lost = False
-        """fixes were refused in a row: nothing is valid until the filter has started again"""
-        self._fixes: deque[tuple[float, float]] = deque(maxlen=LOST_AFTER_FIXES)
+        """fixes were refused in a row: nothing is valid until the car is slow"""
 
     def step(self, state: VehicleState, seq: int) -> Estimate:
-        """Estimate at the time of `state`; one with the stamp of the last (nothing new arrived) changes nothing."""
-        if state.stamp_ns == self._stamp_ns:
-            return self._estimate(state, seq)
-        fix = self._new_fix(state)
-        if self._started and not (_fresh(state, "imu") and self._predict(state)):
-            self._started = False
-        if self._started:
-            self._update(state, fix)
-        elif fix is not None and state.valid:
-            self._start(state, *fix)
-        self._stamp_ns = state.stamp_ns
+        """Estimate at the time of `state`; one that is no newer than the last changes nothing."""
+        dt = self._elapsed(state)
+        if dt > 0.0:
+            self._stamp_ns = state.stamp_ns
+            fix = self._new_fix(state)
+            if self._started:
+                self._predict(state, dt)
+            if self._started:
+                self._update(state, fix)
+            elif fix is not None and state.valid:
+                self._start(state, *fix)
         return self._estimate(state, seq)
 
     @property
@@ -74,94 +90,153 @@ class Localisation:
         P[2, 2] += self.filter.noise.yaw_rate**2
         return P
 
+    def _elapsed(self, state: VehicleState) -> float:
+        """Seconds since the last state; infinite for the first, and the first by another clock."""
+        if self._stamp_ns is None:
+            return float("inf")
+        dt = (state.stamp_ns - self._stamp_ns) / NS_PER_S
+        return dt if dt > -LONGEST_GAP_S else float("inf")
+
     def _new_fix(self, state: VehicleState) -> tuple[float, float] | None:
         """Position of `state` if it arrived since the last one and is near the track."""
         if state.position_seq in (0, self._position_seq):
             return None
         self._position_seq = state.position_seq
         fix = (state.position_x, state.position_y)
-        if not self._track.near(*fix):
-            return None
-        self._fixes.append(fix)
-        return fix
+        return fix if self._track.near(*fix) else None
 
-    def _predict(self, state: VehicleState) -> bool:
-        """Prediction to the stamp of `state`; False when the gap is too long to bridge."""
-        dt = (state.stamp_ns - (self._stamp_ns or 0)) / NS_PER_S
-        if not 0.0 < dt <= MAX_GAP_S:
-            return False
-        self.filter.predict(self._imu(state), dt)
-        return True
+    def _start(self, state: VehicleState, x: float, y: float) -> None:
+        """Begin at a fix: with what was known before of a car that has stood since, else without a heading."""
+        self.track_position, _ = self._track.project(x, y)
+        self._started, self._lost, self._refused = True, False, 0
+        known = state.stood
+        if known is not None and rests(state) and hypot(known.x - x, known.y - y) < JUMP:
+            self._resume(known, x, y)
+        else:
+            self._begin(state, x, y)
+
+    def _resume(self, known: Estimate, x: float, y: float) -> None:
+        """Go on standing where an estimator before this one has left off."""
+        _, _, yaw, *_, ax, ay, rate = known.std
+        biases = {"bias_ax_std": ax, "bias_ay_std": ay, "bias_yaw_rate_std": rate}
+        self.filter.initialise(x, y, known.yaw, yaw_std=yaw, **biases)
+        self.filter.mean[BIAS_AX : BIAS_YAW_RATE + 1] = known.bias_ax, known.bias_ay, known.bias_yaw_rate
+        self._alignment = None
+
+    def _begin(self, state: VehicleState, x: float, y: float) -> None:
+        """The wheels give the speed, its direction only of a car that drives; the track's direction is a guess."""
+        yaw, speed = float(self._track.at(self.track_position).heading), _axle_speeds(state)[0]
+        driving, std = speed > FORWARDS_SPEED, self.filter.noise.initial_speed
+        vx, vx_std = (speed, std) if driving else (0.0, std + speed)
+        tilt = {"bias_ax_std": GRAVITY_STD, "bias_ay_std": GRAVITY_STD}
+        self.filter.initialise(x, y, yaw, vx, yaw_std=0.0, vx_std=vx_std, **tilt)
+        self._alignment = Alignment(x, y)
+
+    def _predict(self, state: VehicleState, dt: float) -> None:
+        """Prediction to the stamp of `state`, over what is missing too; a gap too long to bridge ends the filter."""
+        f, (x, y) = self.filter, self.filter.mean[: Y + 1].tolist()
+        seen = _fresh(state, "imu") and dt < LATE_S
+        self._unseen_s = 0.0 if seen else self._unseen_s + dt
+        self._bridged += not seen
+        self._resting = self._rests(state)
+        if dt > (LONGEST_REST_S if self._resting else LONGEST_GAP_S):
+            self._started = False
+            return
+        f.predict(self._imu(state), dt, self._unseen(), moves=not self._resting)
+        if self._alignment is not None:
+            self._alignment.carry(float(f.mean[X]) - x, float(f.mean[Y]) - y, dt)
+            f.mean[[X, Y]] = x, y
+
+    def _unseen(self) -> Unseen:
+        share = min(self._unseen_s / ANYTHING_S, 1.0)
+        return Unseen(share * ANYTHING.accel, share * ANYTHING.yaw_rate) if share else SEEN
+
+    def _rests(self, state: VehicleState) -> bool:
+        """Whether the car stands: its wheels do, it was as slow before, and the gyro shows no more than its bias."""
+        f, stand = self.filter, rests(state) and _fresh(state, "wheel_speeds")
+        gyro = abs(state.yaw_rate - float(f.mean[BIAS_YAW_RATE]))
+        return stand and abs(f.mean[VX]) < 1.0 and gyro < QUIET * f.yaw_rate_std
 
     def _update(self, state: VehicleState, fix: tuple[float, float] | None) -> None:
         f = self.filter
-        front = 0.5 * (state.wheel_speed_fl + state.wheel_speed_fr)
-        rear = 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
-        if max(front, rear) < STANDSTILL_SPEED and abs(f.mean[VX]) < 1.0:
+        if self._resting and not self._unseen_s:
             f.update_standstill(self._imu(state))
-        elif _fresh(state, "wheel_speeds"):
-            f.update_wheel_speeds(front, rear, state.steer, state.drive)
+        if _fresh(state, "wheel_speeds"):
+            f.update_wheel_speeds(*_axle_speeds(state), state.steer, state.drive)
             f.update_rear_slip(f.specific_force(state.ax, state.ay)[1])
-        if fix is not None:
-            accepted = f.update_position(*fix) is not None
-            self._refused = 0 if accepted else self._refused + 1
-            self._aligned += accepted and not _slow(state)
+        if fix is not None and self._alignment is not None:
+            self._align(*fix, self._alignment)
+        elif fix is not None:
+            self._take(state, *fix)
+        self._started = f.healthy
+
+    def _align(self, x: float, y: float, alignment: Alignment) -> None:
+        """A fix of a car whose heading is not known."""
+        if self._resting:
+            alignment.stand(x, y)
+            self.filter.place(alignment.x, alignment.y)
+            return
+        self.filter.place(x, y)
+        if (found := alignment.go(x, y, self.filter)) is not None:
+            self._alignment = None
+            yaw = float(self.filter.mean[YAW]) + found[0]
+            self.filter.align(yaw, found[1], *self._gravity(x, y, yaw))
+
+    def _take(self, state: VehicleState, x: float, y: float) -> None:
+        """A fix of a car whose heading is known."""
+        f = self.filter
+        accepted = f.update_position(x, y) is not None
+        self._refused = 0 if accepted else self._refused + 1
         self._lost = self._lost or self._refused >= LOST_AFTER_FIXES
-        if not f.healthy or (self._lost and (_slow(state) or self._aligned < ALIGNED_AFTER_FIXES)):
-            self._restart(state)
-
-    def _start(self, state: VehicleState, x: float, y: float) -> None:
-        """Align with the track at the first fix; the wheels give the speed."""
-        self.track_position, _ = self._track.project(x, y)
-        speed = 0.5 * (state.wheel_speed_fl + state.wheel_speed_fr)
-        self.filter.initialise(x, y, float(self._track.at(self.track_position).heading), speed)
-        self._started, self._refused, self._lost, self._aligned = True, 0, False, 0
-
-    def _restart(self, state: VehicleState) -> None:
-        """Begin again from the recent fixes: their course if the car has moved, else the track's direction."""
-        (x0, y0), (x, y) = self._fixes[0], self._fixes[-1]
-        self._start(state, x, y)
-        if hypot(x - x0, y - y0) > COURSE_DISTANCE:
-            speed = 0.5 * (state.wheel_speed_fl + state.wheel_speed_fr)
-            self.filter.initialise(x, y, course(x0, y0, x, y), speed)
+        if self._lost and max(_axle_speeds(state)) < WALKING_SPEED:
+            jump = hypot(*(f.mean[:2] - (x, y)))
+            f.place(x, y)
+            self._lost, self._refused, self._started = False, 0, jump < JUMP
 
     def _imu(self, state: VehicleState) -> Imu:
-        """IMU sample with gravity along the body from grade and bank of the declared track."""
-        m, track = self.filter.mean, self._track
-        self.track_position, _ = track.project(float(m[0]), float(m[1]), self.track_position)
+        """IMU sample with gravity along the body, which passes for biases while the heading is not known."""
+        x, y, yaw = self.filter.mean[: YAW + 1].tolist()
+        gravity = self._gravity(x, y, yaw) if self._alignment is None else (0.0, 0.0)
+        return Imu(state.ax, state.ay, state.yaw_rate, *gravity)
+
+    def _gravity(self, x: float, y: float, yaw: float) -> tuple[float, float]:
+        """Along the axes of the body from grade and bank of the declared track, m/s2."""
+        track = self._track
+        self.track_position, _ = track.project(x, y, self.track_position)
         i = int(self.track_position / track.length * len(track.s)) % len(track.s)
         uphill, left_up = sin(float(track.grade[i])), sin(float(track.bank[i]))
-        across = float(m[YAW]) - float(track.heading[i])
+        across = yaw - float(track.heading[i])
         c, s = cos(across), sin(across)
-        return Imu(
-            state.ax, state.ay, state.yaw_rate,
-            -GRAVITY * (c * uphill + s * left_up), -GRAVITY * (c * left_up - s * uphill),
-        )  # fmt: skip
+        return -GRAVITY * (c * uphill + s * left_up), -GRAVITY * (c * left_up - s * uphill)
 
     def _estimate(self, state: VehicleState, seq: int) -> Estimate:
         f = self.filter
         x, y, yaw, vx, vy, _, _, br, *_ = f.mean.tolist()
         fx, fy = f.specific_force(state.ax, state.ay)
         std = f.std().tolist()
-        lacks = self._lacks(max(std[0], std[1]))
+        if self._alignment is not None:
+            std[YAW] = UNKNOWN_STD
+        lacks = self._lacks(max(std[0], std[1]), std[YAW])
         return Estimate(
             stamp_ns=state.stamp_ns, seq=seq, state_stamp_ns=state.stamp_ns, valid=state.valid and not lacks,
             x=x, y=y, yaw=yaw, vx=vx, vy=vy, yaw_rate=f.yaw_rate,
             bias_ax=state.ax - fx, bias_ay=state.ay - fy, bias_yaw_rate=br,
             std=(*std[:5], f.yaw_rate_std, *std[5:8]),
-            steer=state.steer, drive=state.drive, innovations_rejected=f.rejected, lacks=lacks,
+            steer=state.steer, drive=state.drive, innovations_rejected=f.rejected, lacks=lacks, bridged=self._bridged,
         )  # fmt: skip
 
-    def _lacks(self, position_std: float) -> Lacks:
+    def _lacks(self, position_std: float, yaw_std: float) -> Lacks:
         if not self._started:
             return "start"
-        return "position" if self._lost or position_std >= MAX_POSITION_STD else ""
+        if self._lost or position_std >= MAX_POSITION_STD:
+            return "position"
+        return "heading" if yaw_std >= MAX_YAW_STD else ""
 
 
-def _slow(state: VehicleState) -> bool:
-    """Whether the car moves no faster than someone pushes it."""
+def _axle_speeds(state: VehicleState) -> tuple[float, float]:
+    """Mean of the front and of the rear wheels, m/s."""
     front = 0.5 * (state.wheel_speed_fl + state.wheel_speed_fr)
-    return max(front, 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)) < RESTART_SPEED
+    return front, 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
 
 
 def _fresh(state: VehicleState, source: str) -> bool:

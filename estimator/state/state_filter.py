@@ -2,14 +2,17 @@
 
 The IMU drives the prediction, so the filter does not depend on the tyre model it is meant to help identify. State:
 
-    x, y, yaw                      map frame, m and rad
+    x, y, yaw                      map frame as the receiver has it, m and rad
     vx, vy                         body frame at the CoG, m/s
     bias_ax, bias_ay, bias_yaw_rate    IMU biases, m/s2 and rad/s
     wheel_scale                    (indicated wheel speed) / (true) - 1: rolling radius
     slope_share                    share of the declared track map's grade and bank that is real
     imu_turn                       angle of the IMU about the vertical axis, rad
     imu_ahead                      distance of the IMU ahead of the CoG, beyond what is declared, m
+    drift_x, drift_y               velocity at which the fixes lead away from the car, m/s
 
+Errors of position fixes are no white noise: they wander and drift. The place is therefore the one the fixes give, and
+how it wanders is noise of the prediction: fixes of a car that stands move it and do not turn it.
 The yaw rate is the bias-corrected gyro. Gravity on grade and bank comes from the declared track map, which may be
 wrong as a whole (a flat road under a hilly map): the share of it that is real is estimated too. Every measurement is
 gated by its normalised innovation squared (Bar-Shalom, Estimation with Applications to Tracking, ch. 5).
@@ -18,7 +21,7 @@ gated by its normalised innovation squared (Bar-Shalom, Estimation with Applicat
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, cos, isfinite, sin, sqrt
+from math import cos, isfinite, sin, sqrt
 
 import numpy as np
 
@@ -29,8 +32,12 @@ from estimator.state.filter_steps import (
     BIAS_YAW_RATE,
     IMU_AHEAD,
     IMU_TURN,
+    SLOPE_SHARE,
     STATES,
+    VX,
     FilterNoise,
+    X,
+    Y,
     levelled,
     step_function,
 )
@@ -53,6 +60,17 @@ class Imu:
     gravity_y: float = 0.0
 
 
+@dataclass(frozen=True)
+class Unseen:
+    """Standard deviations of what a sample may differ by from the motion, beyond its noise, m/s2 and rad/s."""
+
+    accel: float = 0.0
+    yaw_rate: float = 0.0
+
+
+SEEN = Unseen()
+
+
 class StateFilter:
     """Mean and covariance of `STATES`; `initialise` first, then `predict` and updates in order of time."""
 
@@ -62,28 +80,48 @@ class StateFilter:
         self.covariance = np.eye(len(STATES))
         self.yaw_rate = self._yaw_acceleration = 0.0
         self.rejected = 0
-        self._predict = step_function(filter_steps.predict, 6, vehicle, self.noise)
+        self._predict = step_function(filter_steps.predict, 9, vehicle, self.noise)
         self._position = step_function(filter_steps.position, 2, vehicle, self.noise)
         self._wheel_speeds = step_function(filter_steps.wheel_speeds, 4, vehicle, self.noise)
         self._rear_slip = step_function(filter_steps.rear_slip, 1, vehicle, self.noise)
         self._standstill = step_function(filter_steps.standstill, 5, vehicle, self.noise)
+        self._level = step_function(filter_steps.level, 6, vehicle, self.noise)
 
-    def initialise(self, x: float, y: float, yaw: float, vx: float = 0.0, yaw_std: float | None = None) -> None:
-        """Start at a position fix with a heading that may be wrong by `yaw_std` (default: `initial_yaw`)."""
-        n = self.noise
-        self.mean = np.array([x, y, yaw, vx, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
-        yaw_std = n.initial_yaw if yaw_std is None else yaw_std
-        std = np.array([
-            n.initial_position, n.initial_position, yaw_std, n.initial_speed, n.initial_speed + 0.1 * abs(vx),
-            n.initial_bias_accel, n.initial_bias_accel, n.initial_bias_yaw_rate, n.initial_wheel_scale,
-            n.initial_slope_share, n.initial_imu_turn, n.initial_imu_ahead,
-        ])  # fmt: skip
-        self.covariance = np.diag(std**2)
+    def initialise(self, x: float, y: float, yaw: float, vx: float = 0.0, **std: float) -> None:
+        """Start at a position fix; `NAME_std` says how wrong a state may be, where that is not the usual."""
+        n, self.mean = self.noise, np.zeros(len(STATES))
+        self.mean[:4], self.mean[SLOPE_SHARE] = (x, y, yaw, vx), 1.0
+        usual = {
+            "x": n.initial_position, "y": n.initial_position, "yaw": n.initial_yaw,
+            "vx": n.initial_speed, "vy": n.initial_speed + 0.1 * abs(vx),
+            "bias_ax": n.initial_bias_accel, "bias_ay": n.initial_bias_accel, "bias_yaw_rate": n.initial_bias_yaw_rate,
+            "wheel_scale": n.initial_wheel_scale, "slope_share": n.initial_slope_share,
+            "imu_turn": n.initial_imu_turn, "imu_ahead": n.initial_imu_ahead,
+            "drift_x": n.position_drift, "drift_y": n.position_drift,
+        }  # fmt: skip
+        self.covariance = np.diag([std.get(f"{name}_std", usual[name]) ** 2 for name in STATES])
 
-    def predict(self, imu: Imu, dt: float) -> None:
-        """Strap-down step over `dt` s, second order in it (specific force and yaw rate held)."""
+    def align(self, yaw: float, yaw_std: float, gravity_x: float, gravity_y: float) -> None:
+        """Start at the place with a heading; speed, gyro bias and what the accelerometers read at rest stay known."""
+        (x, y, _, vx), forces, gyro = self.mean[:4], self.mean[BIAS_AX : BIAS_AY + 1], self.mean[BIAS_YAW_RATE]
+        std = self.std()
+        known = {f"{STATES[i]}_std": std[i] for i in (X, Y, VX, BIAS_YAW_RATE)}
+        self.initialise(x, y, yaw, vx, yaw_std=yaw_std, **known)
+        self.mean[BIAS_YAW_RATE] = gyro
+        variances = (std[BIAS_AX : BIAS_AY + 1] ** 2).tolist()
+        self._apply(self._level, *forces.tolist(), gravity_x, gravity_y, *variances)
+
+    def place(self, x: float, y: float) -> None:
+        """Be where a fix is, whatever was known of the place."""
+        self.mean[[X, Y]] = x, y
+        self.covariance[[X, Y]], self.covariance[:, [X, Y]] = 0.0, 0.0
+        self.covariance[[X, Y], [X, Y]] = self.noise.initial_position**2
+
+    def predict(self, imu: Imu, dt: float, unseen: Unseen = SEEN, *, moves: bool = True) -> None:
+        """Strap-down step over `dt` s, second order in it; a car that stands (`moves` false) only gathers speed."""
         before = self.yaw_rate
-        self._apply(self._predict, imu.ax, imu.ay, imu.yaw_rate, imu.gravity_x, imu.gravity_y, dt)
+        sample = imu.ax, imu.ay, imu.yaw_rate, imu.gravity_x, imu.gravity_y
+        self._apply(self._predict, *sample, dt, moves, unseen.accel**2, unseen.yaw_rate**2)
         change = (self.yaw_rate - before) / dt - self._yaw_acceleration
         self._yaw_acceleration += dt / (YAW_ACCELERATION_S + dt) * change
 
@@ -93,7 +131,7 @@ class StateFilter:
         return used[0] if used else None
 
     def update_wheel_speeds(self, front: float, rear: float, steer: float, drive: float) -> list[float]:
-        """Mean circumferential speeds of front and rear wheels, m/s; slip widens their noise. Returns the NIS used."""
+        """Mean circumferential speeds of front and rear wheels, m/s, >= 0 either way. Returns the NIS used."""
         return self._gated(self._wheel_speeds, filter_steps.GATE, front, rear, steer, drive)
 
     def update_rear_slip(self, ay: float) -> float | None:
@@ -102,7 +140,7 @@ class StateFilter:
         return used[0] if used else None
 
     def update_standstill(self, imu: Imu) -> None:
-        """Wheels at rest: no velocity, no yaw rate; the gyro and the accelerometers show their biases."""
+        """The car stands: no yaw rate; the gyro and the accelerometers show their biases."""
         self._apply(self._standstill, imu.ax, imu.ay, imu.yaw_rate, imu.gravity_x, imu.gravity_y)
 
     def specific_force(self, ax: float, ay: float) -> tuple[float, float]:
@@ -112,7 +150,7 @@ class StateFilter:
         return float(fx + m[IMU_AHEAD] * self.yaw_rate**2), float(fy - m[IMU_AHEAD] * self._yaw_acceleration)
 
     def std(self) -> Array:
-        """Standard deviations of `STATES`, shape (12,)."""
+        """Standard deviations of `STATES`, shape (n,)."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
     @property
@@ -140,8 +178,3 @@ class StateFilter:
         mean, covariance, yaw_rate, nis = function.outputs
         self.mean, self.covariance, self.yaw_rate = mean[:, 0].copy(), covariance.copy(), float(yaw_rate[0, 0])
         return list(nis[:, 0].tolist())
-
-
-def course(x0: float, y0: float, x1: float, y1: float) -> float:
-    """Direction of travel between two position fixes, rad in the map frame."""
-    return atan2(y1 - y0, x1 - x0)

@@ -71,40 +71,6 @@ class SourceHealth(Model):
     valid: bool
 
 
-class VehicleState(Message):
-    """What the car reports, decoded to SI, with the health of every source (100 Hz)."""
-
-    valid: bool = Field(description="every source needed for driving is alive and plausible")
-    sources: dict[Name, SourceHealth] = Field(max_length=64)
-    imu: Name = Field(default="", description="the inertial sensor that is used, of those the car has")
-    receiver: Name = Field(default="", description="the receiver that positions are from")
-    ax: Reported
-    ay: Reported
-    az: Reported
-    yaw_rate: Reported
-    roll_rate: Reported
-    wheel_speed_fl: Reported = Field(description="circumferential, m/s")
-    wheel_speed_fr: Reported
-    wheel_speed_rl: Reported
-    wheel_speed_rr: Reported
-    steer: Angle = Field(description="road-wheel angle, rad")
-    steer_rate: Reported
-    accelerator: float = Field(ge=0, le=1)
-    throttle: Slip = Field(description="engine throttle, 0..1")
-    brake_front: Pressure = Field(description="Pa")
-    brake_rear: Pressure = Field(description="Pa")
-    drive: Slip = Field(description="slip-ratio drive command of Eq. (2) equivalent to the reported pedals")
-    gear: Code
-    engine_speed: Motion = Field(description="rad/s")
-    position_x: Position
-    position_y: Position
-    position_seq: int = Field(ge=0, lt=1 << 63, description="advances when a new position fix arrived")
-    sys_state: Code
-    ct_state: Code
-    track_flag: Code
-    vehicle_flag: Code
-
-
 Lacks = Literal["", "start", "position", "heading"]
 """what the state filter does not know: anything yet (`start`), where the car is, where it points"""
 
@@ -137,6 +103,43 @@ class Estimate(Message):
     delivered: Delivered | None = Field(default=None, description="what tyres and brakes give of what is believed")
     lacks: Lacks = Field(default="", description="what makes it invalid, of what the state filter has to know")
     bridged: Count = Field(default=0, description="states predicted without an inertial sample, since start")
+
+
+class VehicleState(Message):
+    """What the car reports, decoded to SI, with the health of every source (100 Hz)."""
+
+    valid: bool = Field(description="every source needed for driving is alive and plausible")
+    sources: dict[Name, SourceHealth] = Field(max_length=64)
+    imu: Name = Field(default="", description="the inertial sensor that is used, of those the car has")
+    receiver: Name = Field(default="", description="the receiver that positions are from")
+    ax: Reported
+    ay: Reported
+    az: Reported
+    yaw_rate: Reported
+    roll_rate: Reported
+    wheel_speed_fl: Reported = Field(description="circumferential, m/s")
+    wheel_speed_fr: Reported
+    wheel_speed_rl: Reported
+    wheel_speed_rr: Reported
+    steer: Angle = Field(description="road-wheel angle, rad")
+    steer_rate: Reported
+    accelerator: float = Field(ge=0, le=1)
+    throttle: Slip = Field(description="engine throttle, 0..1")
+    brake_front: Pressure = Field(description="Pa")
+    brake_rear: Pressure = Field(description="Pa")
+    drive: Slip = Field(description="slip-ratio drive command of Eq. (2) equivalent to the reported pedals")
+    gear: Code
+    engine_speed: Motion = Field(description="rad/s")
+    position_x: Position
+    position_y: Position
+    position_seq: int = Field(ge=0, lt=1 << 63, description="advances when a new position fix arrived")
+    sys_state: Code
+    ct_state: Code
+    track_flag: Code
+    vehicle_flag: Code
+    stood: Estimate | None = Field(
+        default=None, description="last valid estimate, of a car that has stood since; null while there is a newer one"
+    )
 
 
 class Belief(Message):

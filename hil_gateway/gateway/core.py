@@ -29,6 +29,7 @@ from hil_gateway.gateway.perceive.monitors.monitors import Monitors
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.receivers import OtherReceivers
 from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.gateway.perceive.stood import Stood
 from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.gateway.reporter import Reporter
@@ -60,6 +61,7 @@ class Gateway:
         self._course = CourseReader()
         self._receivers = OtherReceivers(config.car, config.origin)
         self._tyres = TyreReports(self.builder)
+        self._stood = Stood()
         self._conditions = Conditions(self.builder, self._tyres, config.gateway)
         self.decision = Decision()
         self._actor = Actor(config, codec, link, actuation, track)
@@ -90,6 +92,7 @@ class Gateway:
         state = self._read_car(now_ns, before)
         self._read_bus(now_ns, before)
         motion, pose, monitored = self._perceive(now_ns, state, before)
+        self._stood.step(now_ns, state, self.inbox.estimate)
         situation = self._decide(now_ns, state, monitored, before)
         self._act(now_ns, state, motion, pose)
         self._report(situation)
@@ -98,6 +101,8 @@ class Gateway:
         """Frames that have arrived, to the published vehicle state."""
         self.builder.take(self._link.receive(0.0), now_ns)
         state = self.builder.build(now_ns, before.race_control.ct_state, *flags_in_force(self.builder, now_ns))
+        if (known := self._stood.estimate) is not None:
+            state = state.model_copy(update={"stood": known})
         self._bus.publish(topics.VEHICLE_STATE, state)
         return state
 
