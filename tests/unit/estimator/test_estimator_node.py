@@ -31,7 +31,7 @@ def test_estimate_follows_the_car_from_the_first_fix(oval: Track) -> None:
     bench, car = Bench(oval), Car(oval)
     estimates = bench.feed(*(car.state() for _ in range(800)))
     assert len(estimates) == 800
-    assert all(e.valid for e in estimates[5:])
+    assert all(e.valid for e in estimates[25:])
     here, last = oval.at(car.s - car.speed * 0.01), estimates[-1]
     assert np.hypot(last.x - here.x, last.y - here.y) < 0.1
     assert abs(last.vx - car.speed) < 0.15
