@@ -14,6 +14,7 @@ from hil_gateway.car.states import CtState
 from hil_gateway.config import Config
 from hil_gateway.gateway.act import actuator_test
 from hil_gateway.gateway.act.axle_brakes import AxleBrakes, Demand
+from hil_gateway.gateway.act.hill_start import HillStart
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.act.stuck_steering import StuckSteering
@@ -44,6 +45,7 @@ class Actor:
     def __init__(self, config: Config, codec: Codec, link: CanLink, actuation: Actuation, track: Track | None) -> None:
         self._actuation = actuation
         self._hold_pressure = config.gateway.stop.hold_pressure
+        self._hill = HillStart(self._hold_pressure) if config.gateway.hold else None
         self._testing = config.gateway.mode == "actuator_test"
         self._transmits = config.gateway.mode in ("armed", "actuator_test")
         self._mass_per_force = config.vehicle.mass / config.powertrain.force_per_drive
@@ -95,6 +97,8 @@ class Actor:
     ) -> tuple[bool, tuple[str, ...]]:
         """Send this period's commands; whether all left, and the limits that changed them."""
         armed = decision.failsafe.armed
+        if self._hill is not None:
+            self._hill.watch(state, self.on_wire)
         if not armed and not decision.holding:
             self._on_wire = self._limits.resting(self._actuation.to_steering_motor(state.steer))
             return False, ()
@@ -133,6 +137,9 @@ class Actor:
         if driving and command is not None:
             steer, drive = command.steer, self._paced(command.drive, motion.speed, decision)
             balance = command.brake_balance
+            if self._hill is not None and self._hill.holds(state, drive / self._mass_per_force):
+                motor = self._actuation.to_steering_motor(steer)
+                return Actuators(motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
         else:
             steer, drive = self._stop(state, motion, decision, pose)
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)

@@ -1,0 +1,34 @@
+"""When a drive command carries the standing car: the brakes hold it until then."""
+
+from __future__ import annotations
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.car.actuation import Actuators
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
+from hil_gateway.gateway.settings import PERIOD_S
+
+SETTLED_S = 0.3
+"""time constant of the mean: leaves 0.014 m/s2 of an accelerometer's noise of 0.11, and the car rocks no longer after
+a stop"""
+FORWARD = 0.2
+"""m/s2 that the command gives beyond what gravity takes: offsets of accelerometers are as large"""
+
+
+class HillStart:
+    """Learns what gravity takes from the accelerometer of a car that its brakes hold; one `holds` a period."""
+
+    def __init__(self, pressure: float) -> None:
+        """`pressure` that holds the car, Pa."""
+        self._pressure = pressure
+        self._uphill = 0.0
+        """specific force along the standing car, m/s2: what gravity takes, positive uphill"""
+
+    def watch(self, state: VehicleState, on_wire: Actuators) -> None:
+        """Once a period, before it is asked."""
+        braked = min(on_wire.brake_front, on_wire.brake_rear) >= self._pressure
+        if braked and state.valid and road_speed(state) < STANDSTILL:
+            self._uphill += PERIOD_S / (SETTLED_S + PERIOD_S) * (state.ax - self._uphill)
+
+    def holds(self, state: VehicleState, acceleration: float) -> bool:
+        """Whether a standing car is held under a command that gives it `acceleration` on the level, m/s2."""
+        return road_speed(state) < STANDSTILL and acceleration < self._uphill + FORWARD
