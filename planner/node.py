@@ -26,7 +26,7 @@ from planner.plan.from_rest import STILL, WALKING, Following, Unmoved, is_off, m
 from planner.plan.prediction import Actuators, Car, Moment, Sent, credible, predict
 from planner.plan.publishing import Decision, Publisher, Stamps, within
 from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, store_limits
-from planner.problem.motion import PROGRESS, VX, S
+from planner.problem.motion import DRIVE, PROGRESS, VX, S
 from planner.problem.settings import settings_of
 from planner.solver.sqp import Solution, Stopwatch
 
@@ -161,9 +161,12 @@ class Planner:
         s = self._locate(then, 0.0 if expected is None else float(expected[S]), near)
         self.adoption.watch(e, s)
         progress = then.car[3] if expected is None or not near else float(expected[PROGRESS])
-        limits = self.settings.limits
+        limits, drive = self.settings.limits, then.drive
+        if self._newest_applied is not None and self._newest_applied.holding:
+            # these brakes are the gateway's, which releases them for a command that carries the car
+            drive = 0.0 if expected is None else float(expected[DRIVE])
         return np.array([
-            *then.car, s, within(then.drive, limits.drive_min, limits.drive_max),
+            *then.car, s, within(drive, limits.drive_min, limits.drive_max),
             within(then.steer, -limits.steer, limits.steer), within(progress, 0.0, limits.speed),
         ])  # fmt: skip
 

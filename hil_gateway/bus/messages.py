@@ -284,6 +284,7 @@ class Applied(Message):
     brake_rear_kpa: Parameter
     steering_motor_deg: Parameter
     gear: Code
+    holding: bool = Field(default=False, description="the brakes hold the standing car, whatever a command asks for")
 
 
 class GatewayStatus(Message):

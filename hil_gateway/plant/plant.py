@@ -11,7 +11,7 @@ from hil_gateway.can_link import CanLink
 from hil_gateway.config import Config, PlantConfig
 from hil_gateway.plant.car import STEP_S, Car, Commands
 from hil_gateway.plant.car_file import SimulatedCar
-from hil_gateway.plant.controller.ladder import AT_REST, MARELLI_KILL, CarState, VehicleController
+from hil_gateway.plant.controller.ladder import MARELLI_KILL, PARKED, CarState, VehicleController
 from hil_gateway.plant.controller.receive import CommandReceiver
 from hil_gateway.plant.controller.sensors import Sensors
 from hil_gateway.plant.controller.transmit import ReportTransmitter, SimulatedRaceControl
@@ -82,7 +82,7 @@ class Plant:
         )
         self._link, self._truth_bus = link, truth_bus
         self._reached_ns: int | None = None
-        self._obeyed, self._engine_running = AT_REST, False
+        self._obeyed, self._engine_running = PARKED, False
         self._truth_ns = 0
 
     @property

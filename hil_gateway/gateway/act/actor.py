@@ -63,6 +63,8 @@ class Actor:
         self._axles = AxleBrakes(config.vehicle, config.gateway.stop.lateral_grip, config.powertrain)
         self.flat_front = self.flat_rear = False
         """whether a tyre of that axle is flat"""
+        self._holding = False
+        """whether the brakes hold the standing car, whatever a command asks for"""
         self.sent = self.limited = 0
 
     @property
@@ -96,13 +98,16 @@ class Actor:
         pose: Pose | None,
     ) -> tuple[bool, tuple[str, ...]]:
         """Send this period's commands; whether all left, and the limits that changed them."""
-        armed = decision.failsafe.armed
+        armed, self._holding = decision.failsafe.armed, decision.holding
         if self._hill is not None:
             self._hill.watch(state, self.on_wire)
         if not armed and not decision.holding:
             self._on_wire = self._limits.resting(self._actuation.to_steering_motor(state.steer))
             return False, ()
-        wanted = self._wanted(now_ns, state, motion, decision, command, pose) if armed else self._brakes_alone()
+        if armed:
+            wanted = self._wanted(now_ns, state, motion, decision, command, pose)
+        else:  # the steering stays where it is
+            wanted = self._held(self.on_wire.steering_motor, self.on_wire.gear)
         command_raw, limited = self._limits.apply(wanted, self._on_wire)
         sent = False
         if self._transmits:
@@ -113,10 +118,10 @@ class Actor:
         self.limited += bool(limited)
         return sent, limited
 
-    def _brakes_alone(self) -> Actuators:
-        """The steering stays where it is."""
-        on_wire = self.on_wire
-        return Actuators(on_wire.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, on_wire.gear)
+    def _held(self, steering_motor: float, gear: int) -> Actuators:
+        """Brakes alone."""
+        self._holding = True
+        return Actuators(steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
 
     def _wanted(  # noqa: PLR0917 - a period
         self,
@@ -138,8 +143,7 @@ class Actor:
             steer, drive = command.steer, self._paced(command.drive, motion.speed, decision)
             balance = command.brake_balance
             if self._hill is not None and self._hill.holds(state, drive / self._mass_per_force):
-                motor = self._actuation.to_steering_motor(steer)
-                return Actuators(motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
+                return self._held(self._actuation.to_steering_motor(steer), gear)
         else:
             steer, drive = self._stop(state, motion, decision, pose)
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
@@ -150,7 +154,7 @@ class Actor:
             )
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
-        return Actuators(wanted.steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
+        return self._held(wanted.steering_motor, gear)
 
     def _stop(self, state: VehicleState, motion: Motion, decision: Decision, pose: Pose | None) -> tuple[float, float]:
         """Road-wheel angle (rad) and slip-ratio drive command of a stop."""
@@ -189,4 +193,5 @@ class Actor:
             brake_rear_kpa=actuators.brake_rear / 1e3,
             steering_motor_deg=math.degrees(actuators.steering_motor),
             gear=actuators.gear,
+            holding=self._holding,
         )

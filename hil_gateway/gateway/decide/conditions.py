@@ -92,7 +92,7 @@ class Conditions:
             ladder_inputs(self._builder, now_ns, state),
             CtState.ACTUATOR_TEST if self._testing else CtState.NOMINAL_RACE,
             self._sends,
-            self._holds and state.sys_state in OBEYS_BRAKES and self._alone(now_ns),
+            self._alone(now_ns) and self._holds and state.sys_state in OBEYS_BRAKES,
         )
 
     def measures(
@@ -149,7 +149,8 @@ class Conditions:
         return _holds(lacks and (self._needs_heading or self._blind_m > FIRST_METRES))
 
     def _alone(self, now_ns: int) -> bool:
-        """Whether no other computer commands the car, as far as one that has just begun to listen can tell."""
+        """Whether no other computer commands the car, as far as one that has just begun to listen can tell; asked in
+        every period, for it listens from the first one on."""
         self._began_ns = now_ns if self._began_ns is None else self._began_ns
         return now_ns - self._began_ns >= LISTENS_NS and not self._builder.foreign_commands(now_ns)
 

@@ -14,7 +14,8 @@ from hil_gateway.process.clock import NS_PER_S
 AT_REST = Commands()
 COMMAND_TIMEOUT_S = 0.2
 """a command counter that stands still for longer puts the car into EMERGENCY"""
-PARKING_BRAKE_PA = 1.0e6
+PARKED = Commands(brake_front=1.0e6, brake_rear=1.0e6)
+"""what the car does by itself below `DRIVING`"""
 EMERGENCY_BRAKE_PA = 3.0e6
 MARELLI_KILL = (32, 33)
 """vehicle flags purple and e-kill: the car obeys them by itself"""
@@ -113,7 +114,7 @@ class VehicleController:
         if self.state is CarState.DRIVING:
             return asked
         if self.state is not CarState.EMERGENCY:
-            return Commands(brake_front=PARKING_BRAKE_PA, brake_rear=PARKING_BRAKE_PA)
+            return PARKED
         if received.counters_ns is not None and not self.silent(now_ns, received):
             return Commands(asked.steer, 0.0, asked.brake_front, asked.brake_rear, 0)
         return Commands(asked.steer, 0.0, EMERGENCY_BRAKE_PA, EMERGENCY_BRAKE_PA, 0)
