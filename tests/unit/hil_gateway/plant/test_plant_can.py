@@ -245,7 +245,7 @@ def test_truth_is_published_at_20_hz_for_the_referee_alone() -> None:
 
 
 def test_leaving_the_road_is_counted_once_an_excursion(driving: Bench) -> None:
-    driving.commands = Commands(steer=0.05, throttle=0.1, gear=2)
+    driving.commands = Commands(steer=-0.05, throttle=0.1, gear=2)  # away from the pit lane
     driving.run(3.0)
     assert driving.plant.referee.off_track_count == 1
     assert driving.plant.referee.off_track
