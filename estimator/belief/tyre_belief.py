@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from estimator.model.measurement import CHANNELS, MeasurementKind, measurement_function
 from estimator.model.single_track import SingleTrack
-from estimator.state.kalman import scalar_update
+from hil_gateway.observer.kalman import scalar_update
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import CompiledFunction, compile_function
 

@@ -13,8 +13,8 @@ from typing import Any
 import casadi as ca
 
 from estimator.model.parameters import DEFAULT_TYRE
-from estimator.state.kalman import scalar_update, symmetric
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.observer.kalman import scalar_update, symmetric
 from hil_gateway.process.arrays import Expr
 from hil_gateway.process.compiled import CompiledFunction, compile_function
 

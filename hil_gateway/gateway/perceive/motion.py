@@ -146,6 +146,8 @@ class MotionReader:
         self._turned: deque[float] = deque(maxlen=COURSE_WINDOW)
         """yaw rates by the wheels of both axles in those periods, rad/s; none where one of them has said nothing"""
         self.motion = Motion()
+        self.steer_zero = 0.0
+        """road-wheel angle beyond what is reported, rad"""
         self.stopping = False
         """whether the car is being stopped: a slide teaches nothing of how it turns under the brakes"""
         self.believe_imu = self.believe_wheels = True
@@ -246,7 +248,7 @@ class MotionReader:
         """Yaw rate that a road-wheel angle comes to, rad/s."""
         learnt, length = self._learnt, self._vehicle.wheelbase
         understeer = learnt.braked if self._braked(state, commanded) > BRAKED else learnt.understeer
-        return speed * math.tan(steer) / max(length + understeer * speed**2, SHORTEST_SHARE * length)
+        return speed * math.tan(steer + self.steer_zero) / max(length + understeer * speed**2, SHORTEST_SHARE * length)
 
     @property
     def _learnt(self) -> _Taught:
@@ -255,7 +257,7 @@ class MotionReader:
 
     def _learn(self, state: VehicleState, speed: float) -> None:
         """What a stop without an IMU goes by."""
-        beyond = math.tan(state.steer) - self._vehicle.wheelbase * state.yaw_rate / speed
+        beyond = math.tan(state.steer + self.steer_zero) - self._vehicle.wheelbase * state.yaw_rate / speed
         self._lately.learn(beyond, state.ay)
         if self._pressed(state) > BRAKED and not self.stopping:
             self._under_brakes.learn(beyond, state.ay)

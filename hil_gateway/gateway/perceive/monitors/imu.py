@@ -1,8 +1,8 @@
-"""The IMU against itself: readings that step as no car moves, and a gyro that has lost its noise.
+"""The IMU against itself: readings that step as no car moves, and axes that have lost their noise.
 
 Mass and inertia make forces and rates change over some periods. A reading that is steady, differs by a lot in the next
-period and is steady there has another reason: an offset, a sign, a scale that went wrong. Noise of a gyro is its own,
-and does not fall by an order of magnitude while the car drives: what has lost it no longer measures.
+period and is steady there has another reason: an offset, a sign, a scale that went wrong. Noise of an axis is its own,
+and that of two does not fall by an order of magnitude while the car drives: what has lost it no longer measures.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ TURN, FORCE = 0.04, 3.0
 """rad/s and m/s2: steps beside noise (data sheets have 0.002 and 0.1); sound drives come to 0.02 and 1.5"""
 KICK = 0.15
 """rad/s of a step of the yaw rate alone: 15 rad/s2, which tyres of 1.5 g reach with both axles against each other"""
-QUIET = 0.08
-"""of its usual noise that a gyro has at least: 0.145 was the least on a measured drive of an AV-21 (25 Hz, filtered,
-mostly motion), 0.26 on simulated ones"""
+QUIET = 0.14
+"""of its usual noise that one of two axes has at least: 0.145 was the least of a gyro alone on a measured drive of an
+AV-21 (25 Hz, filtered, mostly motion), 0.25 of an axis on simulated ones"""
 WINDOW = 20
 """periods (0.2 s) of noise; a mean of so many differs from the usual one by a fifth"""
 USUAL = 500
 """periods (5 s) over which the usual noise is learnt"""
 HELD_S, MISSED_S = PERIOD_S, 2 * PERIOD_S
 """s; age of a reading that is the one before, and of one after which two were missed: all that changed comes at once"""
-RESOLVED = 5e-4
-"""rad/s of usual noise, six steps of 0.005 deg/s, from which less can be told"""
+RESOLVED = 5e-4, 7.5e-3, 7.5e-3
+"""rad/s and m/s2 of usual noise, six steps of the report, from which less can be told"""
 UNMOVED = 1.5
 """m/s2 that a force steps by at most in sound drives"""
 MIRROR = 0.1
@@ -49,9 +49,7 @@ class ImuMonitor:
     def __init__(self) -> None:
         self._readings: deque[tuple[float, float, float]] = deque(maxlen=2 * STEADY)
         """yaw rate, rad/s; lateral and longitudinal specific force, m/s2"""
-        self._noise: deque[float] = deque(maxlen=WINDOW)
-        """second differences of the yaw rate, rad/s"""
-        self._usual, self._learnt = 0.0, 0
+        self._noise = tuple(_Noise(resolved) for resolved in RESOLVED)
         self.found = False
         self.repair: GyroRepair | None = None
         """what makes the gyro right again, where the step tells"""
@@ -63,7 +61,8 @@ class ImuMonitor:
         imu = state.sources["imu"]
         if speed < JUDGED_FROM or not imu.valid or imu.age_s is None or imu.age_s >= MISSED_S:
             self._readings.clear()
-            self._noise.clear()
+            for noise in self._noise:
+                noise.forget()
             return
         if imu.age_s >= HELD_S:
             return
@@ -99,17 +98,34 @@ class ImuMonitor:
         return GyroRepair(offset=after - before)
 
     def _quiet(self) -> bool:
-        """Whether the noise has fallen; learns what is usual."""
+        """Whether the noise of two axes has fallen; learns what is usual."""
         if len(self._readings) < 3:
             return False
-        (before, *_), (last, *_), (now, *_) = list(self._readings)[-3:]
-        self._noise.append(abs(now - 2.0 * last + before))
-        if len(self._noise) < WINDOW:
+        newest = zip(*list(self._readings)[-3:], strict=True)
+        return sum([noise.fell(*three) for noise, three in zip(self._noise, newest, strict=True)]) > 1
+
+
+class _Noise:
+    """Second differences of one axis, lately and usually."""
+
+    def __init__(self, resolved: float) -> None:
+        self._resolved = resolved
+        self._lately: deque[float] = deque(maxlen=WINDOW)
+        self._usual, self._learnt = 0.0, 0
+
+    def forget(self) -> None:
+        """Readings are missing."""
+        self._lately.clear()
+
+    def fell(self, before: float, last: float, now: float) -> bool:
+        """Whether there is hardly any left of what was usual; three readings in a row."""
+        self._lately.append(abs(now - 2.0 * last + before))
+        if len(self._lately) < WINDOW:
             return False
         self._learnt = min(self._learnt + 1, USUAL)
-        self._usual += (self._noise[0] - self._usual) / self._learnt
-        usual = self._usual if self._learnt == USUAL else 0.0
-        return usual > RESOLVED and sum(self._noise) / WINDOW < QUIET * usual
+        self._usual += (self._lately[0] - self._usual) / self._learnt
+        known = self._learnt == USUAL and self._usual > self._resolved
+        return known and sum(self._lately) / WINDOW < QUIET * self._usual
 
 
 def _step(readings: tuple[float, ...]) -> float:

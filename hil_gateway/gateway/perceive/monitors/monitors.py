@@ -11,24 +11,18 @@ from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
+from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
 from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
-from hil_gateway.gateway.perceive.monitors.gain import GainMonitor, Others
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.monitors.imu import ImuMonitor
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
-from hil_gateway.gateway.perceive.monitors.sensors import (
-    AxleMonitor,
-    GyroMonitor,
-    LateralMonitor,
-    SideMonitor,
-    SpeedChangeMonitor,
-)
-from hil_gateway.gateway.perceive.monitors.still import StillMonitor
+from hil_gateway.gateway.perceive.monitors.sensors import AxleMonitor, SpeedChangeMonitor
 from hil_gateway.gateway.perceive.monitors.wheels import LockedWheels, WheelMonitor
 from hil_gateway.gateway.perceive.motion import MotionReader, second_fastest
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
+from hil_gateway.observer.observer import Observer
 from hil_gateway.track.track import Track
 
 INFINITE = float("inf")
@@ -47,10 +41,11 @@ STEERS = (SysState.DRIVING, SysState.EMERGENCY)
 
 @dataclass(frozen=True)
 class Sensors:
-    """Seconds that wheel speeds, yaw rate and acceleration have been contradicted; whether all wheels are faster or
-    slower than fixes and IMU say, or fell faster than brakes make them; whether fixes say anything, and whether
-    steering and wheels side with them."""
+    """Seconds that the IMU has been off what all others say, and that wheel speeds, yaw rate and acceleration have been
+    contradicted; whether all wheels are faster or slower than fixes and IMU say, or fell faster than brakes make them;
+    whether fixes say anything, and whether steering and wheels side with them."""
 
+    imu_off: float
     wheels: float
     yaw_rate: float
     acceleration: float
@@ -68,12 +63,10 @@ class Monitors:
         self.position = PositionMonitor()
         self._wheels = WheelMonitor(config)
         self._axles = AxleMonitor(config)
-        self._sides = SideMonitor(vehicle)
-        self._gyro = GyroMonitor(vehicle)
-        self._still = StillMonitor(config)
         self._imu = ImuMonitor()
-        self._gain = GainMonitor(config)
-        self._lateral = LateralMonitor()
+        self._observer = Observer(config)
+        self._imu_off, self._wheels_off = Held(), Held()
+        self._repair: GyroRepair | None = None
         self._steady = SteadyCourse()
         self._course = CourseMonitor()
         self._witness = TurnWitness()
@@ -87,6 +80,8 @@ class Monitors:
         """whether the car is being stopped already"""
         self.flat = False
         """whether a tyre is reported flat: its wheel turns at another speed, and pulls to its side"""
+        self._steering_off = self._steering_doubted = False
+        """whether the steering does not report what it is asked for: now, or since a stop began"""
         self._imu_gone, self._imu_missed = False, Held()
         """whether it alone was silent or implausible during this stop: where it comes back it may be late"""
         self._without_wheels, self._without_imu = Held(), Held()
@@ -117,8 +112,8 @@ class Monitors:
     def shares(self) -> dict[str, float]:
         """Difference over bound of the monitors that compare with one, in this period."""
         own = {
-            "gyro, wheels": self._gyro.share,
-            "specific force, v r": self._lateral.share,
+            "IMU, all others": self._observer.imu_off,
+            "wheels, all others": self._observer.wheels_off,
             "change of speed": self._speed_change.share,
         }
         return own | {f"course, {name}": share for name, share in self._course.shares.items()}
@@ -137,6 +132,7 @@ class Monitors:
         speed, imu = self.motion.motion.speed, self._reports(state)
         obeyed = commanded if state.sys_state == SysState.DRIVING else None
         follows = self._following.step(now_ns, state, obeyed)
+        self._steering_off = follows.steering > 0.0
         self._reversed.step(state, speed, commanded if state.sys_state in STEERS else None)
         off, against = (0.0, 0.0) if self._road is None else self._road.step(now_ns, pose)
         sensors = self._compare(now_ns, state, course)
@@ -174,25 +170,33 @@ class Monitors:
         contradicted = self._course.step(now_ns, inertial, second_fastest(state), (rear, steered), known)
         self.position.contradicted(contradicted.position)
         changes = self._speed_change.step(now_ns, state, speed) if both else 0.0
-        lateral = self._lateral.step(now_ns, state, speed, ay) if both else 0.0
-        turns = self._gyro.step(now_ns, state, speed, rear, ay, self.stopping) if compared else 0.0
-        hangs = self._still.step(now_ns, state, speed, steered, ay) if compared and not self.stopping else 0.0
         swapped = self._axles.step(now_ns, state, speed) if compared else 0.0
-        sided = self._sides.step(now_ns, state, speed, ay) if compared and not self.stopping else 0.0
-        told = compared or (wheels and self._gain.found and state.sources["imu"].valid and not self.flat)
-        others = Others(steered, self.motion.front_yaw_rate(state, speed), second_fastest(state))
-        self._gain.step(state, speed, ay, others if told and not self.steering_reversed else None, self.stopping)
+        imu_off, sided = self._observe(now_ns, state, speed)
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
         locked = self._locked.step(state, speed)
         rates = state.yaw_rate, self.motion.wheel_yaw_rate(state, speed), steered
         return Sensors(
+            imu_off=imu_off,
             wheels=max(one_differs, swapped, sided),
-            yaw_rate=INFINITE if self._imu_false else max(turns, hangs, contradicted.yaw_rate),
-            acceleration=max(changes, lateral, contradicted.acceleration),
+            yaw_rate=INFINITE if self._imu_false else max(imu_off, contradicted.yaw_rate),
+            acceleration=max(changes, contradicted.acceleration),
             slipping=(wheels and self._wheels.all_fell) or (changes > 0.0 and contradicted.wheels > 0.0 and not locked),
             fixes=trusted is not None,
             outvoted=self._witness.step(rates, steady if compared else None, self.position.suspect),
         )
+
+    def _observe(self, now_ns: int, state: VehicleState, speed: float) -> tuple[float, float]:
+        """Seconds that the IMU, and the wheels of both axles, have been off what all others say."""
+        observer, across = self._observer, 0.0 if self._road is None else self._road.gravity_across
+        self._steering_doubted = speed > 0.0 and (self._steering_off or (self.stopping and self._steering_doubted))
+        observer.step(state, speed, across, known=not (self.flat or self._steering_doubted or self._imu_gone))
+        self.motion.steer_zero = observer.steer_zero
+        imu_off = self._imu_off.update(observer.imu_off > 1.0, now_ns)
+        if not (imu_off or self.imu_wrong):
+            self._repair = None
+        elif self._repair is None and (signs := observer.signs()) is not None:
+            self._repair = GyroRepair(sign=signs[0], force=signs[1])
+        return imu_off, self._wheels_off.update(observer.wheels_off > 1.0, now_ns)
 
     def _reports(self, state: VehicleState) -> bool:
         """Whether the IMU is there, and was during all of a stop."""
@@ -200,8 +204,8 @@ class Monitors:
 
     @property
     def _imu_false(self) -> bool:
-        """Whether the IMU has shown by itself, or by its gain, that it no longer measures."""
-        return self._imu.found or self._gain.found
+        """Whether the IMU has shown by itself that it no longer measures."""
+        return self._imu.found
 
     def _miss(self, now_ns: int, state: VehicleState) -> None:
         """An IMU that is gone while the wheels go on reporting."""
@@ -220,11 +224,12 @@ class Monitors:
         slides = self.steering_reversed or self.flat
         held_s = 0.0 if slides else held_s
         outvoted = sensors.outvoted and not slides
-        found = outvoted or (held_s > IMU_WRONG_S and sensors.fixes)
+        held = max(sensors.imu_off, held_s if sensors.fixes else 0.0) > IMU_WRONG_S and not slides
+        found = outvoted or held
         self.imu_wrong = moving and (self.imu_wrong or (found and not self.wheels_wrong))
         self.motion.stopping = self.stopping
         self.motion.believe_imu = not self.imu_wrong and not self._imu_gone
         self.motion.imu_wrong = self.imu_wrong
-        self.motion.repair = self._imu.repair or self._gain.repair
+        self.motion.repair = self._imu.repair or self._repair
         self.motion.believe_wheels = not self.wheels_wrong
         self.imu_suspect = self.imu_wrong or self._imu_gone or held_s > 0.0

@@ -1,4 +1,4 @@
-"""The IMU against itself: steps that no car makes, and a gyro without its noise."""
+"""The IMU against itself: steps that no car makes, and axes without their noise."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Drive:
     def read(self, turn: float, ay: float, ax: float, noise: float = 1.0, age_s: float = 0.0) -> bool:
         draw = self._rng.gauss
         yaw_rate = turn + noise * draw(0.0, GYRO_NOISE)
-        forces = {"ay": ay + draw(0.0, FORCE_NOISE), "ax": ax + draw(0.0, FORCE_NOISE)}
+        forces = {name: force + noise * draw(0.0, FORCE_NOISE) for name, force in (("ay", ay), ("ax", ax))}
         sources = self._state.sources | {"imu": self._state.sources["imu"].model_copy(update={"age_s": age_s})}
         self.monitor.step(self._state.model_copy(update={"yaw_rate": yaw_rate, "sources": sources, **forces}), SPEED)
         return self.monitor.found
@@ -111,7 +111,7 @@ def test_frames_that_a_busy_bus_holds_back_while_the_car_turns_in_are_no_wrong_i
 
 
 @pytest.mark.parametrize(("noise", "found"), [(0.02, True), (0.5, False)])
-def test_a_gyro_that_has_lost_its_noise_is_found(state, noise, found):
+def test_an_imu_that_has_lost_its_noise_is_found(state, noise, found):
     drive = Drive(state)
     assert not any(drive.read(0.0, 0.0, 0.0) for _ in range(USUAL + WINDOW + 3))
     assert any(drive.read(0.0, 0.0, 0.0, noise) for _ in range(2 * WINDOW)) == found

@@ -1,4 +1,4 @@
-"""The scalar Kalman update that state filter and tyre belief share, as CasADi expressions."""
+"""The scalar Kalman update that all filters share, as CasADi expressions."""
 
 from __future__ import annotations
 

@@ -1,0 +1,105 @@
+"""One step of an extended Kalman filter as a function: what a model predicts, and what each measurement says beyond it.
+
+The model is written down once; CasADi derives the Jacobians and evaluates the step in its virtual machine.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import casadi as ca
+
+from hil_gateway.observer.kalman import symmetric
+from hil_gateway.process.arrays import Expr
+from hil_gateway.process.compiled import CompiledFunction, compile_function
+
+
+class Model(Protocol):
+    """Motion and measurements in one period, as functions of n states; `judged` of the measurements come last."""
+
+    judged: int
+
+    def after(self, x: Expr) -> Expr:
+        """States one period on, (n,)."""
+        ...
+
+    def noise(self, x: Expr) -> Expr:
+        """Variances that the period adds to the states, (n,)."""
+        ...
+
+    def shown(self, x: Expr) -> tuple[Expr, ...]:
+        """What the measurements are predicted to show."""
+        ...
+
+    def measured(self) -> tuple[Expr, ...]:
+        """What they do show."""
+        ...
+
+    def variances(self, x: Expr) -> tuple[Expr, ...]:
+        """Of their noise in one sample."""
+        ...
+
+
+def step_function(name: str, model: Model, states: int, period: Expr) -> CompiledFunction:
+    """(mean (n,), covariance (n, n), period, uses (m,), gate) to the next mean and covariance; what the measurements
+    show beyond what is predicted (m,) and the deviation of that (m,); mean and covariance of what the judged ones are
+    predicted to show, before they are taken in.
+
+    `uses` are 1 where a measurement is taken in, 0 where it is only looked at. One that is not among the judged and
+    further off than `gate` deviations is not taken in.
+    """
+    mean, covariance = ca.SX.sym("mean", states), ca.SX.sym("covariance", states, states)
+    count = len(model.measured())
+    uses, gate = ca.SX.sym("uses", count), ca.SX.sym("gate")
+    step = _Step(model, mean, covariance)
+    step.predict()
+    first = count - model.judged
+    for i in range(first):
+        step.update(i, uses[i], gate)
+    seen, spread = step.predicted(range(first, count))
+    for i in range(first, count):
+        step.update(i, uses[i], ca.inf)
+    found = [step.mean, step.covariance, ca.vertcat(*step.off), ca.vertcat(*step.deviation), seen, spread]
+    given = [mean, covariance, period, uses, gate]
+    return compile_function(ca.Function(name, given, [ca.densify(e) for e in found]), compiled=False)
+
+
+class _Step:
+    """Symbolic mean and covariance, moved on in place."""
+
+    def __init__(self, model: Model, mean: Expr, covariance: Expr) -> None:
+        self.model, self.mean, self.covariance = model, mean, covariance
+        self.off: list[Expr] = []
+        self.deviation: list[Expr] = []
+
+    def predict(self) -> None:
+        """One period on."""
+        after, noise = self.model.after(self.mean), self.model.noise(self.mean)
+        F = ca.jacobian(after, self.mean)
+        self.covariance = symmetric(F @ self.covariance @ F.T + ca.diag(noise))
+        self.mean = after
+
+    def predicted(self, measurements: range) -> tuple[Expr, Expr]:
+        """What they show, and the covariance of that with their noise."""
+        rows = ca.vertcat(*(self._row(i) for i in measurements))
+        noise = ca.diag(ca.vertcat(*(self.model.variances(self.mean)[i] for i in measurements)))
+        seen = ca.vertcat(*(self.model.shown(self.mean)[i] for i in measurements))
+        return seen, rows @ self.covariance @ rows.T + noise
+
+    def update(self, i: int, use: Expr, gate: Expr) -> None:
+        """Judge a measurement, and take it in where it is to be used and within the gate."""
+        off = self.model.measured()[i] - self.model.shown(self.mean)[i]
+        H, variance = self._row(i), self.model.variances(self.mean)[i]
+        shared = self.covariance @ H.T
+        total = H @ shared + variance
+        deviation = ca.sqrt(total)
+        gain = use * (ca.fabs(off) < gate * deviation) * shared / total
+        self.mean = self.mean + gain * off
+        self.covariance = symmetric(self.covariance - gain @ shared.T)
+        self.off.append(off)
+        self.deviation.append(deviation)
+
+    def _row(self, i: int) -> Expr:
+        """Row of the Jacobian of a measurement here, (1, n)."""
+        x = ca.SX.sym("x", self.mean.numel())
+        return ca.substitute(ca.jacobian(self.model.shown(x)[i], x), x, self.mean)

@@ -1,0 +1,231 @@
+"""Turning of the car: single-track model with tyres that saturate, and what each sensor says of it.
+
+With the slip angles of both axles (l_f, l_r from the centre of gravity, speed v, side slip v_y, yaw rate r, steering
+angle delta with its zero delta_0)
+
+    alpha_f = delta + delta_0 - (v_y + l_f r) / v        alpha_r = -(v_y - l_r r) / v
+
+an axle makes the specific force (of the whole car, were the other axle like it)
+
+    a_i = mu k_i sqrt(g(v)^2 - a_x^2) tanh(alpha_i / s_i) (1 + e_i)
+
+with g(v) gravity and downforce over the mass, a_x what engine or brakes ask for, k_i the load that they shift, and e_i
+what the model is wrong by: correlated in time, the more uncertain the nearer the tyre is to its limit. From there
+
+    dv_y/dt = a_y - v r - gravity across    dr/dt = m l_f l_r / (L I_z) (a_f - a_r)    a_y = (l_r a_f + l_f a_r) / L
+
+Wheels of an axle show r + v m + w: m of unequal rolling radii, w of unequal slip where engine or brakes act.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from hil_gateway.car.car import Car
+from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.observer.bank import Bank
+from hil_gateway.observer.kalman_step import step_function
+from hil_gateway.process.arrays import Array, Expr
+
+STATES = (
+    "side_speed", "yaw_rate", "front_error", "rear_error", "front_slip", "rear_slip", "gravity_error",
+    "steer_zero", "front_slope", "rear_slope", "grip", "gyro_offset", "force_offset", "front_radii", "rear_radii",
+)  # fmt: skip
+"""v_y m/s, r rad/s, e_f, e_r, w_f, w_r rad/s, gravity across that the map lacks m/s2; then what is slow about the car:
+delta_0 rad, s_f, s_r rad, mu, of gyro rad/s and accelerometer m/s2, m_f, m_r 1/m"""
+VY, R, EF, ER, WF, WR, GB, ZERO, SF, SR, MU, GYRO, FORCE, MF, MR = range(len(STATES))
+FAST = GB + 1
+"""so many states are forgotten while the car stands"""
+
+
+class Period(NamedTuple):
+    """What is reported in one period, SI."""
+
+    dt: float
+    speed: float
+    steer: float
+    """road-wheel angle"""
+    braking: float
+    """m/s2 by both brakes, as declared for their pressures"""
+    pushing: float
+    """m/s2 by the engine, as declared"""
+    gravity_across: float
+    """g sin(bank) of the map, m/s2"""
+    front: float
+    """(right - left) over the track"""
+    rear: float
+    yaw_rate: float
+    ay: float
+
+
+@dataclass(frozen=True)
+class LateralNoise:
+    """What the model is wrong by, as standard deviations; beyond what the car folder states. SI."""
+
+    force: float = 0.05
+    """of a tyre's force, away from its limit: load transfer across, camber, road"""
+    force_at_limit: float = 0.3
+    """of the same where the tyre slides: a wet patch, temperature, what the peak looks like"""
+    force_braked: float = 0.3
+    """times (a_x / g)^2: an axle that brakes or drives alone"""
+    force_s: float = 0.5
+    """its time constant: a bend takes longer, a bump less"""
+    slip: float = 0.01
+    """rad/s between the wheels of an axle that rolls"""
+    slip_per_force: float = 0.002
+    """of the speed of a wheel a m/s2 of engine or brakes: half of what slicks slip (0.004), as the inner wheel carries
+    less"""
+    slip_s: float = 0.3
+    """its time constant: brakes and throttle move as fast"""
+    wheels: float = 0.035
+    """rad/s a sample of an axle: steps of 0.1 km/h on both sides, tread"""
+    gyro: float = 0.004
+    """rad/s a sample: noise of the sensor, vibration"""
+    ay: float = 0.5
+    """m/s2 a sample: noise, roll of the body behind the filter of the sensor (0.05 s)"""
+    yaw_walk: float = 0.08
+    """rad/s, per square root of a second: gusts, kerbs"""
+    side_walk: float = 0.15
+    """m/s"""
+    side_walk_at_limit: float = 1.0
+    """m/s: what an axle does that slides"""
+    gravity: float = 0.7
+    """m/s2: banks of 4 deg that the map smooths or lacks"""
+    gravity_s: float = 5.0
+    """its time constant: 300 m of road"""
+    slide: float = 0.15
+    """rad of rear slip angle that a car is driven with at most"""
+    slide_s: float = 1.0
+    """so long"""
+    slow_walks: tuple[float, ...] = (1e-4, 1e-3, 1e-3, 0.02, 2e-4, 0.02, 2e-4, 2e-4)
+    """of the slow states in their order, per square root of a second: ten minutes move them by their own deviation"""
+    least_across: float = 0.3
+    """of the grip that is left across under the hardest braking"""
+    transferred: float = 0.5
+    """of the load that engine and brakes shift which a tyre turns into grip: it grows less than its load"""
+
+
+NOISE = LateralNoise()
+TIMES = {EF: NOISE.force_s, ER: NOISE.force_s, WF: NOISE.slip_s, WR: NOISE.slip_s, GB: NOISE.gravity_s}
+"""time constants of what is correlated in time, s"""
+
+
+def prior(car: Car) -> tuple[Array, Array]:
+    """Mean and standard deviation of `STATES` before the car has driven, by the numbers of its folder; (15,) each."""
+    tyres, vehicle, imu = car.tyres, car.vehicle, next(iter(car.imus))
+    slopes = [1.0 / (tyres.bf * tyres.cf), 1.0 / (tyres.br * tyres.cr)]
+    spread = [
+        np.hypot(car.std(f"tyres.b{axle}") / b, car.std(f"tyres.c{axle}") / c)
+        for axle, b, c in (("f", tyres.bf, tyres.cf), ("r", tyres.br, tyres.cr))
+    ]
+    unequal = np.sqrt(2.0) * car.std("vehicle.wheel_radius") / vehicle.wheel_radius
+    mean = [0.0] * FAST + [0.0, *slopes, tyres.df, 0.0, 0.0, 0.0, 0.0]
+    std = [
+        0.5, 0.1, NOISE.force, NOISE.force, NOISE.slip, NOISE.slip, NOISE.gravity,
+        car.std("sensors.steering_offset") / vehicle.steering_ratio, slopes[0] * spread[0], slopes[1] * spread[1],
+        car.std("tyres.df"), car.std(f"imu.{imu}.rate_offset"), car.std(f"imu.{imu}.acceleration_offset"),
+        unequal / vehicle.track_front, unequal / vehicle.track_rear,
+    ]  # fmt: skip
+    return np.array(mean), np.array(std)
+
+
+class Turning:
+    """The model of one period; see `kalman_step.Model`."""
+
+    judged = 2
+
+    def __init__(self, car: Car, period: Period) -> None:
+        self.car, self.u = car.vehicle, period
+        imu = next(iter(car.imus))
+        self._turn_of_imu, self._ahead_of_imu = car.std(f"imu.{imu}.yaw"), car.std(f"imu.{imu}.x")
+        self._along = ca.fmax(period.braking, period.pushing)
+        self._pressed = GRAVITY + self.car.downforce(period.speed) / self.car.mass
+
+    def after(self, x: Expr) -> Expr:
+        """States one period on."""
+        u, states = self.u, _entries(x)
+        states[VY] += u.dt * (self._force(x) - u.speed * x[R] - u.gravity_across - x[GB])
+        states[R] += u.dt * self._turning(x)
+        for i, time_s in TIMES.items():
+            states[i] *= ca.exp(-u.dt / time_s)
+        return ca.vertcat(*states)
+
+    def noise(self, x: Expr) -> Expr:
+        """Variances that the period adds."""
+        u, n, (front, rear) = self.u, NOISE, self._saturation(x)
+        braked = n.force_braked * (self._along / (x[MU] * self._pressed)) ** 2
+        coloured = {
+            EF: n.force + n.force_at_limit * front**4 + braked,
+            ER: n.force + n.force_at_limit * rear**4 + braked,
+            WF: n.slip + n.slip_per_force * u.braking * u.speed / self.car.track_front,
+            WR: n.slip + n.slip_per_force * (u.braking + u.pushing) * u.speed / self.car.track_rear,
+            GB: n.gravity,
+        }
+        added = [d**2 * (1.0 - ca.exp(-2.0 * u.dt / TIMES[i])) for i, d in coloured.items()]
+        sliding = n.side_walk**2 + n.side_walk_at_limit**2 * (front**4 + rear**4)
+        return ca.vertcat(sliding * u.dt, n.yaw_walk**2 * u.dt, *added, *(w**2 * u.dt for w in n.slow_walks))
+
+    def shown(self, x: Expr) -> tuple[Expr, ...]:
+        """Both axles' wheels, side slip of the rear axle, gyro, accelerometer."""
+        speed = self.u.speed
+        slide = (x[VY] - self.car.lr * x[R]) / speed
+        wheels = x[R] + x[WF] + speed * x[MF], x[R] + x[WR] + speed * x[MR]
+        return *wheels, slide, x[R] + x[GYRO], self._force(x) + x[FORCE]
+
+    def measured(self) -> tuple[Expr, ...]:
+        """The same as reported; no car is driven sideways for long."""
+        return self.u.front, self.u.rear, ca.SX(0.0), self.u.yaw_rate, self.u.ay
+
+    def variances(self, x: Expr) -> tuple[Expr, ...]:
+        """An IMU that is turned or ahead of its place feels other forces, too."""
+        n = NOISE
+        ay = n.ay**2 + (self._turn_of_imu * self._along) ** 2 + (self._ahead_of_imu * self._turning(x)) ** 2
+        return n.wheels**2, n.wheels**2, n.slide**2 * n.slide_s / self.u.dt, n.gyro**2, ay
+
+    def _saturation(self, x: Expr) -> tuple[Expr, Expr]:
+        """tanh(alpha / s) of both axles."""
+        car, u = self.car, self.u
+        front = u.steer + x[ZERO] - (x[VY] + car.lf * x[R]) / u.speed
+        rear = -(x[VY] - car.lr * x[R]) / u.speed
+        return ca.tanh(front / x[SF]), ca.tanh(rear / x[SR])
+
+    def _axles(self, x: Expr) -> tuple[Expr, Expr]:
+        """a_f, a_r, m/s2."""
+        car, n, (front, rear) = self.car, NOISE, self._saturation(x)
+        limit = x[MU] * self._pressed
+        across = ca.sqrt(ca.fmax(limit**2 - self._along**2, (n.least_across * limit) ** 2))
+        shifted = n.transferred * car.cg_height * (self.u.braking - self.u.pushing) / self._pressed
+        loads = 1.0 + shifted / car.lr, 1.0 - shifted / car.lf
+        return across * loads[0] * front * (1.0 + x[EF]), across * loads[1] * rear * (1.0 + x[ER])
+
+    def _force(self, x: Expr) -> Expr:
+        """a_y, m/s2."""
+        front, rear = self._axles(x)
+        return (self.car.lr * front + self.car.lf * rear) / self.car.wheelbase
+
+    def _turning(self, x: Expr) -> Expr:
+        """dr/dt, rad/s2."""
+        car, (front, rear) = self.car, self._axles(x)
+        return car.mass * car.lf * car.lr / (car.wheelbase * car.yaw_inertia) * (front - rear)
+
+
+def rates_of_wheels(wheels: tuple[float, float, float, float], steer: float, car: Vehicle) -> tuple[float, float]:
+    """Yaw rates that front and rear wheels' difference means, rad/s; `wheels` are fl, fr, rl, rr, m/s."""
+    fl, fr, rl, rr = wheels
+    return (fr - fl) / (car.track_front * math.cos(steer)), (rr - rl) / car.track_rear
+
+
+def lateral_bank(car: Car) -> Bank:
+    """Filters of `Turning`."""
+    period = ca.SX.sym("period", len(Period._fields))
+    model = Turning(car, Period(*_entries(period)))
+    return Bank(step_function("lateral", model, len(STATES), period), prior(car), FAST, model.judged)
+
+
+def _entries(vector: Expr) -> list[Any]:
+    return list(ca.vertsplit(vector))

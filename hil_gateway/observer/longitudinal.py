@@ -1,0 +1,138 @@
+"""Gain and loss of speed: what engine and brakes are declared to make, what the wheels show, and what the IMU feels.
+
+    dv/dt = a_x - gravity along    a_x = k_e engine - k_b brakes - drag v^2 + e
+
+with gains k of engine and brakes, and e what both are wrong by at the moment. Wheels show v + w: w of their slip, as
+engine or brakes act.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from hil_gateway.car.car import Car
+from hil_gateway.observer.bank import Bank
+from hil_gateway.observer.kalman_step import step_function
+from hil_gateway.process.arrays import Array, Expr
+
+STATES = ("speed", "force_error", "slip", "gravity_error", "engine", "brakes", "force_offset")
+"""v m/s, e m/s2, w m/s, gravity along that the map lacks m/s2; k_e, k_b, offset of the accelerometer m/s2"""
+V, E, W, GB, ENGINE, BRAKES, OFFSET = range(len(STATES))
+FAST = GB + 1
+
+
+class Period(NamedTuple):
+    """What is reported in one period, SI."""
+
+    dt: float
+    braking: float
+    """m/s2 by both brakes, as declared for their pressures"""
+    pushing: float
+    """m/s2 by the engine, as declared"""
+    changed: float
+    """m/s2 by which both together have changed in the time in which they act"""
+    wheels: float
+    """speed by the wheels, m/s"""
+    ax: float
+
+
+@dataclass(frozen=True)
+class LongitudinalNoise:
+    """What the model is wrong by, as standard deviations; beyond what the car folder states. SI."""
+
+    force: float = 0.4
+    """m/s2: engine drag, shifts, wind, kerbs"""
+    force_share: float = 0.08
+    """of the force asked for: pads, heat, the engine's map"""
+    force_s: float = 0.3
+    """time constant of both"""
+    slip: float = 0.1
+    """m/s of wheels that roll"""
+    slip_share: float = 0.0025
+    """of the speed a m/s2 of engine or brakes: what slicks slip"""
+    slip_s: float = 0.3
+    gravity: float = 0.5
+    """m/s2: grades of 5 % that the map lacks; side slip of 1 m/s at 0.5 rad/s"""
+    gravity_s: float = 5.0
+    wheels: float = 0.1
+    """m/s a sample: steps of 0.1 km/h, tread, the turn of the car"""
+    ax: float = 0.5
+    """m/s2 a sample: noise, pitch of the body"""
+    slow_walks: tuple[float, float, float] = (0.01, 0.01, 0.02)
+    """of gains and offset, per square root of a second"""
+
+
+ANY_SPEED = 100.0
+"""m/s: the wheels tell it"""
+NOISE = LongitudinalNoise()
+TIMES = {E: NOISE.force_s, W: NOISE.slip_s, GB: NOISE.gravity_s}
+
+
+def prior(car: Car) -> tuple[Array, Array]:
+    """Mean and standard deviation of `STATES` before the car has driven; (7,) each."""
+    train, imu = car.powertrain, next(iter(car.imus))
+    brakes = car.std("powertrain.brake_force_per_pa") / train.brake_force_per_pa
+    mean = [0.0] * FAST + [1.0, 1.0, 0.0]
+    std = [ANY_SPEED, NOISE.force, NOISE.slip, NOISE.gravity, brakes, brakes, car.std(f"imu.{imu}.acceleration_offset")]
+    return np.array(mean), np.array(std)
+
+
+class Speeding:
+    """The model of one period; see `kalman_step.Model`."""
+
+    judged = 1
+
+    def __init__(self, car: Car, period: Period) -> None:
+        self.u = period
+        vehicle = car.vehicle
+        self._drag = 0.5 * vehicle.air_density * vehicle.drag_area / vehicle.mass
+        self._turn_of_imu = car.std(f"imu.{next(iter(car.imus))}.yaw")
+
+    def after(self, x: Expr) -> Expr:
+        """States one period on."""
+        states = _entries(x)
+        states[V] += self.u.dt * (self._force(x) - x[GB])
+        for i, time_s in TIMES.items():
+            states[i] *= ca.exp(-self.u.dt / time_s)
+        return ca.vertcat(*states)
+
+    def noise(self, x: Expr) -> Expr:
+        """Variances that the period adds; a force that changes acts some tenths of a second later, or not yet."""
+        u, n = self.u, NOISE
+        asked = u.braking + u.pushing
+        deviations = (
+            n.force + n.force_share * asked + 0.5 * u.changed, n.slip + n.slip_share * asked * x[V], n.gravity,
+        )  # fmt: skip
+        added = [d**2 * (1.0 - ca.exp(-2.0 * u.dt / TIMES[i])) for i, d in zip(TIMES, deviations, strict=True)]
+        return ca.vertcat(0.0, *added, *(w**2 * u.dt for w in n.slow_walks))
+
+    def shown(self, x: Expr) -> tuple[Expr, ...]:
+        """Wheels, accelerometer."""
+        return x[V] + x[W], self._force(x) + x[OFFSET]
+
+    def measured(self) -> tuple[Expr, ...]:
+        """The same as reported."""
+        return self.u.wheels, self.u.ax
+
+    def variances(self, x: Expr) -> tuple[Expr, ...]:
+        """Of one sample."""
+        return NOISE.wheels**2, NOISE.ax**2
+
+    def _force(self, x: Expr) -> Expr:
+        """a_x, m/s2."""
+        return x[ENGINE] * self.u.pushing - x[BRAKES] * self.u.braking - self._drag * x[V] ** 2 + x[E]
+
+
+def longitudinal_bank(car: Car) -> Bank:
+    """Filters of `Speeding`."""
+    period = ca.SX.sym("period", len(Period._fields))
+    model = Speeding(car, Period(*_entries(period)))
+    return Bank(step_function("longitudinal", model, len(STATES), period), prior(car), FAST, model.judged)
+
+
+def _entries(vector: Expr) -> list[Any]:
+    return list(ca.vertsplit(vector))

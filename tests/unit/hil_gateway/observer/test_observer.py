@@ -1,0 +1,116 @@
+"""The observer learns what is slow about a car, and finds an IMU or wheels that no longer fit.
+
+The car here is a single track with linear tyres, integrated in small steps: other equations than the observer's.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+
+import pytest
+from support.scripted_car import Rig
+
+from hil_gateway.bus.messages import VehicleState
+from hil_gateway.config import Config
+from hil_gateway.observer.observer import MIRRORED, TURNED, Observer
+
+CONFIG = Config()
+CAR = CONFIG.vehicle
+SPEED = 50.0
+FRONT, REAR = 9.0e4, 1.3e5
+"""N/rad of both axles' tyres: the car understeers"""
+Change = Callable[[dict[str, float]], dict[str, float]]
+
+
+@pytest.fixture
+def state() -> VehicleState:
+    rig = Rig()
+    rig.run(0.2)
+    assert rig.gateway.seen is not None
+    return rig.gateway.seen[0]
+
+
+class Drive:
+    """A car that weaves, with noise on all that it reports; `zero` is the true steering angle less the reported one."""
+
+    def __init__(self, state: VehicleState, zero: float = 0.0) -> None:
+        self._state, self._zero, self._rng = state, zero, random.Random(3)
+        self.observer, self._t, self._vy, self._r = Observer(CONFIG), 0.0, 0.0, 0.0
+        self.told: set[tuple[float, float, float]] = set()
+
+    def run(self, seconds: float, change: Change = dict) -> tuple[float, float]:
+        """Largest shares of chance that IMU and wheels came to."""
+        imu = wheels = 0.0
+        for _ in range(round(100 * seconds)):
+            self.observer.step(self._state.model_copy(update=change(self._reported())), SPEED, 0.0, known=True)
+            if (signs := self.observer.signs()) is not None:
+                self.told.add(signs)
+            imu, wheels = max(imu, self.observer.imu_off), max(wheels, self.observer.wheels_off)
+        return imu, wheels
+
+    def _reported(self) -> dict[str, float]:
+        steer, ay, draw = 0.012 * math.sin(1.2 * self._t), 0.0, self._rng.gauss
+        for _ in range(10):
+            front = FRONT * (steer + self._zero - (self._vy + CAR.lf * self._r) / SPEED)
+            rear = -REAR * (self._vy - CAR.lr * self._r) / SPEED
+            ay = (front + rear) / CAR.mass
+            self._vy += 1e-3 * (ay - SPEED * self._r)
+            self._r += 1e-3 * (CAR.lf * front - CAR.lr * rear) / CAR.yaw_inertia
+        self._t += 0.01
+        half_front, half_rear = 0.5 * CAR.track_front * self._r, 0.5 * CAR.track_rear * self._r
+        return {
+            "steer": steer, "drive": CAR.mass * 1.8 / 5e4, "brake_front": 0.0, "brake_rear": 0.0,
+            "yaw_rate": self._r + draw(0, 0.0015), "ay": ay + draw(0, 0.11), "ax": 1.8 - 1.6 + draw(0, 0.11),
+            "wheel_speed_fl": SPEED - half_front + draw(0, 0.03), "wheel_speed_fr": SPEED + half_front + draw(0, 0.03),
+            "wheel_speed_rl": SPEED - half_rear + draw(0, 0.03), "wheel_speed_rr": SPEED + half_rear + draw(0, 0.03),
+        }  # fmt: skip
+
+
+def times(signs: tuple[float, float, float]) -> Change:
+    names = ("yaw_rate", "ay", "ax")
+    return lambda now: now | {name: sign * now[name] for name, sign in zip(names, signs, strict=True)}
+
+
+@pytest.mark.parametrize("zero", [0.006, -0.006])
+def test_a_steering_zero_is_learnt_and_no_fault(state: VehicleState, zero: float) -> None:
+    drive = Drive(state, zero)
+    imu, wheels = drive.run(12.0)
+    assert drive.observer.steer_zero == pytest.approx(zero, abs=0.001)
+    assert max(imu, wheels) < 1.0
+
+
+@pytest.mark.parametrize("signs", [MIRRORED, TURNED])
+def test_an_imu_of_another_sign_is_found_and_its_signs_are_told(
+    state: VehicleState, signs: tuple[float, float, float]
+) -> None:
+    drive = Drive(state, 0.006)
+    drive.run(10.0)
+    imu, wheels = drive.run(1.0, times(signs))
+    assert imu > 1.0 > wheels
+    assert drive.told == {signs}
+
+
+@pytest.mark.parametrize("offset", [0.3, -0.3])
+def test_a_gyro_that_is_off_is_found_at_once(state: VehicleState, offset: float) -> None:
+    drive = Drive(state)
+    drive.run(10.0)
+    assert drive.run(0.05, lambda now: now | {"yaw_rate": now["yaw_rate"] + offset})[0] > 1.0
+
+
+@pytest.mark.parametrize("share", [0.8, 1.2])
+def test_wheels_of_one_side_that_are_a_fifth_wrong_are_found_and_not_the_imu(state: VehicleState, share: float) -> None:
+    drive = Drive(state)
+    drive.run(10.0)
+    imu, wheels = drive.run(
+        1.0, lambda now: now | {name: share * now[name] for name in ("wheel_speed_fl", "wheel_speed_rl")}
+    )
+    assert wheels > 1.0 > imu
+
+
+def test_nothing_is_judged_where_the_steering_is_not_known(state: VehicleState) -> None:
+    drive = Drive(state)
+    drive.run(10.0)
+    drive.observer.step(state.model_copy(update={"yaw_rate": 1.0}), SPEED, 0.0, known=False)
+    assert drive.observer.imu_off == drive.observer.wheels_off == 0.0
