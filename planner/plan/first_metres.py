@@ -24,12 +24,18 @@ def straight_ahead(  # noqa: PLR0917 - what a plan is made of
     drive command that walking pace takes. The heading is the estimate's, which is a guess."""
     z, du = np.zeros((NZ, horizon + 1)), np.zeros((NU, horizon))
     z[:4, 0] = estimate.x, estimate.y, estimate.yaw, max(estimate.vx, 0.0)
-    z[S, 0], z[DRIVE, 0], z[STEER, 0] = s, estimate.drive, estimate.steer
     most = how.limits.drive_rate * how.dt, how.limits.steer_rate * how.dt
+
+    def towards_pace(speed: float) -> tuple[float, float]:
+        """Acceleration (m/s2) and the drive command that makes it."""
+        gain = min(max((WALKING_PACE - speed) / REACHED_S, -GENTLE), GENTLE)
+        return gain, how.vehicle.mass * (gain + GRAVITY * math.sin(grade)) / how.force_per_drive
+
+    # not from the command reported: that of brakes that hold would ask for brakes again, and the car is held for ever
+    z[S, 0], z[DRIVE, 0], z[STEER, 0] = s, towards_pace(z[VX, 0])[1], estimate.steer
     for k in range(horizon):
         before, after = z[:, k], z[:, k + 1]
-        gain = min(max((WALKING_PACE - before[VX]) / REACHED_S, -GENTLE), GENTLE)
-        wanted = how.vehicle.mass * (gain + GRAVITY * math.sin(grade)) / how.force_per_drive
+        gain, wanted = towards_pace(before[VX])
         du[0, k], du[1, k] = np.clip((wanted - before[DRIVE], -before[STEER]), np.negative(most), most)
         after[:] = before
         after[VX] = max(before[VX] + gain * how.dt, 0.0)

@@ -43,7 +43,7 @@ def test_one_seed_gives_one_drive() -> None:
 
 def test_estimate_follows_the_true_state() -> None:
     loop = _loop("oval")
-    loop.run(seconds=8.0)
+    loop.run(seconds=11.0)  # the first metres, at walking pace, take three
     estimate = loop.result.messages[topics.ESTIMATE.key][-1]
     state = loop.result.messages[topics.VEHICLE_STATE.key][-1]
     assert isinstance(estimate, Estimate)

@@ -49,10 +49,12 @@ def test_dead_wheel_sensors_do_not_make_a_moving_car_stand(reading: float) -> No
 def test_a_receiver_that_jumps_or_is_noisy_does_not_disturb_a_standing_car(offsets: tuple[float, ...]) -> None:
     rig = Rig()
     rig.drive = 0.0
+    rig.drive_off(0.1)
     rig.hooks.append(
         lambda rig: rig.car.overrides.update(novatel_lat=36.5844 + offsets[(rig.tick // 50) % len(offsets)])
     )
-    rig.drive_off(5.0)
+    rig.run(5.0)
+    assert rig.action is FailsafeAction.DRIVE
 
 
 def test_a_car_that_a_bank_presses_beyond_the_range_of_its_imu_keeps_its_gyro() -> None:
