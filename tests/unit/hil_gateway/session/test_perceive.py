@@ -38,7 +38,7 @@ def log_of(frames: list[Frame], path: Path) -> Path:
 
 def test_a_candump_log_alone_becomes_a_session_with_states_and_estimates(tmp_path):
     raw, states, whole = (tmp_path / f"{name}.mcap" for name in ("raw", "states", "whole"))
-    import_log(log_of(frames_of_a_drive(3.0), tmp_path / "x.log"), raw)
+    import_log(log_of(frames_of_a_drive(8.0), tmp_path / "x.log"), raw)
     seen = perceive(raw, states, Config())
     assert seen.valid > 0.9 * seen.states > 300 and seen.never_heard == set()
     speeds = [unpack_message(VEHICLE_STATE, item.data) for item in SessionReader(states).items()
