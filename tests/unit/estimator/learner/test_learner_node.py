@@ -40,6 +40,10 @@ FOUND = Found(("aero_drag",), with_drag(), "", {"refit": GOOD, "in_force": GOOD,
 NOTHING = Found((), DECLARED, "nothing better", {"refit": GOOD, "in_force": GOOD, "found": GOOD})
 
 
+UNKNOWN = {"imu": "", "receiver": "", "stood": None}
+"""of a state: which sensors made it, and where the car stood before"""
+
+
 class Bench:
     """A learner whose child's work ends at once with the results the test gives, lap after lap."""
 
@@ -69,8 +73,8 @@ class Bench:
 
     def moment(self) -> None:
         zero: dict[str, Any] = dict.fromkeys(VehicleState.model_fields, 0)
-        state = VehicleState(**{**zero, "stamp_ns": self.now_ns, "valid": True, "sources": {}})
-        none: dict[str, Any] = {**dict.fromkeys(Estimate.model_fields, 0), "delivered": None}
+        state = VehicleState(**{**zero, "stamp_ns": self.now_ns, "valid": True, "sources": {}, **UNKNOWN})
+        none: dict[str, Any] = {**dict.fromkeys(Estimate.model_fields, 0), "delivered": None, "lacks": ""}
         estimate = Estimate(**{**none, "state_stamp_ns": self.now_ns, "valid": True, "std": (0.1,) * 9})
         self.bus.publish(topics.MODEL_REVISION, self.model)
         self.bus.publish(topics.PLAN, plan_of(self.now_ns, self.lap, self.model))
