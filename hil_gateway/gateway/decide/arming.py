@@ -12,7 +12,7 @@ APART_M = 1.0
 """between the newest fix and the estimate: as near as the way of a stop comes to the edges"""
 UNDER_WAY = 0.5
 """m/s that a plan which drives off has"""
-UNDER_WAY_S = 0.75
+UNDER_WAY_S = 0.5
 """within so much of its horizon"""
 DRIVES_OFF = (PlanStatus.SOLVED, PlanStatus.FIRST_METRES)
 
