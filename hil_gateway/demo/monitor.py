@@ -12,7 +12,6 @@ from hil_gateway.bus.messages import (
     FailsafeAction,
     GatewayStatus,
     Plan,
-    PlanStatus,
     RecorderStatus,
 )
 from hil_gateway.bus.topics import (
@@ -28,6 +27,7 @@ from hil_gateway.bus.topics import (
     Topic,
 )
 from hil_gateway.demo.journal import Journal
+from hil_gateway.gateway.decide.arming import DRIVES_OFF
 
 WATCHED: tuple[Topic[Any], ...] = (
     VEHICLE_STATE,
@@ -69,7 +69,7 @@ class PlanCount:
     def add(self, plan: Plan) -> None:
         """Count one plan."""
         self.solve_ms.append(plan.solve_ms)
-        if plan.status is not PlanStatus.SOLVED:
+        if plan.status not in DRIVES_OFF:
             self.failures += 1
             kind = ":".join((plan.reason or plan.status).split(":")[:2])  # without the figures of this plan
             if kind in self.reasons or len(self.reasons) < REASONS_MAX:

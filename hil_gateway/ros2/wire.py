@@ -116,7 +116,7 @@ def gid(token: str) -> bytes:
     """Identifier of a publisher: XXH3-128 of its token, both halves little endian, low half first."""
     import xxhash
 
-    return xxhash.xxh3_128_digest(token.encode())[::-1]
+    return bytes(xxhash.xxh3_128_digest(token.encode())[::-1])
 
 
 @dataclass(frozen=True, slots=True)

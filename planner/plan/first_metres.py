@@ -14,7 +14,7 @@ from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, STEER, VX, S
 WALKING_PACE = 1.5
 """m/s"""
 REACHED_S, GENTLE = 0.5, 1.5
-"""s in which a speed is corrected, with so much m/s2 at most: what counts as driving off, 0.5 m/s after half a second"""
+"""s in which a speed is corrected, with so much m/s2 at most: driving off counts from 0.5 m/s after half a second"""
 
 
 def straight_ahead(  # noqa: PLR0917 - what a plan is made of

@@ -13,12 +13,13 @@ from typing import Any, Protocol, TypeVar
 
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LocalBus, LocalSubscription
-from hil_gateway.bus.messages import GatewayStatus, Message, OperatorAction, OperatorCommand, Plan, PlanStatus
+from hil_gateway.bus.messages import GatewayStatus, Message, OperatorAction, OperatorCommand, Plan
 from hil_gateway.bus.topics import Topic
 from hil_gateway.can_link import Frame, LinkStats, VirtualWire
 from hil_gateway.can_link.wire import WireLink
 from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
+from hil_gateway.gateway.decide.arming import DRIVES_OFF
 from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import NS_PER_S, VirtualClock
@@ -251,7 +252,7 @@ class Loop:
             self.result.messages[topic.key].append(message)
         if isinstance(message, Plan) and self.result.armed:
             self.result.plans += 1
-            self.result.plan_failures += message.status is not PlanStatus.SOLVED
+            self.result.plan_failures += message.status not in DRIVES_OFF
             self.result.solve_ms.append(message.solve_ms)
 
 
