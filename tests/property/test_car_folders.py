@@ -10,6 +10,7 @@ from pathlib import Path
 
 import cantools
 import pytest
+from support.promise_figures import volume
 
 from can_dbc.codec import COUNTER, Fault
 from can_dbc.folder import SHIPPED
@@ -49,7 +50,7 @@ def random_folder(rng: random.Random, folder: Path) -> Path:
     return folder
 
 
-@pytest.fixture(params=range(12))
+@pytest.fixture(params=range(volume(4, 200)))
 def made(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Car, Path, random.Random]:
     rng = random.Random(request.param)
     folder = random_folder(rng, tmp_path / f"car{next(NEW)}")
