@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner.adoption.trust import AFTER_M, BACK, BEFORE_M, CONFIRMED, LEAST, LOSS, Trust
+from planner.adoption.trust import AFTER_M, BACK, BEFORE_M, CONFIRMED, LOSS, Trust
 
 LENGTH = 1000.0
 
@@ -47,8 +47,10 @@ def test_trust_comes_back_lap_by_lap_and_never_beyond_one() -> None:
     assert np.all(trust.share == 1.0)
 
 
-def test_many_slides_leave_enough_to_drive_with() -> None:
+def test_many_slides_leave_the_grip_of_a_wet_road() -> None:
+    """Slicks on wet asphalt keep 0.5 to 0.6 of their friction; with less the car would stand in its own way."""
     trust = Trust(500, LENGTH)
     for i in range(200):
         trust.watch(True, 60.0 * i % LENGTH)
-    assert trust.share.min() >= LEAST
+    assert 0.45 < trust.share.min() < 0.65
+    assert trust.slides > 50

@@ -5,6 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from estimator.model.effects import catalogue
 from estimator.model.single_track import SingleTrack
@@ -37,9 +39,19 @@ def test_in_a_bend_the_ellipse_is_a_circle() -> None:
     assert [float(counted(0.85, w, -1e4)) for w in (0.5, 0.8, 1.0)] == [1.0, 1.0, 1.0]
 
 
-def test_traction_never_counts_for_less_than_on_a_circle() -> None:
-    assert [float(counted(0.85, w, 3000.0)) for w in (0.0, 0.3)] == pytest.approx([1.0, 1.0])
-    assert float(counted(0.85, 0.0, -3000.0)) == pytest.approx(0.85)
+@given(st.floats(0.7, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1e4))
+def test_traction_counts_for_no_less_than_braking_and_cornering_for_no_less_than_straights(
+    share: float, across: float, force: float
+) -> None:
+    driving, braking = (float(counted(share, across, sign * force)) for sign in (1.0, -1.0))
+    assert share - 1e-9 <= braking <= driving <= 1.0
+    assert braking >= float(counted(share, 0.0, -force)) - 1e-9
+
+
+def test_a_driven_axle_is_on_a_circle_and_a_braked_one_straight_on_is_not() -> None:
+    """A driven axle at its peak is what turns a car round; 3 kN is a quarter of an axle's grip."""
+    assert float(counted(0.8, 0.0, 3000.0)) > 0.999
+    assert float(counted(0.8, 0.0, -3000.0)) < 0.801
 
 
 def test_a_model_that_does_not_tell_the_two_apart_has_a_circle() -> None:

@@ -21,6 +21,7 @@ from planner.problem.load_limits import (
     store_limits,
 )
 
+PLANS_PER_S = 20.0
 positive = st.floats(0.2, 3.0)
 pairs = st.tuples(positive, positive)
 
@@ -43,7 +44,8 @@ def test_lesser_peaks_are_judged_by_within_seconds() -> None:
         judged = judged_limits(0.9, np.array([1.4, 1.0]), judged)
         plans += 1
         assert judged[0] == pytest.approx(1.26), "the axle whose peak stays is not touched"
-    assert plans == np.ceil(np.log(0.9 / 1.26) / np.log(1.0 - SLEW))
+        assert judged[1] >= 0.9, "never below what the tyres of the plan bear"
+    assert 1.0 < plans / PLANS_PER_S < 3.0
 
 
 @given(st.lists(st.floats(0.0, 2.0), min_size=4, max_size=30))
