@@ -168,7 +168,7 @@ class Localisation:
             self._align(*fix, self._alignment)
         elif fix is not None:
             self._take(state, *fix)
-        self._started = f.healthy
+        self._started = self._started and f.healthy
 
     def _align(self, x: float, y: float, alignment: Alignment) -> None:
         """A fix of a car whose heading is not known."""

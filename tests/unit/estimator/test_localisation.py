@@ -1,0 +1,225 @@
+"""The state filter at rest, creeping, pushed either way, restarted and with gaps: it knows its heading or says so.
+
+The car is pushed by rigid kinematics on the steepest bank (20 degrees) and grade (10 degrees) of the shipped tracks,
+its sensors have offsets, its fixes wander by 0.3 m a minute and drift by 1 cm/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.promise_figures import record_figure
+from support.pushed_car import VEHICLE, Errors, PushedCar
+
+from estimator.state.localisation import Localisation
+from hil_gateway.bus.messages import Estimate, SourceHealth, VehicleState
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import Track
+
+HEADING = 0.02
+"""rad that the promise allows"""
+Place = tuple[Track, float]
+
+
+def _steepest(name: str, slope: str) -> Place:
+    track = load_track(name)
+    return track, float(track.s[np.argmax(np.abs(getattr(track, slope)))])
+
+
+@pytest.fixture(scope="module", params=[("tri_oval", "bank"), ("road_course", "grade")], ids=["bank", "grade"])
+def steep(request: pytest.FixtureRequest) -> Place:
+    return _steepest(*request.param)
+
+
+def _pushed(until: float, metres: float, then: Callable[[float], float] = lambda t: 0.0) -> Callable[[float], float]:
+    """Stands for 3 s, is pushed by so many m at 1 m/s, then moves as told."""
+    end = 3.0 + abs(metres)
+    return lambda t: 0.0 if t < 3.0 else float(np.sign(metres)) if t < end else 0.0 if t < until else then(t)
+
+
+def _estimates(car: PushedCar, localisation: Localisation, states: Iterable[VehicleState]) -> list[Estimate]:
+    return [localisation.step(state, car.k) for state in states]
+
+
+def _wrong(car: PushedCar, estimate: Estimate) -> float:
+    return abs(car.heading_error(estimate.yaw))
+
+
+@pytest.mark.parametrize("turned", [0.0, np.pi / 2, np.pi, -2.0])
+@pytest.mark.parametrize("speed", [1.4, -1.0])
+def test_a_heading_is_not_known_before_the_first_metres_and_is_after_them(
+    steep: Place, turned: float, speed: float
+) -> None:
+    track, s = steep
+    car = PushedCar(track, s, turned, Errors(drift=0.01), 1, lambda t: 0.0 if t < 3.0 else speed)
+    localisation = Localisation(VEHICLE, track)
+    standing = _estimates(car, localisation, car.states(3.0))
+    assert {e.lacks for e in standing} == {"heading"}
+    assert not any(e.valid for e in standing)
+    assert min(e.std[2] for e in standing) > 1.0
+    while car.rolled < 6.0 and not (last := localisation.step(car.state(), car.k)).valid:
+        pass
+    assert last.valid
+    assert car.rolled > 0.5
+    assert _wrong(car, last) < 3.0 * last.std[2] < 0.1
+    assert last.vx == pytest.approx(car.vx, abs=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.promise("G2")
+@pytest.mark.parametrize("then", [0.0, 0.05, -0.05], ids=["standing", "creeping", "creeping back"])
+def test_heading_stays_right_or_is_said_to_be_lost_for_ten_minutes(steep: Place, then: float) -> None:
+    track, s = steep
+    errors = Errors(drift=0.01, drift_yaw=float(track.at(s).heading) + np.pi / 2)
+    car = PushedCar(track, s, 0.3, errors, 2, _pushed(40.0, 30.0, lambda t: then))
+    localisation = Localisation(VEHICLE, track)
+    _estimates(car, localisation, car.states(40.0))
+    found, valid = [], 0
+    for state in car.states(600.0):
+        estimate = localisation.step(state, car.k)
+        if estimate.valid:
+            found.append(_wrong(car, estimate))
+            valid += 1
+    assert max(found) < HEADING
+    if then == 0.0:
+        assert valid == 60_000, "a car that stands forgets nothing"
+    figure = f"heading {max(found):.4f} rad, valid {valid / 600:.0f}%"
+    record_figure("G2", f"{track.name}, {then:+.2f} m/s for 10 min: {figure}")
+
+
+@pytest.mark.promise("G2")
+@pytest.mark.parametrize("way", [30.0, -30.0])
+def test_a_car_pushed_either_way_knows_its_heading_and_its_speed(steep: Place, way: float) -> None:
+    track, s = steep
+    car = PushedCar(track, s, 0.1, Errors(drift=0.01), 3, _pushed(40.0, way))
+    localisation = Localisation(VEHICLE, track)
+    last = _estimates(car, localisation, car.states(38.0))[-1]
+    assert car.rolled == pytest.approx(30.0, abs=1.0)
+    assert last.valid
+    assert _wrong(car, last) < HEADING
+    assert abs(last.vx) < 0.03
+    record_figure("G2", f"{track.name}, pushed {way:+.0f} m: heading {_wrong(car, last):.4f} rad")
+
+
+@pytest.mark.promise("N3")
+def test_heading_and_speed_are_consistent_at_rest_and_at_walking_pace() -> None:
+    """Normalised errors squared of heading and speed, over cars whose fixes wander as the filter assumes."""
+    track, s = _steepest("road_course", "grade")
+    phases = {"pushed": 20.0, "standing": 38.0, "back": 52.0}
+    squares: dict[str, list[float]] = {name: [] for name in phases}
+    runs = 24
+    for seed in range(runs):
+        rng = np.random.default_rng([seed, 39])
+        drift, drift_yaw = float(rng.normal(0.0, 0.01)), float(rng.uniform(0, 6))
+        errors = Errors(*rng.normal(0.0, [0.15, 0.15, 0.004]), drift=drift, drift_yaw=drift_yaw)
+        walk = _pushed(40.0, 18.0, lambda t: -1.0)
+        car = PushedCar(track, s, float(rng.uniform(-3, 3)), errors, seed, walk)
+        localisation = Localisation(VEHICLE, track)
+        for state in car.states(max(phases.values())):
+            estimate = localisation.step(state, car.k)
+            for name, at in phases.items():
+                if car.k == round(at * 100):
+                    squares[name].append((_wrong(car, estimate) / estimate.std[2]) ** 2)
+    high = stats.chi2.ppf(0.975, runs) / runs
+    means = {name: float(np.mean(values)) for name, values in squares.items()}
+    record_figure("N3", f"heading at walking pace, {runs} runs, NEES below {high:.2f}: {means}")
+    assert max(means.values()) < high
+
+
+def test_fixes_that_wander_do_not_restart_the_filter_of_a_standing_car(steep: Place) -> None:
+    track, s = steep
+    car = PushedCar(track, s, 0.0, Errors(wander=0.08, drift=0.02), 4, _pushed(15.0, 10.0))
+    localisation = Localisation(VEHICLE, track)
+    _estimates(car, localisation, car.states(20.0))
+    for state in car.states(100.0):
+        estimate = localisation.step(state, car.k)
+        assert estimate.valid
+        assert _wrong(car, estimate) < 2.0 * estimate.std[2]
+
+
+def test_a_car_carried_away_while_it_stands_no_longer_knows_its_heading(steep: Place) -> None:
+    track, s = steep
+    car = PushedCar(track, s, 0.0, Errors(), 5, _pushed(15.0, 10.0))
+    localisation = Localisation(VEHICLE, track)
+    assert _estimates(car, localisation, car.states(16.0))[-1].valid
+    car.x, car.y, car.yaw = car.x + 30.0, car.y, car.yaw + 1.5
+    assert _estimates(car, localisation, car.states(2.0))[-1].lacks == "heading"
+
+
+@pytest.mark.parametrize("frames", [1, 3])
+def test_a_few_samples_out_of_range_are_bridged_and_counted(steep: Place, frames: int) -> None:
+    track, s = steep
+    car = PushedCar(track, s, 0.0, Errors(), 6, _pushed(100.0, 90.0))
+    localisation, seeing = Localisation(VEHICLE, track), Localisation(VEHICLE, track)
+    for state in car.states(60.0):
+        localisation.step(state, 0), seeing.step(state, 0)
+    held = {"sources": {"imu": SourceHealth(age_s=0.02, valid=False)}}
+    for state in car.states(0.01 * frames):
+        bridged, seen = localisation.step(state.model_copy(update=held), 0), seeing.step(state, 0)
+    assert (bridged.bridged, seen.bridged) == (frames, 0)
+    assert all(b > s for b, s in zip(bridged.std[2:5], seen.std[2:5], strict=True))
+    after = _estimates(car, localisation, car.states(1.0))
+    assert all(e.valid and e.bridged == frames for e in after)
+    assert _wrong(car, after[-1]) < HEADING
+
+
+def test_old_states_of_a_burst_change_nothing(steep: Place) -> None:
+    track, s = steep
+    car = PushedCar(track, s, 0.0, Errors(), 7, _pushed(100.0, 90.0))
+    localisation = Localisation(VEHICLE, track)
+    states = list(car.states(20.0))
+    _estimates(car, localisation, states[:-1])
+    old = [localisation.step(state, 0) for state in states[-50:-1]]
+    after = localisation.step(states[-1], 0)
+    assert len({(e.x, e.y, e.yaw, e.vx) for e in old}) == 1
+    assert after.valid
+    assert after.bridged == 0
+
+
+def test_a_standing_car_survives_a_break_of_the_states(steep: Place) -> None:
+    track, s = steep
+    car = PushedCar(track, s, 0.0, Errors(), 8, _pushed(15.0, 10.0))
+    localisation = Localisation(VEHICLE, track)
+    before = _estimates(car, localisation, car.states(20.0))[-1]
+    list(car.states(5.0))
+    after = localisation.step(car.state(), 0)
+    assert after.valid
+    assert after.yaw == pytest.approx(before.yaw, abs=before.std[2])
+
+
+def test_a_restarted_estimator_goes_on_with_what_the_last_one_knew(steep: Place) -> None:
+    track, s = steep
+    car = PushedCar(track, s, 0.0, Errors(), 9, _pushed(15.0, 10.0))
+    known = _estimates(car, Localisation(VEHICLE, track), car.states(20.0))[-1]
+    first = Localisation(VEHICLE, track).step(_with(car.state(), known), 0)
+    assert first.valid
+    assert first.yaw == pytest.approx(known.yaw)
+    assert first.bias_yaw_rate == pytest.approx(car.errors.yaw_rate, abs=2e-4)
+
+
+def test_what_the_last_one_knew_of_another_place_is_not_taken(steep: Place) -> None:
+    track, s = steep
+    car = PushedCar(track, s, 0.0, Errors(), 9, _pushed(15.0, 10.0))
+    known = _estimates(car, Localisation(VEHICLE, track), car.states(20.0))[-1]
+    elsewhere = known.model_copy(update={"x": known.x + 5.0})
+    assert Localisation(VEHICLE, track).step(_with(car.state(), elsewhere), 0).lacks == "heading"
+
+
+def _with(state: VehicleState, known: Estimate) -> VehicleState:
+    return state.model_copy(update={"stood": known, "position_seq": state.position_seq + 1})
+
+
+def test_wheels_that_say_nothing_below_their_threshold_leave_the_heading_alone(steep: Place) -> None:
+    """0.25 m/s with wheel speeds that begin at 0.3: the car goes 15 m, and its wheels stand."""
+    track, s = steep
+    errors = replace(Errors(), wheel_least=0.3)
+    car = PushedCar(track, s, 0.0, errors, 10, _pushed(35.0, 30.0, lambda t: 0.25))
+    localisation = Localisation(VEHICLE, track)
+    assert _estimates(car, localisation, car.states(36.0))[-1].valid
+    last = _estimates(car, localisation, car.states(60.0))[-1]
+    assert _wrong(car, last) < HEADING
+    assert np.hypot(last.x - car.place[0], last.y - car.place[1]) < 0.3
