@@ -49,6 +49,9 @@ def _print_effects(wanted: bool) -> None:
 @app.command()
 def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     sessions: Annotated[list[Path], typer.Argument(help="recorded .mcap or drive-log .csv files: one data set")],
+    columns: Annotated[
+        Path | None, typer.Option("--columns", help="map of the columns (TOML), as `hil session columns` proposes it")
+    ] = None,
     vehicle: Annotated[Path | None, typer.Option(help="vehicle JSON; default: the AV-24")] = None,
     tyre: Annotated[Path | None, typer.Option(help="tyre prior JSON; default: the AV-24's")] = None,
     track: Annotated[str | None, typer.Option(help="map whose bank and grade are known: file or shipped name")] = None,
@@ -65,6 +68,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     """Find what the model does not explain, trace it to an effect, and show the error before and after."""
     # fits run in processes side by side: threads of the linear algebra would only get in their way
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from estimator.drive_log.column_map import read_map
     from estimator.drive_log.table import read_logs
     from estimator.offline import simulated_lateral
     from estimator.offline.diagnosis import diagnose as run
@@ -85,7 +89,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     with _progress() as bar, workers(os.cpu_count() or 1) as pool:
         progress = DiagnosisProgress(bar)
         progress("reading")
-        logged = read_logs(sessions)
+        logged = read_logs(sessions, None if columns is None else read_map(columns))
         record, log, health = _examined(logged, car, known, progress)
         progress("lateral motion")
         lateral = simulated_lateral.identified_laterally(logged, record, car, prior, layout, progress.lateral)  # type: ignore[arg-type]

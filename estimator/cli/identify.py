@@ -55,6 +55,9 @@ class FormulationName(StrEnum):
 @app.command()
 def identify(  # noqa: PLR0917 - every option of the command is a parameter
     sessions: Annotated[list[Path], typer.Argument(help="recorded .mcap or drive-log .csv files: one data set")],
+    columns: Annotated[
+        Path | None, typer.Option("--columns", help="map of the columns (TOML), as `hil session columns` proposes it")
+    ] = None,
     vehicle: Annotated[Path | None, typer.Option(help="vehicle JSON; default: the AV-24")] = None,
     tyre: Annotated[Path | None, typer.Option(help="tyre prior JSON; default: the AV-24's")] = None,
     layout: Annotated[LayoutName, typer.Option(help="one tyre for both axles, or one each")] = LayoutName.PER_AXLE,
@@ -73,6 +76,7 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
     """Identify the tyre parameters and say what the data can and cannot tell."""
+    from estimator.drive_log.column_map import read_map
     from estimator.drive_log.table import read_logs
     from estimator.offline.identification import SCORED, Options, score_log
     from estimator.offline.identification import identify as run
@@ -87,7 +91,8 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     prior = read_tyre_prior(tyre, layout.value, car)
     with _progress() as progress:
         progress("reading", 0.0)
-        log, others = read_logs(sessions), {str(path): read_logs([path]) for path in score or ()}
+        named = None if columns is None else read_map(columns)
+        log, others = read_logs(sessions, named), {str(path): read_logs([path]) for path in score or ()}
         result = run(log, car, prior, options, progress)
         scores = {path: score_log(result, other) for path, other in others.items()}
         summary = {**result.summary(), "scored": {path: as_summary(one.rmse) for path, one in scores.items()}}

@@ -1,42 +1,47 @@
-"""Drive logs in CSV: fast when the file is right, and exact about file, row and column when it is not.
-
-Rows are counted as a text editor counts lines: the header is row 1.
-"""
+"""Drive logs as tables of numbers: columns in SI by their quantity, and exact about file, row and column when not."""
 
 from __future__ import annotations
 
-import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.drive_log.column_map import ColumnMap, apply, proposed
+from estimator.drive_log.tables import read_table
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
-from hil_gateway.text_file import read_text
 
-BYTES_MAX = 2_000_000_000
-"""of a log: five hours at 1000 samples/s with ten columns"""
-COLUMNS_MAX = 2000
-"""more than any logger has channels"""
 FROZEN_S = 2.0
 """A sensor that repeats one value exactly for so long while the car moves has stopped."""
+SLOW_GAP_S = 1.1
+"""Between samples of a channel that comes more slowly than the log, as positions of a receiver of 1 Hz do; over longer
+times nothing is put in"""
+STEPWISE = ("lap", "gear")
+"""Numbers that hold until the next one"""
+CLOCKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+RATES = (19.0, 1050.0)
+"""samples/s of a drive log, with what clocks are off by"""
 
 
 def read_csv(
-    path: Path, required: Sequence[str], watched: Sequence[str], min_rows: int
+    path: Path, required: Sequence[str], watched: Sequence[str], min_rows: int, mapping: ColumnMap | None = None
 ) -> tuple[dict[str, Array], list[str]]:
-    """Columns of a drive log by name, and notes on rows left out.
+    """Columns of a drive log by name, and notes on conversions and on rows left out.
 
     Raises:
         InputError: see `docs/identify.md`, "What is refused".
     """
-    header, body, notes = _split(path)
-    _check_header(path, header, required)
-    table = _parse(path, header, body)
-    lines = np.arange(2, len(table) + 2)
+    written = read_table(path)
+    mapping = mapping or proposed(written.names, written.units)
+    columns, notes = apply(path, written.header, written.names, written.values, mapping)
+    _check_names(path, written.header, written.names, columns, required)
+    _in_seconds(columns, mapping, notes)
+    columns = _filled(columns, {*required, "ax", "ay", "drive"}, notes)
+    header = [*columns]
+    table, lines = np.column_stack([*columns.values()]), written.lines
     _check_finite(path, header, table, lines)
     table, lines = _without_repeated_rows(header, table, lines, notes)
     if len(table) < min_rows:
@@ -44,73 +49,70 @@ def read_csv(
     columns = {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(header)}
     _check_time(path, columns["t"], lines)
     _check_frozen(path, columns, lines, watched)
-    return columns, notes
+    return columns, [*written.notes, *notes]
 
 
-def _split(path: Path) -> tuple[list[str], list[str], list[str]]:
-    """Header names, body lines and notes; empty lines at the end and one cut last row are left out, and said so."""
-    text = read_text(path, BYTES_MAX, "drive log")
-    lines = text.splitlines()
-    if not lines or not lines[0].strip():
-        raise InputError(f"{path}: row 1 is empty: the first row must name the columns")
-    if (count := lines[0].count(",") + 1) > COLUMNS_MAX:
-        raise InputError(f"{path}: row 1: {count} columns, a drive log has at most {COLUMNS_MAX}")
-    header = [name.strip().strip('"') for name in lines[0].split(",")]
-    body, notes = lines[1:], []
-    while body and not body[-1].strip():
-        body.pop()
-    if body and not text.endswith("\n") and body[-1].count(",") < len(header) - 1:
-        notes.append(f"row {len(body) + 1}, the last, is cut off and left out (1 row)")
-        body.pop()
-    return header, body, notes
-
-
-def _check_header(path: Path, header: list[str], required: Sequence[str]) -> None:
-    separator = next((c for c in ";\t" if len(header) == 1 and c in header[0]), None)
-    if separator:
-        raise InputError(f"{path}: row 1: values are separated by {separator!r}: write commas, with points in numbers")
-    for name in required:
-        if name not in header:
-            raise InputError(f"{path}: row 1: column {name} is missing; found {', '.join(header)}")
-    for i, name in enumerate(header):
+def _check_names(
+    path: Path, header: int, names: Sequence[str], columns: Mapping[str, Array], required: Sequence[str]
+) -> None:
+    for i, name in enumerate(names):
         if not name:
-            raise InputError(f"{path}: row 1: column {i + 1} has no name")
-        if name in header[:i]:
-            raise InputError(f"{path}: row 1: column {name} appears twice")
+            raise InputError(f"{path}: row {header}: column {i + 1} has no name")
+        if name in names[:i]:
+            raise InputError(f"{path}: row {header}: column {name} appears twice")
+    for name in required:
+        if name not in columns:
+            found = ", ".join(names)
+            raise InputError(
+                f"{path}: row {header}: column {name} is missing; found {found}; a map says which it is (--columns)"
+            )
 
 
-def _parse(path: Path, header: list[str], body: list[str]) -> Array:
-    """(rows, columns) array; a file that numpy refuses is searched for the cell that is wrong."""
-    if not body:
-        raise InputError(f"{path}: no rows after the header")
-    try:
-        table = np.loadtxt(io.StringIO("\n".join(body)), delimiter=",", ndmin=2, comments=None)
-    except ValueError:
-        table = np.empty((0, 0))
-    if table.shape != (len(body), len(header)):
-        raise InputError(_first_bad_cell(path, header, body))
-    return table
+def _in_seconds(columns: dict[str, Array], mapping: ColumnMap, notes: list[str]) -> None:
+    """Times from the first row on; where no unit is given, the one that makes a drive log of them."""
+    t = columns["t"] - columns["t"][0]
+    step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    possible = [unit for unit, s in CLOCKS.items() if step > 0 and RATES[0] <= 1.0 / (step * s) <= RATES[1]]
+    if not mapping.sources["t"].unit and possible and "s" not in possible:
+        unit = possible[0]
+        notes.append(f"t is in {unit}: steps of {step:g} are {1.0 / (step * CLOCKS[unit]):.4g} samples/s")
+        t = CLOCKS[unit] * t
+    columns["t"] = t if abs(columns["t"][0]) > LONG_AGO_S or possible != ["s"] else columns["t"]
 
 
-def _first_bad_cell(path: Path, header: list[str], body: list[str]) -> str:
-    for row, line in enumerate(body, start=2):
-        if not line.strip():
-            return f"{path}: row {row} is empty"
-        cells = line.split(",")
-        for name, cell in zip(header, cells, strict=False):
-            if not _is_number(cell):
-                return f"{path}: row {row}, column {name}: {cell.strip()[:40]!r} is not a number"
-        if len(cells) != len(header):
-            return f"{path}: row {row}: {len(cells)} values for {len(header)} columns"
-    return f"{path}: cannot be read as comma-separated numbers"
+LONG_AGO_S = 1e6
+"""Times from a date on lose digits; shorter ones are kept as they are"""
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+def _filled(columns: dict[str, Array], complete: set[str], notes: list[str]) -> dict[str, Array]:
+    """Channels that come more slowly than the log, put in between; those with too little in them are left out.
+
+    `complete` must be there in every row: nothing is put into what tyres are found from.
+    """
+    out = {}
+    for name, values in columns.items():
+        there = np.isfinite(values) | np.isinf(values)
+        if there.all() or name in complete:
+            out[name] = values
+            continue
+        at = np.flatnonzero(there)
+        gap = float(np.diff(columns["t"][at]).max()) if len(at) > 1 else math.inf
+        if gap > SLOW_GAP_S and name not in STEPWISE:
+            notes.append(f"column {name} is left out: {len(values) - len(at)} of {len(values)} rows have no value")
+            continue
+        out[name] = _between(name, columns["t"], values, at)
+        notes.append(f"column {name} has values in {len(at)} of {len(values)} rows: put in between")
+    return out
+
+
+def _between(name: str, t: Array, values: Array, at: NDArray[np.int64]) -> Array:
+    if not len(at):
+        return np.zeros_like(values)
+    if name in STEPWISE:
+        held = np.maximum(np.searchsorted(at, np.arange(len(values)), side="right") - 1, 0)
+        return np.asarray(values[at[held]])
+    known = np.unwrap(values[at]) if name == "yaw" else values[at]
+    return np.interp(t, t[at], known)
 
 
 def _check_finite(path: Path, header: list[str], table: Array, lines: NDArray[np.int64]) -> None:
@@ -119,8 +121,9 @@ def _check_finite(path: Path, header: list[str], table: Array, lines: NDArray[np
         return
     row, column = np.argwhere(~np.isfinite(table))[0]
     count = int((~np.isfinite(table)).sum())
+    value = "empty or nan" if np.isnan(table[row, column]) else f"{table[row, column]}"
     raise InputError(
-        f"{path}: row {lines[row]}, column {header[column]}: {table[row, column]} is not finite"
+        f"{path}: row {lines[row]}, column {header[column]}: {value} is not finite"
         f" ({count} such value{'s' * (count > 1)}): repair or remove the row or the column"
     )
 

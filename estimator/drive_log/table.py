@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.drive_log.csv_log import read_csv
+from estimator.drive_log.column_map import ColumnMap
+from estimator.drive_log.csv_log import RATES, read_csv
 from estimator.drive_log.derived import BY_STATE_FILTER, add_missing_channels
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
@@ -113,7 +114,7 @@ def segment_numbers(t: Array) -> NDArray[np.int64]:
     return np.concatenate([[0], np.cumsum(step > GAP_STEPS * np.median(step))]).astype(np.int64)
 
 
-def read_logs(paths: Sequence[Path | str]) -> DriveLog:
+def read_logs(paths: Sequence[Path | str], mapping: ColumnMap | None = None) -> DriveLog:
     """Read recorded drives (.csv, .mcap) as one data set; several files are joined with a gap between them.
 
     Raises:
@@ -121,13 +122,13 @@ def read_logs(paths: Sequence[Path | str]) -> DriveLog:
     """
     if not paths:
         raise InputError("no drive log given: name at least one .csv or .mcap file")
-    logs = [read_log(Path(path)) for path in paths]
+    logs = [read_log(Path(path), mapping) for path in paths]
     return logs[0] if len(logs) == 1 else join(logs)
 
 
-def read_log(path: Path) -> DriveLog:
+def read_log(path: Path, mapping: ColumnMap | None = None) -> DriveLog:
     """Read one file; see `read_logs`."""
-    columns, notes = _read_columns(path)
+    columns, notes = _read_columns(path, mapping)
     _check_rate(path, columns["t"])
     _check_driven(path, columns["vx"])
     segment = segment_numbers(columns["t"])
@@ -148,18 +149,18 @@ def read_log(path: Path) -> DriveLog:
     )
 
 
-def _read_columns(path: Path) -> tuple[dict[str, Array], list[str]]:
+def _read_columns(path: Path, mapping: ColumnMap | None) -> tuple[dict[str, Array], list[str]]:
     if path.suffix == RECORDING:
         from estimator.drive_log.session_log import read_session
 
         columns, notes = read_session(path)
         return columns, notes
-    return read_csv(path, REQUIRED, WATCHED, MIN_ROWS)
+    return read_csv(path, REQUIRED, WATCHED, MIN_ROWS, mapping)
 
 
 def _check_rate(path: Path, t: Array) -> None:
     rate = 1.0 / float(np.median(np.diff(t)))
-    if not 19.0 <= rate <= 1050.0:
+    if not RATES[0] <= rate <= RATES[1]:
         raise InputError(f"{path}: column t: {rate:.3g} samples/s is outside 20 to 1000 samples/s: is t in seconds?")
 
 

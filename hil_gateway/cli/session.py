@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -184,6 +185,12 @@ def replay(
         raise typer.Exit(EXIT_FAILURE)
 
 
+def _of_the_estimator(name: str) -> Any:
+    """A command that lives with the drive logs, which this package does not import; by its name, as in `main`."""
+    return getattr(importlib.import_module(f"estimator.cli.{name}"), name)
+
+
+app.command()(_of_the_estimator("columns"))
 app.command()(session_look.view)
 app.command()(session_look.compare)
 app.command(name="list")(session_look.list_)

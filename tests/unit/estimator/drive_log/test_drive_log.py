@@ -52,13 +52,6 @@ def test_missing_column_is_named(tmp_path: Path) -> None:
     _refused(_write(tmp_path, without=("vy",)), "row 1", "vy", "missing")
 
 
-@pytest.mark.parametrize("separator", [";", "\t"])
-def test_another_separator_is_named_with_the_remedy(tmp_path: Path, separator: str) -> None:
-    path = _write(tmp_path)
-    path.write_text(path.read_text().replace(",", separator))
-    _refused(path, "row 1", repr(separator), "write commas")
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_non_finite_value_is_named_by_row_and_column(tmp_path: Path, value: float) -> None:
     ay = DRIVE["ay"].copy()
@@ -70,9 +63,9 @@ def test_text_in_a_cell_is_named_by_row_and_column(tmp_path: Path) -> None:
     path = _write(tmp_path)
     lines = path.read_text().splitlines()
     cells = lines[41].split(",")
-    cells[2] = "n/a"
+    cells[2] = "abc"
     path.write_text("\n".join([*lines[:41], ",".join(cells), *lines[42:]]) + "\n")
-    _refused(path, "row 42", "vy", "'n/a'")
+    _refused(path, "row 42", "vy", "'abc'")
 
 
 def test_row_with_too_few_values_is_named(tmp_path: Path) -> None:
@@ -104,8 +97,17 @@ def test_too_short_a_log_is_refused(tmp_path: Path) -> None:
     _refused(_write(tmp_path, {n: c[:50] for n, c in DRIVE.items()}), "50 rows", "200")
 
 
-def test_time_in_milliseconds_is_refused_by_its_rate(tmp_path: Path) -> None:
-    _refused(_write(tmp_path, {"t": 1000.0 * DRIVE["t"]}), "column t", "seconds")
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us")])
+def test_times_in_another_unit_are_told_by_the_rate_and_that_is_said(
+    tmp_path: Path, factor: float, unit: str
+) -> None:
+    log = read_log(_write(tmp_path, {"t": factor * DRIVE["t"]}))
+    assert log.step == pytest.approx(0.01)
+    assert any(f"t is in {unit}" in note for note in log.notes)
+
+
+def test_a_rate_that_is_none_in_any_unit_is_refused(tmp_path: Path) -> None:
+    _refused(_write(tmp_path, {"t": 20.0 * DRIVE["t"]}), "column t", "seconds")
 
 
 @pytest.mark.parametrize("factor", [-1.0, 1e-300])
