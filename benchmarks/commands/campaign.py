@@ -1,6 +1,6 @@
 """`hil campaign`: `learn` (infomax), `diagnose` (effects of the simulated car), `closed` (drive, diagnose, drive),
 `laps` (lap times of cars nobody has driven, over their own limit), `cars` (named cars that nothing may stop), `explore`
-(how soon the limit is known)."""
+(how soon the limit is known), `places` (driving off from anywhere)."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from benchmarks.commands.campaign_closed import closed
 from benchmarks.commands.campaign_diagnose import RESULTS, diagnose
 from benchmarks.commands.campaign_explore import explore
 from benchmarks.commands.campaign_laps import laps as campaign_laps
+from benchmarks.commands.campaign_places import places
 from hil_gateway.config import PlannerConfig
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 from hil_gateway.process.figures import figure, print_json
@@ -32,6 +33,7 @@ app.command()(diagnose)
 app.command()(closed)
 app.command("laps")(campaign_laps)
 app.command()(cars)
+app.command()(places)
 app.command()(explore)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -91,11 +92,13 @@ class Car:
         self._gravity, self._grip = (0.0, 0.0, 9.8), 1.0
         self.place(start_s, speed)
 
-    def place(self, s: float, speed: float = 0.0) -> None:
-        """Put the car on the centre line at arc length `s`, rolling at `speed` (m/s)."""
+    def place(self, s: float, speed: float = 0.0, lateral: float = 0.0, turned: float = 0.0) -> None:
+        """Put the car at arc length `s`, `lateral` m to the left of the centre line and turned by so much (rad) to the
+        left of the track, rolling at `speed` (m/s)."""
         point = self.road.track.at(s)
+        x, y = point.x - lateral * math.sin(point.heading), point.y + lateral * math.cos(point.heading)
         self._x[:] = 0.0
-        self._x[:4] = point.x, point.y, point.heading, speed
+        self._x[:4] = x, y, point.heading + turned, speed
         self._x[STATE["spin_fl"] : STATE["spin_fl"] + 4] = speed / self.parameters.car.wheel_radius
         self.road.s = s
         self.step(Commands(), engine_running=True)
