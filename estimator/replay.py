@@ -11,8 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from estimator.node import Estimator
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import VehicleState
@@ -34,21 +32,6 @@ class Comparison:
 
     recorded: int
     identical: int
-
-
-def recorded_config(path: Path) -> Config:
-    """The configuration a session was recorded with.
-
-    Raises:
-        InputError: it holds none that this version understands.
-    """
-    reader = SessionReader(path, frozenset())
-    for _ in reader.items():
-        pass
-    try:
-        return Config.model_validate_json(reader.metadata.get("session", {}).get("config", ""))
-    except ValidationError as error:
-        raise InputError(f"{path}: holds no configuration of this version: {error.errors()[0]['msg']}") from None
 
 
 def replay_estimator(path: Path, config: Config) -> dict[str, list[bytes]]:

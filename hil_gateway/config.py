@@ -16,10 +16,10 @@ from pydantic import Field, ValidationError, model_validator
 from hil_gateway.car.car import Car, default_platform, load_car
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.gateway.settings import GatewayConfig
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
-from hil_gateway.ros2.settings import Ros2Config
+from hil_gateway.settings.gateway import GatewayConfig
+from hil_gateway.settings.ros2 import Ros2Config
 from hil_gateway.text_file import parse_toml, read_toml
 
 ENVIRONMENT_PREFIX = "HIL_"

@@ -32,9 +32,9 @@ import numpy as np
 from benchmarks.practice import COLUMNS, LAPS, OUTSIDE, SIZES, Drive, draw_size, simulate
 from benchmarks.practice.car import Chassis
 from estimator.drive_log.derived import add_missing_channels
-from estimator.drive_log.health import examine
 from estimator.drive_log.table import DriveLog
 from estimator.offline.diagnosis import diagnose
+from estimator.offline.health import examine
 from estimator.offline.record.record import make_record
 from estimator.offline.report.diagnosis_result import as_json
 from hil_gateway.car.vehicle import Vehicle

@@ -23,10 +23,10 @@ from rich.table import Table
 
 from benchmarks.practice.double_track import BRAKE_FORCE, BRAKE_PRESSURE, Setup
 from benchmarks.practice.double_track_drive import simulate
-from estimator.drive_log.health import examine
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.model.single_track import FULL_BRAKE_PA
 from estimator.offline.diagnosis import diagnose
+from estimator.offline.health import examine
 from estimator.offline.record.declared import default_tyre_prior
 from estimator.offline.record.record import make_record
 from estimator.offline.report.diagnosis_result import as_json

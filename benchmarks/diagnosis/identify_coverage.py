@@ -9,7 +9,7 @@ import json
 import sys
 
 import numpy as np
-from support.drive_simulator import TYRE, Drive, random_tyres, simulate
+from support.drives.drive_simulator import TYRE, Drive, random_tyres, simulate
 
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.model.columns import ModelColumns

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 
 from hil_gateway.config import Config
 from hil_gateway.gateway.decide.failsafe import TABLE
-from hil_gateway.gateway.settings import PERIOD_S
 from hil_gateway.plant.car_file import random_car
+from hil_gateway.settings.gateway import PERIOD_S
 from planner.simulation.loop import Loop
 
 TRACKS = ("road_course", "oval", "tri_oval")

@@ -16,8 +16,8 @@ from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
 
 if TYPE_CHECKING:
-    from estimator.drive_log.health import HealthReport
     from estimator.drive_log.table import DriveLog
+    from estimator.offline.health import HealthReport
     from estimator.offline.record.record import Record
     from hil_gateway.car.vehicle import Vehicle
     from hil_gateway.track.track import Track
@@ -143,7 +143,7 @@ def _examined(
     log: DriveLog, car: Vehicle, known: tuple[str, Track] | None, progress: Callable[[str], None]
 ) -> tuple[Record, DriveLog, HealthReport]:
     """What is fitted, the log it comes from, and the defects found in that; `known`: name and map of the track."""
-    from estimator.drive_log.health import examine
+    from estimator.offline.health import examine
 
     progress("log health")
     health = examine(log, car)

@@ -47,9 +47,10 @@ def replay(
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
     """Replay a session through the estimator; exit 1 unless it gives the recorded outputs byte for byte."""
-    from estimator.replay import compare, recorded_config, replay_estimator
+    from estimator.replay import compare, replay_estimator
+    from hil_gateway.session.files.configuration import required_config
 
-    result = compare(session, replay_estimator(session, recorded_config(session)))
+    result = compare(session, replay_estimator(session, required_config(session)))
     if as_json:
         print_json({key: asdict(row) for key, row in result.items()})
     else:
@@ -67,9 +68,9 @@ def estimate(
 ) -> None:
     """Write a session with what the estimator makes of the recorded vehicle states."""
     from estimator.estimate_session import estimate_session
-    from estimator.replay import recorded_config
+    from hil_gateway.session.files.configuration import required_config
 
-    count = estimate_session(session, out, load_config(config) if config else recorded_config(session))
+    count = estimate_session(session, out, load_config(config) if config else required_config(session))
     if as_json:
         print_json({"counts": count, "path": str(out)})
     else:

@@ -11,10 +11,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estimator.drive_log.health import Finding, HealthReport
-from estimator.drive_log.health.lateral_velocity import place_left
-from estimator.drive_log.health.offsets import lag_left
-from estimator.drive_log.health.steering import LAG_STEER, lag_of, without_lag, zero_of
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import ModelColumns
 from estimator.model.effect import Effect
@@ -24,7 +20,11 @@ from estimator.offline.fit.equation_error import EquationErrorFit, fit
 from estimator.offline.fit.identifiability import Identifiability, analyse
 from estimator.offline.fit.output_error import OutputErrorSettings, fit_output_error
 from estimator.offline.fit.recursive import Curve, Recursion, averaged, batch, sample
-from estimator.offline.fit.taken_out import moves_ay, without
+from estimator.offline.health import Finding, HealthReport
+from estimator.offline.health.lateral_velocity import place_left
+from estimator.offline.health.log_corrections import moves_ay, without
+from estimator.offline.health.offsets import lag_left
+from estimator.offline.health.steering import LAG_STEER, lag_of, without_lag, zero_of
 from estimator.offline.known_bank import examine_on_its_road, on_one_bandwidth
 from estimator.offline.predict.fast_car import forces, loads, presses
 from estimator.offline.predict.nuisance import (

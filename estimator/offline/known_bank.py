@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.drive_log.derived import smoothed
-from estimator.drive_log.health import HealthReport, examine
-from estimator.drive_log.health.acceleration import kinematic, rederived
 from estimator.drive_log.table import DriveLog
 from estimator.model.effects import effect_with
 from estimator.model.parameters import Quantity
+from estimator.offline.health import HealthReport, examine
+from estimator.offline.health.acceleration import kinematic, rederived
 from estimator.offline.record.record import make_record
 from estimator.offline.record.road import find_road, finer_by_roll
 from hil_gateway.car.vehicle import Vehicle

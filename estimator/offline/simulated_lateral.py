@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from estimator.drive_log.health.acceleration import rederived
 from estimator.drive_log.table import DriveLog
 from estimator.model.parameters import Layout
+from estimator.offline.health.acceleration import rederived
 from estimator.offline.identification import Identification, Options, Progress, identify
 from estimator.offline.predict.nuisance import KNOWN_BANK
 from estimator.offline.record.record import Record

@@ -151,7 +151,7 @@ def _address(asked: ZenohConfig, config: Path | None) -> Address:
     Raises:
         InputError: it asks for certificates, and nobody has said where those of the operator are.
     """
-    from hil_gateway.process.running import running_gateways
+    from hil_gateway.gateway.running import running_gateways
 
     found = running_gateways()
     endpoints = ", ".join(asked.connect)

@@ -26,7 +26,7 @@ def view(
     """Show a recording on the live page, with a bar to move in it. Serves on loopback until interrupted."""
     from hil_gateway.dashboard.recording import Recording, create_app
     from hil_gateway.dashboard.server import listen, serve
-    from hil_gateway.session.overview.summary import recorded_config
+    from hil_gateway.session.files.configuration import recorded_config
     from hil_gateway.track.loading import load_track
 
     listener = listen(LOOPBACK, port)
@@ -50,8 +50,8 @@ def compare(
     """Write one page with two laps over distance: speed, pedals, steering, g, gap, lines."""
     from hil_gateway.dashboard.compare_page import page
     from hil_gateway.process.writable import check_file
+    from hil_gateway.session.files.configuration import recorded_config
     from hil_gateway.session.overview.lap_table import read_lap, title
-    from hil_gateway.session.overview.summary import recorded_config
     from hil_gateway.track.loading import load_track
 
     numbers = _lap_numbers(laps)

@@ -14,9 +14,10 @@ from typing import Any
 from hil_gateway.bus.topics import MODEL_REVISION
 from hil_gateway.demo.drive import drive, say
 from hil_gateway.demo.folder import hold
-from hil_gateway.demo.model_error import ask, measure
+from hil_gateway.demo.model_error import measure
 from hil_gateway.demo.options import DemoOptions
 from hil_gateway.process.figures import figure
+from hil_gateway.process.own_command import ask
 from hil_gateway.session.files.format import unpack_message
 from hil_gateway.session.files.reader import SessionReader
 

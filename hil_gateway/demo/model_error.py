@@ -5,41 +5,15 @@ The command line is the seam: this package may not import the estimator.
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hil_gateway.demo.folder import CONFIG_NAME
+from hil_gateway.process.own_command import ask
 
 TIMEOUT_S = 120.0
 FIGURE = "position"
 """channel that stands for the others: m after one second of open-loop prediction"""
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a command of the project said: its JSON, or why there is none."""
-
-    content: dict[str, Any]
-    reason: str = ""
-
-
-def ask(arguments: Sequence[str], timeout_s: float) -> Answer:
-    """Run `hil ARGUMENTS --json`; a failure becomes a reason. On a terminal its progress shows."""
-    command = [sys.executable, "-m", "hil_gateway", *arguments, "--json"]
-    try:
-        stderr = None if sys.stderr.isatty() else subprocess.PIPE
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=stderr, text=True, timeout=timeout_s, check=False)
-    except subprocess.TimeoutExpired:
-        return Answer({}, f"`hil {arguments[0]}` took longer than {timeout_s:g} s")
-    if done.returncode != 0:
-        lines = (done.stderr or "").strip().splitlines()
-        return Answer({}, lines[-1].removeprefix("hil: ") if lines else f"`hil {arguments[0]}` failed")
-    return Answer(json.loads(done.stdout))
 
 
 def measure(session: Path, models: tuple[Path, Path] | None = None) -> dict[str, Any]:

@@ -15,10 +15,10 @@ from hil_gateway.can_link import open_link
 from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.events.log import EventLog, to_journal
+from hil_gateway.gateway.running import announced
 from hil_gateway.process.clock import NS_PER_S, SystemClock
 from hil_gateway.process.held_up import describe_load
 from hil_gateway.process.lifecycle import StopRequest
-from hil_gateway.process.running import announced
 from hil_gateway.process.scheduling import punctual
 from hil_gateway.track.loading import load_track
 

@@ -12,10 +12,10 @@ from typing import Any, Protocol
 
 from hil_gateway.bus.zenoh_bus import LARGEST_MESSAGE, with_extra
 from hil_gateway.process.errors import InputError
-from hil_gateway.ros2.settings import Ros2Config
 from hil_gateway.ros2.topics import NODE, RosTopic
 from hil_gateway.ros2.types import Types
 from hil_gateway.ros2.wire import ADMIN_SPACE, Attachment, Kind, Node, data_key, gid, parse_token, unpack_attachment
+from hil_gateway.settings.ros2 import Ros2Config
 
 COMMAND_DEPTH = 16
 """unread messages of one command topic: 0.16 s at 100 Hz"""

@@ -8,7 +8,7 @@ from typing import Literal
 from estimator.model.measurement import MeasurementKind
 from hil_gateway.car.car import Car, load_car
 from hil_gateway.config import Config
-from hil_gateway.gateway.settings import CommandRates, LimitConfig
+from hil_gateway.settings.gateway import CommandRates, LimitConfig
 from planner.problem.brake_law import BrakeLaw
 
 LoadLimit = Literal["ellipse", "literal"]

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from support.model_car import ModelCar, planner_config
+from support.cars.model_car import ModelCar, planner_config
 from support.promise_figures import record_figure, volume
 
 from hil_gateway.bus.messages import PlanStatus

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.model_car import HORIZON, ModelCar, assert_within_limits, fail_solvers, planner_config, revision_with
+from support.cars.model_car import HORIZON, ModelCar, assert_within_limits, fail_solvers, planner_config, revision_with
 from support.promise_figures import record_figure, volume
 
 from hil_gateway.bus import topics

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.model_car import HORIZON, ModelCar, assert_within_limits, fail_solvers, planner_config, revision_with
+from support.cars.model_car import HORIZON, ModelCar, assert_within_limits, fail_solvers, planner_config, revision_with
 
 from estimator.belief.revision import RevisedModel
 from estimator.model.tyre import normalised_force

@@ -8,8 +8,8 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
+from support.drives.sloped_track import place_of, sloped_file
 from support.promise_figures import record_figure
-from support.sloped_track import place_of, sloped_file
 
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.car.states import CtState

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from support.promise_figures import record_figure
 
-from estimator.replay import OUTPUTS, compare, recorded_config, replay_estimator
+from estimator.replay import OUTPUTS, compare, replay_estimator
 from hil_gateway.config import Config
+from hil_gateway.session.files.configuration import required_config
 from hil_gateway.session.files.format import session_metadata
 from hil_gateway.session.files.writer import SessionWriter
 from hil_gateway.session.recorder import Recorder
@@ -35,7 +36,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.promise("R4")
 def test_replayed_estimator_outputs_are_the_recorded_bytes(session: Path) -> None:
-    config = recorded_config(session)
+    config = required_config(session)
     assert config == Config()
     first, second = (replay_estimator(session, config) for _ in range(2))
     assert first == second

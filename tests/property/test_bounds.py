@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.records import Chunk
+from support.cars.scripted_car import Rig
 from support.promise_figures import record_figure
-from support.scripted_car import Rig
 
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import Command, FailsafeAction, OperatorAction, OperatorCommand

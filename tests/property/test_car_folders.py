@@ -18,7 +18,7 @@ from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.car import Car, load_car
 from hil_gateway.car.states import CtState, computer_codes
 from hil_gateway.gateway.act.limits import Limits
-from hil_gateway.gateway.settings import LimitConfig
+from hil_gateway.settings.gateway import LimitConfig
 
 NEW = itertools.count()
 

@@ -6,8 +6,8 @@ import math
 import random
 
 import pytest
+from support.cars.scripted_car import Rig
 from support.promise_figures import record_figure, volume
-from support.scripted_car import Rig
 
 from benchmarks.promises.wire_judge import Judge
 from can_dbc.codec import load_codec

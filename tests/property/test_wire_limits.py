@@ -7,8 +7,8 @@ import random
 from itertools import pairwise
 
 import pytest
+from support.cars.scripted_car import ACTUATOR_IDS, PERIOD_NS, Rig
 from support.promise_figures import record_figure, volume
-from support.scripted_car import ACTUATOR_IDS, PERIOD_NS, Rig
 
 from benchmarks.promises.wire_judge import STEPS, VALUES, Judge
 from can_dbc.codec import load_codec
@@ -21,8 +21,8 @@ from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.config import Config
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.gateway.act.transmitter import Transmitter, transmitted
-from hil_gateway.gateway.settings import LimitConfig
 from hil_gateway.process.clock import VirtualClock
+from hil_gateway.settings.gateway import LimitConfig
 
 CAR = load_car()
 HOSTILE = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.0, -0.0, 1e9, -1e9)

@@ -15,8 +15,8 @@ from support.serving import served
 
 from hil_gateway.dashboard.compare_page import page
 from hil_gateway.dashboard.recording import Recording, create_app
+from hil_gateway.session.files.configuration import recorded_config
 from hil_gateway.session.overview.lap_table import read_lap
-from hil_gateway.session.overview.summary import recorded_config
 from hil_gateway.track.loading import load_track
 
 SETTLE_S = 2.5

@@ -1,9 +1,10 @@
-"""can_dbc <- hil_gateway <- estimator <- planner: imports point one way only, and no modules import in a circle."""
+"""can_dbc <- hil_gateway <- estimator <- planner: imports point one way, neither modules nor folders in a circle."""
 
 from __future__ import annotations
 
 import ast
 from collections import defaultdict
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -39,15 +40,27 @@ def _graph() -> dict[str, set[str]]:
     return {name: (_imported(_modules()[name]) & plain) - {name} for name in plain}
 
 
-def _reachable(start: str) -> set[str]:
+def _reachable(start: str, graph: Mapping[str, set[str]]) -> set[str]:
     seen: set[str] = set()
-    todo = list(_graph()[start])
+    todo = list(graph[start])
     while todo:
         name = todo.pop()
         if name not in seen:
             seen.add(name)
-            todo += _graph()[name]
+            todo += graph[name]
     return seen
+
+
+def _siblings() -> dict[str, dict[str, set[str]]]:
+    """Folder -> its modules and subfolders -> those of the same folder that they import, subfolders as one."""
+    found: dict[str, dict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
+    for name, path in _modules().items():
+        for other in _imported(path) & _modules().keys() - {name}:
+            parts, others = ((*name.split("."), ""), (*other.split("."), ""))
+            depth = next(i for i, pair in enumerate(zip(parts, others, strict=False)) if pair[0] != pair[1])
+            if parts[depth] and others[depth]:  # a package's own `__init__` is above what it holds
+                found[".".join(parts[:depth])][parts[depth]].add(others[depth])
+    return found
 
 
 @pytest.mark.parametrize("package", ORDER)
@@ -60,12 +73,25 @@ def test_package_imports_only_packages_before_it(package: str) -> None:
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
-    assert sorted(name for name in _graph() if name in _reachable(name)) == []
+    assert sorted(name for name in _graph() if name in _reachable(name, _graph())) == []
+
+
+def test_no_folders_import_each_other_in_a_circle() -> None:
+    """At each level: a folder and a module beside it, or two folders, whatever lies in them."""
+    siblings = _siblings()
+    assert "estimator.offline" in siblings
+    circles = {
+        f"{folder}: {name}"
+        for folder, graph in siblings.items()
+        for name in [*graph]
+        if name in _reachable(name, defaultdict(set, graph))
+    }
+    assert circles == set()
 
 
 def test_no_folder_holds_more_modules_than_are_read_at_a_glance() -> None:
     folders: defaultdict[str, int] = defaultdict(int)
-    for path in _modules().values():
+    for path in (*_modules().values(), *(ROOT / "tests").rglob("*.py"), *(ROOT / "benchmarks").rglob("*.py")):
         folders[str(path.parent.relative_to(ROOT))] += path.name != "__init__.py"
     crowded = {folder: count for folder, count in folders.items() if count > MODULES_IN_A_FOLDER}
     assert set(crowded) <= {"estimator/model/effects"}

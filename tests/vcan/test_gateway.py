@@ -20,8 +20,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from support.cars.played_car import PEER, REPORTS, played_car, write_log
 from support.gateway_process import Gateway, planner
-from support.played_car import PEER, REPORTS, played_car, write_log
 from support.promise_figures import record_figure
 
 from benchmarks.promises.wire_judge import other_than_brakes

@@ -8,8 +8,7 @@ from hil_gateway.process.arrays import Array, Ints
 
 
 def kernel(step: float, width_s: float) -> tuple[Array, Array]:
-    """Smoothing of a derivative by a differentiating kernel (Hann) of `width_s`, and that kernel, per sample of `step`.
-    """
+    """Smoothing of a derivative by a differentiating Hann kernel of `width_s`, and the kernel, per sample of `step`."""
     half = max(2, round(0.5 * width_s / step))
     at = np.arange(-half, half + 1)
     hann = 1.0 + np.cos(np.pi * at / (half + 1))

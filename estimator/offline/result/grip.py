@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.drive_log.health.regression import PARTS
 from estimator.model.columns import ModelColumns
 from estimator.offline.fit.problem import huber_loss
+from estimator.offline.health.regression import PARTS
 from estimator.offline.record.prepare import Samples, slip_angles
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array

@@ -22,7 +22,7 @@ from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.gateway.perceive.motion import Motion
-from hil_gateway.gateway.settings import PERIOD_S
+from hil_gateway.settings.gateway import PERIOD_S
 
 REAR_SHARE = 0.8
 """of the declared grip the rear tyres are reckoned with: tyres differ by a fifth"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
-from hil_gateway.gateway.settings import PERIOD_S
+from hil_gateway.settings.gateway import PERIOD_S
 
 SETTLED_S = 0.3
 """time constant of the mean: leaves 0.014 m/s2 of an accelerometer's noise of 0.11, and the car rocks no longer after

@@ -14,8 +14,8 @@ from typing import Any
 from can_dbc.signals import Place
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.car import Car
-from hil_gateway.gateway.settings import CommandRates
 from hil_gateway.process.errors import InputError
+from hil_gateway.settings.gateway import CommandRates
 
 PEDAL_OVERLAP_PA = 50e3
 """Above this brake pressure the accelerator is closed."""

@@ -19,8 +19,8 @@ from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.gateway.act.stop_path import CLEAR, CLEAR_BLIND, Path, plan_path, way_along
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import BRAKED_UNDERSTEER, Motion
-from hil_gateway.gateway.settings import StopConfig
 from hil_gateway.process.arrays import Array
+from hil_gateway.settings.gateway import StopConfig
 from hil_gateway.track.track import Track
 
 LOOK_AHEAD_S = 0.4

@@ -21,8 +21,8 @@ from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.monitors.actuators import moved_share
 from hil_gateway.gateway.perceive.motion import LATE, TURNS_IN_S, UNDERSTEER, UNDERSTEER_MOST, Motion
-from hil_gateway.gateway.settings import PERIOD_S, StopConfig
 from hil_gateway.process.arrays import Array
+from hil_gateway.settings.gateway import PERIOD_S, StopConfig
 from hil_gateway.track.track import Track
 
 STEP_S = 0.1

@@ -15,7 +15,7 @@ from hil_gateway.can_link import CanLink
 from hil_gateway.car.states import CtState, computer_codes
 from hil_gateway.gateway.act.limits import RawCommand
 from hil_gateway.gateway.decide.ladder_inputs import Flags
-from hil_gateway.gateway.settings import PERIOD_S
+from hil_gateway.settings.gateway import PERIOD_S
 
 
 def transmitted(signals: SignalMap) -> tuple[str, ...]:

@@ -16,8 +16,8 @@ from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.gateway.perceive.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
-from hil_gateway.gateway.settings import GatewayConfig
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.settings.gateway import GatewayConfig
 
 UNCOMMANDED = 1.0
 """m/s; a car in sys_state driving that moves so fast while nobody sends commands obeys old ones"""

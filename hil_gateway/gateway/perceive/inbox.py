@@ -6,7 +6,7 @@ from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, OperatorAction, OperatorCommand, Plan
-from hil_gateway.gateway.decide.command_gate import CommandGate, Refusal
+from hil_gateway.gateway.command_gate import CommandGate, Refusal
 from hil_gateway.process.clock import NS_PER_S
 
 COMMAND_QUEUE = 16

@@ -13,8 +13,8 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair, RepairedGyro
-from hil_gateway.gateway.settings import PERIOD_S
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.settings.gateway import PERIOD_S
 
 DECELERATION_MAX = 35.0
 """m/s2: 1.6 g of tyres with the downforce and drag of 80 m/s. Wheels that slow down faster than this have locked"""

@@ -15,10 +15,10 @@ from hil_gateway.bus.topics import ESTIMATE, EVENT, PLAN, RACE_LINE, Topic
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.session.exchange.export import Exported
 from hil_gateway.session.exchange.foxglove_schemas import schema_text
+from hil_gateway.session.files.configuration import recorded_config
 from hil_gateway.session.files.format import named, unpack_message
 from hil_gateway.session.files.reader import Item
 from hil_gateway.session.files.recover import recover
-from hil_gateway.session.overview.summary import recorded_config
 from hil_gateway.track.geodesy import LocalMap
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track

@@ -40,9 +40,7 @@ _FOOTER = struct.Struct("<BQQQI8s")
 """footer record (opcode, length, two offsets, checksum of the index up to here) and the magic behind it"""
 _FOOTER_CHECKED = 25
 # start, end, uncompressed size, CRC, length and name of the compression: what makes a chunk recognisable
-_CHUNK_START = re.compile(
-    rb"\x06.{8}.{28}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4|\x00\x00\x00\x00)", re.DOTALL
-)
+_CHUNK_START = re.compile(rb"\x06.{8}.{28}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4|\x00\x00\x00\x00)", re.DOTALL)
 _PLAIN_CHUNK = struct.Struct("<BQ8x8xQ4xIQ")
 """of a chunk without compression: its length, the size of its content twice, and no name say that it is one"""
 _PLAIN_CHUNK_HEAD = 40

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.session.bags.raw import Bag
 from hil_gateway.session.files.format import MessageError, frame_fields
 from hil_gateway.session.files.reader import Item
 from hil_gateway.session.logs.entry import REMOTE_REQUEST, Entry, LeftOut, LoggedFrame
+from hil_gateway.session.logs.raw_bag import Bag
 from hil_gateway.session.logs.source import Source
 
 KINDS = frozenset({"can_msgs/msg/Frame", "can_msgs/Frame"})

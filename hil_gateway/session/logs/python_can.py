@@ -79,6 +79,4 @@ def _entry(message: Any) -> Entry:
     channel = f"can{message.channel}" if isinstance(message.channel, int) else message.channel or ""
     if message.is_error_frame:
         return error_frame(channel, stamp_ns, message.arbitration_id & ~EXTENDED_ID, bytes(message.data))
-    return data_frame(
-        channel, message.arbitration_id, bytes(message.data), stamp_ns, extended=message.is_extended_id
-    )
+    return data_frame(channel, message.arbitration_id, bytes(message.data), stamp_ns, extended=message.is_extended_id)

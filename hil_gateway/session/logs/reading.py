@@ -9,10 +9,10 @@ from pathlib import Path
 
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.bags.raw import is_mcap, is_sqlite
 from hil_gateway.session.logs import asc, bag, candump, python_can, table, trc
 from hil_gateway.session.logs.clock import Clock
 from hil_gateway.session.logs.entry import CUT_OFF, Entry, LeftOut, LoggedFrame
+from hil_gateway.session.logs.raw_bag import is_mcap, is_sqlite
 from hil_gateway.session.logs.source import DAMAGED, Source
 
 LATEST_NS = (1 << 31) * NS_PER_S

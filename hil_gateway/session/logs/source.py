@@ -24,6 +24,8 @@ from hil_gateway.text_file import check_ends, text_of
 HEAD_BYTES = 1 << 16
 LINE_BYTES_MAX = 1 << 16
 """of a line of a log: longer ones are no text"""
+
+
 def _open_zstd(path: Path) -> BinaryIO:
     """Buffered, since its own reader knows no lines; frames may follow each other."""
     reader = zstandard.ZstdDecompressor().stream_reader(path.open("rb"), read_across_frames=True, closefd=True)

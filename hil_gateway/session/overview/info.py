@@ -11,12 +11,12 @@ from typing import Any
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure
-from hil_gateway.session.bags.raw import Bag, bag_files, is_mcap, is_sqlite
 from hil_gateway.session.exchange.importer import open_named
 from hil_gateway.session.files.format import MessageError, recorded_source
 from hil_gateway.session.files.reader import Item, SessionReader
 from hil_gateway.session.logs.bag import KINDS
 from hil_gateway.session.logs.entry import CUT_OFF
+from hil_gateway.session.logs.raw_bag import Bag, bag_files, is_mcap, is_sqlite
 from hil_gateway.session.logs.source import Source
 from hil_gateway.session.overview.summary import session_summary
 

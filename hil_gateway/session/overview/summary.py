@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -15,26 +14,15 @@ from hil_gateway.bus.topics import ALERT, ESTIMATE, EVENT, GATEWAY_STATUS, MODEL
 from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
+from hil_gateway.session.files.configuration import config_of
 from hil_gateway.session.files.format import METADATA_SESSION, named, unpack_message
 from hil_gateway.session.files.reader import Item, SessionReader
 from hil_gateway.track.lap_clock import LapClock
 from hil_gateway.track.loading import DEFAULT_TRACK, load_track
 from hil_gateway.track.track import Track
 
-NO_TOPIC = frozenset[str]()
 WANTED = frozenset(topic.key for topic in (ESTIMATE, EVENT, GATEWAY_STATUS, ALERT, MODEL_REVISION))
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
-
-
-def recorded_config(path: Path) -> Config:
-    """The configuration a session was recorded with; the default one where it holds none this version can read.
-
-    Raises:
-        InputError: no readable recording.
-    """
-    reader = SessionReader(path, NO_TOPIC)
-    next(reader.items(), None)
-    return config_of(reader.metadata.get(METADATA_SESSION, {}))
 
 
 def session_summary(path: Path) -> dict[str, Any]:
@@ -137,11 +125,3 @@ def _track(name: str) -> Track | None:
 
 def _rounded(values: Sequence[float]) -> list[float]:
     return [round(value, 3) for value in values]
-
-
-def config_of(metadata: dict[str, Any]) -> Config:
-    """The configuration in a session's metadata, or the default one."""
-    try:
-        return Config.model_validate(json.loads(metadata.get("config", "{}")))
-    except (ValueError, InputError):
-        return Config()

@@ -8,7 +8,7 @@ from collections import deque
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.monitors.held import Held
-from hil_gateway.gateway.settings import PERIOD_S
+from hil_gateway.settings.gateway import PERIOD_S
 
 JUDGED_FROM = 8.0
 """m/s: slower, differences of wheel speeds are within what parking manoeuvres and clutch make"""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.drive_simulator import TYRE, simulate, to_csv
+from support.drives.drive_simulator import TYRE, simulate, to_csv
 
 from estimator.drive_log.derived import smoothed
 from estimator.drive_log.smoothing import PAD, wiener

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.round_course import laps_of, write_course
+from support.drives.round_course import laps_of, write_course
 
 from estimator.belief.revision import model_of, starting_revision
 from estimator.learner.find import (

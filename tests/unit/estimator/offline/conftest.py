@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from support.practice_drives import shared_drives
+from support.drives.practice_drives import shared_drives
 
 
 @pytest.fixture(scope="module")
 def drives(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Name -> simulated drive, see `support.practice_drives.EFFECTS`."""
+    """Name -> simulated drive, see `support.drives.practice_drives.EFFECTS`."""
     return shared_drives(tmp_path_factory)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.any_car import AnyCar
+from support.drives.any_car import AnyCar
 
 from estimator.drive_log.table import DriveLog, read_logs
 from estimator.offline.diagnosis import diagnose

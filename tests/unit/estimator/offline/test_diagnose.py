@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.drives.practice_drives import PRIOR, record_of
 from support.once import once
-from support.practice_drives import PRIOR, record_of
 from typer.testing import CliRunner
 
 from estimator.belief.revision import model_of

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.practice_drives import practice
+from support.drives.practice_drives import practice
 
 SPEED = 50.0
 

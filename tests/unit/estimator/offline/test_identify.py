@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.drive_simulator import TYRE, simulate, to_csv
+from support.drives.drive_simulator import TYRE, simulate, to_csv
 from typer.testing import CliRunner
 
 from estimator.cli.identify import app

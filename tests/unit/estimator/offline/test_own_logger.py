@@ -10,21 +10,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.drive_simulator import TYRE, simulate
-from support.practice_drives import PRIOR, record_of
+from support.drives.drive_simulator import TYRE, simulate
+from support.drives.practice_drives import PRIOR, record_of
 from typer.testing import CliRunner
 
 from estimator.cli.diagnose import app
 from estimator.drive_log.derived import add_missing_channels, derivative, smoothed
-from estimator.drive_log.health import examine
-from estimator.drive_log.health.lateral_velocity import place_left
-from estimator.drive_log.health.offsets import lag_left
 from estimator.drive_log.table import DriveLog
 from estimator.model.columns import CHANNELS, ModelColumns
 from estimator.model.effect import VY_SENSOR
 from estimator.model.effects import catalogue
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS, SingleTrack
 from estimator.offline import identification
+from estimator.offline.health import examine
+from estimator.offline.health.lateral_velocity import place_left
+from estimator.offline.health.offsets import lag_left
 from estimator.offline.identification import Options, identify
 from estimator.offline.known_bank import examine_on_its_road
 from estimator.offline.predict.fast_car import drive_zero, presses

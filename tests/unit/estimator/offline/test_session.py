@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.practice_drives import PRIOR, record_of
+from support.drives.practice_drives import PRIOR, record_of
 
 from estimator.drive_log.smoothing import wiener
 from estimator.drive_log.table import DriveLog

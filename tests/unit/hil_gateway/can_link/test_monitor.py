@@ -8,8 +8,8 @@ from pathlib import Path
 
 import cantools
 import pytest
-from support.scripted_car import Rig
-from support.session_rig import UNIX_NS
+from support.cars.scripted_car import Rig
+from support.cars.session_rig import UNIX_NS
 from typer.testing import CliRunner
 
 from can_dbc.codec import load_codec

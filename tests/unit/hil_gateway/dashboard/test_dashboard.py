@@ -18,8 +18,8 @@ from typing import Any
 
 import pytest
 from support.browser import CHROMIUM, Browser
+from support.cars.session_rig import UNIX_NS
 from support.serving import served
-from support.session_rig import UNIX_NS
 
 from hil_gateway.bus import messages as m
 from hil_gateway.bus.alerts import grouped

@@ -12,8 +12,8 @@ from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.bus.topics import MODEL_REVISION
 from hil_gateway.demo import learn
 from hil_gateway.demo.learn import describe_learning, drive_learn_drive, why_not
-from hil_gateway.demo.model_error import Answer, ask
 from hil_gateway.demo.options import DemoOptions
+from hil_gateway.process.own_command import Answer, ask
 from hil_gateway.session.files.writer import SessionWriter
 
 BETTER = {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from support.cars.scripted_car import PERIOD_NS, Rig
 from support.promise_figures import record_figure
-from support.scripted_car import PERIOD_NS, Rig
 
 from can_dbc.codec import load_codec
 from hil_gateway.bus.latest import Latest

@@ -10,7 +10,7 @@ import random
 from collections.abc import Callable
 
 import pytest
-from support.scripted_car import Rig
+from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.drives.sloped_track import place_of, sloped_track
 from support.promise_figures import record_figure, volume
-from support.sloped_track import place_of, sloped_track
 
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.demo.drive import _with_arguments

@@ -9,7 +9,7 @@ import sys
 import time
 
 import pytest
-from support.scripted_car import Rig
+from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.demo.waiting import Account, Waiting

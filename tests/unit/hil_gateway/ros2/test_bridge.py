@@ -7,8 +7,8 @@ from collections import defaultdict
 from typing import Any
 
 import pytest
-from support import car_messages
-from support.ros_peer import decode
+from support.cars import car_messages
+from support.cars.ros_peer import decode
 
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LocalBus

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from support import car_messages
-from support.ros_peer import encode
+from support.cars import car_messages
+from support.cars.ros_peer import encode
 
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import Command

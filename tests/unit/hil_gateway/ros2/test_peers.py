@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from support import car_messages
-from support.ros_peer import Peer, decode, echoes
+from support.cars import car_messages
+from support.cars.ros_peer import Peer, decode, echoes
 from zenoh_ros2_sdk.publisher import ROS2Publisher
 from zenoh_ros2_sdk.session import ZenohSession
 from zenoh_ros2_sdk.subscriber import ROS2Subscriber
@@ -18,9 +18,9 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.ros2 import topics as ros
 from hil_gateway.ros2.outgoing import Outgoing
 from hil_gateway.ros2.session import ZenohRosNode
-from hil_gateway.ros2.settings import Ros2Config
 from hil_gateway.ros2.topics import RosTopic
 from hil_gateway.ros2.types import Types
+from hil_gateway.settings.ros2 import Ros2Config
 
 TYPES = Types("av24")
 ODOMETRY = "nav_msgs::msg::dds_::Odometry_", "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0"

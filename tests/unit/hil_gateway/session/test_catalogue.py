@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 import pytest
-from support.session_rig import UNIX_NS, recorded
+from support.cars.session_rig import UNIX_NS, recorded
 from typer.testing import CliRunner
 
 from hil_gateway.bus import messages as m

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from support.session_rig import recorded
+from support.cars.session_rig import recorded
 
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.cli.session import export, import_

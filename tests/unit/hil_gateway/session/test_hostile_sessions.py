@@ -11,7 +11,7 @@ from typing import Any
 import can
 import pytest
 from mcap.writer import CompressionType, Writer
-from support.session_rig import Rig, recorded, sent_items
+from support.cars.session_rig import Rig, recorded, sent_items
 
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import COMMAND

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from mcap.reader import make_reader
-from support.session_rig import UNIX_NS, recorded
+from support.cars.session_rig import UNIX_NS, recorded
 
 from hil_gateway.bus import messages as m
 from hil_gateway.bus.event import Event, EventKind, Severity

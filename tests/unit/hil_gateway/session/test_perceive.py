@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from support.scripted_car import Rig
-from support.session_rig import UNIX_NS
+from support.cars.scripted_car import Rig
+from support.cars.session_rig import UNIX_NS
 
 from estimator.estimate_session import estimate_session
 from hil_gateway.bus.topics import ESTIMATE, VEHICLE_STATE

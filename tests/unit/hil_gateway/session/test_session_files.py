@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from support.cars.session_rig import UNIX_NS, Rig, recorded, sent_items
 from support.promise_figures import record_figure, volume
-from support.session_rig import UNIX_NS, Rig, recorded, sent_items
 
 from can_dbc.codec import load_codec
 from can_dbc.folder import SHIPPED

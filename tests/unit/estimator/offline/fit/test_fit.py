@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from support.drive_simulator import TYRE, Drive, accelerations, random_tyres, simulate
+from support.drives.drive_simulator import TYRE, Drive, accelerations, random_tyres, simulate
 
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.model.columns import CHANNELS, Columns, ModelColumns

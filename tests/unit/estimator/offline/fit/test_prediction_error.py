@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.practice_drives import PRIOR, record_of
+from support.drives.practice_drives import PRIOR, record_of
 
 from estimator.model.effects import catalogue
 from estimator.model.single_track import SingleTrack

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from support.practice_drives import record_of, shared_drives
+from support.drives.practice_drives import record_of, shared_drives
 
 from estimator.offline.fit import normal
 from estimator.offline.predict import compiled_windows, innovations, propagate

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.practice_drives import record_of, shared_drives
+from support.drives.practice_drives import record_of, shared_drives
 
 from estimator.offline.predict.innovations import STATE_ROWS, Innovations
 from estimator.offline.predict.propagate import Propagator

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.open_circle import circles
-from support.practice_drives import record_of
+from support.drives.open_circle import circles
+from support.drives.practice_drives import record_of
 
-from estimator.drive_log.health import examine
 from estimator.drive_log.table import DriveLog, read_logs
 from estimator.model.parameters import Quantity
+from estimator.offline.health import examine
 from estimator.offline.record.declared import read_vehicle
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road, share_in_kinematics

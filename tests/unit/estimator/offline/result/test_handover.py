@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.practice_drives import PRIOR, record_of, shared_drives
+from support.drives.practice_drives import PRIOR, record_of, shared_drives
 
 from estimator.offline.fit.prediction_error import Fit, Point
 from estimator.offline.record.noise import ResidualNoise

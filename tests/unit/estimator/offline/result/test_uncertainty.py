@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import t as student
-from support.practice_drives import PRIOR, record_of
+from support.drives.practice_drives import PRIOR, record_of
 
 from estimator.offline.diagnosis import held_out_in_turn
 from estimator.offline.fit.held import MASS_ERROR, ZERO_ERROR, by_declared, by_sampling, by_zero

@@ -11,7 +11,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from support.practice_drives import PRIOR, record_of, shared_drives
+from support.drives.practice_drives import PRIOR, record_of, shared_drives
 
 from estimator.offline.record.record import Record
 from estimator.offline.search.every_car import fitted_together, on_every_car

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.practice_drives import PRIOR, record_of
+from support.drives.practice_drives import PRIOR, record_of
 
 from estimator.offline.diagnosis import alternatives
 from estimator.offline.fit.prediction_error import Fit

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.practice_drives import PRIOR, record_of
+from support.drives.practice_drives import PRIOR, record_of
 
 from estimator.offline import diagnosis
 from estimator.offline.record.record import SPUN, Record

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from support.scripted_car import Rig
+from support.cars.scripted_car import Rig
 
 from hil_gateway.car.actuation import Actuation, Actuators
 from hil_gateway.car.powertrain import Powertrain

@@ -11,8 +11,8 @@ import pytest
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.car import load_car
 from hil_gateway.gateway.act.limits import FREE, Limits, RawCommand, SignalLimit, _signal_limit
-from hil_gateway.gateway.settings import LimitConfig
 from hil_gateway.process.errors import InputError
+from hil_gateway.settings.gateway import LimitConfig
 
 CAR = load_car()
 LIMITS = Limits(CAR, LimitConfig().within(CAR))

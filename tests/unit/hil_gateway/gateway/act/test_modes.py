@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from support.scripted_car import Rig
+from support.cars.scripted_car import Rig
 
 from benchmarks.promises.wire_judge import Judge
 from can_dbc.codec import load_codec

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.scripted_car import Rig
+from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import FailsafeAction, PlanStatus
 from hil_gateway.car.vehicle import HALF_WIDTH, Vehicle
@@ -15,8 +15,8 @@ from hil_gateway.gateway.act.stop_path import Path, plan_path, way_along
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import Motion
-from hil_gateway.gateway.settings import StopConfig
 from hil_gateway.process.arrays import Array
+from hil_gateway.settings.gateway import StopConfig
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 

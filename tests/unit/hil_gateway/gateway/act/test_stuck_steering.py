@@ -10,7 +10,7 @@ from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.gateway.act.stuck_steering import StuckSteering
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import UNDERSTEER, Motion
-from hil_gateway.gateway.settings import StopConfig
+from hil_gateway.settings.gateway import StopConfig
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 

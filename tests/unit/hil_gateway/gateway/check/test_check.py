@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable
 
 import pytest
-from support.check_traffic import CODEC, Values, finding, report, traffic, trouble
+from support.cars.check_traffic import CODEC, Values, finding, report, traffic, trouble
 
 from hil_gateway.can_link import Frame, LinkStats, VirtualWire
 from hil_gateway.config import Config

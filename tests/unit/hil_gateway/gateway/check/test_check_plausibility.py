@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support import check_traffic
-from support.check_traffic import CODEC, SECONDS, Change, Values, edit, finding, report, traffic, trouble
+from support.cars import check_traffic
+from support.cars.check_traffic import CODEC, SECONDS, Change, Values, edit, finding, report, traffic, trouble
 
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.check.finding import Verdict

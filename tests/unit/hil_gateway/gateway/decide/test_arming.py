@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from support.cars.scripted_car import Rig
 from support.promise_figures import record_figure
-from support.scripted_car import Rig
 
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction, OperatorCommand, PlanStatus

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from support.scripted_car import Rig
+from support.cars.scripted_car import Rig
 
 from benchmarks.faults.car_faults import markdown
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from support.scripted_car import Rig
+from support.cars.scripted_car import Rig
 
 from can_dbc.codec import load_codec
 from hil_gateway.bus import messages as m

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support.scripted_car import Rig
+from support.cars.scripted_car import Rig
 
 from hil_gateway.gateway.perceive.course import Course, CourseReader
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose

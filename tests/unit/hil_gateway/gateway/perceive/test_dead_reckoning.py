@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import pytest
-from support.scripted_car import Rig
+from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose

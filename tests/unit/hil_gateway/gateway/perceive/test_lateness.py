@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from support.scripted_car import PERIOD_NS, Rig
+from support.cars.scripted_car import PERIOD_NS, Rig
 
 from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.gateway.perceive.dead_reckoning import Pose

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from support.scripted_car import Rig
+from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.car.actuation import Actuators

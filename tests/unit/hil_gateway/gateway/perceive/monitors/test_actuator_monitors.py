@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 import pytest
-from support.scripted_car import Rig
+from support.cars.scripted_car import Rig
 
 from hil_gateway.car.actuation import Actuators
 from hil_gateway.car.states import SysState

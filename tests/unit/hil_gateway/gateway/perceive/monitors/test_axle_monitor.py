@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from support.scripted_car import Rig
+from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config

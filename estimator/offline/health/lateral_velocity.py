@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.drive_log.health.finding import Action, Finding, confidence_of
-from estimator.drive_log.health.regression import PARTS, jackknifed
-from estimator.drive_log.health.straight import goes_straight
 from estimator.drive_log.table import DriveLog
 from estimator.model.effect import VY_SENSOR
 from estimator.offline.fit.equation_error import EquationErrorFit
+from estimator.offline.health.finding import Action, Finding, confidence_of
+from estimator.offline.health.regression import PARTS, jackknifed
+from estimator.offline.health.straight import goes_straight
 from estimator.offline.record.prepare import moving_speed, prepare
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.drive_log.derived import derivative
-from estimator.drive_log.health.finding import Action, Finding
 from estimator.drive_log.table import DriveLog
+from estimator.offline.health.finding import Action, Finding
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array

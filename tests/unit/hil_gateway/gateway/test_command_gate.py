@@ -7,7 +7,7 @@ import random
 import pytest
 
 from hil_gateway.bus.messages import Command
-from hil_gateway.gateway.decide.command_gate import CommandGate, Refusal
+from hil_gateway.gateway.command_gate import CommandGate, Refusal
 
 MS = 1_000_000
 

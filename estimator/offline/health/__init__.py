@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
-from estimator.drive_log.health import (
+from estimator.drive_log.table import DriveLog
+from estimator.offline.health import (
     acceleration,
     lateral_velocity,
     offsets,
@@ -19,8 +20,7 @@ from estimator.drive_log.health import (
     units,
     wheels,
 )
-from estimator.drive_log.health.finding import Action, Finding
-from estimator.drive_log.table import DriveLog
+from estimator.offline.health.finding import Action, Finding
 from hil_gateway.car.vehicle import Vehicle
 
 __all__ = ["Action", "Finding", "HealthReport", "examine"]

@@ -20,7 +20,7 @@ PRIOR = {"cx": 50000.0, "bf": 9.0, "cf": 1.35, "df": 1.3567, "br": 10.0, "cr": 1
 
 def practice() -> Any:
     """The package."""
-    path = Path(__file__).resolve().parents[2] / "benchmarks" / "practice" / "__init__.py"
+    path = Path(__file__).resolve().parents[3] / "benchmarks" / "practice" / "__init__.py"
     spec = importlib.util.spec_from_file_location("practice", path)
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)

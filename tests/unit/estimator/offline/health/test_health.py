@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.drive_simulator import TYRE, simulate
-from support.open_circle import circles
+from support.drives.drive_simulator import TYRE, simulate
+from support.drives.open_circle import circles
 
-from estimator.drive_log.health import Action, examine
 from estimator.drive_log.table import DriveLog, segment_numbers
+from estimator.offline.health import Action, examine
 from hil_gateway.car.vehicle import Vehicle
 
 VEHICLE = Vehicle()

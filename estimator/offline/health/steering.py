@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.drive_log.health.finding import Action, Finding, confidence_of
-from estimator.drive_log.health.offsets import shifted
-from estimator.drive_log.health.regression import PARTS, jackknifed
-from estimator.drive_log.health.straight import goes_straight
 from estimator.drive_log.table import DriveLog
 from estimator.offline.fit.equation_error import EquationErrorFit
+from estimator.offline.health.finding import Action, Finding, confidence_of
+from estimator.offline.health.offsets import shifted
+from estimator.offline.health.regression import PARTS, jackknifed
+from estimator.offline.health.straight import goes_straight
 from estimator.offline.predict.nuisance import STEER_TIMING, steer_zero
 from estimator.offline.record.prepare import prepare
 from hil_gateway.car.vehicle import Vehicle

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.drive_log.health import Finding
-from estimator.drive_log.health.lateral_velocity import POSITION_VY
-from estimator.drive_log.health.offsets import OFFSET_YAW_RATE
-from estimator.drive_log.health.steering import LAG_STEER
 from estimator.model.effect import VY_SENSOR
 from estimator.offline.fit.equation_error import EquationErrorFit
+from estimator.offline.health import Finding
+from estimator.offline.health.lateral_velocity import POSITION_VY
+from estimator.offline.health.offsets import OFFSET_YAW_RATE
+from estimator.offline.health.steering import LAG_STEER
 from estimator.offline.predict.nuisance import STEER_TIMING, YAW_RATE_TIMING
 
 LEAST_ERRORS = 3.0

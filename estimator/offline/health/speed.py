@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.drive_log.derived import derivative, specific_force
-from estimator.drive_log.health.finding import Action, Finding, confidence_of
-from estimator.drive_log.health.lag import Lag, lag_between
-from estimator.drive_log.health.offsets import MIN_CORRELATION, shifted
 from estimator.drive_log.table import DriveLog
+from estimator.offline.health.finding import Action, Finding, confidence_of
+from estimator.offline.health.lag import Lag, lag_between
+from estimator.offline.health.offsets import MIN_CORRELATION, shifted
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from hil_gateway.config import Config, ZenohConfig
-from hil_gateway.process.running import announced, running_gateways
+from hil_gateway.gateway.running import announced, running_gateways
 
 
 def port(kind: socket.SocketKind) -> int:

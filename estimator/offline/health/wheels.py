@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.drive_log.health.finding import Finding, confidence_of
 from estimator.drive_log.table import DriveLog
+from estimator.offline.health.finding import Finding, confidence_of
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
 

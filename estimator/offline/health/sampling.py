@@ -6,9 +6,9 @@ import itertools
 
 import numpy as np
 
-from estimator.drive_log.health.finding import Finding
 from estimator.drive_log.smoothing import wiener
 from estimator.drive_log.table import DERIVABLE, REQUIRED, DriveLog
+from estimator.offline.health.finding import Finding
 from hil_gateway.car.vehicle import Vehicle
 
 JITTER_SHARE = 0.2
