@@ -17,7 +17,7 @@ from struct import Struct
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from can_dbc.database import Database, Message, Signal, id_text, load_database
+from can_dbc.database import BusMessage, Database, Signal, id_text, load_database
 from can_dbc.folder import DEFAULT_PLATFORM, platform_folder
 from can_dbc.signals import Place, SignalMap, read_signals
 
@@ -58,7 +58,7 @@ class Field(NamedTuple):
     offset: float
 
 
-Fields = Callable[[Message], list[Field]]
+Fields = Callable[[BusMessage], list[Field]]
 """fields of a message, in the order of its values"""
 Decoder = Callable[[bytes], Values | Fault]
 Encoder = Callable[[Mapping[str, float]], tuple[int, bytes]]
@@ -73,8 +73,8 @@ class Codec:
         self.sha256 = database.sha256
         self.bitrate = database.bitrate
         self.signals = signals
-        self.messages: Mapping[str, Message] = MappingProxyType({m.name: m for m in database.messages})
-        self.by_id: Mapping[int, Message] = MappingProxyType({m.id: m for m in database.messages})
+        self.messages: Mapping[str, BusMessage] = MappingProxyType({m.name: m for m in database.messages})
+        self.by_id: Mapping[int, BusMessage] = MappingProxyType({m.id: m for m in database.messages})
         self._quantities = _quantities_of(signals)
 
     @cached_property
@@ -167,7 +167,7 @@ class Codec:
         """`encode` from the units of the DBC."""
         return self._raw_encoders[name](values)
 
-    def _quantity_integers(self, message: Message) -> list[str]:
+    def _quantity_integers(self, message: BusMessage) -> list[str]:
         """Each signal once: by its first quantity, else as it rests."""
         set_by = {field.signal.name: field for field in reversed(self._quantities(message))}
         return [
@@ -192,12 +192,12 @@ def load_codec(platform: str = DEFAULT_PLATFORM) -> Codec:
     return Codec(database, read_signals(folder, database))
 
 
-def si_fields(message: Message) -> list[Field]:
+def si_fields(message: BusMessage) -> list[Field]:
     """Every signal in SI."""
     return [Field(s, s.si_name, s.scale * s.si_factor, s.offset * s.si_factor) for s in message.signals]
 
 
-def dbc_fields(message: Message) -> list[Field]:
+def dbc_fields(message: BusMessage) -> list[Field]:
     """Every signal in units of the DBC."""
     return [_dbc_field(signal) for signal in message.signals]
 
@@ -213,7 +213,7 @@ def _quantities_of(signals: SignalMap) -> Fields:
         for name, place in places.items():
             named.setdefault(place.message.name, []).append((name, place))
 
-    def fields(message: Message) -> list[Field]:
+    def fields(message: BusMessage) -> list[Field]:
         found = [Field(p.signal, name, p.scale, p.zero) for name, p in named.get(message.name, ())]
         counted = [Field(message.signal[message.counter.signal], COUNTER, 1.0, 0.0)] if message.counter else []
         return found + counted
@@ -221,24 +221,26 @@ def _quantities_of(signals: SignalMap) -> Fields:
     return fields
 
 
-def _compile_decoders(messages: Iterable[Message], fields: Fields) -> dict[int, Decoder]:
+def _compile_decoders(messages: Iterable[BusMessage], fields: Fields) -> dict[int, Decoder]:
     source = "\n".join(decoder_source(message, fields(message)) for message in messages)
     namespace = _run(source, messages)
     return {message.id: namespace[f"decode_{message.name}"] for message in messages}
 
 
-def _compile_encoders(messages: Iterable[Message], fields: Fields) -> dict[str, Encoder]:
+def _compile_encoders(messages: Iterable[BusMessage], fields: Fields) -> dict[str, Encoder]:
     return _compile_functions("encode", messages, {m.name: _encoded_integers(m, fields(m)) for m in messages})
 
 
-def _compile_functions(verb: str, messages: Iterable[Message], statements: Mapping[str, list[str]]) -> dict[str, Any]:
+def _compile_functions(
+    verb: str, messages: Iterable[BusMessage], statements: Mapping[str, list[str]]
+) -> dict[str, Any]:
     """Functions from `values` to a frame, by name of the message; `statements` make the integer of each field."""
     source = "\n".join(_function(f"{verb}_{message.name}", message, statements[message.name]) for message in messages)
     namespace = _run(source, messages)
     return {message.name: namespace[f"{verb}_{message.name}"] for message in messages}
 
 
-def _run(source: str, messages: Iterable[Message]) -> dict[str, Any]:
+def _run(source: str, messages: Iterable[BusMessage]) -> dict[str, Any]:
     """Execute generated source: only names and numbers of a DBC, checked by its reader, go into it."""
     namespace: dict[str, Any] = {
         "integer": int.from_bytes,
@@ -252,7 +254,7 @@ def _run(source: str, messages: Iterable[Message]) -> dict[str, Any]:
     return namespace
 
 
-def decoder_source(message: Message, fields: list[Field]) -> str:
+def decoder_source(message: BusMessage, fields: list[Field]) -> str:
     """Source of `decode_NAME(data) -> values | Fault`.
 
     Signals that all lie on whole bytes are split by one `struct` call, others are cut out of one integer.
@@ -276,22 +278,22 @@ def decoder_source(message: Message, fields: list[Field]) -> str:
     return "\n".join(lines)
 
 
-def _encoded_integers(message: Message, fields: list[Field]) -> list[str]:
+def _encoded_integers(message: BusMessage, fields: list[Field]) -> list[str]:
     integers = [_clamped(index, field) for index, field in enumerate(fields)]
     return [_checked(message, [field.key for field in fields]), *integers]
 
 
-def _packed_integers(message: Message) -> list[str]:
+def _packed_integers(message: BusMessage) -> list[str]:
     integers = [_held(index, signal) for index, signal in enumerate(message.signals)]
     return [_checked(message, [signal.name for signal in message.signals]), *integers]
 
 
-def _checked(message: Message, keys: list[str]) -> str:
+def _checked(message: BusMessage, keys: list[str]) -> str:
     """Statement that refuses values of other names."""
     return f"if len(values) != {len(keys)}: unknown_signals({message.name!r}, {tuple(keys)!r}, values)"
 
 
-def _function(name: str, message: Message, statements: list[str]) -> str:
+def _function(name: str, message: BusMessage, statements: list[str]) -> str:
     """Source of a function from `values` to (identifier, bytes)."""
     lines = [
         f"def {name}(values):",
@@ -304,7 +306,7 @@ def _function(name: str, message: Message, statements: list[str]) -> str:
 _WORD = {8: "B", 16: "H", 32: "I"}
 
 
-def _words(message: Message) -> Struct | None:
+def _words(message: BusMessage) -> Struct | None:
     """Layout of a message whose signals are all whole 8, 16 or 32 bit words, else None."""
     layout, position = "<" if message.byte_order == "little" else ">", 0
     for signal in sorted(message.signals, key=lambda signal: signal.first_byte):
@@ -353,7 +355,7 @@ def _held(index: int, signal: Signal) -> str:
     return f"r{index} = min(max(values[{signal.name!r}], {low}), {high})"
 
 
-def _packed(message: Message) -> str:
+def _packed(message: BusMessage) -> str:
     """Expression of the frame as one integer of its own byte order."""
     parts = []
     for index, signal in enumerate(message.signals):

@@ -110,7 +110,7 @@ class Counter:
 
 
 @dataclass(frozen=True)
-class Message:
+class BusMessage:
     """One frame layout with its timing and direction."""
 
     name: str
@@ -153,11 +153,11 @@ class Database:
     version: str
     bitrate: int
     """bit/s"""
-    messages: tuple[Message, ...]
+    messages: tuple[BusMessage, ...]
     sha256: str
     """hash over DBC and `bus.toml`, for recordings"""
 
-    def find(self, name: str) -> tuple[Message, Signal]:
+    def find(self, name: str) -> tuple[BusMessage, Signal]:
         """A signal by its name, or by `message.signal` where several messages have one of that name.
 
         Raises:
@@ -173,7 +173,7 @@ class Database:
         raise PlatformError(f"the DBC has no signal {name}{_like(signal, self.messages)}")
 
 
-def _like(name: str, messages: tuple[Message, ...]) -> str:
+def _like(name: str, messages: tuple[BusMessage, ...]) -> str:
     near = get_close_matches(name, [signal.name for message in messages for signal in message.signals], n=3)
     return f"; like it are {', '.join(near)}" if near else ""
 
@@ -243,13 +243,13 @@ def _check_version(dbc: str, bus: BusFile) -> None:
         raise PlatformError(f"VERSION {match[1]!r} is not dbc_version {bus.dbc_version!r} of bus.toml: which is right?")
 
 
-def _check_unique(messages: tuple[Message, ...], path: Path) -> None:
+def _check_unique(messages: tuple[BusMessage, ...], path: Path) -> None:
     for of, values in (("identifier", [m.id_text for m in messages]), ("name", [m.name for m in messages])):
         if twice := [value for value, count in Counts(values).items() if count > 1]:
             raise PlatformError(f"{path}: two messages have the {of} {twice[0]}")
 
 
-def _messages(dbc: str, bus: BusFile) -> Iterator[Message]:
+def _messages(dbc: str, bus: BusFile) -> Iterator[BusMessage]:
     """Each BO_ line with the SG_ lines under it."""
     head: re.Match[str] | None = None
     signals: list[Signal] = []
@@ -265,7 +265,7 @@ def _messages(dbc: str, bus: BusFile) -> Iterator[Message]:
                 raise PlatformError(f"cannot read this line: {line!r}")
 
 
-def _message(head: re.Match[str], signals: tuple[Signal, ...], bus: BusFile) -> Message:
+def _message(head: re.Match[str], signals: tuple[Signal, ...], bus: BusFile) -> BusMessage:
     name, number, dlc, sender = head["name"], int(head["id"]), int(head["dlc"]), head["sender"]
     if number & ~EXTENDED > (0x1FFF_FFFF if number & EXTENDED else 0x7FF):
         remedy = "" if number & EXTENDED else "; a 29-bit one is written with bit 31 set (2147483648 added)"
@@ -279,7 +279,7 @@ def _message(head: re.Match[str], signals: tuple[Signal, ...], bus: BusFile) -> 
     usual = DEADLINE_PERIODS * period if name in bus.period_s else bus.default.deadline_s
     counter = bus.counter.get(name)
     ours = sender == bus.computer or name in bus.computer_sends
-    return Message(
+    return BusMessage(
         name=name,
         id=number,
         dlc=dlc,
@@ -337,7 +337,7 @@ def _signal(message: str, line: str, bus: BusFile) -> Signal:
     )
 
 
-def _check_names(bus: BusFile, messages: tuple[Message, ...], path: Path) -> None:
+def _check_names(bus: BusFile, messages: tuple[BusMessage, ...], path: Path) -> None:
     """A name that `bus.toml` misspells would silently have the defaults."""
     signals = {message.name: message.signal for message in messages}
     named = {"period_s": [*bus.period_s], "deadline_s": [*bus.deadline_s], "counter": [*bus.counter]}

@@ -12,10 +12,21 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from can_dbc.database import Database, Message, Range, Signal
+from can_dbc.database import BusMessage, Database, Range, Signal
 from can_dbc.errors import PlatformError
 from can_dbc.folder import FileModel, checked, read_toml
-from can_dbc.quantities import CODES, COMMANDS, FAILURE, IMU, RECEIVER, REPORTS, TEMPERATURE, TYRE, WHEELS, Report
+from can_dbc.quantities import (
+    CODES,
+    COMMANDS,
+    FAILURE,
+    IMU,
+    RECEIVER,
+    REPORTS,
+    TEMPERATURE,
+    TYRE,
+    WHEELS,
+    ReportedQuantity,
+)
 from can_dbc.units import UNITS
 
 SENSOR = r"^[a-z][a-z0-9_]{0,31}$"
@@ -67,7 +78,7 @@ class SignalsFile(FileModel):
 class Place:
     """Where a quantity is: value = factor * (DBC units) + offset, SI."""
 
-    message: Message
+    message: BusMessage
     signal: Signal
     factor: float
     offset: float
@@ -202,7 +213,7 @@ def _check_quantities(file: SignalsFile) -> None:
         raise PlatformError("report: steering_motor_primary and steering_motor_secondary go together, or neither")
 
 
-def _check_names(table: str, rows: Rows, known: Mapping[str, Report] | Mapping[str, object]) -> None:
+def _check_names(table: str, rows: Rows, known: Mapping[str, ReportedQuantity] | Mapping[str, object]) -> None:
     if unknown := sorted(set(rows) - set(known)):
         near = get_close_matches(unknown[0], known, n=3)
         like = f"; like it are {', '.join(near)}" if near else ""
@@ -212,7 +223,7 @@ def _check_names(table: str, rows: Rows, known: Mapping[str, Report] | Mapping[s
         raise PlatformError(f"{table}.{missing[0]} is missing: name the signal that carries it")
 
 
-def _find(key: str, name: str, database: Database) -> tuple[Message, Signal]:
+def _find(key: str, name: str, database: Database) -> tuple[BusMessage, Signal]:
     try:
         return database.find(name)
     except PlatformError as error:

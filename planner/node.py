@@ -20,11 +20,11 @@ from planner.adoption.adoption import Adoption
 from planner.line.joining import Joining
 from planner.line.line_publisher import LinePublisher
 from planner.plan.checks import PlanCheck
-from planner.plan.fallback import STANDSTILL, Stopping, Trajectory, shifted, stop_plan
+from planner.plan.fallback import STANDSTILL, StopPlanner, Trajectory, shifted, stop_plan
 from planner.plan.first_metres import straight_ahead
 from planner.plan.from_rest import STILL, WALKING, Following, Unmoved, is_off, moves_off
-from planner.plan.prediction import Actuators, Car, Moment, Sent, credible, predict
-from planner.plan.publishing import Decision, Publisher, Stamps, within
+from planner.plan.prediction import ActuatorModel, Car, PredictedMoment, Sent, credible, predict
+from planner.plan.publishing import PlanDecision, Publisher, Stamps, within
 from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, store_limits
 from planner.problem.motion import DRIVE, PROGRESS, VX, S
 from planner.problem.settings import settings_of
@@ -64,7 +64,7 @@ class Planner:
         self._belief = LatestReader(bus, topics.BELIEF)
         self._revision = LatestReader(bus, topics.MODEL_REVISION)
         self._applied = bus.subscribe(topics.APPLIED, depth=50)
-        self._actuators = Actuators(p)
+        self._actuators = ActuatorModel(p)
         self._plan: Trajectory | None = None
         self._guess_start_ns: int | None = None
         self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
@@ -152,7 +152,7 @@ class Planner:
         turns = round((float(controller.sqp.z[2, 0]) - e.yaw) / math.tau)
         car = (e.x, e.y, e.yaw + math.tau * turns, e.vx, e.vy, e.yaw_rate)
         measured_ns = latest.received_ns - round(self._config.planner.estimate_age_s * NS_PER_S)
-        measured = Moment(measured_ns, car, self.adoption.delivered.acting(e.drive), e.steer)
+        measured = PredictedMoment(measured_ns, car, self.adoption.delivered.acting(e.drive), e.steer)
         then = predict(self._actuators, controller.advance, measured, start_ns)
         if not then.finite:  # no model of the plan may end the process
             return None
@@ -170,7 +170,7 @@ class Planner:
             within(then.steer, -limits.steer, limits.steer), within(progress, 0.0, limits.speed),
         ])  # fmt: skip
 
-    def _locate(self, then: Moment, last: float, near: bool) -> float:
+    def _locate(self, then: PredictedMoment, last: float, near: bool) -> float:
         """Progress on what is the reference from now on; `last` expected, and whether the car is `near` there."""
         base, (x, y, yaw, speed, *_) = self.adoption.current.reference, then.car
         if not near:
@@ -193,20 +193,20 @@ class Planner:
         k = round((start_ns - self._plan.start_ns) / (self.settings.dt * NS_PER_S))
         return self._plan.z[:, min(max(k, 0), self.settings.horizon)]
 
-    def _decide(self, z0: Array | None, start_ns: int, started: int) -> Decision | None:
+    def _decide(self, z0: Array | None, start_ns: int, started: int) -> PlanDecision | None:
         """A fresh plan if there is one, else the last one shifted, else a stop plan; None before the first estimate."""
         reason = "no valid estimate"
         if z0 is not None and not self._following.hindrance:
             solved = self._solve(z0, start_ns, started)
-            self.adoption.judge(isinstance(solved, Decision))
-            if isinstance(solved, Decision):
+            self.adoption.judge(isinstance(solved, PlanDecision))
+            if isinstance(solved, PlanDecision):
                 return solved
             reason = solved
         elif z0 is not None:
             self._fresh_ns, reason = 0, self._following.hindrance  # no plan of before leads on from here
         return self._fall_back(z0, start_ns, reason)
 
-    def _first_metres(self, now_ns: int, start_ns: int) -> Decision | None:
+    def _first_metres(self, now_ns: int, start_ns: int) -> PlanDecision | None:
         """Straight ahead while all that is not known is where the car points."""
         latest = self._estimate.latest
         e = latest.message
@@ -219,9 +219,9 @@ class Planner:
         grade = float(self._track.at(self._track.project(e.x, e.y)[0]).grade)
         self._guess_start_ns, self._fresh_ns = None, 0  # what is planned as soon as it is known begins afresh
         plan = straight_ahead(e, s, grade, start_ns, self.settings.horizon, stopping)
-        return Decision(plan, PlanStatus.FIRST_METRES, "the first metres show where the car points")
+        return PlanDecision(plan, PlanStatus.FIRST_METRES, "the first metres show where the car points")
 
-    def _or_not_moving(self, decision: Decision, now_ns: int) -> Decision:
+    def _or_not_moving(self, decision: PlanDecision, now_ns: int) -> PlanDecision:
         """The decision, or the same with why a standing car goes on standing."""
         speed = float(decision.plan.z[VX, 0])
         if speed < STANDSTILL and not moves_off(decision.plan.z, self.settings.dt):
@@ -231,7 +231,7 @@ class Planner:
             reason = self._unmoved.update(now_ns, self._newest_applied, speed)
         return replace(decision, status=PlanStatus.NOT_MOVING, reason=reason) if reason else decision
 
-    def _solve(self, z0: Array, start_ns: int, started: int) -> Decision | str:
+    def _solve(self, z0: Array, start_ns: int, started: int) -> PlanDecision | str:
         """Fresh plan, or the reason there is none."""
         controller = self.adoption.controller
         if self._is_cold(z0, start_ns):
@@ -259,7 +259,7 @@ class Planner:
         self._note_loads()
         overloaded = max(self._check.first_loads) > OVERLOAD
         self._boldness = TIMID * self._boldness if overloaded else min(1.0, self._boldness + BOLDER)
-        return Decision(
+        return PlanDecision(
             Trajectory(solution.z, solution.du, start_ns), PlanStatus.SOLVED, gain=float(solution.information.sum())
         )
 
@@ -304,26 +304,26 @@ class Planner:
         expected = self._expected(start_ns)
         return expected is None or _distance(expected, z0) > COLD_DISTANCE
 
-    def _fall_back(self, z0: Array | None, start_ns: int, reason: str) -> Decision | None:
+    def _fall_back(self, z0: Array | None, start_ns: int, reason: str) -> PlanDecision | None:
         """The last plan shifted while its solution is young and fits the state, then a stop plan."""
         stopping, rest = self._stopping(), None
         if self._plan is not None:
             ahead_s = (start_ns - self._plan.start_ns) / NS_PER_S
             rest = shifted(self._plan, max(0, round(ahead_s / self.settings.dt)), stopping)
         if rest is not None and start_ns - self._fresh_ns <= MAX_SHIFT_S * NS_PER_S and _fits(rest, z0):
-            return Decision(rest, PlanStatus.SHIFTED, reason)
+            return PlanDecision(rest, PlanStatus.SHIFTED, reason)
         if z0 is None and self._plan is not None:
             z0 = self._plan.z[:, -1] if rest is None else rest.z[:, 0]
         if z0 is None:
             return None
-        return Decision(stop_plan(z0, start_ns, self.settings.horizon, stopping), PlanStatus.STOP, reason)
+        return PlanDecision(stop_plan(z0, start_ns, self.settings.horizon, stopping), PlanStatus.STOP, reason)
 
-    def _stopping(self) -> Stopping:
+    def _stopping(self) -> StopPlanner:
         controller, vehicle = self.adoption.controller, self._config.vehicle
         front, rear = controller.knowledge.load_left
         grip, force = min(front, rear), float(controller.knowledge.theta[0])
         braking = BRAKE_SHARE * rear * vehicle.static_load_rear / vehicle.mass
-        return Stopping(
+        return StopPlanner(
             lambda z, du: controller.sqp.propagate(z, du, controller.stages[:, 0], controller.common),
             controller.reference, self.settings.limits, self.settings.dt, vehicle, braking, grip, force,
         )  # fmt: skip

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.driving.driver import Driver
-from hil_gateway.car.actuation import Actuation, Actuators
+from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.car.car import load_car
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import OriginConfig
 from hil_gateway.plant.car import STEP_S, Car
-from hil_gateway.plant.controller.sensors import Noise, Sensors
+from hil_gateway.plant.controller.sensors import Noise, SimulatedSensors
 from hil_gateway.plant.physics.effects import configure
 from hil_gateway.plant.physics.parameters import PlantParameters
 from hil_gateway.plant.referee.referee import Referee
@@ -95,7 +95,7 @@ class _Recorder:
 
     def __init__(self, car: Car, seed: int, noise: EstimateNoise) -> None:
         self._car = car
-        self._sensors = Sensors(car, car.parameters.sensors, load_car(), OriginConfig(), seed)
+        self._sensors = SimulatedSensors(car, car.parameters.sensors, load_car(), OriginConfig(), seed)
         self._noise, self._draw = noise, Noise(seed + 1_000_003)
         train = Powertrain()
         self._actuation = Actuation(Vehicle(), train)
@@ -107,7 +107,7 @@ class _Recorder:
         imu, wheels = self._sensors.imu("main"), self._sensors.wheel_speeds()
         engine_speed = car.output("engine_speed")
         front, rear = car["brake_front"], car["brake_rear"]
-        pedals = Actuators(0.0, car["throttle"], front, rear, car.gear)
+        pedals = ActuatorPositions(0.0, car["throttle"], front, rear, car.gear)
         scale = car.parameters.sensors.speed_scale
         self._rows.append(
             (

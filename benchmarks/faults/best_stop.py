@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from hil_gateway.car.actuation import Actuation, Actuators
+from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.config import Config
-from hil_gateway.gateway.act.axle_brakes import AxleBrakes, Demand
+from hil_gateway.gateway.act.axle_brakes import AxleBrakes, AxleDemand
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
@@ -48,7 +48,7 @@ class Best:
     stop: str
 
 
-Driver = Callable[[], Actuators]
+Driver = Callable[[], ActuatorPositions]
 
 
 def best_stop(plant: Plant, config: Config, actuate: Callable[[Commands, Commands], Commands] | None) -> Best:
@@ -92,11 +92,11 @@ def _stops(plant: Plant, config: Config) -> Iterator[tuple[str, Callable[[], Dri
     for pressure in PRESSURES:
         for balance in BALANCES if pressure else (0.0,):
             front, rear = 0.5 * pressure * (1 + balance), 0.5 * pressure * (1 - balance)
-            brakes = Actuators(held, 0.0, front, rear, plant.car.gear)
+            brakes = ActuatorPositions(held, 0.0, front, rear, plant.car.gear)
             yield f"brakes at {front / 1e6:g} and {rear / 1e6:g} MPa", partial(_held, brakes)
 
 
-def _held(brakes: Actuators) -> Driver:
+def _held(brakes: ActuatorPositions) -> Driver:
     return lambda: brakes
 
 
@@ -111,14 +111,14 @@ def _along_its_way(car: Car, config: Config, deceleration: float, grip: float, b
     stopping.flat = by_axle and any(car.flats)
     axles = AxleBrakes(config.vehicle, grip, config.powertrain)
 
-    def drive() -> Actuators:
+    def drive() -> ActuatorPositions:
         motion = Motion(car["vx"], car["yaw_rate"], car["vx"] * car["yaw_rate"])
         pose = Pose(car["x"], car["y"], car["yaw"], car["vx"], math.atan2(car["vy"], car["vx"]))
         steer, braking = stopping.command(motion, pose, emergency=False)
         wanted = actuation.to_actuators(steer, braking, car.gear, 0.0, car.gear)
         if not by_axle:
             return wanted
-        demand = Demand(stopping.lateral or 0.0, any(car.flats[:2]), any(car.flats[2:]))
+        demand = AxleDemand(stopping.lateral or 0.0, any(car.flats[:2]), any(car.flats[2:]))
         front, rear = axles.shared(wanted, demand, car["vx"])
         return replace(wanted, brake_front=front, brake_rear=rear)
 
@@ -151,6 +151,6 @@ def _side(actuate: Callable[[Commands, Commands], Commands] | None) -> float:
     return -1.0 if actuate is not None and actuate(asked, asked).steer < 0.0 else 1.0
 
 
-def _commands(actuators: Actuators, config: Config) -> Commands:
+def _commands(actuators: ActuatorPositions, config: Config) -> Commands:
     steer = actuators.steering_motor / config.vehicle.steering_ratio
     return Commands(steer, actuators.accelerator, actuators.brake_front, actuators.brake_rear, actuators.gear)

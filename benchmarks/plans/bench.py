@@ -168,7 +168,7 @@ def _note(run: Run, controller: Controller, z: Array, solution: Solution) -> Non
     bounds = replace(bounds_of(settings, controller.knowledge.load_max, float(z[7])), tolerances=EXECUTED_TOLERANCE)
     knowledge = controller.knowledge
     phi = controller.phi_at(np.zeros(1))[:, 0]
-    check = acceptance.Check(controller.checked, knowledge.theta, phi, knowledge.brake_ratio)
+    check = acceptance.AcceptanceCheck(controller.checked, knowledge.theta, phi, knowledge.brake_ratio)
     found = check(plan_of(solution, Roadside(controller.reference.line)), bounds).excess
     for name, tolerance in EXECUTED_TOLERANCE.items():
         run.violations[name] += bool(found[LIMITS.index(name), 1] > tolerance)

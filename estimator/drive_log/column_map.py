@@ -29,7 +29,7 @@ from hil_gateway.process.model import Model
 from hil_gateway.text_file import read_toml
 
 
-class Source(Model):
+class ColumnSource(Model):
     """Where a quantity comes from."""
 
     source: str = Field(alias="from")
@@ -43,7 +43,7 @@ class Source(Model):
 class ColumnMap:
     """quantity -> its source; `declared` where a person said so."""
 
-    sources: Mapping[str, Source]
+    sources: Mapping[str, ColumnSource]
     declared: bool = False
 
 
@@ -58,7 +58,7 @@ def read_map(path: Path) -> ColumnMap:
         if name not in QUANTITIES:
             raise InputError(f"{path}: [{name}]: no quantity of a drive log; known are {', '.join(QUANTITIES)}")
         try:
-            sources[name] = Source.model_validate(entry)
+            sources[name] = ColumnSource.model_validate(entry)
         except ValidationError as error:
             first = error.errors()[0]
             raise InputError(f"{path}: [{name}] {'.'.join(map(str, first['loc']))}: {first['msg'].lower()}") from None
@@ -74,14 +74,14 @@ def _known_units(name: str) -> str:
 
 def proposed(names: Sequence[str], units: Sequence[str]) -> ColumnMap:
     """The map that names and units of a file suggest; of several columns for one quantity the best known name."""
-    best: dict[str, tuple[int, Source]] = {}
+    best: dict[str, tuple[int, ColumnSource]] = {}
     for name, unit in zip(names, units, strict=True):
         if (found := quantity_of(name)) is None:
             continue
         quantity, by_name = found
         rank = _rank(quantity, name)
         if quantity not in best or rank < best[quantity][0]:
-            best[quantity] = rank, Source.model_validate({"from": name, "unit": unit or by_name})
+            best[quantity] = rank, ColumnSource.model_validate({"from": name, "unit": unit or by_name})
     return ColumnMap({quantity: source for quantity, (_, source) in best.items()})
 
 
@@ -116,7 +116,7 @@ def apply(
     return _delayed(columns, mapping, notes), notes
 
 
-def _factor(path: Path, quantity: str, source: Source) -> float:
+def _factor(path: Path, quantity: str, source: ColumnSource) -> float:
     if normal_unit(source.unit) in NO_UNIT:
         return float(source.sign) / source.ratio
     factor = to_si(quantity, source.unit)
@@ -128,7 +128,7 @@ def _factor(path: Path, quantity: str, source: Source) -> float:
     return source.sign * factor / source.ratio
 
 
-def _told(quantity: str, source: Source, factor: float) -> list[str]:
+def _told(quantity: str, source: ColumnSource, factor: float) -> list[str]:
     own = quantity == source.source
     if own and factor == 1.0:
         return []

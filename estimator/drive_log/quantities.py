@@ -35,56 +35,56 @@ NO_UNIT = frozenset({"-", "1", "n/a", "na", "none", "#", "", "unitless", "bool",
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ColumnQuantity:
     """A column of the drive log: its dimension and the names loggers give it, in small letters without marks."""
 
     dimension: str
     names: tuple[str, ...] = ()
 
 
-QUANTITIES: Mapping[str, Quantity] = {
-    "t": Quantity("time", ("time", "timestamp", "times", "elapsedtime", "logtime", "sessiontime", "timestamps")),
-    "vx": Quantity("speed", (
+QUANTITIES: Mapping[str, ColumnQuantity] = {
+    "t": ColumnQuantity("time", ("time", "timestamp", "times", "elapsedtime", "logtime", "sessiontime", "timestamps")),
+    "vx": ColumnQuantity("speed", (
         "groundspeed", "speed", "vehiclespeed", "velocityx", "longitudinalvelocity", "vlong", "velx", "speedx", "u",
         "longvelocity", "gpsspeed", "velocity", "forwardvelocity", "vehspeed", "carspeed", "corrspeed",
     )),
-    "vy": Quantity("speed", (
+    "vy": ColumnQuantity("speed", (
         "lateralvelocity", "velocityy", "vlat", "vely", "speedy", "latvelocity", "sidespeed", "lateralspeed",
     )),
-    "yaw_rate": Quantity("rate", (
+    "yaw_rate": ColumnQuantity("rate", (
         "yawrate", "yawvelocity", "gyroz", "gyroyaw", "gyroyawvelocity", "omegaz", "wz", "rateyaw", "angularvelocityz",
         "yawspeed", "gyroscopez", "imuyawrate", "r",
     )),
-    "ax": Quantity("acceleration", (
+    "ax": ColumnQuantity("acceleration", (
         "gforcelong", "accelx", "accx", "accelerationx", "longacc", "longitudinalacceleration", "glong", "longg",
         "along", "accellong", "longaccel", "inlineacc", "longitudinalaccel", "gpslongacc", "longitudinalg",
     )),
-    "ay": Quantity("acceleration", (
+    "ay": ColumnQuantity("acceleration", (
         "gforcelat", "accely", "accy", "accelerationy", "latacc", "lateralacceleration", "glat", "latg", "alat",
         "accellat", "lataccel", "lateralacc", "lateralaccel", "gpslatacc", "lateralg",
     )),
-    "az": Quantity("acceleration", ("gforcevert", "accelz", "accz", "accelerationz", "vertacc", "gvert")),
-    "steer": Quantity("angle", (
+    "az": ColumnQuantity("acceleration", ("gforcevert", "accelz", "accz", "accelerationz", "vertacc", "gvert")),
+    "steer": ColumnQuantity("angle", (
         "steeredangle", "steering", "steerangle", "steeringangle", "roadwheelangle", "steeringwheelangle", "delta",
         "steeringpos", "steerpos", "swa", "handwheelangle", "wheelangle",
     )),
-    "drive": Quantity("number", ("slipcommand", "drivecommand")),
-    "x": Quantity("length", ("posx", "positionx", "east", "easting", "xm", "gpsx", "localx")),
-    "y": Quantity("length", ("posy", "positiony", "north", "northing", "ym", "gpsy", "localy")),
-    "z": Quantity("length", ("altitude", "height", "posz", "gpsaltitude", "elevation")),
-    "yaw": Quantity("angle", ("psi", "yawangle")),
-    "lap": Quantity("number", ("lapnumber", "lapno", "lapcount")),
-    "throttle": Quantity("share", (
+    "drive": ColumnQuantity("number", ("slipcommand", "drivecommand")),
+    "x": ColumnQuantity("length", ("posx", "positionx", "east", "easting", "xm", "gpsx", "localx")),
+    "y": ColumnQuantity("length", ("posy", "positiony", "north", "northing", "ym", "gpsy", "localy")),
+    "z": ColumnQuantity("length", ("altitude", "height", "posz", "gpsaltitude", "elevation")),
+    "yaw": ColumnQuantity("angle", ("psi", "yawangle")),
+    "lap": ColumnQuantity("number", ("lapnumber", "lapno", "lapcount")),
+    "throttle": ColumnQuantity("share", (
         "throttlepos", "throttleposition", "throttlepedal", "accelerator", "acceleratorpedal", "tps", "gas",
         "throttlepedalpos", "pedalpos",
     )),
-    "brake": Quantity("pressure", (
+    "brake": ColumnQuantity("pressure", (
         "brakepressure", "brakepres", "brakepos", "brakepedal", "brakepedalpos", "brakepress",
     )),
-    "gear": Quantity("number", ("gearpos", "gearposition", "currentgear", "gearno")),
-    "engine_speed": Quantity("rate", ("enginerpm", "rpm", "enginespeed", "motorrpm")),
+    "gear": ColumnQuantity("number", ("gearpos", "gearposition", "currentgear", "gearno")),
+    "engine_speed": ColumnQuantity("rate", ("enginerpm", "rpm", "enginespeed", "motorrpm")),
     **{
-        f"wheel_speed_{wheel}": Quantity("speed", (
+        f"wheel_speed_{wheel}": ColumnQuantity("speed", (
             f"wheelspeed{wheel}", f"{wheel}wheelspeed", f"ws{wheel}", f"speed{wheel}", f"wheelspeed{long}",
         ))
         for wheel, long in (("fl", "frontleft"), ("fr", "frontright"), ("rl", "rearleft"), ("rr", "rearright"))

@@ -15,7 +15,7 @@ from hil_gateway.session.logs.source import Source
 
 
 @dataclass(frozen=True)
-class Format:
+class TableFormat:
     """One kind of file."""
 
     recognises: Callable[[Source], bool]
@@ -56,7 +56,7 @@ def _read_parquet(path: Path) -> WrittenTable:
     return WrittenTable(tuple(names), ("",) * len(names), np.column_stack(columns), lines, 0, notes)
 
 
-FORMATS = (Format(_is_parquet, _read_parquet), Format(vbo.recognises, vbo.read_vbo))
+FORMATS = (TableFormat(_is_parquet, _read_parquet), TableFormat(vbo.recognises, vbo.read_vbo))
 """before plain text; a further format is one module and one line here"""
 
 

@@ -20,7 +20,8 @@ from estimator.offline.fit.equation_error import EquationErrorFit, fit
 from estimator.offline.fit.identifiability import Identifiability, analyse
 from estimator.offline.fit.output_error import OutputErrorSettings, fit_output_error
 from estimator.offline.fit.recursive import Curve, Recursion, averaged, batch, sample
-from estimator.offline.health import Finding, HealthReport
+from estimator.offline.health import HealthReport
+from estimator.offline.health.finding import LogFinding
 from estimator.offline.health.lateral_velocity import place_left
 from estimator.offline.health.log_corrections import moves_ay, without
 from estimator.offline.health.offsets import lag_left
@@ -278,7 +279,7 @@ def _with_own_ay(fitted: _Fitted, task: _Task, health: HealthReport) -> tuple[_F
     return replace(fitted, samples=samples, split=split(task.log, samples), fit=fit), task, health
 
 
-def _repaired(task: _Task, health: HealthReport, found: Iterable[Finding]) -> tuple[_Task, HealthReport]:
+def _repaired(task: _Task, health: HealthReport, found: Iterable[LogFinding]) -> tuple[_Task, HealthReport]:
     """The log without what was found."""
     health = on_one_bandwidth(reduce(HealthReport.repaired, found, health))
     return replace(task, log=health.log), health

@@ -105,7 +105,7 @@ GATE_POSITION = 25.0
 
 
 @dataclass
-class Moment:
+class FilterMoment:
     """Symbolic mean (n,), covariance (n, n) and yaw rate; `nis` gathers normalised innovations squared."""
 
     mean: Expr
@@ -158,13 +158,13 @@ def step_function(step: Step, measured: int, vehicle: Vehicle, noise: FilterNois
     """(mean, covariance, yaw rate, measured) to the same after `step`, and its normalised innovations squared."""
     n, u = len(STATES), ca.SX.sym("measured", measured)
     start = ca.SX.sym("mean", n), ca.SX.sym("covariance", n, n), ca.SX.sym("yaw_rate")
-    moment = Moment(*start, vehicle, noise)
+    moment = FilterMoment(*start, vehicle, noise)
     step(moment, *ca.vertsplit(u))
     end = [moment.mean, moment.covariance, moment.yaw_rate, ca.vertcat(*moment.nis) if moment.nis else ca.SX(0, 1)]
     return compile_function(ca.Function(step.__name__, [*start, u], [ca.densify(e) for e in end]), compiled=False)
 
 
-def predict(moment: Moment, *imu: Expr) -> None:
+def predict(moment: FilterMoment, *imu: Expr) -> None:
     """Strap-down step over dt s, second order in it.
 
     ax, ay, yaw rate held; gravity along the body's axes; dt; 1, or 0 of a car that stands; variances of force and yaw
@@ -215,7 +215,7 @@ def _walks(n: FilterNoise, dt: Expr) -> Expr:
     return ca.diag(ca.DM(walk) ** 2) * dt
 
 
-def position(moment: Moment, x: Expr, y: Expr) -> None:
+def position(moment: FilterMoment, x: Expr, y: Expr) -> None:
     """Position fix of the CoG: gated as a whole, then taken along and across the car, less certain along a fast one."""
     before, n = (moment.mean, moment.covariance, moment.yaw_rate), moment.noise
     c, s = ca.cos(moment.mean[YAW]), ca.sin(moment.mean[YAW])
@@ -234,7 +234,7 @@ def position(moment: Moment, x: Expr, y: Expr) -> None:
     moment.keep_if(nis, GATE_POSITION, before)
 
 
-def wheel_speeds(moment: Moment, front: Expr, rear: Expr, steer: Expr, drive: Expr) -> None:
+def wheel_speeds(moment: FilterMoment, front: Expr, rear: Expr, steer: Expr, drive: Expr) -> None:
     """Mean circumferential speeds of front and rear wheels, without direction; slip widens their noise."""
     m, n, lf, c, s = moment.mean, moment.noise, moment.vehicle.lf, ca.cos(steer), ca.sin(steer)
     speed = ca.fabs(m[VX])
@@ -247,7 +247,7 @@ def wheel_speeds(moment: Moment, front: Expr, rear: Expr, steer: Expr, drive: Ex
     moment.unsigned(_row({VX: scale, WHEEL_SCALE: m[VX]}), m[VX] * scale, rear, free + slip**2)
 
 
-def rear_slip(moment: Moment, ay: Expr) -> None:
+def rear_slip(moment: FilterMoment, ay: Expr) -> None:
     """The rear axle yields to a side force: vy - l_r r = -yield ay |vx|, the less certain the more the car corners."""
     m, n, lr, speed = moment.mean, moment.noise, moment.vehicle.lr, ca.fabs(moment.mean[VX])
     std = (n.rear_slip + n.rear_slip_per_ay * ca.fabs(ay)) * speed + 0.05
@@ -255,7 +255,7 @@ def rear_slip(moment: Moment, ay: Expr) -> None:
     moment.gated(_row({VY: 1.0, BIAS_YAW_RATE: lr}), expected - m[VY], std**2)
 
 
-def standstill(moment: Moment, *imu: Expr) -> None:
+def standstill(moment: FilterMoment, *imu: Expr) -> None:
     """The car stands: no yaw rate; the gyro and the accelerometers show their biases."""
     n, (ax, ay, gyro, gravity_x, gravity_y) = moment.noise, imu
     moment.update(_row({BIAS_YAW_RATE: 1.0}), gyro - moment.mean[BIAS_YAW_RATE], n.yaw_rate**2)
@@ -263,7 +263,7 @@ def standstill(moment: Moment, *imu: Expr) -> None:
     level(moment, ax, ay, gravity_x, gravity_y, variance, variance)
 
 
-def level(moment: Moment, *read: Expr) -> None:
+def level(moment: FilterMoment, *read: Expr) -> None:
     """What the accelerometers read of a car at rest, and its variance: bias less gravity."""
     ax, ay, gravity_x, gravity_y, variance_x, variance_y = read
     rows = (BIAS_AX, ax, gravity_x, variance_x), (BIAS_AY, ay, gravity_y, variance_y)

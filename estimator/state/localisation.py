@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.state.alignment import UNKNOWN_STD, Alignment
 from estimator.state.filter_steps import BIAS_AX, BIAS_YAW_RATE, STATES, VX, VY, YAW, X, Y
-from estimator.state.state_filter import SEEN, Imu, StateFilter, Unseen
+from estimator.state.state_filter import SEEN, ImuReading, StateFilter, Unseen
 from hil_gateway.bus.messages import Estimate, Lacks, VehicleState
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.gateway.perceive.road_speed import rests
@@ -193,11 +193,11 @@ class Localisation:
             f.place(x, y)
             self._lost, self._refused, self._started = False, 0, jump < JUMP
 
-    def _imu(self, state: VehicleState) -> Imu:
+    def _imu(self, state: VehicleState) -> ImuReading:
         """IMU sample with gravity along the body, which passes for biases while the heading is not known."""
         x, y, yaw = self.filter.mean[: YAW + 1].tolist()
         gravity = self._gravity(x, y, yaw) if self._alignment is None else (0.0, 0.0)
-        return Imu(state.ax, state.ay, state.yaw_rate, *gravity)
+        return ImuReading(state.ax, state.ay, state.yaw_rate, *gravity)
 
     def _gravity(self, x: float, y: float, yaw: float) -> tuple[float, float]:
         """Along the axes of the body from grade and bank of the declared track, m/s2."""

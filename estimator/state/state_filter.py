@@ -50,7 +50,7 @@ YAW_ACCELERATION_S = 0.05
 
 
 @dataclass(frozen=True)
-class Imu:
+class ImuReading:
     """One IMU sample with gravity along the body axes from the track map, m/s2 and rad/s."""
 
     ax: float
@@ -117,7 +117,7 @@ class StateFilter:
         self.covariance[[X, Y]], self.covariance[:, [X, Y]] = 0.0, 0.0
         self.covariance[[X, Y], [X, Y]] = self.noise.initial_position**2
 
-    def predict(self, imu: Imu, dt: float, unseen: Unseen = SEEN, *, moves: bool = True) -> None:
+    def predict(self, imu: ImuReading, dt: float, unseen: Unseen = SEEN, *, moves: bool = True) -> None:
         """Strap-down step over `dt` s, second order in it; a car that stands (`moves` false) only gathers speed."""
         before = self.yaw_rate
         sample = imu.ax, imu.ay, imu.yaw_rate, imu.gravity_x, imu.gravity_y
@@ -139,7 +139,7 @@ class StateFilter:
         used = self._gated(self._rear_slip, filter_steps.GATE, ay)
         return used[0] if used else None
 
-    def update_standstill(self, imu: Imu) -> None:
+    def update_standstill(self, imu: ImuReading) -> None:
         """The car stands: no yaw rate; the gyro and the accelerometers show their biases."""
         self._apply(self._standstill, imu.ax, imu.ay, imu.yaw_rate, imu.gravity_x, imu.gravity_y)
 

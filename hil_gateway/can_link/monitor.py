@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from can_dbc.codec import Codec, Fault
-from can_dbc.database import Message
+from can_dbc.database import BusMessage
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.figures import figure
@@ -19,11 +19,11 @@ CHANGED_NS = NS_PER_S
 
 
 @dataclass
-class Stream:
+class FrameStream:
     """One identifier; values in the units of the DBC."""
 
     frame_id: int
-    message: Message | None
+    message: BusMessage | None
     count: int = 0
     counter_errors: int = 0
     last_ns: int = 0
@@ -79,7 +79,7 @@ class FrameMonitor:
 
     def __init__(self, codec: Codec, filters: Sequence[str] = ()) -> None:
         self._codec, self._filters = codec, [text.lower() for text in filters]
-        self.streams: dict[int, Stream] = {}
+        self.streams: dict[int, FrameStream] = {}
         self.frames = self.errors = self.last_ns = 0
 
     def take(self, frames: Iterable[Frame]) -> None:
@@ -92,19 +92,19 @@ class FrameMonitor:
                 continue
             stream = self.streams.get(frame.id)
             if stream is None:
-                stream = self.streams[frame.id] = Stream(frame.id, self._codec.by_id.get(frame.id))
+                stream = self.streams[frame.id] = FrameStream(frame.id, self._codec.by_id.get(frame.id))
             stream.take(frame, self._codec)
 
-    def shown(self) -> list[Stream]:
+    def shown(self) -> list[FrameStream]:
         """Streams that a filter names by identifier, message or signal, in order of identifier; all without filters."""
         return [stream for _, stream in sorted(self.streams.items()) if self._passes(stream)]
 
-    def _passes(self, stream: Stream) -> bool:
+    def _passes(self, stream: FrameStream) -> bool:
         words = [f"0x{stream.frame_id & ~EXTENDED_ID:03x}", stream.name, *stream.values]
         return not self._filters or any(text in word.lower() for text in self._filters for word in words)
 
 
-def cells(stream: Stream, now_ns: int) -> tuple[str, str, str, str, str]:
+def cells(stream: FrameStream, now_ns: int) -> tuple[str, str, str, str, str]:
     """Identifier, name, rate, age, counter, as text."""
     rate = "-" if stream.rate_hz is None else f"{stream.rate_hz:.1f} Hz"
     counter = "-" if stream.message is None or stream.message.counter is None else f"{stream.counter_errors} wrong"
@@ -112,7 +112,7 @@ def cells(stream: Stream, now_ns: int) -> tuple[str, str, str, str, str]:
     return f"0x{stream.frame_id & ~EXTENDED_ID:03X}", stream.name, rate, f"{age_ms:.0f} ms", counter
 
 
-def signals(stream: Stream, now_ns: int) -> list[tuple[str, bool]]:
+def signals(stream: FrameStream, now_ns: int) -> list[tuple[str, bool]]:
     """`name=value unit` of every signal, and whether it has just changed; bytes where nothing can be decoded."""
     if stream.fault or stream.message is None:
         return [(stream.fault or stream.data.hex(" "), False)]
@@ -125,7 +125,7 @@ def signals(stream: Stream, now_ns: int) -> list[tuple[str, bool]]:
     ]
 
 
-def line(stream: Stream, now_ns: int) -> str:
+def line(stream: FrameStream, now_ns: int) -> str:
     """One stream in one plain line; what has just changed has a star."""
     marked = "  ".join(f"{text}*" if changed else text for text, changed in signals(stream, now_ns))
     late = " LATE" if stream.late(now_ns) else ""

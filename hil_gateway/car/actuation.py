@@ -22,7 +22,7 @@ def brake_balance(front: float, rear: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Actuators:
+class ActuatorPositions:
     """One set of actuator positions, SI: motor angle (rad), pedal (0..1), pressures (Pa), gear (0 neutral)."""
 
     steering_motor: float
@@ -41,7 +41,7 @@ class Actuation:
 
     def to_actuators(  # noqa: PLR0917 - a command and the state of the car
         self, steer: float, drive: float, gear: int, engine_speed: float, next_gear: int, balance: float | None = None
-    ) -> Actuators:
+    ) -> ActuatorPositions:
         """Command (rad, slip ratio) in the engaged `gear` at `engine_speed` (rad/s) to actuator positions.
 
         `balance` as `brake_balance`; None is the declared one.
@@ -51,7 +51,7 @@ class Actuation:
         available = train.drive_force(gear, engine_speed, self._vehicle.wheel_radius)
         accelerator = min(force / available, 1.0) if force > 0 and available > 0 else 0.0
         front, rear = self.brake_pressures(max(-force, 0.0), balance)
-        return Actuators(self.to_steering_motor(steer), accelerator, front, rear, next_gear)
+        return ActuatorPositions(self.to_steering_motor(steer), accelerator, front, rear, next_gear)
 
     def brake_pressures(self, force: float, balance: float | None = None) -> tuple[float, float]:
         """Front and rear pressure (Pa) for a braking force (N >= 0), held to what the brakes take.
@@ -65,7 +65,7 @@ class Actuation:
         total = force / train.brake_force_per_pa
         return min(total * share, train.brake_pressure_max), min(total * (1 - share), train.brake_pressure_max)
 
-    def to_drive(self, actuators: Actuators, engine_speed: float, gear: int) -> float:
+    def to_drive(self, actuators: ActuatorPositions, engine_speed: float, gear: int) -> float:
         """Equivalent slip-ratio drive command of reported or applied pedals in the engaged `gear`."""
         train = self._powertrain
         available = train.drive_force(gear, engine_speed, self._vehicle.wheel_radius)

@@ -36,7 +36,7 @@ class Actuators(Model):
     speed_max: Annotated[float, In("m/s")] = Field(ge=5, le=150, description="fastest that is planned")
 
 
-class Tyres(Model):
+class TyrePrior(Model):
     """Prior of Eq. (2) for both layouts, and what is known beyond it."""
 
     cx: Force = Field(gt=0)
@@ -97,7 +97,7 @@ class Car(Model):
     vehicle: Vehicle
     powertrain: Powertrain
     actuators: Actuators
-    tyres: Tyres
+    tyres: TyrePrior
     sensors: Sensors
     imus: Mapping[str, Imu]
     """in the order in which they are used"""
@@ -161,7 +161,7 @@ def _load(platform: str) -> Car:
 
 
 SECTIONS: dict[str, type[Model]] = {
-    "vehicle": Vehicle, "powertrain": Powertrain, "actuators": Actuators, "tyres": Tyres, "sensors": Sensors
+    "vehicle": Vehicle, "powertrain": Powertrain, "actuators": Actuators, "tyres": TyrePrior, "sensors": Sensors
 }  # fmt: skip
 S = TypeVar("S", bound=Model)
 
@@ -194,7 +194,7 @@ def _read(platform: str, codec: Codec) -> Car:
         vehicle=section(Vehicle, tree.get("vehicle"), "vehicle"),
         powertrain=section(Powertrain, tree.get("powertrain"), "powertrain"),
         actuators=section(Actuators, tree.get("actuators"), "actuators"),
-        tyres=section(Tyres, tree.get("tyres"), "tyres"),
+        tyres=section(TyrePrior, tree.get("tyres"), "tyres"),
         sensors=section(Sensors, tree.get("sensors"), "sensors"),
         imus=sensors(Imu, "imu", codec.signals.imus),
         receivers=sensors(Receiver, "receiver", codec.signals.receivers),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hil_gateway.can_link import CanLink, open_link
-from hil_gateway.can_link.monitor import FrameMonitor, Stream, cells, line, signals
+from hil_gateway.can_link.monitor import FrameMonitor, FrameStream, cells, line, signals
 from hil_gateway.car.car import load_car
 from hil_gateway.config import load_config
 from hil_gateway.process.clock import NS_PER_S, SystemClock
@@ -148,7 +148,7 @@ def table(view: FrameMonitor, now_ns: int) -> Table:
     return drawn
 
 
-def _tree(stream: Stream, now_ns: int) -> dict[str, object]:
+def _tree(stream: FrameStream, now_ns: int) -> dict[str, object]:
     return {
         "id": stream.frame_id, "name": stream.name, "count": stream.count, "rate_hz": stream.rate_hz,
         "age_s": (now_ns - stream.last_ns) / NS_PER_S, "counter_errors": stream.counter_errors,

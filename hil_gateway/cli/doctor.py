@@ -37,7 +37,7 @@ SOLVER_TIMEOUT_S = 60.0
 
 
 @dataclass(frozen=True)
-class Check:
+class Requirement:
     """One thing looked at. `required` ones make `hil demo` impossible when they are not ok."""
 
     name: str
@@ -72,32 +72,32 @@ def _find(program: Program) -> str | None:
     return next((path for path in map(shutil.which, program.names) if path), None)
 
 
-def _program(program: Program) -> Check:
+def _program(program: Program) -> Requirement:
     path = _find(program)
     remedy = f"apt-get install {program.package}"
-    return Check(program.names[0], path is not None, path or "not found", program.needed_for, remedy)
+    return Requirement(program.names[0], path is not None, path or "not found", program.needed_for, remedy)
 
 
-def _python() -> Check:
+def _python() -> Requirement:
     ok = sys.version_info >= (3, 11)
-    return Check("python", ok, platform.python_version(), "everything", "install Python 3.11 or newer", True)
+    return Requirement("python", ok, platform.python_version(), "everything", "install Python 3.11 or newer", True)
 
 
-def _packages() -> Check:
+def _packages() -> Requirement:
     """Whether every distribution the project declares without an extra is installed."""
     declared = importlib.metadata.requires("hil-gateway") or []
     names = [_distribution(line) for line in declared if "extra ==" not in line]
     missing = [name for name in names if not _installed(name)]
     detail = f"missing: {', '.join(missing)}" if missing else f"{len(names)} installed"
-    return Check("packages", not missing, detail, "everything", "rm -r .venv && deploy/setup.sh", True)
+    return Requirement("packages", not missing, detail, "everything", "rm -r .venv && deploy/setup.sh", True)
 
 
-def _package_data() -> Check:
+def _package_data() -> Requirement:
     """Whether what comes with the packages is there: tracks, database, configuration, templates."""
     missing = missing_files()
     tracks = ", ".join(shipped_tracks())
     detail = f"missing: {', '.join(missing)}" if missing else f"tracks {tracks}"
-    return Check("package data", not missing, detail, "everything", "install the package again", True)
+    return Requirement("package data", not missing, detail, "everything", "install the package again", True)
 
 
 def _distribution(requirement: str) -> str:
@@ -121,24 +121,24 @@ def socketcan_available() -> bool:
     return True
 
 
-def _socketcan() -> Check:
+def _socketcan() -> Requirement:
     ok = socketcan_available()
     remedy = "a kernel with CAN (modprobe can-raw vcan); without, the demo uses UDP multicast"
     detail = "available" if ok else "this kernel has none"
-    return Check("socketcan", ok, detail, "a real car, vcan", remedy)
+    return Requirement("socketcan", ok, detail, "a real car, vcan", remedy)
 
 
-def _interface(channel: str) -> Check:
+def _interface(channel: str) -> Requirement:
     ok = Path("/sys/class/net", channel).exists()
     remedy = f"ip link add dev {channel} type vcan && ip link set {channel} up (as root), or go without"
-    return Check(channel, ok, "present" if ok else "absent", "the demo over SocketCAN", remedy)
+    return Requirement(channel, ok, "present" if ok else "absent", "the demo over SocketCAN", remedy)
 
 
-def _user_mode_linux() -> Check | None:
+def _user_mode_linux() -> Requirement | None:
     return None if socketcan_available() else _program(USER_MODE_LINUX)
 
 
-def _multicast(group: str) -> Check:
+def _multicast(group: str) -> Requirement:
     """A datagram to the group over loopback must come back."""
     remedy = "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo (as root)"
     try:
@@ -152,30 +152,34 @@ def _multicast(group: str) -> Check:
             ok, detail = probe.recv(16) == b"hil", f"{group} loops back"
     except OSError as error:
         ok, detail = False, f"{group}: {error}"
-    return Check("udp multicast", ok, detail, "the demo without SocketCAN", remedy)
+    return Requirement("udp multicast", ok, detail, "the demo without SocketCAN", remedy)
 
 
-def _disk(folder: str) -> Check:
+def _disk(folder: str) -> Requirement:
     """Room where recordings go, or where their folder would be made."""
     try:
         place = next(p for p in Path(folder, "x").resolve().parents if p.exists())
         free, writable = shutil.disk_usage(place).free, os.access(place, os.W_OK)
     except OSError as error:
-        return Check("disk", False, f"{folder}: {error.strerror}", "recordings", "cd to a folder that exists")
+        return Requirement("disk", False, f"{folder}: {error.strerror}", "recordings", "cd to a folder that exists")
     detail = f"{free / 1e9:.1f} GB free in {place}" if writable else f"{place} cannot be written"
-    return Check("disk", writable and free > MIN_FREE_BYTES, detail, "recordings", "set recorder.folder to another one")
+    return Requirement(
+        "disk", writable and free > MIN_FREE_BYTES, detail, "recordings", "set recorder.folder to another one"
+    )
 
 
-def _cache() -> Check:
+def _cache() -> Requirement:
     """Where compiled functions are kept; without it each start runs them interpreted."""
     folder = cache_directory()
     place = next(p for p in (folder, *folder.parents) if p.exists())
     ok = place.is_dir() and os.access(place, os.W_OK) and not str(place).startswith("/proc")
     detail = str(folder) if ok else f"{place} cannot be written"
-    return Check("compiled functions", ok, detail, "planner at full speed", "set XDG_CACHE_HOME to a folder of yours")
+    return Requirement(
+        "compiled functions", ok, detail, "planner at full speed", "set XDG_CACHE_HOME to a folder of yours"
+    )
 
 
-def _solver() -> Check:
+def _solver() -> Requirement:
     """Asked of the planner's own command: this package does not know the planner."""
     name, purpose = "planner's solver", "plans in a tenth of the time"
     command = [sys.executable, "-m", "hil_gateway", "plan", "solver", "--json"]
@@ -183,13 +187,13 @@ def _solver() -> Check:
         child = subprocess.run(command, capture_output=True, text=True, timeout=SOLVER_TIMEOUT_S, check=True)
         found: dict[str, str] = json.loads(child.stdout)
     except (OSError, ValueError, subprocess.SubprocessError) as error:
-        return Check(name, False, f"not known: {error}"[:80], purpose, "hil plan solver")
+        return Requirement(name, False, f"not known: {error}"[:80], purpose, "hil plan solver")
     ok = not found["lacks"]
     detail = f"{found['first']}, then {found['second']}" if ok else f"{found['first']}: {found['lacks']}"
-    return Check(name, ok, detail, purpose, "apt-get install gcc libc6-dev, or set CC to a compiler that works")
+    return Requirement(name, ok, detail, purpose, "apt-get install gcc libc6-dev, or set CC to a compiler that works")
 
 
-def _zenoh(endpoint: str) -> Check:
+def _zenoh(endpoint: str) -> Requirement:
     """Whether the gateway may listen where the configuration says; on another computer's address it does not."""
     host, _, port = endpoint.partition("/")[2].rpartition(":")
     ok, detail = True, "free"
@@ -201,22 +205,22 @@ def _zenoh(endpoint: str) -> Check:
         ok = error.errno == errno.EADDRNOTAVAIL
         detail = "on another computer" if ok else str(error.strerror).partition(" (")[0].lower()
     remedy = "end what listens there, or set zenoh.connect to another endpoint"
-    return Check("zenoh endpoint", ok, f"{endpoint}: {detail}", "hil gateway run", remedy)
+    return Requirement("zenoh endpoint", ok, f"{endpoint}: {detail}", "hil gateway run", remedy)
 
 
-def _cpus() -> Check:
+def _cpus() -> Requirement:
     count = len(os.sched_getaffinity(0))
-    return Check("processors", count >= 2, str(count), "the demo in real time", "a machine with 2 cores or more")
+    return Requirement("processors", count >= 2, str(count), "the demo in real time", "a machine with 2 cores or more")
 
 
-def _real_time() -> Check:
+def _real_time() -> Requirement:
     without = [f"{name} ({priority})" for name, priority in PRIORITIES.items() if not permitted(name)]
     detail = f"not permitted: {', '.join(without)}" if without else "may be raised"
     remedy = f"run by deploy/systemd, or ulimit -r {max(PRIORITIES.values())}"
-    return Check("real-time priority", not without, detail, "a car (not the demo)", remedy)
+    return Requirement("real-time priority", not without, detail, "a car (not the demo)", remedy)
 
 
-def findings(config: Config) -> Iterator[Check]:
+def findings(config: Config) -> Iterator[Requirement]:
     """Look at everything, cheap things first."""
     yield from (_python(), _packages(), _package_data(), _cpus(), _disk(config.recorder.folder), _cache())
     yield from (_socketcan(), _interface(config.can.channel), _multicast(config.can.multicast_group))
@@ -234,7 +238,7 @@ def missing_packages() -> list[str]:
     return [p.package for p in wanted if _find(p) is None]
 
 
-def _print_findings(rows: list[Check], echo: Callable[[str], None]) -> None:
+def _print_findings(rows: list[Requirement], echo: Callable[[str], None]) -> None:
     for row in rows:
         mark = "ok  " if row.ok else ("FAIL" if row.required else "none")
         echo(f"{mark} {row.name:20} {row.detail:28} for {row.needed_for}")

@@ -25,7 +25,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="one JSON object on standar
 Out = Annotated[Path | None, typer.Option("--out", help="file to write")]
 
 
-class Format(StrEnum):
+class ExportFormat(StrEnum):
     """What a session can be exported to."""
 
     CSV = "csv"
@@ -36,9 +36,14 @@ class Format(StrEnum):
     ROS2 = "ros2"
 
 
-SUFFIXES = {Format.CSV: ".csv", Format.PARQUET: ".parquet", Format.CANDUMP: ".log"}
+SUFFIXES = {ExportFormat.CSV: ".csv", ExportFormat.PARQUET: ".parquet", ExportFormat.CANDUMP: ".log"}
 SIGNAL_SUFFIXES = (".csv", ".parquet")
-ENDINGS = {**SUFFIXES, Format.SIGNALS: "_signals.csv", Format.FOXGLOVE: "_foxglove.mcap", Format.ROS2: "_ros2.mcap"}
+ENDINGS = {
+    **SUFFIXES,
+    ExportFormat.SIGNALS: "_signals.csv",
+    ExportFormat.FOXGLOVE: "_foxglove.mcap",
+    ExportFormat.ROS2: "_ros2.mcap",
+}
 """of the file's name where nobody gives one"""
 
 
@@ -86,7 +91,7 @@ def recover(file: OneSession, out: Out = None, as_json: AsJson = False) -> None:
 def export(
     file: OneSession,
     format: Annotated[
-        Format | None,
+        ExportFormat | None,
         typer.Option(
             "--format",
             help="drive log: csv, parquet; raw frames: candump, ros2; signals; foxglove: with its topics",
@@ -100,7 +105,7 @@ def export(
     from hil_gateway.session.files.output import beside
 
     chosen = format or _format_of(out)
-    suffixes = SIGNAL_SUFFIXES if chosen is Format.SIGNALS else (Path(f"_{ENDINGS[chosen]}").suffix,)
+    suffixes = SIGNAL_SUFFIXES if chosen is ExportFormat.SIGNALS else (Path(f"_{ENDINGS[chosen]}").suffix,)
     target = out or beside(file, ENDINGS[chosen])
     check_file(target, (file,))
     if target.is_file() and target.suffix not in suffixes:
@@ -111,14 +116,14 @@ def export(
     _report(values, f"{done.rows} rows written to {target}", as_json)
 
 
-def _format_of(out: Path | None) -> Format:
+def _format_of(out: Path | None) -> ExportFormat:
     """What the ending of `out` says; CSV without a name, and for a device or a pipe.
 
     Raises:
         InputError: an ending of no known format.
     """
     if out is None or (out.exists() and not out.is_file()):
-        return Format.CSV
+        return ExportFormat.CSV
     for name, suffix in SUFFIXES.items():
         if out.suffix == suffix:
             return name

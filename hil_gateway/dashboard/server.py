@@ -32,7 +32,7 @@ SLOW_S = 1.0
 Lifespan = Callable[[Starlette], AbstractAsyncContextManager[None]]
 
 
-class Source(Protocol):
+class PageSource(Protocol):
     """What is shown: a live bus."""
 
     def snapshot(self) -> dict[str, Any]:
@@ -52,7 +52,7 @@ class Source(Protocol):
         ...
 
 
-def create_app(source: Source, setup: dict[str, Any], period_s: float) -> Starlette:
+def create_app(source: PageSource, setup: dict[str, Any], period_s: float) -> Starlette:
     """The live page; `source` is asked once a period, however many pages are open."""
     shared = _Shared(source, period_s)
 
@@ -103,7 +103,7 @@ def _page(path: Path) -> Callable[[Request], Response]:
 class _Shared:
     """One snapshot for all pages."""
 
-    def __init__(self, source: Source, period_s: float) -> None:
+    def __init__(self, source: PageSource, period_s: float) -> None:
         self._source, self._period_s = source, period_s
         self._quick = self._slow = ""
         self._taken_s = self._slow_s = float("-inf")

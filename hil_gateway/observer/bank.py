@@ -30,7 +30,7 @@ DOUBTED = -2.0 * math.log(0.01)
 """exceeded once in a hundred: no filter is begun anew, as what has been wrong for a second may be about to be found"""
 
 
-class Lane:
+class FilterLane:
     """One filter."""
 
     def __init__(self, mean: Array, covariance: Array) -> None:
@@ -40,7 +40,7 @@ class Lane:
         self.seen, self.spread = np.zeros(0), np.zeros((0, 0))
         """what the IMU is predicted to show, and its covariance"""
 
-    def renew(self, other: Lane) -> None:
+    def renew(self, other: FilterLane) -> None:
         """Go on from where another one is."""
         self.mean, self.covariance, self.age_s = other.mean.copy(), other.covariance.copy(), 0.0
 
@@ -53,12 +53,12 @@ class Bank:
         stands; the last `imu` measurements are the IMU's."""
         self._function, self._fast, self._imu = function, fast, imu
         self._prior = prior[0], np.diag(prior[1] ** 2)
-        self.main = Lane(*self._prior)
-        self._lanes = Lane(*self._prior), Lane(*self._prior)
+        self.main = FilterLane(*self._prior)
+        self._lanes = FilterLane(*self._prior), FilterLane(*self._prior)
         self._moving = False
 
     @property
-    def without(self) -> Lane:
+    def without(self) -> FilterLane:
         """The older one of those without the IMU."""
         return max(self._lanes, key=lambda lane: lane.age_s)
 
@@ -96,7 +96,7 @@ class Bank:
             lane.age_s = age_s
         self._moving = True
 
-    def _advance(self, lane: Lane, period: Sequence[float], uses: Sequence[float]) -> None:
+    def _advance(self, lane: FilterLane, period: Sequence[float], uses: Sequence[float]) -> None:
         mean, covariance, given, used, gate = self._function.inputs
         mean[:, 0], covariance[:], given[:, 0], used[:, 0], gate[0, 0] = (
             lane.mean, lane.covariance, period, uses, GATE,

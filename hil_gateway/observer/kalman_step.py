@@ -14,7 +14,7 @@ from hil_gateway.process.arrays import Expr
 from hil_gateway.process.compiled import CompiledFunction, compile_function
 
 
-class Model(Protocol):
+class StepModel(Protocol):
     """Motion and measurements in one period, as functions of n states; `judged` of the measurements come last."""
 
     judged: int
@@ -40,7 +40,7 @@ class Model(Protocol):
         ...
 
 
-def step_function(name: str, model: Model, states: int, period: Expr) -> CompiledFunction:
+def step_function(name: str, model: StepModel, states: int, period: Expr) -> CompiledFunction:
     """(mean (n,), covariance (n, n), period, uses (m,), gate) to the next mean and covariance; what the measurements
     show beyond what is predicted (m,) and the deviation of that (m,); mean and covariance of what the judged ones are
     predicted to show, before they are taken in.
@@ -67,7 +67,7 @@ def step_function(name: str, model: Model, states: int, period: Expr) -> Compile
 class _Step:
     """Symbolic mean and covariance, moved on in place."""
 
-    def __init__(self, model: Model, mean: Expr, covariance: Expr) -> None:
+    def __init__(self, model: StepModel, mean: Expr, covariance: Expr) -> None:
         self.model, self.mean, self.covariance = model, mean, covariance
         self.off: list[Expr] = []
         self.deviation: list[Expr] = []

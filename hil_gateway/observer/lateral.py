@@ -43,7 +43,7 @@ FAST = GB + 1
 """so many states are forgotten while the car stands"""
 
 
-class Period(NamedTuple):
+class LateralPeriod(NamedTuple):
     """What is reported in one period, SI."""
 
     dt: float
@@ -139,7 +139,7 @@ class Turning:
 
     judged = 2
 
-    def __init__(self, car: Car, period: Period) -> None:
+    def __init__(self, car: Car, period: LateralPeriod) -> None:
         self.car, self.u = car.vehicle, period
         imu = next(iter(car.imus))
         self._turn_of_imu, self._ahead_of_imu = car.std(f"imu.{imu}.yaw"), car.std(f"imu.{imu}.x")
@@ -222,8 +222,8 @@ def rates_of_wheels(wheels: tuple[float, float, float, float], steer: float, car
 
 def lateral_bank(car: Car) -> Bank:
     """Filters of `Turning`."""
-    period = ca.SX.sym("period", len(Period._fields))
-    model = Turning(car, Period(*_entries(period)))
+    period = ca.SX.sym("period", len(LateralPeriod._fields))
+    model = Turning(car, LateralPeriod(*_entries(period)))
     return Bank(step_function("lateral", model, len(STATES), period), prior(car), FAST, model.judged)
 
 

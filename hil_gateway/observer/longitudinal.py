@@ -25,7 +25,7 @@ V, E, W, GB, ENGINE, BRAKES, OFFSET = range(len(STATES))
 FAST = GB + 1
 
 
-class Period(NamedTuple):
+class LongitudinalPeriod(NamedTuple):
     """What is reported in one period, SI."""
 
     dt: float
@@ -86,7 +86,7 @@ class Speeding:
 
     judged = 1
 
-    def __init__(self, car: Car, period: Period) -> None:
+    def __init__(self, car: Car, period: LongitudinalPeriod) -> None:
         self.u = period
         vehicle = car.vehicle
         self._drag = 0.5 * vehicle.air_density * vehicle.drag_area / vehicle.mass
@@ -129,8 +129,8 @@ class Speeding:
 
 def longitudinal_bank(car: Car) -> Bank:
     """Filters of `Speeding`."""
-    period = ca.SX.sym("period", len(Period._fields))
-    model = Speeding(car, Period(*_entries(period)))
+    period = ca.SX.sym("period", len(LongitudinalPeriod._fields))
+    model = Speeding(car, LongitudinalPeriod(*_entries(period)))
     return Bank(step_function("longitudinal", model, len(STATES), period), prior(car), FAST, model.judged)
 
 

@@ -70,13 +70,13 @@ class Observer:
         wheels, imu = state.sources["wheel_speeds"].valid, state.sources["imu"].valid
         speeds = state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr
         front, rear = lateral.rates_of_wheels(speeds, state.steer, self._vehicle)
-        turning = lateral.Period(
+        turning = lateral.LateralPeriod(
             PERIOD_S, speed, state.steer, braking, pushing, gravity_across, front, rear, state.yaw_rate, state.ay
         )
         changed = max(self._asked) - min(self._asked)
         self._lateral.step(turning, (wheels, wheels, True), imu)
         self._longitudinal.step(
-            longitudinal.Period(PERIOD_S, braking, pushing, changed, speed, state.ax), (wheels,), imu
+            longitudinal.LongitudinalPeriod(PERIOD_S, braking, pushing, changed, speed, state.ax), (wheels,), imu
         )
         self._shown = state.yaw_rate, state.ay, state.ax
         self._judge(wheels, imu)

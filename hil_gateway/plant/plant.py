@@ -13,7 +13,7 @@ from hil_gateway.plant.car import STEP_S, Car, Commands
 from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.controller.ladder import MARELLI_KILL, PARKED, CarState, VehicleController
 from hil_gateway.plant.controller.receive import CommandReceiver
-from hil_gateway.plant.controller.sensors import Sensors
+from hil_gateway.plant.controller.sensors import SimulatedSensors
 from hil_gateway.plant.controller.transmit import ReportTransmitter, SimulatedRaceControl
 from hil_gateway.plant.fitted import fitted
 from hil_gateway.plant.physics.effects import configure
@@ -70,7 +70,7 @@ class Plant:
         self.race_control = SimulatedRaceControl()
         self.referee = Referee(self.car)
         self._receiver = CommandReceiver(config.car)
-        sensors = Sensors(self.car, parameters.sensors, config.car, config.origin, config.plant.seed)
+        sensors = SimulatedSensors(self.car, parameters.sensors, config.car, config.origin, config.plant.seed)
         self._transmitter = ReportTransmitter(
             platform=config.car,
             link=link,

@@ -8,7 +8,7 @@ from typing import Any
 
 from hil_gateway.receiver.gates import Quality, judge
 from hil_gateway.receiver.nmea import NmeaDecoder, Sentence
-from hil_gateway.receiver.oem7 import Decoder, Log
+from hil_gateway.receiver.oem7 import Decoder, ReceiverLog
 
 POSITIONS = frozenset({"BESTPOS", "BESTGNSSPOS", "INSPVAX", "INSPVAS"})
 
@@ -24,7 +24,7 @@ class _Seen:
     qualities: Counter[Quality] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
 
-    def add(self, log: Log) -> None:
+    def add(self, log: ReceiverLog) -> None:
         at = log.unix_s(0.0)
         self.first_s = self.first_s if self.count else at
         self.last_s, self.count = at, self.count + 1

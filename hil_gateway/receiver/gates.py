@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from enum import StrEnum
 
-from hil_gateway.receiver.oem7 import FINE, Log
+from hil_gateway.receiver.oem7 import FINE, ReceiverLog
 
 NARROW_INT = 50
 """position type of a log that names none: it is not judged by it"""
@@ -30,7 +30,7 @@ class Quality(StrEnum):
     REFUSED = "refused"
 
 
-def judge(log: Log) -> tuple[Quality, str]:
+def judge(log: ReceiverLog) -> tuple[Quality, str]:
     """Quality, and why it is not fixed."""
     if refusal := _refusal(log):
         return Quality.REFUSED, refusal
@@ -40,7 +40,7 @@ def judge(log: Log) -> tuple[Quality, str]:
     return (Quality.DEGRADED, f"float (type {kind})") if kind in FLOAT else (Quality.FIXED, "")
 
 
-def _refusal(log: Log) -> str:
+def _refusal(log: ReceiverLog) -> str:
     values = log.values
     kind = values.get("position_type", NARROW_INT)
     if log.time_status < FINE:

@@ -25,7 +25,7 @@ FINE = 160
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class LogLayout:
     """Body of a log: struct and names of its fields; "_" is left out. Longer bodies of later firmware are accepted."""
 
     name: str
@@ -33,8 +33,8 @@ class Layout:
     fields: tuple[str, ...]
 
 
-def _layout(name: str, code: str, fields: str) -> Layout:
-    return Layout(name, Struct(code), tuple(fields.split()))
+def _layout(name: str, code: str, fields: str) -> LogLayout:
+    return LogLayout(name, Struct(code), tuple(fields.split()))
 
 
 _POSITION = (
@@ -43,7 +43,7 @@ _POSITION = (
 )
 _VELOCITY = "solution_status velocity_type latency_s differential_age_s speed track up"
 _HEADING = "solution_status position_type baseline heading pitch _ heading_std pitch_std"
-LOGS: Mapping[int, Layout] = {
+LOGS: Mapping[int, LogLayout] = {
     42: _layout("BESTPOS", "<IIdddfIfff4sffBB", _POSITION),
     1429: _layout("BESTGNSSPOS", "<IIdddfIfff4sffBB", _POSITION),
     99: _layout("BESTVEL", "<IIffddd", _VELOCITY),
@@ -70,7 +70,7 @@ LOGS: Mapping[int, Layout] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Log:
+class ReceiverLog:
     """One decoded log."""
 
     name: str
@@ -95,7 +95,7 @@ class Decoder:
         self.bad_crc = self.unknown = self.skipped = 0
         """logs that arrived damaged, logs of other kinds, bytes that were no log"""
 
-    def take(self, data: bytes) -> Iterator[Log]:
+    def take(self, data: bytes) -> Iterator[ReceiverLog]:
         """Logs completed by `data`."""
         self._buffer += data
         while (start := self._find_sync()) >= 0:
@@ -133,7 +133,7 @@ class Decoder:
         body = int.from_bytes(buffer[8:10], "little")
         return LONG_HEADER.size + body + CRC_BYTES if body <= BODY_MAX else 0
 
-    def _decode(self, frame: bytes) -> Log | None:
+    def _decode(self, frame: bytes) -> ReceiverLog | None:
         if frame[2] == LONG:
             header = LONG_HEADER.unpack_from(frame)
             number, self._time_status, week, milliseconds = header[2], header[8], header[9], header[10]
@@ -147,7 +147,7 @@ class Decoder:
             return None
         pairs = zip(layout.fields, layout.struct.unpack_from(body), strict=True)
         values = {name: value for name, value in pairs if name != "_"}
-        return Log(layout.name, week, milliseconds, self._time_status, values)
+        return ReceiverLog(layout.name, week, milliseconds, self._time_status, values)
 
 
 def crc32(data: bytes) -> int:

@@ -14,12 +14,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hil_gateway.bus.messages import Command, VehicleState
-from hil_gateway.car.actuation import Actuation, Actuators
+from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.road_speed import road_speed
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.ros2 import topics as ros
-from hil_gateway.ros2.session import Received
+from hil_gateway.ros2.session import ReceivedSample
 from hil_gateway.ros2.types import Types
 from hil_gateway.ros2.wire import Attachment
 
@@ -56,7 +56,7 @@ class Incoming:
     _newest: dict[str, _Newest] = field(default_factory=dict)
     _seq: int = 0
 
-    def take(self, received: Received, now_ns: int, unix_offset_ns: int) -> str:
+    def take(self, received: ReceivedSample, now_ns: int, unix_offset_ns: int) -> str:
         """Why it is not taken; empty where it is."""
         reason = self._offer(received, now_ns, unix_offset_ns)
         if reason:
@@ -86,7 +86,7 @@ class Incoming:
         node = self.name(self._newest[topic].gid) or "unnamed node"
         return f"ros2 {self.session[:4]} {node}"[:NAME_MAX]
 
-    def _offer(self, received: Received, now_ns: int, unix_offset_ns: int) -> str:
+    def _offer(self, received: ReceivedSample, now_ns: int, unix_offset_ns: int) -> str:
         attachment, topic = received.attachment, received.topic.name
         if attachment is None:
             return "attachment is not that of rmw_zenoh (Jazzy before 0.2.4?)"
@@ -118,7 +118,7 @@ class Incoming:
         pedal = min(max(self._newest[ros.ACCELERATOR_CMD.name].message.pedal_cmd / 100, 0.0), 1.0)
         front = max(self._newest[ros.BRAKE_CMD.name].message.pedal_cmd * 1e3, 0.0)
         rear = front * (1 - train.brake_bias_front) / train.brake_bias_front
-        asked = Actuators(motor, pedal if front == 0 else 0.0, front, rear, state.gear)
+        asked = ActuatorPositions(motor, pedal if front == 0 else 0.0, front, rear, state.gear)
         return actuation.to_steer(motor), _slip(actuation.to_drive(asked, state.engine_speed, state.gear))
 
     def _ackermann(self, state: VehicleState) -> tuple[float, float]:

@@ -30,7 +30,7 @@ HEARTBEAT_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Received:
+class ReceivedSample:
     """A message of a command topic; `attachment` is None where it has another form than expected."""
 
     topic: RosTopic
@@ -52,7 +52,7 @@ class RosNode(Protocol):
         """Send one message, published at `unix_ns`."""
         ...
 
-    def received(self) -> list[Received]:
+    def received(self) -> list[ReceivedSample]:
         """Commands since the last call, oldest first within a topic."""
         ...
 
@@ -119,7 +119,7 @@ class ZenohRosNode:
     def publish(self, topic: RosTopic, data: bytes, unix_ns: int) -> None:
         self._publishers[topic].put(data, unix_ns)
 
-    def received(self) -> list[Received]:
+    def received(self) -> list[ReceivedSample]:
         found = []
         for topic, subscriber in self._subscribers:
             for _ in range(COMMAND_DEPTH):  # a sender that is faster than this loop does not hold it up
@@ -188,10 +188,10 @@ def _declare_publisher(session: Any, key: str, topic: RosTopic) -> Any:
     return ext.declare_advanced_publisher(session, key, **settings, publisher_detection=True)
 
 
-def _received(topic: RosTopic, sample: Any) -> Received:
+def _received(topic: RosTopic, sample: Any) -> ReceivedSample:
     data = sample.payload.to_bytes() if len(sample.payload) <= MESSAGE_BYTES_MAX else b""
     attachment = sample.attachment
-    return Received(topic, data, None if attachment is None else unpack_attachment(attachment.to_bytes()))
+    return ReceivedSample(topic, data, None if attachment is None else unpack_attachment(attachment.to_bytes()))
 
 
 def session_config(config: Ros2Config) -> dict[str, Any]:

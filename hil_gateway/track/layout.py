@@ -72,7 +72,7 @@ class Height(Model):
     z: float
 
 
-class Lane(Model):
+class LaneLayout(Model):
     """Pit lane."""
 
     width: float = Field(ge=3, le=30, description="m")
@@ -89,7 +89,7 @@ class Layout(Model):
     width: Sides = 12.0
     segment: tuple[Segment, ...] = Field(min_length=2)
     elevation: tuple[Height, ...] = ()
-    pit_lane: Lane | None = None
+    pit_lane: LaneLayout | None = None
 
 
 def read_layout(path: Path) -> Survey:
@@ -146,7 +146,7 @@ def _lay_out(path: Path, layout: Layout) -> Survey:
     return Survey(str(path), layout.name, x, y, left, right, _heights(layout, s, sum(lengths)), bank, lane)
 
 
-def _lane(path: Path, lane: Lane, x: Array, y: Array) -> LaneSurvey:
+def _lane(path: Path, lane: LaneLayout, x: Array, y: Array) -> LaneSurvey:
     """Points of the pit lane beside the closed line x, y of points about `STEP_M` apart.
 
     Raises:

@@ -98,7 +98,7 @@ class _Start(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Way:
+class _JoiningPath:
     """A roll-out: progress along the race line and offset to its left, m, arrays (n,); the least distance to the left
     and to the right edge of road or pit lane, m, and that to the nearer one where it begins."""
 
@@ -148,7 +148,7 @@ class Joining:
         line = replace(line, vx_profile=joined.own.speeds(base.line))
         return replace(joined, base=base, reference=Reference(line, joined.reference, self._clearance + CUT))
 
-    def _gentlest(self, base: Reference, start: _Start) -> _Way:
+    def _gentlest(self, base: Reference, start: _Start) -> _JoiningPath:
         """The first that keeps clear of the edges, or the one that comes least near."""
         ways = []
         for aim, preview in product(self._aims(base.line, start), PREVIEWS):
@@ -176,7 +176,7 @@ class Joining:
         """Offset of the race line to the left of the centre line, m, (n,)."""
         return np.asarray(self._track.at(line.track_s).width_left - line.width_left)
 
-    def _roll(self, base: Reference, aim: _Aim, start: _Start, preview: float) -> _Way:
+    def _roll(self, base: Reference, aim: _Aim, start: _Start, preview: float) -> _JoiningPath:
         """From progress, offset and angle to the race line on, until that is reached."""
         s, e, across, bend = start
         curvature = base.line.curvature
@@ -203,9 +203,9 @@ class Joining:
         i = np.round(reached / spacing).astype(int) % n
         room = self._track.room(base.line.track_s[i], self._aside(base.line)[i] + offset)
         least = float(room.left.min()), float(room.right.min())
-        return _Way(reached, offset, least, min(float(room.left[0]), float(room.right[0])))
+        return _JoiningPath(reached, offset, least, min(float(room.left[0]), float(room.right[0])))
 
-    def _joined(self, base: Reference, way: _Way, slope: float) -> Joined:
+    def _joined(self, base: Reference, way: _JoiningPath, slope: float) -> Joined:
         """The way in place of the race line; `slope` of the offset where it begins."""
         line, spacing, n = base.line, base.length / len(base.line.s), len(base.line.s)
         number = np.arange(math.ceil((way.s[0] - BEHIND) / spacing), math.ceil(way.s[-1] / spacing))

@@ -56,7 +56,7 @@ class Bounds:
 
 
 @dataclass(frozen=True)
-class Plan:
+class CheckedPlan:
     """A trajectory of N+1 stages as it would be published, with the track beside it: `columns` (13, N+1), rows as
     `checked_motion.COLUMNS`; the information of the first stage is 0."""
 
@@ -66,12 +66,12 @@ class Plan:
         """One of `COLUMNS`, (N+1,)."""
         return np.asarray(self.columns[COLUMNS.index(name)])
 
-    def changed(self, **columns: Array) -> Plan:
+    def changed(self, **columns: Array) -> CheckedPlan:
         """The same plan with other values of some of `COLUMNS`."""
         made = self.columns.copy(order="F")
         for name, values in columns.items():
             made[COLUMNS.index(name)] = values
-        return Plan(made)
+        return CheckedPlan(made)
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Findings:
         return self.rows[-1, 1:]
 
 
-class Check:
+class AcceptanceCheck:
     """Works out `Findings` with a function of `CheckedMotion` and the parameters of its model."""
 
     def __init__(self, function: CompiledFunction | FixedCheck, theta: Array, phi: Array, brake_ratio: float) -> None:
@@ -113,7 +113,7 @@ class Check:
         `BrakeLaw.balance`."""
         self._function, self._parameters = function, (theta[:, None], phi[:, None], brake_ratio)
 
-    def __call__(self, plan: Plan, bounds: Bounds) -> Findings:
+    def __call__(self, plan: CheckedPlan, bounds: Bounds) -> Findings:
         """Of one plan."""
         function = self._function
         before, after, theta, phi, ratio, limits = function.inputs

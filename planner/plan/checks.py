@@ -12,7 +12,7 @@ from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from planner.line.raceline import OptimisedLine
 from planner.plan import acceptance
-from planner.plan.acceptance import ACROSS, SHARES, Bounds, Check
+from planner.plan.acceptance import ACROSS, SHARES, AcceptanceCheck, Bounds
 from planner.plan.controller import Controller, TyreKnowledge
 from planner.problem.checked_motion import COLUMNS
 from planner.problem.motion import MOST_LIFT
@@ -33,7 +33,7 @@ class PlanCheck:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._for: tuple[RevisedModel, TyreKnowledge] | None = None
-        self._check: Check | None = None
+        self._check: AcceptanceCheck | None = None
         self._roadside: Roadside | None = None
         self._bounds: Bounds | None = None
         """of the last plan, where its drive command starts within its range"""
@@ -45,7 +45,7 @@ class PlanCheck:
         bounds = self._bounds_of(controller.knowledge.load_max, float(solution.z[7, 0]))
         roadside, check = self._beside(controller.reference.line), controller.checked
         if isinstance(check, FixedCheck):
-            plan = acceptance.Plan(check.lay_out(solution.z, solution.information, roadside))
+            plan = acceptance.CheckedPlan(check.lay_out(solution.z, solution.information, roadside))
         else:
             plan = plan_of(solution, roadside)
         found = self._with_parameters(controller, revised)(plan, bounds)
@@ -66,13 +66,13 @@ class PlanCheck:
             return bounds
         return self._bounds
 
-    def _with_parameters(self, controller: Controller, revised: RevisedModel) -> Check:
+    def _with_parameters(self, controller: Controller, revised: RevisedModel) -> AcceptanceCheck:
         """With the tyres that the plan is made for, and effect parameters at the start of the lap's profiles."""
         knowledge = controller.knowledge
         if self._check is None or self._for is None or self._for[0] is not revised or self._for[1] is not knowledge:
             self._for = revised, knowledge
             phi = revised.phi_at(np.zeros(1))[:, 0]
-            self._check = Check(controller.checked, knowledge.theta, phi, knowledge.brake_ratio)
+            self._check = AcceptanceCheck(controller.checked, knowledge.theta, phi, knowledge.brake_ratio)
         return self._check
 
     def _beside(self, line: OptimisedLine) -> Roadside:
@@ -118,7 +118,7 @@ class Roadside:
         return np.asarray(self.points.take((first + nearest) % n, axis=1))
 
 
-def plan_of(solution: Solution, roadside: Roadside) -> acceptance.Plan:
+def plan_of(solution: Solution, roadside: Roadside) -> acceptance.CheckedPlan:
     """The solution beside the race line."""
     z = solution.z
     road = roadside.near(z[0], z[1], z[6])
@@ -130,4 +130,4 @@ def plan_of(solution: Solution, roadside: Roadside) -> acceptance.Plan:
     columns[10:12] = road[4:6] + (cos * dx + sin * dy) * road[6:8]
     columns[12, 0], columns[12, 1:] = 0.0, solution.information
     columns[13:15] = road[11:13]
-    return acceptance.Plan(columns)
+    return acceptance.CheckedPlan(columns)

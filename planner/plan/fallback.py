@@ -40,7 +40,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
-class Stopping:
+class StopPlanner:
     """How to stop: motion of one interval, limits, and how hard to brake.
 
     `step(z, du)` gives the state one interval later. `deceleration` (m/s2) is what every stop brakes with; `grip` is
@@ -103,13 +103,13 @@ class Stopping:
         return float(np.clip(angle, -self.limits.steer, self.limits.steer))
 
 
-def stop_plan(z0: Array, start_ns: int, horizon: int, stopping: Stopping) -> Trajectory:
+def stop_plan(z0: Array, start_ns: int, horizon: int, stopping: StopPlanner) -> Trajectory:
     """Stop from a finite state `z0` (NZ,)."""
     states, changes = stopping.roll(z0, horizon)
     return Trajectory(np.column_stack([z0, states]), changes, start_ns)
 
 
-def shifted(plan: Trajectory, intervals: int, stopping: Stopping) -> Trajectory | None:
+def shifted(plan: Trajectory, intervals: int, stopping: StopPlanner) -> Trajectory | None:
     """A plan `intervals` later: what is left of it, completed by stopping; None when nothing is left."""
     horizon = plan.du.shape[1]
     if not 0 <= intervals < horizon:

@@ -8,7 +8,7 @@ import numpy as np
 
 from hil_gateway.bus.messages import Estimate
 from hil_gateway.car.vehicle import GRAVITY
-from planner.plan.fallback import Stopping, Trajectory
+from planner.plan.fallback import StopPlanner, Trajectory
 from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, STEER, VX, S
 
 WALKING_PACE = 1.5
@@ -18,7 +18,7 @@ REACHED_S, GENTLE = 0.5, 1.5
 
 
 def straight_ahead(  # noqa: PLR0917 - what a plan is made of
-    estimate: Estimate, s: float, grade: float, start_ns: int, horizon: int, how: Stopping
+    estimate: Estimate, s: float, grade: float, start_ns: int, horizon: int, how: StopPlanner
 ) -> Trajectory:  # fmt: skip
     """Plan of `horizon` intervals from progress `s` (m) on a road that rises by `grade` (rad): wheels straight, and the
     drive command that walking pace takes. The heading is the estimate's, which is a guess."""

@@ -39,7 +39,7 @@ class Sent:
     drive: float
 
 
-class Actuators:
+class ActuatorModel:
     """History of sent commands and the first-order lag of steering and drive."""
 
     def __init__(self, config: PlannerConfig) -> None:
@@ -79,7 +79,7 @@ class Actuators:
 
 
 @dataclass(frozen=True)
-class Moment:
+class PredictedMoment:
     """State of the car with the actuators' positions, at one time."""
 
     at_ns: int
@@ -93,7 +93,9 @@ class Moment:
         return all(map(math.isfinite, (*self.car, self.drive, self.steer)))
 
 
-def predict(actuators: Actuators, advance: Callable[[Car, list[Held]], Car], now: Moment, end_ns: int) -> Moment:
+def predict(
+    actuators: ActuatorModel, advance: Callable[[Car, list[Held]], Car], now: PredictedMoment, end_ns: int
+) -> PredictedMoment:
     """The moment `end_ns` from `now`; `advance(car, held)` moves the car with inputs held over each step."""
     at_ns, drive, steer, held = now.at_ns, now.drive, now.steer, []
     while at_ns < end_ns:
@@ -104,7 +106,7 @@ def predict(actuators: Actuators, advance: Callable[[Car, list[Held]], Car], now
         held.append((0.5 * (drive + drive_before), 0.5 * (steer + steer_before), duration))
         at_ns += step_ns
     car = advance(now.car, held) if held else now.car
-    return Moment(at_ns, car, drive, steer)
+    return PredictedMoment(at_ns, car, drive, steer)
 
 
 def credible(car: Car, track: Track) -> bool:

@@ -15,7 +15,7 @@ from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from planner.plan.controller import Controller
 from planner.plan.fallback import Trajectory
-from planner.plan.prediction import Actuators
+from planner.plan.prediction import ActuatorModel
 from planner.problem.motion import DRIVE, STATES, STEER, S
 from planner.problem.settings import Settings
 
@@ -24,7 +24,7 @@ PUBLISHED = {name: STATES.index(name) for name in ("x", "y", "yaw", "vx", "s", "
 
 
 @dataclass(frozen=True)
-class Decision:
+class PlanDecision:
     """What to publish: a full trajectory, how it came about, and the information it gains (Eq. 7)."""
 
     plan: Trajectory
@@ -54,10 +54,10 @@ class Stamps:
 class Publisher:
     """Publishes decisions of one planner."""
 
-    def __init__(self, config: Config, bus: Bus, actuators: Actuators, settings: Settings) -> None:
+    def __init__(self, config: Config, bus: Bus, actuators: ActuatorModel, settings: Settings) -> None:
         self._bus, self._actuators, self._settings, self._train = bus, actuators, settings, config.powertrain
 
-    def __call__(self, decision: Decision, model: InForce, stamps: Stamps, took_ns: Callable[[], int]) -> Plan:
+    def __call__(self, decision: PlanDecision, model: InForce, stamps: Stamps, took_ns: Callable[[], int]) -> Plan:
         """Command, then the plan, with how long it took until then; the plan."""
         z = decision.plan.z
         self._bus.publish(topics.COMMAND, self._command(z, model, stamps))

@@ -14,7 +14,7 @@ from support.promise_figures import volume
 
 from can_dbc.codec import COUNTER, Fault
 from can_dbc.folder import SHIPPED
-from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car, load_car
 from hil_gateway.car.states import CtState, computer_codes
 from hil_gateway.gateway.act.limits import Limits
@@ -82,7 +82,7 @@ def test_no_command_leaves_the_range_or_the_rate_of_the_car(made: tuple[Car, Pat
     command = limits.resting(0.0)
     before = limits.to_actuators(command)
     for _ in range(300):
-        wanted = Actuators(
+        wanted = ActuatorPositions(
             rng.gauss(0, motor), rng.gauss(0, 1), rng.gauss(0, 8e6), rng.gauss(0, 8e6), rng.randint(-3, 9)
         )
         command, _ = limits.apply(wanted, command)

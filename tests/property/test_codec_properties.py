@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from support.promise_figures import record_figure, volume
 
 from can_dbc.codec import Fault, load_codec
-from can_dbc.database import Message
+from can_dbc.database import BusMessage
 from can_dbc.folder import SHIPPED
 
 CODEC = load_codec()
@@ -20,12 +20,12 @@ PEER = cantools.database.load_file(SHIPPED / "av24/av24.dbc")
 FUZZ_FRAMES = volume(1_000_000, 1_000_000)
 
 
-def raw_values(message: Message) -> st.SearchStrategy[dict[str, int]]:
+def raw_values(message: BusMessage) -> st.SearchStrategy[dict[str, int]]:
     """Any raw integers the fields of a message can hold."""
     return st.fixed_dictionaries({s.name: st.integers(*s.raw_range) for s in message.signals})
 
 
-def physical(message: Message, raws: dict[str, int]) -> dict[str, float]:
+def physical(message: BusMessage, raws: dict[str, int]) -> dict[str, float]:
     return {s.name: raws[s.name] * s.scale + s.offset for s in message.signals}
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from support.promise_figures import record_figure, volume
 
-from hil_gateway.car.actuation import Actuation, Actuators
+from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.config import Config
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.process.errors import InputError
@@ -40,7 +40,7 @@ def random_tree(rng: random.Random) -> dict[str, Any]:
     return tree
 
 
-def reached(limits: Limits, wanted: Actuators, seconds: float) -> Actuators:
+def reached(limits: Limits, wanted: ActuatorPositions, seconds: float) -> ActuatorPositions:
     """Where commands are after so long, from rest."""
     command = limits.resting(0.0)
     for _ in range(round(100 * seconds)):
@@ -56,11 +56,13 @@ def check(config: Config) -> None:
     )
     for side in (1.0, -1.0):
         motor = actuation.to_steering_motor(side * STEER)
-        assert reached(limits, Actuators(motor, 0, 0, 0, 1), 2.1).steering_motor == pytest.approx(motor, abs=0.02)
+        assert reached(limits, ActuatorPositions(motor, 0, 0, 0, 1), 2.1).steering_motor == pytest.approx(
+            motor, abs=0.02
+        )
     force = config.vehicle.mass * config.gateway.stop.emergency_deceleration
     front, rear = actuation.brake_pressures(force)
     assert (front + rear) * config.powertrain.brake_force_per_pa == pytest.approx(force, rel=1e-6)
-    braked = reached(limits, Actuators(0, 0, front, rear, 1), 0.6)
+    braked = reached(limits, ActuatorPositions(0, 0, front, rear, 1), 0.6)
     ceiling = limits.signals["brake_front"].high * limits.signals["brake_front"].scale
     assert braked.brake_front >= min(front, ceiling) - 1e3
     assert braked.brake_rear >= min(rear, ceiling) - 1e3

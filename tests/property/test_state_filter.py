@@ -8,7 +8,7 @@ from scipy import stats
 from support.promise_figures import record_figure
 
 from estimator.state.filter_steps import BIAS_AX, BIAS_AY, IMU_AHEAD, IMU_TURN, STATES, VX, VY, YAW, FilterNoise
-from estimator.state.state_filter import Imu, StateFilter
+from estimator.state.state_filter import ImuReading, StateFilter
 from hil_gateway.car.vehicle import Vehicle
 
 DT, FINE = 0.01, 10
@@ -96,7 +96,7 @@ def started(drive: Drive, rng: np.random.Generator) -> StateFilter:
 
 def step(f: StateFilter, drive: Drive, k: int) -> tuple[float, int]:
     """One sample of all sensors; returns the sum of the wheels' and positions' NIS and its degrees of freedom."""
-    f.predict(Imu(*drive.imu[k - 1], *drive.gravity[k]), DT)
+    f.predict(ImuReading(*drive.imu[k - 1], *drive.gravity[k]), DT)
     nis = f.update_wheel_speeds(*drive.wheels[k], steer=0.0, drive=0.0)
     if k % 5 == 0 and (fix := f.update_position(*drive.fixes[k])) is not None:
         return sum(nis) + fix, len(nis) + 2
@@ -169,7 +169,7 @@ def test_forces_of_an_imu_ahead_of_the_centre_are_those_at_the_centre() -> None:
     f.initialise(0.0, 0.0, 0.0, 30.0)
     f.mean[IMU_AHEAD] = ahead
     for k in range(31):
-        f.predict(Imu(0.0, 0.0, 0.01 * k), DT)
+        f.predict(ImuReading(0.0, 0.0, 0.01 * k), DT)
     assert f.specific_force(-ahead * 0.3**2, ahead * 1.0) == pytest.approx((0.0, 0.0), abs=0.01)
 
 
@@ -215,7 +215,7 @@ def test_standing_still_reveals_the_biases_and_wandering_fixes_do_not_turn_the_c
     f.initialise(0.0, 0.0, 0.3)
     bias, wander = np.array([0.12, -0.08, 0.004]), np.zeros(2)
     for k in range(3000):
-        imu = Imu(*(bias + rng.normal(0, [0.1, 0.1, 0.003])))
+        imu = ImuReading(*(bias + rng.normal(0, [0.1, 0.1, 0.003])))
         f.predict(imu, DT, moves=False)
         f.update_standstill(imu)
         f.update_wheel_speeds(0.0, 0.0, 0.0, 0.0)
@@ -236,7 +236,7 @@ def test_wheels_without_a_direction_leave_the_one_that_the_forces_show(way: floa
     f.initialise(0.0, 0.0, 0.3, vx_std=0.02)
     for _ in range(200):
         speed += 0.5 * way * DT
-        f.predict(Imu(0.5 * way + rng.normal(0, 0.1), 0.0, 0.0), DT)
+        f.predict(ImuReading(0.5 * way + rng.normal(0, 0.1), 0.0, 0.0), DT)
         f.update_wheel_speeds(*(abs(speed + rng.normal(0, 0.02, 2))), steer=0.0, drive=0.0)
     assert f.mean[VX] == pytest.approx(way, abs=0.05)
 
@@ -245,7 +245,7 @@ def test_a_speed_of_unknown_direction_is_either_and_says_so() -> None:
     f = StateFilter(Vehicle())
     f.initialise(0.0, 0.0, 0.3, vx_std=1.0)
     for _ in range(50):
-        f.predict(Imu(0.0, 0.0, 0.0), DT)
+        f.predict(ImuReading(0.0, 0.0, 0.0), DT)
         f.update_wheel_speeds(1.0, 1.0, steer=0.0, drive=0.0)
     assert abs(f.mean[VX]) < 0.1
     assert f.std()[VX] == pytest.approx(1.0, abs=0.2)

@@ -15,7 +15,7 @@ from can_dbc.codec import load_codec
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import Command, FailsafeAction, OperatorAction
 from hil_gateway.can_link import VirtualWire
-from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import load_car
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.config import Config
@@ -46,7 +46,7 @@ def test_hostile_actuator_values_never_leave_the_limits():
     previous = limits.resting(0.0)
     count = volume(50_000, 1_000_000)
     for i in range(count):
-        wanted = Actuators(
+        wanted = ActuatorPositions(
             hostile_number(rng, 4.2), hostile_number(rng, 1.0), hostile_number(rng, 6e6), hostile_number(rng, 6e6),
             rng.choice((0, 1, 3, 6, 7, -1, 10**9)),
         )  # fmt: skip
@@ -105,7 +105,7 @@ def test_a_legal_command_passes_unchanged_to_one_lsb():
     for _ in range(count):
         asked = legal_successor(rng, asked)
         steering, pedal, front, rear = asked.values()
-        wanted = Actuators(math.radians(steering), pedal / 100, front * 1e3, rear * 1e3, 3)
+        wanted = ActuatorPositions(math.radians(steering), pedal / 100, front * 1e3, rear * 1e3, 3)
         command, _ = limits.apply(wanted, previous)
         previous, _ = transmitter.actuators(command, previous)
         for frame in ear.receive():
@@ -188,7 +188,7 @@ def test_a_frame_that_could_not_leave_costs_no_counter_and_no_limit():
     link, limits = FailingLink(rng), Limits(CAR, LimitConfig().within(CAR))
     transmitter, previous = Transmitter(load_codec(), link, 1), limits.resting(0.0)
     for _ in range(5000):
-        wanted = Actuators(rng.uniform(-4, 4), rng.uniform(0, 1), rng.choice((0, 5e6)), rng.choice((0, 5e6)), 3)
+        wanted = ActuatorPositions(rng.uniform(-4, 4), rng.uniform(0, 1), rng.choice((0, 5e6)), rng.choice((0, 5e6)), 3)
         command, _ = limits.apply(wanted, previous)
         previous, _ = transmitter.actuators(command, previous)
     assert transmitter.failed > 1000

@@ -20,12 +20,12 @@ from estimator.offline.health import (
     units,
     wheels,
 )
-from estimator.offline.health.finding import Action, Finding
+from estimator.offline.health.finding import Action, LogFinding
 from hil_gateway.car.vehicle import Vehicle
 
 __all__ = ["Action", "Finding", "HealthReport", "examine"]
 
-FINDERS: tuple[Callable[[DriveLog, Vehicle], list[Finding]], ...] = (
+FINDERS: tuple[Callable[[DriveLog, Vehicle], list[LogFinding]], ...] = (
     sampling.find,
     units.find,
     speed.find,
@@ -41,7 +41,7 @@ FINDERS: tuple[Callable[[DriveLog, Vehicle], list[Finding]], ...] = (
 class HealthReport:
     """What was found, and the log with what was repaired."""
 
-    findings: tuple[Finding, ...]
+    findings: tuple[LogFinding, ...]
     log: DriveLog
 
     @property
@@ -64,7 +64,7 @@ class HealthReport:
         """Whether the steering's zero is off: a fit then estimates it along with the tyres."""
         return any(f.name == steering.OFFSET_STEER and f.action is Action.CORRECTED for f in self.findings)
 
-    def replaced(self, finding: Finding) -> HealthReport:
+    def replaced(self, finding: LogFinding) -> HealthReport:
         """This report with `finding` instead of the one of its name."""
         return replace(self, findings=(*(f for f in self.findings if f.name != finding.name), finding))
 
@@ -78,7 +78,7 @@ class HealthReport:
         useless = tuple(f.channel for f in self.findings if f.action is Action.EXCLUDED and f.repair is None)
         return ("vy", "yaw_rate") * (self.lateral_was_repaired and "ay" in self.log.derived) + useless
 
-    def repaired(self, finding: Finding) -> HealthReport:
+    def repaired(self, finding: LogFinding) -> HealthReport:
         """This report with one more finding and its repair, for what only a fit can find; sizes of one name add up."""
         log = self.log if finding.repair is None else _rederive(finding.repair(self.log), finding.channel)
         before = sum(f.size for f in self.findings if f.name == finding.name)
@@ -88,7 +88,7 @@ class HealthReport:
 
 def examine(log: DriveLog, vehicle: Vehicle, keep: Collection[str] = ()) -> HealthReport:
     """Run all finders on `log`; findings named in `keep` are reported but not acted on."""
-    findings: list[Finding] = []
+    findings: list[LogFinding] = []
     for finder in FINDERS:
         found = [_switched(finding, keep) for finding in finder(log, vehicle)]
         for finding in found:
@@ -98,7 +98,7 @@ def examine(log: DriveLog, vehicle: Vehicle, keep: Collection[str] = ()) -> Heal
     return HealthReport(tuple(findings), log)
 
 
-def _switched(finding: Finding, keep: Collection[str]) -> Finding:
+def _switched(finding: LogFinding, keep: Collection[str]) -> LogFinding:
     return replace(finding, action=Action.LEFT, repair=None) if finding.name in keep else finding
 
 

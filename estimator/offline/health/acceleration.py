@@ -9,7 +9,7 @@ import numpy as np
 from estimator.drive_log.derived import specific_force
 from estimator.drive_log.smoothing import second_difference_noise
 from estimator.drive_log.table import DriveLog
-from estimator.offline.health.finding import Action, Finding
+from estimator.offline.health.finding import Action, LogFinding
 from estimator.offline.health.lag import Lag, lag_between
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
@@ -26,7 +26,7 @@ BANKED_GAIN, BANKED_CORRELATION = 0.25, 0.9
 acceleration is left, and follows it closely all the same."""
 
 
-def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
+def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
     """ax, ay, and unknown columns named like them, that do not follow the velocities."""
     moving = log["vx"] > moving_speed(log)
     findings = []
@@ -72,7 +72,7 @@ def _on_a_bank(lag: Lag) -> bool:
     return lag.correlation > BANKED_CORRELATION and abs(lag.value) < LATE_S and BANKED_GAIN < lag.gain < 1.0
 
 
-def _finding(log: DriveLog, name: str, axis: str, lag: Lag) -> Finding:
+def _finding(log: DriveLog, name: str, axis: str, lag: Lag) -> LogFinding:
     velocity = "vx" if axis == "ax" else "vy"
     late = "lags" if lag.value > 0 else "leads"
     text = (
@@ -81,12 +81,12 @@ def _finding(log: DriveLog, name: str, axis: str, lag: Lag) -> Finding:
     )
     confidence = float(min(1.0, max(abs(lag.value) / LATE_S, 1.0 / max(lag.gain, 0.1)) / 2.0))
     if name != axis:
-        return Finding(f"useless_{name}", name, text, lag.value, lag.std, "s", confidence, Action.EXCLUDED)
+        return LogFinding(f"useless_{name}", name, text, lag.value, lag.std, "s", confidence, Action.EXCLUDED)
 
     def repair(log: DriveLog) -> DriveLog:
         return rederived(log, (axis,), f"{axis} as logged is not used: derived from velocities instead")
 
-    return Finding(f"useless_{name}", name, text, lag.value, lag.std, "s", confidence, Action.EXCLUDED, repair)
+    return LogFinding(f"useless_{name}", name, text, lag.value, lag.std, "s", confidence, Action.EXCLUDED, repair)
 
 
 def rederived(log: DriveLog, axes: tuple[str, ...], note: str) -> DriveLog:

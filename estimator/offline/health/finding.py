@@ -21,7 +21,7 @@ class Action(StrEnum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class LogFinding:
     """One defect.
 
     `name` switches it (`--keep NAME`); `size` in `unit` with `std`; `confidence` 0..1; `repair` returns the log

@@ -15,7 +15,7 @@ import numpy as np
 from estimator.drive_log.table import DriveLog
 from estimator.model.effect import VY_SENSOR
 from estimator.offline.fit.equation_error import EquationErrorFit
-from estimator.offline.health.finding import Action, Finding, confidence_of
+from estimator.offline.health.finding import Action, LogFinding, confidence_of
 from estimator.offline.health.regression import PARTS, jackknifed
 from estimator.offline.health.straight import goes_straight
 from estimator.offline.record.prepare import moving_speed, prepare
@@ -36,7 +36,7 @@ CONFIRMED_SHARE = 0.5
 """Share of a position seen by the tyres that the kinematics must confirm: both smooth, so that neither is exact."""
 
 
-def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
+def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
     """Misalignment with bias, and position, of the sensor of vy."""
     estimate = sensor_of_vy(log, vehicle)
     if estimate is None:
@@ -82,7 +82,7 @@ def _confirmed(log: DriveLog, x: float) -> bool:
     return bool(np.sign(x) * seen[0] > max(CONFIRMED_SHARE * abs(x), 2.0 * std[0]))
 
 
-def _misaligned(angle: float, bias: float, speed: float, std: tuple[float, float]) -> Finding:
+def _misaligned(angle: float, bias: float, speed: float, std: tuple[float, float]) -> LogFinding:
     turned, error = angle + bias / speed, float(np.hypot(std[0], std[1] / speed))
     text = (
         f"vy is turned by {np.degrees(turned):+.2f} deg at {speed:.0f} m/s (misalignment {np.degrees(angle):+.2f}"
@@ -93,12 +93,12 @@ def _misaligned(angle: float, bias: float, speed: float, std: tuple[float, float
         corrected = log["vy"] - angle * log["vx"] - bias
         return log.with_columns({"vy": corrected}, f"vy less {angle:.4f} vx and {bias:.3f} m/s")
 
-    return Finding(
+    return LogFinding(
         "offset_vy", "vy", text, turned, error, "rad", confidence_of(angle, std[0], 0.0), Action.CORRECTED, repair
     )
 
 
-def place_left(fit: EquationErrorFit) -> Finding | None:
+def place_left(fit: EquationErrorFit) -> LogFinding | None:
     """What `fit` says is left of the place of the sensor of vy; None where it did not estimate that."""
     name = f"{VY_SENSOR}.x"
     if name not in fit.values:
@@ -106,12 +106,12 @@ def place_left(fit: EquationErrorFit) -> Finding | None:
     return _displaced(fit.values[name], fit.std[name], 0.0)
 
 
-def _displaced(x: float, std: float, least: float) -> Finding:
+def _displaced(x: float, std: float, least: float) -> LogFinding:
     def repair(log: DriveLog) -> DriveLog:
         return log.with_columns({"vy": log["vy"] - x * log["yaw_rate"]}, f"vy moved {x:.2f} m to the CoG")
 
     confidence = confidence_of(x, std, least)
-    return Finding(POSITION_VY, "vy", _place(x), x, std, "m", confidence, Action.CORRECTED, repair, _place)
+    return LogFinding(POSITION_VY, "vy", _place(x), x, std, "m", confidence, Action.CORRECTED, repair, _place)
 
 
 def _place(x: float) -> str:

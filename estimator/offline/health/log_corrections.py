@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.model.effect import VY_SENSOR
 from estimator.offline.fit.equation_error import EquationErrorFit
-from estimator.offline.health import Finding
+from estimator.offline.health.finding import LogFinding
 from estimator.offline.health.lateral_velocity import POSITION_VY
 from estimator.offline.health.offsets import OFFSET_YAW_RATE
 from estimator.offline.health.steering import LAG_STEER
@@ -23,7 +23,7 @@ ESTIMATED = {
 """Finding -> what the fit estimates of it."""
 
 
-def without(fit: EquationErrorFit, found: Iterable[Finding]) -> EquationErrorFit:
+def without(fit: EquationErrorFit, found: Iterable[LogFinding]) -> EquationErrorFit:
     """`fit` for the log that what was `found` is taken out of."""
     values = fit.values | {ESTIMATED[finding.name]: 0.0 for finding in found}
     return replace(fit, theta=np.array([values[name] for name in fit.names]))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimator.drive_log.derived import derivative
 from estimator.drive_log.table import DriveLog
 from estimator.offline.fit.equation_error import EquationErrorFit
-from estimator.offline.health.finding import Action, Finding, confidence_of
+from estimator.offline.health.finding import Action, LogFinding, confidence_of
 from estimator.offline.health.lag import Lag, lag_between
 from estimator.offline.predict.nuisance import YAW_RATE_TIMING
 from estimator.offline.record.prepare import moving_speed
@@ -27,7 +27,7 @@ LEAST_S = 0.08
 MIN_CORRELATION = 0.3
 
 
-def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
+def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
     """Offset of the yaw rate against its witnesses."""
     lags = yaw_rate_lags(log, vehicle)
     if not lags:
@@ -49,14 +49,14 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
         return shifted(log, "yaw_rate", size)
 
     return [
-        Finding(
+        LogFinding(
             OFFSET_YAW_RATE, "yaw_rate", text, size, std, "s", confidence_of(size, std, LEAST_S),
             Action.REALIGNED, repair,
         )
     ]  # fmt: skip
 
 
-def lag_left(fit: EquationErrorFit) -> Finding | None:
+def lag_left(fit: EquationErrorFit) -> LogFinding | None:
     """What `fit` says is left of the yaw rate's lag after log health moved it; None where it did not estimate that."""
     name = f"{YAW_RATE_TIMING}.tau"
     if name not in fit.values:
@@ -66,7 +66,7 @@ def lag_left(fit: EquationErrorFit) -> Finding | None:
     def repair(log: DriveLog) -> DriveLog:
         return shifted(log, "yaw_rate", size)
 
-    return Finding(
+    return LogFinding(
         OFFSET_YAW_RATE, "yaw_rate", _text(size), size, std, "s", confidence_of(size, std, 0.0),
         Action.REALIGNED, repair, _text,
     )  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.drive_log.smoothing import wiener
 from estimator.drive_log.table import DERIVABLE, REQUIRED, DriveLog
-from estimator.offline.health.finding import Finding
+from estimator.offline.health.finding import LogFinding
 from hil_gateway.car.vehicle import Vehicle
 
 JITTER_SHARE = 0.2
@@ -18,7 +18,7 @@ COARSE = 1.0
 """A channel is coarse when its resolution exceeds so many standard deviations of its noise."""
 
 
-def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
+def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
     """Irregular time steps, gaps, and channels whose resolution hides their noise."""
     return [*_jitter(log), *_gaps(log), *_quantised(log)]
 
@@ -27,7 +27,7 @@ def _inner_steps(log: DriveLog) -> np.ndarray:
     return np.asarray(np.diff(log["t"])[np.diff(log.segment) == 0])
 
 
-def _jitter(log: DriveLog) -> list[Finding]:
+def _jitter(log: DriveLog) -> list[LogFinding]:
     deviation = np.abs(_inner_steps(log) / log.step - 1.0)
     share = float(np.mean(deviation > JITTER_SHARE))
     if share < 1e-3:
@@ -35,19 +35,19 @@ def _jitter(log: DriveLog) -> list[Finding]:
     text = (
         f"{100 * share:.1f} % of the time steps deviate by more than {100 * JITTER_SHARE:.0f} % from {log.step:.4g} s"
     )
-    return [Finding("irregular_steps", "t", text, share, 0.0, "1", 1.0)]
+    return [LogFinding("irregular_steps", "t", text, share, 0.0, "1", 1.0)]
 
 
-def _gaps(log: DriveLog) -> list[Finding]:
+def _gaps(log: DriveLog) -> list[LogFinding]:
     segments = log.segments()
     if len(segments) < 2:
         return []
     lost = sum(log["t"][b.start] - log["t"][a.stop - 1] for a, b in itertools.pairwise(segments))
     text = f"{len(segments) - 1} gaps, {lost:.3g} s in all; nothing is computed across them"
-    return [Finding("gaps", "t", text, float(lost), 0.0, "s", 1.0)]
+    return [LogFinding("gaps", "t", text, float(lost), 0.0, "s", 1.0)]
 
 
-def _quantised(log: DriveLog) -> list[Finding]:
+def _quantised(log: DriveLog) -> list[LogFinding]:
     findings = []
     for name in (*REQUIRED[1:], *DERIVABLE):
         if name in log.derived:
@@ -56,7 +56,7 @@ def _quantised(log: DriveLog) -> list[Finding]:
         noise = wiener(log[name], log.step).noise
         if resolution > COARSE * max(noise, 1e-12) and resolution > 0.002 * float(np.std(log[name])):
             text = f"resolution {resolution:.3g} is coarser than the noise, {noise:.2g}"
-            findings.append(Finding(f"quantised_{name}", name, text, resolution, 0.0, "SI", 1.0))
+            findings.append(LogFinding(f"quantised_{name}", name, text, resolution, 0.0, "SI", 1.0))
     return findings
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.drive_log.derived import derivative, specific_force
 from estimator.drive_log.table import DriveLog
-from estimator.offline.health.finding import Action, Finding, confidence_of
+from estimator.offline.health.finding import Action, LogFinding, confidence_of
 from estimator.offline.health.lag import Lag, lag_between
 from estimator.offline.health.offsets import MIN_CORRELATION, shifted
 from estimator.offline.record.prepare import moving_speed
@@ -24,7 +24,7 @@ LEAST_ERRORS = 3.0
 """Standard errors by which an offset must be there, and within which both witnesses must agree."""
 
 
-def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
+def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
     """Offset of vx against positions and accelerometer."""
     lags = speed_lags(log)
     if len(lags) < 2:
@@ -42,7 +42,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
         return shifted(log, "vx", round(size / log.step) * log.step)  # what is between rows has other noise
 
     confidence = confidence_of(size, std, LEAST_S)
-    return [Finding(OFFSET_VX, "vx", text, size, std, "s", confidence, Action.REALIGNED, repair)]
+    return [LogFinding(OFFSET_VX, "vx", text, size, std, "s", confidence, Action.REALIGNED, repair)]
 
 
 def speed_lags(log: DriveLog) -> dict[str, Lag]:

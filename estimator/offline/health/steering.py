@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.drive_log.table import DriveLog
 from estimator.offline.fit.equation_error import EquationErrorFit
-from estimator.offline.health.finding import Action, Finding, confidence_of
+from estimator.offline.health.finding import Action, LogFinding, confidence_of
 from estimator.offline.health.offsets import shifted
 from estimator.offline.health.regression import PARTS, jackknifed
 from estimator.offline.health.straight import goes_straight
@@ -33,7 +33,7 @@ GENTLE_SHARE = 0.5
 """Only samples below this share of the log's hardest cornering are used."""
 
 
-def lag_of(fit: EquationErrorFit, step: float, again: bool = False) -> Finding | None:
+def lag_of(fit: EquationErrorFit, step: float, again: bool = False) -> LogFinding | None:
     """Finding for the steering lag that `fit` estimated, None where there is none to speak of.
 
     Once a lag was taken out (`again`), half a sample of what is left is worth another round.
@@ -50,16 +50,16 @@ def lag_of(fit: EquationErrorFit, step: float, again: bool = False) -> Finding |
         return shifted(log, "steer", -size)
 
     confidence = confidence_of(size, std, least)
-    return Finding(LAG_STEER, "steer", _text(size), size, std, "s", confidence, Action.REALIGNED, repair, _text)
+    return LogFinding(LAG_STEER, "steer", _text(size), size, std, "s", confidence, Action.REALIGNED, repair, _text)
 
 
-def without_lag(log: DriveLog, findings: Sequence[Finding]) -> DriveLog:
+def without_lag(log: DriveLog, findings: Sequence[LogFinding]) -> DriveLog:
     """Another `log` of the same car, with the steering lag among `findings` taken out."""
     lag = sum(f.size for f in findings if f.name == LAG_STEER)
     return shifted(log, "steer", -lag) if lag else log
 
 
-def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
+def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
     """Steering that does not read zero with the wheels straight; the fit then estimates by how much.
 
     In gentle driving the angle is that of the path, plus understeer in proportion to ay and to the yaw acceleration,
@@ -78,27 +78,27 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
     return _zero(float(solution[0]), float(spread[0]))
 
 
-def _unknown() -> Finding:
+def _unknown() -> LogFinding:
     text = (
         "whether the steering reads zero with the wheels straight cannot be told: the car turns one way all the time;"
         " drive a straight, or turn both ways"
     )
-    return Finding(UNKNOWN_ZERO, "steer", text, float("nan"), float("nan"), "rad", 0.0)
+    return LogFinding(UNKNOWN_ZERO, "steer", text, float("nan"), float("nan"), "rad", 0.0)
 
 
-def zero_of(fit: EquationErrorFit) -> Finding | None:
+def zero_of(fit: EquationErrorFit) -> LogFinding | None:
     """The steering zero as `fit` estimated it along with the tyres, None where it did not."""
     name = steer_zero().parameters[0].name
     found = _zero(-fit.values[name], fit.std[name]) if name in fit.values else []
     return found[0] if found else None
 
 
-def _zero(size: float, std: float) -> list[Finding]:
+def _zero(size: float, std: float) -> list[LogFinding]:
     if abs(size) < max(LEAST_OFFSET, 3.0 * std):
         return []
     text = f"the reported steering reads {np.degrees(size):+.2f} +- {np.degrees(std):.2f} deg with the wheels straight"
     confidence = confidence_of(size, std, LEAST_OFFSET)
-    return [Finding(OFFSET_STEER, "steer", text, size, std, "rad", confidence, Action.CORRECTED)]
+    return [LogFinding(OFFSET_STEER, "steer", text, size, std, "rad", confidence, Action.CORRECTED)]
 
 
 def _text(size: float) -> str:

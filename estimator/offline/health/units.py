@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.drive_log.derived import derivative
 from estimator.drive_log.table import DriveLog
-from estimator.offline.health.finding import Action, Finding
+from estimator.offline.health.finding import Action, LogFinding
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
@@ -42,12 +42,12 @@ class _Pair:
     allowed: tuple[str, ...]
 
 
-def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
+def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
     """Channels off by a known factor against most of what others say of the same motion.
 
     Channels are taken in turn, each judged with those before it already converted.
     """
-    findings: list[Finding] = []
+    findings: list[LogFinding] = []
     for channel in ("vx", "yaw_rate", "ay", "steer", "ax", *WHEELS):
         finding = _judge(log, [pair for pair in _pairs(log, vehicle) if pair.channel == channel])
         if finding is not None and finding.repair is not None:
@@ -56,7 +56,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
     return [*findings, *_percent(log)]
 
 
-def _judge(log: DriveLog, pairs: list[_Pair]) -> Finding | None:
+def _judge(log: DriveLog, pairs: list[_Pair]) -> LogFinding | None:
     """The finding more than half of the pairs agree on."""
     moving = log["vx"] > moving_speed(log)
     found = [finding for pair in pairs if (finding := _compare(log, pair, moving)) is not None]
@@ -88,7 +88,7 @@ def _pairs(log: DriveLog, vehicle: Vehicle) -> Iterator[_Pair]:
             yield _Pair(name, log["vx"], "vx", ("is in km/h, not m/s",))
 
 
-def _compare(log: DriveLog, pair: _Pair, moving: NDArray[np.bool_]) -> Finding | None:
+def _compare(log: DriveLog, pair: _Pair, moving: NDArray[np.bool_]) -> LogFinding | None:
     values, expected = log[pair.channel][moving], pair.expected[moving]
     usable = np.abs(expected) <= np.quantile(np.abs(expected), 0.98)
     if np.var(values[usable]) == 0.0 or np.var(expected[usable]) == 0.0:  # constant, or too small to be squared
@@ -105,17 +105,17 @@ def _compare(log: DriveLog, pair: _Pair, moving: NDArray[np.bool_]) -> Finding |
     return None
 
 
-def _finding(pair: _Pair, what: str, factor: float, slope: float, correlation: float) -> Finding:
+def _finding(pair: _Pair, what: str, factor: float, slope: float, correlation: float) -> LogFinding:
     name = pair.channel
 
     def repair(log: DriveLog) -> DriveLog:
         return log.with_columns({name: log[name] / factor}, f"{name} divided by {factor:.4g}: it {what}")
 
     text = f"{name} {what}: {slope:.3g} times {pair.against}"
-    return Finding(f"unit_{name}", name, text, slope, 0.0, "1", correlation, Action.CONVERTED, repair)
+    return LogFinding(f"unit_{name}", name, text, slope, 0.0, "1", correlation, Action.CONVERTED, repair)
 
 
-def _percent(log: DriveLog) -> list[Finding]:
+def _percent(log: DriveLog) -> list[LogFinding]:
     findings = []
     if "throttle" in log and 1.5 < float(log["throttle"].max()) <= 101.0:
 
@@ -124,7 +124,7 @@ def _percent(log: DriveLog) -> list[Finding]:
 
         text = f"throttle is in percent, not 0..1: its maximum is {log['throttle'].max():.3g}"
         findings.append(
-            Finding(
+            LogFinding(
                 "unit_throttle", "throttle", text, float(log["throttle"].max()), 0.0, "1", 1.0, Action.CONVERTED, repair
             )
         )

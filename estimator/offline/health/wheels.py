@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.drive_log.table import DriveLog
-from estimator.offline.health.finding import Finding, confidence_of
+from estimator.offline.health.finding import LogFinding, confidence_of
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle
 
@@ -13,7 +13,7 @@ LEAST_SCALE = 0.005
 PARTS = 10
 
 
-def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
+def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
     """Axles whose wheels report a speed off by more than half a percent on average."""
     findings = []
     moving = log["vx"] > moving_speed(log)
@@ -30,6 +30,6 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[Finding]:
             text = f"{axle} wheel speeds are {100 * scale:+.1f} % off vx: rolling radius or speed scale"
             confidence = confidence_of(scale, std, LEAST_SCALE)
             findings.append(
-                Finding(f"scale_{axle}_wheels", f"wheel_speed_{axle[0]}*", text, scale, std, "1", confidence)
+                LogFinding(f"scale_{axle}_wheels", f"wheel_speed_{axle[0]}*", text, scale, std, "1", confidence)
             )
     return findings

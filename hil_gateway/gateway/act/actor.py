@@ -8,12 +8,12 @@ from functools import partial
 from can_dbc.codec import Codec
 from hil_gateway.bus.messages import Applied, Command, FailsafeAction, VehicleState
 from hil_gateway.can_link import CanLink
-from hil_gateway.car.actuation import Actuation, Actuators
+from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.car.powertrain import GearChoice
 from hil_gateway.car.states import CtState
 from hil_gateway.config import Config
 from hil_gateway.gateway.act import actuator_test
-from hil_gateway.gateway.act.axle_brakes import AxleBrakes, Demand
+from hil_gateway.gateway.act.axle_brakes import AxleBrakes, AxleDemand
 from hil_gateway.gateway.act.hill_start import HillStart
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.gateway.act.stopping import Stopping
@@ -73,7 +73,7 @@ class Actor:
         return self._transmits
 
     @property
-    def on_wire(self) -> Actuators:
+    def on_wire(self) -> ActuatorPositions:
         """Last commands that left, SI."""
         return self._limits.to_actuators(self._on_wire)
 
@@ -118,10 +118,10 @@ class Actor:
         self.limited += bool(limited)
         return sent, limited
 
-    def _held(self, steering_motor: float, gear: int) -> Actuators:
+    def _held(self, steering_motor: float, gear: int) -> ActuatorPositions:
         """Brakes alone."""
         self._holding = True
-        return Actuators(steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
+        return ActuatorPositions(steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
 
     def _wanted(  # noqa: PLR0917 - a period
         self,
@@ -131,7 +131,7 @@ class Actor:
         decision: Decision,
         command: Command | None,
         pose: Pose | None,
-    ) -> Actuators:
+    ) -> ActuatorPositions:
         gear = self._gears.step(now_ns, motion.speed, state.engine_speed, state.gear)
         self._stuck.watch(state.steer, self._actuation.to_steer(self.on_wire.steering_motor), motion)
         self._axles.watch(state, self.on_wire)
@@ -150,7 +150,10 @@ class Actor:
         lateral = self.stopping.lateral
         if not driving and lateral is not None:
             wanted = self._axles.step(
-                wanted, Demand(lateral, self.flat_front, self.flat_rear, self._drag_force(state.gear)), state, motion
+                wanted,
+                AxleDemand(lateral, self.flat_front, self.flat_rear, self._drag_force(state.gear)),
+                state,
+                motion,
             )
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.actuation import ActuatorPositions
 
 RAMP_S = 1.0
 PAUSE_S = 1.0
@@ -35,9 +35,9 @@ MOVES: tuple[Move, ...] = (
 DURATION_S = len(MOVES) * MOVE_S
 
 
-def position(elapsed_s: float) -> Actuators:
+def position(elapsed_s: float) -> ActuatorPositions:
     """Where the actuators are to be so long after the start; at rest before, between and after the moves."""
-    rest = Actuators(0.0, 0.0, 0.0, 0.0, 0)
+    rest = ActuatorPositions(0.0, 0.0, 0.0, 0.0, 0)
     index, within_s = divmod(elapsed_s, MOVE_S)
     if not 0 <= index < len(MOVES):
         return rest

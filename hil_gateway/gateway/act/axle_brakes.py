@@ -18,7 +18,7 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.gateway.perceive.motion import Motion
@@ -58,7 +58,7 @@ SLIP_FROM = 6.0
 
 
 @dataclass(frozen=True, slots=True)
-class Demand:
+class AxleDemand:
     """What limits the brakes in this period."""
 
     lateral: float
@@ -83,7 +83,7 @@ class AxleBrakes:
         self._answers = [1.0, 1.0]
         """share of its command that the front and the rear circuit report, 1 where that is a sound one's"""
 
-    def watch(self, state: VehicleState, on_wire: Actuators) -> None:
+    def watch(self, state: VehicleState, on_wire: ActuatorPositions) -> None:
         """What the circuits report of their commands; in every period, so that a stop begins with what is known."""
         self._asked.append((on_wire.brake_front, on_wire.brake_rear))
         if len(self._asked) < WATCHED or not state.sources["pedals"].valid:
@@ -99,7 +99,9 @@ class AxleBrakes:
         """A stop begins: nothing slips yet."""
         self._held = [self._most, self._most]
 
-    def step(self, wanted: Actuators, demand: Demand, state: VehicleState, motion: Motion) -> Actuators:
+    def step(
+        self, wanted: ActuatorPositions, demand: AxleDemand, state: VehicleState, motion: Motion
+    ) -> ActuatorPositions:
         """`wanted` with front brakes that leave the wheels rolling; where an axle fails with the pressures that the
         axles bear."""
         fails = demand.flat_front or demand.flat_rear or self._weak
@@ -118,7 +120,7 @@ class AxleBrakes:
         """Whether a circuit reports less than it is asked for."""
         return min(self._answers) <= ANSWERS
 
-    def shared(self, wanted: Actuators, demand: Demand, speed: float) -> tuple[float, float]:
+    def shared(self, wanted: ActuatorPositions, demand: AxleDemand, speed: float) -> tuple[float, float]:
         """Pressures of both circuits: what the rear one leaves is asked of the front one, as far as it goes, Pa."""
         total = wanted.brake_front + wanted.brake_rear
         front_most, rear_most = self._bears(speed, total * self._per_pa, demand)
@@ -129,7 +131,7 @@ class AxleBrakes:
             front = min(front, FRONT_SHARE * front_most / self._per_pa)
         return front, rear
 
-    def _bears(self, speed: float, braking: float, demand: Demand) -> tuple[float, float]:
+    def _bears(self, speed: float, braking: float, demand: AxleDemand) -> tuple[float, float]:
         """Force of the front and of the rear brakes at most, N, in a car that brakes with `braking` (N)."""
         car, grip = self._vehicle, self._grip
         pressed, moved = 0.5 * car.air_density * speed**2, braking * car.cg_height / car.wheelbase

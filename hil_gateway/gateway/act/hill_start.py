@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.settings.gateway import PERIOD_S
 
@@ -23,7 +23,7 @@ class HillStart:
         self._uphill = 0.0
         """specific force along the standing car, m/s2: what gravity takes, positive uphill"""
 
-    def watch(self, state: VehicleState, on_wire: Actuators) -> None:
+    def watch(self, state: VehicleState, on_wire: ActuatorPositions) -> None:
         """Once a period, before it is asked."""
         braked = min(on_wire.brake_front, on_wire.brake_rear) >= self._pressure
         if braked and state.valid and road_speed(state) < STANDSTILL:

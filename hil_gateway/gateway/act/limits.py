@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from can_dbc.signals import Place
-from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import Car
 from hil_gateway.process.errors import InputError
 from hil_gateway.settings.gateway import CommandRates
@@ -98,7 +98,7 @@ class Limits:
 
     def resting(self, steering_motor: float) -> RawCommand:
         """Where commands start from: pedals free, the steering (rad at the motor) where it is."""
-        rest = Actuators(steering_motor, 0.0, 0.0, 0.0, 1)
+        rest = ActuatorPositions(steering_motor, 0.0, 0.0, 0.0, 1)
         return self._raw(
             {
                 name: min(max(round((getattr(rest, name) - limit.zero) / limit.scale), limit.low), limit.high)
@@ -106,7 +106,7 @@ class Limits:
             }
         )
 
-    def apply(self, wanted: Actuators, previous: RawCommand) -> tuple[RawCommand, tuple[str, ...]]:
+    def apply(self, wanted: ActuatorPositions, previous: RawCommand) -> tuple[RawCommand, tuple[str, ...]]:
         """Admissible command nearest to `wanted` after `previous`, and the names of the quantities it had to change.
 
         The accelerator is closed while the brakes that are sent (not those asked for) still bite.
@@ -119,20 +119,20 @@ class Limits:
         command = self._raw({**braked, **others})
         return command, self._changed(asked, command)
 
-    def to_actuators(self, command: RawCommand) -> Actuators:
+    def to_actuators(self, command: RawCommand) -> ActuatorPositions:
         """SI values of what stands in the frames."""
         values: dict[str, Any] = {n: limit.value(getattr(command, n)) for n, limit in self.signals.items()}
         if self._bias is not None:
             values["brake_rear"] = values["brake_front"] * (1.0 - self._bias) / self._bias
-        return Actuators(**{**values, "gear": round(values["gear"])})
+        return ActuatorPositions(**{**values, "gear": round(values["gear"])})
 
-    def _in_one_circuit(self, wanted: Actuators) -> Actuators:
+    def _in_one_circuit(self, wanted: ActuatorPositions) -> ActuatorPositions:
         """What to ask of the front circuit where the rear one follows it: the same force of both together."""
         if self._bias is None:
             return wanted
         return replace(wanted, brake_front=self._bias * (wanted.brake_front + wanted.brake_rear))
 
-    def _apply(self, name: str, wanted: Actuators, previous: RawCommand) -> int | None:
+    def _apply(self, name: str, wanted: ActuatorPositions, previous: RawCommand) -> int | None:
         limit = self.signals.get(name)
         return None if limit is None else limit.apply(getattr(wanted, name), getattr(previous, name))
 
@@ -140,7 +140,7 @@ class Limits:
     def _raw(values: Mapping[str, int | None]) -> RawCommand:
         return RawCommand(**{name: values.get(name) or 0 for name in RawCommand.__slots__})
 
-    def _changed(self, wanted: Actuators, command: RawCommand) -> tuple[str, ...]:
+    def _changed(self, wanted: ActuatorPositions, command: RawCommand) -> tuple[str, ...]:
         sent = self.to_actuators(command)
         return tuple(
             name

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from can_dbc.codec import Codec
-from can_dbc.database import Message
+from can_dbc.database import BusMessage
 from can_dbc.signals import SignalMap
 from hil_gateway.can_link import CanLink
 from hil_gateway.car.states import CtState, computer_codes
@@ -27,7 +27,7 @@ def transmitted(signals: SignalMap) -> tuple[str, ...]:
 class _Sent:
     """One message that leaves."""
 
-    layout: Message
+    layout: BusMessage
     rest: Mapping[str, int]
     """integers of the signals that nothing sets"""
     signals: Mapping[str, str]

@@ -27,7 +27,7 @@ EXPLANATION = {row.cause: row.meaning for row in TABLE} | {
 """What `missing_for_arming` and `missing_for_crank` name -> what a person reads."""
 
 
-class Playback:
+class PlaybackLink:
     """A link that replays captured frames by their stamps and refuses to transmit."""
 
     kind = "playback"
@@ -58,7 +58,7 @@ class Playback:
 def missing_for_arming(config: Config, frames: Sequence[Frame], start_ns: int, end_ns: int) -> tuple[str, ...]:
     """Causes that would refuse arming at `end_ns`, as the gateway's failsafe names them."""
     shadow = config.model_copy(update={"gateway": config.gateway.model_copy(update={"mode": "shadow"})})
-    bus, playback = LocalBus(), Playback(frames)
+    bus, playback = LocalBus(), PlaybackLink(frames)
     gateway = Gateway(shadow, bus, playback)
     status = bus.subscribe(topics.GATEWAY_STATUS)
     for now_ns in range(start_ns, end_ns + 1, PERIOD_NS):

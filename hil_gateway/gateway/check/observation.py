@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from can_dbc.codec import COUNTER, Codec, Fault, Values
-from can_dbc.database import Message
+from can_dbc.database import BusMessage
 from can_dbc.signals import SignalMap
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.arrays import Array
@@ -23,10 +23,10 @@ EXTENDED_BITS = 20
 
 
 @dataclass
-class Record:
+class TrafficRecord:
     """Everything seen of one message."""
 
-    layout: Message
+    layout: BusMessage
     stamps: list[int] = field(default_factory=list)
     wrong_lengths: Counter[int] = field(default_factory=Counter)
     steps: Counter[int] = field(default_factory=Counter)
@@ -56,7 +56,7 @@ class Observation:
 
     start_ns: int
     end_ns: int
-    records: dict[str, Record]
+    records: dict[str, TrafficRecord]
     unknown: Counter[int]
     error_frames: int
     bits: int
@@ -89,7 +89,16 @@ class Observation:
 def observe(frames: Iterable[Frame], codec: Codec, start_ns: int, end_ns: int) -> Observation:
     """Sort out `frames` received between two monotonic times."""
     seen = Observation(
-        start_ns, end_ns, {m.name: Record(m) for m in codec.messages.values()}, Counter(), 0, 0, 0, 0, {}, codec.signals
+        start_ns,
+        end_ns,
+        {m.name: TrafficRecord(m) for m in codec.messages.values()},
+        Counter(),
+        0,
+        0,
+        0,
+        0,
+        {},
+        codec.signals,
     )
     last_ns = start_ns
     names = [name for name in codec.signals.reports if name.startswith(FOLLOWED)]
@@ -126,7 +135,7 @@ def _take_fault(seen: Observation, codec: Codec, frame: Frame) -> None:
         seen.records[layout.name].wrong_lengths[len(frame.data)] += 1
 
 
-def _take_values(record: Record, stamp_ns: int, values: Values) -> None:
+def _take_values(record: TrafficRecord, stamp_ns: int, values: Values) -> None:
     counter = record.layout.counter
     if counter and record.newest:
         step = int(values[COUNTER] - record.newest[COUNTER]) % counter.modulus

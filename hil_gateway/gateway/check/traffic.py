@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from can_dbc.database import Message, id_text
+from can_dbc.database import BusMessage, id_text
 from can_dbc.signals import SignalMap
 from hil_gateway.gateway.check.finding import Finding, Verdict
-from hil_gateway.gateway.check.observation import Observation, Record
+from hil_gateway.gateway.check.observation import Observation, TrafficRecord
 from hil_gateway.gateway.perceive.vehicle_state import REQUIRED
 from hil_gateway.process.model import Model
 
@@ -43,7 +43,7 @@ def message_rows(seen: Observation) -> list[MessageRow]:
     return [_row(seen, record) for record in seen.records.values()]
 
 
-def _row(seen: Observation, record: Record) -> MessageRow:
+def _row(seen: Observation, record: TrafficRecord) -> MessageRow:
     layout = record.layout
     hz = record.rate_hz(seen.seconds)
     gap = record.longest_gap_s(seen.start_ns, seen.end_ns) if record.frames else None
@@ -63,7 +63,7 @@ def _row(seen: Observation, record: Record) -> MessageRow:
     )
 
 
-def _weight(layout: Message, signals: SignalMap) -> Verdict:
+def _weight(layout: BusMessage, signals: SignalMap) -> Verdict:
     """How much a problem with this message matters."""
     sources = [name for name, messages in signals.sources.items() if layout.name in messages]
     if any(name in REQUIRED or name == f"imu.{signals.imus[0]}" for name in sources):
@@ -71,14 +71,14 @@ def _weight(layout: Message, signals: SignalMap) -> Verdict:
     return Verdict.WARN if sources else Verdict.INFO
 
 
-def _judge(record: Record, hz: float, gap_s: float | None, signals: SignalMap) -> tuple[Verdict, str]:
+def _judge(record: TrafficRecord, hz: float, gap_s: float | None, signals: SignalMap) -> tuple[Verdict, str]:
     """The worst that can be said of a message."""
     if record.layout.direction == "computer":
         return _judge_command(record, signals)
     return next(_problems(record, hz, gap_s, _weight(record.layout, signals)), (Verdict.OK, ""))
 
 
-def _problems(record: Record, hz: float, gap_s: float | None, weight: Verdict) -> Iterator[tuple[Verdict, str]]:
+def _problems(record: TrafficRecord, hz: float, gap_s: float | None, weight: Verdict) -> Iterator[tuple[Verdict, str]]:
     """Worst first; `weight` is what it matters."""
     layout = record.layout
     expected_hz = 1 / layout.period_s
@@ -100,7 +100,7 @@ def _problems(record: Record, hz: float, gap_s: float | None, weight: Verdict) -
         yield Verdict.WARN, f"{_missing(record)} frames lost by its counter"
 
 
-def _judge_command(record: Record, signals: SignalMap) -> tuple[Verdict, str]:
+def _judge_command(record: TrafficRecord, signals: SignalMap) -> tuple[Verdict, str]:
     """Messages only a computer sends: nobody should, unless a gateway is running beside this check."""
     if not record.frames and not record.wrong_lengths:
         return Verdict.OK, ""
@@ -108,7 +108,7 @@ def _judge_command(record: Record, signals: SignalMap) -> tuple[Verdict, str]:
     return verdict, "somebody sends this: a gateway that is running, or a second computer"
 
 
-def _counter(record: Record) -> str:
+def _counter(record: TrafficRecord) -> str:
     """none, ok, gaps (frames lost), wrong (advances by anything) or stuck."""
     steps, total = record.steps, record.steps.total()
     if record.layout.counter is None or total == 0:
@@ -120,7 +120,7 @@ def _counter(record: Record) -> str:
     return "gaps" if steps[1] >= COUNTER_SHARE * total else "wrong"
 
 
-def _missing(record: Record) -> int:
+def _missing(record: TrafficRecord) -> int:
     return sum((step - 1) * count for step, count in record.steps.items() if step > 1)
 
 

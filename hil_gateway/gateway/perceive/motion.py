@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hil_gateway.bus.messages import Estimate, VehicleState
-from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.fading_ratio import FadingRatio
@@ -159,7 +159,7 @@ class MotionReader:
         self._repaired = RepairedGyro()
 
     def step(
-        self, now_ns: int, state: VehicleState, course: Course | None = None, commanded: Actuators | None = None
+        self, now_ns: int, state: VehicleState, course: Course | None = None, commanded: ActuatorPositions | None = None
     ) -> Motion:
         """Motion at `now_ns`; once a period. `course` is that of the position fixes, where they are believed;
         `commanded` stands on the wire, None where nothing is sent."""
@@ -238,13 +238,13 @@ class MotionReader:
             return self.front_yaw_rate(state, speed)
         return self.rear_yaw_rate(state, speed)
 
-    def _steered_rate(self, state: VehicleState, speed: float, commanded: Actuators | None) -> float:
+    def _steered_rate(self, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> float:
         """Yaw rate that the steering angle comes to, by its sensor or else its command, rad/s."""
         reported = state.sources["steering"].valid
         steer = state.steer if reported else self._asked[0] / self._vehicle.steering_ratio
         return self._turn_of(steer, state, speed, commanded)
 
-    def _turn_of(self, steer: float, state: VehicleState, speed: float, commanded: Actuators | None) -> float:
+    def _turn_of(self, steer: float, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> float:
         """Yaw rate that a road-wheel angle comes to, rad/s."""
         learnt, length = self._learnt, self._vehicle.wheelbase
         understeer = learnt.braked if self._braked(state, commanded) > BRAKED else learnt.understeer
@@ -278,7 +278,7 @@ class MotionReader:
 
     def _speed(  # noqa: PLR0917 - what it is taken from
         self, state: VehicleState, imu: bool, wheels: bool, dt: float, course: Course | None,
-        commanded: Actuators | None,
+        commanded: ActuatorPositions | None,
     ) -> float:  # fmt: skip
         if wheels:
             slip = self._brake_slip * self._braked(state, commanded)
@@ -301,7 +301,7 @@ class MotionReader:
         fl, fr, rl, rr = wheel_speeds(state)
         return max(_not_spinning((fl / ahead + front, fr / ahead - front, rl + rear, rr - rear), state.drive), 0.0)
 
-    def _braked(self, state: VehicleState, commanded: Actuators | None) -> float:
+    def _braked(self, state: VehicleState, commanded: ActuatorPositions | None) -> float:
         """Deceleration by the brakes as they are reported, else as they are asked for, m/s2."""
         return self._pressed(state) if state.sources["pedals"].valid else self._braking(commanded)
 
@@ -309,7 +309,7 @@ class MotionReader:
         """Deceleration by the brakes as they are reported, m/s2."""
         return (state.brake_front + state.brake_rear) * self._per_pa
 
-    def _braking(self, commanded: Actuators | None) -> float:
+    def _braking(self, commanded: ActuatorPositions | None) -> float:
         """Deceleration by the brakes that are asked for and by drag, m/s2; 0 where nothing is sent."""
         if commanded is None or commanded.accelerator > 0.0:
             return 0.0

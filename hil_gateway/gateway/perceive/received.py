@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from can_dbc.codec import Codec, Decoder, Values
-from can_dbc.database import Message
+from can_dbc.database import BusMessage
 from can_dbc.quantities import WHEELS
 from hil_gateway.car.car import Car
 from hil_gateway.gateway.perceive.fixes import MOVING, Fixes
@@ -24,7 +24,7 @@ MOTOR_SENSORS = ("steering_motor_primary", "steering_motor_secondary")
 class Received:
     """Newest frame of one message."""
 
-    layout: Message
+    layout: BusMessage
     decode: Decoder
     limits: tuple[tuple[str, float, float], ...]
     """quantity and what the car can do, SI"""

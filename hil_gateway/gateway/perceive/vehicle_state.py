@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from can_dbc.codec import COUNTER, Codec, Fault, FaultKind
 from hil_gateway.bus.messages import SourceHealth, VehicleState
 from hil_gateway.can_link import Frame
-from hil_gateway.car.actuation import Actuation, Actuators
+from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.car.states import SysState, TrackFlag, VehicleFlag, meanings
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.fixes import Fixes
@@ -148,7 +148,7 @@ class VehicleStateBuilder:
         yaw_rate = newest[imu.yaw_rate]
         ax, ay = imu.place.to_centre(now_ns / NS_PER_S, newest[imu.ax], newest[imu.ay], yaw_rate)
         accelerator = min(max(newest["accelerator"], 0.0), 1.0)
-        pedals = Actuators(
+        pedals = ActuatorPositions(
             steering_motor=newest["steering_motor"],
             accelerator=accelerator,
             brake_front=newest["brake_front"],

@@ -52,7 +52,7 @@ CLIMB: dict[CarState, tuple[int, float, CarState]] = {
 
 
 @dataclass(slots=True)
-class Received:
+class ReceivedCommand:
     """What the computer said last."""
 
     ct_state: int = 0
@@ -74,7 +74,7 @@ class VehicleController:
         """Whether the engine turns."""
         return self.state in (CarState.IDLE, CarState.DRIVING)
 
-    def step(self, now_ns: int, received: Received, standing: bool) -> None:
+    def step(self, now_ns: int, received: ReceivedCommand, standing: bool) -> None:
         """Move at most one rung."""
         if self._entered_ns is None:
             self._entered_ns = now_ns
@@ -82,7 +82,7 @@ class VehicleController:
         if following is not self.state:
             self.state, self._entered_ns = following, now_ns
 
-    def _next(self, now_ns: int, received: Received, standing: bool, in_state_s: float) -> CarState:
+    def _next(self, now_ns: int, received: ReceivedCommand, standing: bool, in_state_s: float) -> CarState:
         if self.state is CarState.EMERGENCY:
             return CarState.CONNECTED if standing and received.ct_state in (1, 2) else self.state
         if received.ct_state == 12 and self.state > CarState.CONNECTED:
@@ -104,11 +104,11 @@ class VehicleController:
             self.state, self.cause, self._entered_ns = CarState.EMERGENCY, cause, None
 
     @staticmethod
-    def silent(now_ns: int, received: Received) -> bool:
+    def silent(now_ns: int, received: ReceivedCommand) -> bool:
         """Whether commands were received once and a counter has stood still for too long."""
         return received.counters_ns is not None and now_ns - min(received.counters_ns) > COMMAND_TIMEOUT_S * NS_PER_S
 
-    def obeyed(self, now_ns: int, received: Received) -> Commands:
+    def obeyed(self, now_ns: int, received: ReceivedCommand) -> Commands:
         """What the actuators get."""
         asked = received.commands
         if self.state is CarState.DRIVING:

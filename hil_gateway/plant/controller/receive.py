@@ -9,7 +9,7 @@ from hil_gateway.can_link import Frame
 from hil_gateway.car.car import Car
 from hil_gateway.car.states import computer_codes
 from hil_gateway.plant.car import Commands
-from hil_gateway.plant.controller.ladder import Received
+from hil_gateway.plant.controller.ladder import ReceivedCommand
 
 
 class CommandReceiver:
@@ -28,7 +28,7 @@ class CommandReceiver:
         self._counters: dict[str, float] = {}
         self._advanced_ns: dict[str, int] = {}
         self._values: dict[str, float] = {}
-        self.received = Received()
+        self.received = ReceivedCommand()
 
     def take(self, frames: Iterable[Frame], now_ns: int) -> None:
         """Take in frames, oldest first; what cannot be decoded or comes from the car itself says nothing."""

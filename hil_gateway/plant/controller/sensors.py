@@ -41,7 +41,7 @@ class Noise:
         return self._block.pop()
 
 
-class Sensors:
+class SimulatedSensors:
     """Readings in SI, as quantities of a platform: its sensors are where it declares them, and off by what is not."""
 
     def __init__(

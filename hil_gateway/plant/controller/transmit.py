@@ -8,14 +8,14 @@ from enum import IntEnum
 from functools import partial
 
 from can_dbc.codec import COUNTER
-from can_dbc.database import Message
+from can_dbc.database import BusMessage
 from can_dbc.quantities import WHEELS
 from hil_gateway.can_link import CanLink
 from hil_gateway.car.car import Car as Platform
 from hil_gateway.car.states import TrackFlag, VehicleFlag
 from hil_gateway.plant.car import Car
-from hil_gateway.plant.controller.ladder import CarState, Received, VehicleController
-from hil_gateway.plant.controller.sensors import Sensors, Values
+from hil_gateway.plant.controller.ladder import CarState, ReceivedCommand, VehicleController
+from hil_gateway.plant.controller.sensors import SimulatedSensors, Values
 from hil_gateway.plant.referee.referee import Referee
 from hil_gateway.process.clock import NS_PER_S
 
@@ -47,7 +47,7 @@ class ReportTransmitter:
         platform: Platform,
         link: CanLink,
         car: Car,
-        sensors: Sensors,
+        sensors: SimulatedSensors,
         controller: VehicleController,
         referee: Referee,
         race_control: SimulatedRaceControl,
@@ -56,9 +56,9 @@ class ReportTransmitter:
         self._platform, self._codec, self._link = platform, platform.codec, link
         self._car, self._sensors, self._controller, self._referee = car, sensors, controller, referee
         self._race_control = race_control
-        self._received = Received()
+        self._received = ReceivedCommand()
         self._counters: dict[str, int] = {}
-        self._by_period: dict[int, list[tuple[Message, tuple[str, ...]]]] = {}
+        self._by_period: dict[int, list[tuple[BusMessage, tuple[str, ...]]]] = {}
         for message in self._codec.messages.values():
             if message.direction == "car":
                 quantities = self._codec.quantities(message.name)
@@ -71,7 +71,7 @@ class ReportTransmitter:
         self.next_ns = 0
         """when the next message is due; nothing needs to be called before"""
 
-    def step(self, now_ns: int, received: Received) -> None:
+    def step(self, now_ns: int, received: ReceivedCommand) -> None:
         """Send every message whose period has passed."""
         self._received = received
         for period_ns, messages in self._by_period.items():
@@ -84,7 +84,7 @@ class ReportTransmitter:
                 self._send(message, quantities)
         self.next_ns = min(self._due_ns.values())
 
-    def _send(self, message: Message, quantities: tuple[str, ...]) -> None:
+    def _send(self, message: BusMessage, quantities: tuple[str, ...]) -> None:
         readings = self._readings
         for name in quantities:
             if name not in readings:

@@ -12,7 +12,7 @@ from hil_gateway.bus.messages import Message, VehicleState
 from hil_gateway.bus.topics import EVENT, GATEWAY_STATUS, TYRES, VEHICLE_STATE, Topic
 from hil_gateway.can_link import Frame
 from hil_gateway.config import Config
-from hil_gateway.gateway.check.arming import Playback
+from hil_gateway.gateway.check.arming import PlaybackLink
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.events.log import EventLog
 from hil_gateway.process.clock import NS_PER_S
@@ -79,7 +79,7 @@ def _entries(
     """Frames as they were recorded and messages as the recorder writes them, in order of time."""
     frames = [frame for frame, _ in records]
     heard = [frame for frame in frames if frame.id not in computer_ids()]  # a gateway does not hear what it sends
-    bus, link = LocalBus(), Playback(heard)
+    bus, link = LocalBus(), PlaybackLink(heard)
     gateway, events = Gateway(config, bus, link), EventLog(bus)
     queues = [(topic, bus.subscribe(topic, depth=256)) for topic in KEPT]
     written = 0

@@ -55,7 +55,7 @@ def read_asc(source: Source, names: Mapping[str, int]) -> Iterator[Entry]:
     Raises:
         InputError: a frame that is none, with its line.
     """
-    log = _Log(names)
+    log = _AscLog(names)
     for line in source.lines():
         try:
             entry = log.entry(line)
@@ -69,7 +69,7 @@ def read_asc(source: Source, names: Mapping[str, int]) -> Iterator[Entry]:
 
 
 @dataclass
-class _Log:
+class _AscLog:
     """What the header and the lines so far say."""
 
     names: Mapping[str, int]

@@ -27,7 +27,7 @@ HOPS_MAX = 10
 """frames in a row that can carry a wrong time; more of them are the time"""
 
 
-class Clock:
+class LogClock:
     """Repairs the stamps of one log in the order of the file; `notes` is final when `repaired` is exhausted."""
 
     def __init__(self) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.logs import asc, bag, candump, python_can, table, trc
-from hil_gateway.session.logs.clock import Clock
+from hil_gateway.session.logs.clock import LogClock
 from hil_gateway.session.logs.entry import CUT_OFF, Entry, LeftOut, LoggedFrame
 from hil_gateway.session.logs.raw_bag import is_mcap, is_sqlite
 from hil_gateway.session.logs.source import DAMAGED, Source
@@ -110,7 +110,7 @@ def _refuse(source: Source) -> Format:
 
 def _checked(log: Log, source: Source, entries: Iterator[Entry]) -> Iterator[Entry]:
     """Entries at repaired times that can be recorded; then the notes are complete."""
-    clock = Clock()
+    clock = LogClock()
     try:
         for number, entry in enumerate(clock.repaired(entries), start=1):
             if isinstance(entry, LoggedFrame) and not 0 <= entry.frame.stamp_ns < LATEST_NS:

@@ -47,7 +47,7 @@ def read_trc(source: Source) -> Iterator[Entry]:
     Raises:
         InputError: a line that is none of such a log, with its number.
     """
-    log = _Log()
+    log = _TrcLog()
     for line in source.lines():
         if not line.text.strip() or line.text.startswith(";"):
             log.setting(line.text)
@@ -64,7 +64,7 @@ def read_trc(source: Source) -> Iterator[Entry]:
 
 
 @dataclass
-class _Log:
+class _TrcLog:
     """What the header says."""
 
     columns: str = COLUMNS["1.0"]

@@ -36,7 +36,7 @@ def session_info(path: Path) -> dict[str, Any]:
 
 def bag_info(path: Path) -> dict[str, Any]:
     """The same of a ROS 2 bag in SQLite, or in a folder of parts."""
-    bag, seen = Bag(path), _Seen()
+    bag, seen = Bag(path), _SeenTopics()
     for item in bag.items():
         seen.note(item)
     return _tree(path, "ROS 2 bag", seen.start_ns, seen.end_ns) | seen.tree() | {"damage": bag.damage}
@@ -68,7 +68,7 @@ def _tree(path: Path, kind: str, start_ns: int | None, end_ns: int) -> dict[str,
 
 
 @dataclass
-class _Seen:
+class _SeenTopics:
     """Messages counted by topic, frames by bus and direction; Unix ns of the first and the last."""
 
     topics: Counter[str] = field(default_factory=Counter)
@@ -92,7 +92,7 @@ class _Seen:
 
 
 def _recording_info(path: Path) -> dict[str, Any]:
-    reader, seen = SessionReader(path), _Seen()
+    reader, seen = SessionReader(path), _SeenTopics()
     for item in reader.items():
         seen.note(item)
     session = dict(reader.metadata.get("session", {}))

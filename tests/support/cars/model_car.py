@@ -20,7 +20,7 @@ from hil_gateway.config import Config, load_config
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 from planner.node import Planner
-from planner.plan.prediction import Actuators, Sent
+from planner.plan.prediction import ActuatorModel, Sent
 from planner.solver.fixed import SolveOutcome
 from planner.solver.qp import QpStatus
 from planner.solver.sqp import Sqp, Stopwatch
@@ -40,7 +40,7 @@ class ModelCar:
         self.bus = LocalBus()
         self.planner = Planner(config, self.bus, track, stopwatch=stopwatch, background=background)
         self._commands = self.bus.subscribe(topics.COMMAND, depth=4)
-        self._actuators = Actuators(config.planner)
+        self._actuators = ActuatorModel(config.planner)
         controller = self.planner.adoption.controller
         # the car keeps its physics when the planner's model changes
         self._physics = controller.problem.held_step()

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from can_dbc.codec import COUNTER, Codec, Fault, FaultKind, load_codec
-from can_dbc.database import Database, Message, Signal
+from can_dbc.database import BusMessage, Database, Signal
 from can_dbc.signals import SignalMap
 from can_dbc.units import UNITS
 
@@ -55,7 +55,7 @@ def test_a_plain_count_stays_an_integer() -> None:
 def test_word_sized_fields_off_their_bytes_are_cut_out_of_the_whole_frame(start: int, frame: str) -> None:
     """No message of the car has such a layout: 16 bits that begin within a byte, in steps of 2."""
     field = Signal("speed", start, 16, True, False, 2.0, 0.0, "", None, None, UNITS[""])
-    message = Message("odd", 0x100, 3, "ECU", "car", (field,), 0.01, 0.05, None)
+    message = BusMessage("odd", 0x100, 3, "ECU", "car", (field,), 0.01, 0.05, None)
     codec = Codec(Database("", 500_000, (message,), ""), SignalMap({}, {}, {}, (), (), (), {}, {}, {}))
     assert codec.encode("odd", {"speed": 0x2468}) == (0x100, bytes.fromhex(frame))
     assert codec.decode(0x100, bytes.fromhex(frame)) == {"speed": 0x2468}

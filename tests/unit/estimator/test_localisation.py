@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from support.cars.pushed_car import VEHICLE, Errors, PushedCar
 from support.promise_figures import record_figure
-from support.pushed_car import VEHICLE, Errors, PushedCar
 
 from estimator.state.localisation import Localisation
 from hil_gateway.bus.messages import Estimate, SourceHealth, VehicleState

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.motion import LATE
@@ -79,11 +79,11 @@ class FollowingMonitor:
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._ratio = vehicle.steering_ratio
-        self._commands: deque[Actuators] = deque(maxlen=WINDOW)
+        self._commands: deque[ActuatorPositions] = deque(maxlen=WINDOW)
         self._standing = _StandingSteering()
         self._steering, self._pedals = Held(), Held()
 
-    def step(self, now_ns: int, state: VehicleState, commanded: Actuators | None) -> Follows:
+    def step(self, now_ns: int, state: VehicleState, commanded: ActuatorPositions | None) -> Follows:
         """`commanded` is what stands on the wire; None while nothing is sent or the car does not obey."""
         if commanded is None:
             self._commands.clear()
@@ -137,7 +137,7 @@ class ReversedMonitor:
         self.found = False
         """until the car stands"""
 
-    def step(self, state: VehicleState, speed: float, commanded: Actuators | None) -> None:
+    def step(self, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> None:
         """`commanded` stands on the wire, None while the car does not obey; once a period."""
         self.found = self.found and speed > 0.0
         if commanded is None:
@@ -168,10 +168,10 @@ class AccelerationMonitor:
 
     def __init__(self, vehicle: Vehicle, brake_force_per_pa: float) -> None:
         self._per_pa = brake_force_per_pa / vehicle.mass
-        self._commands: deque[Actuators] = deque(maxlen=WINDOW)
+        self._commands: deque[ActuatorPositions] = deque(maxlen=WINDOW)
         self._held = Held()
 
-    def step(self, now_ns: int, state: VehicleState, speed: float, commanded: Actuators | None) -> float:
+    def step(self, now_ns: int, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> float:
         """Seconds the car has not done what all of these commands ask."""
         if commanded is None or speed < JUDGED_FROM:
             self._commands.clear()
@@ -188,6 +188,6 @@ class AccelerationMonitor:
         braking = min(map(self._braking, self._commands))
         return braking > BRAKING and ax > -BRAKED_SHARE * min(braking, 2 * BRAKING)
 
-    def _braking(self, command: Actuators) -> float:
+    def _braking(self, command: ActuatorPositions) -> float:
         """Deceleration that is commanded, m/s2."""
         return (command.brake_front + command.brake_rear) * self._per_pa

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
-from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.states import SysState
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
@@ -40,7 +40,7 @@ STEERS = (SysState.DRIVING, SysState.EMERGENCY)
 
 
 @dataclass(frozen=True)
-class Sensors:
+class SensorMonitors:
     """Seconds that the IMU has been off what all others say, and that wheel speeds, yaw rate and acceleration have been
     contradicted; whether all wheels are faster or slower than fixes and IMU say, or fell faster than brakes make them;
     whether fixes say anything, and whether steering and wheels side with them."""
@@ -123,7 +123,12 @@ class Monitors:
         self.position.heed(now_ns, state, estimate, believed=not self.imu_suspect and not self.wheels_wrong)
 
     def measures(
-        self, now_ns: int, state: VehicleState, pose: Pose | None, commanded: Actuators | None, course: Course | None
+        self,
+        now_ns: int,
+        state: VehicleState,
+        pose: Pose | None,
+        commanded: ActuatorPositions | None,
+        course: Course | None,
     ) -> dict[str, float]:
         """`commanded` is what stands on the wire, None while nothing is sent; after `motion` and `position`. `course`
         is that of the fixes, None where they say nothing."""
@@ -155,7 +160,7 @@ class Monitors:
         }
         return measures | {name: max(measures[name], held_s) for name, held_s in distrusted.items()}
 
-    def _compare(self, now_ns: int, state: VehicleState, course: Course | None) -> Sensors:
+    def _compare(self, now_ns: int, state: VehicleState, course: Course | None) -> SensorMonitors:
         """IMU, wheels, steering and the course of the fixes with each other."""
         speed, steered = self.motion.motion.speed, self.motion.steered
         rear = self.motion.rear_yaw_rate(state, speed)
@@ -175,7 +180,7 @@ class Monitors:
         one_differs = self._wheels.step(now_ns, state, self.motion.motion) if wheels else 0.0
         locked = self._locked.step(state, speed)
         rates = state.yaw_rate, self.motion.wheel_yaw_rate(state, speed), steered
-        return Sensors(
+        return SensorMonitors(
             imu_off=imu_off,
             wheels=max(one_differs, swapped, sided),
             yaw_rate=INFINITE if self._imu_false else max(imu_off, contradicted.yaw_rate),
@@ -213,7 +218,7 @@ class Monitors:
         held_s = self._imu_missed.update(alone, now_ns)
         self._imu_gone = self._imu_false or (self.stopping and (self._imu_gone or held_s > IMU_GONE_S))
 
-    def _distrust(self, held_s: float, sensors: Sensors) -> None:
+    def _distrust(self, held_s: float, sensors: SensorMonitors) -> None:
         """From a first contradiction of the IMU, which has `held_s`, no estimate is believed; after some of it, until
         the car stands, no IMU where there are fixes to go by, or no wheels where it is they that neither the fixes nor
         the IMU agree with. A gyro that is outvoted is what made the fixes not fit. It stays believed in a car that

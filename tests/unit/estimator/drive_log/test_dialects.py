@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.drive_simulator import TYRE, simulate
+from support.drives.drive_simulator import TYRE, simulate
 
 from estimator.drive_log.column_map import as_toml, proposed, read_map
 from estimator.drive_log.quantities import quantity_of

@@ -98,9 +98,7 @@ def test_too_short_a_log_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us")])
-def test_times_in_another_unit_are_told_by_the_rate_and_that_is_said(
-    tmp_path: Path, factor: float, unit: str
-) -> None:
+def test_times_in_another_unit_are_told_by_the_rate_and_that_is_said(tmp_path: Path, factor: float, unit: str) -> None:
     log = read_log(_write(tmp_path, {"t": factor * DRIVE["t"]}))
     assert log.step == pytest.approx(0.01)
     assert any(f"t is in {unit}" in note for note in log.notes)

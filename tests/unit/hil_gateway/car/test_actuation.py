@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil_gateway.car.actuation import Actuation, Actuators, brake_balance
+from hil_gateway.car.actuation import Actuation, ActuatorPositions, brake_balance
 from hil_gateway.car.powertrain import RPM, GearChoice, Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import OriginConfig
@@ -70,8 +70,8 @@ def test_brakes_that_are_not_pressed_have_no_balance():
 
 
 def test_neutral_drives_nothing():
-    assert ACTUATION.to_actuators(0.0, 0.1, 0, 500.0, 1) == Actuators(0.0, 0.0, 0.0, 0.0, 1)
-    assert ACTUATION.to_drive(Actuators(0.0, 1.0, 0.0, 0.0, 0), 500.0, 0) == 0.0
+    assert ACTUATION.to_actuators(0.0, 0.1, 0, 500.0, 1) == ActuatorPositions(0.0, 0.0, 0.0, 0.0, 1)
+    assert ACTUATION.to_drive(ActuatorPositions(0.0, 1.0, 0.0, 0.0, 0), 500.0, 0) == 0.0
 
 
 def test_473_hp_at_6110_rpm():

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from hil_gateway.cli.receiver import app
 from hil_gateway.receiver.gates import Quality, judge
 from hil_gateway.receiver.nmea import NmeaDecoder
-from hil_gateway.receiver.oem7 import Decoder, Log, crc32
+from hil_gateway.receiver.oem7 import Decoder, ReceiverLog, crc32
 
 SAME = {
     "latitude": "latitude", "longitude": "longitude", "undulation": "undulation", "azimuth": "azimuth",
@@ -117,7 +117,7 @@ def test_what_the_receiver_says_of_its_solution_decides(body, time_status, quali
 
 
 def test_ins_counts_only_when_its_solution_is_good():
-    ready = Log("INSPVAS", 2400, 0, 180, {"ins_status": 3})
+    ready = ReceiverLog("INSPVAS", 2400, 0, 180, {"ins_status": 3})
     assert judge(ready)[0] is Quality.FIXED
     for status in (0, 1, 2, 6, 7, 8):
         assert judge(replace(ready, values={"ins_status": status}))[0] is Quality.REFUSED

@@ -18,7 +18,7 @@ from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S, VirtualClock
 from hil_gateway.ros2 import topics as ros
 from hil_gateway.ros2.bridge import Bridge
-from hil_gateway.ros2.session import Received
+from hil_gateway.ros2.session import ReceivedSample
 from hil_gateway.ros2.topics import RosTopic
 from hil_gateway.ros2.types import Types
 
@@ -36,7 +36,7 @@ class Recording:
         self.sent: defaultdict[RosTopic, list[bytes]] = defaultdict(list)
         self.unwanted: set[RosTopic] = set()
         self.changes: list[tuple[str, bool]] = []
-        self.arrived: list[Received] = []
+        self.arrived: list[ReceivedSample] = []
 
     def wanted(self, topic: RosTopic) -> bool:
         return topic not in self.unwanted
@@ -44,7 +44,7 @@ class Recording:
     def publish(self, topic: RosTopic, data: bytes, unix_ns: int) -> None:
         self.sent[topic].append(data)
 
-    def received(self) -> list[Received]:
+    def received(self) -> list[ReceivedSample]:
         arrived, self.arrived = self.arrived, []
         return arrived
 

@@ -16,7 +16,7 @@ from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.ros2 import topics as ros
 from hil_gateway.ros2.incoming import Incoming
-from hil_gateway.ros2.session import Received
+from hil_gateway.ros2.session import ReceivedSample
 from hil_gateway.ros2.types import Types
 from hil_gateway.ros2.wire import Attachment
 
@@ -54,7 +54,7 @@ class Rig:
     def take(self, topic: ros.RosTopic, data: bytes, now_ns: int, age_ns: int = 0, gid: bytes = GID) -> str:
         self._sequence += 1
         attachment = Attachment(self._sequence, UNIX_NS + now_ns - age_ns, gid)
-        return self.incoming.take(Received(topic, data, attachment), now_ns, UNIX_NS)
+        return self.incoming.take(ReceivedSample(topic, data, attachment), now_ns, UNIX_NS)
 
     def raptor(self, now_ns: int, degrees: float, percent: float, kilopascal: float) -> Command:
         assert self.take(ros.STEERING_CMD, steering(degrees), now_ns, 1 * MS) == ""
@@ -127,14 +127,14 @@ def test_ackermann_speed_is_approached_by_at_most_the_acceleration(speed, limit,
 def test_what_is_refused_says_why():
     rig = Rig("ackermann")
     good = ackermann(0.0, 10.0)
-    assert "attachment" in rig.incoming.take(Received(ros.ACKERMANN_CMD, good, None), 0, UNIX_NS)
+    assert "attachment" in rig.incoming.take(ReceivedSample(ros.ACKERMANN_CMD, good, None), 0, UNIX_NS)
     for bad in (b"", good[:-1] + b"", ackermann(math.nan, 10.0), ackermann(0.0, math.inf), ackermann(0.0, -1.0)):
         assert "within its bounds" in rig.take(ros.ACKERMANN_CMD, bad, NS_PER_S)
     assert "ahead" in rig.take(ros.ACKERMANN_CMD, good, NS_PER_S, -6 * MS)
     assert rig.take(ros.ACKERMANN_CMD, good, NS_PER_S, -4 * MS) == ""
     assert "second sender" in rig.take(ros.ACKERMANN_CMD, good, NS_PER_S, gid=OTHER)
     repeated = Attachment(1, UNIX_NS + NS_PER_S, GID)
-    assert "order" in rig.incoming.take(Received(ros.ACKERMANN_CMD, good, repeated), NS_PER_S, UNIX_NS)
+    assert "order" in rig.incoming.take(ReceivedSample(ros.ACKERMANN_CMD, good, repeated), NS_PER_S, UNIX_NS)
     assert rig.incoming.taken == 1
     assert rig.take(ros.ACKERMANN_CMD, good, 2 * NS_PER_S, gid=OTHER) == ""  # the first has been silent for a second
 

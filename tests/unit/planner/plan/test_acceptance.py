@@ -20,7 +20,7 @@ from hil_gateway.track.loading import load_track
 from planner.adoption.adoption import Adoption
 from planner.line.track import Reference
 from planner.plan import acceptance
-from planner.plan.acceptance import Bounds, Check, Plan
+from planner.plan.acceptance import AcceptanceCheck, Bounds, CheckedPlan
 from planner.plan.checks import PlanCheck, Roadside, bounds_of, plan_of
 from planner.plan.controller import Controller
 from planner.problem.brake_law import BrakeLaw
@@ -39,18 +39,18 @@ def solved() -> tuple[Controller, Solution]:
     return controller, controller.cold_start(start_state(controller, 620.0), clock)
 
 
-Case = tuple[Plan, Bounds, Check]
+Case = tuple[CheckedPlan, Bounds, AcceptanceCheck]
 
 
 @pytest.fixture
 def case(solved: tuple[Controller, Solution]) -> Case:
     controller, solution = solved
-    check = Check(controller.checked, controller.knowledge.theta, np.zeros(0), 1.0)
+    check = AcceptanceCheck(controller.checked, controller.knowledge.theta, np.zeros(0), 1.0)
     bounds = replace(bounds_of(controller.settings, controller.knowledge.load_max, 0.0), information=100.0)
     return plan_of(solution, Roadside(controller.reference.line)), bounds, check
 
 
-def violations(plan: Plan, bounds: Bounds, check: Check) -> list[str]:
+def violations(plan: CheckedPlan, bounds: Bounds, check: AcceptanceCheck) -> list[str]:
     return acceptance.violations(check(plan, bounds), bounds)
 
 

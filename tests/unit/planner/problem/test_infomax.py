@@ -11,7 +11,7 @@ import pytest
 from benchmarks.plans.bench import bench_controller, clock, start_state
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.track.loading import load_track
-from planner.plan.acceptance import Check
+from planner.plan.acceptance import AcceptanceCheck
 from planner.plan.checks import Roadside, bounds_of, plan_of
 from planner.plan.controller import Controller
 from planner.problem import infomax
@@ -233,7 +233,10 @@ def test_load_rows_hold_at_every_sigma_point(controller: Controller) -> None:
         for theta in (*sigma_points(k.mean, k.covariance, indices, level).T, weakest):
             limits = [asked * theta[names.index(d)] for asked, d in zip(k.load_asked, ("df", "dr"), strict=True)]
             bounds = bounds_of(controller.settings, (limits[0], limits[1]), 0.0)
-            assert np.max(Check(controller.checked, theta, np.zeros(0), 1.0)(plan, bounds).shares[row, 1:]) < 1.02
+            assert (
+                np.max(AcceptanceCheck(controller.checked, theta, np.zeros(0), 1.0)(plan, bounds).shares[row, 1:])
+                < 1.02
+            )
     assert solution.du.shape == (NU, controller.settings.horizon)
 
 

@@ -171,11 +171,11 @@ def test_literal_load_limit_is_the_signed_sum_of_equation_10() -> None:
     solution = literal.cold_start(start_state(literal, 620.0), clock)
     assert solution.usable
     base = _blocks(literal, literal.sqp.z, literal.sqp.du)
-    from planner.plan.acceptance import Check
+    from planner.plan.acceptance import AcceptanceCheck
     from planner.plan.checks import Roadside, bounds_of, plan_of
 
     bounds = bounds_of(literal.settings, literal.knowledge.load_max, 0.0)
-    check = Check(literal.checked, literal.knowledge.theta, np.zeros(0), 1.0)
+    check = AcceptanceCheck(literal.checked, literal.knowledge.theta, np.zeros(0), 1.0)
     front, _ = check(plan_of(solution, Roadside(literal.reference.line)), bounds).shares
     row = np.abs(1.0 - base["upper_row"][1])
     # the row holds at the worst sigma point, so it is never below the share at the mean

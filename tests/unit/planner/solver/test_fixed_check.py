@@ -11,7 +11,7 @@ from benchmarks.plans.bench import bench_controller, clock, start_state
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.compiled import find_compiler
 from hil_gateway.track.loading import load_track
-from planner.plan.acceptance import Check, Plan, violations
+from planner.plan.acceptance import AcceptanceCheck, CheckedPlan, violations
 from planner.plan.checks import Roadside, bounds_of, plan_of
 from planner.plan.controller import Controller
 from planner.problem.settings import Settings
@@ -65,10 +65,10 @@ def test_the_road_beside_a_plan_is_the_one_numpy_finds(
 def test_a_place_that_is_no_number_is_not_looked_up(controller: Controller, solution: Solution) -> None:
     z = solution.z.copy()
     z[6, 3], z[0, 5] = np.nan, np.inf
-    plan = Plan(_generated(controller).lay_out(z, solution.information, Roadside(controller.reference.line)))
+    plan = CheckedPlan(_generated(controller).lay_out(z, solution.information, Roadside(controller.reference.line)))
     assert np.isfinite(plan.columns[:, 3]).all(), "some point of the line"
     bounds = bounds_of(controller.settings, (1.3, 1.2), 0.0)
-    check = Check(controller.checked, controller.knowledge.theta, np.zeros(0), 1.0)
+    check = AcceptanceCheck(controller.checked, controller.knowledge.theta, np.zeros(0), 1.0)
     assert violations(check(plan, bounds), bounds) == ["not finite"]
 
 
@@ -77,8 +77,8 @@ def test_it_finds_what_the_virtual_machine_finds(controller: Controller, solutio
     bounds, theta = bounds_of(controller.settings, (1.3, 1.2), 0.0), controller.knowledge.theta
     plan, rng = plan_of(solution, Roadside(controller.reference.line)), np.random.default_rng(3)
     for spread in (0.0, 0.02, 0.5):
-        disturbed = Plan(plan.columns * (1.0 + spread * rng.standard_normal(plan.columns.shape)))
-        checks = [Check(function, theta, np.zeros(0), 1.0) for function in (controller.checked, interpreted)]
+        disturbed = CheckedPlan(plan.columns * (1.0 + spread * rng.standard_normal(plan.columns.shape)))
+        checks = [AcceptanceCheck(function, theta, np.zeros(0), 1.0) for function in (controller.checked, interpreted)]
         found, expected = (check(disturbed, bounds) for check in checks)
         np.testing.assert_allclose(found.rows, expected.rows, rtol=1e-9, atol=1e-9)
         assert found.finite

@@ -5,24 +5,24 @@ from __future__ import annotations
 import pytest
 from support.cars.scripted_car import Rig
 
-from hil_gateway.car.actuation import Actuation, Actuators
+from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-from hil_gateway.gateway.act.axle_brakes import LEAST_SHARE, PRESS_AGAIN, REAR_SHARE, AxleBrakes, Demand
+from hil_gateway.gateway.act.axle_brakes import LEAST_SHARE, PRESS_AGAIN, REAR_SHARE, AxleBrakes, AxleDemand
 from hil_gateway.gateway.perceive.motion import Motion
 
 VEHICLE, TRAIN, GRIP = Vehicle(), Powertrain(), 1.3
 DRAG = 500.0
 """N of the engine with the throttle closed"""
-STRAIGHT, BEND = Demand(0.0, False, False), Demand(14.0, False, False)
-FLAT = Demand(0.0, flat_front=True, flat_rear=False)
+STRAIGHT, BEND = AxleDemand(0.0, False, False), AxleDemand(14.0, False, False)
+FLAT = AxleDemand(0.0, flat_front=True, flat_rear=False)
 
 
 def brakes() -> AxleBrakes:
     return AxleBrakes(VEHICLE, GRIP, TRAIN)
 
 
-def asked(deceleration: float) -> Actuators:
+def asked(deceleration: float) -> ActuatorPositions:
     """As declared."""
     drive = -VEHICLE.mass * deceleration / TRAIN.force_per_drive
     return Actuation(VEHICLE, TRAIN).to_actuators(0.1, drive, 3, 500.0, 3)
@@ -45,7 +45,7 @@ def test_beside_lateral_force_the_front_brakes_take_over_what_the_rear_tyres_can
 @pytest.mark.parametrize("speed", [15.0, 40.0, 70.0])
 def test_the_rear_axle_stays_within_the_friction_circle_of_tyres_a_fifth_worse_than_declared(speed, lateral):
     wanted = asked(25.0)
-    _, rear = brakes().shared(wanted, Demand(lateral, False, False, DRAG), speed)
+    _, rear = brakes().shared(wanted, AxleDemand(lateral, False, False, DRAG), speed)
     force = rear * TRAIN.brake_force_per_pa
     moved = (wanted.brake_front + wanted.brake_rear) * TRAIN.brake_force_per_pa * VEHICLE.cg_height / VEHICLE.wheelbase
     pressed = -0.5 * VEHICLE.air_density * VEHICLE.lift_area_rear * speed**2
@@ -57,14 +57,14 @@ def test_the_rear_axle_stays_within_the_friction_circle_of_tyres_a_fifth_worse_t
 
 def test_a_flat_rear_tyre_leaves_braking_to_the_front_axle():
     wanted = asked(8.0)
-    front, rear = brakes().shared(wanted, Demand(0.0, flat_front=False, flat_rear=True), 60.0)
+    front, rear = brakes().shared(wanted, AxleDemand(0.0, flat_front=False, flat_rear=True), 60.0)
     assert rear == 0.0
     assert front > wanted.brake_front
 
 
 def test_a_flat_front_tyre_takes_nothing_over():
     wanted = asked(8.0)
-    front, rear = brakes().shared(wanted, Demand(14.0, flat_front=True, flat_rear=False), 50.0)
+    front, rear = brakes().shared(wanted, AxleDemand(14.0, flat_front=True, flat_rear=False), 50.0)
     assert front == wanted.brake_front
     assert rear < wanted.brake_rear
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import load_car
 from hil_gateway.gateway.act.limits import FREE, Limits, RawCommand, SignalLimit, _signal_limit
 from hil_gateway.process.errors import InputError
@@ -16,7 +16,7 @@ from hil_gateway.settings.gateway import LimitConfig
 
 CAR = load_car()
 LIMITS = Limits(CAR, LimitConfig().within(CAR))
-REST = Actuators(0.0, 0.0, 0.0, 0.0, 1)
+REST = ActuatorPositions(0.0, 0.0, 0.0, 0.0, 1)
 STILL = RawCommand(0, 0, 0, 0, 1)
 STEERING = math.radians(0.5)
 
@@ -58,7 +58,7 @@ def test_the_scale_is_applied_once():
 
 
 def test_what_is_admissible_is_not_called_limited():
-    command, changed = LIMITS.apply(Actuators(4.2 * STEERING, 0.03, 0.0, 0.0, 2), STILL)
+    command, changed = LIMITS.apply(ActuatorPositions(4.2 * STEERING, 0.03, 0.0, 0.0, 2), STILL)
     assert command == RawCommand(4, 300, 0, 0, 2)
     assert changed == ()
 
@@ -91,17 +91,17 @@ def test_half_a_step_is_rounding_and_a_whole_one_is_a_limit():
 
 @pytest.mark.parametrize(("front", "rear", "pedal"), [(50, 0, 100), (51, 0, 0), (0, 50, 100), (0, 51, 0), (51, 51, 0)])
 def test_the_accelerator_is_closed_while_the_brakes_bite(front, rear, pedal):
-    command, changed = LIMITS.apply(Actuators(0.0, 0.01, front * 1e3, rear * 1e3, 1), STILL)
+    command, changed = LIMITS.apply(ActuatorPositions(0.0, 0.01, front * 1e3, rear * 1e3, 1), STILL)
     assert command.accelerator == pedal
     assert ("accelerator" in changed) == (pedal == 0)
 
 
 def test_brakes_still_falling_keep_the_accelerator_closed():
     pressed = RawCommand(0, 0, 1300, 1300, 1)
-    command, _ = LIMITS.apply(Actuators(0.0, 0.02, 0.0, 0.0, 1), pressed)
+    command, _ = LIMITS.apply(ActuatorPositions(0.0, 0.02, 0.0, 0.0, 1), pressed)
     assert (command.brake_front, command.accelerator) == (700, 0)
-    command, _ = LIMITS.apply(Actuators(0.0, 0.02, 0.0, 0.0, 1), command)
-    command, _ = LIMITS.apply(Actuators(0.0, 0.02, 0.0, 0.0, 1), command)
+    command, _ = LIMITS.apply(ActuatorPositions(0.0, 0.02, 0.0, 0.0, 1), command)
+    command, _ = LIMITS.apply(ActuatorPositions(0.0, 0.02, 0.0, 0.0, 1), command)
     assert (command.brake_front, command.accelerator) == (0, 200)
 
 
@@ -118,7 +118,7 @@ def test_from_rest_the_steering_starts_where_it_is():
 
 def test_raw_and_si_agree():
     sent = LIMITS.to_actuators(RawCommand(-20, 5000, 1000, 900, 4))
-    assert sent == Actuators(pytest.approx(-math.radians(10)), pytest.approx(0.5), 1e6, 9e5, 4)
+    assert sent == ActuatorPositions(pytest.approx(-math.radians(10)), pytest.approx(0.5), 1e6, 9e5, 4)
 
 
 def test_limits_wider_than_the_field_stop_at_the_field():

@@ -9,7 +9,7 @@ import pytest
 from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import Estimate, VehicleState
-from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.sensors import SpeedChangeMonitor
@@ -40,7 +40,7 @@ def driving(speed: float, steer: float, sources: bool) -> VehicleState:
     return state.model_copy(update=changes | fronts | rears)
 
 
-def run(reader: MotionReader, state: VehicleState, seconds: float, start_ns: int, commanded: Actuators) -> int:
+def run(reader: MotionReader, state: VehicleState, seconds: float, start_ns: int, commanded: ActuatorPositions) -> int:
     for _ in range(round(100 * seconds)):
         start_ns += PERIOD_NS
         reader.step(start_ns, state, None, commanded)
@@ -48,9 +48,19 @@ def run(reader: MotionReader, state: VehicleState, seconds: float, start_ns: int
 
 
 def test_with_nothing_reported_the_speed_falls_by_what_the_brakes_are_asked_for() -> None:
-    reader, rolling, braking = MotionReader(CAR, PER_PA), Actuators(0.0, 0.1, 0.0, 0.0, 3), 6.0 * CAR.mass / PER_PA
+    reader, rolling, braking = (
+        MotionReader(CAR, PER_PA),
+        ActuatorPositions(0.0, 0.1, 0.0, 0.0, 3),
+        6.0 * CAR.mass / PER_PA,
+    )
     now_ns = run(reader, driving(30.0, 0.0, sources=True), 1.0, 0, rolling)
-    run(reader, driving(30.0, 0.0, sources=False), 2.0, now_ns, Actuators(0.0, 0.0, 0.5 * braking, 0.5 * braking, 3))
+    run(
+        reader,
+        driving(30.0, 0.0, sources=False),
+        2.0,
+        now_ns,
+        ActuatorPositions(0.0, 0.0, 0.5 * braking, 0.5 * braking, 3),
+    )
     drag = 0.5 * CAR.air_density * CAR.drag_area / CAR.mass
     assert 30.0 - 2.0 * (6.0 + drag * 30.0**2) < reader.motion.speed < 30.0 - 2.0 * 6.0
 
@@ -58,14 +68,14 @@ def test_with_nothing_reported_the_speed_falls_by_what_the_brakes_are_asked_for(
 @pytest.mark.parametrize("speed", [25.0, 60.0])
 def test_with_nothing_reported_the_car_turns_as_its_understeer_has_been_learnt(speed: float) -> None:
     steer = 15.0 / speed**2 * (CAR.wheelbase + UNDERSTEER * speed**2)
-    reader, bend = MotionReader(CAR, PER_PA), Actuators(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 3)
+    reader, bend = MotionReader(CAR, PER_PA), ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 3)
     now_ns = run(reader, driving(speed, steer, sources=True), 6.0, 0, bend)
     run(reader, driving(speed, steer, sources=False), 0.5, now_ns, bend)
     assert reader.motion.yaw_rate == pytest.approx(15.0 / speed, rel=0.06)
 
 
 def test_with_nothing_reported_the_car_turns_a_tenth_of_a_second_after_its_command() -> None:
-    reader, straight = MotionReader(CAR, PER_PA), Actuators(0.0, 0.1, 0.0, 0.0, 3)
+    reader, straight = MotionReader(CAR, PER_PA), ActuatorPositions(0.0, 0.1, 0.0, 0.0, 3)
     now_ns = run(reader, driving(30.0, 0.0, sources=True), 1.0, 0, straight)
     turning = replace(straight, steering_motor=CAR.steering_ratio * 0.05)
     now_ns = run(reader, driving(30.0, 0.0, sources=False), 0.09, now_ns, turning)
@@ -77,7 +87,7 @@ def test_with_nothing_reported_the_car_turns_a_tenth_of_a_second_after_its_comma
 def test_with_nothing_reported_the_brakes_take_half_of_the_understeer() -> None:
     speed, steer = 60.0, 15.0 / 60.0**2 * (CAR.wheelbase + UNDERSTEER * 60.0**2)
     reader, half_pa = MotionReader(CAR, PER_PA), 0.5 * 6.0 * CAR.mass / PER_PA
-    rolling = Actuators(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 6)
+    rolling = ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 6)
     now_ns = run(reader, driving(speed, steer, sources=True), 6.0, 0, rolling)
     run(reader, driving(speed, steer, sources=False), 0.5, now_ns, replace(
         rolling, accelerator=0.0, brake_front=half_pa, brake_rear=half_pa
@@ -92,7 +102,7 @@ def test_with_nothing_reported_the_car_turns_under_the_brakes_as_it_has_under_th
     steer = 8.0 / speed**2 * (CAR.wheelbase - 0.5 * UNDERSTEER * speed**2)
     turns = driving(speed, steer, sources=True).model_copy(update={"yaw_rate": 8.0 / speed, "ay": 8.0})
     braking = turns.model_copy(update={"brake_front": half_pa, "brake_rear": half_pa})
-    asked = Actuators(CAR.steering_ratio * steer, 0.0, half_pa, half_pa, 4)
+    asked = ActuatorPositions(CAR.steering_ratio * steer, 0.0, half_pa, half_pa, 4)
     reader = MotionReader(CAR, PER_PA)
     now_ns = run(reader, braking, 6.0, 0, asked)
     run(reader, driving(speed, steer, sources=False), 0.5, now_ns, asked)
@@ -106,7 +116,7 @@ def test_with_nothing_reported_brakes_do_what_the_imu_has_shown_them_to_do() -> 
     reader, half_pa = MotionReader(CAR, PER_PA), 0.5 * 8.0 * CAR.mass / PER_PA
     drag = 0.5 * CAR.air_density * CAR.drag_area / CAR.mass * 40.0**2
     pressed = {"brake_front": half_pa, "brake_rear": half_pa, "ax": -0.8 * 8.0 - drag}
-    asked = Actuators(0.0, 0.0, half_pa, half_pa, 4)
+    asked = ActuatorPositions(0.0, 0.0, half_pa, half_pa, 4)
     now_ns = run(reader, driving(40.0, 0.0, sources=True).model_copy(update=pressed), 4.0, 0, asked)
     before = reader.motion.speed
     run(reader, driving(40.0, 0.0, sources=False), 0.5, now_ns, asked)
@@ -117,7 +127,7 @@ def test_with_nothing_reported_brakes_do_what_the_imu_has_shown_them_to_do() -> 
 def test_what_a_wrong_imu_has_taught_at_last_is_not_gone_by(wrong: bool) -> None:
     """A gyro that says 0.3 rad/s too much for half a second makes a car that understeers seem to oversteer."""
     speed, steer = 60.0, 15.0 / 60.0**2 * (CAR.wheelbase + UNDERSTEER * 60.0**2)
-    reader, rolling = MotionReader(CAR, PER_PA), Actuators(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 6)
+    reader, rolling = MotionReader(CAR, PER_PA), ActuatorPositions(CAR.steering_ratio * steer, 0.1, 0.0, 0.0, 6)
     bend = driving(speed, steer, sources=True)
     now_ns = run(reader, bend, 6.0, 0, rolling)
     now_ns = run(reader, bend.model_copy(update={"yaw_rate": bend.yaw_rate + 0.3}), 0.5, now_ns, rolling)
@@ -146,7 +156,7 @@ def test_without_a_gyro_the_wheels_tell_at_once_half_of_what_the_course_does_not
 def test_wheels_that_the_engine_drives_are_not_asked_how_the_car_turns(drive: float) -> None:
     """An inner rear wheel that slips under power by 5 % makes the car turn the other way."""
     reader, bend = MotionReader(CAR, PER_PA), driving(40.0, -0.03, sources=True)
-    run(reader, bend, 0.5, 0, Actuators(0.0, 0.0, 0.0, 0.0, 4))
+    run(reader, bend, 0.5, 0, ActuatorPositions(0.0, 0.0, 0.0, 0.0, 4))
     slips = bend.model_copy(update={"drive": drive, "wheel_speed_rr": bend.wheel_speed_rr + 2.0 * (drive > 0.0)})
     assert reader.wheel_yaw_rate(slips, 40.0) == pytest.approx(bend.yaw_rate, abs=0.02)
 
@@ -184,7 +194,7 @@ def test_a_stop_goes_by_the_speed_of_the_car_not_of_its_slipping_wheels(slip: fl
 @pytest.mark.parametrize("steer", [-0.1, 0.1])
 def test_in_a_bend_the_outer_wheels_do_not_make_the_car_faster(steer: float) -> None:
     reader, state = MotionReader(CAR, PER_PA), driving(20.0, steer, sources=True)
-    run(reader, state, 0.1, 0, Actuators(0.0, 0.0, 0.0, 0.0, 3))
+    run(reader, state, 0.1, 0, ActuatorPositions(0.0, 0.0, 0.0, 0.0, 3))
     assert reader.motion.speed == pytest.approx(20.0, rel=0.004)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 from support.cars.scripted_car import Rig
 
-from hil_gateway.car.actuation import Actuators
+from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.states import SysState
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config
@@ -65,7 +65,7 @@ def finds(reported: Motor, turned: Motor, asked: Motor = chicane) -> bool:
     for tick in range(200):
         steer, true = reported(tick) / CAR.steering_ratio, turned(tick) / CAR.steering_ratio
         yaw_rate = 0.5 * SPEED * math.tan(true) / CAR.wheelbase
-        commanded = Actuators(asked(tick), 0.0, 0.0, 0.0, 3)
+        commanded = ActuatorPositions(asked(tick), 0.0, 0.0, 0.0, 3)
         monitor.step(state.model_copy(update={"steer": steer, "yaw_rate": yaw_rate}), SPEED, commanded)
     return monitor.found
 
@@ -100,7 +100,7 @@ def imu_wrong_in_a_slide(turned: Motor) -> bool:
         changes = {"steer": steer, "yaw_rate": yaw_rate, "ay": SPEED * yaw_rate if tick < 200 else 5.0}
         changes |= {f"wheel_speed_{wheel}": SPEED for wheel in ("fl", "fr", "rl", "rr")}
         state = rig.gateway.seen[0].model_copy(update={**changes, "sys_state": SysState.DRIVING})
-        commanded, now_ns = Actuators(chicane(tick), 0.0, 0.0, 0.0, 3), (tick + 1) * 10_000_000
+        commanded, now_ns = ActuatorPositions(chicane(tick), 0.0, 0.0, 0.0, 3), (tick + 1) * 10_000_000
         monitors.motion.step(now_ns, state, course, commanded)
         monitors.measures(now_ns, state, None, commanded, course)
     return monitors.imu_wrong
@@ -117,7 +117,7 @@ def noticed_s(reported: Motor) -> float:
     rig.run(0.05)
     state, monitor = rig.gateway.seen[0], FollowingMonitor(CAR)
     for tick in range(-100, 200):
-        commanded = Actuators(bend(tick), 0.0, 0.0, 0.0, 6)
+        commanded = ActuatorPositions(bend(tick), 0.0, 0.0, 0.0, 6)
         steer = round(reported(tick) / STEP_RAD) * STEP_RAD / CAR.steering_ratio
         follows = monitor.step((tick + 101) * 10_000_000, state.model_copy(update={"steer": steer}), commanded)
         if follows.steering > 0.0:
