@@ -84,7 +84,10 @@ class Feed:
             self._prior = belief
         return {
             "events": list(self._events),
-            "laps": [{"time_s": round(lap.time_s, 3), "sectors_s": lap.sectors_s} for lap in self._clock.laps[-50:]],
+            "laps": [
+                {"time_s": round(lap.time_s, 3), "sectors_s": lap.sectors_s, "from_rest": lap.from_rest}
+                for lap in self._clock.laps[-50:]
+            ],
             "alerts": grouped(list(self._alerts)),
             "stop": {"first": self._stops.first, "last": self._stops.last},
             "tyres": _tyres(belief, self._prior) if belief and self._prior else None,

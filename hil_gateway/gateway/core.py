@@ -82,9 +82,9 @@ class Gateway:
         return self.monitors.shares | {"other receivers": self._receivers.share}
 
     @property
-    def late(self) -> str:
-        """Who was late, where that is why the car is being stopped."""
-        return self._reporter.late
+    def why(self) -> str:
+        """Who was late, or what is wrong with the fixes, where that is why the car is being stopped."""
+        return self._reporter.why
 
     def step(self, now_ns: int) -> None:
         """One 10 ms period."""
@@ -183,7 +183,8 @@ class Gateway:
         )  # fmt: skip
         self.decision = decide(situation, before)
         self.seen = state, situation.conditions
-        self._reporter.note_change(situation, before, self.decision, self.inbox.estimate.age_s(now_ns))
+        estimate_age_s, fixes = self.inbox.estimate.age_s(now_ns), self.monitors.position.source
+        self._reporter.note_change(situation, before, self.decision, estimate_age_s, fixes)
         if self.decision.stopping and not before.stopping:
             self._actor.start_stop()
         return situation

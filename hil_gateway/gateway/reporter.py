@@ -30,19 +30,23 @@ class Reporter:
         self._latency_ms = Rolling(LATENCY_WINDOW)
         self._answered_seq: int | None = None
         self._lately = LatelyLate()
-        self.late = ""
-        """who was late, where that is why the car is being stopped"""
+        self.why = ""
+        """who was late, or what is wrong with the fixes, where that is why the car is being stopped"""
         self._detail = ""
         self._due_ns = 0
         self._seq = 0
 
-    def note_change(self, situation: Situation, before: Decision, after: Decision, estimate_age_s: float) -> None:
-        """Who was late and how busy the computer is, where that is why the car is being stopped; once a period."""
+    def note_change(
+        self, situation: Situation, before: Decision, after: Decision, estimate_age_s: float, fixes: str
+    ) -> None:
+        """Who was late and how busy the computer is, or what is wrong with the fixes (`fixes`), where that is why the
+        car is being stopped; once a period."""
         self._lately.note({**situation.conditions.measures, "estimate_age": estimate_age_s})
         if after.action is before.action:
             return
-        self.late = who_was_late(after.failsafe.cause, self._lately.longest)
-        self._detail = "; ".join(filter(None, (self.late, self._load()))) if self.late else ""
+        late = who_was_late(after.failsafe.cause, self._lately.longest)
+        self.why = fixes if after.failsafe.cause == "position_wrong" else late
+        self._detail = f"{late}; {self._load()}".removesuffix("; ") if late else self.why
 
     def note_answer(self, now_ns: int, decision: Decision, command: Command | None) -> None:
         """CAN report in to the first command frame that answers it."""

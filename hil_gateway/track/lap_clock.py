@@ -24,6 +24,8 @@ class Lap:
     start_s: float
     time_s: float
     sectors_s: tuple[float, ...]
+    from_rest: bool = False
+    """it began where the car stood, up to `NEAR_LINE_M` beyond the line"""
 
 
 @dataclass
@@ -40,6 +42,7 @@ class LapClock:
     _last: tuple[float, float] | None = None
     _beyond: float = 0.0
     _start_s: float | None = None
+    _from_rest: bool = False
     _stations: list[float] = field(default_factory=list)
     _times: list[float] = field(default_factory=list)
     _best_line: tuple[list[float], list[float]] = field(default_factory=lambda: ([], []))
@@ -53,7 +56,7 @@ class LapClock:
             self._start_s, self._beyond = None, s - self.length
             return None
         if self._start_s is None and last[1] < NEAR_LINE_M and speed > SLOWEST and not self.laps:
-            self._begin(last[0])
+            self._begin(last[0], from_rest=True)
             self._beyond = last[1]
         if self._start_s is None and speed <= SLOWEST:  # a position that wavers across the line is no crossing
             self._beyond = s if s < NEAR_LINE_M else s - self.length
@@ -77,8 +80,9 @@ class LapClock:
         weight = (s - stations[i - 1]) / (stations[i] - stations[i - 1])
         return t_s - self._start_s - (times[i - 1] + weight * (times[i] - times[i - 1]))
 
-    def _begin(self, t_s: float) -> None:
-        self._start_s, self._stations, self._times, self._splits = t_s, [], [], []
+    def _begin(self, t_s: float, from_rest: bool = False) -> None:
+        self._start_s, self._from_rest = t_s, from_rest
+        self._stations, self._times, self._splits = [], [], []
 
     def _advance(self, last_s: float, t_s: float, moved: float) -> Lap | None:
         """Go on by `moved` metres; note the line or the sector boundary that lies in between."""
@@ -101,7 +105,7 @@ class LapClock:
     def _finish(self, start_s: float) -> Lap:
         """The lap that ends here."""
         sectors = tuple(b - a for a, b in pairwise([0.0, *self._splits]))
-        lap = Lap(len(self.laps) + 1, start_s, self._splits[-1], sectors)
+        lap = Lap(len(self.laps) + 1, start_s, self._splits[-1], sectors, self._from_rest)
         self.laps.append(lap)
         if self.best is None or lap.time_s < self.best.time_s:
             self.best, self._best_line = lap, (self._stations, self._times)

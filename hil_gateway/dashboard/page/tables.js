@@ -104,7 +104,7 @@ export function drawLaps(laps, limit_s) {
   byId("lapratio").hidden = !limit_s;
   const best = Math.min(...laps.map((lap) => lap.time_s));
   fill("laps", laps.map((lap, i) => row(
-    [String(i + 1), lapTime(lap.time_s), lap.sectors_s.map((s) => s.toFixed(2)).join("  "), lap.time_s === best ? "best" : signed(lap.time_s - best, 2, "s"), ...(limit_s ? [ratio(lap.time_s, limit_s)] : [])],
+    [`${i + 1}${lap.from_rest ? " from rest" : ""}`, lapTime(lap.time_s), lap.sectors_s.map((s) => s.toFixed(2)).join("  "), lap.time_s === best ? "best" : signed(lap.time_s - best, 2, "s"), ...(limit_s ? [ratio(lap.time_s, limit_s)] : [])],
     [], lap.time_s === best ? "bestlap" : "",
   )).reverse());
 }

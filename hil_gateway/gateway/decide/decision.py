@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.car.states import CtState, SysState
@@ -10,6 +10,11 @@ from hil_gateway.gateway.decide.failsafe import Failsafe, Inputs, WhileSilent, f
 from hil_gateway.gateway.decide.race_control import Demand, LadderInputs, RaceControl
 from hil_gateway.process.clock import NS_PER_S
 
+STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
+KILL = "vehicle_flag_kill"
+EXPLAINED_S = 0.25
+"""s after the car's emergency within which an e-kill explains it: the car obeys the flag at once, and repeats it to the
+computer ten times a second"""
 NOTICED_S = 0.5
 """s after which a car that supervises its commands has noticed their end (it takes 0.2 s), and has said so"""
 
@@ -41,6 +46,8 @@ class Decision:
     """row that put the ladder into emergency while no commands were sent"""
     silent_ns: int = 0
     """when the failsafe was last silent"""
+    calm_ns: int = 0
+    """when the ladder was last not in emergency"""
     holding: bool = False
     """brakes alone are commanded, unarmed"""
     commanded_ns: int | None = None
@@ -60,41 +67,54 @@ class Decision:
     @property
     def stopping(self) -> bool:
         """Whether the gateway is bringing the car to a stop, or holds it there."""
-        return self.action in (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
+        return self.action in STOPS
 
 
 def decide(situation: Situation, state: Decision) -> Decision:
     """Next decision; never raises, whatever the inputs."""
-    failsafe = state.failsafe.step(situation.conditions)
+    failsafe = _explained(situation, state)
     restarting = _restarting(situation, state)
     holding = situation.may_hold and not failsafe.armed and not restarting
     row = first_firing_while_silent(situation.conditions)
     starting = restarting or state.race_control.ct_state <= CtState.INIT
     emergency = row is not None and not (row.while_silent is WhileSilent.BEYOND_INIT and starting)
     demand = Demand(
-        stop=failsafe.action is FailsafeAction.CONTROLLED_STOP,
-        emergency=failsafe.action is FailsafeAction.EMERGENCY_STOP or emergency,
+        stop=failsafe.action in STOPS,
+        emergency=failsafe.engine_off or emergency,
         restart=restarting,
         armed=failsafe.action is FailsafeAction.DRIVE,
         highest=situation.highest,
         crank=situation.conditions.request is OperatorAction.CRANK or not situation.sends,
     )
+    race_control = state.race_control.step(situation.now_ns, situation.ladder, demand)
     return Decision(
         failsafe,
-        state.race_control.step(situation.now_ns, situation.ladder, demand),
+        race_control,
         restarting,
-        _silent_cause(state, row.cause if row is not None and emergency else ""),
-        state.silent_ns if state.failsafe.armed else situation.now_ns,
-        holding,
-        situation.now_ns if failsafe.armed or holding else state.commanded_ns,
+        _silent_cause(situation, state, row.cause if row is not None and emergency else ""),
+        silent_ns=state.silent_ns if state.failsafe.armed else situation.now_ns,
+        calm_ns=state.calm_ns if race_control.ct_state is CtState.EMERGENCY else situation.now_ns,
+        holding=holding,
+        commanded_ns=situation.now_ns if failsafe.armed or holding else state.commanded_ns,
     )
 
 
-def _silent_cause(state: Decision, cause: str) -> str:
+def _explained(situation: Situation, state: Decision) -> Failsafe:
+    """Next state of the failsafe; an emergency of the car that an e-kill has caused is named for it."""
+    failsafe = state.failsafe.step(situation.conditions)
+    return replace(failsafe, cause=KILL) if _killed(situation, state, failsafe.cause) else failsafe
+
+
+def _killed(situation: Situation, state: Decision, cause: str) -> bool:
+    fires = situation.conditions.measures.get(KILL, 0.0) > 0.0
+    return fires and cause == "car_emergency" and situation.now_ns - state.calm_ns <= EXPLAINED_S * NS_PER_S
+
+
+def _silent_cause(situation: Situation, state: Decision, cause: str) -> str:
     """The first cause of an emergency keeps its name: the car's own emergency follows from it."""
-    if state.race_control.ct_state is CtState.EMERGENCY and state.silent_cause:
-        return state.silent_cause
-    return cause or state.silent_cause
+    if state.race_control.ct_state is not CtState.EMERGENCY or not state.silent_cause:
+        return cause or state.silent_cause
+    return KILL if _killed(situation, state, state.silent_cause) else state.silent_cause
 
 
 def _restarting(situation: Situation, state: Decision) -> bool:

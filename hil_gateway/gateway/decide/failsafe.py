@@ -95,7 +95,7 @@ TABLE: tuple[Row, ...] = (
         WhileSilent.BEYOND_INIT,
     ),
     Row("gateway_late", "the gateway missed its period", "gateway_gap", 0.1, _EMERGENCY, Clear.DISARM),
-    Row("command_dead", "no planner sends commands: `hil planner run`", "command_age", 0.5, _EMERGENCY, Clear.DISARM),
+    Row("command_dead", "no planner sends commands: `hil planner run`", "command_age", 0.5, _EMERGENCY, Clear.REARM),
     Row("can_silent", "the car sends nothing", "can_silence", 0.1, _EMERGENCY, Clear.DISARM),
     Row("steering_stuck", "the steering does not follow its command", "steering_stuck", 0.1, _EMERGENCY, Clear.DISARM),
     Row(
@@ -193,6 +193,7 @@ TABLE: tuple[Row, ...] = (
 """In order of priority: the first row that fires with the strongest action names the cause."""
 
 MEASURES = frozenset(row.measure for row in TABLE)
+ROWS = {row.cause: row for row in TABLE}
 _SEVERITY = {action: rank for rank, action in enumerate(FailsafeAction)}
 
 
@@ -223,6 +224,17 @@ class Failsafe:
         """Whether actuator commands are sent at all."""
         return self.action is not FailsafeAction.SILENT
 
+    @property
+    def engine_off(self) -> bool:
+        """Whether the car, too, is to go into its emergency, which cuts the engine. Not where only the planner is gone:
+        that is no fault of the car, and the stop has commands of its own."""
+        rearms = self.cause in ROWS and ROWS[self.cause].clear is Clear.REARM
+        return self.action is FailsafeAction.EMERGENCY_STOP and not rearms
+
+    @property
+    def _rank(self) -> tuple[int, bool]:
+        return _SEVERITY[self.action], self.engine_off
+
     def step(self, inputs: Inputs) -> Failsafe:
         """Next state; never raises, whatever the inputs."""
         row = first_firing(inputs)
@@ -231,19 +243,23 @@ class Failsafe:
             return Failsafe(FailsafeAction.DRIVE) if wants and not missing_for_arming(inputs) else Failsafe()
         if inputs.request is OperatorAction.DISARM and inputs.standing:
             return Failsafe()
-        if row is not None and _SEVERITY[row.action] > _SEVERITY[self.action]:
+        if row is not None and _rank(row) > self._rank:
             return Failsafe(row.action, row.cause)
         if self.action is FailsafeAction.DRIVE and inputs.request is OperatorAction.DISARM:
             return Failsafe(FailsafeAction.CONTROLLED_STOP, "disarmed_moving")
-        rearms = inputs.request is OperatorAction.ARM and self.action is FailsafeAction.CONTROLLED_STOP
-        if rearms and not missing_for_arming(inputs):
+        stopped = self.action is not FailsafeAction.DRIVE and not self.engine_off
+        if stopped and inputs.request is OperatorAction.ARM and not missing_for_arming(inputs):
             return Failsafe(FailsafeAction.DRIVE)
         return Failsafe(self.action, self.cause)
 
 
 def first_firing(inputs: Inputs) -> Row | None:
     """The strongest row whose measure has reached its threshold."""
-    return max(_firing(inputs), key=lambda row: _SEVERITY[row.action], default=None)
+    return max(_firing(inputs), key=_rank, default=None)
+
+
+def _rank(row: Row) -> tuple[int, bool]:
+    return _SEVERITY[row.action], row.clear is Clear.DISARM
 
 
 def first_firing_while_silent(inputs: Inputs) -> Row | None:

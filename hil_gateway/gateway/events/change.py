@@ -19,10 +19,9 @@ from hil_gateway.car.states import (
     VehicleFlag,
 )
 from hil_gateway.gateway.check.arming import EXPLANATION
-from hil_gateway.gateway.decide.failsafe import TABLE, Failsafe, Inputs, missing_for_arming
+from hil_gateway.gateway.decide.decision import STOPS
+from hil_gateway.gateway.decide.failsafe import ROWS, Failsafe, Inputs, missing_for_arming
 
-STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
-ROWS = {row.cause: row for row in TABLE}
 CAUSES_OF_OTHERS = {"disarmed_moving": "disarming was asked for while the car moved"}
 """causes that are no row of the failsafe table"""
 
@@ -53,14 +52,16 @@ class Seen:
     vehicle_flag: int = VehicleFlag.NONE
     bus_state: str = "error_active"
     inputs: Inputs | None = None
-    late: str = ""
-    """who was late, where that is why the car is being stopped"""
+    why: str = ""
+    """who was late, or what is wrong with the fixes, where that is why the car is being stopped"""
     second_computer: bool = False
     """another computer on this bus reports its ct_state"""
     command_source: str = ""
     """who has the right to command"""
     second_source: str = ""
     """who sends commands without it"""
+    cause: str = ""
+    """behind a stop, or behind an emergency while no drive commands are sent"""
 
     @classmethod
     def of(  # noqa: PLR0917 - what a period shows
@@ -70,18 +71,21 @@ class Seen:
         state: VehicleState,
         inputs: Inputs,
         bus_state: str,
-        late: str,
+        why: str,
         second_computer: bool,
     ) -> Seen:
         """What the gateway's newest period shows."""
         flags = state.track_flag, state.vehicle_flag
-        return cls(failsafe, ct_state, state.sys_state, *flags, bus_state, inputs, late, second_computer)
+        return cls(failsafe, ct_state, state.sys_state, *flags, bus_state, inputs, why, second_computer)
 
 
 def changes(before: Seen, after: Seen) -> Iterator[Change]:
     """Everything that is different, what stops the car first."""
     if after.failsafe != before.failsafe:
         yield _failsafe(before.failsafe, after)
+    elif after.cause != before.cause and after.cause:
+        text = _why(after.cause, after.why)
+        yield Change(EventKind.FAILSAFE, after.failsafe.action, "emergency", text, Severity.STOP, after.cause)
     elif after.inputs is not None and after.inputs.request is OperatorAction.ARM:
         yield from _refusal(after.failsafe, after.inputs)
     if after.track_flag != before.track_flag:
@@ -119,7 +123,7 @@ def _failsafe(before: Failsafe, after: Seen) -> Change:
         held = inputs.measures.get(row.measure, math.inf) if row and inputs else math.inf
         measured = held if row and row.threshold_s > 0 and math.isfinite(held) else None
         limit = None if measured is None or row is None else row.threshold_s
-        text = _why(now.cause, after.late)
+        text = _why(now.cause, after.why)
         return Change(
             EventKind.FAILSAFE, before.action, now.action, text, Severity.STOP, now.cause, measured, limit,
             "" if measured is None else "s",
@@ -129,9 +133,9 @@ def _failsafe(before: Failsafe, after: Seen) -> Change:
     return Change(EventKind.ARMING, before.action, now.action, text)
 
 
-def _why(cause: str, late: str) -> str:
+def _why(cause: str, more: str) -> str:
     words = EXPLANATION.get(cause) or CAUSES_OF_OTHERS.get(cause, cause)
-    return f"{words} ({late})" if late else words
+    return f"{words} ({more})" if more else words
 
 
 def _refusal(failsafe: Failsafe, inputs: Inputs) -> Iterator[Change]:

@@ -41,9 +41,12 @@ class EventLog:
         if gateway.seen is not None:
             ct_state = gateway.decision.race_control.ct_state
             second = gateway.builder.foreign_reports(now_ns)
-            seen = Seen.of(gateway.failsafe, ct_state, *gateway.seen, bus_state, gateway.late, second)
+            seen = Seen.of(gateway.failsafe, ct_state, *gateway.seen, bus_state, gateway.why, second)
             inbox = gateway.inbox
-            seen = replace(seen, command_source=inbox.command_source, second_source=inbox.second_source)
+            seen = replace(
+                seen, cause=gateway.decision.cause, command_source=inbox.command_source,
+                second_source=inbox.second_source,
+            )  # fmt: skip
             found, self._seen = list(changes(self._seen, seen)), seen
         for change in chain(found, self._others.step(now_ns)):
             self._publish(now_ns, change)

@@ -35,6 +35,8 @@ class OtherProcesses:
         self._published, self._adopted = _Models(), _Models()
         self._effects: dict[str, str] = {}
         self._lap: tuple[int, int | None] | None = None
+        self._began_m = 0.0
+        """progress of the plan where its count of laps was first seen, m"""
         self._stands = False
 
     def step(self, now_ns: int) -> Iterator[Change]:
@@ -76,9 +78,9 @@ class OtherProcesses:
                 yield Change(EventKind.ADOPTION, before, plan.revision, text)
         started_ns = plan.state_stamp_ns
         if self._lap is None or plan.lap < self._lap[0]:
-            self._lap = plan.lap, None
+            self._lap, self._began_m = (plan.lap, None), plan.s[0]
         elif plan.lap > self._lap[0]:
-            yield _lap_done(self._lap[0], plan.lap, self._lap[1], started_ns)
+            yield _lap_done(self._lap[0], plan.lap, self._lap[1], started_ns, plan.s[0] - self._began_m)
             self._lap = plan.lap, started_ns
 
 
@@ -90,10 +92,11 @@ def _driving_off() -> Change:
     return Change(EventKind.PLAN, "not moving", "moving", "the plan drives off")
 
 
-def _lap_done(before: int, after: int, began_ns: int | None, now_ns: int) -> Change:
-    """A lap by the plan's count; its time only where its beginning was seen."""
+def _lap_done(before: int, after: int, began_ns: int | None, now_ns: int, way_m: float) -> Change:
+    """A lap by the plan's count; its time only where it began at the line."""
     if began_ns is None:
-        return Change(EventKind.LAP, str(before), str(after), f"lap {after} done")
+        text = f"the line after {way_m:.0f} m: lap {after} did not begin there"
+        return Change(EventKind.LAP, str(before), str(after), text)
     lap_s, text = (now_ns - began_ns) / NS_PER_S, f"lap {after} done, to one plan of 0.05 s"
     return Change(EventKind.LAP, str(before), str(after), text, measured=lap_s, unit="s")
 

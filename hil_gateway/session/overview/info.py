@@ -171,7 +171,10 @@ def _story_lines(info: dict[str, Any]) -> list[str]:
     """Laps, stops, alerts, revisions."""
     if reason := info.get("story_unreadable"):
         return [f"  laps and stops not read: {reason}"]
-    laps = [f"  lap {i}: {figure(lap['time_s'], 's', 5)}" for i, lap in enumerate(info["laps"], start=1)]
+    laps = [
+        f"  lap {i}: {figure(lap['time_s'], 's', 5)}{', from rest, not from the line' if lap['from_rest'] else ''}"
+        for i, lap in enumerate(info["laps"], start=1)
+    ]
     stops = [f"  {s['after']} at {figure(s['t'], 's', 5)}: {s['cause']}{_value(s)}" for s in info["stops"]]
     alerts = [
         f"  not explained: {', '.join(a['channels'])}, up to {figure(a['strength'], '', 3)} times its noise"

@@ -75,7 +75,10 @@ class Story:
         laps = self._clock.laps if self._clock else []
         known = [stop for stop in self._events if stop["kind"] == EventKind.FAILSAFE]
         return {
-            "laps": [{"time_s": round(lap.time_s, 3), "sectors_s": _rounded(lap.sectors_s)} for lap in laps],
+            "laps": [
+                {"time_s": round(lap.time_s, 3), "sectors_s": _rounded(lap.sectors_s), "from_rest": lap.from_rest}
+                for lap in laps
+            ],
             "best_lap_s": min((round(lap.time_s, 3) for lap in laps), default=None),
             "stops": known or self._stops,
             "alerts": grouped(self._alerts),

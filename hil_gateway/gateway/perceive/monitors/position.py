@@ -62,6 +62,8 @@ class PositionMonitor:
         """mean residual over the way since the fix before"""
         self._fix_ns: int | None = None
         self.wrong = False
+        self.source = ""
+        """what found it first, in words"""
         self.refused = False
         """by the estimator, until the car stands"""
         self._contradicted = self._drifts = False
@@ -79,13 +81,17 @@ class PositionMonitor:
         """The newest fixes lie so far beside one curve."""
         self._scatters = self._reference is not None and scatter_m > SCATTER_M
         held_s = self._scatter.update(self._scatters, now_ns)
-        self.wrong = self.wrong or held_s > SCATTERED_S
+        self._note(held_s > SCATTERED_S, "fixes scatter beside their own course")
+
+    def _note(self, found: bool, source: str) -> None:
+        self.source = source if found and not (self.wrong or self.refused) else self.source
+        self.wrong = self.wrong or found
 
     def outvoted(self, held_s: float) -> None:
         """Both other receivers have moved away from the fixes for so long."""
         tells = self._reference is not None and held_s > OUTVOTED_S
         self._drifts = self._drifts or (tells and not (self.suspect or self._scatters))
-        self.wrong = self.wrong or tells
+        self._note(tells, "both other receivers have moved away from them")
 
     @property
     def drifts(self) -> bool:
@@ -97,7 +103,7 @@ class PositionMonitor:
     def contradicted(self, held_s: float) -> None:
         """The course of the fixes has contradicted IMU and wheels, which agree, for so long."""
         self._contradicted = held_s > 0.0
-        self.wrong = self.wrong or held_s > CONTRADICTED_S
+        self._note(held_s > CONTRADICTED_S, "their course contradicts IMU and wheels")
 
     def heed(self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], believed: bool) -> None:
         """An estimator that refuses the fixes goes on without them: it still answers, and calls itself invalid.
@@ -106,7 +112,9 @@ class PositionMonitor:
         """
         answers = believed and state.valid and self._reference is not None and estimate.alive(now_ns)
         settled = self._answering.update(answers, now_ns) > SETTLED_S
-        self.refused = self.refused or (settled and self._estimated and not estimate.valid(now_ns))
+        refuses = settled and self._estimated and not estimate.valid(now_ns)
+        self.source = "the estimator refuses them" if refuses and not (self.wrong or self.refused) else self.source
+        self.refused = self.refused or refuses
         self._estimated = settled and estimate.valid(now_ns)
 
     def step(self, now_ns: int, state: VehicleState, motion: Motion, pose: Pose | None) -> None:
@@ -145,7 +153,7 @@ class PositionMonitor:
             self._take(along, across, pose)
         else:
             self._level = min(self._level + 1.0, WRONG)
-        self.wrong = self.wrong or self._level >= WRONG
+        self._note(self._level >= WRONG, "they leave the way by wheels and gyro")
 
     def _beside(self, x: float, y: float) -> tuple[float, float]:
         """How far a fix lies ahead and to the left of the place carried on, m."""

@@ -61,6 +61,13 @@ def test_a_plan_older_than_100_ms_begins_a_controlled_stop_and_500_ms_an_emergen
     emergency_s = (rig.now_ns - PERIOD_NS - taken_ns) / NS_PER_S
     assert rig.cause == "command_dead"
     assert within_one_period(emergency_s, 0.5), emergency_s
+    rig.run(4.0)
+    assert (rig.car.speed, rig.car.ct_state, rig.car.sys_state) == (0.0, 10, 9), "the engine goes on"
+    rig.planner_runs = True
+    rig.run(0.5)
+    rig.ask(OperatorAction.ARM)
+    rig.run(0.5)
+    assert rig.action is FailsafeAction.DRIVE
     record_figure("L1", f"controlled stop at {stop_s * 1e3:.0f} ms, emergency stop at {emergency_s * 1e3:.0f} ms")
 
 

@@ -52,7 +52,9 @@ def test_a_car_that_stands_on_the_line_begins_its_lap_when_it_moves():
     for i in range(100):
         clock.update(0.1 * i, 2.0, 0.0)
     drive(clock, 50.0, 61.0, start=2.0, t0=10.0)
+    drive(clock, 50.0, 61.0, start=52.0, t0=71.1)
     assert clock.laps[0].time_s == pytest.approx((LENGTH - 2.0) / 50.0, abs=0.11)
+    assert [lap.from_rest for lap in clock.laps] == [True, False]
 
 
 def test_a_position_that_wavers_across_the_line_while_the_car_stands_begins_no_lap():

@@ -9,7 +9,7 @@ import pytest
 
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.car.states import CtState
-from hil_gateway.gateway.decide.decision import Decision, Situation, decide
+from hil_gateway.gateway.decide.decision import KILL, Decision, Situation, decide
 from hil_gateway.gateway.decide.failsafe import MEASURES, TABLE, Failsafe, Inputs, WhileSilent
 from hil_gateway.gateway.decide.race_control import LadderInputs, RaceControl
 
@@ -49,6 +49,18 @@ def test_the_first_cause_of_a_silent_emergency_keeps_its_name():
     first = decide(situation("uncommanded_motion"), silent(CtState.NOMINAL_RACE))
     then = decide(situation("car_emergency"), first)
     assert then.cause == "uncommanded_motion"
+
+
+@pytest.mark.parametrize("armed", [True, False])
+@pytest.mark.parametrize(("after_s", "named"), [(0.1, "vehicle_flag_kill"), (3.0, "car_emergency")])
+def test_an_e_kill_that_the_car_obeys_before_it_says_so_gives_its_name(armed, after_s, named):
+    first = replace(silent(CtState.NOMINAL_RACE), calm_ns=10**9)
+    first = replace(first, failsafe=Failsafe(FailsafeAction.DRIVE)) if armed else first
+    emergency = decide(situation("car_emergency"), first)
+    assert emergency.cause == "car_emergency"
+    both = replace(situation("car_emergency"), now_ns=10**9 + round(after_s * 1e9))
+    both = replace(both, conditions=replace(both.conditions, measures={**both.conditions.measures, KILL: math.inf}))
+    assert decide(both, emergency).cause == named
 
 
 def test_a_decision_is_a_function_of_its_arguments():

@@ -22,12 +22,14 @@ from hil_gateway.gateway.decide.failsafe import (
 )
 
 # The oracle: what must happen, written down a second time without looking at the code's table. It uses the actions'
-# numbers and sets instead of rows: 0 silent, 1 drive, 2 controlled stop, 3 emergency stop.
+# numbers and sets instead of rows: 0 silent, 1 drive, 2 controlled stop, 3 emergency stop with the engine on, 4 with it
+# off.
 EMERGENCY_AT = {
     "operator_emergency": 0.0, "vehicle_flag_kill": 0.0, "car_emergency": 0.0, "foreign_emergency": 0.0,
     "uncommanded_motion": 0.0, "steering_stuck": 0.1, "pedals_stuck": 0.1, "commands_unanswered": 0.15,
-    "command_age": 0.5, "can_silence": 0.1, "gateway_gap": 0.1,
+    "can_silence": 0.1, "gateway_gap": 0.1,
 }  # fmt: skip
+HARD_STOP_AT = {"command_age": 0.5}
 STOP_AT = {
     "operator_stop": 0.0, "command_age": 0.1, "state_invalid": 0.05, "estimate_invalid": 0.05, "counters_wrong": 0.0,
     "heading_unknown": 0.0,
@@ -40,14 +42,14 @@ STOP_AT = {
     "off_road": 0.05,
     "wrong_way": 0.2,
 }  # fmt: skip
-NUMBER = {"silent": 0, "drive": 1, "controlled_stop": 2, "emergency_stop": 3}
+NUMBER = {"silent": (0,), "drive": (1,), "controlled_stop": (2,), "emergency_stop": (3, 4)}
 
 
 def demanded(measures: dict[str, float]) -> int:
     def any_of(limits: dict[str, float]) -> bool:
         return any(measures[name] > 0 and measures[name] >= limit for name, limit in limits.items())
 
-    return 3 if any_of(EMERGENCY_AT) else 2 if any_of(STOP_AT) else 0
+    return 4 if any_of(EMERGENCY_AT) else 3 if any_of(HARD_STOP_AT) else 2 if any_of(STOP_AT) else 0
 
 
 def oracle(state: int, measures: dict[str, float], standing: bool, request: str | None, may_arm: bool) -> int:
@@ -62,7 +64,7 @@ def oracle(state: int, measures: dict[str, float], standing: bool, request: str 
         return worst
     if state == 1 and request == "disarm":
         return 2
-    if state == 2 and request == "arm" and clear_to_arm:
+    if state in (2, 3) and request == "arm" and clear_to_arm:
         return 1
     return state
 
@@ -88,14 +90,15 @@ def test_an_oracle_written_from_the_table_agrees():
             standing, may_arm = rng.random() < 0.7, rng.random() < 0.95
             failsafe = failsafe.step(Inputs(measures, standing, request, may_arm))
             expected = oracle(expected, measures, standing, request and request.value, may_arm)
-            assert NUMBER[failsafe.action.value] == expected, (sequence, step, measures, standing, request, failsafe)
+            assert expected in NUMBER[failsafe.action.value], (sequence, step, measures, standing, request, failsafe)
+            assert failsafe.engine_off == (expected == 4), (sequence, step, measures, failsafe)
             reached[failsafe.action.value] = reached.get(failsafe.action.value, 0) + 1
     assert min(reached.get(name, 0) for name in NUMBER) > sequences / 10
     record_figure("S7", f"{sequences:,} sequences of 10 periods agree with the oracle")
 
 
 def test_the_oracle_knows_every_measure():
-    assert set(EMERGENCY_AT) | set(STOP_AT) == MEASURES
+    assert set(EMERGENCY_AT) | set(HARD_STOP_AT) | set(STOP_AT) == MEASURES
 
 
 def test_the_documented_table_is_the_code_s():

@@ -46,6 +46,28 @@ def test_a_stop_is_logged_with_its_first_and_its_last_cause_what_was_measured_an
     assert "planner held up" in first.text
 
 
+def test_an_emergency_while_silent_is_logged_as_a_stop_with_its_cause():
+    rig = LoggedRig()
+    rig.run(1.0)
+    rig.ask(OperatorAction.EMERGENCY)
+    rig.run(0.5)
+    (stop,) = rig.of(EventKind.FAILSAFE)
+    assert (stop.before, stop.after, stop.cause) == ("silent", "emergency", "operator_emergency")
+    assert stop.severity is Severity.STOP
+
+
+def test_an_e_kill_that_the_car_obeys_first_is_logged_as_such():
+    rig = LoggedRig()
+    rig.drive_off()
+    rig.car.overrides["sys_state"] = 16
+    rig.run(0.05)
+    rig.car.marelli_vehicle_flag = 33
+    rig.run(0.5)
+    first, then = rig.of(EventKind.FAILSAFE)
+    assert (first.cause, then.cause) == ("car_emergency", "vehicle_flag_kill")
+    assert rig.status.cause == "vehicle_flag_kill"
+
+
 def test_what_is_published_is_what_is_written_down_in_order():
     rig = LoggedRig()
     rig.drive_off()

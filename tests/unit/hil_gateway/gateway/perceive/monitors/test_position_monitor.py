@@ -58,7 +58,9 @@ def test_single_late_fixes_stop_no_car(speed: float, decelerating: float, late_s
     ],
 )
 def test_fixes_where_the_car_cannot_be_are_wrong(speed: float, says: Place) -> None:
-    assert judged(speed, 0.0, says).wrong
+    monitor = judged(speed, 0.0, says)
+    assert monitor.wrong
+    assert monitor.source == "they leave the way by wheels and gyro"
 
 
 def test_fixes_that_both_other_receivers_leave_drift_unless_they_scatter() -> None:
@@ -68,6 +70,7 @@ def test_fixes_that_both_other_receivers_leave_drift_unless_they_scatter() -> No
     for monitor in (steady, scattering):
         monitor.outvoted(1.0)
         assert monitor.wrong
+        assert monitor.source == "both other receivers have moved away from them"
     assert steady.drifts
     assert not scattering.drifts
     steady.scattered(0, 1.0)
