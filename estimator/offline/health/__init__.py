@@ -22,8 +22,9 @@ from estimator.offline.health import (
 )
 from estimator.offline.health.finding import Action, LogFinding
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.errors import InputError
 
-__all__ = ["Action", "Finding", "HealthReport", "examine"]
+__all__ = ["Action", "HealthReport", "LogFinding", "examine"]
 
 FINDERS: tuple[Callable[[DriveLog, Vehicle], list[LogFinding]], ...] = (
     sampling.find,
@@ -87,10 +88,16 @@ class HealthReport:
 
 
 def examine(log: DriveLog, vehicle: Vehicle, keep: Collection[str] = ()) -> HealthReport:
-    """Run all finders on `log`; findings named in `keep` are reported but not acted on."""
+    """Run all finders on `log`; findings named in `keep` are reported but not acted on.
+
+    Raises:
+        InputError: a channel whose unit cannot be told.
+    """
     findings: list[LogFinding] = []
     for finder in FINDERS:
         found = [_switched(finding, keep) for finding in finder(log, vehicle)]
+        if refused := next((finding for finding in found if finding.action is Action.REFUSED), None):
+            raise InputError(f"{', '.join(log.sources) or 'the log'}: {refused.description}")
         for finding in found:
             if finding.repair is not None:
                 log = _rederive(finding.repair(log), finding.channel)

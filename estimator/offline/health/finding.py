@@ -18,6 +18,8 @@ class Action(StrEnum):
     CORRECTED = "corrected"
     EXCLUDED = "excluded"
     LEFT = "left"
+    REFUSED = "refused"
+    """nothing is computed from such a log until a person says what it is"""
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.drives.drive_simulator import TYRE, simulate
 from support.drives.open_circle import circles
 
 from estimator.drive_log.table import DriveLog, segment_numbers
-from estimator.offline.health import Action, examine
+from estimator.offline.health import Action, examine, units
 from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.process.errors import InputError
 
 VEHICLE = Vehicle()
 COLUMNS = simulate([TYRE], 60.0, seed=21)[0].columns
@@ -171,15 +174,30 @@ def test_wrong_rolling_radius_is_reported() -> None:
     assert finding.size == pytest.approx(0.015, abs=0.001)  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"vy": 1e9 * COLUMNS["vy"]},
-        {"yaw_rate": 1e9 * COLUMNS["yaw_rate"]},
-        {"steer": 1e-300 * COLUMNS["steer"]},
-    ],
-)
-def test_a_log_in_which_nothing_is_driven_or_nothing_seen_is_examined_all_the_same(
-    changes: dict[str, np.ndarray],
-) -> None:
-    examine(_log(**changes), VEHICLE)
+@pytest.mark.parametrize(("name", "factor"), [("vy", 1e9), ("yaw_rate", 1e9), ("steer", 9.3)])
+def test_a_channel_of_no_known_unit_is_asked_for_and_used_where_its_user_says_so(name: str, factor: float) -> None:
+    log = _log(**{name: factor * COLUMNS[name]})
+    with pytest.raises(InputError, match="--columns"):
+        examine(log, VEHICLE)
+    keep = [f"{kind}_{channel}" for kind in ("unknown_unit", "beyond") for channel in COLUMNS]
+    assert not [f for f in examine(log, VEHICLE, keep).findings if f.action is Action.REFUSED]
+
+
+def test_a_channel_too_small_to_be_squared_is_examined_all_the_same() -> None:
+    examine(_log(steer=1e-300 * COLUMNS["steer"]), VEHICLE)
+
+
+KMH, DEG, G = 3.6, 57.29578, 9.80665
+SLIPS: list[dict[str, float]] = [
+    {}, {"vx": KMH}, {"vx": KMH, "vy": KMH}, {"vx": 2.23694, "vy": 2.23694}, {"vy": -1.0}, {"yaw_rate": -DEG},
+    {"ax": 1 / G, "ay": 1 / G}, {"steer": -DEG}, {"yaw_rate": DEG, "steer": DEG},
+    {"vx": KMH, "vy": KMH, "yaw_rate": DEG, "ax": 1 / G, "ay": 1 / G, "steer": DEG},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("slips", SLIPS, ids=lambda slips: " ".join(f"{n}*{k:.3g}" for n, k in slips.items()) or "none")
+def test_units_and_signs_of_all_channels_are_found_together_without_positions(slips: dict[str, float]) -> None:
+    log = _log(**{name: factor * COLUMNS[name] for name, factor in slips.items()})
+    columns = {n: c for n, c in log.columns.items() if n not in ("x", "y", "yaw")}
+    found = {f.channel: f.size for f in units.find(replace(log, columns=columns), VEHICLE)}
+    assert found == {name: pytest.approx(factor, rel=1e-3) for name, factor in slips.items()}
