@@ -102,9 +102,8 @@ def planner(gateway: Gateway, steer: float, drive: float) -> Iterator[None]:
             for state in states.poll(0)[-1:]:
                 seq += 1
                 stamp = time.monotonic_ns()
-                pose = dict.fromkeys(
-                    ("x", "y", "yaw", "vx", "vy", "yaw_rate", "bias_ax", "bias_ay", "bias_yaw_rate"), 0.0
-                )
+                moves = ("yaw", "vx", "vy", "yaw_rate", "bias_ax", "bias_ay", "bias_yaw_rate")
+                pose = {"x": state.position_x, "y": state.position_y} | dict.fromkeys(moves, 0.0)
                 gateway.bus.publish(topics.ESTIMATE, Estimate(
                     stamp_ns=stamp, seq=seq, state_stamp_ns=state.stamp_ns, valid=True, std=(0.1,) * 9,
                     steer=0.0, drive=0.0, innovations_rejected=0, **pose,

@@ -19,6 +19,8 @@ from hil_gateway.process.supervisor import DASHBOARD, PROCESSES, ProcessSpec, Su
 
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 UP_S = 60.0
+SILENCE_NS = 200_000_000
+"""after which the car has noticed that commands ended: what follows begins anew, at the angle that the car reports"""
 
 
 class Ordinary(Supervisor):
@@ -41,6 +43,7 @@ class LiveLoop:
         self.judge = Judge()
         self.gaps: list[float] = []
         self._last_ns: int | None = None
+        self._heard_ns = 0
         self.seq = 0
         self.done: list[str] = []
         """losses so far"""
@@ -81,6 +84,10 @@ class LiveLoop:
         while True:
             for frame in self.link.receive(0.01):
                 if frame.id in DLC:
+                    if frame.stamp_ns - self._heard_ns > SILENCE_NS:
+                        self.judge.last.clear()
+                        self._last_ns = None
+                    self._heard_ns = frame.stamp_ns
                     self.judge.take(frame.id, frame.data)
                 if frame.id == 0x57A:
                     if self._last_ns is not None:
@@ -129,8 +136,6 @@ class LiveLoop:
             if (self.action in STOPS or "car_emergency" in message.missing_for_arming) and self.speed < 0.3:
                 self.ask(OperatorAction.DISARM)
             elif self.action is FailsafeAction.SILENT and not message.missing_for_arming:
-                self.judge.last.clear()  # after silence the first frame starts anew
-                self._last_ns = None
                 self.ask(OperatorAction.ARM)
 
     def lose(self, victim: str, way: str, rng: random.Random) -> None:

@@ -26,6 +26,7 @@ REPORTS: dict[str, dict[str, float]] = {
     "steering_report_extd": {
         "primary_steering_angle_fbk": 12.0, "secondary_steering_ang_fdbk": 12.5, "average_steering_ang_fdbk": 12.0,
     },
+    "steering_report_extd_2": {},
     "misc_report": {"battery_voltage": 13.1, "sys_state": 9, "mode_switch_state": 1},
     "pt_report_1": {"engine_speed_rpm": 1500, "current_gear": 1, "throttle_position": 7.5, "engine_state": 1},
     "novatel_report": {"novatel_lat": 36.585, "novatel_long": -121.753},

@@ -77,6 +77,7 @@ def test_a_position_is_in_radians() -> None:
 def test_an_unknown_identifier_is_a_fault(frame_id: int) -> None:
     assert CODEC.decode(frame_id, b"12345678") == Fault(FaultKind.UNKNOWN_ID, frame_id, 8)
     assert CODEC.decode_raw(frame_id, b"12345678") == Fault(FaultKind.UNKNOWN_ID, frame_id, 8)
+    assert CODEC.decode_quantities(frame_id, b"12345678") == Fault(FaultKind.UNKNOWN_ID, frame_id, 8)
 
 
 def test_a_wrong_length_is_a_fault_that_says_so() -> None:
@@ -119,6 +120,10 @@ def test_quantities_are_the_signals_they_stand_for() -> None:
     assert powertrain["engine_speed"] == pytest.approx(6123 * math.pi / 30)
     assert powertrain["speed"] == pytest.approx(212.3 / 3.6)
     assert CODEC.encode_quantities("pt_report_1", powertrain) == (0x53C, bytes.fromhex("c08ac105fac212c8"))
+
+
+def test_a_message_says_its_quantities_without_its_counter() -> None:
+    assert CODEC.quantities("accelerator_report") == ("accelerator",)
 
 
 def test_what_no_quantity_sets_is_at_rest() -> None:

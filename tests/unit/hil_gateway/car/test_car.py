@@ -22,6 +22,12 @@ def test_numbers_are_converted_to_the_units_of_the_project() -> None:
     assert car.powertrain.upshift_rpm == 6500, "kept in rpm"
 
 
+@pytest.mark.parametrize("name", sorted(folder.name for folder in SHIPPED.iterdir() if (folder / "car.toml").exists()))
+def test_every_shipped_car_is_read(name: str) -> None:
+    car = load_car(name)
+    assert car.imus and car.receivers
+
+
 def test_how_well_a_number_is_known_goes_with_it() -> None:
     car = load_car("av24")
     assert car.std("vehicle.cg_height") == pytest.approx(0.15 * 0.275), "given in %"
