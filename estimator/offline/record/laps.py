@@ -10,21 +10,24 @@ from estimator.drive_log.table import DriveLog
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Ints
 
-BLOCK, SHORTEST_LAP = 36.3, 27.2
-"""Own times of the car: blocks that stand for laps, 20 s for an AV-24, and the least time of a lap, 15 s."""
+SHORTEST_LAP = 27.2
+"""Least time of a lap over the car's own time: 15 s for an AV-24."""
+WINDOWS_A_BLOCK = 10
+"""Whole windows of a block that stands for a lap: none is lost at its ends."""
 RETURN_RADIUS = 8.4
 """Wheelbases, 25 m for an AV-24."""
 
 
-def lap_numbers(log: DriveLog, vehicle: Vehicle) -> tuple[Ints, bool]:
-    """(n,) lap of every row, and whether these are real laps (else blocks of time)."""
+def lap_numbers(log: DriveLog, vehicle: Vehicle, window_s: float) -> tuple[Ints, bool]:
+    """(n,) lap of every row, and whether these are real laps (else blocks of time, of whole windows)."""
     if "lap" in log and len(np.unique(log["lap"])) >= 3:
         return log["lap"].astype(np.int64), True
     if "x" in log and "y" in log:
         laps = _laps_from_position(log, vehicle)
         if laps.max() >= 3:
             return laps, True
-    return ((log["t"] - log["t"][0]) // (BLOCK * vehicle.own_time)).astype(np.int64) + 10_000 * log.segment, False
+    passed = log["t"] - log["t"][0] + 0.5 * log.step
+    return (passed // (WINDOWS_A_BLOCK * window_s)).astype(np.int64) + 10_000 * log.segment, False
 
 
 def _laps_from_position(log: DriveLog, vehicle: Vehicle) -> Ints:

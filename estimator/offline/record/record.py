@@ -214,14 +214,15 @@ def make_record(
     signals = {name: np.array(log[name], float) for name in log.columns}
     if "az" in log:
         signals["extra_load"] = np.zeros(len(log))
-    window_s = WINDOW * vehicle.own_time
+    q, blocks = _window_rows(log.step, vehicle.own_time)
+    window_s = q * blocks * log.step
     long_enough = [s for s in log.segments() if (s.stop - s.start) * log.step > 2 * window_s]
     if not long_enough:
         raise InputError(f"the log has no uninterrupted stretch of {2 * window_s:.2g} s: nothing can be diagnosed")
     for stretch in long_enough:
         _smooth(log, stretch, signals)
-    lap, has_laps = lap_numbers(log, vehicle)
-    windows, window_lap = _cut(log, lap, signals["vx"], signals["vy"], vehicle.own_time)
+    lap, has_laps = lap_numbers(log, vehicle, window_s)
+    windows, window_lap = _cut(log, lap, signals["vx"], signals["vy"], (q, blocks))
     learnt = windows[~np.isin(window_lap, scored_laps(window_lap, has_laps))]
     noise, state_error = _noise(log, learnt, long_enough, 2 * window_s)
     position, length = track_position(log, lap, has_laps, np.unique(lap[learnt]))
@@ -307,10 +308,15 @@ def _noise_of(log: DriveLog, rows: slice) -> tuple[Array, Array]:
     return np.array([noise[n] for n in MEASURED]), np.array([states[n].value_error for n in STATES])
 
 
-def _cut(log: DriveLog, lap: Ints, vx: Array, vy: Array, own_time: float) -> tuple[Ints, Ints]:
+def _window_rows(step: float, own_time: float) -> tuple[int, int]:
+    """Rows of a block and blocks of a window, of a log with `step` s from row to row."""
+    q = max(1, round(BLOCK * own_time / step))
+    return q, max(8, round(WINDOW * own_time / (q * step)))
+
+
+def _cut(log: DriveLog, lap: Ints, vx: Array, vy: Array, shape: tuple[int, int]) -> tuple[Ints, Ints]:
     """Rows (windows, blocks, q) and lap of every full window inside one lap of one segment, driven and not spun."""
-    q = max(1, round(BLOCK * own_time / log.step))
-    blocks = max(8, round(WINDOW * own_time / (q * log.step)))
+    q, blocks = shape
     size, edge = q * blocks, round(EDGE_S / log.step)
     slowest = SLOWEST * float(np.quantile(vx, 0.95))
     starts: list[int] = []
