@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from estimator.drive_log.column_map import ColumnMap
 from estimator.drive_log.csv_log import RATES, read_csv
 from estimator.drive_log.derived import BY_STATE_FILTER, add_missing_channels
+from estimator.drive_log.tables import is_bag
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.writable import RECORDING
+from hil_gateway.session.logs.raw_bag import bag_files
 
 REQUIRED = ("t", "vx", "vy", "yaw_rate", "steer")
 """What nothing else can stand in for."""
@@ -133,7 +135,7 @@ def read_log(path: Path, mapping: ColumnMap | None = None) -> DriveLog:
     _check_driven(path, columns["vx"])
     segment = segment_numbers(columns["t"])
     columns, derived = add_missing_channels(path, columns, segment)
-    derived |= BY_STATE_FILTER if path.suffix == RECORDING else {}
+    derived |= BY_STATE_FILTER if _is_session(path) else {}
     gaps = int(segment[-1])
     return DriveLog(
         columns=columns,
@@ -145,17 +147,32 @@ def read_log(path: Path, mapping: ColumnMap | None = None) -> DriveLog:
             *(f"{path.name}: {name} is derived: {how}" for name, how in derived.items()),
             *((f"{path.name}: {gaps} gap{'s' * (gaps > 1)} in time",) if gaps else ()),
         ),
-        sources={str(path): hashlib.sha256(path.read_bytes()).hexdigest()},
+        sources={str(path): _digest(path)},
     )
 
 
 def _read_columns(path: Path, mapping: ColumnMap | None) -> tuple[dict[str, Array], list[str]]:
-    if path.suffix == RECORDING:
+    if _is_session(path):
         from estimator.drive_log.session_log import read_session
 
         columns, notes = read_session(path)
         return columns, notes
     return read_csv(path, REQUIRED, WATCHED, MIN_ROWS, mapping)
+
+
+def _is_session(path: Path) -> bool:
+    """Whether a file is a recording of this program, and no bag of another."""
+    return path.suffix == RECORDING and not is_bag(path)
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file, of a bag's folder that of its files one after another."""
+    digest = hashlib.sha256()
+    for part in bag_files(path):
+        with part.open("rb") as file:
+            while data := file.read(1 << 20):
+                digest.update(data)
+    return digest.hexdigest()
 
 
 def _check_rate(path: Path, t: Array) -> None:

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from estimator.drive_log import vbo
+from estimator.drive_log.bag.assembly import read_bag_drive
 from estimator.drive_log.text_table import WrittenTable, read_text_table
 from hil_gateway.process.errors import InputError
+from hil_gateway.session.logs.raw_bag import is_mcap, is_recording, is_sqlite
 from hil_gateway.session.logs.source import Source
 
 
@@ -56,7 +58,20 @@ def _read_parquet(path: Path) -> WrittenTable:
     return WrittenTable(tuple(names), ("",) * len(names), np.column_stack(columns), lines, 0, notes)
 
 
-FORMATS = (TableFormat(_is_parquet, _read_parquet), TableFormat(vbo.recognises, vbo.read_vbo))
+def is_bag(path: Path) -> bool:
+    """Whether a file or folder is a ROS 2 bag, and no recording of ours."""
+    return path.is_dir() or _is_bag(Source(path))
+
+
+def _is_bag(source: Source) -> bool:
+    return is_sqlite(source) or (is_mcap(source) and not is_recording(source))
+
+
+FORMATS = (
+    TableFormat(_is_bag, read_bag_drive),
+    TableFormat(_is_parquet, _read_parquet),
+    TableFormat(vbo.recognises, vbo.read_vbo),
+)
 """before plain text; a further format is one module and one line here"""
 
 
@@ -66,6 +81,8 @@ def read_table(path: Path) -> WrittenTable:
     Raises:
         InputError: unreadable, or a place that is wrong.
     """
+    if path.is_dir():
+        return read_bag_drive(path)
     source = Source(path)
     found = next((one for one in FORMATS if one.recognises(source)), None)
     return read_text_table(path) if found is None else found.read(path)

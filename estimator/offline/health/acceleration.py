@@ -7,10 +7,10 @@ import re
 import numpy as np
 
 from estimator.drive_log.derived import specific_force
+from estimator.drive_log.lag import Lag, lag_between
 from estimator.drive_log.smoothing import second_difference_noise
 from estimator.drive_log.table import DriveLog
 from estimator.offline.health.finding import Action, LogFinding
-from estimator.offline.health.lag import Lag, lag_between
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.drive_log.derived import derivative
+from estimator.drive_log.lag import Lag, lag_between
 from estimator.drive_log.table import DriveLog
 from estimator.offline.fit.equation_error import EquationErrorFit
 from estimator.offline.health.finding import Action, LogFinding, confidence_of
-from estimator.offline.health.lag import Lag, lag_between
 from estimator.offline.predict.nuisance import YAW_RATE_TIMING
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle

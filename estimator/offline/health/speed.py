@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.drive_log.derived import derivative, specific_force
+from estimator.drive_log.lag import Lag, lag_between
 from estimator.drive_log.table import DriveLog
 from estimator.offline.health.finding import Action, LogFinding, confidence_of
-from estimator.offline.health.lag import Lag, lag_between
 from estimator.offline.health.offsets import MIN_CORRELATION, shifted
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import Vehicle

@@ -58,7 +58,8 @@ def import_log(source: Path, target: Path, channel: str | None = None) -> Import
     frames = _of_channel(log, channel)
     first = next(frames, None)
     if first is None:
-        raise InputError(f"{source}: holds no CAN frames{f' of channel {channel}' if channel else ''}")
+        remedy = "" if channel else "; `hil identify` and `hil diagnose` take logs of the drive itself"
+        raise InputError(f"{source}: holds no CAN frames{f' of channel {channel}' if channel else remedy}")
     with output_file(target, source) as path, SessionFile(path, _metadata(source, first.channel)) as file:
         for entry in chain((first,), frames):
             if entry.channel != first.channel:

@@ -11,17 +11,22 @@ import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 
 import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.records import Header
 
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.reader import MAGIC, Item, SessionReader, Stream
+from hil_gateway.session.files.reader import LIBRARY, MAGIC, Item, SessionReader, Stream
 from hil_gateway.session.logs.source import DAMAGED, Source
 
 SQLITE = b"SQLite format 3\0"
 ZSTD = b"\x28\xb5\x2f\xfd"
 """first bytes of a message that was compressed by itself; one in CDR begins with a zero"""
+_HEADER = b"\x01"
+"""opcode of the record an MCAP file begins with"""
 MESSAGE_BYTES_MAX = 1 << 28
 _COPY_BYTES = 1 << 20
 
@@ -34,6 +39,15 @@ def is_mcap(source: Source) -> bool:
 def is_sqlite(source: Source) -> bool:
     """By the first bytes."""
     return source.head.startswith(SQLITE)
+
+
+def is_recording(source: Source) -> bool:
+    """Whether an MCAP file is of this program, as its header says; one without a header is taken for so."""
+    head = source.head[len(MAGIC) :]
+    if not is_mcap(source) or not head.startswith(_HEADER):
+        return is_mcap(source)
+    length = int.from_bytes(head[1:9], "little")
+    return bool(Header.read(ReadDataStream(BytesIO(head[9 : 9 + length]))).library.startswith(LIBRARY))
 
 
 def bag_files(path: Path) -> list[Path]:

@@ -1,0 +1,175 @@
+"""ROS 2 bags of drive messages as a drive log: one drive through every kind of bag, held against what was driven."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from support.drives import bags
+from support.drives.drive_simulator import TYRE, simulate
+
+from estimator.drive_log.table import DriveLog, read_log
+from estimator.drive_log.tables import read_table
+from hil_gateway.process.errors import InputError
+
+DRIVEN = dict(simulate([TYRE], 20.0, seed=3)[0].columns)
+_TO_MAP = np.exp(1j * DRIVEN["yaw"]) * (DRIVEN["vx"] + 1j * DRIVEN["vy"])
+_PLACE = np.cumsum(_TO_MAP * np.gradient(DRIVEN["t"]))
+DRIVEN |= {"x": _PLACE.real, "y": _PLACE.imag}
+TYPES = bags.store()
+CAR = bags.Car(DRIVEN, TYPES)
+LATE_S = 0.03
+
+
+def indy() -> list[bags.Message]:
+    top = "/novatel_top"
+    return [
+        *CAR.inertial(f"{top}/inspva", LATE_S), *CAR.raw_imu(f"{top}/rawimu", LATE_S),
+        *CAR.wheels(), *CAR.steering(),
+    ]  # fmt: skip
+
+
+def plain(on_map: bool = False, wheels_late_s: float = 0.0) -> list[bags.Message]:
+    return [*CAR.odometry(on_map=on_map), *CAR.imu(), *CAR.steering(), *CAR.wheels(wheels_late_s)]
+
+
+def off(log: DriveLog, name: str) -> float:
+    """Largest difference from what was driven, over its spread; without the first and last second."""
+    inside = (log["t"] > log["t"][0] + 1.0) & (log["t"] < log["t"][-1] - 1.0)
+    driven = CAR.at(name, log["t"])
+    return float(np.abs(log[name] - driven)[inside].max() / np.std(driven))
+
+
+@pytest.fixture(scope="module")
+def indy_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return bags.write(tmp_path_factory.mktemp("indy") / "bag", indy(), TYPES)
+
+
+def test_a_bag_of_receiver_and_car_is_a_drive_log_in_car_axes(indy_bag: Path) -> None:
+    log = read_log(indy_bag)
+    for name in ("vx", "vy", "yaw_rate", "steer", "ax", "ay"):
+        assert off(log, name) < (0.35 if name in ("ax", "ay") else 0.1), name  # accelerometers carry noise
+    assert np.median(log["wheel_speed_rl"] / log["vx"]) == pytest.approx(1.02, abs=0.002)
+    notes = " ".join(log.notes)
+    assert "mounted turned by" in notes
+    assert "km/h, whatever the definition says" in notes
+    assert "sent again with an old stamp" in notes
+    assert f"published {1e3 * LATE_S:.0f} ms after it was measured" in notes
+
+
+def test_place_and_heading_of_a_receiver_are_those_of_the_car(indy_bag: Path) -> None:
+    log = read_log(indy_bag)
+    assert np.ptp((log["x"] - CAR.at("x", log["t"]))[:-1]) < 0.1
+    assert np.abs(np.angle(np.exp(1j * (log["yaw"] - CAR.at("yaw", log["t"])))))[:-1].max() < 0.01
+
+
+@pytest.mark.parametrize("on_map", [False, True])
+def test_odometry_whose_velocity_is_along_the_map_is_turned(tmp_path: Path, on_map: bool) -> None:
+    log = read_log(bags.write(tmp_path / "bag", plain(on_map), TYPES))
+    assert max(off(log, "vx"), off(log, "vy")) < 0.1
+    assert any("east and north" in note for note in log.notes) == on_map
+
+
+def test_a_late_source_is_put_where_the_accelerometer_is_and_that_is_said(tmp_path: Path) -> None:
+    log = read_log(bags.write(tmp_path / "bag", plain(wheels_late_s=0.15), TYPES))
+    said = next(note for note in log.notes if "late against ax" in note)
+    assert float(said.split(" is ")[1].split()[0]) == pytest.approx(150.0, abs=15.0)
+    assert np.abs(log["wheel_speed_fl"] - log["vx"])[100:-100].max() < 0.5
+
+
+def _without_definitions(folder: Path) -> None:
+    """As bags up to Humble are."""
+    for file in folder.glob("*.db3"):
+        with sqlite3.connect(file) as database:
+            database.execute("DELETE FROM message_definitions")
+
+
+def test_a_bag_without_definitions_is_read_by_those_of_its_packages(tmp_path: Path) -> None:
+    bag = bags.write(tmp_path / "bag", indy(), TYPES, "sqlite3")
+    with_them = read_log(bag)
+    _without_definitions(bag)
+    log = read_log(bag)
+    assert all(np.array_equal(log[name], with_them[name]) for name in with_them.columns)
+    assert any("no definitions of novatel_oem7_msgs: those of iac" in note for note in log.notes)
+
+
+def kinds_of_bag(tmp_path: Path) -> Iterator[Path]:
+    short = [m for m in plain() if m[2] < bags.START_NS + 5 * 10**9]
+    folder = bags.write(tmp_path / "mcap", short, TYPES)
+    yield next(folder.glob("*.mcap"))
+    yield bags.write(tmp_path / "db3", short, TYPES, "sqlite3")
+    for mode in (CompressionMode.MESSAGE, CompressionMode.FILE):
+        writer = Writer(tmp_path / mode.name, version=9, storage_plugin=StoragePlugin.SQLITE3)
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+        with writer:
+            bags.add(writer, short, TYPES)
+        yield tmp_path / mode.name
+    half = len(short) // 2
+    parts = sorted(short, key=lambda m: m[2])
+    split = tmp_path / "split"
+    split.mkdir()
+    for i, messages in enumerate((parts[:half], parts[half:])):
+        part = next(bags.write(tmp_path / f"part{i}", messages, TYPES).glob("*.mcap"))
+        part.rename(split / f"split_{i}.mcap")
+    yield split
+
+
+def test_one_drive_is_the_same_through_every_kind_of_bag(tmp_path: Path) -> None:
+    first, *others = (read_log(bag) for bag in kinds_of_bag(tmp_path))
+    assert len(others) == 4
+    for log in others:
+        assert all(np.allclose(log[name], first[name], atol=1e-9) for name in ("vx", "vy", "yaw_rate", "ax", "steer"))
+
+
+def test_a_silent_source_leaves_a_gap(tmp_path: Path) -> None:
+    def heard(message: bags.Message) -> bool:
+        return message[0] != "/odom" or not 5.0 < (message[2] - bags.START_NS) / 1e9 < 8.0
+
+    log = read_log(bags.write(tmp_path / "bag", [m for m in plain() if heard(m)], TYPES))
+    assert log.segment[-1] == 1
+    assert off(log, "vx") < 0.1
+
+
+@pytest.mark.parametrize(
+    ("messages", "said"),
+    [
+        (lambda: [*CAR.imu(), *CAR.odometry()], "steering angle"),
+        (lambda: [*CAR.imu(), *CAR.steering()], "velocity"),
+        (lambda: [*CAR.wheels()], "velocity"),
+    ],
+)
+def test_what_a_bag_lacks_is_said_in_one_line(tmp_path: Path, messages: Any, said: str) -> None:
+    bag = bags.write(tmp_path / "bag", messages(), TYPES)
+    with pytest.raises(InputError, match=said) as error:
+        read_log(bag)
+    assert "\n" not in str(error.value)
+
+
+def test_damage_never_ends_in_a_traceback(tmp_path: Path, indy_bag: Path) -> None:
+    data = bytearray(next(indy_bag.glob("*.mcap")).read_bytes())
+    rng = np.random.default_rng(1)
+    for i in range(3):
+        hurt = data[: len(data) * (i + 1) // 4]
+        for at in rng.integers(60, len(hurt), 5 * i):
+            hurt[at] ^= 0xFF
+        file = tmp_path / f"{i}.mcap"
+        file.write_bytes(bytes(hurt))
+        try:
+            table = read_table(file)
+        except InputError:
+            continue
+        assert table.values.shape[1] == len(table.names)
+
+
+def test_real_captures_of_a_receiver_are_read_or_refused_in_one_line(measured_data: Path) -> None:
+    files = sorted((measured_data / "novatel").glob("*.db3"))
+    assert files
+    for file in files:
+        with pytest.raises(InputError) as error:
+            read_log(file)
+        assert "\n" not in str(error.value)
