@@ -30,7 +30,8 @@ from hil_gateway.process.errors import InputError
 
 SESSION_SPREAD = 0.05
 """relative, one standard deviation, of every parameter from one session to the next: another set of tyres, another
-temperature of track and tyres, fuel; twice of it is the tenth by which grip differs between a cold and a warm track"""
+temperature of track and tyres, fuel; twice of it is the tenth by which grip differs between a cold and a warm track. Of
+one that may have either sign it is relative to its usual size: a rack whose zero is known is taken apart, too"""
 
 
 def revision_id(layout: str, tyre: Mapping[str, float], effects: Sequence[ActiveEffect] = ()) -> str:
@@ -77,10 +78,11 @@ def carried_over(revision: ModelRevision) -> ModelRevision:
     """A model of an earlier session, no surer of itself than sessions differ (`SESSION_SPREAD`)."""
     if not revision.covariance:
         return revision
-    effects = [value for effect in revision.effects for value in effect.parameters.values()]
+    named = [(e, p) for e in revision.effects for p in catalogue()[e.name].parameters if p.name in e.parameters]
+    sizes = [max(abs(e.parameters[p.name]), p.prior_std if p.lower < 0.0 else 0.0) for e, p in named]
     spread = np.zeros(len(revision.covariance))
-    for i, value in zip(range(len(spread)), [*revision.tyre.values(), *effects], strict=False):
-        spread[i] = SESSION_SPREAD * value
+    for i, size in zip(range(len(spread)), [*revision.tyre.values(), *sizes], strict=False):
+        spread[i] = SESSION_SPREAD * size
     widened = np.array(revision.covariance) + np.diag(spread**2)
     return revision.model_copy(update={"covariance": tuple(map(tuple, widened.tolist()))})
 

@@ -1,4 +1,4 @@
-"""What is declared of the race car beyond Eq. (1)-(3): air, load transfer and the brakes of both axles, as effects.
+"""What is declared of the race car beyond Eq. (1)-(3), as effects: air, load transfer, brakes, steering zero.
 
 Nominal values come from the data sheet (`hil_gateway.car`), never from a car that was driven. How well they are known
 is stated beside them, and the belief goes on from there while driving.

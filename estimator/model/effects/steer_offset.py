@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-from estimator.model.effect import Effect
+from estimator.model.effect import DeclaredParameter, Effect
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
+from hil_gateway.car.car import load_car
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
+
+
+def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
+    car = load_car()
+    true_less_reported = 0.0 - car.sensors.steering_offset / vehicle.steering_ratio
+    return (DeclaredParameter(true_less_reported, car.std("sensors.steering_offset") / vehicle.steering_ratio),)
 
 
 def _input(terms: Terms, offset: Expr) -> None:
@@ -35,4 +43,5 @@ EFFECT = Effect(
     hooks={"INPUT": _input},
     constant_at="steer",
     separated_by="straight driving; a lateral accelerometer bias does not show in the yaw acceleration",
+    declare=_declare,
 )
