@@ -119,6 +119,7 @@ def test_what_an_earlier_session_learnt_is_never_surer_than_sessions_differ() ->
     certain = START.model_copy(update={"covariance": tuple(map(tuple, (1e-8 * np.array(START.covariance)).tolist()))})
     std = np.sqrt(np.diag(carried_over(certain).covariance))
     values = np.array([*certain.tyre.values(), *(v for e in certain.effects for v in e.parameters.values())])
-    assert std == pytest.approx(SESSION_SPREAD * values, rel=1e-3)
+    assert std[values != 0.0] == pytest.approx(SESSION_SPREAD * values[values != 0.0], rel=1e-3)
+    assert np.all(std > 3e-4), "a rack that is put together again is 0.02 deg off at least"
     assert np.all(np.diag(carried_over(START).covariance) > np.diag(START.covariance))
     assert carried_over(declared_revision("per_axle")) == declared_revision("per_axle"), "nothing learnt, nothing added"
