@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -82,7 +82,7 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.offline.identification import identify as run
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
     from estimator.offline.result.identification_score import as_summary
-    from estimator.offline.tyre_export import exported, usable_slip
+    from estimator.offline.tyre_export import exported, not_exported, usable_slip
 
     if out is not None:
         check_folder(out, RESULTS, [path for path in (*sessions, *(score or ()), vehicle, tyre) if path is not None])
@@ -99,6 +99,7 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
         summary |= {"scored_at_states": {path: as_summary(one.at_states) for path, one in scores.items()}}
         summary |= {"grip": {path: one.grip.summary() for path, one in scores.items()}}
         summary |= {"exported": exported(result), "usable_slip": usable_slip(result)}
+        summary |= {"not_exported": not_exported(result)}
         if out is not None:
             sections = itertools.count()
 
@@ -110,7 +111,7 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     if as_json:
         print_json(summary)
     else:
-        _print(result, scores)
+        _print(result, scores, summary["not_exported"])
 
 
 def _write(
@@ -148,7 +149,7 @@ class _progress:  # noqa: N801 - used like a function
         self._bar.stop()
 
 
-def _print(result: Identification, scores: Mapping[str, LogScore]) -> None:
+def _print(result: Identification, scores: Mapping[str, LogScore], refused: Sequence[str]) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -166,5 +167,5 @@ def _print(result: Identification, scores: Mapping[str, LogScore]) -> None:
     console.print(table)
     for line in score_lines(result, scores):
         console.print(line, soft_wrap=True)
-    for line in (*(f.description for f in result.health.findings), *result.identifiability.statements):
+    for line in (*refused, *(f.description for f in result.health.findings), *result.identifiability.statements):
         console.print(f"- {line}", soft_wrap=True)

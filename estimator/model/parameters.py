@@ -125,6 +125,10 @@ _KINDS: Mapping[str, _Kind] = {
 }
 
 
+STIFFNESS = (4.0, 60.0)
+"""B C D of any tyre, 1/rad: from a soft road tyre far beyond its load to a race tyre at a small one"""
+
+
 def tyre_limits(name: str) -> tuple[float, float]:
     """What a tyre parameter is always within, whatever its prior."""
     return _kind(name)[3]

@@ -7,7 +7,9 @@ found where that is known; else it stays at the prior. So a curve is never hande
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+from estimator.model.parameters import STIFFNESS
 from estimator.model.tyre import AXLES, TyreAxle, slip_at_peak
 from estimator.offline.fit.identifiability import KNOWN_TO
 from estimator.offline.identification import Identification
@@ -32,15 +34,29 @@ def usable_slip(result: Identification) -> dict[str, float]:
     return {axle.name: axle.slip_99 for axle in result.identifiability.axles}
 
 
+def not_exported(result: Identification) -> list[str]:
+    """Axles whose curve is none of a tyre, in words: something else than the tyres was fitted."""
+    return [
+        f"{axle.name}: B C D of {math.prod(axle.of(result.final)):.3g} is no tyre's ({STIFFNESS[0]:g} to"
+        f" {STIFFNESS[1]:g} 1/rad): not exported; are units, masses and lengths right?"
+        for axle in AXLES[result.options.layout]
+        if _beyond(axle.of(result.final))
+    ]
+
+
+def _beyond(curve: Sequence[float]) -> bool:
+    return not STIFFNESS[0] <= math.prod(curve) <= STIFFNESS[1]
+
+
 def _curve(result: Identification, axle: TyreAxle) -> tuple[float, ...]:
     found, prior = axle.of(result.final), axle.of(result.initial)
     if all(result.identifiability.identifiable[name] for name in axle.parameters) and _tyre_like(found):
         return found
-    if result.identifiability.stiffness_std[axle.name] > KNOWN_TO:
+    if result.identifiability.stiffness_std[axle.name] > KNOWN_TO or _beyond(found):
         return prior
     return math.prod(found) / math.prod(prior[1:]), *prior[1:]
 
 
 def _tyre_like(curve: tuple[float, ...]) -> bool:
     B, C, _ = curve
-    return C <= LARGEST_C and slip_at_peak(B, C) >= LEAST_PEAK_SLIP
+    return not _beyond(curve) and C <= LARGEST_C and slip_at_peak(B, C) >= LEAST_PEAK_SLIP

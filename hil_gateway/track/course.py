@@ -10,7 +10,8 @@ from hil_gateway.track.track import Track
 
 LENGTH_MAX_M = 60_000.0
 """the longest circuit raced today has 25 km"""
-LENGTH_MIN_M = 100.0
+LENGTH_MIN_M, WIDTHS_MIN = 100.0, 5.0
+"""and on a track of small cars at least so many of its widths"""
 POINTS = 1200
 """of the line that are compared with each other: every 5 m of an ordinary track"""
 BRIDGE_M = 3.0
@@ -23,9 +24,10 @@ def check_course(source: str, track: Track) -> Track:
     Raises:
         InputError: too long, too short, or crossing itself on the level.
     """
-    if not LENGTH_MIN_M <= track.length <= LENGTH_MAX_M:
+    shortest = min(LENGTH_MIN_M, WIDTHS_MIN * float(np.median(track.width_left + track.width_right)))
+    if not shortest <= track.length <= LENGTH_MAX_M:
         raise InputError(
-            f"{source}: the track is {track.length:.0f} m long (limits {LENGTH_MIN_M:.0f} to {LENGTH_MAX_M:.0f} m); "
+            f"{source}: the track is {track.length:.0f} m long (limits {shortest:.0f} to {LENGTH_MAX_M:.0f} m); "
             "are its units metres?"
         )
     if (place := _level_crossing(track)) is not None:

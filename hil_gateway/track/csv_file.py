@@ -1,12 +1,14 @@
 """Tracks from CSV files in the convention of the TUM race-track database.
 
 Header `x_m,y_m,w_tr_right_m,w_tr_left_m` (a leading `#` is allowed), optionally `z_m` and `bank_rad`, in any
-order; one row a point, in driving order, the last not repeating the first. A pit lane is the same, not closed, in
+order, apart by commas, or by semicolons or tabs with either decimal mark; places on a UTM grid are moved, and that is
+logged; one row a point, in driving order, the last not repeating the first. A pit lane is the same, not closed, in
 `NAME.pit.csv` beside `NAME.csv`, from where it leaves the road to where it is back.
 """
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -17,17 +19,21 @@ from hil_gateway.text_file import read_text
 from hil_gateway.track.pit_lane import LaneSurvey
 from hil_gateway.track.smoothing import Survey
 
+log = logging.getLogger(__name__)
 REQUIRED = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
 OPTIONAL = ("z_m", "bank_rad")
 LIMITS: dict[str, tuple[float, float]] = {
-    "x_m": (-1e6, 1e6),
-    "y_m": (-1e6, 1e6),
-    "w_tr_right_m": (0.5, 100.0),
-    "w_tr_left_m": (0.5, 100.0),
+    "x_m": (-1e7, 1e7),
+    "y_m": (-1e7, 1e7),
+    "w_tr_right_m": (0.1, 100.0),
+    "w_tr_left_m": (0.1, 100.0),
     "z_m": (-1e4, 1e4),
     "bank_rad": (-0.8, 0.8),
 }
-"""column -> range of values that can be meant (a bank of 9 is in degrees)"""
+"""column -> range of values that can be meant (a bank of 9 is in degrees, y of a UTM zone goes to 1e7 m)"""
+SEPARATORS = ",;\t"
+GRID_M = 1e5
+"""Places further from the origin are on a national or UTM grid: no track is 100 km from its own origin."""
 POINTS_MIN = 12
 BYTES_MAX = 50_000_000
 """of a file: 60 km in steps of 0.1 m with six columns"""
@@ -45,6 +51,10 @@ def read_csv(path: Path) -> Survey:
         InputError: with file, row (line number), column, value and remedy.
     """
     columns, numbers = _columns(path)
+    moved = _moved_by(columns)
+    if moved != (0.0, 0.0):
+        log.warning("%s: x, y are on a grid: moved by %.0f, %.0f m", path, -moved[0], -moved[1])
+        columns |= {name: columns[name] - by for name, by in zip(("x_m", "y_m"), moved, strict=True)}
     keep = _distinct(columns["x_m"], columns["y_m"])
     _check_line(path, numbers, columns["x_m"], columns["y_m"], keep)
     flat = np.zeros(len(numbers))
@@ -58,7 +68,7 @@ def read_csv(path: Path) -> Survey:
         width_right=columns["w_tr_right_m"][keep],
         z=columns.get("z_m", flat)[keep],
         bank=columns.get("bank_rad", flat)[keep],
-        pit_lane=_read_lane(lane) if (lane := lane_file(path)).is_file() else None,
+        pit_lane=_read_lane(lane, moved) if (lane := lane_file(path)).is_file() else None,
     )
 
 
@@ -67,14 +77,26 @@ def lane_file(path: Path) -> Path:
     return path.with_suffix(".pit.csv")
 
 
-def _read_lane(path: Path) -> LaneSurvey:
+def _moved_by(columns: dict[str, Array]) -> tuple[float, float]:
+    """Whole kilometres that places on a grid are moved by, near where they begin."""
+    x, y = columns["x_m"], columns["y_m"]
+    if not len(x) or max(abs(x[0]), abs(y[0])) < GRID_M:
+        return 0.0, 0.0
+    return float(np.round(x[0], -3)), float(np.round(y[0], -3))
+
+
+def _read_lane(path: Path, moved: tuple[float, float]) -> LaneSurvey:
     columns, _ = _columns(path)
-    return LaneSurvey(str(path), *(columns[name] for name in ("x_m", "y_m", "w_tr_left_m", "w_tr_right_m")))
+    x, y = (columns[name] - by for name, by in zip(("x_m", "y_m"), moved, strict=True))
+    return LaneSurvey(str(path), x, y, columns["w_tr_left_m"], columns["w_tr_right_m"])
 
 
 def _columns(path: Path) -> tuple[dict[str, Array], list[int]]:
     """Columns by name, and the line number of every row."""
     lines = read_text(path, BYTES_MAX, "track").splitlines()
+    separator = max(SEPARATORS, key=lines[0].count) if lines else ","
+    if separator != ",":
+        lines = [lines[0].replace(separator, ","), *(_with_commas(line, separator) for line in lines[1:])]
     names = [name.strip() for name in lines[0].lstrip("# ").split(",")] if lines else []
     if twice := next((name for name in LIMITS if names.count(name) > 1), ""):
         raise InputError(f"{path}:1: column {twice} is there twice; leave one")
@@ -85,6 +107,11 @@ def _columns(path: Path) -> tuple[dict[str, Array], list[int]]:
     table = np.array([_row(path, number, line, names) for number, line in rows]).reshape(len(rows), len(names))
     columns = {name: table[:, names.index(name)] for name in (*REQUIRED, *OPTIONAL) if name in names}
     return columns, [number for number, _ in rows]
+
+
+def _with_commas(line: str, separator: str) -> str:
+    """A row with decimal points, apart by commas."""
+    return line.replace(",", ".").replace(separator, ",")
 
 
 def _row(path: Path, number: int, line: str, names: list[str]) -> list[float]:

@@ -17,6 +17,9 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.track.pit_lane import LaneSurvey, lane_along
 from hil_gateway.track.track import Track
 
+ROAD_WIDTH_M = 10.0
+"""Width of a road for full-size cars, for which the lengths below are meant; on a narrower one, which smaller cars
+drive, all of them are smaller in proportion"""
 SPACING_M = 1.0
 """arc length between the points of a `Track`, at most"""
 TOLERANCE_M = 1.0
@@ -45,12 +48,17 @@ class Survey:
     bank: Array
     pit_lane: LaneSurvey | None = None
 
+    @property
+    def scale(self) -> float:
+        """Size of the track over that of one for full-size cars, at most 1."""
+        return min(1.0, float(np.median(self.width_left + self.width_right)) / ROAD_WIDTH_M)
+
 
 def smooth(survey: Survey) -> Track:
     """Track through the points of a survey.
 
     Raises:
-        InputError: the smooth line leaves the points by more than `TOLERANCE_M`.
+        InputError: the smooth line leaves the points by more than `TOLERANCE_M`, less on a narrow track.
     """
     from scipy.interpolate import CubicSpline
 
@@ -62,16 +70,16 @@ def smooth(survey: Survey) -> Track:
     grid = np.arange(n) * (period / n)
     planar = np.vstack([survey.x, survey.y])
     raw = CubicSpline(parameter, _wrap(planar), axis=1, bc_type="periodic")(grid)
-    coefficients, removed = _cross_validated(np.fft.rfft(raw), period, n)
-    if removed > TOLERANCE_M:
+    coefficients, removed = _cross_validated(np.fft.rfft(raw), period, n, survey.scale)
+    if removed > (limit := TOLERANCE_M * survey.scale):
         raise InputError(
-            f"{survey.source}: points scatter by {removed:.2f} m around a smooth line (limit {TOLERANCE_M} m);"
+            f"{survey.source}: points scatter by {removed:.2f} m around a smooth line (limit {limit:.2g} m);"
             " are they in order, and from one lap?"
         )
     profiles = np.vstack([survey.z, survey.bank, survey.width_left, survey.width_right])
     along = np.interp(grid, parameter, np.arange(n + 1.0))
     raw_levels = np.vstack([np.interp(along, np.arange(n + 1.0), row) for row in _wrap(profiles)])
-    smoothed = [_cross_validated(np.fft.rfft(row[None, :]), period, n)[0][0] for row in raw_levels]
+    smoothed = [_cross_validated(np.fft.rfft(row[None, :]), period, n, survey.scale)[0][0] for row in raw_levels]
     levels = np.vstack([np.fft.irfft(spectrum, n) for spectrum in smoothed])
     track = _resample(survey, coefficients, levels, period, removed)
     return track if survey.pit_lane is None else replace(track, pit_lane=lane_along(track, survey.pit_lane))
@@ -105,7 +113,7 @@ def _wave_numbers(n: int, period: float) -> Array:
     return np.asarray(2.0 * np.pi / period * np.arange(n // 2 + 1), dtype=float)
 
 
-def _cross_validated(spectrum: Complex, period: float, n: int) -> tuple[Complex, float]:
+def _cross_validated(spectrum: Complex, period: float, n: int, scale: float) -> tuple[Complex, float]:
     """Smoothed spectrum of the rows together, and the root mean square of what was taken away (m).
 
     Generalised cross-validation score: n RSS / (n - trace of the smoother)^2.
@@ -114,7 +122,7 @@ def _cross_validated(spectrum: Complex, period: float, n: int) -> tuple[Complex,
     multiplicity = np.where((k > 0) & (np.arange(len(k)) * 2 != n), 2.0, 1.0)
     power = (np.abs(spectrum) ** 2).sum(axis=0) * multiplicity / n
     best: tuple[float, Array, float] | None = None
-    for wave in np.geomspace(SHORTEST_WAVE_M, min(LONGEST_WAVE_M, period / 4.0), TRIALS):
+    for wave in np.geomspace(scale * SHORTEST_WAVE_M, min(scale * LONGEST_WAVE_M, period / 4.0), TRIALS):
         gain = 1.0 / (1.0 + (k * wave / (2.0 * np.pi)) ** 6)
         residual = float(np.sum(power * (1.0 - gain) ** 2))
         score = residual / max(1.0 - float(np.sum(multiplicity * gain)) / n, 1e-9) ** 2
@@ -128,7 +136,7 @@ def _resample(survey: Survey, spectrum: Complex, levels: Array, period: float, d
     """Evaluate the smooth line at equal steps of arc length, with exact derivatives of the trigonometric basis."""
     n = levels.shape[1]
     k = _wave_numbers(n, period)
-    fine = max(8 * n, int(4 * period / SPACING_M))
+    fine = max(8 * n, int(4 * period / (survey.scale * SPACING_M)))
     u = np.arange(fine) * (period / fine)
 
     def derivative(order: int) -> Array:
@@ -138,7 +146,7 @@ def _resample(survey: Survey, spectrum: Complex, levels: Array, period: float, d
     speed = np.hypot(dx, dy)
     length = float(speed.mean() * period)
     s_fine = np.concatenate([[0.0], np.cumsum(0.5 * (speed + np.roll(speed, -1)) * (period / fine))])
-    count = int(np.ceil(length / SPACING_M))
+    count = int(np.ceil(length / (survey.scale * SPACING_M)))
     s = np.linspace(0.0, length, count, endpoint=False)
     at = np.interp(s, s_fine, np.append(u, period))
 
@@ -147,7 +155,9 @@ def _resample(survey: Survey, spectrum: Complex, levels: Array, period: float, d
 
     heading = np.unwrap(np.arctan2(dy, dx))
     turning = 2.0 * np.pi * np.round((heading[-1] - heading[0]) / (2.0 * np.pi))
-    profiles = [_level(np.interp(at, np.arange(n + 1) * (period / n), row), length) for row in _wrap(levels)]
+    profiles = [
+        _level(np.interp(at, np.arange(n + 1) * (period / n), row), length, survey.scale) for row in _wrap(levels)
+    ]
     z, bank, width_left, width_right = (value for value, _ in profiles)
     return Track(
         name=survey.name,
@@ -166,9 +176,9 @@ def _resample(survey: Survey, spectrum: Complex, levels: Array, period: float, d
     )
 
 
-def _level(values: Array, length: float) -> tuple[Array, Array]:
+def _level(values: Array, length: float, scale: float) -> tuple[Array, Array]:
     """Smoothed periodic profile and its derivative over arc length."""
     n = len(values)
     k = _wave_numbers(n, length)
-    spectrum = np.fft.rfft(values) / (1.0 + (k * SHORTEST_WAVE_M / (2.0 * np.pi)) ** 6)
+    spectrum = np.fft.rfft(values) / (1.0 + (k * scale * SHORTEST_WAVE_M / (2.0 * np.pi)) ** 6)
     return np.asarray(np.fft.irfft(spectrum, n)), np.asarray(np.fft.irfft(spectrum * 1j * k, n))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from estimator.drive_log.derived import derivative, smoothed
 from estimator.drive_log.table import DriveLog
+from estimator.model.parameters import STIFFNESS
 from estimator.offline.health.finding import Action, LogFinding
 from estimator.offline.health.regression import PARTS, jackknifed
 from estimator.offline.record.prepare import moving_speed
@@ -55,8 +56,6 @@ LIMITS = {"vx": 150.0, "vy": 75.0, "yaw_rate": 12.0, "ax": 6.0 * GRAVITY, "ay": 
 """What no car of any size does, SI: the fastest cars reach 150 m/s and 6 g, model cars turn with 12 rad/s"""
 ALMOST_ALL = 0.995
 """of the samples: single ones may be glitches"""
-STIFFEST, SOFTEST = 60.0, 4.0
-"""B C D of any tyre: slip per g of lateral acceleration is between their inverses"""
 SWAY_S = 2.0
 TELLS, BETTER = 0.35, 0.5
 """Share of the rear slip that cornering must leave unexplained at most, and over that without a conversion, for vy."""
@@ -287,7 +286,9 @@ def _by_the_rear_axle(log: DriveLog, vehicle: Vehicle, moving: NDArray[np.bool_]
     for unit, factor in SPEEDS.items():
         for sign in (1, -1):
             slip = (vehicle.lr * rate - vy / (sign * factor)) / vx
-            compliance = np.clip(float(slip @ cornering) / float(cornering @ cornering), 1 / STIFFEST, 1 / SOFTEST)
+            compliance = np.clip(
+                float(slip @ cornering) / float(cornering @ cornering), 1 / STIFFNESS[1], 1 / STIFFNESS[0]
+            )
             rest = float(np.std(slip - compliance * cornering))
             left[unit, sign] = rest, rest / max(float(np.std(slip)), 1e-12)
     unit, sign = min(left, key=lambda key: left[key][0])

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from estimator.model.parameters import DEFAULT_TYRE, Layout, layout_of, tyre_limits
 from estimator.model.tyre import AXLES, front_and_rear
+from estimator.offline.tyre_file import read_tyre_file
 from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
@@ -21,6 +22,7 @@ GYRATION = (0.1, 1.5)
 a slip of a digit in mass, yaw inertia or an axle's place lies outside"""
 
 
+TYRE_PROPERTIES = ".tir"
 LENGTHS = ("cg_height", "track_front", "track_rear", "half_width", "wheel_radius")
 AREAS = ("drag_area", "lift_area_front", "lift_area_rear")
 
@@ -78,7 +80,7 @@ def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle | None =
     """
     if path is None:
         return default_tyre_prior(layout, vehicle or load_car().vehicle)
-    data = _read_object(path)
+    data = _read_tyre(path, vehicle or load_car().vehicle)
     given = layout_of(data)
     names = tuple(DEFAULT_TYRE[given])
     if unknown := sorted(set(data) - set(names)):
@@ -93,6 +95,13 @@ def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle | None =
         if not low < value < high:
             raise InputError(f"{path}: {name} = {value:g}: a tyre has {low:g} to {high:g}")
     return in_layout({name: float(data[name]) for name in names}, given, layout)
+
+
+def _read_tyre(path: Path, vehicle: Vehicle) -> dict[str, Any]:
+    """Values of a JSON or property file; C_x is the car's where the latter has none."""
+    if path.suffix.lower() != TYRE_PROPERTIES:
+        return _read_object(path)
+    return {"cx": default_tyre_prior("per_axle", vehicle)["cx"], **read_tyre_file(path, vehicle)}
 
 
 def in_layout(values: Mapping[str, float], given: Layout, wanted: Layout) -> Mapping[str, float]:

@@ -18,7 +18,7 @@ from estimator.model.tyre import AXLES, normalised_force
 from estimator.offline.identification import Identification, Options, identify, score_log
 from estimator.offline.record.declared import read_tyre_prior, read_vehicle
 from estimator.offline.report.plots import curve_band
-from estimator.offline.tyre_export import exported
+from estimator.offline.tyre_export import exported, not_exported
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 
@@ -74,6 +74,16 @@ def test_a_curve_no_tyre_has_is_not_exported(identified: Identification) -> None
     values = exported(replace(identified, identifiability=known, fit=strange))
     assert values["cf"] == identified.initial["cf"]
     assert values["cr"] == identified.final["cr"]
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0])
+def test_a_stiffness_no_tyre_has_is_not_exported_and_said(identified: Identification, factor: float) -> None:
+    known = replace(identified.identifiability, identifiable=dict.fromkeys(identified.initial, True))
+    values = {**identified.fit.values, "bf": factor * identified.fit.values["bf"]}
+    strange = replace(identified.fit, theta=np.array([values[n] for n in identified.fit.names]))
+    result = replace(identified, identifiability=known, fit=strange)
+    assert exported(result)["bf"] == identified.initial["bf"]
+    assert [line.split(":")[0] for line in not_exported(result)] == ["front"]
 
 
 def test_band_of_the_tyre_curve_holds_the_curve_and_covers_draws_of_the_fit(identified: Identification) -> None:

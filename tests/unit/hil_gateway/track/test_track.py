@@ -227,3 +227,38 @@ def test_shipped_pit_lanes_begin_and_end_on_the_road_and_lie_beside_it(name: str
     assert not beside.in_lane[-1]
     assert beside.in_lane.mean() > 0.4
     assert min(beside.left.min(), beside.right.min()) > 2.0
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(";", "."), (";", ","), ("\t", ",")])
+def test_other_separators_and_decimal_commas_give_the_same_track(tmp_path: Path, separator: str, decimal: str) -> None:
+    rows = _circle(100.0, 200)
+    first = _load(tmp_path, rows)
+    other = [row.replace(",", separator).replace(".", decimal) for row in rows]
+    (tmp_path / "u.csv").write_text("\n".join(other))
+    assert np.array_equal(load_track(tmp_path / "u.csv").x, first.x)
+
+
+def test_places_on_a_utm_grid_are_moved_and_that_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    rows = [HEADER]
+    for row in _circle(100.0, 200)[1:]:
+        x, y, widths = row.split(",", 2)
+        rows.append(f"{float(x) + 691_234.5:.4f},{float(y) + 5_334_567.25:.4f},{widths}")
+    track = _load(tmp_path, rows)
+    assert track.length == pytest.approx(2 * np.pi * 100, rel=1e-4)
+    assert np.abs(track.x).max() < 1000.0
+    assert "moved by -691000, -5335000 m" in caplog.text
+
+
+def test_a_track_of_model_cars_keeps_its_line(tmp_path: Path) -> None:
+    """Bends of 1.6 m radius, 2.2 m wide: a stadium of two half circles."""
+    n, radius, straight = 120, 1.6, 6.0
+    s = np.linspace(0.0, 2 * straight + 2 * np.pi * radius, n, endpoint=False)
+    half = straight + np.pi * radius
+    angle = np.clip(s % half - straight, 0.0, None) / radius
+    along = np.minimum(s % half, straight) + radius * np.sin(angle)
+    across = radius * (1.0 - np.cos(angle)) - radius
+    z = (along - straight / 2 + 1j * across) * np.where(s >= half, -1.0, 1.0)
+    track = _load(tmp_path, [HEADER, *(f"{p.real:.4f},{p.imag:.4f},1.1,1.1" for p in z)])
+    assert track.length == pytest.approx(s[-1] + s[1], rel=0.03)
+    assert track.deviation < 0.1
+    assert np.abs(track.curvature).max() == pytest.approx(1 / radius, rel=0.35)
