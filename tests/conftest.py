@@ -10,7 +10,7 @@ from typing import Any
 
 import hypothesis
 import pytest
-from support.promise_figures import note_outcome, select
+from support.promise_figures import long_run, note_outcome, select
 
 from hil_gateway.can_link.udp import UdpLink
 from hil_gateway.can_link.virtual import VirtualLink
@@ -83,6 +83,11 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[Any]:
     return report
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """`hil verify --only`."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """`hil verify --only`; long tests where they are asked for."""
     items[:] = select(items)
+    if long_run() or "long" in config.option.markexpr:
+        return
+    left_out = [item for item in items if item.get_closest_marker("long")]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in left_out]

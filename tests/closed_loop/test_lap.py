@@ -18,7 +18,7 @@ def _loop(track: str = "road_course", **overrides: Any) -> Loop:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("track", "peak"), [("road_course", 50.0), ("oval", 60.0)])
+@pytest.mark.parametrize(("track", "peak"), [pytest.param("road_course", 50.0, marks=pytest.mark.long), ("oval", 60.0)])
 def test_lap_stays_on_the_road_without_a_failed_plan(track: str, peak: float) -> None:
     result = _loop(track).run(laps=1, time_limit_s=160.0)
     assert result.laps == 1

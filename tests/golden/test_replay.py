@@ -16,7 +16,7 @@ from hil_gateway.session.recorder import Recorder
 from planner.simulation.loop import Loop
 
 UNIX_NS = 1_700_000_000 * 10**9
-DRIVE_S = 15.0
+DRIVE_S = 6.0
 
 
 @pytest.fixture(scope="module")

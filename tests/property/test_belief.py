@@ -15,8 +15,8 @@ from estimator.model.parameters import DEFAULT_TYRE
 from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 
-UPDATES = volume(20_000, 1_000_000)
-POINTS = volume(200, 1000)
+UPDATES = volume(10_000, 1_000_000)
+POINTS = volume(100, 1000)
 AUX = np.zeros(len(AUXILIARY))
 VEHICLE = Vehicle()
 

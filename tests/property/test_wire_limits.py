@@ -44,7 +44,7 @@ def test_hostile_actuator_values_never_leave_the_limits():
     rng, judge = random.Random(1), Judge()
     transmitter, limits, ear = transmitter_on_a_wire()
     previous = limits.resting(0.0)
-    count = volume(50_000, 1_000_000)
+    count = volume(20_000, 1_000_000)
     for i in range(count):
         wanted = ActuatorPositions(
             hostile_number(rng, 4.2), hostile_number(rng, 1.0), hostile_number(rng, 6e6), hostile_number(rng, 6e6),
@@ -68,7 +68,7 @@ def test_hostile_commands_through_the_whole_gateway_never_leave_the_limits():
     rig.planner_runs = False
     backlog: list[Command] = []
     sent = judged = driving = 0
-    target = volume(8_000, 1_000_000)
+    target = volume(3_000, 1_000_000)
     while sent < target:
         fresh = rig.command(rig.now_ns)
         hostile = Command.model_construct(

@@ -35,6 +35,7 @@ def test_ratios_are_those_of_successive_steps_down_to_the_noise_of_the_solver() 
     assert step_ratios(solver, np.zeros(10)) == pytest.approx([0.5, 2.0, 5e-4])
 
 
+@pytest.mark.long
 def test_the_command_reports_every_case() -> None:
     result = CliRunner().invoke(app, ["contraction", "--track", "oval", "--places", "2", "--json"])
     assert result.exit_code == 0, result.output

@@ -20,6 +20,7 @@ KEYS = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 def test_bench_prints_one_json_object_and_keeps_all_limits() -> None:
     result = CliRunner().invoke(app, ["bench", "--track", "oval", "--no-ipopt", "--json"])
     assert result.exit_code == 0, result.output

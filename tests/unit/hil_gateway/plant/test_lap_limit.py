@@ -149,6 +149,7 @@ def test_mirrored_track_has_the_same_limit(envelope: LimitEnvelope, tmp_path: Pa
     assert times[0] == pytest.approx(times[1], rel=1e-3)
 
 
+@pytest.mark.long
 def test_more_grip_and_more_power_are_faster_and_the_plant_never_laps_below_its_limit(tmp_path: Path) -> None:
     track = _stadium(tmp_path)
     limit, slippery = lap_limit(AV24, track).limit_s, lap_limit(AV24, track, 0.9).limit_s

@@ -142,6 +142,7 @@ def test_what_the_quadratic_calls_idle_stays_where_the_fit_without_it_is_worse(
     assert {"load_transfer", "combined_slip"} <= set(names) <= set(drives["car"].effects)
 
 
+@pytest.mark.long
 def test_a_second_start_leaves_what_stands_in_for_several_effects(drives: dict[str, Any]) -> None:
     setting = Setting(record_of(drives["car"]), "per_axle", PRIOR)
     base, wrong = fit_names(setting, [], None), ["rolling_resistance", "steer_scale"]

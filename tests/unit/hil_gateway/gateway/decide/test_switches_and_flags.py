@@ -74,7 +74,9 @@ def test_frames_that_waited_for_a_quarter_of_a_second_are_no_second_sender() -> 
     assert rig.action is FailsafeAction.DRIVE
 
 
-@pytest.mark.parametrize(("named_mph", "reached"), [((30.0,), 13.4), ((100.0, 0.0), 22.0)])
+@pytest.mark.parametrize(
+    ("named_mph", "reached"), [pytest.param((30.0,), 13.4, marks=pytest.mark.long), ((100.0, 0.0), 22.0)]
+)
 def test_a_full_course_yellow_slows_the_car_to_the_caution_speed(named_mph: tuple[float, ...], reached: float) -> None:
     rig = Rig()
     rig.drive = 0.1
