@@ -13,7 +13,7 @@ import numpy as np
 from estimator.model.library import Library, load_library
 from hil_gateway.process.arrays import Array
 
-VECTOR = 8
+VECTOR = 4
 """Windows that the library works on at once."""
 
 

@@ -8,7 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define W 8
+#define W 4   /* one register of AVX2; of wider vectors GCC keeps every sum of a matrix in memory */
+#define TILE 32 /* blocks that `arrange` moves at once: what it writes stays in the first-level cache */
 typedef double vec __attribute__((vector_size(8 * W)));
 typedef ptrdiff_t size;
 
@@ -243,8 +244,8 @@ int run(size blocks, size windows, const double *maps, double *inputs, double *o
 int arrange(size blocks, size windows, size count, size width, const double *by, double *columns)
 {
     for (size w = 0; w < windows; w++)
-        for (size first = 0; first < blocks; first += W) {
-            size end = first + W < blocks ? first + W : blocks;
+        for (size first = 0; first < blocks; first += TILE) {
+            size end = first + TILE < blocks ? first + TILE : blocks;
             for (size c = 0; c < 5; c++)
                 for (size k = 0; k < count; k++)
                     for (size b = first; b < end; b++)
