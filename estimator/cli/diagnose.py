@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,6 +37,9 @@ LATERAL_END = 0.35
 """The same at the end of an identification of the lateral motion, where a log needs one."""
 TYPICAL_STEPS = 120
 """Fits of a search after which half of it is done."""
+SEARCHED = 0.7
+"""Share of the seconds given after which no further round begins: the round under way, the last steps and the report
+take the rest."""
 
 
 def _print_effects(wanted: bool) -> None:
@@ -57,6 +62,9 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     track: Annotated[str | None, typer.Option(help="map whose bank and grade are known: file or shipped name")] = None,
     layout: Annotated[str, typer.Option(help="tyre parameters: per_axle or shared")] = "per_axle",
     out: Annotated[Path | None, typer.Option(help="folder for diagnosis.json, model.json and report.html")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=1.0, help="end after about so long with what was found until then")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
     effects: Annotated[
         bool,
@@ -79,6 +87,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     from hil_gateway.process.errors import InputError
     from hil_gateway.track.loading import load_track
 
+    end_s = math.inf if seconds is None else time.monotonic() + SEARCHED * seconds
     if out is not None:
         check_folder(out, RESULTS, [path for path in (*sessions, vehicle, tyre) if path is not None])
     if layout not in ("per_axle", "shared"):
@@ -96,8 +105,10 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
         if lateral is not None:
             prior, log = simulated_lateral.lateral_prior(lateral, prior), simulated_lateral.repaired_log(lateral)
             record = _record(log, car, health, known)
-        result = run(record, layout, prior, progress, pool)  # type: ignore[arg-type]
+        result = run(record, layout, prior, progress, pool, over=lambda: time.monotonic() > end_s)  # type: ignore[arg-type]
         revision = as_revision(result, layout, tuple(log.sources.values()))
+        if result.cut_short:
+            print(f"hil: the search ended after {seconds:g} s: what it found until then is given", file=sys.stderr)
         examined = health if lateral is None else lateral.health
         summary: dict[str, Any] = {"health": [finding.description for finding in examined.findings]}
         summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))

@@ -31,7 +31,7 @@ from estimator.offline.search.search import Search, search
 from estimator.offline.search.stretches.cells import Candidate, most_gaining
 from estimator.offline.search.stretches.term import StretchTerm, can_tell
 from estimator.offline.search.terms import TERM_SHARE, Explanation, Rival, with_terms
-from estimator.offline.search.trial import Setting, Trial, fit_names
+from estimator.offline.search.trial import Setting, Trial, fit_names, never
 from hil_gateway.process.arrays import Array, Ints
 
 Progress = Callable[[str], None]
@@ -74,6 +74,8 @@ class Diagnosis:
     rollout: Mapping[str, Mapping[str, float]]
     term_trials: tuple[Term, ...]
     leftover: tuple[Leftover, ...]
+    cut_short: bool
+    """whether the search ended because its time was over"""
 
     @cached_property
     def spread(self) -> Array:
@@ -107,14 +109,16 @@ def diagnose(
     prior: Mapping[str, float] | None,
     progress: Progress = lambda _: None,
     pool: Pool | None = None,
+    *,
+    over: Callable[[], bool] = never,
 ) -> Diagnosis:
-    """Find what the declared model lacks, with fits in the processes of a `pool` (`workers`).
+    """Find what the declared model lacks, with fits in the processes of a `pool` (`workers`), until it is `over`.
 
     A road that the record already has is a map's (`record_on_map`): always fitted, and no finding.
     """
     mapped = road_effects() if record.road else ()
     keep_freed_memory()
-    return _diagnose(Setting(record, layout, prior, pool=pool, active=mapped), progress)
+    return _diagnose(Setting(record, layout, prior, pool=pool, active=mapped, over=over), progress)
 
 
 def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
@@ -129,7 +133,7 @@ def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
     rival = Rival(setting, progress)
     found = search(setting, progress, enough=rival.outweighs)
     outcome = with_terms(setting, found, rival, progress)
-    setting = outcome.setting
+    setting, cut_short = outcome.setting, whole.over()
     progress("last steps of the fit")
     outcome = replace(outcome, fit=fit_names(setting, outcome.accepted, outcome.fit, exact=True))
     record = replace(record, signals=setting.record.signals, bases=setting.record.bases)
@@ -150,7 +154,7 @@ def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
     return Diagnosis(
         record, train_laps, test_laps, test_rows, outcome.search, outcome.fit, left, outcome.accepted,
         outcome.gains, outcome.terms, models, channels, states, outcome.tried,
-        leftovers(record, test_rows, best.model, best.parameters, floor, _other_grip(record, outcome.fit)),
+        leftovers(record, test_rows, best.model, best.parameters, floor, _other_grip(record, outcome.fit)), cut_short,
     )  # fmt: skip
 
 

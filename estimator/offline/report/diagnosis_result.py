@@ -33,6 +33,7 @@ def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
     shares = _shares(diagnosis)
     return {
         "verdict": diagnosis.verdict,
+        "cut_short": diagnosis.cut_short,
         "rows": int(diagnosis.record.measured.shape[1]),
         "split": _split(diagnosis),
         "channels": {c: _rounded(v) for c, v in diagnosis.channels.items()},

@@ -62,13 +62,13 @@ class Greedy:
     def run(self) -> None:
         """Grow, complete and exchange by turns, to the end."""
         self.grow()
-        while self.complete() or self.exchange():
+        while not self.setting.over() and (self.complete() or self.exchange()):
             self.grow()
 
     def grow(self) -> None:
         """Add effects while they earn their place; what was added on its gain alone goes again if nothing followed."""
         unsure, sure = 0, (self.names, self.fit, self.checked)
-        while len(self.names) < MAX_EFFECTS and (not self.names or structured(self.fit, WHITE)):
+        while self._goes_on():
             trials = _round(self.setting, self.names, self.fit, self.progress)
             self.rounds.append(tuple(trials))
             chosen = [t for t in trials if can_be_accepted(t, self.setting, self.total)]
@@ -85,14 +85,23 @@ class Greedy:
             self.checked = None
             if not unsure and len(self.names) <= RECHECKED_AT_ONCE:
                 self.recheck()
-            if not unsure and self.completed_from is None and shows_a_real_car(self.names):
+            if not unsure and self.completed_from is None and shows_a_real_car(self.names) and not self.setting.over():
                 self.complete()
-            if set(self.names) <= before or (len(self.names) >= ASKED_FROM and self.enough(self.start, self.fit)):
+            if set(self.names) <= before or self._outweighed():
                 break
         if unsure:
             self.names, self.fit, self.checked = sure
         if self.names and self.checked is None:
             self.recheck()
+
+    def _goes_on(self) -> bool:
+        """Whether there may be more to find, and time to look for it."""
+        more = len(self.names) < MAX_EFFECTS and (not self.names or structured(self.fit, WHITE))
+        return more and not self.setting.over()
+
+    def _outweighed(self) -> bool:
+        asked = len(self.names) >= ASKED_FROM and not self.setting.over()
+        return asked and self.enough(self.start, self.fit)
 
     def recheck(self) -> None:
         """Drop what no longer earns its place."""

@@ -78,14 +78,24 @@ def search(
         rounds.extend(first)
     state = Greedy(setting, progress, enough, start, names, start, rounds)
     state.run()
+    thorough = thorough and not setting.over()
     if thorough and _many_at_once(state):
         state = better(state, from_every_car(state))
-    prefer_effects(state)
+    if not setting.over():
+        prefer_effects(state)
     # the way there and back may have led the declared model further
     base = base if state.names else state.fit
     ordered = tuple(sorted(state.names, key=lambda n: -state.gains[n].gain))
     checked = state.checked or Checked({}, {})
-    return Search(base, start, state.fit, ordered, tuple(rounds), checked, state.look_alikes() if thorough else {})
+    return Search(
+        base,
+        start,
+        state.fit,
+        ordered,
+        tuple(rounds),
+        checked,
+        {} if not thorough or setting.over() else state.look_alikes(),
+    )
 
 
 def _many_at_once(state: Greedy) -> bool:

@@ -78,7 +78,7 @@ class Rival:
 
     def suffices(self, base: Fit, current: Fit) -> bool:
         """Whether it explains the session to its noise and more of it than the end of a search, or far more."""
-        ratio = self._ratio(base, current)
+        ratio = 0.0 if self.setting.over() else self._ratio(base, current)
         if ratio < SINGLE_TERM_GAIN:
             return False
         fit = self.trials[0].fit
@@ -124,7 +124,7 @@ def _with_stretches(setting: Setting, found: Search, rival: Rival, progress: Pro
 
 def _of_some_laps(setting: Setting, found: Search, progress: Progress) -> StretchTerm | None:
     """A stretch that not every lap has, if it earns its place; of one lap, if it gains as much and holds most."""
-    if not structured(found.final, WHITE_FOR_TERMS):
+    if setting.over() or not structured(found.final, WHITE_FOR_TERMS):
         return None
     least = max(TERM_SHARE * _blocks(setting.record), TERM_RELATIVE * _total_gain(found.start, found.final))
     local = localised(setting, found.accepted, found.final, least)
@@ -164,7 +164,7 @@ def _with_terms(setting: Setting, found: Search, rival: Rival, progress: Progres
         terms, tried = rival.trials[:1], rival.trials[:SHOWN]
         setting, found = _on_top(terms[0], setting, found, progress)
     checked, current = found.checked, found.final
-    while len(terms) < MAX_TERMS and structured(current, WHITE_FOR_TERMS):
+    while len(terms) < MAX_TERMS and structured(current, WHITE_FOR_TERMS) and not setting.over():
         trials = _trials(setting, tuple(checked.gains), current, progress)
         tried.extend(trials[:SHOWN])
         least = SECOND_TERM_SHARE * terms[0].evidence.gain if terms else 0.0

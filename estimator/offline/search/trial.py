@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +36,11 @@ PROXY_SHARE = 0.1
 """An effect beside an empirical term must gain this share of what the term gains in the channel it gains most in."""
 
 
+def never() -> bool:
+    """No end in time."""
+    return False
+
+
 @dataclass(frozen=True)
 class Setting:
     """What stays the same during a search.
@@ -57,6 +62,8 @@ class Setting:
     """as in `SingleTrack`"""
     untried: frozenset[str] = frozenset()
     """candidates that the model is not to have"""
+    over: Callable[[], bool] = never
+    """whether the time for searching is over: what was found until then is the result"""
 
     def with_term(self, effect: Effect, basis: Basis, gained: Array) -> Setting:
         """The same with an empirical term always active that `gained` (5,); its basis stored under its own name."""

@@ -9,7 +9,7 @@ from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import ResidualNoise
-from estimator.offline.search.trial import Setting, fit_names
+from estimator.offline.search.trial import Setting, fit_names, never
 from hil_gateway.process.arrays import Array
 
 
@@ -41,7 +41,7 @@ def begin_each(
     if pool is None or not jobs:
         return lambda: _in_turn(settings, warm, jobs, progress)
     sent = [
-        pool.submit(_numbers, replace(own, pool=None), job.names, job.warm or warm, job.iterations)
+        pool.submit(_numbers, replace(own, pool=None, over=never), job.names, job.warm or warm, job.iterations)
         for own, job in zip(settings, jobs, strict=True)
     ]
 

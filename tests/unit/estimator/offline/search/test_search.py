@@ -234,3 +234,16 @@ def test_a_gyroscope_that_drifts_is_told_at_its_place(drives: dict[str, Any]) ->
     setting = Setting(replace(record, lap=np.arange(record.windows) // 4), "per_axle", PRIOR)
     best = Screening.make(setting, (), fit_names(setting, (), None), thinned=False).terms()[0]
     assert best.place == "gyro"
+
+
+@pytest.mark.parametrize("over", [False, True])
+def test_a_search_whose_time_is_over_begins_no_further_round(monkeypatch: pytest.MonkeyPatch, over: bool) -> None:
+    rounds: list[int] = []
+    monkeypatch.setattr(greedy, "_round", lambda *_: rounds.append(1) or [])
+    monkeypatch.setattr(Greedy, "total", 0.0)
+    nothing: Any = None
+    setting = Setting(nothing, "per_axle", PRIOR, over=lambda: over)
+    state = Greedy(setting, _quiet, _never_enough, nothing, [], nothing, [])
+    state.run()
+    assert len(rounds) == (0 if over else 1)
+    assert state.names == []
