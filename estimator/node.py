@@ -22,6 +22,7 @@ from estimator.model.extra_load import extra_load
 from estimator.model.measurement import MeasurementKind, axle_forces
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA
 from estimator.state.localisation import Localisation
+from hil_gateway.agreement import agreement
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Alert, Belief, Estimate, VehicleState
@@ -54,6 +55,7 @@ class Estimator:
         """`background`: models of other effects are built beside the running filter."""
         self._bus = bus
         track = track or load_track(config.track)
+        self._agreement = agreement(config, track)
         self.localisation = Localisation(config.vehicle, track)
         self._use(ModelInUse.of(config, starting_revision(config, config.estimator.model), track.length))
         self._succession = Succession(config, track.length, background=background)
@@ -95,7 +97,8 @@ class Estimator:
         if (following := self._succession.take(state.stamp_ns)) is not None:
             self._use(following)
         delivered = self.model.delivery.now()
-        estimate = self.localisation.step(state, self._seq).model_copy(update={"delivered": delivered})
+        known = {"delivered": delivered, "agreement": self._agreement}
+        estimate = self.localisation.step(state, self._seq).model_copy(update=known)
         self._seq += 1
         self._bus.publish(topics.ESTIMATE, estimate)
         if (sample := self._window.push(state, estimate, self.localisation)) is not None:

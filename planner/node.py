@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.belief.revision import starting_revision
+from hil_gateway.agreement import agreement
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.messages import Applied, Estimate, Plan, PlanStatus
@@ -58,7 +59,8 @@ class Planner:
         p = config.planner
         start = starting_revision(config, p.model)
         held = starting_limits(p)
-        self._track = _declared_road(config, track or load_track(config.track))
+        track = track or load_track(config.track)
+        self._track = _declared_road(config, track)
         self.adoption = Adoption(config, self._track, self.settings, held, start, background=background)
         self._estimate: LatestReader[Estimate] = LatestReader(bus, topics.ESTIMATE)
         self._belief = LatestReader(bus, topics.BELIEF)
@@ -75,7 +77,7 @@ class Planner:
         self._newest_applied: Applied | None = None
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
         self._teller = LinePublisher(bus)
-        self._publish = Publisher(config, bus, self._actuators, self.settings)
+        self._publish = Publisher(config, bus, self._actuators, self.settings, agreement(config, track))
 
     def step(self, now_ns: int) -> Plan | None:
         """Plan from the newest estimate and publish; None while there has never been one.

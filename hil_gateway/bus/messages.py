@@ -64,6 +64,13 @@ class Message(Model):
     seq: int = Field(ge=0, lt=1 << 63, description="advances by one a message of this sender")
 
 
+class Agreement(Model):
+    """What processes that drive one car have to agree on: a name and a fingerprint of what is behind it."""
+
+    track: Name
+    car: Name
+
+
 class SourceHealth(Model):
     """One group of CAN messages behind the vehicle state."""
 
@@ -103,6 +110,7 @@ class Estimate(Message):
     delivered: Delivered | None = Field(default=None, description="what tyres and brakes give of what is believed")
     lacks: Lacks = Field(default="", description="what makes it invalid, of what the state filter has to know")
     bridged: Count = Field(default=0, description="states predicted without an inertial sample, since start")
+    agreement: Agreement | None = Field(default=None, description="track and car that the sender works with")
 
 
 class VehicleState(Message):
@@ -225,6 +233,7 @@ class Plan(Message):
     revision: Name = Field(description="model revision the plan was made with")
     solve_ms: Parameter = Field(description="ms from reading the estimate to the command")
     information_gain: Parameter = Field(default=0.0, description="sum of Delta I over the horizon (Eq. 7)")
+    agreement: Agreement | None = Field(default=None, description="track and car that the sender works with")
 
     @model_validator(mode="after")
     def _one_length(self) -> Self:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Mapping
 
+from hil_gateway.agreement import agreement
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import VehicleState
@@ -62,7 +63,8 @@ class Gateway:
         self._receivers = OtherReceivers(config.car, config.origin)
         self._tyres = TyreReports(self.builder)
         self._stood = Stood()
-        self._conditions = Conditions(self.builder, self._tyres, config.gateway)
+        ours = None if track is None else agreement(config, track)
+        self._conditions = Conditions(self.builder, self._tyres, config.gateway, ours)
         self.decision = Decision()
         self._actor = Actor(config, codec, link, actuation, track)
         self._reporter = Reporter(config.gateway.mode, load)

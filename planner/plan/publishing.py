@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
-from hil_gateway.bus.messages import Command, Plan, PlanStatus
+from hil_gateway.bus.messages import Agreement, Command, Plan, PlanStatus
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from planner.plan.controller import Controller
@@ -54,7 +54,10 @@ class Stamps:
 class Publisher:
     """Publishes decisions of one planner."""
 
-    def __init__(self, config: Config, bus: Bus, actuators: ActuatorModel, settings: Settings) -> None:
+    def __init__(
+        self, config: Config, bus: Bus, actuators: ActuatorModel, settings: Settings, agreement: Agreement
+    ) -> None:
+        self._agreement = agreement
         self._bus, self._actuators, self._settings, self._train = bus, actuators, settings, config.powertrain
 
     def __call__(self, decision: PlanDecision, model: InForce, stamps: Stamps, took_ns: Callable[[], int]) -> Plan:
@@ -67,6 +70,7 @@ class Publisher:
             **{name: rows[number] for name, number in PUBLISHED.items()},
             lap=max(0, int(z[S, 0] // model.controller.reference.length)),
             revision=model.revision, solve_ms=took_ns() / 1e6, information_gain=decision.gain,
+            agreement=self._agreement,
         )  # fmt: skip
         self._bus.publish(topics.PLAN, message)
         return message

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from hil_gateway.agreement import disagreement
 from hil_gateway.bus.latest import Latest
-from hil_gateway.bus.messages import Command, Estimate, Plan, PlanStatus
+from hil_gateway.bus.messages import Agreement, Command, Estimate, Plan, PlanStatus
 
 APART_M = 1.0
 """between the newest fix and the estimate: as near as the way of a stop comes to the edges"""
@@ -40,6 +41,13 @@ def unready(
     elif newest.status not in DRIVES_OFF or not _drives_off(newest):
         found["plan_standing"] = newest.reason or "the plan does not drive off"
     return found
+
+
+def of_another_drive(ours: Agreement, estimate: Estimate | None, plan: Plan | None) -> dict[str, str]:
+    """Cause -> what to do about it, where a sender works with another car, or on another track, than `ours`."""
+    senders = (("estimator", estimate), ("planner", plan))
+    said = "; ".join(filter(None, (disagreement(ours, name, m.agreement) for name, m in senders if m is not None)))
+    return {"disagreement": f"{said}: start all with the same track and car"} if said else {}
 
 
 def _drives_off(plan: Plan) -> bool:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hil_gateway.bus.latest import Latest
-from hil_gateway.bus.messages import Command, Estimate, OperatorAction, Plan, VehicleState
+from hil_gateway.bus.messages import Agreement, Command, Estimate, OperatorAction, Plan, VehicleState
 from hil_gateway.car.states import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, CtState, SysState
-from hil_gateway.gateway.decide.arming import unready
+from hil_gateway.gateway.decide.arming import of_another_drive, unready
 from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import HOLDS, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import ladder_inputs
@@ -46,9 +46,11 @@ FIRST_METRES = 6.0
 class Conditions:
     """Remembers since when state and estimate are invalid and when the gateway ran last."""
 
-    def __init__(self, builder: VehicleStateBuilder, tyres: TyreReports, config: GatewayConfig) -> None:
+    def __init__(
+        self, builder: VehicleStateBuilder, tyres: TyreReports, config: GatewayConfig, ours: Agreement | None = None
+    ) -> None:
         self._builder, self._tyres = builder, tyres
-        self._mode = config.mode
+        self._mode, self._ours = config.mode, ours
         self._testing = config.mode == "actuator_test"
         self._sends = config.mode in ("armed", "actuator_test")
         self._holds = config.hold and config.mode == "armed"
@@ -135,7 +137,9 @@ class Conditions:
         if self._testing:
             return {}
         fixes = self._builder.fixes
-        return unready(now_ns, estimate, plan, command, (fixes.x, fixes.y) if fixes.seq else None)
+        found = unready(now_ns, estimate, plan, command, (fixes.x, fixes.y) if fixes.seq else None)
+        other = {} if self._ours is None else of_another_drive(self._ours, estimate.message, plan.message)
+        return {**other, **found}
 
     def _without_heading(
         self, now_ns: int, state: VehicleState, estimate: Latest[Estimate], driven: bool
