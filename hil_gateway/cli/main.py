@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+import can_dbc
 from hil_gateway.process.errors import EXIT_FAILURE, EXIT_INPUT, EXIT_SIGNAL, InputError, one_line
 from hil_gateway.process.lifecycle import Interrupt, end_with_parent
 
@@ -139,7 +140,8 @@ def _take_platform(arguments: list[str]) -> None:
         if name == PLATFORM_OPTION:
             taken = 1 if equals else 2
             value = value if equals else "".join(arguments[index + 1 : index + 2])
-            os.environ["HIL_PLATFORM"] = str(Path(value).absolute()) if Path(value).is_dir() else value
+            shipped = (Path(can_dbc.__file__).parent / value / "car.toml").is_file()
+            os.environ["HIL_PLATFORM"] = str(Path(value).absolute()) if Path(value).is_dir() and not shipped else value
             del arguments[index : index + taken]
             return
 

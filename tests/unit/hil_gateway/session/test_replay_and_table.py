@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.examples import run_example
 
 from hil_gateway.bus import messages as m
 from hil_gateway.bus.interface import LocalBus
@@ -91,6 +92,16 @@ def test_drive_table_has_the_columns_of_the_format_and_nothing_of_the_truth(sess
         "engine_speed",
     }  # fmt: skip
     assert not set(FROM_ESTIMATE) & set(FROM_STATE)
+
+
+def test_the_example_prints_what_a_session_holds(
+    session: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_example("read_session", [str(session)], monkeypatch)
+    said = capsys.readouterr().out
+    assert "brake    150000.000 to 150000.000" in said
+    assert "lap 0: 30.0 to 79.0 m/s" in said and "lap 1: 80.0 to 119.0 m/s" in said
+    assert "10 rows left out: estimate not valid" in said
 
 
 def test_exports_hold_the_same_numbers_to_the_last_digit(session: Path, tmp_path: Path) -> None:
