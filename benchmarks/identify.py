@@ -22,6 +22,7 @@ from estimator.offline.fit.problem import FitSettings
 from estimator.offline.fit.recursive import averaged, batch
 from estimator.offline.record.declared import default_tyre_prior
 from estimator.offline.record.prepare import Samples, prepare
+from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 
@@ -83,7 +84,7 @@ def by_scipy(samples: Samples, columns: ModelColumns, spread: Array) -> tuple[Ar
 
 def main() -> None:
     """Print one JSON object."""
-    vehicle = Vehicle()
+    vehicle = load_car().vehicle
     columns = ModelColumns(SingleTrack(vehicle, "per_axle", (), default_tyre_prior("per_axle", vehicle)))
     samples = synthetic(columns)
     fit(columns, samples.select_range(0, 1000))  # builds the functions

@@ -29,7 +29,7 @@ from benchmarks.plans.disturbed import LEVELS, FirstSolverOnly, solved
 from benchmarks.plans.ladder import climb, rungs
 from benchmarks.plans.plan_parts import recorded_drive, replay, shares
 from benchmarks.plans.recorded import load, record, save
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.config import load_config
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
@@ -56,7 +56,7 @@ def settings(weight: float) -> Settings:
 
 def ladder_rows(track: Track, weight: float, steps: int, files: argparse.Namespace) -> list[dict[str, Any]]:
     """The ladder on one problem; recorded steps are those of the plain one."""
-    controller, _ = bench_controller(track, Vehicle(), settings(weight))
+    controller, _ = bench_controller(track, load_car().vehicle, settings(weight))
     plain = weight == 0.0
     recorded = load(files.recorded) if files.recorded and plain else record(controller, steps)
     if files.record and plain:
@@ -70,7 +70,7 @@ def disturbed_qps(track: Track, steps: int, count: int) -> list[dict[str, Any]]:
     """QPs solved by the generated solver alone, and by HPIPM on the first of the same ones."""
     rows = []
     for name, weight in (("plain", 0.0), ("infomax", INFORMATION_WEIGHT)):
-        controller, _ = bench_controller(track, Vehicle(), settings(weight))
+        controller, _ = bench_controller(track, load_car().vehicle, settings(weight))
         recorded = record(controller, steps)
         functions, each = build_functions(controller.problem), count // (2 * len(LEVELS))
         ours = FirstSolverOnly(controller.problem, functions)
@@ -109,7 +109,7 @@ def optimality_gap(track: Track, weight: float, steps: int) -> dict[str, float]:
     """Closed-loop cost of the real-time iteration against solving every step to convergence."""
     runs = []
     for converge in (0, CONVERGED_ITERATIONS):
-        controller, _ = bench_controller(track, Vehicle(), settings(weight))
+        controller, _ = bench_controller(track, load_car().vehicle, settings(weight))
         runs.append(drive(controller, 1, steps=steps, converge=converge))
     fast, full = runs
     distance = min(fast.states[-1][6], full.states[-1][6])

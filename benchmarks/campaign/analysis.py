@@ -24,7 +24,7 @@ from benchmarks.campaign.trial import METHODS
 from estimator.model.measurement import CHANNELS, measurement_function
 from estimator.model.parameters import tyre_parameters
 from estimator.model.single_track import AUXILIARY, SingleTrack
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
 
 RATE_HZ = 100.0
@@ -113,7 +113,7 @@ class _Score:
     """Held-out RMSE of the lateral acceleration, m/s2, all samples in one call."""
 
     def __init__(self) -> None:
-        model = SingleTrack(Vehicle(), "per_axle")
+        model = SingleTrack(load_car().vehicle, "per_axle")
         self._h = measurement_function(model, "imu_yaw")
         assert len(tyre_parameters("per_axle")) == 7
 

@@ -11,7 +11,7 @@ from benchmarks.plans.safety import LOAD_TOLERANCE, Watch
 from estimator.belief.tyre_belief import Sample
 from estimator.model.parameters import DEFAULT_TYRE, layout_of
 from estimator.model.tyre import front_and_rear, normalised_force, slip_at_peak
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
 from planner.simulation.loop import LoopResult
 
@@ -55,7 +55,7 @@ def load_shares(kept: list[Sample], tyre: Mapping[str, float], limits: tuple[flo
     slip_f, slip_r, drive = _slips(kept)
     axles = front_and_rear(layout_of(tyre))
     front, rear = (normalised_force(slip, *axle.of(tyre)) for slip, axle in zip((slip_f, slip_r), axles, strict=True))
-    along = DEFAULT_TYRE["per_axle"]["cx"] * drive / Vehicle().static_load_rear
+    along = DEFAULT_TYRE["per_axle"]["cx"] * drive / load_car().vehicle.static_load_rear
     return np.concatenate([np.abs(front) / limits[0], np.hypot(rear, along) / limits[1]])
 
 
@@ -72,7 +72,7 @@ def slip_shares(kept: list[Sample], tyre: Mapping[str, float]) -> Array:
 
 def _slips(kept: list[Sample]) -> tuple[Array, Array, Array]:
     """Slip angles, rad, and drive command of the samples above `SLIP_SPEED`."""
-    v = Vehicle()
+    v = load_car().vehicle
     signals = np.array([sample.signals for sample in kept])
     vx, vy, rate, steer, drive = signals[signals[:, 0] > SLIP_SPEED].T
     return steer - np.arctan2(vy + v.lf * rate, vx), -np.arctan2(vy - v.lr * rate, vx), drive

@@ -37,6 +37,7 @@ from estimator.offline.diagnosis import diagnose
 from estimator.offline.health import examine
 from estimator.offline.record.record import make_record
 from estimator.offline.report.diagnosis_result import as_json
+from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
 
 BATCH = 48
@@ -88,7 +89,9 @@ class Wanted:
         """The vehicle file that is declared."""
         car = self.chassis
         numbers = {"mass": car.mass, "yaw_inertia": car.inertia, "lf": car.lf, "lr": car.lr}
-        return Vehicle(**{name: value * self.wrong.get(name, 1.0) for name, value in numbers.items()})
+        return load_car().vehicle.model_copy(
+            update={name: value * self.wrong.get(name, 1.0) for name, value in numbers.items()}
+        )
 
     @property
     def batch(self) -> tuple[str, int]:

@@ -31,7 +31,7 @@ from estimator.offline.record.declared import default_tyre_prior
 from estimator.offline.record.record import make_record
 from estimator.offline.report.diagnosis_result import as_json
 from estimator.offline.search.pool import workers
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 
 ROAD_LIMITS = {"ax": 0.30, "ay": 0.20, "yaw_acc": 0.13}
 OVAL_LIMITS = {"ax": 0.22, "ay": 0.20, "yaw_acc": 0.12}
@@ -93,7 +93,7 @@ def results(
 ) -> Iterator[tuple[str, Case, dict[str, Any]]]:
     """Every drive with what `hil diagnose` says of it, fits in so many processes."""
     drives = simulate([case.setup for case in cases.values()], [case.seed for case in cases.values()])
-    vehicle, prior = Vehicle(), default_tyre_prior("per_axle", Vehicle())
+    vehicle, prior = load_car().vehicle, default_tyre_prior("per_axle", load_car().vehicle)
     with workers(processes) as pool:
         for (name, case), drive in zip(cases.items(), track(drives, "diagnosing"), strict=True):
             log = DriveLog(drive.columns, segment_numbers(drive.columns["t"]))

@@ -20,7 +20,7 @@ from estimator.offline.fit.recursive import averaged
 from estimator.offline.predict.nuisance import steer_timing
 from estimator.offline.record.declared import default_tyre_prior
 from estimator.offline.record.prepare import prepare
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 
 SECONDS = 60.0
 SETTINGS = OutputErrorSettings(outputs=("vy", "yaw_rate", "ay"))
@@ -38,7 +38,7 @@ def deviations(columns: ModelColumns, drive: Drive) -> list[float]:
 def main() -> None:
     """Print the coverage overall and per parameter."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 100
-    vehicle = Vehicle()
+    vehicle = load_car().vehicle
     prior = default_tyre_prior("per_axle", vehicle)
     columns = ModelColumns(SingleTrack(vehicle, "per_axle", (steer_timing(0.01),), prior))
     drives = simulate(random_tyres(count, seed=101), SECONDS, seed=102)

@@ -11,7 +11,8 @@ import math
 import numpy as np
 
 from hil_gateway.car.actuation import Actuation
-from hil_gateway.car.powertrain import GearChoice, Powertrain
+from hil_gateway.car.car import load_car
+from hil_gateway.car.powertrain import GearChoice
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.plant.car import Car, Commands
 from hil_gateway.process.arrays import Array
@@ -63,7 +64,7 @@ class Driver:
     def __init__(self, car: Car, vehicle: Vehicle, level: float) -> None:
         self._car, self._vehicle = car, vehicle
         self._track = car.road.track
-        train = self._train = Powertrain()
+        train = self._train = load_car().powertrain
         self._actuation = Actuation(vehicle, train)
         self._gears = GearChoice(train, vehicle.wheel_radius)
         self._n = len(self._track.s)

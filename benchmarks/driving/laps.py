@@ -11,8 +11,6 @@ import numpy as np
 from benchmarks.driving.driver import Driver
 from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.car.car import load_car
-from hil_gateway.car.powertrain import Powertrain
-from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import OriginConfig
 from hil_gateway.plant.car import STEP_S, Car
 from hil_gateway.plant.controller.sensors import Noise, SimulatedSensors
@@ -76,7 +74,7 @@ def drive(
     where = track if isinstance(track, Track) else load_track(track)
     car = Car(parameters or configure(base, effects), where, start_s, START_SPEED)
     recorder = _Recorder(car, seed, noise or EstimateNoise())
-    driver = Driver(car, Vehicle(), levels[0])
+    driver = Driver(car, load_car().vehicle, levels[0])
     referee = Referee(car)
     pace = np.linspace(levels[0], levels[1], laps)
     while referee.laps < laps and abs(car.road.lateral) < 30.0 and car.time_s < min(seconds, 400.0 * laps):
@@ -97,8 +95,8 @@ class _Recorder:
         self._car = car
         self._sensors = SimulatedSensors(car, car.parameters.sensors, load_car(), OriginConfig(), seed)
         self._noise, self._draw = noise, Noise(seed + 1_000_003)
-        train = Powertrain()
-        self._actuation = Actuation(Vehicle(), train)
+        train = load_car().powertrain
+        self._actuation = Actuation(load_car().vehicle, train)
         self._rows: list[tuple[float, ...]] = []
 
     def take(self, lap: int) -> None:

@@ -17,7 +17,12 @@ CHANGES = {
         "BO_ 2566852609 DRIVE_CMD": "BO_ 291 DRIVE_CMD",
         'P_FRONT : 7|16@0+ (0.005,-10) [0|200] "bar"': 'P_FRONT : 7|16@0+ (0.1,0) [0|3000] "psi"',
     },
-    "signals.toml": {'"STR_ANG", factor = -1': '"STR_ANG", factor = 1', '"STR_FB", factor = -1': '"STR_FB", factor = 1'},
+    "signals.toml": {
+        '"STR_ANG", factor = -1': '"STR_ANG", factor = 1',
+        '"STR_FB", factor = -1': '"STR_FB", factor = 1',
+        '"STR_FB_A", factor = -1': '"STR_FB_A", factor = 1',
+        '"STR_FB_B", factor = -1': '"STR_FB_B", factor = 1',
+    },
 }
 
 folder = Path(sys.argv[1])

@@ -39,8 +39,9 @@ class MyPlanner:
         steer, speed = (self.steer(e), SPEED) if e.valid else (0.0, WALKING)
         drive = max(-HARDEST, min(HARDEST, GAIN * (speed - e.vx)))
         command = Command(
-            stamp_ns=now_ns, seq=self.seq, source="my_planner", state_stamp_ns=e.state_stamp_ns, steer=steer, drive=drive
-        )
+            stamp_ns=now_ns, seq=self.seq, source="my_planner", state_stamp_ns=e.state_stamp_ns,
+            steer=steer, drive=drive,
+        )  # fmt: skip
         self.bus.publish(topics.COMMAND, command)
         self.seq += 1
 

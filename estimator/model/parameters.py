@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Literal
 
+from can_dbc.folder import DEFAULT_PLATFORM
 from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
 
@@ -70,8 +71,6 @@ class Parameter:
     quantity: Quantity | None = None
 
 
-TABLE_MASS, TABLE_WHEELBASE = 787.3, 2.972
-"""kg, m of the car that the ranges of all effects are written down for: the AV-24."""
 _DIMENSIONS: Mapping[str, tuple[float, float]] = {
     "N": (1.0, 0.0), "N s2/m2": (1.0, -1.0), "N m s/rad": (1.0, 1.5), "rad/(kN m2)": (-1.0, -2.0), "m": (0.0, 1.0),
 }  # fmt: skip
@@ -80,10 +79,16 @@ similarity). Others do not grow with the car: ratios, angles, specific forces, a
 have of their own."""
 
 
+def table_car() -> Vehicle:
+    """The car that the ranges of all effects are written down for."""
+    return load_car(DEFAULT_PLATFORM).vehicle
+
+
 def of_size(parameter: Parameter, vehicle: Vehicle) -> Parameter:
     """`parameter` with its range in proportion to the mass and the wheelbase of `vehicle`."""
     by_mass, by_length = _DIMENSIONS.get(parameter.unit, (0.0, 0.0))
-    k = (vehicle.mass / TABLE_MASS) ** by_mass * (vehicle.wheelbase / TABLE_WHEELBASE) ** by_length
+    table = table_car()
+    k = (vehicle.mass / table.mass) ** by_mass * (vehicle.wheelbase / table.wheelbase) ** by_length
     p, believed = parameter, parameter.plausible
     if believed is not None:
         believed = replace(believed, lower=k * believed.lower, upper=k * believed.upper, least=k * believed.least)

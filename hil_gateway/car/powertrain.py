@@ -18,11 +18,11 @@ from hil_gateway.process.model import Model
 RPM = 2 * math.pi / 60
 """rad/s per rpm."""
 RPM_MAX = 16_000.0
-"""largest value `engine_speed_rpm` of the DBC declares"""
+"""no piston engine of a race car turns faster for long: a slip of a digit lies beyond"""
 TORQUE_MAX = 2_000.0
-"""N m; the car's engine gives 566"""
-GEARS_MAX = 6
-"""largest `desired_gear` the car takes"""
+"""N m; no engine of a race car gives so much: a slip of a digit lies beyond"""
+GEARS_MAX = 10
+"""no race car has more; the field of the DBC is another limit"""
 
 
 LEAST_BIAS = 0.1
@@ -30,38 +30,32 @@ LEAST_BIAS = 0.1
 
 
 class Powertrain(Model):
-    """Declared numbers, SI. 473 hp at 6110 rpm, gears and final drive: AV-21/AV-24, public sources (docs/av24.md)."""
+    """Declared numbers, SI."""
 
-    engine_rpm: Annotated[tuple[float, ...], In("rpm")] = (1500, 2500, 3500, 4500, 5500, 6110, 6800, 7400)
-    engine_torque: Annotated[tuple[float, ...], In("N m")] = Field(
-        default=(300, 430, 520, 560, 566, 551, 490, 400), description="full throttle at `engine_rpm`, N m"
-    )
-    driveline_efficiency: Number = Field(default=0.965, gt=0.5, le=1)
-    drag_torque: Torque = Field(default=40.0, ge=0, description="of the engine with the throttle closed, N m")
-    gears: Annotated[tuple[float, ...], In("1")] = (2.917, 1.875, 1.381, 1.115, 0.96, 0.889)
-    final_drive: Number = Field(default=3.0, gt=0)
-    upshift_rpm: Rpm = Field(default=6500.0, gt=0)
-    downshift_rpm: Rpm = Field(default=5700.0, gt=0, description="shift down when the lower gear turns slower")
-    shift_pause_s: Seconds = Field(default=0.3, ge=0, description="least time between two shifts")
-    clutch_rpm: Rpm = Field(default=2000.0, gt=0, description="slowest engine speed with the clutch slipping")
+    engine_rpm: Annotated[tuple[float, ...], In("rpm")]
+    engine_torque: Annotated[tuple[float, ...], In("N m")] = Field(description="full throttle at `engine_rpm`, N m")
+    driveline_efficiency: Number = Field(gt=0.5, le=1)
+    drag_torque: Torque = Field(ge=0, description="of the engine with the throttle closed, N m")
+    gears: Annotated[tuple[float, ...], In("1")]
+    final_drive: Number = Field(gt=0)
+    upshift_rpm: Rpm = Field(gt=0)
+    downshift_rpm: Rpm = Field(gt=0, description="shift down when the lower gear turns slower")
+    shift_pause_s: Seconds = Field(ge=0, description="least time between two shifts")
+    clutch_rpm: Rpm = Field(gt=0, description="slowest engine speed with the clutch slipping")
     brake_force_per_pa: Annotated[float, In("N/Pa")] = Field(
-        default=1.8e-3, gt=0, lt=0.1, description="braking force of one axle, N per Pa"
+        gt=0, lt=0.1, description="braking force of one axle, N per Pa"
     )
-    brake_share_front: Number = Field(
-        default=0.5, ge=0.2, le=0.8, description="front axle's share of the force at equal pressures"
-    )
+    brake_share_front: Number = Field(ge=0.2, le=0.8, description="front axle's share of the force at equal pressures")
     brake_bias_front: Number = Field(
-        default=0.54, ge=0.2, le=0.9, description="front share of the pressure; no axle may be without brakes"
+        ge=0.2, le=0.9, description="front share of the pressure; no axle may be without brakes"
     )
     brake_bias_range: Number = Field(
-        default=0.12, ge=0, le=0.2, description="by which a command may move that share: tyres differ by a fifth"
+        ge=0, le=0.2, description="by which a command may move that share: tyres differ by a fifth"
     )
-    brake_pressure_max: Pressure = Field(default=6.0e6, ge=1.0e6, le=20.0e6, description="Pa")
-    force_per_drive: Force = Field(
-        default=50_000.0, ge=1e3, le=1e6, description="C_x that turns the command d into a force, N"
-    )
-    traction_max: Force = Field(default=8_000.0, gt=0, description="largest driving force that is planned, N")
-    braking_max: Force = Field(default=18_000.0, gt=0, description="largest braking force that is planned, N")
+    brake_pressure_max: Pressure = Field(ge=1.0e6, le=20.0e6, description="Pa")
+    force_per_drive: Force = Field(ge=1e3, le=1e6, description="C_x that turns the command d into a force, N")
+    traction_max: Force = Field(gt=0, description="largest driving force that is planned, N")
+    braking_max: Force = Field(gt=0, description="largest braking force that is planned, N")
 
     @model_validator(mode="after")
     def _tables(self) -> Self:

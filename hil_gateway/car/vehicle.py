@@ -11,8 +11,6 @@ from hil_gateway.process.model import Model
 
 GRAVITY = 9.80665
 """Standard gravity, m/s2."""
-HALF_WIDTH = 0.95
-"""m from the middle of the AV-24 to the outside of its wheels: half of a Dallara IL-15's 1.9 m"""
 RACE_CAR = {
     "mass": (200.0, 3000.0), "yaw_inertia": (100.0, 10_000.0), "lf": (0.3, 4.0), "lr": (0.3, 4.0),
     "cg_height": (0.0, 2.0), "track_front": (0.5, 4.0), "track_rear": (0.5, 4.0), "wheel_radius": (0.1, 1.0),
@@ -23,25 +21,25 @@ steering motor no longer steer the wheels by 0.1 rad. Logs of model cars are ide
 
 
 class Vehicle(Model):
-    """Single-track vehicle data, SI. Defaults: AV-21/AV-24, public sources (docs/av24.md)."""
+    """Single-track vehicle data, SI."""
 
-    mass: Annotated[float, In("kg")] = Field(default=787.3, gt=0, description="kg")
-    yaw_inertia: Annotated[float, In("kg m2")] = Field(default=1000.0, gt=0, description="kg m2")
-    lf: Length = Field(default=1.724, gt=0, description="CoG to front axle, m")
-    lr: Length = Field(default=1.248, gt=0, description="CoG to rear axle, m")
-    cg_height: Length = Field(default=0.275, ge=0, description="m")
-    track_front: Length = Field(default=1.638, gt=0, description="m")
-    track_rear: Length = Field(default=1.523, gt=0, description="m")
-    half_width: Length = Field(default=0.95, gt=0, description="from the middle to the outside of its wheels, m")
-    wheel_radius: Length = Field(default=0.3118, gt=0, description="m")
-    steering_ratio: Number = Field(default=15.0, gt=0, description="steering motor angle over road-wheel angle")
+    mass: Annotated[float, In("kg")] = Field(gt=0, description="kg")
+    yaw_inertia: Annotated[float, In("kg m2")] = Field(gt=0, description="kg m2")
+    lf: Length = Field(gt=0, description="CoG to front axle, m")
+    lr: Length = Field(gt=0, description="CoG to rear axle, m")
+    cg_height: Length = Field(ge=0, description="m")
+    track_front: Length = Field(gt=0, description="m")
+    track_rear: Length = Field(gt=0, description="m")
+    half_width: Length = Field(gt=0, description="from the middle to the outside of its wheels, m")
+    wheel_radius: Length = Field(gt=0, description="m")
+    steering_ratio: Number = Field(gt=0, description="steering motor angle over road-wheel angle")
 
-    air_density: Annotated[float, In("kg/m3")] = Field(default=1.2, gt=0, description="kg/m3, sea level at 20 degrees")
-    drag_area: Annotated[float, In("m2")] = Field(default=0.86, ge=0, description="Cd A, m2")
+    air_density: Annotated[float, In("kg/m3")] = Field(gt=0, description="kg/m3")
+    drag_area: Annotated[float, In("m2")] = Field(ge=0, description="Cd A, m2")
     lift_area_front: Annotated[float, In("m2")] = Field(
-        default=-0.65, le=0, description="Cl A at the front axle, m2; negative presses down"
+        le=0, description="Cl A at the front axle, m2; negative presses down"
     )
-    lift_area_rear: Annotated[float, In("m2")] = Field(default=-1.18, le=0, description="Cl A at the rear axle, m2")
+    lift_area_rear: Annotated[float, In("m2")] = Field(le=0, description="Cl A at the rear axle, m2")
 
     def outside_a_race_car(self) -> str:
         """The first number no full-size race car has, in one line; empty where there is none."""
@@ -58,7 +56,7 @@ class Vehicle(Model):
     @property
     def own_time(self) -> float:
         """s, root of wheelbase over gravity: what cars of all sizes do alike takes
-        as many of these (Froude's similarity). 0.55 s for the AV-24, 0.13 s for a car at 1:10."""
+        as many of these (Froude's similarity): about 0.5 s for a race car, 0.13 s for one at 1:10."""
         return float((self.wheelbase / GRAVITY) ** 0.5)
 
     @property

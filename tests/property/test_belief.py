@@ -13,12 +13,13 @@ from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.measurement import CHANNELS, MeasurementKind, axle_forces
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.model.single_track import AUXILIARY, SingleTrack
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import load_car
+from hil_gateway.car.vehicle import GRAVITY
 
 UPDATES = volume(10_000, 1_000_000)
 POINTS = volume(100, 1000)
 AUX = np.zeros(len(AUXILIARY))
-VEHICLE = Vehicle()
+VEHICLE = load_car().vehicle
 
 
 class Car:

@@ -17,7 +17,6 @@ from hil_gateway.bus.messages import Command, FailsafeAction, OperatorAction
 from hil_gateway.can_link import VirtualWire
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.car import load_car
-from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.config import Config
 from hil_gateway.gateway.act.limits import Limits
 from hil_gateway.gateway.act.transmitter import Transmitter, transmitted
@@ -197,6 +196,6 @@ def test_a_frame_that_could_not_leave_costs_no_counter_and_no_limit():
 
 
 def test_gear_ratios_and_brakes_are_the_declared_ones():
-    train, speed = Powertrain(), 6110 * 2 * math.pi / 60
+    train, speed = load_car().powertrain, 6110 * 2 * math.pi / 60
     assert train.engine_torque_at(speed) * speed == pytest.approx(473 * 745.7, rel=0.01)
     assert Config().powertrain.gears == (2.917, 1.875, 1.381, 1.115, 0.96, 0.889)

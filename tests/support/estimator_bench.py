@@ -11,13 +11,14 @@ from estimator.node import Estimator
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import Estimate, VehicleState
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import load_car
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import Config, EstimatorConfig
 from hil_gateway.track.track import Track
 
 DT_NS = 10_000_000
 START_NS = 1_000_000_000
-VEHICLE = Vehicle()
+VEHICLE = load_car().vehicle
 
 
 @dataclass

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from estimator.drive_log.bag.layout import Columns
 from hil_gateway.car.actuation import PRESSED
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
 
 KMH, DEGREE, KPA, PERCENT, RPM = 1.0 / 3.6, math.pi / 180.0, 1e3, 1e-2, math.pi / 30.0
-MOTOR_RATIO = Vehicle().steering_ratio
+MOTOR_RATIO = load_car().vehicle.steering_ratio
 INS_USABLE = (3, 6, 7)
 """INS_SOLUTION_GOOD, INS_SOLUTION_FREE, INS_ALIGNMENT_COMPLETE of NovAtel"""
 COMPUTED = 0
@@ -133,7 +133,7 @@ def _simulator(m: Columns) -> Quantities:
     return {**speeds, **pedal, **_brakes(m), **_steering("steering_wheel_angle")(m)}
 
 
-_STEERED = f"motor angle in deg, over {MOTOR_RATIO:g} of the AV-24 ([steer] ratio in a map is on top of it)"
+_STEERED = f"motor angle in deg, over {MOTOR_RATIO:g} of the car ([steer] ratio in a map is on top of it)"
 _CLOCKWISE = "heading counted from north clockwise: turned into yaw from east"
 MESSAGES: Mapping[str, Message] = {
     "sensor_msgs/msg/Imu": Message(_imu, 0),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.text_file import read_json
 
 GYRATION = (0.1, 1.5)
-"""radius of gyration about the vertical over the wheelbase, of cars of any size: 0.38 of the AV-24, about half of most;
+"""radius of gyration about the vertical over the wheelbase, of cars of any size: 0.4 of a race car, about half of most;
 a slip of a digit in mass, yaw inertia or an axle's place lies outside"""
 
 
@@ -40,7 +40,8 @@ def read_vehicle(path: Path | None) -> Vehicle:
         if key not in data:
             raise InputError(f"{path}: {key} is missing: mass, yaw_inertia, lf and lr are needed")
     try:
-        vehicle = _in_proportion(Vehicle.model_validate(data, strict=True))
+        given = Vehicle.model_validate({**load_car().vehicle.model_dump(), **data}, strict=True)
+        vehicle = _in_proportion(given, data.keys())
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
@@ -55,12 +56,12 @@ def read_vehicle(path: Path | None) -> Vehicle:
     return vehicle
 
 
-def _in_proportion(vehicle: Vehicle) -> Vehicle:
-    """`vehicle` with the lengths and areas that its file leaves out as the car has them, at its own size."""
+def _in_proportion(vehicle: Vehicle, stated: Set[str]) -> Vehicle:
+    """`vehicle` with the lengths and areas that are not `stated` as the car has them, at its own size."""
     car = load_car().vehicle
     size = vehicle.wheelbase / car.wheelbase
     scaled = {**dict.fromkeys(LENGTHS, size), **dict.fromkeys(AREAS, size**2)}
-    left_out = scaled.keys() - vehicle.model_fields_set
+    left_out = scaled.keys() - stated
     return vehicle.model_copy(update={name: scaled[name] * getattr(car, name) for name in left_out})
 
 

@@ -23,7 +23,7 @@ from estimator.drive_log.table import DriveLog
 from estimator.model.basis import Basis, make_basis
 from estimator.model.extra_load import extra_loads
 from estimator.model.memory import axle_courses
-from estimator.model.parameters import TABLE_WHEELBASE
+from estimator.model.parameters import table_car
 from estimator.model.single_track import AUXILIARY, SIGNALS
 from estimator.offline.record.laps import lap_numbers, scored_laps, track_position
 from estimator.offline.record.prepare import smoothed_velocity
@@ -127,7 +127,7 @@ class Record:
     @property
     def size(self) -> float:
         """Wheelbase over that of the car that lengths on the road are written down for."""
-        return self.vehicle.wheelbase / TABLE_WHEELBASE
+        return self.vehicle.wheelbase / table_car().wheelbase
 
     @property
     def block_step(self) -> float:

@@ -16,7 +16,6 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from hil_gateway.bus.messages import Plan
-from hil_gateway.car.vehicle import HALF_WIDTH
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track, TrackPoint
@@ -105,9 +104,11 @@ def plan_path(plan: Plan) -> Path | None:
     return polyline(np.array([plan.x, plan.y], dtype=np.float64))
 
 
-def way_along(track: Track, pose: Pose, turn_rate: float, deceleration: float, clear: float = CLEAR) -> Path | None:
+def way_along(
+    track: Track, half_width: float, pose: Pose, turn_rate: float, deceleration: float, *, clear: float = CLEAR
+) -> Path | None:
     """Way of a stop with `deceleration` (m/s2) from `pose`, where the car turns with `turn_rate` (rad/s), in the end
-    `clear` (m) of the edges; None when that is far from the track."""
+    with its wheels, `half_width` (m) beside its middle, `clear` (m) of the edges; None far from the track."""
     s0, offset = track.project(pose.x, pose.y)
     if not abs(offset) < LOST:
         return None
@@ -118,7 +119,7 @@ def way_along(track: Track, pose: Pose, turn_rate: float, deceleration: float, c
     start = _start(pose, turn_rate, offset, s[:GIVEN] - s0, on) - aside[:GIVEN]
     clearance = CLEAR_FIRST + (clear - CLEAR_FIRST) * np.minimum(gone / (CLEAR_S * max(pose.speed, SLOWEST)), 1.0)
     room = track.room(s, aside)
-    corridor = _corridor(room.right, clearance), _corridor(room.left, clearance)
+    corridor = _corridor(room.right, half_width + clearance), _corridor(room.left, half_width + clearance)
     speed2 = np.maximum(pose.speed**2 - 2 * deceleration * gone, SLOWEST**2)
     e = aside + _least_lateral_force(start, on.curvature + _bend(aside), speed2, *corridor)
     return polyline(np.array([on.x - e * np.sin(on.heading), on.y + e * np.cos(on.heading)]))
@@ -153,7 +154,7 @@ def _turned(angle: float) -> float:
 
 def _corridor(width: Array, clear: Array) -> Array:
     """Largest offset to one side, m."""
-    return np.asarray(np.maximum(width - HALF_WIDTH - clear, NARROW_SHARE * width))
+    return np.asarray(np.maximum(width - clear, NARROW_SHARE * width))
 
 
 def _least_lateral_force(start: Array, curvature: Array, speed2: Array, right: Array, left: Array) -> Array:

@@ -127,7 +127,9 @@ class Stopping:
         way = None
         if self._track is not None and pose is not None:
             deceleration = self._config.controlled_deceleration if self._brakes else ROLLS_OUT
-            way = way_along(self._track, pose, motion.yaw_rate, deceleration, self._clear)
+            way = way_along(
+                self._track, self._vehicle.half_width, pose, motion.yaw_rate, deceleration, clear=self._clear
+            )
         return way or (plan_path(self._plan) if self._plan is not None else None)
 
     def _pursue(self, path: Path, pose: Pose, motion: Motion) -> float:

@@ -6,14 +6,16 @@ from dataclasses import dataclass, fields, replace
 from types import SimpleNamespace
 from typing import Any
 
-from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import GRAVITY
 
 RPM = 0.10471975511965977
 """rad/s per revolution a minute"""
 ENGINE_SPEEDS = tuple(rpm * RPM for rpm in (1500.0, 2500.0, 3500.0, 4500.0, 5500.0, 6110.0, 6800.0, 7400.0))
 """where the engine map has its points, rad/s"""
-DECLARED = Powertrain()
+PAPER_BRAKES = 0.5 * 1.8e-3
+"""N at an axle per Pa in both circuits, of the car that is nearly that of Eq. 1-3"""
+PRESSURE_MAX = 6.0e6
+"""Pa of the brakes of the car"""
 
 
 @dataclass(frozen=True)
@@ -229,10 +231,10 @@ PAPER = replace(
         rolling_resistance=0.0,
         engine_drag=0.0,
         engine_inertia=0.0,
-        engine_torque=DECLARED.engine_torque,
+        engine_torque=(300.0, 430.0, 520.0, 560.0, 566.0, 551.0, 490.0, 400.0),
         driveline_efficiency=1.0,
-        brake_gain_front=0.5 * DECLARED.brake_force_per_pa * AV24.car.wheel_radius,
-        brake_gain_rear=0.5 * DECLARED.brake_force_per_pa * AV24.car.wheel_radius,
+        brake_gain_front=PAPER_BRAKES * AV24.car.wheel_radius,
+        brake_gain_rear=PAPER_BRAKES * AV24.car.wheel_radius,
         lsd_preload=0.0,
         lsd_ramp=0.0,
         front_brake=0.0,

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from hil_gateway.bus.messages import VehicleState
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import load_car
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.track.track import Track
 
 DT = 0.01
@@ -25,7 +26,7 @@ JERK = 2.0
 """m/s2 a second: people"""
 PUSH = 0.6
 """m/s2"""
-VEHICLE = Vehicle()
+VEHICLE = load_car().vehicle
 
 
 @dataclass(frozen=True)

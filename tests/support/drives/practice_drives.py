@@ -13,7 +13,7 @@ from support.once import once
 
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.record import Record, make_record
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 
 PRIOR = {"cx": 50000.0, "bf": 9.0, "cf": 1.35, "df": 1.3567, "br": 10.0, "cr": 1.4, "dr": 1.3392}
 
@@ -70,4 +70,4 @@ def shared_drives(factory: pytest.TempPathFactory) -> dict[str, Any]:
 def record_of(drive: Any) -> Record:
     """A drive ready to be diagnosed."""
     log = DriveLog(drive.columns, np.zeros(len(drive.columns["t"]), np.int64))
-    return make_record(log, Vehicle())
+    return make_record(log, load_car().vehicle)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 
 RADIUS, WAVES, DEPTH, POINTS = 110.0, 3, 20.0, 300
@@ -38,7 +39,7 @@ def write_course(path: Path) -> Path:
 
 def laps_of(drag: float, laps: int, seed: int = 1) -> dict[str, np.ndarray]:
     """Drive-log columns, as the learner's collector has them, of a car with `drag` (N s2/m2)."""
-    line, v = course(), Vehicle()
+    line, v = course(), load_car().vehicle
     (x, y), yaw, vx, vy, rate, steer, drive = line[0], 0.5 * pi, 18.0, 0.0, 0.0, 0.0, 0.02
     rows, lap, nearest, tick = [], 0, 0, 0
     while lap < laps:

@@ -41,7 +41,7 @@ from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import Command, Estimate
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
 
 SETTINGS = CampaignSettings()
@@ -58,7 +58,7 @@ def made_up(method: str, seed: int, rate: float) -> dict[str, Any]:
     mean = truth + (prior - truth) * np.exp(-rate * t / 8.0)[:, None]
     signals = np.column_stack([rng.uniform(20, 50, 300), rng.normal(0, 1, 300), rng.normal(0, 0.3, 300),
                                rng.normal(0, 0.05, 300), np.zeros(300)])  # fmt: skip
-    h = measurement_function(SingleTrack(Vehicle(), "per_axle"), "imu_yaw")
+    h = measurement_function(SingleTrack(load_car().vehicle, "per_axle"), "imu_yaw")
     z = np.array(h(signals.T, np.zeros((len(AUXILIARY), 1)), truth, np.zeros((0, 1)))[0]).T
     return {
         "trial": {"method": method, "seed": seed}, "settings": {}, "truth": tyre, "start_s": 2.0,

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from benchmarks.plans.bench import bench_controller
 from benchmarks.plans.contraction import CASES, measure, step_ratios
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.track.loading import load_track
 from planner.cli.plan import app
 from planner.problem.settings import Settings
@@ -21,7 +21,7 @@ PLACES = 6
 
 
 def test_steps_and_neighbouring_drives_of_the_plain_planner_contract() -> None:
-    controller, _ = bench_controller(load_track(), Vehicle(), Settings())
+    controller, _ = bench_controller(load_track(), load_car().vehicle, Settings())
     found = measure(controller, PLACES)
     assert len(found.iterations) >= 3 * PLACES
     assert np.mean(found.iterations < 1.0) > 0.85, "SQP steps grow"

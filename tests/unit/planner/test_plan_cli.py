@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.plans.bench import INFORMATION_WEIGHT, bench_controller, drive, summary
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 from planner.cli.plan import app
@@ -35,7 +35,7 @@ def test_bench_prints_one_json_object_and_keeps_all_limits() -> None:
 def test_a_drive_with_information_keeps_all_limits() -> None:
     """The first 15 s of the road course, with its tightest bend entered from the fastest straight."""
     settings = Settings(information=Information(weight=INFORMATION_WEIGHT, kind="imu_yaw"))
-    controller, _ = bench_controller(load_track(), Vehicle(), settings)
+    controller, _ = bench_controller(load_track(), load_car().vehicle, settings)
     run = drive(controller, 1, steps=300)
     assert run.violations == {"track": 0, "load": 0, "actuator": 0, "information": 0}
     assert run.qp_failures == 0
@@ -43,7 +43,7 @@ def test_a_drive_with_information_keeps_all_limits() -> None:
 
 def test_sqp_beats_warm_ipopt_on_the_same_problems() -> None:
     """Loose bound for busy machines; the figure is `hil plan bench`."""
-    controller, _ = bench_controller(load_track(), Vehicle(), Settings())
+    controller, _ = bench_controller(load_track(), load_car().vehicle, Settings())
     report = summary(drive(controller, 1, ipopt=True, steps=81), controller)
     assert report["ipopt_warm_ms"]["samples"] >= 2
     assert report["speedup_vs_ipopt"] > 10

@@ -86,7 +86,7 @@ class Monitors:
         """whether it alone was silent or implausible during this stop: where it comes back it may be late"""
         self._without_wheels, self._without_imu = Held(), Held()
         """a source that is not believed any more stops the car, whatever it says from then on"""
-        self._road = None if track is None else RoadMonitor(track)
+        self._road = None if track is None else RoadMonitor(track, vehicle.half_width)
 
     @property
     def fixes_fit(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hil_gateway.car.vehicle import GRAVITY, HALF_WIDTH
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.track.track import Track
@@ -20,8 +20,8 @@ ACROSS = math.radians(60.0)
 class RoadMonitor:
     """Seconds off road and pit lane, and against their direction, by the reckoned pose."""
 
-    def __init__(self, track: Track) -> None:
-        self._track = track
+    def __init__(self, track: Track, half_width: float) -> None:
+        self._track, self._half_width = track, half_width
         self._s: float | None = None
         self._off, self._against = Held(), Held()
         self.gravity_across = 0.0
@@ -37,6 +37,6 @@ class RoadMonitor:
         self._s = s if abs(lateral) < NEAR else None
         i = min(int(s / track.length * len(track.s)), len(track.s) - 1)
         self.gravity_across = GRAVITY * math.sin(float(track.bank[i]))
-        off = not track.inside(s, lateral) > HALF_WIDTH - BEYOND
+        off = not track.inside(s, lateral) > self._half_width - BEYOND
         against = not abs(math.remainder(pose.yaw - float(track.heading[i]), math.tau)) < ACROSS
         return self._off.update(off, now_ns), self._against.update(against, now_ns)

@@ -19,10 +19,10 @@ from estimator.belief.revision import (
 from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.measurement import measurement_function
 from estimator.model.single_track import AUXILIARY
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.config import EstimatorConfig, load_config
 
-VEHICLE = Vehicle()
+VEHICLE = load_car().vehicle
 START = race_car_revision("per_axle", VEHICLE)
 REVISED = model_of(START, VEHICLE, 1000.0)
 EXTRA = AUXILIARY.index("extra_load")

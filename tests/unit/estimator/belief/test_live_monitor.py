@@ -11,11 +11,11 @@ from support.measurement_evaluation import MeasurementEvaluation
 from estimator.belief.residual_monitor import ResidualMonitor
 from estimator.belief.tyre_belief import Sample
 from estimator.model.single_track import AUXILIARY, SingleTrack
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 
 DT_NS = 10_000_000
 START_NS = 1_000_000_000
-VEHICLE = Vehicle()
+VEHICLE = load_car().vehicle
 
 
 class Laps:

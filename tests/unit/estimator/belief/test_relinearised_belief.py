@@ -12,9 +12,9 @@ from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.measurement import measurement_function
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.model.single_track import AUXILIARY, SingleTrack
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 
-VEHICLE = Vehicle()
+VEHICLE = load_car().vehicle
 AUX = np.zeros(len(AUXILIARY))
 PRIOR = np.array(list(DEFAULT_TYRE["per_axle"].values()))
 SLIP_COVARIANCE = np.diag([0.01, 0.01, 0.001]) ** 2

@@ -10,9 +10,9 @@ from support.promise_figures import record_figure
 
 from estimator.model.discretise import STATES, rk4, state_derivative
 from estimator.model.single_track import SingleTrack
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 
-MODEL = SingleTrack(Vehicle(), "per_axle")
+MODEL = SingleTrack(load_car().vehicle, "per_axle")
 THETA = [p.prior for p in MODEL.tyre_table]
 START, CONTROL = np.array([0.0, 0.0, 0.1, 35.0, 0.4, 0.2]), np.array([0.03, 0.04])
 

@@ -19,11 +19,12 @@ from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.model.memory import after_play, axle_courses, delayed, held, relaxed, swung
 from estimator.model.profile import profile_basis, profile_value
 from estimator.model.single_track import CHANNELS, SIGNALS, SingleTrack, Terms
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import load_car
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.compiled import find_compiler
 
 ROOT = Path(__file__).resolve().parents[4]
-VEHICLE = Vehicle()
+VEHICLE = load_car().vehicle
 AUXILIARY = {"brake": 0.3, "yaw": 0.4, "t": 100.0, "steer_rate": 0.3, "drive_rate": -0.2, "track_position": 250.0}
 IDS = {
     "aero_drag", "rolling_resistance", "road_grade", "road_bank", "aero_downforce", "load_transfer",

@@ -11,7 +11,7 @@ from estimator.model.tyre import (
     normalised_force,
     slip_at_peak,
 )
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 
 CURVE = (9.0, 1.35, 1.4)
 SLIPS = np.linspace(-0.4, 0.4, 41)
@@ -44,7 +44,7 @@ def test_a_curve_without_a_peak_grows_up_to_a_right_angle() -> None:
 
 @pytest.mark.parametrize("layout", ["shared", "per_axle"])
 def test_axles_name_every_parameter_of_the_model_but_the_longitudinal_one(layout: str) -> None:
-    names = [p.name for p in SingleTrack(Vehicle(), layout).tyre_table]  # type: ignore[arg-type]
+    names = [p.name for p in SingleTrack(load_car().vehicle, layout).tyre_table]  # type: ignore[arg-type]
     named = [n for axle in AXLES[layout] for n in axle.parameters]  # type: ignore[index]
     assert ["cx", *named] == names
 

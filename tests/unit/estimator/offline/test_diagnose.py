@@ -6,11 +6,13 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from subprocess import CompletedProcess
 from typing import Any
 
 import numpy as np
 import pytest
 from support.drives.practice_drives import PRIOR, record_of
+from support.examples import run_example
 from support.once import once
 from typer.testing import CliRunner
 
@@ -34,7 +36,7 @@ from estimator.offline.result.uncertainty import covariance
 from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.plausible import believed, possible
 from estimator.offline.search.trial import Setting, Trial, fit_names
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.process.figures import figure
 
 
@@ -102,14 +104,15 @@ def test_an_effect_whose_size_is_not_told_from_nothing_is_no_finding(diagnosed: 
 
 
 def test_a_wrong_yaw_inertia_is_reported_as_declared_data_and_not_as_an_effect(drives: dict[str, Any]) -> None:
-    wrong = Vehicle().model_copy(update={"yaw_inertia": 0.85 * Vehicle().yaw_inertia})
+    wrong = load_car().vehicle.model_copy(update={"yaw_inertia": 0.85 * load_car().vehicle.yaw_inertia})
     record = replace(record_of(drives["none"]), vehicle=wrong)
     result = as_json(diagnose(record, "per_axle", PRIOR), "r", "")
     assert result["effects"] == []
     assert [v["name"] for v in result["vehicle"]] == ["yaw_inertia"]
     found = result["vehicle"][0]
     assert found["declared"] == wrong.yaw_inertia
-    assert abs(found["found"] - Vehicle().yaw_inertia) < min(3.0 * found["std"], 0.05 * Vehicle().yaw_inertia)
+    true = load_car().vehicle.yaw_inertia
+    assert abs(found["found"] - true) < min(3.0 * found["std"], 0.05 * true)
 
 
 def test_wheels_that_follow_by_a_first_order_lag_are_named_with_its_time_constant(
@@ -177,7 +180,7 @@ def test_what_comes_and_goes_is_said_of_time_and_not_of_a_heading_that_goes_on(d
 
 
 def test_a_force_along_the_car_does_not_hide_a_wrong_yaw_inertia(drives: dict[str, Any]) -> None:
-    wrong = Vehicle().model_copy(update={"yaw_inertia": 1.2 * Vehicle().yaw_inertia})
+    wrong = load_car().vehicle.model_copy(update={"yaw_inertia": 1.2 * load_car().vehicle.yaw_inertia})
     record = replace(record_of(drives["none"]), vehicle=wrong)
     measured = record.measured.copy()
     measured[3] += 0.02 * np.sin(2.0 * np.pi * 1.1 * record.signals["t"])
@@ -316,7 +319,7 @@ def test_test_laps_are_kept_from_every_fit(diagnosed: Callable[[str], Diagnosis]
 def test_revision_rebuilds_the_diagnosed_model(diagnosed: Callable[[str], Diagnosis]) -> None:
     found = diagnosed("single")
     revision = as_revision(found, "per_axle", ("hash",))
-    rebuilt = model_of(revision, Vehicle(), 1000.0)
+    rebuilt = model_of(revision, load_car().vehicle, 1000.0)
     assert [e.name for e in rebuilt.model.effects] == ["rolling_resistance"]
     std = np.sqrt(np.diag(found.fit.covariance))[:7]
     assert np.all(np.abs(rebuilt.theta - found.fit.parameters[:7]) < 2.0 * std), (
@@ -479,7 +482,7 @@ def test_a_pedal_that_chatters_between_the_rows_is_no_more_than_noise_in_the_spe
     drive = drives["none"]
     rng, thin = np.random.default_rng(11), slice(None, None, 2)
     chatter = 0.004 * rng.choice([-1.0, 1.0], len(drive.columns["t"]))
-    pushed = np.cumsum(chatter) * 0.01 * drive.tyre["cx"] / Vehicle().mass
+    pushed = np.cumsum(chatter) * 0.01 * drive.tyre["cx"] / load_car().vehicle.mass
     columns = drive.columns | {"vx": drive.columns["vx"] + pushed}
     record = record_of(replace(drive, columns={name: column[thin] for name, column in columns.items()}))
     pedal = record.signals["drive"] + chatter[thin]
@@ -491,3 +494,13 @@ def test_a_pedal_that_chatters_between_the_rows_is_no_more_than_noise_in_the_spe
     assert left > BEYOND_NOISE * sensor
     floor = noise_floor(chattering, rows, model, numbers)["vx_dot"]
     assert left < floor < BEYOND_NOISE * left, "as if nothing were known of the pedal between the rows"
+
+
+def test_the_example_prints_a_diagnosis(
+    diagnosed: Callable[[str], Diagnosis], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = json.dumps(as_json(diagnosed("single"), "r", "")).encode()
+    monkeypatch.setattr("subprocess.run", lambda command, **_: CompletedProcess(command, 0, said))
+    run_example("diagnose_my_log", ["drive.csv"], monkeypatch)
+    out = capsys.readouterr().out
+    assert "rolling_resistance: " in out and "ax       error" in out

@@ -19,7 +19,7 @@ from estimator.offline.identification import Identification, Options, identify, 
 from estimator.offline.record.declared import read_tyre_prior, read_vehicle
 from estimator.offline.report.plots import curve_band
 from estimator.offline.tyre_export import exported, not_exported
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
 
 
@@ -50,7 +50,7 @@ def identified() -> Identification:
     """An identification of a minute's drive."""
     columns = simulate([TYRE], 60.0, seed=33)[0].columns
     log = DriveLog(dict(columns), np.zeros(len(columns["t"]), np.int64))
-    return identify(log, Vehicle(), TYRE, Options(method="batch"))
+    return identify(log, load_car().vehicle, TYRE, Options(method="batch"))
 
 
 def test_what_the_data_does_not_determine_stays_at_the_prior_in_the_export(identified: Identification) -> None:
@@ -259,7 +259,7 @@ def test_model_car_is_predicted_better_with_steering_lag_and_separate_axles(meas
     train, *others = (
         next(folder.glob(name)) for name in ("free*02_28.csv", "free*01_01.csv", "*fast*.csv", "*rub*.csv")
     )
-    car = Vehicle(mass=1.58, yaw_inertia=0.0048, lf=0.0805, lr=0.0930)
+    car = load_car().vehicle.model_copy(update={"mass": 1.58, "yaw_inertia": 0.0048, "lf": 0.0805, "lr": 0.0930})
 
     def run(**options: Any) -> Identification:
         prior = read_tyre_prior(None, options.get("layout", "per_axle"), car)

@@ -39,7 +39,8 @@ from estimator.offline.simulated_lateral import (
     repaired_log,
     with_simulated_lateral,
 )
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import load_car
+from hil_gateway.car.vehicle import GRAVITY
 
 LEAN, ZERO = 0.002, 0.012
 """rad per m/s2, and rad"""
@@ -67,32 +68,32 @@ def found_bank(record: Record) -> np.ndarray:
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_steep_bank_is_found_by_the_roll_whatever_its_sign(drives: dict[str, Any], sign: float) -> None:
     log, bank = banked(drives["flat"], 0.3, sign)
-    record = make_record(log, Vehicle())
+    record = make_record(log, load_car().vehicle)
     error = found_bank(record) - record.thin(bank).ravel()
     assert np.std(error) < 0.03
     assert abs(np.mean(error)) < 0.03, "a zero of the sensor cannot be told from a bank of the whole lap"
 
 
 def test_a_body_that_leans_on_its_springs_is_no_bank(drives: dict[str, Any]) -> None:
-    assert find_road(make_record(banked(drives["flat"], 0.0, 1.0)[0], Vehicle())) == {}
+    assert find_road(make_record(banked(drives["flat"], 0.0, 1.0)[0], load_car().vehicle)) == {}
 
 
 def test_a_bank_the_log_shows_is_an_input_and_not_felt(drives: dict[str, Any]) -> None:
     log, bank = banked(drives["flat"], 0.3, 1.0)
-    on_its_road = examine_on_its_road(log, Vehicle()).log
+    on_its_road = examine_on_its_road(log, load_car().vehicle).log
     assert np.std(on_its_road["known_bank"] - bank) < 0.04
     turning = log["vx"] * log["yaw_rate"]
     added = on_its_road["ay"] - log["ay"] - (smoothed(log["t"], turning, log.segment) - turning)
     assert np.allclose(added, GRAVITY * np.sin(on_its_road["known_bank"]), atol=0.05)
     level, _ = banked(drives["flat"], 0.0, 1.0)
-    assert "known_bank" not in examine_on_its_road(level, Vehicle()).log
+    assert "known_bank" not in examine_on_its_road(level, load_car().vehicle).log
 
 
 def test_a_known_bank_follows_the_roll_where_it_rises_within_less_than_the_knots_of_a_profile(
     drives: dict[str, Any],
 ) -> None:
     log, gentle = banked(drives["flat"], 0.3, 1.0)
-    record = make_record(log, Vehicle())
+    record = make_record(log, load_car().vehicle)
     position = record.signals["track_position"]
     place = np.round(position / 5.0).astype(int)
     bank = 0.3 * np.tanh(10.0 * (np.bincount(place, gentle) / np.maximum(np.bincount(place), 1))[place])
@@ -100,7 +101,7 @@ def test_a_known_bank_follows_the_roll_where_it_rises_within_less_than_the_knots
     basis = record.bases["track_position"]
     matrix = basis.matrix(position)
     by_profile = matrix @ np.linalg.lstsq(matrix, bank, rcond=None)[0] - bank
-    left = examine_on_its_road(sharp, Vehicle()).log["known_bank"] - bank
+    left = examine_on_its_road(sharp, load_car().vehicle).log["known_bank"] - bank
     assert np.std(left) < 0.75 * np.std(by_profile), "no profile with these knots comes nearer"
 
 
@@ -108,7 +109,7 @@ def test_a_known_bank_follows_the_roll_where_it_rises_within_less_than_the_knots
 def test_another_zero_of_the_bank_pulls_the_car_and_leaves_an_ay_that_was_derived_with_the_bank_found(
     ay_is_derived: bool,
 ) -> None:
-    columns = ModelColumns(SingleTrack(Vehicle(), "per_axle", (known_bank(ay_is_derived=ay_is_derived),)))
+    columns = ModelColumns(SingleTrack(load_car().vehicle, "per_axle", (known_bank(ay_is_derived=ay_is_derived),)))
     inputs = np.zeros((len(SIGNALS) + len(AUXILIARY), 1))
     inputs[:3, 0] = 50.0, -0.5, 0.2
     inputs[len(SIGNALS) + AUXILIARY.index("known_bank")] = -0.3
@@ -121,7 +122,7 @@ def test_another_zero_of_the_bank_pulls_the_car_and_leaves_an_ay_that_was_derive
 
 
 def test_the_measured_acceleration_moves_load_from_the_front_axle_to_the_rear() -> None:
-    car, load_transfer = Vehicle(), catalogue()["load_transfer"].as_logged
+    car, load_transfer = load_car().vehicle, catalogue()["load_transfer"].as_logged
     assert load_transfer is not None
     columns = ModelColumns(SingleTrack(car, "per_axle", (along(load_transfer),)))
     inputs = np.zeros((len(SIGNALS) + len(AUXILIARY), 2))
@@ -137,7 +138,7 @@ def test_the_measured_acceleration_moves_load_from_the_front_axle_to_the_rear() 
 
 
 def test_a_drive_that_is_nothing_where_the_axle_pushes_has_its_zero_estimated() -> None:
-    columns = ModelColumns(SingleTrack(Vehicle(), "per_axle", (drive_zero(),)))
+    columns = ModelColumns(SingleTrack(load_car().vehicle, "per_axle", (drive_zero(),)))
     inputs = np.zeros((len(SIGNALS) + len(AUXILIARY), 2))
     inputs[:4] = np.array([[50.0], [-0.3], [0.2], [0.02]])
     inputs[SIGNALS.index("drive")] = 0.03, 0.03 - 0.01
@@ -149,8 +150,8 @@ def test_a_drive_that_is_nothing_where_the_axle_pushes_has_its_zero_estimated() 
 
 
 def test_the_air_presses_on_axles_at_the_speed_of_ovals_and_hardly_on_road_courses() -> None:
-    assert presses(55.0, Vehicle())
-    assert not presses(32.0, Vehicle())
+    assert presses(55.0, load_car().vehicle)
+    assert not presses(32.0, load_car().vehicle)
 
 
 def test_zero_and_scales_of_pedals_are_fitted_where_the_drive_comes_from_them(drives: dict[str, Any]) -> None:
@@ -162,7 +163,7 @@ def test_zero_and_scales_of_pedals_are_fitted_where_the_drive_comes_from_them(dr
     columns = {n: c for n, c in drive.columns.items() if n != "drive"} | {"throttle": throttle, "brake": pressure}
     segment = np.zeros(len(command), np.int64)
     complete, derived = add_missing_channels(Path("x.csv"), columns, segment)
-    record = make_record(DriveLog(complete, segment, derived), Vehicle())
+    record = make_record(DriveLog(complete, segment, derived), load_car().vehicle)
     assert record.pedals
     setting = Setting(record, "per_axle", PRIOR)
     fit = fit_names(setting, ("rolling_resistance",), fit_names(setting, (), None), exact=True)
@@ -188,7 +189,7 @@ def late(lag: float, *, ay: bool) -> DriveLog:
 
 
 def test_an_accelerometer_is_not_blamed_for_a_late_yaw_rate() -> None:
-    health = examine(late(0.3, ay=True), Vehicle())
+    health = examine(late(0.3, ay=True), load_car().vehicle)
     assert {"offset_yaw_rate", "offset_vy"} <= {f.name for f in health.findings}
     assert "useless_ay" not in {f.name for f in health.findings}
     assert health.doubtful == (), "what the repair of vy leaves is estimated with the tyres"
@@ -198,23 +199,23 @@ def test_what_a_displaced_sensor_of_vy_reports_is_estimated_along_with_the_tyres
     c = drives["flat"].columns
     vy = c["vy"] + 0.6 * c["yaw_rate"] + 0.01 * c["vx"] + 0.05
     log = DriveLog(c | {"vy": vy}, np.zeros(len(vy), np.int64))
-    record = make_record(log, Vehicle(), vy_displaced=True)
+    record = make_record(log, load_car().vehicle, vy_displaced=True)
     fit = fit_names(Setting(record, "per_axle", PRIOR), (), None, exact=True)
     sensor = next(b for b in fit.predictor.blocks if b.effect.name == VY_SENSOR).parameters
     assert fit.parameters[sensor] == pytest.approx([0.6, 0.01, 0.05], rel=0.2, abs=0.02)
-    unused = make_record(log, Vehicle(), ("vy", "yaw_rate"), vy_displaced=True)
+    unused = make_record(log, load_car().vehicle, ("vy", "yaw_rate"), vy_displaced=True)
     assert not unused.vy_displaced, "where it is no sensor of the fit it is what it is"
 
 
 def test_without_an_accelerometer_neither_vy_nor_yaw_rate_is_explained_by_effects() -> None:
-    assert set(examine(late(0.3, ay=False), Vehicle()).doubtful) == {"vy", "yaw_rate"}
+    assert set(examine(late(0.3, ay=False), load_car().vehicle).doubtful) == {"vy", "yaw_rate"}
 
 
 def test_lateral_errors_are_simulated_where_no_lateral_sensor_can_be_compared() -> None:
     log = late(0.3, ay=False)
-    health = examine(log, Vehicle())
-    record = make_record(health.log, Vehicle(), health.doubtful)
-    result = identified_laterally(log, record, Vehicle(), PRIOR, "per_axle")
+    health = examine(log, load_car().vehicle)
+    record = make_record(health.log, load_car().vehicle, health.doubtful)
+    result = identified_laterally(log, record, load_car().vehicle, PRIOR, "per_axle")
     assert result is not None
     errors = {"declared": 3.0, "refit": 3.0, "catalogue": 3.0, "with_effects": 3.0, "noise_floor": 0.1}
     names = ("ax", "ay", "yaw_acc", "vx_dot", "vy_dot")
@@ -230,7 +231,7 @@ def test_lateral_errors_are_simulated_where_no_lateral_sensor_can_be_compared() 
 
 
 def test_what_a_fit_finds_of_the_place_of_vy_and_the_lag_of_the_yaw_rate_is_taken_out_of_a_derived_ay() -> None:
-    health = examine(late(0.3, ay=False), Vehicle())
+    health = examine(late(0.3, ay=False), load_car().vehicle)
     before = health.log
     turning = derivative(before["t"], before["yaw_rate"], before.segment)
     moved = health.repaired(place_left(SimpleNamespace(values={f"{VY_SENSOR}.x": 1.5}, std={f"{VY_SENSOR}.x": 0.1})))
@@ -254,7 +255,7 @@ def test_a_fit_is_kept_where_what_it_finds_of_vy_and_yaw_rate_is_taken_out(monke
     results = []
     for moves in (False, True):
         monkeypatch.setattr(identification, "moves_ay", lambda *_, moves=moves: moves)
-        results.append(identify(log, Vehicle(), PRIOR, options))
+        results.append(identify(log, load_car().vehicle, PRIOR, options))
     left, taken_out = (one.fit.values for one in results)
     assert taken_out == left | {place: 0.0, lag: 0.0}, "a further fit drifts"
     before, after = ({f.name: f.size for f in one.health.findings} for one in results)
@@ -289,7 +290,7 @@ def test_a_fit_that_simulates_neither_vy_nor_yaw_rate_is_not_gone_on_with(monkey
 
 
 def test_a_diagnosis_goes_on_with_the_log_that_the_identification_repaired() -> None:
-    result = identify(late(0.3, ay=False), Vehicle(), PRIOR, Options())
+    result = identify(late(0.3, ay=False), load_car().vehicle, PRIOR, Options())
     banked_log = result.log.with_columns({"known_bank": np.full(len(result.log), 0.2)}, "a bank")
     log = repaired_log(replace(result, log=banked_log))
     assert "known_bank" not in log
@@ -300,7 +301,7 @@ def test_a_diagnosis_goes_on_with_the_log_that_the_identification_repaired() -> 
 def test_a_log_with_lateral_sensors_is_compared_with_them(drives: dict[str, Any]) -> None:
     record = record_of(drives["flat"])
     log = DriveLog(drives["flat"].columns, np.zeros(len(drives["flat"].columns["t"]), np.int64))
-    assert identified_laterally(log, record, Vehicle(), PRIOR, "per_axle") is None
+    assert identified_laterally(log, record, load_car().vehicle, PRIOR, "per_axle") is None
 
 
 @pytest.mark.slow
@@ -326,4 +327,4 @@ def test_measured_halves_do_not_contradict_each_other(measured_data: Path, tmp_p
 def test_identification_of_a_log_too_short_for_laps_needs_no_road() -> None:
     columns = dict(simulate([TYRE], 30.0, seed=42)[0].columns)
     log = DriveLog(columns, np.zeros(len(columns["t"]), np.int64))
-    assert identify(log, Vehicle(), TYRE, Options(method="batch")).rmse["ay"][1] < 0.2
+    assert identify(log, load_car().vehicle, TYRE, Options(method="batch")).rmse["ay"][1] < 0.2

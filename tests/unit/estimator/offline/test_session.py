@@ -19,7 +19,8 @@ from estimator.offline.record.record import Record, make_record
 from estimator.offline.search.greedy import Greedy
 from estimator.offline.search.sensor_place import accelerometer_ahead, gyro_gain, speed_scale
 from estimator.offline.search.trial import Setting, fit_names
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import load_car
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 
@@ -43,7 +44,7 @@ def test_a_vertical_accelerometer_tells_the_axle_loads_and_leaves_no_bank_to_gue
     t = drives["flat"].columns["t"]
     pressed = 0.3 * np.sin(2 * np.pi * t / 8.0)
     az = GRAVITY * (1.0 + pressed) + np.random.default_rng(3).normal(0.0, 0.11, len(t))
-    record = make_record(log_of(drives["flat"], az=az), Vehicle())
+    record = make_record(log_of(drives["flat"], az=az), load_car().vehicle)
     assert float(np.std((record.signals["extra_load"] - pressed)[record.rows])) < 0.005
     told, guessed = (Setting(r, LAYOUT, PRIOR).model(["road_bank"]) for r in (record, record_of(drives["flat"])))
     assert "road_bank_load" not in {effect.name for effect in told.effects}
@@ -51,14 +52,14 @@ def test_a_vertical_accelerometer_tells_the_axle_loads_and_leaves_no_bank_to_gue
 
 
 def test_an_accelerometer_without_gravity_says_nothing_of_the_loads(drives: dict[str, Any]) -> None:
-    record = make_record(log_of(drives["flat"], az=np.zeros(len(drives["flat"].columns["t"]))), Vehicle())
+    record = make_record(log_of(drives["flat"], az=np.zeros(len(drives["flat"].columns["t"]))), load_car().vehicle)
     assert not record.signals["extra_load"].any()
 
 
 def test_a_drifting_vy_is_replaced_by_what_yaw_rate_and_speed_say(drives: dict[str, Any]) -> None:
     columns = drives["none"].columns
     wrong = columns["vy"] + 0.12 * np.sin(2 * np.pi * columns["t"] / 5.0)
-    record = make_record(replace(log_of(drives["none"], vy=wrong), derived={"vy": "drifts"}), Vehicle())
+    record = make_record(replace(log_of(drives["none"], vy=wrong), derived={"vy": "drifts"}), load_car().vehicle)
     done = fit_names(Setting(some(record, 4), LAYOUT, PRIOR), (), None)
     run = np.sort(record.rows[:12].ravel())
     parts = np.split(run, np.flatnonzero(np.diff(run) != 1) + 1)
@@ -76,7 +77,7 @@ def test_kinematics_tell_where_the_accelerometer_lies_whatever_the_tyres_do(
 ) -> None:
     columns = drives["much"].columns
     turned = ahead * wiener(columns["yaw_rate"], 0.01).rate
-    found = accelerometer_ahead(make_record(log_of(drives["much"], ay=columns["ay"] + turned), Vehicle()))
+    found = accelerometer_ahead(make_record(log_of(drives["much"], ay=columns["ay"] + turned), load_car().vehicle))
     assert found is not None
     assert found[0] == pytest.approx(ahead, abs=0.15), "half a sample at 30 m/s is 0.15 m"
     assert found[1] < 0.05
@@ -89,29 +90,29 @@ def test_positions_that_are_held_and_jump_tell_how_the_speed_is_scaled(drives: d
     x = columns["x"][held]
     x[::1500] += 8.0
     log = log_of(drives["single"], vx=scale * columns["vx"], x=x, y=columns["y"][held])
-    found = speed_scale(make_record(log, Vehicle()))
+    found = speed_scale(make_record(log, load_car().vehicle))
     assert found is not None
     assert found[0] == pytest.approx(scale, abs=0.004)
     assert found[1] < 0.003
     without = {n: c for n, c in log.columns.items() if n != "x"}
-    assert speed_scale(make_record(replace(log, columns=without), Vehicle())) is None
+    assert speed_scale(make_record(replace(log, columns=without), load_car().vehicle)) is None
 
 
 @pytest.mark.parametrize("gain", [1.0, 0.97])
 def test_the_heading_tells_the_gain_of_a_gyroscope_whatever_its_zero(drives: dict[str, Any], gain: float) -> None:
     rate = gain * drives["single"].columns["yaw_rate"] + 0.004
-    found = gyro_gain(make_record(log_of(drives["single"], yaw_rate=rate), Vehicle()))
+    found = gyro_gain(make_record(log_of(drives["single"], yaw_rate=rate), load_car().vehicle))
     assert found is not None
     assert abs(found[0] - gain) < min(4.0 * found[1], 0.002)
     without = {n: c for n, c in log_of(drives["single"]).columns.items() if n != "yaw"}
-    assert gyro_gain(make_record(replace(log_of(drives["single"]), columns=without), Vehicle())) is None
+    assert gyro_gain(make_record(replace(log_of(drives["single"]), columns=without), load_car().vehicle)) is None
 
 
 def test_at_one_speed_rolling_resistance_is_not_told_from_drag(drives: dict[str, Any]) -> None:
     others = frozenset(all_candidates()) - {"rolling_resistance", "aero_drag"}
     columns, rng = drives["single"].columns, np.random.default_rng(11)
     noisy = {n: columns[n] + rng.normal(0.0, s, len(columns["t"])) for n, s in (("ax", 3.0), ("vx", 0.6))}
-    whole = make_record(log_of(drives["single"], **noisy), Vehicle())
+    whole = make_record(log_of(drives["single"], **noisy), load_car().vehicle)
     speed = whole.state_means[0].mean(axis=1)
     narrow = whole.select(np.abs(speed - np.median(speed)) < 0.6)
     for record, told in ((some(whole, 8), True), (some(narrow, 1), False)):

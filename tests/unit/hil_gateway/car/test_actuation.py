@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil_gateway.car.actuation import Actuation, ActuatorPositions, brake_balance
-from hil_gateway.car.powertrain import RPM, GearChoice, Powertrain
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
+from hil_gateway.car.powertrain import RPM, GearChoice
 from hil_gateway.config import OriginConfig
 from hil_gateway.track.geodesy import LocalMap
 
-TRAIN, VEHICLE = Powertrain(), Vehicle()
+TRAIN, VEHICLE = load_car().powertrain, load_car().vehicle
 ACTUATION = Actuation(VEHICLE, TRAIN)
 distances = st.floats(-8000, 8000)
 

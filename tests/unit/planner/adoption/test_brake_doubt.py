@@ -7,7 +7,7 @@ import pytest
 
 from estimator.belief.revision import declared_revision, race_car_revision
 from hil_gateway.bus.messages import ModelRevision
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.config import load_config
 from hil_gateway.track.loading import load_track
 from planner.adoption.adoption import Adoption
@@ -16,7 +16,7 @@ from planner.line.envelope import Brakes, envelope_of
 from planner.problem.load_limits import LoadLimits
 from planner.problem.settings import settings_of
 
-START = race_car_revision("per_axle", Vehicle())
+START = race_car_revision("per_axle", load_car().vehicle)
 
 
 def known(share: float) -> ModelRevision:

@@ -9,12 +9,13 @@ from estimator.belief.revision import race_car_revision, tyre_covariance
 from estimator.model.parameters import DEFAULT_TYRE
 from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import Estimate
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from planner.adoption.unlearnt import measured_loads, oversteering
 
 AXLES = ((1, 2, 3), (4, 5, 6))
 THETA = np.array([*DEFAULT_TYRE["per_axle"].values()])
-STATED = tyre_covariance(race_car_revision("per_axle", Vehicle()))
+CAR = load_car().vehicle
+STATED = tyre_covariance(race_car_revision("per_axle", CAR))
 SPREAD = np.hypot(0.2, 0.2)
 """of B front over B rear by the data sheet"""
 
@@ -52,12 +53,12 @@ def test_tyres_shared_by_both_axles_have_no_balance() -> None:
 
 
 def test_a_load_counts_as_it_was_delivered() -> None:
-    full = measured_loads(moving(Delivered(front=1.0, rear=1.0, brakes=None)), THETA, Vehicle(), AXLES)
-    front, rear = measured_loads(moving(Delivered(front=0.8, rear=0.9, brakes=None)), THETA, Vehicle(), AXLES)
+    full = measured_loads(moving(Delivered(front=1.0, rear=1.0, brakes=None)), THETA, CAR, AXLES)
+    front, rear = measured_loads(moving(Delivered(front=0.8, rear=0.9, brakes=None)), THETA, CAR, AXLES)
     assert full[0] > full[1] > 0.0
     assert (front, rear) == (pytest.approx(0.8 * full[0]), pytest.approx(0.9 * full[1]))
 
 
 def test_what_nothing_tells_is_not_held() -> None:
-    assert measured_loads(moving(None), THETA, Vehicle(), AXLES) == (0.0, 0.0)
-    assert measured_loads(moving(Delivered(front=None, rear=1.0, brakes=None)), THETA, Vehicle(), AXLES)[0] == 0.0
+    assert measured_loads(moving(None), THETA, CAR, AXLES) == (0.0, 0.0)
+    assert measured_loads(moving(Delivered(front=None, rear=1.0, brakes=None)), THETA, CAR, AXLES)[0] == 0.0

@@ -12,7 +12,8 @@ from estimator.belief.revision import model_of, race_car_revision
 from estimator.model.effects.load_sensitivity import DECLARED
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.model.single_track import SingleTrack
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import load_car
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.line.envelope import MIN_NORMAL, Envelope, envelope_of, normal_share, required_lateral
@@ -32,13 +33,13 @@ def _private_cache(tmp_path_factory: pytest.TempPathFactory) -> object:
 
 
 def declared_envelope(**changes: float) -> Envelope:
-    model = SingleTrack(Vehicle(), "per_axle")
+    model = SingleTrack(load_car().vehicle, "per_axle")
     tyre = {**TYRE, **changes}
     return envelope_of(model, [tyre[p.name] for p in model.tyre_table])
 
 
 def race_car_envelope(use: float = 0.9) -> Envelope:
-    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
+    revised = model_of(race_car_revision("per_axle", load_car().vehicle), load_car().vehicle, 1000.0)
     phi = revised.phi_at(np.zeros(1))[:, 0]
     return envelope_of(revised.model, list(revised.theta), list(phi), use=(use, use))
 
@@ -71,7 +72,7 @@ def assert_sound(line: OptimisedLine, track: Track, envelope: Envelope) -> None:
 @pytest.mark.parametrize("name", ["road_course", "oval"])
 def test_race_line_stays_inside_and_beats_the_centre_line(name: str) -> None:
     track = load_track(name)
-    line = compute_raceline(track, Vehicle(), TYRE, MARGIN)
+    line = compute_raceline(track, load_car().vehicle, TYRE, MARGIN)
     assert_sound(line, track, declared_envelope())
     assert line.lap_time < 0.985 * centre_line(track, declared_envelope()).lap_time
 
@@ -84,7 +85,7 @@ def test_race_line_of_a_noisy_surveyed_track_is_sound(tmp_path: Path) -> None:
     file = tmp_path / "noisy.csv"
     np.savetxt(file, rows, delimiter=",", header="x_m,y_m,w_tr_right_m,w_tr_left_m", comments="")
     noisy = load_track(file)
-    line = compute_raceline(noisy, Vehicle(), TYRE, MARGIN)
+    line = compute_raceline(noisy, load_car().vehicle, TYRE, MARGIN)
     assert_sound(line, noisy, declared_envelope())
     assert np.max(np.abs(line.curvature)) < 0.08
 
@@ -92,7 +93,7 @@ def test_race_line_of_a_noisy_surveyed_track_is_sound(tmp_path: Path) -> None:
 def test_race_lines_of_measured_tracks_are_sound(measured_tracks: Path) -> None:
     for file in sorted(measured_tracks.glob("*.csv")):
         track = load_track(file)
-        assert_sound(compute_raceline(track, Vehicle(), TYRE, MARGIN), track, declared_envelope())
+        assert_sound(compute_raceline(track, load_car().vehicle, TYRE, MARGIN), track, declared_envelope())
 
 
 def test_more_grip_gives_a_shorter_lap_and_is_not_taken_from_the_cache_of_less() -> None:
@@ -103,7 +104,7 @@ def test_more_grip_gives_a_shorter_lap_and_is_not_taken_from_the_cache_of_less()
 
 def test_cached_line_is_the_computed_line() -> None:
     track = load_track("oval")
-    first, second = (compute_raceline(track, Vehicle(), TYRE, 2.0) for _ in range(2))
+    first, second = (compute_raceline(track, load_car().vehicle, TYRE, 2.0) for _ in range(2))
     assert np.array_equal(first.x, second.x)
     assert first.lap_time == second.lap_time
 
@@ -120,7 +121,7 @@ def test_speed_on_a_circle_is_the_closed_form() -> None:
 @pytest.mark.parametrize("radius", [60.0, 120.0, 160.0])
 def test_the_declared_race_car_corners_with_its_downforce(radius: float) -> None:
     """On a flat circle each axle bears its share of m v^2/r with D (1 - k dL/L0) L, L = L0 + its downforce."""
-    car, use, k = Vehicle(), 0.9, DECLARED.value
+    car, use, k = load_car().vehicle, 0.9, DECLARED.value
     pressure = 0.5 * car.air_density
 
     def spare(v: float, axle: tuple[float, float, float, float]) -> float:
@@ -152,7 +153,7 @@ def test_a_bank_is_never_worth_more_than_on_an_incline(bank: float) -> None:
 @pytest.mark.parametrize("df", [0.8, 2.0])
 def test_each_axle_keeps_to_an_ellipse_of_its_own(df: float) -> None:
     """Eq. (1) drives and brakes with the rear axle: what is left is the ellipse of that axle, whichever is weaker."""
-    car, envelope = Vehicle(), declared_envelope(df=df)
+    car, envelope = load_car().vehicle, declared_envelope(df=df)
     front, rear = df * car.static_load_front / car.lr, TYRE["dr"] * car.static_load_rear / car.lf
     used_behind = SHARES * min(front / rear, 1.0)
     for table in (envelope.brake_left, envelope.drive_left):
@@ -163,7 +164,7 @@ def test_each_axle_keeps_to_an_ellipse_of_its_own(df: float) -> None:
 def test_braking_leaves_more_to_a_car_whose_front_axle_gives_way_first() -> None:
     """Braking loads the front axle: at nine tenths of its bends such a car has more left than one ellipse gives it, and
     one whose rear axle does has less, up to 45 m/s: faster, that axle works against the air in any bend."""
-    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
+    revised = model_of(race_car_revision("per_axle", load_car().vehicle), load_car().vehicle, 1000.0)
     phi, at = list(revised.phi_at(np.zeros(1))[:, 0]), int(np.argmin(np.abs(SHARES - 0.9)))
     left = {
         use: np.array(envelope_of(revised.model, list(revised.theta), phi, use=use).brake_left)[:3, at]
@@ -208,7 +209,7 @@ def test_downforce_of_the_model_widens_the_envelope_with_speed() -> None:
     from estimator.model.effects import catalogue
 
     effect = catalogue()["aero_downforce"]
-    model = SingleTrack(Vehicle(), "per_axle", (effect,))
+    model = SingleTrack(load_car().vehicle, "per_axle", (effect,))
     theta = [TYRE[p.name] for p in model.tyre_table]
     widened = envelope_of(model, theta, [0.3 * p.upper for p in effect.parameters])
     assert widened.lateral[1] > 1e-4

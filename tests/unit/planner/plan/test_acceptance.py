@@ -14,7 +14,7 @@ from estimator.belief.revision import declared_revision, model_of, race_car_revi
 from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from estimator.model.tyre import front_and_rear
 from hil_gateway.bus.delivered import Delivered
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.config import load_config
 from hil_gateway.track.loading import load_track
 from planner.adoption.adoption import Adoption
@@ -35,7 +35,7 @@ from planner.solver.sqp import Solution
 
 @pytest.fixture(scope="module")
 def solved() -> tuple[Controller, Solution]:
-    controller, _ = bench_controller(load_track(), Vehicle(), Settings())
+    controller, _ = bench_controller(load_track(), load_car().vehicle, Settings())
     return controller, controller.cold_start(start_state(controller, 620.0), clock)
 
 
@@ -157,7 +157,7 @@ def model_forces(model: SingleTrack, theta: np.ndarray, motion: np.ndarray) -> d
 
 def test_forces_agree_with_the_model_of_the_solver() -> None:
     """Written twice, for the solver and for acceptance: the same physics, on crests and in dips too."""
-    revised = model_of(declared_revision("per_axle"), Vehicle(), 1000.0)
+    revised = model_of(declared_revision("per_axle"), load_car().vehicle, 1000.0)
     motion = some_motion(200)
     a = forces_of(revised.model, revised.theta, np.zeros(0), motion)
     b = model_forces(revised.model, revised.theta, motion)
@@ -178,7 +178,7 @@ def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks()
     """What braking and driving take from the lateral force is not counted as used; the declared combined slip of 0.8
     takes a tenth off a braking force, and nothing from half of the lateral peak on. A braking force counts for more by
     what is in doubt of the brakes, a driving one does not."""
-    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
+    revised = model_of(race_car_revision("per_axle", load_car().vehicle), load_car().vehicle, 1000.0)
     problem, theta = Problem(revised.model, Settings()), ca.DM(revised.theta)
     p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "load_max": [1, 1]}
     p["brake_ratio"], p["brake_doubt"] = 1.2, ca.DM([1.1, 1.2])
@@ -201,7 +201,7 @@ def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks()
 
 def test_a_checked_plan_brakes_with_the_balance_of_the_planned_one() -> None:
     """Written twice; beside another ratio of the pressures it is another force."""
-    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
+    revised = model_of(race_car_revision("per_axle", load_car().vehicle), load_car().vehicle, 1000.0)
     problem, theta = Problem(revised.model, Settings()), ca.DM(revised.theta)
     p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "brake_ratio": 0.8}
     z = ca.SX.sym("z", NZ)
@@ -221,7 +221,7 @@ def test_a_checked_plan_brakes_with_the_balance_of_the_planned_one() -> None:
 
 
 def test_a_crest_takes_from_both_axles_what_it_takes_from_the_weight() -> None:
-    revised = model_of(race_car_revision("per_axle", Vehicle()), Vehicle(), 1000.0)
+    revised = model_of(race_car_revision("per_axle", load_car().vehicle), load_car().vehicle, 1000.0)
     motion = some_motion(50)
     felt = []
     for extra in (0.0, -0.4):
@@ -229,7 +229,7 @@ def test_a_crest_takes_from_both_axles_what_it_takes_from_the_weight() -> None:
         felt.append(forces_of(revised.model, revised.theta, revised.constants, motion))
     flat, crest = felt
     taken = np.array([flat[name] - crest[name] for name in ("load_f", "load_r")])
-    static = [[Vehicle().static_load_front], [Vehicle().static_load_rear]]
+    static = [[load_car().vehicle.static_load_front], [load_car().vehicle.static_load_rear]]
     np.testing.assert_allclose(taken, 0.4 * np.tile(static, 50), rtol=1e-6)
 
 
@@ -254,11 +254,11 @@ def test_the_road_presses_on_a_checked_plan_as_on_the_planned_one(solved: tuple[
 @pytest.mark.parametrize(("felt", "gap"), [(1.0, 0.0), (0.0, 0.44)])
 def test_a_checked_plan_is_slowed_by_the_air_and_pulled_by_the_road(felt: float, gap: float) -> None:
     """Straight ahead without drive at 80 m/s, uphill on a bank, by hand: F = k v^2, g sin(grade), g sin(bank)."""
-    revision = race_car_revision("per_axle", Vehicle())
-    revised = model_of(revision, Vehicle(), 1000.0)
+    revision = race_car_revision("per_axle", load_car().vehicle)
+    revised = model_of(revision, load_car().vehicle, 1000.0)
     k = next(effect.parameters["k"] for effect in revision.effects if effect.name == "aero_drag")
     dt, vx, gravity_x, gravity_y = 0.05, 80.0, -9.81 * np.sin(0.02), -9.81 * np.sin(0.35)
-    slower = (k * vx**2 / Vehicle().mass - gravity_x) * dt
+    slower = (k * vx**2 / load_car().vehicle.mass - gravity_x) * dt
     columns = {name: np.zeros(2) for name in COLUMNS}
     columns["vx"], columns["vy"] = np.array([vx, vx - felt * slower]), np.array([0.0, felt * gravity_y * dt])
     columns["x"] = np.array([0.0, (vx - 0.5 * felt * slower) * dt])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.plans.bench import bench_controller
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.config import PlannerConfig
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.loading import load_track
@@ -56,7 +56,7 @@ def test_lead_brings_the_lagging_actuator_where_the_plan_wants_it() -> None:
 
 @pytest.fixture(scope="module")
 def controller() -> Controller:
-    return bench_controller(load_track(), Vehicle(), Settings())[0]
+    return bench_controller(load_track(), load_car().vehicle, Settings())[0]
 
 
 def test_braking_does_not_push_a_standing_car_backwards(controller: Controller) -> None:

@@ -6,12 +6,11 @@ from itertools import product
 
 import pytest
 
-from hil_gateway.car.powertrain import Powertrain
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from planner.problem.brake_law import BrakeLaw, pressure_ratio
 
 GRAVITY = 9.80665
-CAR, TRAIN = Vehicle(), Powertrain()
+CAR, TRAIN = load_car().vehicle, load_car().powertrain
 GRIPS = ((1.3, 1.3), (1.2, 1.35), (1.4, 1.3))
 SHARES = (0.46, 0.5, 0.54)
 
@@ -50,7 +49,7 @@ def test_braking_harder_and_slower_asks_for_more_in_front():
 
 def test_no_law_leaves_an_axle_without_brakes():
     """Whatever car is declared and whatever is believed."""
-    high_car = Vehicle(cg_height=2.0, lf=0.5, lr=3.5)
+    high_car = CAR.model_copy(update={"cg_height": 2.0, "lf": 0.5, "lr": 3.5})
     for car, ratio, vx, extra in product((CAR, high_car), (1e-3, 1.0, 1e3), (0.0, 90.0), (-0.8, 0.0, 2.0)):
         balance = float(BrakeLaw(car, TRAIN).balance(vx, -0.4, ratio, extra))
         assert TRAIN.balances[0] - 1e-12 <= balance <= TRAIN.balances[1] + 1e-12

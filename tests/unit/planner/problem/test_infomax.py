@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.plans.bench import bench_controller, clock, start_state
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.track.loading import load_track
 from planner.plan.acceptance import AcceptanceCheck
 from planner.plan.checks import Roadside, bounds_of, plan_of
@@ -37,7 +37,7 @@ WEIGHT = 0.01
 
 def _controller(**changes: object) -> Controller:
     information = replace(Information(weight=WEIGHT), **changes)
-    made, _ = bench_controller(load_track(), Vehicle(), Settings(information=information))
+    made, _ = bench_controller(load_track(), load_car().vehicle, Settings(information=information))
     return made
 
 
@@ -109,7 +109,7 @@ def test_projection_is_the_nearest_convex_matrix() -> None:
 
 def test_projected_hessian_reaches_the_qp() -> None:
     exact, plain = (
-        bench_controller(load_track(), Vehicle(), Settings(information=information), backend="hpipm")[0]
+        bench_controller(load_track(), load_car().vehicle, Settings(information=information), backend="hpipm")[0]
         for information in (Information(weight=WEIGHT, convexification="projection"), Information(weight=WEIGHT))
     )
     for made in (exact, plain):

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.plans.bench import bench_controller, clock, start_state
 from benchmarks.plans.reference_nlp import ReferenceNlp
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
 from planner.problem.motion import NU, NZ, PROGRESS, VX, S
@@ -21,7 +21,7 @@ from planner.problem.settings import Settings
 @pytest.fixture(scope="module")
 def controller() -> Controller:
     """The shipped road course, declared model, 20 s into a lap's geometry with a converged solution."""
-    made, _ = bench_controller(load_track(), Vehicle(), Settings())
+    made, _ = bench_controller(load_track(), load_car().vehicle, Settings())
     made.cold_start(start_state(made, 620.0), clock)
     return made
 
@@ -150,7 +150,7 @@ def test_converged_sqp_has_the_cost_and_inputs_of_ipopt(controller: Controller) 
 def test_plain_problem_does_not_depend_on_the_belief_of_information(controller: Controller) -> None:
     """q_I = 0 is exactly the plain MPCC: no row, no cost, whatever the information settings say."""
     other = replace(Settings(), information=replace(Settings().information, bound=1.0, criterion="log_det"))
-    twin, _ = bench_controller(load_track(), Vehicle(), other)
+    twin, _ = bench_controller(load_track(), load_car().vehicle, other)
     assert twin.problem.rows == controller.problem.rows
     z0 = start_state(controller, 620.0)
     a, b = controller.cold_start(z0, clock), twin.cold_start(z0, clock)
@@ -167,7 +167,7 @@ def test_start_from_standstill_pulls_away(controller: Controller) -> None:
 
 
 def test_literal_load_limit_is_the_signed_sum_of_equation_10() -> None:
-    literal, _ = bench_controller(load_track(), Vehicle(), replace(Settings(), load_limit="literal"))
+    literal, _ = bench_controller(load_track(), load_car().vehicle, replace(Settings(), load_limit="literal"))
     solution = literal.cold_start(start_state(literal, 620.0), clock)
     assert solution.usable
     base = _blocks(literal, literal.sqp.z, literal.sqp.du)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.plans.bench import bench_controller, clock, start_state
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.process.compiled import find_compiler
 from hil_gateway.track.loading import load_track
 from planner.plan.acceptance import AcceptanceCheck, CheckedPlan, violations
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(find_compiler() is None, reason="needs a C compi
 
 @pytest.fixture(scope="module")
 def controller() -> Controller:
-    return bench_controller(load_track(), Vehicle(), Settings())[0]
+    return bench_controller(load_track(), load_car().vehicle, Settings())[0]
 
 
 @pytest.fixture(scope="module")

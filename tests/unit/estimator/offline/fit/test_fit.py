@@ -23,9 +23,9 @@ from estimator.offline.fit.recursive import averaged, batch, sample
 from estimator.offline.predict.nuisance import steer_timing, vy_sensor
 from estimator.offline.record.declared import default_tyre_prior
 from estimator.offline.record.prepare import prepare
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 
-VEHICLE = Vehicle()
+VEHICLE = load_car().vehicle
 PRIOR = default_tyre_prior("per_axle", VEHICLE)
 NAMES = tuple(TYRE)
 

@@ -11,10 +11,10 @@ from support.drives.open_circle import circles
 
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.offline.health import Action, examine, units
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
 
-VEHICLE = Vehicle()
+VEHICLE = load_car().vehicle
 COLUMNS = simulate([TYRE], 60.0, seed=21)[0].columns
 
 
@@ -118,7 +118,7 @@ def test_a_constant_circle_tells_no_steering_zero() -> None:
                "steer": np.full(n, 0.3) + 1e-4 * wave, "drive": wave}  # fmt: skip
     columns |= {"ax": np.gradient(vx, t), "ay": columns["vx"] * columns["yaw_rate"]}
     noisy = {name: c + 0.003 * rng.normal(size=n) * (name not in ("t", "steer")) for name, c in columns.items()}
-    found = {f.name: f for f in examine(DriveLog(noisy, np.zeros(n, np.int64)), Vehicle()).findings}
+    found = {f.name: f for f in examine(DriveLog(noisy, np.zeros(n, np.int64)), load_car().vehicle).findings}
     assert "offset_steer" not in found
     assert "cannot be told" in found["unknown_zero_steer"].description
 

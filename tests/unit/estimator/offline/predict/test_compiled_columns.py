@@ -15,7 +15,7 @@ from estimator.model.single_track import SingleTrack
 from estimator.offline.predict import compiled_columns
 from estimator.offline.predict.compiled_columns import CompiledColumns
 from estimator.offline.predict.expressions import functions_of
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.process.compiled import find_compiler
 
 SAMPLES = 1000
@@ -49,7 +49,7 @@ def test_every_operation_gives_what_numpy_gives(operation: Callable[[Any, Any], 
 
 def test_a_model_with_many_effects_gives_what_numpy_gives(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("brake_pressure", "load_transfer", "tyre_relaxation", "limited_slip", "aero_drag", "gear_shift")
-    model = SingleTrack(Vehicle(), "per_axle", tuple(catalogue()[n] for n in names))
+    model = SingleTrack(load_car().vehicle, "per_axle", tuple(catalogue()[n] for n in names))
     functions = functions_of(model)
     rng = np.random.default_rng(3)
     inputs = rng.uniform(0.5, 1.5, size=(functions.inputs.numel(), SAMPLES))

@@ -17,7 +17,7 @@ from estimator.offline.health import examine
 from estimator.offline.record.declared import read_vehicle
 from estimator.offline.record.record import Record, make_record
 from estimator.offline.record.road import find_road, share_in_kinematics
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
 
 
@@ -64,7 +64,7 @@ def test_an_open_circle_tells_no_bank() -> None:
     columns |= {"x": 70.0 * np.sin(angle), "y": -70.0 * np.cos(angle), "lap": angle // (2 * np.pi)}
     columns["ay"] = columns["ay"] - 0.5
     log = DriveLog(columns, np.zeros(len(angle), np.int64))
-    assert "road_bank" not in find_road(make_record(log, Vehicle()))
+    assert "road_bank" not in find_road(make_record(log, load_car().vehicle))
 
 
 def test_errors_of_the_sensors_are_not_taken_for_a_road(drives: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from estimator.model.tyre import normalised_force
 from estimator.offline.record.declared import default_tyre_prior, read_tyre_prior
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
 
 SHORT = """[MDI_HEADER]
@@ -33,7 +33,7 @@ PKY1 = -30
 PKY2 = 1.5
 PKY4 = 2
 """
-CAR = Vehicle(mass=800.0, lf=1.5, lr=1.5)
+CAR = load_car().vehicle.model_copy(update={"mass": 800.0, "lf": 1.5, "lr": 1.5})
 LOAD = 800.0 * 9.80665 / 4
 
 

@@ -6,12 +6,12 @@ import pytest
 from support.cars.scripted_car import Rig
 
 from hil_gateway.car.actuation import Actuation, ActuatorPositions
-from hil_gateway.car.powertrain import Powertrain
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import load_car
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.act.axle_brakes import LEAST_SHARE, PRESS_AGAIN, REAR_SHARE, AxleBrakes, AxleDemand
 from hil_gateway.gateway.perceive.motion import Motion
 
-VEHICLE, TRAIN, GRIP = Vehicle(), Powertrain(), 1.3
+VEHICLE, TRAIN, GRIP = load_car().vehicle, load_car().powertrain, 1.3
 DRAG = 500.0
 """N of the engine with the throttle closed"""
 STRAIGHT, BEND = AxleDemand(0.0, False, False), AxleDemand(14.0, False, False)

@@ -10,7 +10,7 @@ import pytest
 from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import FailsafeAction, PlanStatus
-from hil_gateway.car.vehicle import HALF_WIDTH, Vehicle
+from hil_gateway.car.car import load_car
 from hil_gateway.gateway.act.stop_path import Path, plan_path, way_along
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
@@ -20,7 +20,8 @@ from hil_gateway.settings.gateway import StopConfig
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
-VEHICLE = Vehicle()
+VEHICLE = load_car().vehicle
+HALF_WIDTH = VEHICLE.half_width
 HERE = Pose(0.0, 0.0, 0.0, 40.0)
 
 
@@ -114,7 +115,7 @@ def test_the_way_of_a_stop_keeps_to_the_road_from_every_place(name):
         speed = min(60.0, math.sqrt((10.0 / np.maximum(bends, 1e-4) + 12.0 * ahead).min()))
         for side in (-1.0, 1.0):
             here = beside(track, float(s), side * 2.5, side * 0.05, speed)
-            path = way_along(track, here, speed * float(track.at(s).curvature), 6.0)
+            path = way_along(track, HALF_WIDTH, here, speed * float(track.at(s).curvature), 6.0)
             assert path.s[-1] > speed**2 / 12.0
             assert np.abs(offsets(track, path)).max() < track.width_left.min() - HALF_WIDTH
 
@@ -122,7 +123,7 @@ def test_the_way_of_a_stop_keeps_to_the_road_from_every_place(name):
 def test_the_way_of_a_stop_begins_in_the_direction_of_the_car():
     track = load_track("road_course")
     pose = beside(track, 150.0, 2.0, -0.03, 50.0)
-    path = way_along(track, pose, pose.speed * bend_at(track, pose), 6.0)
+    path = way_along(track, HALF_WIDTH, pose, pose.speed * bend_at(track, pose), 6.0)
     nearest = int(np.argmin((path.x - pose.x) ** 2 + (path.y - pose.y) ** 2))
     assert math.hypot(path.x[nearest] - pose.x, path.y[nearest] - pose.y) < 0.01
     ahead = math.atan2(path.y[nearest + 1] - path.y[nearest], path.x[nearest + 1] - path.x[nearest])
@@ -132,7 +133,7 @@ def test_the_way_of_a_stop_begins_in_the_direction_of_the_car():
 def test_the_way_of_a_stop_needs_less_lateral_force_than_the_middle_of_the_road():
     track = load_track("road_course")
     pose = beside(track, 900.0, 0.0, 0.0, 45.0)
-    path = way_along(track, pose, pose.speed * bend_at(track, pose), 6.0)
+    path = way_along(track, HALF_WIDTH, pose, pose.speed * bend_at(track, pose), 6.0)
     speed2 = np.maximum(45.0**2 - 12.0 * path.s, 144.0)
     middle = np.abs(track.at(900.0 + path.s).curvature)
     assert (np.abs(path.curvature()) * speed2).max() < 0.8 * (middle * speed2).max()
@@ -144,7 +145,7 @@ def test_a_way_from_beside_the_edge_of_a_straight_takes_little_grip_from_the_bra
     straight = float(track.s[np.argmin(np.convolve(np.abs(track.curvature), np.ones(301), mode="same"))])
     edge = float(track.at(straight).width_left) - HALF_WIDTH
     pose = beside(track, straight, edge - 0.9, 0.0, 70.0)
-    path = way_along(track, pose, 0.0, 12.0, clear=2.2)
+    path = way_along(track, HALF_WIDTH, pose, 0.0, 12.0, clear=2.2)
     lateral = np.abs(path.curvature())[2:45] * (70.0**2 - 2 * 12.0 * path.s[2:45])
     assert lateral.max() < 5.0
     assert edge - offsets(track, path)[45] > 1.9
@@ -154,7 +155,7 @@ def test_a_way_begins_as_the_car_turns():
     """To the left with 14 m/s2 on a straight: its steering is 0.1 s late, and so is the way."""
     track = load_track("oval")
     straight = float(track.s[np.argmin(np.convolve(np.abs(track.curvature), np.ones(301), mode="same"))])
-    path = way_along(track, beside(track, straight, 0.0, 0.0, 70.0), 0.2, 6.0)
+    path = way_along(track, HALF_WIDTH, beside(track, straight, 0.0, 0.0, 70.0), 0.2, 6.0)
     heading = np.unwrap(np.arctan2(np.diff(path.y), np.diff(path.x)))
     assert (heading[2] - heading[1]) * 70.0**2 / 3.0 > 0.7 * 14.0
 
@@ -186,7 +187,7 @@ def test_a_gateway_without_fixes_for_a_fifth_of_a_second_says_so_to_its_stop(rig
 
 def test_far_from_the_track_there_is_no_way_along_it():
     track = load_track("oval")
-    assert way_along(track, beside(track, 10.0, 31.0, 0.0, 20.0), 0.0, 6.0) is None
+    assert way_along(track, HALF_WIDTH, beside(track, 10.0, 31.0, 0.0, 20.0), 0.0, 6.0) is None
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import load_car
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.act.stuck_steering import StuckSteering
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import UNDERSTEER, Motion
@@ -14,7 +15,7 @@ from hil_gateway.settings.gateway import StopConfig
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
-CAR, SPEED = Vehicle(), 60.0
+CAR, SPEED = load_car().vehicle, 60.0
 OVAL = load_track("oval")
 LONGEST_STRAIGHT = max(
     (s for s in range(0, int(OVAL.length), 5)),

@@ -9,15 +9,15 @@ import pytest
 from support.cars.scripted_car import Rig
 
 from hil_gateway.car.actuation import ActuatorPositions
+from hil_gateway.car.car import load_car
 from hil_gateway.car.states import SysState
-from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.actuators import FollowingMonitor, ReversedMonitor
 from hil_gateway.gateway.perceive.monitors.monitors import Monitors
 
 SPEED = 40.0
-CAR = Vehicle()
+CAR = load_car().vehicle
 LATE = 8
 """periods from a command to its position"""
 LATE_SLOW_RAD = 0.008

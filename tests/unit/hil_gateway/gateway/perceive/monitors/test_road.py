@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import pytest
 
+from hil_gateway.car.car import load_car
 from hil_gateway.gateway.act.stop_path import way_along
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
 from hil_gateway.track.loading import load_track, shipped_tracks
 from hil_gateway.track.track import Track
 
+HALF_WIDTH = load_car().vehicle.half_width
 TRACK = load_track("oval")
 LANE_FROM, LANE_TO = 11.0, 19.0
 """m to the left of the line on the start straight: data/tracks/oval.toml"""
@@ -26,7 +28,7 @@ def pose_at(track: Track, s: float, lateral: float, turned: float = 0.0, speed: 
 
 def held(lateral: float, turned: float = 0.0, track: Track = TRACK) -> tuple[float, float]:
     """Seconds off the road and the wrong way, of 0.1 s in one place."""
-    monitor = RoadMonitor(track)
+    monitor = RoadMonitor(track, HALF_WIDTH)
     for tick in range(11):
         found = monitor.step(tick * 10_000_000, pose_at(track, 100.0, lateral, turned))
     return found
@@ -60,7 +62,7 @@ def test_a_stop_in_the_pit_lane_stays_in_it(name: str) -> None:
         s, offset = float(lane.s[i] % track.length), float(lane.offset[i])
         if not track.room(s, offset).in_lane:
             continue
-        way = way_along(track, pose_at(track, s, offset, speed=18.0), 0.0, 6.0)
+        way = way_along(track, HALF_WIDTH, pose_at(track, s, offset, speed=18.0), 0.0, 6.0)
         assert way is not None
         stop_m = 18.0**2 / 12.0
         for x, y in zip(way.x[way.s < stop_m], way.y[way.s < stop_m], strict=True):
