@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
+from hil_gateway.car.car import load_car
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
@@ -28,8 +29,8 @@ MOST_MOVED = 0.9
 class BrakeLaw:
     """The law of one declared car; numbers or CasADi expressions."""
 
-    vehicle: Vehicle = field(default_factory=Vehicle)
-    powertrain: Powertrain = field(default_factory=Powertrain)
+    vehicle: Vehicle = field(default_factory=lambda: load_car().vehicle)
+    powertrain: Powertrain = field(default_factory=lambda: load_car().powertrain)
 
     def balance(self, vx: Expr, drive: Expr, ratio: Expr, extra_load: Expr) -> Expr:
         """Front minus rear pressure over their sum at speed `vx` (m/s) and command `drive` (slip ratio).
