@@ -33,6 +33,7 @@ class ExportFormat(StrEnum):
     CANDUMP = "candump"
     SIGNALS = "signals"
     FOXGLOVE = "foxglove"
+    MOTEC = "motec"
     ROS2 = "ros2"
 
 
@@ -42,6 +43,7 @@ ENDINGS = {
     **SUFFIXES,
     ExportFormat.SIGNALS: "_signals.csv",
     ExportFormat.FOXGLOVE: "_foxglove.mcap",
+    ExportFormat.MOTEC: "_motec.csv",
     ExportFormat.ROS2: "_ros2.mcap",
 }
 """of the file's name where nobody gives one"""
@@ -94,7 +96,7 @@ def export(
         ExportFormat | None,
         typer.Option(
             "--format",
-            help="drive log: csv, parquet; raw frames: candump, ros2; signals; foxglove: with its topics",
+            help="drive log: csv, parquet, motec; raw frames: candump, ros2; signals; foxglove: with its topics",
         ),
     ] = None,
     out: Out = None,

@@ -34,6 +34,10 @@ class Types:
         """The type as it stands in keys and tokens."""
         return RosType(name, self._store.hash_rihs01(name) if self._hashes else NO_TYPE_HASH)
 
+    def definition(self, name: str) -> str:
+        """Fields of the type and of those it holds, as bags store them."""
+        return str(self._store.generate_msgdef(name, ros_version=2)[0])
+
     def to_bytes(self, name: str, message: Any) -> bytes:
         """CDR, little endian, with its header of four bytes."""
         return bytes(self._store.serialize_cdr(message, name))

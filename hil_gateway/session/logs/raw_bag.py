@@ -25,6 +25,7 @@ from hil_gateway.session.logs.source import DAMAGED, Source
 SQLITE = b"SQLite format 3\0"
 ZSTD = b"\x28\xb5\x2f\xfd"
 """first bytes of a message that was compressed by itself; one in CDR begins with a zero"""
+ROS2_PROFILE = "ros2"
 _HEADER = b"\x01"
 """opcode of the record an MCAP file begins with"""
 MESSAGE_BYTES_MAX = 1 << 28
@@ -42,12 +43,13 @@ def is_sqlite(source: Source) -> bool:
 
 
 def is_recording(source: Source) -> bool:
-    """Whether an MCAP file is of this program, as its header says; one without a header is taken for so."""
+    """Whether an MCAP file is of this program, and no bag that it exported; one without a header counts as such."""
     head = source.head[len(MAGIC) :]
     if not is_mcap(source) or not head.startswith(_HEADER):
         return is_mcap(source)
     length = int.from_bytes(head[1:9], "little")
-    return bool(Header.read(ReadDataStream(BytesIO(head[9 : 9 + length]))).library.startswith(LIBRARY))
+    header = Header.read(ReadDataStream(BytesIO(head[9 : 9 + length])))
+    return header.library.startswith(LIBRARY) and header.profile != ROS2_PROFILE
 
 
 def bag_files(path: Path) -> list[Path]:

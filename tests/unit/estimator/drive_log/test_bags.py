@@ -9,13 +9,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from support.drives import bags
 from support.drives.drive_simulator import TYRE, simulate
 
 from estimator.drive_log.table import DriveLog, read_log
 from estimator.drive_log.tables import read_table
+from hil_gateway.bus import messages as m
+from hil_gateway.bus.topics import ESTIMATE, VEHICLE_STATE
+from hil_gateway.can_link import Frame
 from hil_gateway.process.errors import InputError
+from hil_gateway.session.exchange.ros2 import export_ros2
+from hil_gateway.session.files.format import CAN_TOPIC, pack_frame
+from hil_gateway.session.files.writer import SessionFile
 
 DRIVEN = dict(simulate([TYRE], 20.0, seed=3)[0].columns)
 _TO_MAP = np.exp(1j * DRIVEN["yaw"]) * (DRIVEN["vx"] + 1j * DRIVEN["vy"])
@@ -148,6 +155,40 @@ def test_what_a_bag_lacks_is_said_in_one_line(tmp_path: Path, messages: Any, sai
     with pytest.raises(InputError, match=said) as error:
         read_log(bag)
     assert "\n" not in str(error.value)
+
+
+def _session(path: Path) -> Path:
+    """A recording of the drive: states, valid estimates and a frame."""
+    needed = [name for name, field in m.VehicleState.model_fields.items() if field.is_required()]
+    state = dict.fromkeys(needed, 0) | {"sources": {}, "valid": True}
+    with SessionFile(path, {}) as file:
+        for i in range(500):
+            ns, row = i * 10_000_000, {name: float(DRIVEN[name][i]) for name in DRIVEN}
+            speeds = {f"wheel_speed_{w}": row["vx"] for w in ("fl", "fr", "rl", "rr")}
+            shared = {n: row[n] for n in ("ax", "ay", "yaw_rate", "steer")}
+            said = m.VehicleState.model_validate(state | {"stamp_ns": ns, "seq": i, "az": 9.8} | speeds | shared)
+            moving = {n: row[n] for n in ("x", "y", "yaw", "vx", "vy", "yaw_rate", "steer")}
+            estimate = m.Estimate(
+                stamp_ns=ns + 1000, seq=i, state_stamp_ns=ns, valid=True, bias_ax=0, bias_ay=0, bias_yaw_rate=0,
+                std=(0.1,) * 9, drive=0, innovations_rejected=0, **moving,
+            )  # fmt: skip
+            for topic, message in ((VEHICLE_STATE, said), (ESTIMATE, estimate)):
+                data = message.model_dump_json().encode()
+                file.add(topic.key, data, bags.START_NS + ns + 2000, bags.START_NS + message.stamp_ns, i)
+        file.add(CAN_TOPIC, pack_frame(Frame(0x514, bytes(8), 0), 0), bags.START_NS, bags.START_NS, 0)
+    return path
+
+
+def test_a_session_exported_to_ros_2_is_the_same_drive(tmp_path: Path) -> None:
+    session = _session(tmp_path / "s.mcap")
+    assert export_ros2(session, tmp_path / "ros.mcap").rows == 1
+    log = read_log(tmp_path / "ros.mcap")
+    for name in ("vx", "vy", "yaw_rate", "ax", "ay", "steer", "x", "y", "wheel_speed_rl"):
+        there = np.interp(log["t"], np.arange(500) / 100.0, DRIVEN["vx" if "wheel" in name else name][:500])
+        assert np.allclose(log[name], there, atol=1e-3 * np.ptp(there)), name
+    with AnyReader([tmp_path / "ros.mcap"]) as reader:
+        kinds = {c.msgtype for c, _, data in reader.messages() if reader.deserialize(data, c.msgtype)}
+    assert {"nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "raptor_dbw_msgs/msg/SteeringReport"} <= kinds
 
 
 def test_damage_never_ends_in_a_traceback(tmp_path: Path, indy_bag: Path) -> None:

@@ -16,6 +16,8 @@ from estimator.drive_log.table import DriveLog, read_log
 from estimator.drive_log.tables import read_table
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
+from hil_gateway.session.drive_table import DriveTable
+from hil_gateway.session.exchange import motec as motec_export
 
 SIMULATED = simulate([TYRE], 8.0, seed=3)[0].columns
 PICKED = ("t", "vx", "vy", "yaw_rate", "ax", "ay", "steer", "drive")
@@ -88,6 +90,16 @@ def test_every_conversion_is_said(tmp_path: Path) -> None:
     assert "vx is 'Ground Speed' in km/h: multiplied by 0.277778" in notes
     assert "yaw_rate is 'Yaw Rate' in deg/s" in notes
     assert "ay is 'G Force Lat' in G" in notes
+
+
+def test_what_is_exported_for_i2_is_read_back_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(motec_export, "read_drive_table", lambda _: DriveTable(dict(DRIVE), 0, {}, ()))
+    (tmp_path / "s.mcap").touch()
+    motec_export.export_motec(tmp_path / "s.mcap", tmp_path / "s_motec.csv")
+    lines = (tmp_path / "s_motec.csv").read_text().splitlines()
+    assert lines[0].startswith('"Format","MoTeC CSV File"')
+    assert '"Ground Speed"' in next(line for line in lines if line.startswith('"Time"'))
+    assert same(read_log(tmp_path / "s_motec.csv"))
 
 
 def test_times_of_day_and_dates_become_seconds(tmp_path: Path) -> None:
