@@ -49,7 +49,7 @@ def is_recording(source: Source) -> bool:
         return is_mcap(source)
     length = int.from_bytes(head[1:9], "little")
     header = Header.read(ReadDataStream(BytesIO(head[9 : 9 + length])))
-    return header.library.startswith(LIBRARY) and header.profile != ROS2_PROFILE
+    return bool(header.library.startswith(LIBRARY)) and header.profile != ROS2_PROFILE
 
 
 def bag_files(path: Path) -> list[Path]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from support.drives.drive_simulator import TYRE, simulate
 from support.drives.open_circle import circles
 
-from estimator.drive_log.table import DriveLog, segment_numbers
+from estimator.drive_log.column_map import ColumnMap, ColumnSource
+from estimator.drive_log.table import DriveLog, read_log, segment_numbers
 from estimator.offline.health import Action, examine, units
 from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
@@ -201,3 +203,26 @@ def test_units_and_signs_of_all_channels_are_found_together_without_positions(sl
     columns = {n: c for n, c in log.columns.items() if n not in ("x", "y", "yaw")}
     found = {f.channel: f.size for f in units.find(replace(log, columns=columns), VEHICLE)}
     assert found == {name: pytest.approx(factor, rel=1e-3) for name, factor in slips.items()}
+
+
+@pytest.mark.parametrize(
+    ("name", "channel", "factor"), [("d04c_kmh_nogps", "vx", KMH), ("d27a_yawrate_deg", "yaw_rate", DEG)]
+)
+def test_units_of_logs_without_positions_or_heading_are_converted(
+    measured_data: Path, name: str, channel: str, factor: float
+) -> None:
+    log = read_log(measured_data / "public" / f"{name}.csv")
+    found = {f.channel: f.size for f in examine(log, VEHICLE).findings if f.action is Action.CONVERTED}
+    assert found == {channel: pytest.approx(factor, rel=1e-3)}
+
+
+def test_a_steering_wheel_of_unknown_ratio_is_asked_for_and_converted_as_declared(measured_data: Path) -> None:
+    file = measured_data / "public" / "d06b_handwheel_deg.csv"
+    with pytest.raises(InputError, match="give its unit and ratio with --columns"):
+        examine(read_log(file), VEHICLE)
+    declared = {name: ColumnSource.model_validate({"from": name}) for name in read_log(file).columns if name != "steer"}
+    steering = ColumnSource.model_validate({"from": "steer", "unit": "deg", "ratio": 9.3})
+    log = read_log(file, ColumnMap({**declared, "steer": steering}, declared=True))
+    truth = read_log(measured_data / "public" / "d00_ok.csv")
+    assert np.allclose(log["steer"], truth["steer"], atol=1e-4)
+    assert not [f for f in examine(log, VEHICLE).findings if f.action is Action.CONVERTED]
