@@ -58,6 +58,7 @@ def test_effects_of_another_car_are_learnt_beside_its_tyres() -> None:
     order = (*START.tyre, *(f"{e.name}.{p}" for e in START.effects for p in e.parameters))
     names = dict(zip(order, after, strict=True))
     assert names["aero_drag.k"] < 0.3
+    assert names["steer_offset.offset"] < 0.3
     assert names["front_brake.gain"] < 0.3
 
 
