@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from estimator.model.basis import Basis
+from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.stretches.cells import Stretch
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import figure
@@ -158,6 +159,31 @@ def verdict_sentence(summary: dict[str, Any]) -> str:
         return " ".join([*([f"The declared model lacks {' and '.join(found)}: {lacks}."] if found else []), *wrong])
     first, empirical = summary["unexplained"][0], summary["unexplained"][0]["empirical"]
     what = "Something outside the catalogue acts on" if empirical else "Not explained:"
-    beside = f" {'Beside it' if empirical else 'Found'}: {', '.join(found)}." if found else ""
-    not_told = f" Not told from nothing: {', '.join(insignificant)}." if insignificant else ""
-    return f"{what} {first['description']}.{beside}{not_told}"
+    beside = f"Found: {', '.join(found)}." if found else ""
+    not_told = f"Not told from nothing: {', '.join(insignificant)}." if insignificant else ""
+    return " ".join(filter(None, (beside, explained_words(summary), f"{what} {first['description']}.", not_told)))
+
+
+def explained_words(summary: dict[str, Any]) -> str:
+    """How much of what the re-fitted model leaves beyond noise is explained, and what the rest costs in prediction.
+
+    Empty where nothing is explained.
+    """
+    shares = {name: _explained(row) for name, row in summary["channels"].items()}
+    parts = [f"{100 * share:.0f} % in {CHANNEL_NAMES[name]}" for name, share in shares.items() if share is not None]
+    if not any(shares.values()):
+        return ""
+    ahead = {name: row for name, row in summary["rollout"].items() if name != "horizon_s"}
+    off = [
+        f"{name} {figure(r['with_effects'], digits=2)} ({figure(r['refit'], digits=2)})" for name, r in ahead.items()
+    ]
+    horizon = f"After {summary['rollout']['horizon_s']:g} s without measurements the model is off by"
+    return f"Of what is beyond noise it explains {', '.join(parts)}. {horizon} {', '.join(off)}; re-fitted in brackets."
+
+
+def _explained(channel: Mapping[str, float]) -> float | None:
+    """Share of the excess variance of a channel that is explained; None where it has none."""
+    floor = (BEYOND_NOISE * channel["noise_floor"]) ** 2
+    excess = channel["refit"] ** 2 - floor
+    left = channel["with_effects"] ** 2 - floor
+    return None if excess <= 0.0 else min(1.0, max(0.0, 1.0 - left / excess))

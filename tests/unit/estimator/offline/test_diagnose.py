@@ -100,6 +100,7 @@ def test_an_effect_whose_size_is_not_told_from_nothing_is_no_finding(diagnosed: 
     assert [e["name"] for e in result["not_told"]] == ["aero_drag"]
     assert {(u["channel"], u["signal"]) for u in result["unexplained"]} == {("ax", "vx"), ("vx_dot", "vx")}
     assert "Not told from nothing: aero_drag" in verdict_sentence(result)
+    assert verdict_sentence(result).startswith("Found: steer_offset")
     assert "aero_drag" in [e.name for e in as_revision(unsure, "per_axle", ()).effects]
 
 

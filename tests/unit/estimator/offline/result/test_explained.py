@@ -1,0 +1,27 @@
+"""A verdict says first how much is explained, and what the rest costs."""
+
+from __future__ import annotations
+
+from estimator.offline.report.words import explained_words
+
+ROW = {"declared": 9.0, "noise_floor": 0.1}
+ROLLOUT = {"horizon_s": 1.0, "vx": {"declared": 2.0, "refit": 1.0, "with_effects": 0.25}}
+
+
+def said(refit: float, with_effects: float) -> str:
+    channels = {
+        "ax": {**ROW, "refit": refit, "with_effects": with_effects},
+        "ay": {**ROW, "refit": 0.1, "with_effects": 0.1},
+    }
+    return explained_words({"channels": channels, "rollout": ROLLOUT})
+
+
+def test_the_share_is_that_of_the_variance_beyond_noise() -> None:
+    assert "75 % in longitudinal specific force." in said(1.0, (0.125**2 + 0.25 * (1 - 0.125**2)) ** 0.5)
+    assert "100 % in longitudinal" in said(1.0, 0.1)
+    assert "vx 0.25 (1)" in said(1.0, 0.5)
+
+
+def test_what_is_at_the_noise_or_not_explained_is_not_spoken_of() -> None:
+    assert "lateral" not in said(1.0, 0.5)
+    assert said(1.0, 1.0) == said(0.1, 0.1) == ""
