@@ -37,6 +37,8 @@ LOST_AFTER_FIXES = 10
 """refused fixes in a row after which the place is not known"""
 JUMP = 2.0
 """m between a standing car and its fixes: more than a receiver corrects itself by, it has been carried away"""
+RANGE = 200.0, 200.0, 20.0
+"""m/s2, m/s2, rad/s: what no inertial unit in a car reads is no sample of one"""
 QUIET = 5.0
 """standard deviations of the gyro within which a standing car does not turn"""
 WALKING_SPEED = 2.0
@@ -64,6 +66,8 @@ class Localisation:
         self._stamp_ns: int | None = None
         self._position_seq: int | None = None
         self._refused = self._bridged = 0
+        self._read = 0.0, 0.0, 0.0
+        """last good sample of the inertial unit: ax, ay, yaw rate"""
         self._unseen_s = 0.0
         """since the last good sample of the inertial unit"""
         self._lost = False
@@ -135,14 +139,17 @@ class Localisation:
     def _predict(self, state: VehicleState, dt: float) -> None:
         """Prediction to the stamp of `state`, over what is missing too; a gap too long to bridge ends the filter."""
         f, (x, y) = self.filter, self.filter.mean[: Y + 1].tolist()
-        seen = _fresh(state, "imu") and dt < LATE_S
+        reads = state.ax, state.ay, state.yaw_rate
+        good = all(abs(value) < most for value, most in zip(reads, RANGE, strict=True))
+        self._read = reads if good else self._read
+        seen = good and _fresh(state, "imu") and dt < LATE_S
         self._unseen_s = 0.0 if seen else self._unseen_s + dt
         self._bridged += not seen
         self._resting = self._rests(state)
         if dt > (LONGEST_REST_S if self._resting else LONGEST_GAP_S):
             self._started = False
             return
-        f.predict(self._imu(state), dt, self._unseen(), moves=not self._resting)
+        f.predict(self._imu(), dt, self._unseen(), moves=not self._resting)
         if self._alignment is not None:
             self._alignment.carry(float(f.mean[X]) - x, float(f.mean[Y]) - y, dt)
             f.mean[[X, Y]] = x, y
@@ -154,21 +161,23 @@ class Localisation:
     def _rests(self, state: VehicleState) -> bool:
         """Whether the car stands: its wheels do, it was as slow before, and the gyro shows no more than its bias."""
         f, stand = self.filter, rests(state) and _fresh(state, "wheel_speeds")
-        gyro = abs(state.yaw_rate - float(f.mean[BIAS_YAW_RATE]))
+        gyro = abs(self._read[2] - float(f.mean[BIAS_YAW_RATE]))
         return stand and abs(f.mean[VX]) < 1.0 and gyro < QUIET * f.yaw_rate_std
 
     def _update(self, state: VehicleState, fix: tuple[float, float] | None) -> None:
         f = self.filter
         if self._resting and not self._unseen_s:
-            f.update_standstill(self._imu(state))
+            f.update_standstill(self._imu())
         if _fresh(state, "wheel_speeds"):
             f.update_wheel_speeds(*_axle_speeds(state), state.steer, state.drive)
-            f.update_rear_slip(f.specific_force(state.ax, state.ay)[1])
+            f.update_rear_slip(f.specific_force(*self._read[:2])[1])
         if fix is not None and self._alignment is not None:
             self._align(*fix, self._alignment)
         elif fix is not None:
             self._take(state, *fix)
-        self._started = self._started and f.healthy
+        if not f.healthy:
+            f.initialise(0.0, 0.0, 0.0)
+            self._started = False
 
     def _align(self, x: float, y: float, alignment: Alignment) -> None:
         """A fix of a car whose heading is not known."""
@@ -193,11 +202,11 @@ class Localisation:
             f.place(x, y)
             self._lost, self._refused, self._started = False, 0, jump < JUMP
 
-    def _imu(self, state: VehicleState) -> ImuReading:
+    def _imu(self) -> ImuReading:
         """IMU sample with gravity along the body, which passes for biases while the heading is not known."""
         x, y, yaw = self.filter.mean[: YAW + 1].tolist()
         gravity = self._gravity(x, y, yaw) if self._alignment is None else (0.0, 0.0)
-        return ImuReading(state.ax, state.ay, state.yaw_rate, *gravity)
+        return ImuReading(*self._read, *gravity)
 
     def _gravity(self, x: float, y: float, yaw: float) -> tuple[float, float]:
         """Along the axes of the body from grade and bank of the declared track, m/s2."""
@@ -212,7 +221,8 @@ class Localisation:
     def _estimate(self, state: VehicleState, seq: int) -> Estimate:
         f = self.filter
         x, y, yaw, vx, vy, _, _, br, *_ = f.mean.tolist()
-        fx, fy = f.specific_force(state.ax, state.ay)
+        ax, ay, _ = self._read
+        fx, fy = f.specific_force(ax, ay)
         std = f.std().tolist()
         if self._alignment is not None:
             std[YAW] = UNKNOWN_STD
@@ -220,7 +230,7 @@ class Localisation:
         return Estimate(
             stamp_ns=state.stamp_ns, seq=seq, state_stamp_ns=state.stamp_ns, valid=state.valid and not lacks,
             x=x, y=y, yaw=yaw, vx=vx, vy=vy, yaw_rate=f.yaw_rate,
-            bias_ax=state.ax - fx, bias_ay=state.ay - fy, bias_yaw_rate=br,
+            bias_ax=ax - fx, bias_ay=ay - fy, bias_yaw_rate=br,
             std=(*std[:5], f.yaw_rate_std, *std[5:8]),
             steer=state.steer, drive=state.drive, innovations_rejected=f.rejected, lacks=lacks, bridged=self._bridged,
         )  # fmt: skip

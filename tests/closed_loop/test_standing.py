@@ -165,7 +165,7 @@ def test_a_hill_start_does_not_roll(grade):
             scene.step()
             least_s = min(least_s, scene.loop.plant.car.road.s)
         assert scene.action is FailsafeAction.DRIVE
-        assert scene.loop.plant.car["vx"] > 3.0, "under way"
+        assert scene.loop.plant.car["vx"] > 2.0, "under way"
         back.append(start_s - least_s)
         scene.loop.ask(OperatorAction.STOP)
         scene.run(4.0)

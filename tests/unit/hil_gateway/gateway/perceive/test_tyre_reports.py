@@ -15,8 +15,6 @@ from hil_gateway.gateway.act.stopping import FLAT_GRIP
 
 WHEELS = ("FL", "FR", "RL", "RR")
 SOUND_MBAR, FLAT_MBAR = 2600.0, 1050.0
-FORCE = 4.0
-"""m/s2: more than a gyro at rest explains, less than makes the accelerometer wrong"""
 Readings = Callable[[int], dict[str, float]]
 
 
@@ -116,33 +114,6 @@ def test_temperatures_and_pressures_are_published_and_what_is_not_reported_is_nu
     assert newest.temperature == (pytest.approx(78.5, abs=0.1), None, None, None)
     assert newest.hottest[0] == pytest.approx(86.0, abs=0.1)
     assert newest.pressure == (pytest.approx(158_700.0, abs=100.0), None, None, None)
-
-
-def pulling_to_its_side(left_rear: float) -> Rig:
-    """A car at speed whose left rear tyre reports another pressure, and a tenth of a second later whose left wheels
-    turn slower, with a force to their side and no yaw rate yet."""
-    rig, pressures = driving(6.0)
-    pressures["RL"] = left_rear
-    rig.run(0.1)
-
-    def pull(rig: Rig) -> None:
-        slower = 0.9 * 3.6 * rig.car.speed
-        rig.car.overrides.update(wheel_speed_FL=slower, wheel_speed_RL=slower, imu_ay=FORCE)
-
-    rig.hooks.append(pull)
-    return rig
-
-
-def test_a_flat_tyre_that_pulls_is_no_witness_against_the_gyro() -> None:
-    rig = pulling_to_its_side(FLAT_MBAR)
-    rig.run(0.1)
-    assert rig.gateway.monitors.shares["gyro, wheels"] < 1.0
-
-
-def test_sound_tyres_that_turn_and_push_the_same_way_outvote_the_gyro() -> None:
-    rig = pulling_to_its_side(SOUND_MBAR)
-    rig.run(0.1)
-    assert rig.gateway.monitors.shares["gyro, wheels"] > 1.0
 
 
 @pytest.mark.parametrize(("wheel", "braked"), [("FL", True), ("RR", False)])
