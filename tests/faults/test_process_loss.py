@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import pytest
-from support.live_loop import STOPS, LiveLoop
+from support.live_loop import STOPS, UP_S, LiveLoop
 from support.promise_figures import long_run, record_figure, volume
 
 from hil_gateway.bus.messages import FailsafeAction
@@ -79,11 +79,13 @@ def test_a_stopped_gateway_sends_nothing_and_a_restarted_one_is_silent(loop):
     assert len(loop.died()) == 1
     loop.start("gateway")
     loop.judge.last.clear()
-    silent_from = time.monotonic()
-    actuator_frames = 0
-    while time.monotonic() - silent_from < 4.0:
+    actuator_frames, deadline, silent_from = 0, time.monotonic() + UP_S, None
+    while silent_from is None or time.monotonic() - silent_from < 4.0:
         actuator_frames += sum(frame.id in (0x578, 0x579, 0x57A, 0x57B) for frame in loop.link.receive(0.05))
-    loop.look(0.1)
+        loop.status.update(time.monotonic_ns())
+        if silent_from is None and loop.action is FailsafeAction.SILENT:  # the new one speaks
+            silent_from = time.monotonic()
+        assert time.monotonic() < deadline, loop.status.latest.message
     assert actuator_frames == 0
     assert loop.action is FailsafeAction.SILENT
     record_figure("L5", "gateway stopped while driving: 0 frames in 0.5 s; killed and restarted: silent for 4 s")
