@@ -209,7 +209,8 @@ def _mounted(t: Array, columns: dict[str, Array], drive: BagDrive) -> dict[str, 
     """The accelerometer in the car's axes."""
     if "ax" not in columns or "ay" not in columns:
         return columns
-    down = "az" in columns and float(np.nanmedian(columns["az"])) < -0.5 * GRAVITY
+    up = columns.get("az", np.zeros(0))
+    down = np.isfinite(up).any() and float(np.nanmedian(up)) < -0.5 * GRAVITY
     if down:
         columns = columns | {name: -columns[name] for name in ("ay", "az", "yaw_rate")}
         drive.notes.append("the accelerometer hangs upside down: ay, az and yaw_rate have the other sign")
@@ -233,6 +234,8 @@ def _quarter_turn(t: Array, columns: Mapping[str, Array]) -> tuple[int, float]:
     """Quarter turns of the accelerometer against the car, and the correlation that says so."""
     names = ("vx", "yaw_rate", "ax", "ay")
     whole = np.all([np.isfinite(columns[n]) for n in names], axis=0)
+    if not whole.any():
+        return 0, 0.0
     vx, rate, ax, ay = (np.where(whole, columns[n], 0.0) for n in names)
     motion = (_slope(t, vx) + 1j * vx * rate)[whole]
     felt = (ax + 1j * ay)[whole]
@@ -277,6 +280,8 @@ def _delays(t: Array, columns: Mapping[str, Array], chosen: Sequence[Chosen]) ->
 def _lag(t: Array, ax: Array, speed: Array) -> float | None:
     """s by which d/dt speed follows ax, where that is sure."""
     usable: NDArray[np.bool_] = np.isfinite(ax) & np.isfinite(speed)
+    if not usable.any():
+        return None
     slope = _slope(t, np.where(usable, speed, np.interp(t, t[usable], speed[usable])))
     step = float(np.median(np.diff(t)))
     lag = lag_between(np.where(usable, ax, 0.0), slope, usable, step, LONGEST_DELAY_S)

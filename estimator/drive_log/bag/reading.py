@@ -23,6 +23,8 @@ from hil_gateway.session.logs.raw_bag import Bag
 
 GPS_EPOCH_S, LEAP_S, WEEK_S = 315_964_800, 18, 604_800
 """Unix time of GPS week 0; leap seconds since 2017"""
+STRAY_S = 600.0
+"""A stamp so far from the others of its topic is damaged: no message waits so long in a computer"""
 SAME_CLOCK_S = 0.5
 """Computer and receiver less apart are on one time, and what lies between is the transport"""
 
@@ -152,8 +154,17 @@ class _Stamps:
         message = MESSAGES[topic.columns.kind]
         logged = np.array(topic.stamps, dtype=np.int64)
         stamped = _ns(topic.columns, message.stamp)
-        host = logged if stamped is None else np.where(stamped > 0, stamped, logged)
-        return cls((host - start_ns) / NS_PER_S, _gps(topic.columns, start_ns))
+        host = (logged - start_ns) / NS_PER_S
+        if stamped is not None and (stamped > 0).all():
+            host = _without_strays((stamped - start_ns) / NS_PER_S, host)
+        receiver = _gps(topic.columns, start_ns)
+        return cls(host, None if receiver is None else _without_strays(receiver, host))
+
+
+def _without_strays(t: Array, logged: Array) -> Array:
+    """Stamps (n,), and where one is far from the others, seen from when it was recorded, what they say of that."""
+    apart = float(np.median(t - logged))
+    return np.where(np.abs(t - logged - apart) < STRAY_S, t, logged + apart)
 
 
 def _ns(columns: Columns, path: str) -> Ints | None:

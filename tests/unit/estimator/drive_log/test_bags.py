@@ -214,3 +214,12 @@ def test_real_captures_of_a_receiver_are_read_or_refused_in_one_line(measured_da
         with pytest.raises(InputError) as error:
             read_log(file)
         assert "\n" not in str(error.value)
+
+
+def test_one_stamp_of_another_century_moves_nothing(tmp_path: Path) -> None:
+    messages = plain()
+    at = next(i for i, message in enumerate(messages) if message[0] == "/imu" and message[2] > bags.START_NS + 10**9)
+    messages[at][3].header.stamp.sec = 2**31 - 1
+    log = read_log(bags.write(tmp_path / "bag", messages, TYPES))
+    assert len(log) < 2000
+    assert off(log, "yaw_rate") < 0.1
