@@ -102,9 +102,11 @@ class PlannerConfig(Model):
     sigma_level: float = Field(default=2.0, ge=0, le=3, description="Eq. (10) holds at this many sigma of the belief")
     load_use: float = Field(default=0.98, gt=0, le=1, description="share of its tyres' peak force an axle may use")
     load_limits: str = Field(default="", description="file of loads held, carried from run to run; empty: first run")
-    actuator_delay_s: float = Field(default=0.04, ge=0, le=0.5, description="command to first motion")
-    steer_bandwidth_hz: float = Field(default=3.0, gt=0)
-    drive_bandwidth_hz: float = Field(default=5.0, gt=0)
+    actuator_delay_s: float = Field(
+        default_factory=lambda: load_car().actuators.first_motion, ge=0, le=0.5, description="command to first motion"
+    )
+    steer_bandwidth_hz: float = Field(default_factory=lambda: load_car().actuators.steering_bandwidth, gt=0)
+    drive_bandwidth_hz: float = Field(default_factory=lambda: load_car().actuators.brake_bandwidth, gt=0)
     estimate_age_s: float = Field(default=0.01, ge=0, le=0.2, description="age of an estimate when it arrives")
     compute_s: float = Field(default=0.004, ge=0, le=0.05, description="time from estimate to command, expected")
     deadline_s: float = Field(default=0.04, gt=0, description="a solution later than this is not used")
@@ -164,10 +166,17 @@ class Config(Model):
             return tree
         car = load_car(str(tree.get("platform") or default_platform()))
         merged = dict(tree) | {"platform": car.platform}
-        for section, own in (("vehicle", car.vehicle), ("powertrain", car.powertrain)):
+        of_car = {
+            "vehicle": car.vehicle.model_dump(), "powertrain": car.powertrain.model_dump(),
+            "planner": {
+                "actuator_delay_s": car.actuators.first_motion, "steer_bandwidth_hz": car.actuators.steering_bandwidth,
+                "drive_bandwidth_hz": car.actuators.brake_bandwidth,
+            },
+        }  # fmt: skip
+        for section, own in of_car.items():
             given = tree.get(section)
             if given is None or isinstance(given, dict):
-                merged[section] = own.model_dump() | (given or {})
+                merged[section] = own | (given or {})
         return merged
 
     @model_validator(mode="after")

@@ -57,8 +57,8 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     columns: Annotated[
         Path | None, typer.Option("--columns", help="map of the columns (TOML), as `hil session columns` proposes it")
     ] = None,
-    vehicle: Annotated[Path | None, typer.Option(help="vehicle JSON; default: the AV-24")] = None,
-    tyre: Annotated[Path | None, typer.Option(help="tyre prior JSON; default: the AV-24's")] = None,
+    vehicle: Annotated[Path | None, typer.Option(help="vehicle JSON; default: the car's")] = None,
+    tyre: Annotated[Path | None, typer.Option(help="tyre prior JSON; default: the car's")] = None,
     track: Annotated[str | None, typer.Option(help="map whose bank and grade are known: file or shipped name")] = None,
     layout: Annotated[str, typer.Option(help="tyre parameters: per_axle or shared")] = "per_axle",
     out: Annotated[Path | None, typer.Option(help="folder for diagnosis.json, model.json and report.html")] = None,

@@ -58,8 +58,8 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     columns: Annotated[
         Path | None, typer.Option("--columns", help="map of the columns (TOML), as `hil session columns` proposes it")
     ] = None,
-    vehicle: Annotated[Path | None, typer.Option(help="vehicle JSON; default: the AV-24")] = None,
-    tyre: Annotated[Path | None, typer.Option(help="tyre prior JSON; default: the AV-24's")] = None,
+    vehicle: Annotated[Path | None, typer.Option(help="vehicle JSON; default: the car's")] = None,
+    tyre: Annotated[Path | None, typer.Option(help="tyre prior JSON; default: the car's")] = None,
     layout: Annotated[LayoutName, typer.Option(help="one tyre for both axles, or one each")] = LayoutName.PER_AXLE,
     method: Annotated[
         MethodName, typer.Option(help="batches of 100 samples, Eq. 8 per sample, or full nonlinear least squares")

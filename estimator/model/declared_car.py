@@ -47,8 +47,7 @@ def declared_tyre_std(layout: Layout) -> dict[str, float]:
 
 def relative_std(name: str) -> float:
     """Standard deviation of a declared tyre parameter over its value."""
-    car = load_car()
-    return car.std(f"tyres.{name}") / float(getattr(car.tyres, name))
+    return load_car().relative_std(f"tyres.{name}")
 
 
 def declared_covariance(layout: Layout, vehicle: Vehicle) -> Array:

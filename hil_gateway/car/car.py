@@ -35,6 +35,11 @@ class Actuators(Model):
     brake_bandwidth: Annotated[float, In("Hz")] = Field(gt=0)
     speed_max: Annotated[float, In("m/s")] = Field(ge=5, le=150, description="fastest that is planned")
 
+    @property
+    def first_motion(self) -> float:
+        """From a command to the first motion of the later of steering and brakes, s."""
+        return max(self.steering_delay, self.brake_delay)
+
 
 class TyrePrior(Model):
     """Prior of Eq. (2) for both layouts, and what is known beyond it."""
@@ -116,6 +121,12 @@ class Car(Model):
         std = self.figures[key].std
         assert isinstance(std, float)
         return std
+
+    def relative_std(self, key: str) -> float:
+        """Standard deviation of `section.key` over its value."""
+        value = self.figures[key].value
+        assert isinstance(value, float)
+        return self.std(key) / abs(value)
 
     @cached_property
     def sha256(self) -> str:

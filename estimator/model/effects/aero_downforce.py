@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from estimator.model.effect import DeclaredParameter, Effect
-from estimator.model.effects.aero_drag import AERO_STD
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
+from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
 
 
 def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
-    areas = -vehicle.lift_area_front, -vehicle.lift_area_rear
-    per_axle = (0.5 * vehicle.air_density * area for area in areas)
-    return tuple(DeclaredParameter(k, AERO_STD * k) for k in per_axle)
+    def of_axle(key: str) -> DeclaredParameter:
+        k = -0.5 * vehicle.air_density * float(getattr(vehicle, key))
+        return DeclaredParameter(k, load_car().relative_std(f"vehicle.{key}") * k)
+
+    return of_axle("lift_area_front"), of_axle("lift_area_rear")
 
 
 def _load(terms: Terms, k_front: Expr, k_rear: Expr) -> None:

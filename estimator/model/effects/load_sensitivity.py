@@ -5,15 +5,14 @@ from __future__ import annotations
 from estimator.model.effect import DeclaredParameter, Effect
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
+from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
 
-DECLARED = DeclaredParameter(0.10, 0.06)
-"""racing tyres lose 5 to 20 % of their friction when the load doubles (Milliken & Milliken, ch. 2)"""
-
 
 def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
-    return (DECLARED,)
+    car = load_car()
+    return (DeclaredParameter(car.tyres.load_sensitivity, car.std("tyres.load_sensitivity")),)
 
 
 def _grip(terms: Terms, k: Expr) -> None:

@@ -14,15 +14,13 @@ from dataclasses import replace
 from estimator.model.effect import DeclaredParameter, Effect
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
+from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
 
-HEIGHT_STD = 0.15
-"""relative, of the declared height; a centre of gravity's height is the least well weighed"""
-
 
 def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
-    return (DeclaredParameter(vehicle.cg_height, HEIGHT_STD * vehicle.cg_height),)
+    return (DeclaredParameter(vehicle.cg_height, load_car().relative_std("vehicle.cg_height") * vehicle.cg_height),)
 
 
 def _load(terms: Terms, height: Expr) -> None:

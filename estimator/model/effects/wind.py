@@ -13,16 +13,14 @@ from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
 from hil_gateway.process.arrays import Expr
 
-DRAG = 0.5 * 1.2 * 0.86
-"""rho Cd A / 2 of the AV-21/AV-24 (docs/av24.md), N s2/m2."""
-
 
 def _longitudinal(terms: Terms, x: Expr, y: Expr, k_side: Expr) -> None:
-    yaw = terms.auxiliary("yaw")
+    yaw, car = terms.auxiliary("yaw"), terms.vehicle
+    drag = 0.5 * car.air_density * car.drag_area
     cos, sin = ca.cos(yaw), ca.sin(yaw)
     air_x = terms.vx - (x * cos + y * sin)
     air_y = terms.vy - (y * cos - x * sin)
-    terms.body_x = terms.body_x - DRAG * (air_x * ca.fabs(air_x) - terms.vx * ca.fabs(terms.vx))
+    terms.body_x = terms.body_x - drag * (air_x * ca.fabs(air_x) - terms.vx * ca.fabs(terms.vx))
     terms.body_y = terms.body_y - k_side * (air_y - terms.vy) * terms.vx
 
 

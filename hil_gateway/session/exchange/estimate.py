@@ -32,7 +32,7 @@ def import_and_estimate(
         missing = sorted(seen.never_heard)
         if not seen.valid:
             reason = f"none of {seen.states} vehicle states is valid; never heard: {', '.join(missing) or '-'}"
-            raise InputError(f"{source}: {reason}; is it a log of an AV-24, and of the right --channel?")
+            raise InputError(f"{source}: {reason}; is it a log of this --platform, and of the right --channel?")
         answer = ask(["estimator", "estimate", str(states), "--out", str(target)], TIMEOUT_S)
         if answer.reason:
             raise InputError(f"{source}: {answer.reason}")

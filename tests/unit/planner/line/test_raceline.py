@@ -9,7 +9,6 @@ import pytest
 from scipy.optimize import brentq
 
 from estimator.belief.revision import model_of, race_car_revision
-from estimator.model.effects.load_sensitivity import DECLARED
 from estimator.model.parameters import DEFAULT_TYRE
 from estimator.model.single_track import SingleTrack
 from hil_gateway.car.car import load_car
@@ -121,7 +120,7 @@ def test_speed_on_a_circle_is_the_closed_form() -> None:
 @pytest.mark.parametrize("radius", [60.0, 120.0, 160.0])
 def test_the_declared_race_car_corners_with_its_downforce(radius: float) -> None:
     """On a flat circle each axle bears its share of m v^2/r with D (1 - k dL/L0) L, L = L0 + its downforce."""
-    car, use, k = load_car().vehicle, 0.9, DECLARED.value
+    car, use, k = load_car().vehicle, 0.9, load_car().tyres.load_sensitivity
     pressure = 0.5 * car.air_density
 
     def spare(v: float, axle: tuple[float, float, float, float]) -> float:
