@@ -84,12 +84,16 @@ class EstimatorConfig(Model):
     )
 
 
+Backend = Literal["auto", "fixed", "hpipm", "piqp", "conic"]
+"""QP solvers (planner/solver/choice.py); auto: the fastest that works here"""
+
+
 class PlannerConfig(Model):
     """Planner process."""
 
     horizon: int = Field(default=40, ge=5, le=200)
     dt: float = Field(default=0.05, gt=0, le=0.5, description="s")
-    backend: Literal["auto", "fixed", "hpipm", "piqp", "conic"] = "auto"
+    backend: Backend = "auto"
     model: str = Field(default="", description="model revision (JSON) to start from; empty: the declared model")
     information_weight: float = Field(default=0.0, ge=0, description="q_I of Eq. (9); 0 is the plain MPCC")
     information_goal: float = Field(

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from hil_gateway.cli.laboratory import laboratory
-from hil_gateway.config import load_config
+from hil_gateway.config import Backend, load_config
 from hil_gateway.process.errors import EXIT_FAILURE
 from hil_gateway.process.figures import lines, print_json
 
@@ -27,7 +27,7 @@ def bench(  # noqa: PLR0917 - options of a command line
     laps: Annotated[int, typer.Option(min=1, help="flying laps to drive")] = 1,
     information: Annotated[Literal["on", "off"], typer.Option(help="Eq. (9) or the plain MPCC")] = "off",
     weight: Annotated[float | None, typer.Option(min=0, help="q_I with information on")] = None,
-    backend: Annotated[Literal["auto", "fixed", "hpipm", "piqp", "conic"], typer.Option(help="QP solver")] = "auto",
+    backend: Annotated[Backend, typer.Option(help="QP solver")] = "auto",
     compiler: Annotated[bool, typer.Option(help="compile the stage functions")] = True,
     ipopt: Annotated[bool, typer.Option(help="solve some of the same problems with warm-started IPOPT")] = True,
     config: Annotated[Path | None, typer.Option(help="configuration (TOML)")] = None,

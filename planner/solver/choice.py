@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from hil_gateway.process.compiled import find_compiler
 from planner.solver import fixed
@@ -14,33 +15,45 @@ from planner.solver.qp_sparse import ConicSolver, PiqpSolver
 from planner.solver.self_test import small_qp
 
 
+class Listed(NamedTuple):
+    """A solver of the list."""
+
+    make: Callable[[StageQp], QpSolver]
+    slower: int
+    """its median time over HPIPM's (docs/planner.md)"""
+
+
+def _tested_hpipm(qp: StageQp) -> QpSolver:
+    self_test()
+    return HpipmSolver(qp)
+
+
+SOLVERS = {"hpipm": Listed(_tested_hpipm, 1), "piqp": Listed(PiqpSolver, 18), "conic": Listed(ConicSolver, 50)}
+"""in the order in which they are tried"""
+
+
 def make_qp_solver(qp: StageQp, backend: str = "auto") -> QpSolver:
-    """Fastest solver that passes its self-test on this machine: hpipm, piqp, CasADi conic, in this order.
+    """First of `SOLVERS` that works on this machine, or the one named.
 
     Raises:
         ValueError: unknown backend.
         RuntimeError: no backend works.
     """
-    solvers: dict[str, Callable[[StageQp], QpSolver]]
-    solvers = {"hpipm": HpipmSolver, "piqp": PiqpSolver, "conic": ConicSolver}
-    order = ("hpipm", "piqp", "conic") if backend == "auto" else (backend,)
-    if unknown := set(order) - set(solvers):
+    order = list(SOLVERS) if backend == "auto" else [backend]
+    if unknown := set(order) - set(SOLVERS):
         raise ValueError(f"unknown QP backend {unknown.pop()}")
-    for name in order:
+    while order:
+        name = order.pop(0)
         try:
-            if name == "hpipm":
-                self_test()
-            return solvers[name](qp)
+            return SOLVERS[name].make(qp)
         except (OSError, AttributeError, ImportError, RuntimeError) as error:
-            warnings.warn(f"QP solver {name} is not usable ({error}); {_COST[name]}", QpWarning, stacklevel=2)
+            warnings.warn(f"QP solver {name} is not usable ({error}); {_cost(order)}", QpWarning, stacklevel=2)
     raise RuntimeError("no QP solver is usable")
 
 
-_COST = {
-    "hpipm": "falling back to piqp, about 4 times slower",
-    "piqp": "falling back to CasADi conic, about 5 times slower than hpipm",
-    "conic": "no further fallback",
-}
+def _cost(left: list[str]) -> str:
+    """What it means that only these are left."""
+    return f"falling back to {left[0]}, about {SOLVERS[left[0]].slower} times slower" if left else "no further fallback"
 
 
 @dataclass(frozen=True)
