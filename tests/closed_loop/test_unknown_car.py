@@ -11,6 +11,8 @@ from planner.simulation.loop import Loop
 
 NERVOUS = SimulatedCar(grip_front=1.17, grip_rear=0.94, mass=836.6, yaw_inertia=924.6, cg_x=0.065, downforce=1.09)
 """much grip in front, little behind, quick to turn, and tyres stiffer by half than declared"""
+CROOKED = SimulatedCar(grip_front=1.05, grip_rear=0.86, effects={"steer_offset": -0.006})
+"""a rear axle that gives way first, and wheels that point 0.34 degrees to the right of what is reported"""
 IN_THE_BEND = (14.5, 17.5)
 """s, in the first fast bend of the first lap, when its tyres have been felt for ten seconds"""
 
@@ -27,3 +29,11 @@ def test_a_nervous_car_does_not_weave_in_its_first_fast_bend() -> None:
     assert loop.plant.car["vx"] > 65.0
     assert np.max(np.abs(swing)) < 0.1, "rad/s about its mean over a second"
     assert loop.finish().worst_margin_m > 0.3
+
+
+@pytest.mark.slow
+def test_a_steering_zero_that_is_off_is_driven_with_from_the_first_bend_on() -> None:
+    loop = Loop(Config(track="road_course"), simulated=CROOKED)
+    result = loop.run(seconds=25.0)
+    assert result.distance_m > 600.0
+    assert (result.failsafes, result.off_track, result.spins, result.slides) == ([], 0, 0, 0)
