@@ -236,7 +236,8 @@ def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dic
     lines = [
         "# Promises",
         "",
-        "Written by `hil verify --page FILE`. A promise without a test marked with its id fails the test suite.",
+        "For whoever relies on the gateway. Written by `hil verify --page FILE`.",
+        "A promise without a test marked with its id fails the test suite.",
         "The usual run, part of every `deploy/test.sh`, does less than what is required where that takes long; its",
         "verdict is about that part. `hil verify --long` does all; its verdict is of the run named with it.",
         "",

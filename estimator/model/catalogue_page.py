@@ -10,8 +10,9 @@ from estimator.model.parameters import Parameter
 
 HEAD = """# Catalogue of effects
 
-Generated from `estimator/model/effects/` (`python -m estimator.model.catalogue_page > docs/effects.md`). Each effect
-is one file that identification, diagnosis and planner share; at its neutral parameters it changes nothing.
+For whoever reads a diagnosis. Generated from `estimator/model/effects/`
+(`python -m estimator.model.catalogue_page > docs/effects.md`). Each effect is one file
+that identification, diagnosis and planner share; at its neutral parameters it changes nothing.
 `hil diagnose --effects` prints the parameters: unit, neutral value, prior, plausible range with its reason.
 
 | effect | what the declared model lacks | equation | told from its look-alikes by |
