@@ -67,7 +67,7 @@ def test_hostile_commands_through_the_whole_gateway_never_leave_the_limits():
     rig.planner_runs = False
     backlog: list[Command] = []
     sent = judged = driving = 0
-    target = volume(3_000, 1_000_000)
+    target = volume(8_000, 1_000_000)
     while sent < target:
         fresh = rig.command(rig.now_ns)
         hostile = Command.model_construct(

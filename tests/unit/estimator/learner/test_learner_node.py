@@ -75,6 +75,7 @@ class Bench:
         zero: dict[str, Any] = dict.fromkeys(VehicleState.model_fields, 0)
         state = VehicleState(**{**zero, "stamp_ns": self.now_ns, "valid": True, "sources": {}, **UNKNOWN})
         none: dict[str, Any] = {**dict.fromkeys(Estimate.model_fields, 0), "delivered": None, "lacks": ""}
+        none |= {"agreement": None}
         estimate = Estimate(**{**none, "state_stamp_ns": self.now_ns, "valid": True, "std": (0.1,) * 9})
         self.bus.publish(topics.MODEL_REVISION, self.model)
         self.bus.publish(topics.PLAN, plan_of(self.now_ns, self.lap, self.model))

@@ -179,7 +179,8 @@ def test_another_floor_is_told_with_its_interval(
 def test_gentle_driving_tells_no_floor(identified: Identification) -> None:
     columns = simulate([TYRE], 60.0, seed=35)[0].columns
     slow = {**columns, "steer": 0.2 * columns["steer"], "ay": 0.2 * columns["ay"]}
-    slow |= {n: 0.2 * columns[n] for n in ("vy", "yaw_rate")}
+    slow |= {n: 0.2 * columns[n] for n in ("vy", "yaw_rate", "yaw")}
+    slow = {n: column for n, column in slow.items() if n not in {"x", "y"}}
     found = score_log(identified, DriveLog(slow, np.zeros(len(columns["t"]), np.int64))).grip
     assert "cannot be told" in found.words
     assert found.summary()["factor"] is None

@@ -83,6 +83,11 @@ def test_each_limit_is_named_when_it_acts(wanted, name, expected):
     assert changed == (name,)
 
 
+def test_a_command_takes_some_signals_from_another():
+    own, other = RawCommand(10, 20, 30, 40, 5), RawCommand(11, 21, 31, 41, 6)
+    assert own.with_those_of(other, ("brake_front", "gear")) == RawCommand(10, 20, 31, 40, 6)
+
+
 def test_half_a_step_is_rounding_and_a_whole_one_is_a_limit():
     _, rounded = LIMITS.apply(replace(REST, brake_front=1_800_499.0), STILL)
     _, limited = LIMITS.apply(replace(REST, brake_front=1_801_000.0), STILL)
