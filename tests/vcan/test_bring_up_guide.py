@@ -24,7 +24,7 @@ GUIDE = ROOT / "docs" / "bring-up.md"
 KINDS = ("", " slow") if os.environ.get("HIL_GUIDE") == "all" else ("",)
 MARK = "@@@ exit"
 GATEWAY_LOG = re.compile(r"hil gateway run 2>(\S+)")
-PATIENCE_S = 60.0
+PATIENCE_S = 180.0
 """How long a command is repeated until it shows what the guide says."""
 
 

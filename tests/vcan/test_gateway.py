@@ -39,8 +39,8 @@ COMMAND_COUNTERS = {
 }  # fmt: skip
 
 
-STEER = math.radians(15.0) / 15.0
-"""rad: 15 deg of the motor, near the 12 deg the played car reports; farther off its steering counts as stuck"""
+STEER = math.radians(13.0) / 15.0
+"""rad: 13 deg of the motor, near the 12 deg the played car reports; farther off its steering counts as stuck"""
 
 
 @pytest.fixture(scope="module")
