@@ -251,7 +251,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         "latitude and longitude swapped", POSITION, ("position_lost", *_FIX), 1.1, "no place of the map", _turned_map
     ),
     CarFault(
-        "wheel speeds front and rear swapped", WHEELS, ("wheel_speed_wrong", "yaw_rate_wrong"), 6.0,
+        "wheel speeds front and rear swapped", WHEELS, ("wheel_speed_wrong",), 6.0,
         "slip of the driven wheels, when next driven", _axles_swapped,
     ),
     CarFault(
