@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from can_dbc.folder import FILES, dbc_path, platform_folder
 from hil_gateway.bus.messages import Agreement
 from hil_gateway.config import Config
 from hil_gateway.track.track import Track
@@ -39,6 +38,9 @@ def _course(track: Track) -> bytes:
 
 
 def _car(config: Config) -> bytes:
-    folder = platform_folder(config.platform)
-    files = b"".join(path.read_bytes() for path in (dbc_path(folder), *(folder / name for name in FILES)))
-    return files + config.vehicle.model_dump_json().encode() + config.powertrain.model_dump_json().encode()
+    """The folder, and what the configuration says otherwise."""
+    return (
+        config.car.sha256.encode()
+        + config.vehicle.model_dump_json().encode()
+        + config.powertrain.model_dump_json().encode()
+    )

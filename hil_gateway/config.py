@@ -162,6 +162,20 @@ class Config(Model):
         """What is known of the car before it has driven."""
         return load_car(self.platform)
 
+    def of_one_car(self) -> Self:
+        """Itself, where everything in this process works with the car it names.
+
+        Raises:
+            InputError: effects, limits and codecs would be those of two cars.
+        """
+        own = load_car().platform
+        if self.platform != own:
+            raise InputError(
+                f"platform = {self.platform!r}, but the rest of this process works with {own!r}: "
+                "name the car with --platform or HIL_PLATFORM, alike for every process"
+            )
+        return self
+
     @model_validator(mode="before")
     @classmethod
     def _of_the_car(cls, tree: Any) -> Any:
@@ -216,7 +230,7 @@ def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = 
     """Merge defaults, TOML file, environment and dotted `overrides` ("can.channel": "can0").
 
     Raises:
-        InputError: unreadable file, unknown key, value out of range.
+        InputError: unreadable file, unknown key, value out of range, another car than this process's.
     """
     tree: dict[str, Any] = _read_toml(path) if path else {}
     for keys, value in _environment().items():
@@ -224,7 +238,7 @@ def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = 
     for key, value in (overrides or {}).items():
         _set(tree, key.split("."), value)
     try:
-        return Config.model_validate(tree)
+        return Config.model_validate(tree).of_one_car()
     except ValidationError as error:
         raise InputError(_explain(error, path, overrides or {})) from None
 

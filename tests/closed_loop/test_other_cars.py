@@ -18,8 +18,11 @@ IN_THE_BEND = 400.0
 
 
 @pytest.mark.parametrize("platform", platforms())
-def test_every_shipped_car_drives_round_a_bend_passes_the_check_and_stops(platform: str) -> None:
-    config = Config.model_validate({"platform": platform, "track": "oval", "plant": {"start_s": IN_THE_BEND}})
+def test_every_shipped_car_drives_round_a_bend_passes_the_check_and_stops(
+    platform: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HIL_PLATFORM", platform)
+    config = Config.model_validate({"track": "oval", "plant": {"start_s": IN_THE_BEND}})
     loop = Loop(config, keep=(ESTIMATE,), components={"planner": load_example("my_planner").MyPlanner})
     tap = loop.wire.link()
     result = loop.run(seconds=7.0, time_limit_s=14.0)

@@ -19,7 +19,6 @@ from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
 
 KMH, DEGREE, KPA, PERCENT, RPM = 1.0 / 3.6, math.pi / 180.0, 1e3, 1e-2, math.pi / 30.0
-MOTOR_RATIO = load_car().vehicle.steering_ratio
 INS_USABLE = (3, 6, 7)
 """INS_SOLUTION_GOOD, INS_SOLUTION_FREE, INS_ALIGNMENT_COMPLETE of NovAtel"""
 COMPUTED = 0
@@ -114,7 +113,7 @@ def _wheels(m: Columns) -> Quantities:
 
 
 def _steering(path: str) -> Callable[[Columns], Quantities]:
-    return lambda m: {"steer": m[path] * DEGREE / MOTOR_RATIO}
+    return lambda m: {"steer": m[path] * DEGREE / load_car().vehicle.steering_ratio}
 
 
 def _brakes(m: Columns) -> Quantities:
@@ -133,7 +132,7 @@ def _simulator(m: Columns) -> Quantities:
     return {**speeds, **pedal, **_brakes(m), **_steering("steering_wheel_angle")(m)}
 
 
-_STEERED = f"motor angle in deg, over {MOTOR_RATIO:g} of the car ([steer] ratio in a map is on top of it)"
+_STEERED = "motor angle in deg, over the steering ratio of the car ([steer] ratio in a map is on top of it)"
 _CLOCKWISE = "heading counted from north clockwise: turned into yaw from east"
 MESSAGES: Mapping[str, Message] = {
     "sensor_msgs/msg/Imu": Message(_imu, 0),

@@ -24,17 +24,19 @@ def test_the_same_track_and_car_agree() -> None:
     assert disagreement(ours, "planner", None) == "", "who says nothing is not compared"
 
 
-def test_another_track_and_a_changed_car_are_named(tmp_path: Path) -> None:
-    folder = tmp_path / "av24"
+def copied_car(folder: Path, mass: str) -> Config:
     shutil.copytree(SHIPPED / "av24", folder)
-    ours = agreement(Config(), load_track(""))
-    copied = agreement(Config(platform=str(folder)), load_track("oval"))
-    said = disagreement(ours, "estimator", copied)
+    file = folder / "car.toml"
+    file.write_text(file.read_text().replace("mass = { value = 787.3", f"mass = {{ value = {mass}"))
+    return Config(platform=str(folder))
+
+
+def test_another_track_and_a_changed_car_are_named(tmp_path: Path) -> None:
+    ours, oval = agreement(Config(), load_track("")), load_track("oval")
+    said = disagreement(ours, "estimator", agreement(copied_car(tmp_path / "same" / "av24", "787.3"), oval))
     assert said.startswith("estimator: track oval ")
     assert "car" not in said, "a copy of the folder is the same car"
-    file = folder / "car.toml"
-    file.write_text(file.read_text().replace("mass = { value = 787.3", "mass = { value = 797.3"))
-    changed = agreement(Config(platform=str(folder)), load_track(""))
+    changed = agreement(copied_car(tmp_path / "heavier" / "av24", "797.3"), load_track(""))
     assert disagreement(ours, "estimator", changed).startswith("estimator: car av24 ")
 
 

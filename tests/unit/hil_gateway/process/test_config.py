@@ -25,6 +25,16 @@ def test_flags_override_environment_overrides_file(tmp_path: Path, monkeypatch: 
     assert (config.can.channel, config.can.bitrate) == ("flag", 500000)
 
 
+def test_a_file_that_names_another_car_than_the_process_works_with_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = _write(tmp_path, 'platform = "kestrel"\n')
+    with pytest.raises(InputError, match=r"platform = 'kestrel'.*works with 'av24'.*--platform"):
+        load_config(path)
+    monkeypatch.setenv("HIL_PLATFORM", "kestrel")
+    assert load_config(path).platform == "kestrel"
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
