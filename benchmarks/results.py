@@ -3,8 +3,9 @@
     python -m benchmarks.results AREA HEADING FILE COMMAND...
 
 puts the newest run of a command under its heading, in the place of the one before, and writes the page anew. FILE is
-what the command wrote as JSON: `summary.json` of `hil campaign laps`, the report of `hil verify --fault-survey --json`,
-or the cases of `benchmarks.diagnosis.diagnose --json`. Without arguments the pages are written anew.
+what the command wrote as JSON: `summary.json` of `hil campaign laps` or `cars`, the report of `hil verify
+--fault-survey --json`, or the cases of `benchmarks.diagnosis.diagnose --json`. Without arguments the pages are written
+anew.
 """
 
 from __future__ import annotations
@@ -99,6 +100,22 @@ def lap_rows(summary: dict[str, Any]) -> tuple[tuple[str, ...], Rows]:
     return columns, tuple(row(car) for car in summary["cars"])
 
 
+def car_rows(summary: dict[str, Any]) -> tuple[tuple[str, ...], Rows]:
+    """Of named cars: how many drive all laps on the road and unstopped, a track a row."""
+    columns = ("track", "drives", "all laps on the road", "stopped", "off the road", "least distance to the edge")
+
+    def row(name: str, drives: Sequence[dict[str, Any]]) -> tuple[str, ...]:
+        kept = sum(d["arrived"] and not d["stopped"] and not d["off_track"] for d in drives)
+        stopped, off = (sum(bool(d[key]) for d in drives) for key in ("stopped", "off_track"))
+        least = min(d["worst_margin_m"] for d in drives)
+        return (name, *map(str, (len(drives), kept, stopped, off)), f"{least:.2f} m")
+
+    by_track: dict[str, list[dict[str, Any]]] = {}
+    for drive in summary["drives"]:
+        by_track.setdefault(drive["track"], []).append(drive)
+    return columns, (*(row(name, drives) for name, drives in by_track.items()), row("all", summary["drives"]))
+
+
 def diagnosis_rows(cases: Sequence[dict[str, Any]]) -> tuple[tuple[str, ...], Rows]:
     """Of a list of drives: how many are right, and what is named that is not there."""
     columns = ("drives", "right", "named alone", "names that are not there")
@@ -110,6 +127,7 @@ def diagnosis_rows(cases: Sequence[dict[str, Any]]) -> tuple[tuple[str, ...], Ro
 READERS: dict[str, Callable[[Any], tuple[tuple[str, ...], Rows]]] = {
     "faults": fault_rows,
     "laps": lap_rows,
+    "effects": car_rows,
     "diagnosis": diagnosis_rows,
 }
 """area -> rows of what its command writes"""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from benchmarks.commands.campaign_laps import TRACKS
-from hil_gateway.process.errors import EXIT_FAILURE
+from hil_gateway.process.errors import EXIT_FAILURE, InputError
 from hil_gateway.process.figures import figure, print_json
 from hil_gateway.process.writable import check_folder
 
@@ -19,6 +20,8 @@ def cars(  # noqa: PLR0917  (one argument a flag)
     cases: Annotated[Path, typer.Option(help='named cars (JSON): {"NAME": CAR FILE, ...}')],
     laps: Annotated[int, typer.Option(min=1, help="laps of every drive")] = 2,
     tracks: Annotated[str, typer.Option(help="track files or names of shipped tracks, comma-separated")] = TRACKS,
+    first: Annotated[int, typer.Option(min=0, help="number of the first car of the file to drive")] = 0,
+    every: Annotated[int, typer.Option(min=1, help="from there, every car (1), every second (2), ...")] = 1,
     deal: Annotated[bool, typer.Option("--deal", help="each car on one of the tracks in turn, not on all")] = False,
     scheduler: Annotated[str, typer.Option(help="address of a dask scheduler to drive on; empty: this machine")] = "",
     processes: Annotated[int, typer.Option(min=1, help="drives at a time")] = os.cpu_count() or 1,
@@ -40,7 +43,10 @@ def cars(  # noqa: PLR0917  (one argument a flag)
     names = [name.strip() for name in tracks.split(",") if name.strip()] or [""]
     for name in names:
         load_track(name)
-    jobs = trials(read_cars(cases), names, laps, deal=deal)
+    chosen = dict(islice(read_cars(cases).items(), first, None, every))
+    if not chosen:
+        raise InputError(f"--first {first}: {cases} has no car of that number; give a smaller one")
+    jobs = trials(chosen, names, laps, deal=deal)
     summary = summarise(drive_all(jobs, out, Machines(processes, scheduler)))
     (out / "summary.json").write_text(json.dumps(summary, indent=1))
     if as_json:

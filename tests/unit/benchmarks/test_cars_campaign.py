@@ -71,6 +71,17 @@ def test_a_car_that_is_stopped_leaves_the_road_or_does_not_arrive_fails(
     assert (counted["stopped"] + counted["left_the_road"] + counted["not_arrived"]) == code
 
 
+def test_every_third_car_of_a_file_can_be_chosen(tmp_path: Path) -> None:
+    file, out = tmp_path / "cars.json", tmp_path / "out"
+    file.write_text(json.dumps({"early": {}, "late": {"effects": {"drive_delay": 0.15}}, "later": {}}))
+    stored(out)
+    chosen = ["--first", "1", "--every", "3"]
+    result = CliRunner().invoke(app, ["cars", "--cases", str(file), "--tracks", "oval", "--out", str(out), *chosen])
+    assert (result.exit_code, result.output.splitlines()[-1][:8]) == (0, "1 drives")
+    with pytest.raises(InputError, match="--first 3"):
+        CliRunner().invoke(app, ["cars", "--cases", str(file), "--first", "3"], catch_exceptions=False)
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [

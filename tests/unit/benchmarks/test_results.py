@@ -26,3 +26,11 @@ def test_a_car_that_has_not_driven_its_laps_has_no_figure_for_them() -> None:
     car = {"seed": 7, "track": "oval", "lap_ratio": [1.2], "second_session_lap_ratio": None, "off_track": 0, "spins": 1}
     page = keep("laps", "One car", {"cars": [car]}, "hil campaign laps")
     assert "| 7 | oval | 1.200 | - | 1.200 | - | 0, 1 |" in page.markdown()
+
+
+def test_a_car_counts_as_kept_where_it_drives_its_laps_on_the_road_and_unstopped() -> None:
+    drive = {"track": "oval", "arrived": True, "stopped": [], "off_track": 0, "worst_margin_m": 0.52}
+    stopped = drive | {"arrived": False, "stopped": [[35.0, "controlled_stop", "yaw_rate_wrong"]]}
+    off = drive | {"off_track": 2, "worst_margin_m": -0.15}
+    page = keep("effects", "Three cars", {"drives": [drive, stopped, off]}, "hil campaign cars")
+    assert "| oval | 3 | 1 | 1 | 1 | -0.15 m |" in page.markdown()
