@@ -71,6 +71,11 @@ KILL_VEHICLE_FLAGS = frozenset({VehicleFlag.PURPLE, VehicleFlag.E_KILL})
 DRIVING = frozenset({CtState.CAUTION, CtState.NOMINAL_RACE})
 
 
+def under_yellow(track_flag: int, vehicle_flag: int) -> bool:
+    """Whether race control asks to drive slowly."""
+    return track_flag == TrackFlag.FULL_COURSE_YELLOW or vehicle_flag == VehicleFlag.YELLOW
+
+
 E = TypeVar("E", bound=IntEnum)
 
 

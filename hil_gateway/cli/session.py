@@ -20,6 +20,7 @@ from hil_gateway.process.writable import check_file
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, no_args_is_help=True)
 
 SessionFiles = Annotated[list[Path], typer.Argument(help="recorded .mcap files")]
+Sessions = Annotated[list[Path], typer.Argument(help="recorded .mcap files, or folders of them")]
 OneSession = Annotated[Path, typer.Argument(help="a recorded .mcap file")]
 AsJson = Annotated[bool, typer.Option("--json", help="one JSON object on standard output")]
 Out = Annotated[Path | None, typer.Option("--out", help="file to write")]
@@ -63,11 +64,14 @@ def _group() -> None:
 
 
 @app.command()
-def info(files: SessionFiles, as_json: AsJson = False) -> None:
-    """Say what a session holds, and whether it is whole. Exit 1 when a part of it is corrupt."""
-    from hil_gateway.session.overview.info import describe, session_info
+def info(files: Sessions, as_json: AsJson = False) -> None:
+    """Say what a session holds, and whether it is whole. Exit 1 when a part of it is corrupt.
 
-    infos = [session_info(path) for path in files]
+    Files that a restarted recorder went on with are read as one run.
+    """
+    from hil_gateway.session.overview.info import describe, session_infos
+
+    infos = [info for path in files for info in session_infos(path)]
     if as_json:
         print_json(infos[0] if len(infos) == 1 else {"sessions": infos})
     else:

@@ -22,7 +22,9 @@ from hil_gateway.bus.topics import (
     RACE_LINE,
     TOPICS,
     TRUTH,
+    VEHICLE_STATE,
 )
+from hil_gateway.car.states import under_yellow
 from hil_gateway.car.tyre_names import named
 from hil_gateway.config import Config
 from hil_gateway.dashboard.channels import asked_speed, grip_used, row_of, slip_angles
@@ -84,10 +86,7 @@ class Feed:
             self._prior = belief
         return {
             "events": list(self._events),
-            "laps": [
-                {"time_s": round(lap.time_s, 3), "sectors_s": lap.sectors_s, "from_rest": lap.from_rest}
-                for lap in self._clock.laps[-50:]
-            ],
+            "laps": [lap.tree() for lap in self._clock.laps[-50:]],
             "alerts": grouped(list(self._alerts)),
             "stop": {"first": self._stops.first, "last": self._stops.last},
             "tyres": _tyres(belief, self._prior) if belief and self._prior else None,
@@ -122,7 +121,9 @@ class Feed:
         row["s"] = row["delta"] = row["line_speed"] = None
         if e is not None and self._track.near(e.x, e.y):
             along, _ = self._track.project(e.x, e.y, self._s)
-            self._clock.update(t_s, along, e.vx)
+            state = alive.get(VEHICLE_STATE.key)
+            yellow = state is not None and under_yellow(state.track_flag, state.vehicle_flag)
+            self._clock.update(t_s, along, e.vx, yellow)
             delta = self._clock.delta_s(t_s, along)
             self._s, row["s"] = along, round(along, 1)
             row["line_speed"] = asked_speed(alive, along, self._track.length)

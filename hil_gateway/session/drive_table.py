@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.bus.topics import ESTIMATE, PLAN, VEHICLE_STATE
 from hil_gateway.car.actuation import brake_balance
+from hil_gateway.car.states import under_yellow
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
@@ -58,17 +60,20 @@ class DriveTable:
     """stamp of the first row, gateway clock: row times are `t` after it"""
     left_out: dict[str, int]
     damage: tuple[str, ...]
+    yellow: NDArray[np.bool_]
+    """rows under a yellow flag"""
 
 
-def read_drive_table(path: Path) -> DriveTable:
-    """Drive-log columns of one recorded session.
+def read_drive_table(path: Path, *following: Path) -> DriveTable:
+    """Drive-log columns of one recorded session, and of the files that go on with it.
 
     Raises:
         InputError: no recording, or one without estimates.
     """
-    reader = SessionReader(path, frozenset({VEHICLE_STATE.key, ESTIMATE.key, PLAN.key}))
+    topics = frozenset({VEHICLE_STATE.key, ESTIMATE.key, PLAN.key})
+    readers = [SessionReader(file, topics) for file in (path, *following)]
     with named(path):
-        rows, left_out, laps = _collect(reader.items())
+        rows, left_out, laps = _collect(chain.from_iterable(reader.items() for reader in readers))
     if not rows:
         raise InputError(f"{path}: holds no valid {ESTIMATE} with its {VEHICLE_STATE}: nothing to make a drive log of")
     stamps = np.array([state.stamp_ns for state, _ in rows], dtype=np.int64)
@@ -77,7 +82,9 @@ def read_drive_table(path: Path) -> DriveTable:
     columns |= {name: np.array([get(v) for v, _ in rows], dtype=float) for name, get in FROM_STATE.items()}
     if laps:
         columns["lap"] = _held(stamps, laps)
-    return DriveTable(columns, int(stamps[0]), left_out, tuple(map(str, reader.damage)))
+    yellow = np.array([under_yellow(v.track_flag, v.vehicle_flag) for v, _ in rows], dtype=bool)
+    damage = tuple(str(place) for reader in readers for place in reader.damage)
+    return DriveTable(columns, int(stamps[0]), left_out, damage, yellow)
 
 
 def _collect(

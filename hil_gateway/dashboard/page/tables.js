@@ -102,9 +102,10 @@ const ratio = (time_s, limit_s) => (known(time_s) ? (time_s / limit_s).toFixed(3
 
 export function drawLaps(laps, limit_s) {
   byId("lapratio").hidden = !limit_s;
-  const best = Math.min(...laps.map((lap) => lap.time_s));
+  const best = Math.min(...laps.filter((lap) => !lap.marks.length).map((lap) => lap.time_s));
+  const gap = (time_s) => (Number.isFinite(best) ? signed(time_s - best, 2, "s") : "–");
   fill("laps", laps.map((lap, i) => row(
-    [`${i + 1}${lap.from_rest ? " from rest" : ""}`, lapTime(lap.time_s), lap.sectors_s.map((s) => s.toFixed(2)).join("  "), lap.time_s === best ? "best" : signed(lap.time_s - best, 2, "s"), ...(limit_s ? [ratio(lap.time_s, limit_s)] : [])],
+    [[i + 1, ...lap.marks].join(" "), lapTime(lap.time_s), lap.sectors_s.map((s) => s.toFixed(2)).join("  "), lap.time_s === best ? "best" : gap(lap.time_s), ...(limit_s ? [ratio(lap.time_s, limit_s)] : [])],
     [], lap.time_s === best ? "bestlap" : "",
   )).reverse());
 }

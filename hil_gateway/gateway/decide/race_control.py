@@ -15,7 +15,7 @@ from hil_gateway.car.states import (
     CtState,
     SysState,
     TrackFlag,
-    VehicleFlag,
+    under_yellow,
 )
 from hil_gateway.process.clock import NS_PER_S
 
@@ -135,5 +135,4 @@ def _released(inputs: LadderInputs) -> bool:
 
 
 def _pace(inputs: LadderInputs) -> CtState:
-    slow = inputs.track_flag == TrackFlag.FULL_COURSE_YELLOW or inputs.vehicle_flag == VehicleFlag.YELLOW
-    return CtState.CAUTION if slow else CtState.NOMINAL_RACE
+    return CtState.CAUTION if under_yellow(inputs.track_flag, inputs.vehicle_flag) else CtState.NOMINAL_RACE

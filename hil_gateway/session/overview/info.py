@@ -14,15 +14,29 @@ from hil_gateway.process.figures import figure
 from hil_gateway.session.exchange.importer import open_named
 from hil_gateway.session.files.format import MessageError, recorded_source
 from hil_gateway.session.files.reader import Item, SessionReader
+from hil_gateway.session.files.run import recordings, run_of, runs_in
 from hil_gateway.session.logs.bag import KINDS
 from hil_gateway.session.logs.entry import CUT_OFF
-from hil_gateway.session.logs.raw_bag import Bag, bag_files, is_mcap, is_sqlite
+from hil_gateway.session.logs.raw_bag import Bag, bag_files, is_mcap, is_recording, is_sqlite
 from hil_gateway.session.logs.source import Source
 from hil_gateway.session.overview.summary import session_summary
+from hil_gateway.track.lap_clock import Mark
 
 
-def session_info(path: Path) -> dict[str, Any]:
-    """Summary of one file, ready for JSON; times in s, sizes in B.
+def session_infos(path: Path) -> list[dict[str, Any]]:
+    """Summaries of a file with those that go on with it, or of every run in a folder of recordings.
+
+    Raises:
+        InputError: not a readable recording or log.
+    """
+    if not path.is_dir():
+        return [session_info(*run_of(path)) if is_recording(Source(path)) else session_info(path)]
+    ours = [file for file in recordings(path) if is_recording(Source(file))]
+    return [session_info(*run) for run in runs_in(ours)] or [session_info(path)]
+
+
+def session_info(path: Path, *following: Path) -> dict[str, Any]:
+    """Summary of one file, ready for JSON; times in s, sizes in B. `following`: recordings that go on with it.
 
     A CAN log of another program has the same keys as a recording, with its frames by bus.
 
@@ -31,7 +45,7 @@ def session_info(path: Path) -> dict[str, Any]:
     """
     if path.is_dir() or is_sqlite(Source(path)):
         return bag_info(path)
-    return _recording_info(path) if is_mcap(Source(path)) else log_info(path)
+    return _recording_info(path, *following) if is_mcap(Source(path)) else log_info(path)
 
 
 def bag_info(path: Path) -> dict[str, Any]:
@@ -62,8 +76,8 @@ def _tree(path: Path, kind: str, start_ns: int | None, end_ns: int) -> dict[str,
         "bytes": sum(file.stat().st_size for file in bag_files(path)),
         "start_unix_s": None if start_ns is None else start_ns / NS_PER_S,
         "duration_s": 0.0 if start_ns is None else (end_ns - start_ns) / NS_PER_S,
-        "messages": 0, "frames": {}, "left_out": {}, "chunks": 0, "topics": {}, "config": {}, "session": {},
-        "model_revision": {}, **_NO_STORY,
+        "files": [str(path)], "gaps": [], "messages": 0, "frames": {}, "left_out": {}, "chunks": 0, "topics": {},
+        "config": {}, "session": {}, "model_revision": {}, **_NO_STORY,
     }  # fmt: skip
 
 
@@ -91,22 +105,30 @@ class _SeenTopics:
         return {"messages": self.topics.total(), "topics": rates, "frames": dict(sorted(self.frames.items()))}
 
 
-def _recording_info(path: Path) -> dict[str, Any]:
-    reader, seen = SessionReader(path), _SeenTopics()
-    for item in reader.items():
-        seen.note(item)
-    session = dict(reader.metadata.get("session", {}))
-    damage, corrupt = [str(damage) for damage in reader.damage], not all(d.cut for d in reader.damage)
+def _recording_info(*files: Path) -> dict[str, Any]:
+    readers, seen, gaps = [SessionReader(path) for path in files], _SeenTopics(), []
+    for reader in readers:
+        before_ns = seen.end_ns
+        for number, item in enumerate(reader.items()):
+            if number == 0 and before_ns:
+                gaps.append({"before": reader.path.name, "seconds": round((item.log_ns - before_ns) / NS_PER_S, 3)})
+            seen.note(item)
+    first, newest = readers[0], readers[-1]
+    session = dict(first.metadata.get("session", {}))
+    damage = [(f"{reader.path.name}: " if len(files) > 1 else "") + str(d) for reader in readers for d in reader.damage]
+    corrupt = not all(d.cut for reader in readers for d in reader.damage)
     try:
         config = json.loads(session.pop("config", "{}"))
     except ValueError:
         config, damage, corrupt = {}, [*damage, "the configuration in the metadata is not readable"], True
-    kind = RECORDING if reader.ours else f"MCAP of another program, profile {reader.profile or 'not named'}"
+    kind = RECORDING if first.ours else f"MCAP of another program, profile {first.profile or 'not named'}"
     return {
-        **_tree(path, kind, seen.start_ns, seen.end_ns), **seen.tree(),
-        "complete": reader.complete, "damage": damage, "corrupt": corrupt, "chunks": reader.chunks,
-        "config": config, "session": session, "model_revision": reader.metadata.get("model_revision", {}),
-        **(_story(path) if reader.ours else {}),
+        **_tree(files[0], kind, seen.start_ns, seen.end_ns), **seen.tree(),
+        "files": list(map(str, files)), "gaps": gaps, "bytes": sum(path.stat().st_size for path in files),
+        "complete": all(r.complete for r in readers), "damage": damage, "corrupt": corrupt,
+        "chunks": sum(r.chunks for r in readers),
+        "config": config, "session": session, "model_revision": newest.metadata.get("model_revision", {}),
+        **(_story(*files) if first.ours else {}),
     }  # fmt: skip
 
 
@@ -123,10 +145,10 @@ STORY = ("laps", "best_lap_s", "stops", "alerts", "revisions", "effects", "event
 _NO_STORY: dict[str, Any] = {name: [] for name in STORY} | {"best_lap_s": None}
 
 
-def _story(path: Path) -> dict[str, Any]:
+def _story(*files: Path) -> dict[str, Any]:
     """What happened, where its messages are of this version."""
     try:
-        summary = session_summary(path)
+        summary = session_summary(*files)
     except InputError as error:
         return {"story_unreadable": str(error)}
     return {name: summary[name] for name in STORY}
@@ -155,6 +177,8 @@ def describe(info: dict[str, Any]) -> list[str]:
         f"  {ending}",
         f"  {_origin(session) if ours else info['format']}",
     ]
+    for name, gap in zip(info["files"][1:], info["gaps"], strict=False):
+        lines.append(f"  goes on in {Path(name).name} after {gap['seconds']:.2f} s without a recording")
     if revision := info["model_revision"].get("revision"):
         lines.append(f"  newest model revision {revision}")
     for topic, row in info["topics"].items():
@@ -171,10 +195,7 @@ def _story_lines(info: dict[str, Any]) -> list[str]:
     """Laps, stops, alerts, revisions."""
     if reason := info.get("story_unreadable"):
         return [f"  laps and stops not read: {reason}"]
-    laps = [
-        f"  lap {i}: {figure(lap['time_s'], 's', 5)}{', from rest, not from the line' if lap['from_rest'] else ''}"
-        for i, lap in enumerate(info["laps"], start=1)
-    ]
+    laps = [f"  lap {i}: {figure(lap['time_s'], 's', 5)}{marked(lap)}" for i, lap in enumerate(info["laps"], start=1)]
     stops = [f"  {s['after']} at {figure(s['t'], 's', 5)}: {s['cause']}{_value(s)}" for s in info["stops"]]
     alerts = [
         f"  not explained: {', '.join(a['channels'])}, up to {figure(a['strength'], '', 3)} times its noise"
@@ -183,6 +204,12 @@ def _story_lines(info: dict[str, Any]) -> list[str]:
     ]
     count, effects = len(info["revisions"]), ", ".join(info["effects"]) or "none added"
     return [*laps, *(stops or ["  no stop"]), *alerts, f"  model revisions: {count}; effects of the last: {effects}"]
+
+
+def marked(lap: dict[str, Any]) -> str:
+    """What keeps a lap from counting as one, in words behind its time."""
+    words = {Mark.FROM_REST: "from rest, not from the line", Mark.STOP: f"stood for {lap['stood_s']:.0f} s"}
+    return "".join(f", {words.get(mark, mark)}" for mark in lap["marks"])
 
 
 def _value(stop: dict[str, Any]) -> str:

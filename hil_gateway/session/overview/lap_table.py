@@ -11,7 +11,8 @@ from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure
-from hil_gateway.session.drive_table import read_drive_table
+from hil_gateway.session.drive_table import DriveTable, read_drive_table
+from hil_gateway.session.files.run import run_of
 from hil_gateway.track.lap_clock import Lap, LapClock
 from hil_gateway.track.track import Track
 
@@ -35,29 +36,32 @@ class LapTable:
 
 
 def read_lap(path: Path, track: Track, number: int | None = None) -> LapTable:
-    """A lap of a session, by default its best one.
+    """A lap of a run that begins with the recording `path`, by default its best one.
 
     Raises:
         InputError: unreadable recording, no complete lap, no such lap.
     """
-    columns = read_drive_table(path).columns
-    along, clock = _along(columns, track)
-    if not clock.laps or clock.best is None:
+    table = read_drive_table(*run_of(path))
+    columns = table.columns
+    along, clock = _along(table, track)
+    if not clock.laps:
         raise InputError(f"{path}: holds no complete lap of {track.name}; give the right --track, or drive a whole lap")
     if number is not None and not 1 <= number <= len(clock.laps):
         raise InputError(f"{path}: no lap {number}; it holds the laps 1 to {len(clock.laps)}")
-    lap = clock.best if number is None else clock.laps[number - 1]
+    best = clock.best or min(clock.laps, key=lambda lap: lap.time_s)
+    lap = best if number is None else clock.laps[number - 1]
     return _resampled(path.stem if path.stem != "session" else path.parent.name, lap, columns, along, track)
 
 
-def _along(columns: dict[str, Array], track: Track) -> tuple[Array, LapClock]:
+def _along(table: DriveTable, track: Track) -> tuple[Array, LapClock]:
     """Arc length at every row, NaN where the car is not near the track, and the laps."""
-    clock, s, hint = LapClock(track.length), np.full(len(columns["t"]), np.nan), None
-    for i, (t, x, y, vx) in enumerate(zip(*(columns[n].tolist() for n in ("t", "x", "y", "vx")), strict=True)):
+    clock, s, hint = LapClock(track.length), np.full(len(table.yellow), np.nan), None
+    rows = zip(*(table.columns[n].tolist() for n in ("t", "x", "y", "vx")), table.yellow.tolist(), strict=True)
+    for i, (t, x, y, vx, yellow) in enumerate(rows):
         if track.near(x, y):
             hint, _ = track.project(x, y, hint)
             s[i] = hint
-            clock.update(t, hint, vx)
+            clock.update(t, hint, vx, yellow)
     return s, clock
 
 
@@ -85,5 +89,6 @@ def _resampled(name: str, lap: Lap, columns: dict[str, Array], along: Array, tra
 
 
 def title(table: LapTable) -> str:
-    """`session, lap 3: 54.12 s`."""
-    return f"{table.session}, lap {table.lap.number}: {figure(table.lap.time_s, 's', 5)}"
+    """`session, lap 3: 54.12 s`, and what marks it."""
+    marks = f" ({', '.join(table.lap.marks)})" if table.lap.marks else ""
+    return f"{table.session}, lap {table.lap.number}: {figure(table.lap.time_s, 's', 5)}{marks}"

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from hil_gateway.bus.alerts import grouped
 from hil_gateway.bus.event import EventKind
 from hil_gateway.bus.messages import Alert, FailsafeAction
-from hil_gateway.bus.topics import ALERT, ESTIMATE, EVENT, GATEWAY_STATUS, MODEL_REVISION
+from hil_gateway.bus.topics import ALERT, ESTIMATE, EVENT, GATEWAY_STATUS, MODEL_REVISION, VEHICLE_STATE
+from hil_gateway.car.states import under_yellow
 from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
@@ -21,20 +22,24 @@ from hil_gateway.track.lap_clock import LapClock
 from hil_gateway.track.loading import DEFAULT_TRACK, load_track
 from hil_gateway.track.track import Track
 
-WANTED = frozenset(topic.key for topic in (ESTIMATE, EVENT, GATEWAY_STATUS, ALERT, MODEL_REVISION))
+WANTED = frozenset(topic.key for topic in (VEHICLE_STATE, ESTIMATE, EVENT, GATEWAY_STATUS, ALERT, MODEL_REVISION))
+LOOK_NS = NS_PER_S // 10
+"""between the positions, and the flags, that are looked at"""
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 
 
-def session_summary(path: Path) -> dict[str, Any]:
-    """Laps, stops, alerts and model revisions of one file, ready for JSON; times in s since its first message.
+def session_summary(path: Path, *following: Path) -> dict[str, Any]:
+    """Laps, stops, alerts and model revisions of one file and those that go on with it, ready for JSON; times in s
+    since the first message.
 
     Raises:
         InputError: no readable recording.
     """
     reader = SessionReader(path, WANTED)
     story: Story | None = None
+    further = [SessionReader(file, WANTED) for file in following]
     with named(path):
-        for item in reader.items():
+        for item in chain.from_iterable(file.items() for file in (reader, *further)):
             story = story or Story(config_of(reader.metadata.get(METADATA_SESSION, {})), item.publish_ns)
             story.take(item)
     session = reader.metadata.get(METADATA_SESSION, {})
@@ -55,15 +60,16 @@ class Story:
         self._track = _track(config.track)
         self._clock = LapClock(self._track.length) if self._track else None
         self._place_s: float | None = None
-        self._due_ns = 0
+        self._due_ns = self._flags_due_ns = 0
+        self._yellow = False
         self._events: list[dict[str, Any]] = []
         self._stops: list[dict[str, Any]] = []
         self._action = FailsafeAction.SILENT
         self._alerts: list[tuple[float, Alert]] = []
         self._revisions: dict[str, dict[str, Any]] = {}
         self._take = {
-            ESTIMATE.key: self._estimate, EVENT.key: self._event, GATEWAY_STATUS.key: self._status,
-            ALERT.key: self._alert, MODEL_REVISION.key: self._revision,
+            VEHICLE_STATE.key: self._flags, ESTIMATE.key: self._estimate, EVENT.key: self._event,
+            GATEWAY_STATUS.key: self._status, ALERT.key: self._alert, MODEL_REVISION.key: self._revision,
         }  # fmt: skip
 
     def take(self, item: Item) -> None:
@@ -75,11 +81,8 @@ class Story:
         laps = self._clock.laps if self._clock else []
         known = [stop for stop in self._events if stop["kind"] == EventKind.FAILSAFE]
         return {
-            "laps": [
-                {"time_s": round(lap.time_s, 3), "sectors_s": _rounded(lap.sectors_s), "from_rest": lap.from_rest}
-                for lap in laps
-            ],
-            "best_lap_s": min((round(lap.time_s, 3) for lap in laps), default=None),
+            "laps": [lap.tree() for lap in laps],
+            "best_lap_s": min((round(lap.time_s, 3) for lap in laps if not lap.marks), default=None),
             "stops": known or self._stops,
             "alerts": grouped(self._alerts),
             "revisions": list(self._revisions.values()),
@@ -91,11 +94,17 @@ class Story:
         """A position every tenth of a second is enough for lap times."""
         if self._clock is None or self._track is None or item.publish_ns < self._due_ns:
             return
-        self._due_ns = item.publish_ns + NS_PER_S // 10
+        self._due_ns = item.publish_ns + LOOK_NS
         e = unpack_message(ESTIMATE, item.data)
         if e.valid and self._track.near(e.x, e.y):
             self._place_s, _ = self._track.project(e.x, e.y, self._place_s)
-            self._clock.update((item.publish_ns - self._zero_ns) / NS_PER_S, self._place_s, e.vx)
+            self._clock.update((item.publish_ns - self._zero_ns) / NS_PER_S, self._place_s, e.vx, self._yellow)
+
+    def _flags(self, item: Item, t_s: float) -> None:
+        if item.publish_ns >= self._flags_due_ns:
+            self._flags_due_ns = item.publish_ns + LOOK_NS
+            state = unpack_message(VEHICLE_STATE, item.data)
+            self._yellow = under_yellow(state.track_flag, state.vehicle_flag)
 
     def _event(self, item: Item, t_s: float) -> None:
         self._events.append({**unpack_message(EVENT, item.data).entry(0), "t": t_s})
@@ -124,7 +133,3 @@ def _track(name: str) -> Track | None:
         return load_track(name)
     except InputError:
         return None
-
-
-def _rounded(values: Sequence[float]) -> list[float]:
-    return [round(value, 3) for value in values]

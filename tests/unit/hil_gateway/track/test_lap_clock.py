@@ -31,8 +31,8 @@ def test_a_lap_that_began_elsewhere_than_at_the_line_has_no_time():
 
 
 def test_the_delta_to_the_best_lap_grows_with_what_is_lost():
-    clock = drive(LapClock(LENGTH), 60.0, LENGTH / 60.0 + 0.05)
-    start = clock.laps[0].time_s
+    clock = drive(LapClock(LENGTH), 60.0, LENGTH / 60.0 + 1.05, start=LENGTH - 60.0)
+    start = clock.laps[0].start_s + clock.laps[0].time_s
     for i in range(1, 300):
         t = start + 0.1 * i
         clock.update(t, 50.0 * 0.1 * i, 50.0)
