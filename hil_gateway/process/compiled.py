@@ -9,6 +9,7 @@ reads and writes them in place (`Function.buffer`), which costs about 1 us inste
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import hashlib
 import os
 import platform
@@ -80,9 +81,13 @@ def compile_source(
 
 
 def _build(compiler: str, source: str, flags: tuple[str, ...], libraries: tuple[str, ...], path: Path) -> Path:
-    """Compile beside the target and rename: another process sees all of the library or none of it."""
+    """Compile beside the target and rename: another process sees all of the library or none of it, and one that wants
+    the same waits instead of building it, too."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=path.parent) as directory:
+    with path.with_suffix(".lock").open("w") as lock, tempfile.TemporaryDirectory(dir=path.parent) as directory:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if path.exists():
+            return path
         code, library = Path(directory) / "code.c", Path(directory) / "code.so"
         code.write_text(source)
         command = [compiler, *flags, "-o", str(library), str(code), *libraries]

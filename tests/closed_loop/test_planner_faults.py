@@ -112,7 +112,7 @@ def test_random_faults_never_give_a_partial_plan_or_leave_limits(seed: int, monk
         lambda: None if rig.now_ns >= broken_until else rng.choice(list(QpStatus)[1:]),
     )  # fmt: skip
     rig.run(1.0)
-    for _ in range(900):
+    for _ in range(volume(450, 900)):
         estimate = rig.estimate()
         fault = rng.random()
         if fault < 0.02:

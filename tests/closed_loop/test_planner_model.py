@@ -183,7 +183,7 @@ def test_implausible_revisions_are_refused() -> None:
 
 def test_information_on_keeps_the_bound_and_the_limits() -> None:
     rig = ModelCar(planner_config(information_weight=0.01))
-    rig.run(10.0)
+    rig.run(6.0)
     assert {p.status for p in rig.plans} == {PlanStatus.SOLVED}
     assert max(p.information_gain for p in rig.plans) <= HORIZON * 400.0 * 1.02
     assert min(p.information_gain for p in rig.plans[5:]) > 0.0

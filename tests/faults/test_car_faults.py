@@ -34,7 +34,7 @@ def unnoticed(result: FaultResult) -> bool:
 @pytest.mark.promise("D2")
 def test_single_faults_are_noticed_by_the_right_cause_and_stop_the_car() -> None:
     tracks = ("road_course", "oval", "tri_oval")[: volume(1, 3)]
-    results = [r for track in tracks for r in campaign(track, volume(1, 40), volume(9, 3), shares=volume(4, 1))]
+    results = [r for track in tracks for r in campaign(track, volume(1, 40), volume(18, 3), shares=volume(4, 1))]
     for result in results:
         fault = FAULTS[result.fault]
         if fault.noticed_by and result.noticed_s is not None:
@@ -60,6 +60,6 @@ def test_single_faults_are_noticed_by_the_right_cause_and_stop_the_car() -> None
 @pytest.mark.promise("D1")
 def test_a_drive_without_a_fault_is_not_stopped() -> None:
     """Random cars the declared model does not fit; one that leaves the road by itself is stopped for that."""
-    figures = summary(list(drives(volume(8, 72_000))))
+    figures = summary(list(drives(volume(6, 72_000))))
     assert not figures["false_stops"], figures
     record_figure("D1", f"{figures['hours']} h of {figures['cars']} random cars without a fault: 0 false stops")

@@ -41,7 +41,7 @@ def test_limits_failsafe_and_codec_are_covered_to_the_last_branch(tmp_path):
 def test_no_mutant_survives_without_a_reason():
     script = (
         "import json, sys; from pathlib import Path; from benchmarks.promises import mutation;"
-        f"print(json.dumps(mutation.run(Path({str(ROOT)!r}), {_modules()!r}, {volume(9, 1)})))"
+        f"print(json.dumps(mutation.run(Path({str(ROOT)!r}), {_modules()!r}, {volume(18, 1)})))"
     )
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=ROOT, env=_environment()

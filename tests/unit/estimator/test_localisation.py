@@ -112,7 +112,7 @@ def test_heading_and_speed_are_consistent_at_rest_and_at_walking_pace() -> None:
     track, s = _steepest("road_course", "grade")
     phases = {"pushed": 20.0, "standing": 38.0, "back": 52.0}
     squares: dict[str, list[float]] = {name: [] for name in phases}
-    runs = 24
+    runs = volume(10, 24)
     for seed in range(runs):
         rng = np.random.default_rng([seed, 39])
         drift, drift_yaw = float(rng.normal(0.0, 0.01)), float(rng.uniform(0, 6))

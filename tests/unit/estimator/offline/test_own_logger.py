@@ -248,6 +248,7 @@ def test_what_a_fit_finds_of_the_place_of_vy_and_the_lag_of_the_yaw_rate_is_take
     assert f"{found.size:.3f} s" in found.description
 
 
+@pytest.mark.long
 def test_a_fit_is_kept_where_what_it_finds_of_vy_and_yaw_rate_is_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
     log, options = late(0.3, ay=False), Options()
     place, lag = f"{VY_SENSOR}.x", f"{YAW_RATE_TIMING}.tau"
@@ -305,6 +306,7 @@ def test_a_log_with_lateral_sensors_is_compared_with_them(drives: dict[str, Any]
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_measured_halves_do_not_contradict_each_other(measured_data: Path, tmp_path: Path) -> None:
     header, *rows = (measured_data / "av21" / "putnam_run4_2.csv").read_text().splitlines()
     middle = len(rows) // 2

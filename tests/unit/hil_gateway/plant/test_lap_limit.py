@@ -160,6 +160,7 @@ def test_more_grip_and_more_power_are_faster_and_the_plant_never_laps_below_its_
     assert limit < min(driven) < 1.5 * limit
 
 
+@pytest.mark.long
 def test_limit_command_reports_both_times(tmp_path: Path) -> None:
     _stadium(tmp_path)
     (tmp_path / "car.json").write_text(json.dumps({"grip_front": 0.9, "grip_rear": 0.9}))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import casadi as ca
@@ -51,6 +52,22 @@ def test_library_is_cached_by_content(cache: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache.parent))
     compile_function(_function(3.0))
     assert len(list(cache.glob("*.so"))) == 2
+
+
+@needs_compiler
+def test_two_that_want_the_same_library_at_once_build_it_once(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiler = tmp_path / "compiler"
+    compiler.write_text(f'#!/bin/sh\necho >>{tmp_path}/built\nsleep 0.3\nexec {find_compiler()} "$@"\n')
+    compiler.chmod(0o755)
+    monkeypatch.setattr(compiled, "find_compiler", lambda: str(compiler))
+    compiled._identity(str(compiler))
+    (tmp_path / "built").unlink()
+    with ThreadPoolExecutor(2) as both:
+        found = set(both.map(compiled.compile_source, ["int answer(void) { return 42; }"] * 2))
+    assert found == set(cache.glob("*.so"))
+    assert (tmp_path / "built").read_text() == "\n"
 
 
 @needs_compiler
