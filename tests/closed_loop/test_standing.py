@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import pytest
 from support.drives.sloped_track import place_of, sloped_file
-from support.promise_figures import record_figure
+from support.promise_figures import record_figure, volume
 
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.car.states import CtState
@@ -112,7 +112,8 @@ def entered(states: list[CarState]) -> set[CarState]:
 @pytest.mark.promise("G1")
 @pytest.mark.parametrize("ct_state", [*BELOW, *ABOVE])
 def test_nothing_starts_by_itself(ct_state):
-    for victim, dead_s in (("gateway", 0.0), ("gateway", 1.4), ("car", 0.0), ("both", 0.6)):
+    restarts = (("gateway", 0.0), ("both", 0.6), ("gateway", 1.4), ("car", 0.0))
+    for victim, dead_s in restarts[: volume(2, 4)]:
         scene = Scene()
         scene.reach(ct_state)
         scene.forget()

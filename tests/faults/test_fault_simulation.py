@@ -15,7 +15,7 @@ from support.promise_figures import record_figure, volume
 from benchmarks.faults.faults import Kind, draw
 from hil_gateway.process.clock import NS_PER_S
 
-SEEDS = volume(8, 5000)
+SEEDS = volume(4, 5000)
 
 TESTS = Path(__file__).parents[1]
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(TESTS)}
@@ -43,6 +43,7 @@ def test_the_promises_hold_under_seeded_faults():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_seed_alone_does_what_it_does_in_a_campaign():
     command = [sys.executable, "-m", "hil_gateway", "verify", "--seed", "5", "--json"]
     alone = subprocess.run(command, capture_output=True, text=True, check=True, env=ENVIRONMENT)

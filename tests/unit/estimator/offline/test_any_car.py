@@ -66,6 +66,7 @@ def test_what_a_vehicle_file_leaves_out_is_in_proportion_to_the_car(tmp_path: Pa
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("number", range(1, 4))
 def test_measured_runs_of_a_model_car_are_diagnosed(measured_data: Path, tmp_path: Path, number: int) -> None:
     log = sorted((measured_data / "dart").glob("*.csv"))[number]

@@ -211,6 +211,7 @@ def test_without_an_accelerometer_neither_vy_nor_yaw_rate_is_explained_by_effect
     assert set(examine(late(0.3, ay=False), load_car().vehicle).doubtful) == {"vy", "yaw_rate"}
 
 
+@pytest.mark.long
 def test_lateral_errors_are_simulated_where_no_lateral_sensor_can_be_compared() -> None:
     log = late(0.3, ay=False)
     health = examine(log, load_car().vehicle)
