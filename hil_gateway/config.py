@@ -19,6 +19,7 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
 from hil_gateway.settings.gateway import GatewayConfig
+from hil_gateway.settings.receivers import ReceiverConfig
 from hil_gateway.settings.ros2 import Ros2Config
 from hil_gateway.text_file import parse_toml, read_toml
 
@@ -66,6 +67,8 @@ class PlantConfig(Model):
     car: dict[str, float] = Field(default={}, description="single numbers of the simulated car, SI")
     start_s: float = Field(default=0.0, ge=0, description="where on the track the car stands at first, m")
     seed: int = Field(default=1, ge=0, description="of all sensor noise")
+    receivers: bool = Field(default=False, description="it has those of [receivers], and serves their addresses")
+    can_positions: bool = Field(default=True, description="positions are on its CAN, too")
 
 
 class EstimatorConfig(Model):
@@ -156,6 +159,9 @@ class Config(Model):
     recorder: RecorderConfig = RecorderConfig()
     dashboard: DashboardConfig = DashboardConfig()
     ros2: Ros2Config = Ros2Config()
+    receivers: dict[str, ReceiverConfig] = Field(
+        default={}, max_length=8, description="receivers on the network that place the car, the first one first"
+    )
 
     @property
     def car(self) -> Car:
@@ -206,6 +212,16 @@ class Config(Model):
     @model_validator(mode="after")
     def _moves(self) -> Self:
         self.gateway.limits.within(self.car)
+        return self
+
+    @model_validator(mode="after")
+    def _receivers_are_declared(self) -> Self:
+        known = self.car.network_receivers
+        if unknown := [name for name in self.receivers if name not in known]:
+            raise ValueError(
+                f"receivers.{unknown[0]}: no such receiver on the network; {self.platform} has "
+                f"{', '.join(known) or 'none'} (car.toml, and not in signals.toml)"
+            )
         return self
 
     @model_validator(mode="after")

@@ -28,6 +28,7 @@ class EventKind(StrEnum):
     LAP = "lap"
     PLAN = "plan"
     PROCESS = "process"
+    RECEIVER = "receiver"
 
 
 class Severity(StrEnum):

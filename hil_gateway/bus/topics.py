@@ -10,10 +10,10 @@ from typing import Any, Generic, TypeVar
 
 from hil_gateway.bus import messages as m
 from hil_gateway.bus.event import Event
+from hil_gateway.bus.outside import Navigation, ReceiverStatus, Ros2Status
 from hil_gateway.bus.playback import Playback
 from hil_gateway.bus.proposal import ModelProposal
 from hil_gateway.bus.race_line import RaceLine
-from hil_gateway.bus.ros2_status import Ros2Status
 from hil_gateway.bus.tyres import Tyres
 
 M = TypeVar("M", bound=m.Message)
@@ -55,6 +55,8 @@ RECORDER_STATUS = Topic("av24/recorder_status", m.RecorderStatus, "recorder", 1,
 PLAYBACK = Topic("av24/playback", Playback, "gateway", 5, 1.0, recorded=False)
 EVENT = Topic("av24/event", Event, "gateway", 1, 60.0)
 ROS2_STATUS = Topic("av24/ros2_status", Ros2Status, "ros2", 1, 3.0)
+NAVIGATION = Topic("av24/navigation", Navigation, "receiver", 500, 0.2, priority="real_time")
+RECEIVER_STATUS = Topic("av24/receiver_status", ReceiverStatus, "receiver", 1, 3.0)
 TRUTH = Topic("referee/truth", m.Truth, "plant", 20, 1.0)
 
 TOPICS: tuple[Topic[Any], ...] = (
@@ -77,4 +79,6 @@ TOPICS: tuple[Topic[Any], ...] = (
     EVENT,
     PLAYBACK,
     ROS2_STATUS,
+    NAVIGATION,
+    RECEIVER_STATUS,
 )

@@ -90,7 +90,8 @@ class Receiver(Model):
     noise: Length = Field(gt=0)
     wander: Length = Field(ge=0, description="standard deviation of an error that changes slowly")
     wander_time: Seconds = Field(gt=0, description="its time constant")
-    delay: Seconds = Field(ge=0, le=2)
+    delay: Seconds = Field(ge=0, le=2, description="until its reading arrives")
+    yaw: Angle = Field(default=0.0, ge=-3.2, le=3.2, description="heading of two antennas, turned to the left of ahead")
 
 
 class Car(Model):
@@ -107,7 +108,9 @@ class Car(Model):
     imus: Mapping[str, Imu]
     """in the order in which they are used"""
     receivers: Mapping[str, Receiver]
-    """the first places the car"""
+    """on its bus; the first places the car, where none on the network does"""
+    network_receivers: Mapping[str, Receiver]
+    """those that are in `car.toml` alone: the configuration says where they are read"""
     figures: Mapping[str, Figure]
     """`section.key` -> value, deviation and source, in the unit of the section"""
 
@@ -191,14 +194,18 @@ def _read(platform: str, codec: Codec) -> Car:
         figures.update({f"{key}.{name}": figure for name, figure in found.items()})
         return read
 
-    def sensors(model: type[S], key: str, wired: tuple[str, ...]) -> dict[str, S]:
-        """In the order of `signals.toml`."""
+    def sensors(model: type[S], key: str, wired: tuple[str, ...], *, network: bool) -> dict[str, S]:
+        """Those of the bus in the order of `signals.toml`, then those on the network in that of `car.toml`."""
         given = tree.get(key, {})
-        for one, other, file in ((given, wired, "signals.toml"), (wired, given, "car.toml")):
+        compared = (wired, given, "car.toml"), (() if network else given, wired, "signals.toml")
+        for one, other, file in reversed(compared):
             if lacking := [name for name in one if name not in other]:
-                raise PlatformError(f"{path}: [{key}.{lacking[0]}] is not in {file}; every sensor is in both")
-        return {name: section(model, given[name], f"{key}.{name}") for name in wired}
+                raise PlatformError(
+                    f"{path}: [{key}.{lacking[0]}] is not in {file}; every sensor of the bus is in both"
+                )
+        return {name: section(model, given[name], f"{key}.{name}") for name in dict.fromkeys((*wired, *given))}
 
+    receivers = sensors(Receiver, "receiver", codec.signals.receivers, network=True)
     car = Car(
         name=name,
         platform=platform,
@@ -207,8 +214,9 @@ def _read(platform: str, codec: Codec) -> Car:
         actuators=section(Actuators, tree.get("actuators"), "actuators"),
         tyres=section(TyrePrior, tree.get("tyres"), "tyres"),
         sensors=section(Sensors, tree.get("sensors"), "sensors"),
-        imus=sensors(Imu, "imu", codec.signals.imus),
-        receivers=sensors(Receiver, "receiver", codec.signals.receivers),
+        imus=sensors(Imu, "imu", codec.signals.imus, network=False),
+        receivers={name: receivers.pop(name) for name in codec.signals.receivers},
+        network_receivers=receivers,
         figures=figures,
     )
     if found := car.vehicle.outside_a_race_car():

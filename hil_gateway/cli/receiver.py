@@ -1,7 +1,8 @@
-"""`hil receiver check`: what a GNSS or INS receiver sends, and whether it may be used."""
+"""`hil receiver`: what a GNSS or INS receiver sends and whether it may be used; the process that publishes it."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -9,9 +10,13 @@ import typer
 app = typer.Typer(no_args_is_help=True, help="GNSS and INS receivers: NovAtel OEM7 binary logs and NMEA.")
 
 
-@app.callback()
-def _group() -> None:
-    """Keeps `check` a sub-command."""
+@app.command()
+def run(config: Annotated[Path | None, typer.Option("--config", help="configuration (TOML)")] = None) -> None:
+    """Publish what the receivers of the configuration say of position, velocity, heading and rates, until stopped."""
+    from hil_gateway.config import load_config
+    from hil_gateway.receiver.node import run as run_receivers
+
+    run_receivers(load_config(config))
 
 
 @app.command()

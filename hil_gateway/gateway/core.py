@@ -102,6 +102,7 @@ class Gateway:
     def _read_car(self, now_ns: int, before: Decision) -> VehicleState:
         """Frames that have arrived, to the published vehicle state."""
         self.builder.take(self._link.receive(0.0), now_ns)
+        self.builder.hear(self.inbox.read_navigation(now_ns), now_ns)
         state = self.builder.build(now_ns, before.race_control.ct_state, *flags_in_force(self.builder, now_ns))
         if (known := self._stood.estimate) is not None:
             state = state.model_copy(update={"stood": known})
@@ -185,7 +186,8 @@ class Gateway:
         )  # fmt: skip
         self.decision = decide(situation, before)
         self.seen = state, situation.conditions
-        estimate_age_s, fixes = self.inbox.estimate.age_s(now_ns), self.monitors.position.source
+        estimate_age_s = self.inbox.estimate.age_s(now_ns)
+        fixes = {"position_wrong": self.monitors.position.source, "position_lost": self.builder.network.cause}
         self._reporter.note_change(situation, before, self.decision, estimate_age_s, fixes)
         if self.decision.stopping and not before.stopping:
             self._actor.start_stop()

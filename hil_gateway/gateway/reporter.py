@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from hil_gateway.bus.messages import Command, FailsafeAction, GatewayStatus
 from hil_gateway.can_link import CanLink
@@ -37,15 +37,15 @@ class Reporter:
         self._seq = 0
 
     def note_change(
-        self, situation: Situation, before: Decision, after: Decision, estimate_age_s: float, fixes: str
+        self, situation: Situation, before: Decision, after: Decision, estimate_age_s: float, fixes: Mapping[str, str]
     ) -> None:
-        """Who was late and how busy the computer is, or what is wrong with the fixes (`fixes`), where that is why the
-        car is being stopped; once a period."""
+        """Who was late and how busy the computer is, or what is wrong with the fixes (`fixes`, by cause), where that is
+        why the car is being stopped; once a period."""
         self._lately.note({**situation.conditions.measures, "estimate_age": estimate_age_s})
         if after.action is before.action:
             return
         late = who_was_late(after.failsafe.cause, self._lately.longest)
-        self.why = fixes if after.failsafe.cause == "position_wrong" else late
+        self.why = fixes.get(after.failsafe.cause, late)
         self._detail = f"{late}; {self._load()}".removesuffix("; ") if late else self.why
 
     def note_answer(self, now_ns: int, decision: Decision, command: Command | None) -> None:

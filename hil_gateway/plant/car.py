@@ -126,6 +126,11 @@ class Car:
         """Per wheel (fl, fr, rl, rr) 0 (sound) to 1 (without air)."""
         return self._disturbed.flats
 
+    @property
+    def uncorrected(self) -> bool:
+        """Whether receivers get no corrections now."""
+        return self._disturbed.uncorrected
+
     def happens(self, event: Event) -> None:
         """One more event, beside those the car was made with."""
         self._events = (*self._events, event)

@@ -60,23 +60,34 @@ class PushEvent(Model):
     speed: float = Field(ge=-3, le=3, description="m/s, negative backwards")
 
 
+class RtkEvent(Model):
+    """Receivers with corrections go without: the radio of the base is out of reach, or a bridge hides satellites."""
+
+    kind: Literal["rtk"]
+    t: Start
+    for_s: Duration
+
+
 PUSH_MOST = 1200.0
 """N of a crew: three people who push with 400 N each; a grade of 9 % takes 690 N of an AV-24"""
 PUSH_GAIN = 4000.0
 """N a m/s by which the car is slower than it is to be"""
 
-Event = Annotated[GripEvent | GustEvent | PunctureEvent | BrakeFadeEvent | PushEvent, Field(discriminator="kind")]
+Event = Annotated[
+    GripEvent | GustEvent | PunctureEvent | BrakeFadeEvent | PushEvent | RtkEvent, Field(discriminator="kind")
+]
 
 
 class Disturbance(NamedTuple):
     """Factor on friction; per wheel 0 (sound) or 1 (flat); side force, N; share of the brakes' torque lost; force
-    forward, N."""
+    forward, N; receivers are without corrections."""
 
     grip: float = 1.0
     flats: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     gust: float = 0.0
     brake_loss: float = 0.0
     push: float = 0.0
+    uncorrected: bool = False
 
 
 CALM = Disturbance()
@@ -86,7 +97,7 @@ def disturbance(events: Sequence[Event], time_s: float, s: float, length: float)
     """What is under way `time_s` after the car first moved, at arc length `s` of a track of `length` m."""
     if not events:
         return CALM
-    grip, gust, brakes, flat = 1.0, 0.0, 1.0, set()
+    grip, gust, brakes, flat, uncorrected = 1.0, 0.0, 1.0, set(), False
     for event in events:
         if isinstance(event, PunctureEvent):
             flat |= {event.wheel} if time_s >= event.t else set()
@@ -97,7 +108,9 @@ def disturbance(events: Sequence[Event], time_s: float, s: float, length: float)
                 gust += event.force_n
             elif isinstance(event, BrakeFadeEvent):
                 brakes *= event.factor
-    return Disturbance(grip, tuple(float(wheel in flat) for wheel in WHEELS), gust, 1.0 - brakes)
+            uncorrected = uncorrected or isinstance(event, RtkEvent)
+    flats = tuple(float(wheel in flat) for wheel in WHEELS)
+    return Disturbance(grip, flats, gust, 1.0 - brakes, uncorrected=uncorrected)
 
 
 def pushed(events: Sequence[Event], time_s: float, vx: float, otherwise: Disturbance) -> Disturbance:

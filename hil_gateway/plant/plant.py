@@ -18,6 +18,7 @@ from hil_gateway.plant.controller.transmit import ReportTransmitter, SimulatedRa
 from hil_gateway.plant.fitted import fitted
 from hil_gateway.plant.physics.effects import configure
 from hil_gateway.plant.physics.parameters import PlantParameters
+from hil_gateway.plant.receivers import SimulatedReceivers
 from hil_gateway.plant.referee.referee import Referee
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
@@ -69,6 +70,7 @@ class Plant:
         self.controller = VehicleController()
         self.race_control = SimulatedRaceControl()
         self.referee = Referee(self.car)
+        self.receivers = SimulatedReceivers(config, self.car)
         self._receiver = CommandReceiver(config.car)
         sensors = SimulatedSensors(self.car, parameters.sensors, config.car, config.origin, config.plant.seed)
         self._transmitter = ReportTransmitter(
@@ -79,6 +81,7 @@ class Plant:
             controller=self.controller,
             referee=self.referee,
             race_control=self.race_control,
+            positions=config.plant.can_positions,
         )
         self._link, self._truth_bus = link, truth_bus
         self._reached_ns: int | None = None
@@ -102,6 +105,7 @@ class Plant:
                 self._supervise(reached_ns)
             car.step(self._obeyed, self._engine_running)
             self.referee.loads.step()
+            self.receivers.step(reached_ns)
             if reached_ns >= transmitter.next_ns:
                 transmitter.step(reached_ns, self._receiver.received)
         self._reached_ns = reached_ns

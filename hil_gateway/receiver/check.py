@@ -6,7 +6,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
-from hil_gateway.receiver.gates import Quality, judge
+from hil_gateway.bus.outside import Quality
+from hil_gateway.receiver.gates import judge
 from hil_gateway.receiver.nmea import NmeaDecoder, Sentence
 from hil_gateway.receiver.oem7 import Decoder, ReceiverLog
 
@@ -20,12 +21,12 @@ class _Seen:
     count: int = 0
     first_s: float = 0.0
     last_s: float = 0.0
-    """of GPS time"""
+    """GPS time"""
     qualities: Counter[Quality] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
 
     def add(self, log: ReceiverLog) -> None:
-        at = log.unix_s(0.0)
+        at = 1e-9 * log.gps_ns
         self.first_s = self.first_s if self.count else at
         self.last_s, self.count = at, self.count + 1
         quality, reason = judge(log)

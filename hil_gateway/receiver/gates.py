@@ -6,8 +6,9 @@ Position and heading count only with integer ambiguities or their INS counterpar
 from __future__ import annotations
 
 import math
-from enum import StrEnum
 
+from hil_gateway.bus.outside import Quality
+from hil_gateway.receiver.nmea import Sentence
 from hil_gateway.receiver.oem7 import FINE, ReceiverLog
 
 NARROW_INT = 50
@@ -22,14 +23,6 @@ SOLUTION_AGE_MAX_S = 1.0
 """older corrections or an older solution: what is sent is extrapolated"""
 
 
-class Quality(StrEnum):
-    """What a log is good for."""
-
-    FIXED = "fixed"
-    DEGRADED = "degraded"
-    REFUSED = "refused"
-
-
 def judge(log: ReceiverLog) -> tuple[Quality, str]:
     """Quality, and why it is not fixed."""
     if refusal := _refusal(log):
@@ -38,6 +31,21 @@ def judge(log: ReceiverLog) -> tuple[Quality, str]:
     if max(values.get("differential_age_s", 0.0), values.get("solution_age_s", 0.0)) > SOLUTION_AGE_MAX_S:
         return Quality.DEGRADED, f"corrections older than {SOLUTION_AGE_MAX_S:g} s"
     return (Quality.DEGRADED, f"float (type {kind})") if kind in FLOAT else (Quality.FIXED, "")
+
+
+RTK_FIXED, RTK_FLOAT = 4, 5
+"""quality of a GGA sentence"""
+
+
+def judge_sentence(sentence: Sentence) -> tuple[Quality, str]:
+    """The same of an NMEA sentence."""
+    if sentence.kind == "GGA":
+        if sentence.quality in (RTK_FIXED, RTK_FLOAT) and None not in (sentence.latitude, sentence.longitude):
+            fixed = sentence.quality == RTK_FIXED
+            return (Quality.FIXED, "") if fixed else (Quality.DEGRADED, f"float (quality {RTK_FLOAT})")
+        return Quality.REFUSED, f"no RTK (quality {sentence.quality})"
+    says = sentence.heading is not None if sentence.kind == "HDT" else sentence.quality == 1
+    return (Quality.FIXED, "") if says else (Quality.REFUSED, "no solution")
 
 
 def _refusal(log: ReceiverLog) -> str:

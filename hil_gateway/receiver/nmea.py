@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 SENTENCE_MAX = 256
 """bytes; the standard allows 82, receivers with many digits send some more"""
+KINDS = (b"GGA", b"RMC", b"HDT")
 KNOTS = 1852 / 3600
 """m/s"""
 
@@ -48,6 +49,8 @@ class NmeaDecoder:
 
     def _read(self, line: bytes) -> Sentence | None:
         body, star, given = line.partition(b"*")
+        if body.partition(b",")[0][2:] not in KINDS:  # others, and pieces of binary logs
+            return None
         checksum = 0
         for byte in body:
             checksum ^= byte

@@ -20,13 +20,15 @@ BODY_MAX = 4096
 """bytes; the logs that are read have at most 126"""
 GPS_EPOCH_UNIX_S = 315_964_800
 WEEK_S = 604_800
+PORT = 0x20
+"""COM1; nobody looks at it"""
 FINE = 160
 """least time status of a receiver whose clock is set (FINE; normally FINESTEERING, 180)"""
 
 
 @dataclass(frozen=True, slots=True)
 class LogLayout:
-    """Body of a log: struct and names of its fields; "_" is left out. Longer bodies of later firmware are accepted."""
+    """Body of a log: struct and names of its fields, the rest is padding. Longer bodies of later firmware pass."""
 
     name: str
     struct: Struct
@@ -38,18 +40,18 @@ def _layout(name: str, code: str, fields: str) -> LogLayout:
 
 
 _POSITION = (
-    "solution_status position_type latitude longitude height_msl undulation _ std_north std_east std_up _ "
+    "solution_status position_type latitude longitude height_msl undulation datum std_north std_east std_up "
     "differential_age_s solution_age_s satellites satellites_used"
 )
 _VELOCITY = "solution_status velocity_type latency_s differential_age_s speed track up"
-_HEADING = "solution_status position_type baseline heading pitch _ heading_std pitch_std"
+_HEADING = "solution_status position_type baseline heading pitch heading_std pitch_std"
 LOGS: Mapping[int, LogLayout] = {
-    42: _layout("BESTPOS", "<IIdddfIfff4sffBB", _POSITION),
-    1429: _layout("BESTGNSSPOS", "<IIdddfIfff4sffBB", _POSITION),
-    99: _layout("BESTVEL", "<IIffddd", _VELOCITY),
-    1430: _layout("BESTGNSSVEL", "<IIffddd", _VELOCITY),
-    1335: _layout("HEADING2", "<IIffffff", _HEADING),
-    2042: _layout("DUALANTENNAHEADING", "<IIffffff", _HEADING),
+    42: _layout("BESTPOS", "<IIdddfIfff4xffBB6x", _POSITION),
+    1429: _layout("BESTGNSSPOS", "<IIdddfIfff4xffBB6x", _POSITION),
+    99: _layout("BESTVEL", "<IIffddd4x", _VELOCITY),
+    1430: _layout("BESTGNSSVEL", "<IIffddd4x", _VELOCITY),
+    1335: _layout("HEADING2", "<IIfff4xff16x", _HEADING),
+    2042: _layout("DUALANTENNAHEADING", "<IIfff4xff12x", _HEADING),
     508: _layout(
         "INSPVAS", "<IddddddddddI",
         "week seconds latitude longitude height_ellipsoid north east up roll pitch azimuth ins_status",
@@ -59,13 +61,13 @@ LOGS: Mapping[int, LogLayout] = {
         "ins_status position_type latitude longitude height_msl undulation north east up roll pitch azimuth std_north "
         "std_east std_up std_speed_north std_speed_east std_speed_up std_roll std_pitch std_azimuth extended age_s",
     ),
-    2264: _layout("CORRIMUS", "<Iddddddf", "samples pitch roll yaw lateral longitudinal vertical latency_ms"),
+    2264: _layout("CORRIMUS", "<Iddddddf4x", "samples pitch roll yaw lateral longitudinal vertical latency_ms"),
     1362: _layout("IMURATECORRIMUS", "<Iddddddd", "week seconds pitch roll yaw lateral longitudinal vertical"),
     1462: _layout(
         "RAWIMUSX", "<BBHdIiiiiii",
         "imu_error imu_type week seconds imu_status accel_z accel_minus_y accel_x gyro_z gyro_minus_y gyro_x",
     ),
-    101: _layout("TIME", "<Iddd", "clock_status offset_s offset_std_s utc_offset_s"),
+    101: _layout("TIME", "<Iddd16x", "clock_status offset_s offset_std_s utc_offset_s"),
 }  # fmt: skip
 
 
@@ -81,9 +83,10 @@ class ReceiverLog:
     """of this log, or of the last one with a long header; 0: none came yet"""
     values: Mapping[str, float]
 
-    def unix_s(self, leap_s: float) -> float:
-        """Unix time; `leap_s`: GPS minus UTC, s (18 since 2017; the negative of TIME's `utc_offset_s`)."""
-        return GPS_EPOCH_UNIX_S + self.week * WEEK_S + self.milliseconds / 1000 - leap_s
+    @property
+    def gps_ns(self) -> int:
+        """GPS time, ns since 1980-01-06, leap seconds not counted."""
+        return (self.week * WEEK_S * 1000 + self.milliseconds) * 1_000_000
 
 
 class Decoder:
@@ -145,9 +148,26 @@ class Decoder:
         if layout is None or len(body) < layout.struct.size:
             self.unknown += 1
             return None
-        pairs = zip(layout.fields, layout.struct.unpack_from(body), strict=True)
-        values = {name: value for name, value in pairs if name != "_"}
+        values = dict(zip(layout.fields, layout.struct.unpack_from(body), strict=True))
         return ReceiverLog(layout.name, week, milliseconds, self._time_status, values)
+
+
+NUMBERS = {layout.name: number for number, layout in LOGS.items()}
+SHORT_LOGS = ("INSPVAS", "CORRIMUS", "IMURATECORRIMUS", "RAWIMUSX")
+
+
+def encode(log: ReceiverLog) -> bytes:
+    """A log as a receiver sends it; fields without a value are 0."""
+    number, layout = NUMBERS[log.name], LOGS[NUMBERS[log.name]]
+    body = layout.struct.pack(*(log.values.get(name, 0) for name in layout.fields))
+    if log.name in SHORT_LOGS:
+        head = SHORT_HEADER.pack(SYNC + bytes([SHORT]), len(body), number, log.week, log.milliseconds)
+    else:
+        sync, size = SYNC + bytes([LONG]), LONG_HEADER.size
+        head = LONG_HEADER.pack(
+            sync, size, number, 0, PORT, len(body), 0, 0, log.time_status, log.week, log.milliseconds, 0, 0, 0
+        )
+    return head + body + crc32(head + body).to_bytes(CRC_BYTES, "little")
 
 
 def crc32(data: bytes) -> int:

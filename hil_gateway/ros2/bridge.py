@@ -6,7 +6,7 @@ import logging
 
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
-from hil_gateway.bus.ros2_status import Ros2Status
+from hil_gateway.bus.outside import Ros2Status
 from hil_gateway.can_link import CanLink
 from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S

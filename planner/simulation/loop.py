@@ -23,6 +23,7 @@ from hil_gateway.gateway.decide.arming import DRIVES_OFF
 from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import NS_PER_S, VirtualClock
+from hil_gateway.receiver.core import Receivers
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
@@ -31,6 +32,8 @@ M = TypeVar("M", bound=Message)
 TICK_NS = NS_PER_S // 100
 PLAN_PERIOD_NS = NS_PER_S // 20
 LEARNER_PERIOD_NS = NS_PER_S // 10
+UNIX_OFFSET_NS = 1_767_225_600 * NS_PER_S
+"""virtual time begins in 2026: receivers tell GPS time"""
 START_NS = NS_PER_S
 """virtual time does not start at zero: nothing may take 0 for 'never'"""
 
@@ -55,8 +58,22 @@ class Faults:
         return ((now_ns, message),)
 
     def runs(self, now_ns: int, component: str) -> bool:
-        """Whether a component ("plant", "gateway", "estimator", "planner") gets its turn."""
+        """Whether a component ("plant", "receiver", "gateway", "estimator", "planner") gets its turn."""
         return True
+
+
+class PipedReceivers:
+    """The process that reads receivers, with what the plant's own send, and without sockets in between."""
+
+    def __init__(self, config: Config, bus: LocalBus, plant: Plant) -> None:
+        self._receivers, self._plant = Receivers(config, bus), plant
+        for reader in self._receivers.readers.values():
+            reader.begin()
+
+    def step(self, now_ns: int) -> None:
+        """What has arrived by now; GPS time is that of the loop's clock."""
+        self._receivers.take(self._plant.receivers.due(now_ns), now_ns, self._plant.receivers.unix_offset_ns)
+        self._receivers.step(now_ns)
 
 
 class FaultyLink:
@@ -165,6 +182,7 @@ class Loop:
         self._arm, self._asked, self._armed_ns = arm, 0, 0
         track = track or load_track(config.track)
         self.plant = Plant(config, self._link("plant"), self.bus, track, simulated)
+        self.plant.receivers.unix_offset_ns = UNIX_OFFSET_NS
         self.gateway = Gateway(config, self.bus, self._link("gateway"), track)
         made = {**_default_components(timed), **(components or {})}
         self.estimator = made["estimator"](config, self.bus, track)
@@ -172,6 +190,7 @@ class Loop:
         self._status: LocalSubscription[GatewayStatus] = self.bus.subscribe(topics.GATEWAY_STATUS)
         self._schedule: tuple[tuple[str, Core, int], ...] = (
             ("plant", self.plant, TICK_NS),
+            *((("receiver", PipedReceivers(config, self.bus, self.plant), TICK_NS),) if config.receivers else ()),
             ("gateway", self.gateway, TICK_NS),
             ("estimator", self.estimator, TICK_NS),
             ("planner", self.planner, PLAN_PERIOD_NS),

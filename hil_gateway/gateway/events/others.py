@@ -9,7 +9,16 @@ from hil_gateway.bus.event import EventKind, Severity
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.messages import Alert, ModelRevision, Plan, PlanStatus
 from hil_gateway.bus.proposal import ModelProposal, Outcome
-from hil_gateway.bus.topics import ALERT, BELIEF, MODEL_PROPOSAL, MODEL_REVISION, PLAN, RECORDER_STATUS, Topic
+from hil_gateway.bus.topics import (
+    ALERT,
+    BELIEF,
+    MODEL_PROPOSAL,
+    MODEL_REVISION,
+    PLAN,
+    RECEIVER_STATUS,
+    RECORDER_STATUS,
+    Topic,
+)
 from hil_gateway.gateway.events.change import Change
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.figures import figure
@@ -32,6 +41,9 @@ class OtherProcesses:
         self._revisions = LatestReader(bus, MODEL_REVISION)
         self._alerts = bus.subscribe(ALERT, depth=ALERTS_A_PERIOD)
         self._proposals = bus.subscribe(MODEL_PROPOSAL, depth=PROPOSALS_A_PERIOD)
+        self._receivers = LatestReader(bus, RECEIVER_STATUS)
+        self._causes: dict[str, str] = {}
+        """receiver -> why it does not place the car; empty: it does"""
         self._published, self._adopted = _Models(), _Models()
         self._effects: dict[str, str] = {}
         self._lap: tuple[int, int | None] | None = None
@@ -44,6 +56,7 @@ class OtherProcesses:
         for name, reader in self._readers.items():
             reader.update(now_ns)
             yield from self._presence(name, now_ns)
+        yield from self._receiving(now_ns)
         for alert in self._alerts.poll(now_ns):
             yield _alert(alert)
         for proposal in self._proposals.poll(now_ns):
@@ -64,6 +77,14 @@ class OtherProcesses:
         if alive != self._alive[name]:
             self._alive[name] = alive
             yield _appeared(name) if alive else _quiet(name, age_s, limit_s)
+
+    def _receiving(self, now_ns: int) -> Iterator[Change]:
+        """Receivers on the network that place the car again, or do so no longer."""
+        status = self._receivers.update(now_ns).message
+        for name, health in ({} if status is None else status.receivers).items():
+            before, self._causes[name] = self._causes.get(name), health.cause
+            if health.cause != before:
+                yield _receiver(name, before, health.cause)
 
     def _plan(self, now_ns: int, plan: Plan) -> Iterator[Change]:
         """A model taken into use, a lap begun, a car that goes on standing."""
@@ -123,6 +144,12 @@ def _quiet(name: str, age_s: float, limit_s: float) -> Change:
     text = f"no message of the {name}: ended, hung or cut off"
     after = f"{name} silent"
     return Change(EventKind.PROCESS, f"{name} speaks", after, text, Severity.WARNING, "", age_s, limit_s, "s")
+
+
+def _receiver(name: str, before: str | None, cause: str) -> Change:
+    severity = Severity.WARNING if cause else Severity.INFO
+    was = "" if before is None else before or "places the car"
+    return Change(EventKind.RECEIVER, was, cause or "places the car", f"receiver {name}", severity)
 
 
 def _alert(alert: Alert) -> Change:

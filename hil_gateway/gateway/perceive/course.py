@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil_gateway.gateway.perceive.fixes import Fixes
+from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 

@@ -6,12 +6,15 @@ from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, OperatorAction, OperatorCommand, Plan
+from hil_gateway.bus.outside import Navigation
 from hil_gateway.gateway.command_gate import CommandGate, Refusal
 from hil_gateway.process.clock import NS_PER_S
 
 COMMAND_QUEUE = 16
 SECOND_SOURCE_NS = NS_PER_S
 """how long a refused sender is named"""
+NAVIGATION_QUEUE = 64
+"""messages of receivers in a period: 20 come of four that send 500 a second each"""
 OPERATOR_QUEUE = 1024
 """Requests of a period that are all looked at: a flood of others does not displace the one to stop."""
 STARTS = (OperatorAction.ARM, OperatorAction.CRANK)
@@ -31,6 +34,7 @@ class Inbox:
         """`latency_max_s`: commands about older states are not taken."""
         self._commands = [bus.subscribe(t, depth=COMMAND_QUEUE) for t in (topics.COMMAND, topics.ROS2_COMMAND)]
         self._operator = bus.subscribe(topics.OPERATOR, depth=OPERATOR_QUEUE)
+        self._navigation = bus.subscribe(topics.NAVIGATION, depth=NAVIGATION_QUEUE)
         self._plan = LatestReader(bus, topics.PLAN)
         self._estimate = LatestReader(bus, topics.ESTIMATE)
         self._starts_seen: set[tuple[str, str, int, int]] = set()
@@ -65,6 +69,10 @@ class Inbox:
                 self.second_source, self._second_ns = command.source, now_ns
         if now_ns - self._second_ns > SECOND_SOURCE_NS:
             self.second_source = ""
+
+    def read_navigation(self, now_ns: int) -> list[Navigation]:
+        """What receivers on the network have said, oldest first."""
+        return self._navigation.poll(now_ns)
 
     def read_plan(self, now_ns: int) -> Plan | None:
         """The plan that arrived this period, if one did."""

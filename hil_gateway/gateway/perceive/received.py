@@ -9,7 +9,7 @@ from can_dbc.codec import Codec, Decoder, Values
 from can_dbc.database import BusMessage
 from can_dbc.quantities import WHEELS
 from hil_gateway.car.car import Car
-from hil_gateway.gateway.perceive.fixes import MOVING, Fixes
+from hil_gateway.gateway.perceive.positions.fixes import MOVING, Fixes
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.clock import NS_PER_S
 

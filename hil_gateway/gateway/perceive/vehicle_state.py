@@ -11,13 +11,15 @@ from collections.abc import Iterable, Mapping
 
 from can_dbc.codec import COUNTER, Codec, Fault, FaultKind
 from hil_gateway.bus.messages import SourceHealth, VehicleState
+from hil_gateway.bus.outside import Navigation
 from hil_gateway.can_link import Frame
 from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.car.states import SysState, TrackFlag, VehicleFlag, meanings
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.fixes import Fixes
 from hil_gateway.gateway.perceive.frame_counts import FrameCounts, LeakyBucket, Senders
 from hil_gateway.gateway.perceive.imu_place import ImuPlace
+from hil_gateway.gateway.perceive.positions.fixes import Fixes
+from hil_gateway.gateway.perceive.positions.network import NetworkReceivers
 from hil_gateway.gateway.perceive.received import Received, received_messages
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.geodesy import LocalMap
@@ -46,6 +48,8 @@ class VehicleStateBuilder:
         self._map = LocalMap(config.origin)
         self._newest: defaultdict[str, float] = defaultdict(float)
         self.fixes = Fixes()
+        self.network = NetworkReceivers(config)
+        """receivers that place the car in the stead of the one on its bus, where there are any"""
         self._received = received_messages(car, self._newest, self.fixes)
         by_name = {entry.layout.name: entry for entry in self._received.values()}
         self._groups = {
@@ -56,7 +60,8 @@ class VehicleStateBuilder:
         self._imu = self._imus[0]
         self._receiver = next(iter(car.receivers))
         listed = {name: entries for name, entries in self._groups.items() if "." not in name}
-        self._listed = listed | {"position": self._groups[f"receiver.{self._receiver}"]}
+        on_bus = {} if self.network else {"position": self._groups[f"receiver.{self._receiver}"]}
+        self._listed = listed | on_bus
         self._latitude, self._longitude = (f"receiver.{self._receiver}.{name}" for name in ("latitude", "longitude"))
         self._no_mode_switch = float("mode_switch" not in codec.signals.reports)
         self._track_flags = meanings(codec.signals.codes["track_flag"], TrackFlag)
@@ -83,6 +88,10 @@ class VehicleStateBuilder:
         """Take in frames, oldest first."""
         for frame in frames:
             self._take_one(frame, now_ns)
+
+    def hear(self, messages: Iterable[Navigation], now_ns: int) -> None:
+        """Take in what receivers on the network say, oldest first."""
+        self.network.take(messages, now_ns)
 
     def age_s(self, source: str, now_ns: int) -> float:
         """Seconds since the oldest of the newest frames of a source, plausible or not; infinite before the first, or
@@ -155,15 +164,16 @@ class VehicleStateBuilder:
             brake_rear=newest["brake_rear"],
             gear=int(newest["gear"]),
         )
-        engine_speed = newest["engine_speed"]
+        engine_speed, stamp_ns = newest["engine_speed"], self._stamp(now_ns)
+        self._take_from_network(stamp_ns, ax, yaw_rate)
         self._seq += 1
         return VehicleState(
-            stamp_ns=self._stamp(now_ns),
+            stamp_ns=stamp_ns,
             seq=self._seq,
             valid=all(sources[name].valid for name in REQUIRED),
             sources=sources,
             imu=imu.name,
-            receiver=self._receiver,
+            receiver=self.network.name or self._receiver,
             ax=ax,
             ay=ay,
             az=newest[imu.az],
@@ -199,6 +209,8 @@ class VehicleStateBuilder:
             self._imu = next((imu for imu in self._imus if imus[imu.source].valid), self._imu)
         found = {name: self._health(entries, now_ns) for name, entries in self._listed.items()}
         found["imu"] = imus[self._imu.source]
+        if self.network:
+            found |= self.network.healths(now_ns)
         return found | imus if len(imus) > 1 else found
 
     def _stamp(self, now_ns: int) -> int:
@@ -239,8 +251,16 @@ class VehicleStateBuilder:
     def _take_position(self, entry: Received, values: Mapping[str, float], stamp_ns: int) -> None:
         x, y = self._map.to_map_radians(values[self._latitude], values[self._longitude])
         entry.plausible = max(abs(x), abs(y)) < MAP_RADIUS
-        if entry.plausible:
+        if entry.plausible and not self.network:
             self.fixes.take(x, y, stamp_ns)
+
+    def _take_from_network(self, stamp_ns: int, ax: float, yaw_rate: float) -> None:
+        fix = self.network.step(stamp_ns, ax, yaw_rate) if self.network else None
+        if fix is None:
+            return
+        x, y = self._map.to_map(*fix[:2])
+        if max(abs(x), abs(y)) < MAP_RADIUS:
+            self.fixes.take(x + fix[2], y + fix[3], stamp_ns)
 
     def _take_foreign(self, frame: Frame, now_ns: int) -> None:
         """What only a computer sends, from somebody else (own frames are not received back), or nobody."""

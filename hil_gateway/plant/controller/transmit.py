@@ -51,17 +51,19 @@ class ReportTransmitter:
         controller: VehicleController,
         referee: Referee,
         race_control: SimulatedRaceControl,
+        positions: bool = True,
     ) -> None:
-        """`platform`: whose bus it speaks on."""
+        """`platform`: whose bus it speaks on; the receiver that places the car is on it where `positions` are."""
         self._platform, self._codec, self._link = platform, platform.codec, link
         self._car, self._sensors, self._controller, self._referee = car, sensors, controller, referee
         self._race_control = race_control
         self._received = ReceivedCommand()
         self._counters: dict[str, int] = {}
         self._by_period: dict[int, list[tuple[BusMessage, tuple[str, ...]]]] = {}
+        placing = f"receiver.{next(iter(platform.receivers))}.latitude"
         for message in self._codec.messages.values():
-            if message.direction == "car":
-                quantities = self._codec.quantities(message.name)
+            quantities = self._codec.quantities(message.name)
+            if message.direction == "car" and (positions or placing not in quantities):
                 self._by_period.setdefault(round(message.period_s * NS_PER_S), []).append((message, quantities))
         self._states = self._codes_of_states()
         self._sources = self._sources_of_quantities()

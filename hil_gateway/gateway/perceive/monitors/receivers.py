@@ -18,8 +18,8 @@ import numpy as np
 
 from hil_gateway.car.car import Car, Receiver
 from hil_gateway.config import OriginConfig
-from hil_gateway.gateway.perceive.fixes import Fixes
 from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S

@@ -13,10 +13,13 @@ from dataclasses import replace
 import pytest
 from typer.testing import CliRunner
 
+from hil_gateway.bus.outside import Quality
 from hil_gateway.cli.receiver import app
-from hil_gateway.receiver.gates import Quality, judge
+from hil_gateway.receiver.clock import GpsClock
+from hil_gateway.receiver.gates import judge
 from hil_gateway.receiver.nmea import NmeaDecoder
 from hil_gateway.receiver.oem7 import Decoder, ReceiverLog, crc32
+from hil_gateway.settings.receivers import ReceiverConfig
 
 SAME = {
     "latitude": "latitude", "longitude": "longitude", "undulation": "undulation", "azimuth": "azimuth",
@@ -93,7 +96,8 @@ def test_random_bytes_raise_nothing_and_keep_nothing():
 def test_time_is_gps_time_less_leap_seconds():
     (log,) = Decoder().take(log_bytes(42, bestpos(), week=2400, ms=123_456_789))
     # 2026-01-04T00:00:00Z is Unix 1767484800, week 2400 of GPS begins there less 18 s
-    assert log.unix_s(18) == pytest.approx(1_767_484_800 + 123_456.789 - 18)
+    clock = GpsClock(ReceiverConfig(address="tcp://x:1"), 0.0)
+    assert clock.unix_ns(log.gps_ns) == (1_767_484_800 + 123_456 - 18) * 10**9 + 789_000_000
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,10 @@ from support.cars.scripted_car import Rig
 
 from hil_gateway.gateway.perceive.course import Course, CourseReader
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
-from hil_gateway.gateway.perceive.fixes import Fixes
 from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.motion import Motion
+from hil_gateway.gateway.perceive.positions.fixes import Fixes
 
 TICK_NS = 10_000_000
 RADIUS, SPEED = 150.0, 45.0

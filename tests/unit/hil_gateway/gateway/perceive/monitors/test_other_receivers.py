@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import pytest
 
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.fixes import Fixes
 from hil_gateway.gateway.perceive.monitors.position import OUTVOTED_S
 from hil_gateway.gateway.perceive.monitors.receivers import OtherReceivers
+from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.plant.controller.sensors import Noise, StandaloneReceiver
 from hil_gateway.process.clock import NS_PER_S
 

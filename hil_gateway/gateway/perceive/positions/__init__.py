@@ -1,0 +1,1 @@
+"""Where the car is, by its receivers: on its bus, or on the network."""

@@ -1,0 +1,190 @@
+"""Position fixes of receivers on the network, brought up to the time of the vehicle state.
+
+A fix is some time old when it arrives. Since then the car has gone on by the receiver's own velocity, turned by the
+gyro and changed by the longitudinal force: within 0.1 s that is right to a few centimetres.
+The receiver in use stays so while it places the car, then the first of the configuration that does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from hil_gateway.bus.messages import SourceHealth
+from hil_gateway.bus.outside import Navigation, Quality, Velocity
+from hil_gateway.bus.topics import NAVIGATION
+from hil_gateway.car.car import Receiver
+from hil_gateway.config import Config
+from hil_gateway.process.clock import NS_PER_S
+
+OLDEST_NS = NS_PER_S // 2
+"""of a fix that is brought up: a race car changes its speed by 10 m/s in it"""
+VELOCITY_NS = NS_PER_S // 5
+"""between a fix and the velocity that goes with it"""
+WALKING = 2.0
+"""m/s from which the course of an antenna says where the car points, where no heading does"""
+KEPT = 64
+"""periods of 10 ms: `OLDEST_NS` and some"""
+
+
+@dataclass(slots=True)
+class _Period:
+    """One vehicle state: its time, and how the car has turned (rad) and gained speed (m/s) since the first one."""
+
+    stamp_ns: int
+    turned: float
+    gained: float
+
+
+class Motion:
+    """How the car has moved in the last periods, by gyro and longitudinal force."""
+
+    def __init__(self) -> None:
+        self._periods: deque[_Period] = deque(maxlen=KEPT)
+
+    def step(self, stamp_ns: int, ax: float, yaw_rate: float) -> None:
+        """A new vehicle state; one that is no newer than the last changes nothing."""
+        if not self._periods:
+            self._periods.append(_Period(stamp_ns, 0.0, 0.0))
+            return
+        last = self._periods[-1]
+        dt = (stamp_ns - last.stamp_ns) / NS_PER_S
+        if dt > 0.0:
+            self._periods.append(_Period(stamp_ns, last.turned + dt * yaw_rate, last.gained + dt * ax))
+
+    def turned_since(self, then_ns: int) -> float:
+        """By how much the car has turned, rad."""
+        return self._periods[-1].turned - self._at(then_ns).turned
+
+    def way_since(self, then_ns: int, velocity: Velocity, at_ns: int) -> tuple[float, float] | None:
+        """Way from `then_ns` to the newest state, m in the map, of a point that had `velocity` at `at_ns`; None where
+        that is longer ago than is kept."""
+        periods = self._periods
+        if not periods or min(then_ns, at_ns) < periods[0].stamp_ns:
+            return None
+        known, speed = self._at(at_ns), math.hypot(velocity.east, velocity.north)
+        course, east, north = math.atan2(velocity.north, velocity.east), 0.0, 0.0
+        before = self._at(then_ns)
+        for period in [p for p in periods if p.stamp_ns > then_ns]:
+            dt = (period.stamp_ns - before.stamp_ns) / NS_PER_S
+            middle = course + 0.5 * (before.turned + period.turned) - known.turned
+            way = dt * (speed + 0.5 * (before.gained + period.gained) - known.gained)
+            east, north, before = east + way * math.cos(middle), north + way * math.sin(middle), period
+        return east, north
+
+    def _at(self, then_ns: int) -> _Period:
+        """At a time between two periods, or at the ends."""
+        periods = self._periods
+        after = next((i for i, period in enumerate(periods) if period.stamp_ns >= then_ns), len(periods) - 1)
+        if after == 0:
+            return periods[0]
+        a, b = periods[after - 1], periods[after]
+        share = min((then_ns - a.stamp_ns) / (b.stamp_ns - a.stamp_ns), 1.0)
+        turned, gained = a.turned + share * (b.turned - a.turned), a.gained + share * (b.gained - a.gained)
+        return _Period(min(then_ns, b.stamp_ns), turned, gained)
+
+
+class _Newest:
+    """What one receiver has said last that may be used."""
+
+    def __init__(self, declared: Receiver) -> None:
+        self.declared = declared
+        self.fix: Navigation | None = None
+        self.velocity: Navigation | None = None
+        self.heading: Navigation | None = None
+        self.came_ns: int | None = None
+        """when the fix came"""
+        self.cause = "nothing has come: `hil receiver run`"
+
+    def take(self, message: Navigation, now_ns: int) -> None:
+        """The next message."""
+        if message.places:
+            self.cause = message.reason
+        if message.quality is not Quality.FIXED:
+            return
+        if message.velocity is not None and self._is_better(message):
+            self.velocity = message
+        self.heading = message if message.heading is not None else self.heading
+        if message.places:
+            self.fix, self.came_ns = message, now_ns
+
+    def _is_better(self, message: Navigation) -> bool:
+        """Of velocities, those that state their deviation: others are means of a whole interval, and late by half."""
+        old = self.velocity
+        if old is None or old.velocity is None or message.stamp_ns - old.stamp_ns > VELOCITY_NS:
+            return True
+        return old.velocity.std is None or (message.velocity is not None and message.velocity.std is not None)
+
+
+class NetworkReceivers:
+    """`take` what arrives, then `step` once a period."""
+
+    def __init__(self, config: Config) -> None:
+        declared = config.car.network_receivers
+        self._newest = {name: _Newest(declared[name]) for name in config.receivers}
+        self._motion, self._used = Motion(), (0, "")
+        self.name = next(iter(self._newest), "")
+        """the receiver in use; empty where none is configured"""
+
+    def __bool__(self) -> bool:
+        return bool(self._newest)
+
+    def take(self, messages: Iterable[Navigation], now_ns: int) -> None:
+        """Messages of the receivers, oldest first; what is not of this computer's clock is left out."""
+        for message in messages:
+            newest = self._newest.get(message.source)
+            if newest is not None and 0 <= now_ns - message.stamp_ns <= NS_PER_S:
+                newest.take(message, now_ns)
+
+    def healths(self, now_ns: int) -> dict[str, SourceHealth]:
+        """Of the receiver in use as `position`; where there are several, each beside it."""
+        found = {name: _health(newest.came_ns, now_ns) for name, newest in self._newest.items()}
+        if not found[self.name].valid:
+            self.name = next((name for name, health in found.items() if health.valid), self.name)
+        each = {f"receiver.{name}": health for name, health in found.items()} if len(found) > 1 else {}
+        return {"position": found[self.name], **each}
+
+    @property
+    def cause(self) -> str:
+        """Why they do not place the car, of each."""
+        return "; ".join(f"{name}: {newest.cause or 'silent'}" for name, newest in self._newest.items())
+
+    def step(self, stamp_ns: int, ax: float, yaw_rate: float) -> tuple[float, float, float, float] | None:
+        """Fix of the receiver in use that has come since the last call, as latitude and longitude (deg) of the point it
+        reports and the way (m, map) from there to the centre of gravity at `stamp_ns`."""
+        self._motion.step(stamp_ns, ax, yaw_rate)
+        newest = self._newest[self.name]
+        fix, velocity = newest.fix, newest.velocity
+        if fix is None or fix.place is None or (fix.stamp_ns, self.name) == self._used:
+            return None
+        self._used = fix.stamp_ns, self.name
+        if velocity is None or velocity.velocity is None or abs(velocity.stamp_ns - fix.stamp_ns) > VELOCITY_NS:
+            newest.cause = "no velocity comes with its positions: log BESTVEL or RMC too"
+            return None
+        way = self._motion.way_since(fix.stamp_ns, velocity.velocity, velocity.stamp_ns)
+        if way is None or stamp_ns - fix.stamp_ns > OLDEST_NS:
+            return None
+        ahead, left = self._lever(newest, velocity.velocity, velocity.stamp_ns)
+        return fix.place.latitude, fix.place.longitude, way[0] - ahead, way[1] - left
+
+    def _lever(self, newest: _Newest, velocity: Velocity, at_ns: int) -> tuple[float, float]:
+        """From the centre of gravity to the point that the receiver reports, m in the map; none where the car points
+        nobody knows."""
+        heading = newest.heading
+        if heading is not None and heading.heading is not None and abs(heading.stamp_ns - at_ns) < OLDEST_NS:
+            yaw = heading.heading.yaw + self._motion.turned_since(heading.stamp_ns)
+        elif math.hypot(velocity.east, velocity.north) > WALKING:
+            yaw = math.atan2(velocity.north, velocity.east) + self._motion.turned_since(at_ns)
+        else:
+            return 0.0, 0.0
+        x, y, c, s = newest.declared.x, newest.declared.y, math.cos(yaw), math.sin(yaw)
+        return c * x - s * y, s * x + c * y
+
+
+def _health(came_ns: int | None, now_ns: int) -> SourceHealth:
+    if came_ns is None:
+        return SourceHealth(age_s=None, valid=False)
+    age_s = (now_ns - came_ns) / NS_PER_S
+    return SourceHealth(age_s=age_s, valid=age_s <= NAVIGATION.deadline_s)
