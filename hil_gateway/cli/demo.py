@@ -36,6 +36,9 @@ def demo(
             help="diagnose the whole drive too and drive again; --no-learn: never diagnose (default: beside the drive)",
         ),
     ] = None,
+    receivers: Annotated[
+        bool, typer.Option("--receivers", help="positions from NovAtel receivers on the network, and none on CAN")
+    ] = False,
     dashboard: Annotated[bool, typer.Option("--dashboard", help="also serve the live page")] = False,
     headless: Annotated[bool, typer.Option("--headless", help="no live view")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
@@ -66,6 +69,7 @@ def demo(
         headless,
         car,
         learner=learn is not False,
+        receivers=receivers,
     )
     summary = drive_learn_drive(options) if learn else drive(options)
     lines = [*describe(summary), *describe_learning(summary)]

@@ -32,7 +32,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "session": ("hil_gateway.cli.session:app", "recordings: list, info, view, compare, export, import, replay"),
     "can": ("hil_gateway.cli.can:app", "the CAN bus in the terminal, decoded"),
     "dashboard": ("hil_gateway.cli.dashboard:app", "read-only live page"),
-    "receiver": ("hil_gateway.cli.receiver:app", "GNSS and INS receivers: what one sends, and whether it may be used"),
+    "receiver": ("hil_gateway.cli.receiver:app", "GNSS and INS receivers on the network: checked, read, published"),
     "ros2": ("hil_gateway.cli.ros2:app", "bridge to ROS 2: the car's state out, a team's commands in"),
     "verify": ("hil_gateway.cli.laboratory:verify", "the reliability promises at their stated figures"),
     "config": ("hil_gateway.cli.config:app", "every setting: value, origin, range; what differs from the default"),
@@ -44,8 +44,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Drive": ("demo",),
     "Analyse": ("identify", "diagnose", "plan", "campaign"),
     "Sessions": ("session",),
-    "Processes": ("gateway", "estimator", "learner", "planner", "plant", "recorder", "dashboard", "ros2"),
-    "Checks": ("can", "receiver", "config", "doctor", "verify"),
+    "Processes": ("gateway", "estimator", "learner", "planner", "plant", "recorder", "dashboard", "ros2", "receiver"),
+    "Checks": ("can", "config", "doctor", "verify"),
 }
 """how `hil --help` lists them"""
 

@@ -16,7 +16,7 @@ from hil_gateway.plant.plant import plant_parameters
 from hil_gateway.plant.referee.lap_limit import lap_limit
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.lifecycle import StopRequest
-from hil_gateway.process.supervisor import DASHBOARD, LEARNER, PROCESSES, ProcessSpec, Supervisor
+from hil_gateway.process.supervisor import DASHBOARD, LEARNER, PROCESSES, RECEIVER, ProcessSpec, Supervisor
 from hil_gateway.track.loading import load_track
 
 
@@ -51,7 +51,8 @@ def _model_error(setup: DemoSetup, result: RunResult) -> dict[str, Any]:
 
 def _run(options: DemoOptions, setup: DemoSetup) -> RunResult:
     stopping = StopRequest()
-    further = (*((DASHBOARD,) if options.dashboard else ()), *((LEARNER,) if options.learner else ()))
+    asked = ((DASHBOARD, options.dashboard), (LEARNER, options.learner), (RECEIVER, bool(setup.config.receivers)))
+    further = [spec for spec, wanted in asked if wanted]
     specs = [_with_arguments(spec, options, setup) for spec in (*PROCESSES, *further)]
     view = _view(options, setup)
     with contextlib.closing(view), Supervisor(setup.config_file, setup.folder / "logs", specs) as supervisor:

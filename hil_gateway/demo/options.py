@@ -40,6 +40,8 @@ class DemoOptions:
     car: Path | None = None
     learner: bool = True
     """diagnose beside the drive, and drive with what is found"""
+    receivers: bool = False
+    """positions come from receivers on the network, and none from CAN"""
 
     @property
     def target_laps(self) -> int | None:
@@ -126,9 +128,20 @@ def _overrides(options: DemoOptions, folder: Path) -> dict[str, Any]:
         values |= {key: "paper" for key in ("plant.base", "declared_model") if made[key][1] == DEFAULT_ORIGIN}
     if options.zenoh_port is not None:
         values["zenoh.connect"] = (f"tcp/127.0.0.1:{options.zenoh_port}",)
+    if options.receivers:
+        values |= _network_receivers(options)
     if options.model:
         values["estimator.model"] = values["planner.model"] = str(Path(options.model).absolute())
     return values
+
+
+def _network_receivers(options: DemoOptions) -> dict[str, Any]:
+    """Those of the car folder, each on a free port of this computer, whose clock is that of the satellites."""
+    names = load_config(options.config_file).car.network_receivers
+    if not names:
+        raise InputError("--receivers: the car folder has none on the network (car.toml, and not in signals.toml)")
+    read = {n: {"address": f"tcp://127.0.0.1:{_free_port(socket.SOCK_STREAM)}", "clock": "gps"} for n in names}
+    return {"receivers": read, "plant.receivers": True, "plant.can_positions": False}
 
 
 def parse_effects(texts: Sequence[str]) -> dict[str, float]:

@@ -47,6 +47,7 @@ PROCESSES: tuple[ProcessSpec, ...] = (
     ProcessSpec("planner"),
 )
 DASHBOARD = ProcessSpec("dashboard", optional=True)
+RECEIVER = ProcessSpec("receiver")
 LEARNER = ProcessSpec("learner", optional=True, beside=True)
 
 

@@ -19,6 +19,8 @@ FLOAT = frozenset({32, 33, 34, 35, 55})
 """float ambiguities, INS with float RTK"""
 INS_GOOD = 3
 """INS_SOLUTION_GOOD; 2 is high variance, 6 runs without GNSS updates, 7 is aligned and waits for motion"""
+LATENCY_MAX_S = 1.0
+"""of a velocity; receivers state 0 to 0.25 s"""
 SOLUTION_AGE_MAX_S = 1.0
 """older corrections or an older solution: what is sent is extrapolated"""
 
@@ -59,4 +61,6 @@ def _refusal(log: ReceiverLog) -> str:
         return f"INS not ready (status {values['ins_status']})"
     if not all(math.isfinite(value) for value in values.values() if isinstance(value, float)):
         return "a value is not a number"
+    if not 0.0 <= values.get("latency_s", 0.0) <= LATENCY_MAX_S:
+        return "latency of the velocity out of range"
     return "" if kind in FIXED | FLOAT else f"no RTK (type {kind})"

@@ -27,6 +27,8 @@ MOST_A_SECOND = 1000
 EARLY_NS = NS_PER_S // 200
 """by which a position may come before it is due: times of logs are rounded to milliseconds"""
 LEAP_MAX_S = 60
+LATEST_NS = 1 << 62
+"""GPS time in ns, of the year 2126"""
 DAY_NS = 86_400 * NS_PER_S
 
 
@@ -39,7 +41,7 @@ class Reader:
         self._continuity, self._clock = Continuity(), GpsClock(config, declared.delay)
         self._seq = self._logs = self._damaged = self.connections = 0
         self._refused: Counter[str] = Counter()
-        self._second_ns = self._room = 0
+        self._second_ns, self._room = -NS_PER_S, 0
         self._came_ns: dict[str, int] = {}
         """when the newest log came of each kind that places"""
         self._utc_ns: int | None = None
@@ -73,14 +75,15 @@ class Reader:
             yield from self._of_sentence(sentence, unix_ns)
 
     def _of_log(self, log: ReceiverLog) -> Iterator[Solution]:
-        if log.name == "TIME" and log.values["clock_status"] == 0 and 0.0 <= -log.values["utc_offset_s"] < LEAP_MAX_S:
+        if log.name == "TIME" and log.values["clock_status"] == 0 and 0.0 < -log.values["utc_offset_s"] < LEAP_MAX_S:
             self._clock.leap_s = round(-log.values["utc_offset_s"])
         try:
             solution = self._solutions.of_log(log)
         except ValueError:
             solution = Solution(log.name, log.gps_ns, Quality.REFUSED, "a value is out of range")
         if solution is not None:
-            yield solution
+            in_range = 0 <= solution.gps_ns < LATEST_NS
+            yield solution if in_range else Solution(log.name, 0, Quality.REFUSED, "its time is out of range")
 
     def _of_sentence(self, sentence: Sentence, unix_ns: int) -> Iterator[Solution]:
         """One without a time is of that of the sentence before."""
@@ -111,7 +114,7 @@ class Reader:
             self._refused[refusal] += 1
         return Navigation(
             stamp_ns=stamp_ns, seq=self._seq - 1, source=self._name, log=solution.log, quality=quality, reason=reason,
-            gps_ns=max(solution.gps_ns, 0), late_s=self._late_s,
+            gps_ns=solution.gps_ns, late_s=self._late_s,
             places=self._places(solution, quality, reason, now_ns),
             **({} if refusal else _parts(solution)),
         )  # fmt: skip

@@ -35,8 +35,6 @@ STATED = {"grip": "a stage of the model"}
 """constants that happen to be called as an entry of a car -> what they are"""
 UNREAD = {
     "sensors.pressure_noise": "brakes are believed to the step of their report",
-    "imu.delay": "the stamp of a report counts as the time of its measurement",
-    "receiver.delay": "as imu.delay",
 }
 """entries that nothing reads yet -> what is assumed instead"""
 

@@ -1,0 +1,136 @@
+"""Fixes of receivers on the network: brought up to now, the receiver in use, and why there is none."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from hil_gateway.bus.outside import Heading, Navigation, Place, Quality, Velocity
+from hil_gateway.config import Config, load_config
+from hil_gateway.gateway.perceive.positions.network import NetworkReceivers
+from hil_gateway.track.geodesy import LocalMap
+
+MS, START_MS = 1_000_000, 10_000
+SPEED, GAIN, RATE = 60.0, -15.0, 0.4
+"""m/s at the start, m/s2 and rad/s: hard on the brakes into a bend"""
+NAMES = ("novatel_top", "novatel_bottom")
+
+
+def config() -> Config:
+    return load_config(None, {"receivers": {name: {"address": "tcp://127.0.0.1:1"} for name in NAMES}})
+
+
+def true_way(ms: int) -> tuple[float, float, float, float]:
+    """x, y, yaw, speed of the car so many ms after the start, in steps of 0.1 ms."""
+    x = y = 0.0
+    for step in range(10 * ms):
+        t = (step + 0.5) * 1e-4
+        x += 1e-4 * (SPEED + GAIN * t) * math.cos(RATE * t)
+        y += 1e-4 * (SPEED + GAIN * t) * math.sin(RATE * t)
+    return x, y, RATE * 1e-3 * ms, SPEED + GAIN * 1e-3 * ms
+
+
+class Played:
+    """What the gateway is given, ms by ms of a car on `true_way`."""
+
+    def __init__(self, given: Config) -> None:
+        self.map, self.receivers, self.seq = LocalMap(given.origin), NetworkReceivers(given), 0
+
+    def say(self, name: str, of_ms: int, now_ms: int, quality: Quality = Quality.FIXED, **other: object) -> None:
+        x, y, yaw, speed = true_way(of_ms)
+        latitude, longitude = self.map.to_geodetic(x, y)
+        place = Place(latitude=latitude, longitude=longitude, height=None, std_east=0.01, std_north=0.01, std_up=None)
+        velocity = Velocity(east=speed * math.cos(yaw), north=speed * math.sin(yaw), up=None, std=0.02)
+        said = {"place": place, "velocity": velocity, "places": True, "reason": "", **other}
+        if quality is Quality.REFUSED:
+            said |= {"place": None, "velocity": None, "reason": "no RTK (type 16)"}
+        message = Navigation.model_validate({
+            "stamp_ns": (START_MS + of_ms) * MS, "seq": self.seq, "source": name, "log": "INSPVAX", "quality": quality,
+            "gps_ns": 0, "late_s": 0.0, **said,
+        })  # fmt: skip
+        self.seq += 1
+        self.receivers.take([message], (START_MS + now_ms) * MS)
+
+    def step(self, now_ms: int) -> tuple[float, float] | None:
+        fix = self.receivers.step((START_MS + now_ms) * MS, GAIN, RATE)
+        if fix is None:
+            return None
+        x, y = self.map.to_map(*fix[:2])
+        return x + fix[2], y + fix[3]
+
+    def in_use(self, now_ms: int) -> str:
+        healths = self.receivers.healths((START_MS + now_ms) * MS)
+        assert healths["position"] == healths[f"receiver.{self.receivers.name}"]
+        return self.receivers.name
+
+
+@pytest.mark.parametrize("late_ms", [0, 25, 80, 200])
+def test_a_late_fix_is_one_of_now(late_ms):
+    played = Played(config())
+    for ms in range(0, 300, 10):
+        assert played.step(ms) is None
+    played.say("novatel_top", 300 - late_ms, 300)
+    found = played.step(300)
+    assert found == pytest.approx(true_way(300)[:2], abs=0.01)
+    assert math.dist(true_way(300 - late_ms)[:2], true_way(300)[:2]) >= 0.05 * late_ms
+    assert played.step(310) is None  # once
+
+
+def test_a_fix_whose_velocity_is_older_goes_the_way_of_the_car_all_the_same():
+    played = Played(config())
+    for ms in range(0, 300, 10):
+        played.step(ms)
+    played.say("novatel_top", 180, 300, place=None, places=False)
+    played.say("novatel_top", 220, 300, velocity=None)
+    assert played.step(300) == pytest.approx(true_way(300)[:2], abs=0.01)
+
+
+def test_antenna_ahead_of_the_centre_of_gravity_is_taken_off_by_where_the_car_points():
+    played = Played(config())
+    newest = played.receivers._newest["novatel_top"]
+    newest.declared = newest.declared.model_copy(update={"x": 1.5, "y": -0.2})
+    for ms in range(0, 300, 10):
+        played.step(ms)
+    played.say("novatel_top", 220, 300, heading=Heading(yaw=0.5, std=0.01))
+    x, y = true_way(300)[:2]
+    yaw = 0.5 + 0.08 * RATE
+    ahead, left = 1.5, -0.2
+    expected = x - math.cos(yaw) * ahead + math.sin(yaw) * left, y - math.sin(yaw) * ahead - math.cos(yaw) * left
+    assert played.step(300) == pytest.approx(expected, abs=0.01)
+
+
+def test_receiver_in_use_stays_so_while_it_places_the_car():
+    played = Played(config())
+    assert played.in_use(0) == "novatel_top"
+    for ms in range(0, 1000, 50):
+        played.say("novatel_bottom", ms, ms)
+        if not 200 <= ms < 600:
+            played.say("novatel_top", ms, ms)
+        played.step(ms)
+        expected = "novatel_top" if ms < 400 else "novatel_bottom"
+        assert played.in_use(ms) == expected, ms
+
+
+def test_without_a_fix_the_cause_of_each_is_said():
+    played = Played(config())
+    assert "hil receiver run" in played.receivers.cause
+    for ms in range(0, 300, 10):
+        played.step(ms)
+    played.say("novatel_top", 290, 300, Quality.REFUSED)
+    played.say("novatel_bottom", 290, 300, velocity=None)
+    played.receivers.name = "novatel_bottom"
+    assert played.step(300) is None
+    assert "novatel_top: no RTK (type 16)" in played.receivers.cause
+    assert "novatel_bottom: no velocity comes with its positions" in played.receivers.cause
+    assert not played.receivers.healths((START_MS + 900) * MS)["position"].valid
+
+
+def test_what_is_of_another_clock_or_another_receiver_is_left_out():
+    played = Played(config())
+    for ms in range(0, 300, 10):
+        played.step(ms)
+    played.say("novatel_top", 500, 300)
+    played.say("novatel_top", 200, 300 + 1500)
+    played.say("somebody", 290, 300)
+    assert played.step(300) is None
