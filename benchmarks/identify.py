@@ -15,12 +15,12 @@ from scipy.optimize import least_squares
 
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.model.columns import CHANNELS, ModelColumns
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import SingleTrack
 from estimator.model.tyre import blend_speed
 from estimator.offline.fit.equation_error import fit
 from estimator.offline.fit.problem import FitSettings
 from estimator.offline.fit.recursive import averaged, batch
-from estimator.offline.record.declared import default_tyre_prior
 from estimator.offline.record.prepare import Samples, prepare
 from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
@@ -85,7 +85,7 @@ def by_scipy(samples: Samples, columns: ModelColumns, spread: Array) -> tuple[Ar
 def main() -> None:
     """Print one JSON object."""
     vehicle = load_car().vehicle
-    columns = ModelColumns(SingleTrack(vehicle, "per_axle", (), default_tyre_prior("per_axle", vehicle)))
+    columns = ModelColumns(SingleTrack(vehicle, tyre_prior(load_car(), "per_axle")))
     samples = synthetic(columns)
     fit(columns, samples.select_range(0, 1000))  # builds the functions
     began = time.process_time()

@@ -34,7 +34,7 @@ from hil_gateway.config import load_config
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 from planner.plan.exploring import exploring
-from planner.problem.settings import Information, Settings
+from planner.problem.settings import Information, Settings, declared_settings
 from planner.solver.functions import build_functions
 from planner.solver.sqp import Sqp
 
@@ -51,7 +51,7 @@ HPIPM_SHARE = 20
 
 def settings(weight: float) -> Settings:
     """Settings with q_I = `weight` and the estimator's measurement model."""
-    return Settings(information=Information(weight=weight, kind="imu_yaw"))
+    return replace(declared_settings(load_car()), information=Information(weight=weight, kind="imu_yaw"))
 
 
 def ladder_rows(track: Track, weight: float, steps: int, files: argparse.Namespace) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from enum import StrEnum
 from functools import cache, cached_property, partial
 from struct import Struct
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from can_dbc.database import BusMessage, Database, Signal, id_text, load_database
 from can_dbc.folder import DEFAULT_PLATFORM, platform_folder
@@ -76,6 +76,10 @@ class Codec:
         self.messages: Mapping[str, BusMessage] = MappingProxyType({m.name: m for m in database.messages})
         self.by_id: Mapping[int, BusMessage] = MappingProxyType({m.id: m for m in database.messages})
         self._quantities = _quantities_of(signals)
+
+    def sent_by(self, sender: Literal["car", "computer"]) -> frozenset[int]:
+        """Identifiers of what the car, or the computer, sends."""
+        return frozenset(message.id for message in self.messages.values() if message.direction == sender)
 
     @cached_property
     def _decoders(self) -> dict[int, Decoder]:

@@ -31,7 +31,7 @@ def estimate_session(source: Path, target: Path, config: Config) -> dict[str, in
         InputError: no recording, no vehicle states in it, `target` cannot be written.
     """
     reader, count = SessionReader(source), Counter[str]()
-    with output_file(target, source) as path, SessionFile(path, {}) as file, named(source):
+    with output_file(target, source) as path, SessionFile(path, {}, attached=config.car.files()) as file, named(source):
         for written, item in enumerate(_with_outputs(reader, config, count), start=1):
             file.add(item.topic, item.data, item.log_ns, item.publish_ns, item.sequence)
             if written % FLUSH_EVERY == 0:

@@ -56,7 +56,7 @@ class Estimator:
         self._bus = bus
         track = track or load_track(config.track)
         self._agreement = agreement(config, track)
-        self.localisation = Localisation(config.vehicle, track)
+        self.localisation = Localisation(config.declared_car, track)
         self._use(ModelInUse.of(config, starting_revision(config, config.estimator.model), track.length))
         self._succession = Succession(config, track.length, background=background)
         self._learns = config.estimator.learn

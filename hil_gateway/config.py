@@ -109,11 +109,6 @@ class PlannerConfig(Model):
     sigma_level: float = Field(default=2.0, ge=0, le=3, description="Eq. (10) holds at this many sigma of the belief")
     load_use: float = Field(default=0.98, gt=0, le=1, description="share of its tyres' peak force an axle may use")
     load_limits: str = Field(default="", description="file of loads held, carried from run to run; empty: first run")
-    actuator_delay_s: float = Field(
-        default_factory=lambda: load_car().actuators.first_motion, ge=0, le=0.5, description="command to first motion"
-    )
-    steer_bandwidth_hz: float = Field(default_factory=lambda: load_car().actuators.steering_bandwidth, gt=0)
-    drive_bandwidth_hz: float = Field(default_factory=lambda: load_car().actuators.brake_bandwidth, gt=0)
     estimate_age_s: float = Field(default=0.01, ge=0, le=0.2, description="age of an estimate when it arrives")
     compute_s: float = Field(default=0.004, ge=0, le=0.05, description="time from estimate to command, expected")
     deadline_s: float = Field(default=0.04, gt=0, description="a solution later than this is not used")
@@ -165,22 +160,13 @@ class Config(Model):
 
     @property
     def car(self) -> Car:
-        """What is known of the car before it has driven."""
+        """What its folder says of the car."""
         return load_car(self.platform)
 
-    def of_one_car(self) -> Self:
-        """Itself, where everything in this process works with the car it names.
-
-        Raises:
-            InputError: effects, limits and codecs would be those of two cars.
-        """
-        own = load_car().platform
-        if self.platform != own:
-            raise InputError(
-                f"platform = {self.platform!r}, but the rest of this process works with {own!r}: "
-                "name the car with --platform or HIL_PLATFORM, alike for every process"
-            )
-        return self
+    @property
+    def declared_car(self) -> Car:
+        """The same with the numbers that this configuration gives in their place: what is driven with."""
+        return self.car.model_copy(update={"vehicle": self.vehicle, "powertrain": self.powertrain})
 
     @model_validator(mode="before")
     @classmethod
@@ -189,19 +175,11 @@ class Config(Model):
         if not isinstance(tree, dict):
             return tree
         car = load_car(str(tree.get("platform") or default_platform()))
-        merged = dict(tree) | {"platform": car.platform}
-        of_car = {
-            "vehicle": car.vehicle.model_dump(), "powertrain": car.powertrain.model_dump(),
-            "planner": {
-                "actuator_delay_s": car.actuators.first_motion, "steer_bandwidth_hz": car.actuators.steering_bandwidth,
-                "drive_bandwidth_hz": car.actuators.brake_bandwidth,
-            },
+        of_car: dict[str, Any] = {
+            "platform": car.platform, "vehicle": car.vehicle.model_dump(), "powertrain": car.powertrain.model_dump(),
+            "gateway": {"stop": {"lateral_grip": car.tyres.grip}},
         }  # fmt: skip
-        for section, own in of_car.items():
-            given = tree.get(section)
-            if given is None or isinstance(given, dict):
-                merged[section] = own | (given or {})
-        return merged
+        return _merged(of_car, tree)
 
     @model_validator(mode="after")
     def _drives_a_race_car(self) -> Self:
@@ -238,6 +216,12 @@ class Config(Model):
         return self
 
 
+def _merged(own: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """`own` with what is `given` in its place, table by table."""
+    both = {key: value for key, value in given.items() if isinstance(value, dict) and isinstance(own.get(key), dict)}
+    return {**own, **given, **{key: _merged(own[key], value) for key, value in both.items()}}
+
+
 CONFIG_BYTES_MAX = 1_000_000
 """of a configuration file; ours have some hundreds"""
 
@@ -246,7 +230,7 @@ def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = 
     """Merge defaults, TOML file, environment and dotted `overrides` ("can.channel": "can0").
 
     Raises:
-        InputError: unreadable file, unknown key, value out of range, another car than this process's.
+        InputError: unreadable file, unknown key, value out of range.
     """
     tree: dict[str, Any] = _read_toml(path) if path else {}
     for keys, value in _environment().items():
@@ -254,7 +238,7 @@ def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = 
     for key, value in (overrides or {}).items():
         _set(tree, key.split("."), value)
     try:
-        return Config.model_validate(tree).of_one_car()
+        return Config.model_validate(tree)
     except ValidationError as error:
         raise InputError(_explain(error, path, overrides or {})) from None
 

@@ -66,7 +66,7 @@ class Planner:
         self._belief = LatestReader(bus, topics.BELIEF)
         self._revision = LatestReader(bus, topics.MODEL_REVISION)
         self._applied = bus.subscribe(topics.APPLIED, depth=50)
-        self._actuators = ActuatorModel(p)
+        self._actuators = ActuatorModel(config.car.actuators)
         self._plan: Trajectory | None = None
         self._guess_start_ns: int | None = None
         self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
@@ -92,7 +92,7 @@ class Planner:
 
     def _plan_and_publish(self, now_ns: int) -> Plan | None:
         started = self._stopwatch()
-        start_ns = now_ns + round((self._config.planner.compute_s + self._config.planner.actuator_delay_s) * NS_PER_S)
+        start_ns = now_ns + round((self._config.planner.compute_s + self._config.car.actuators.first_motion) * NS_PER_S)
         z0 = self._initial_state(now_ns, start_ns)
         decision = self._first_metres(now_ns, start_ns) or self._decide(z0, start_ns, started)
         if decision is None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.campaign.trial import METHODS
 from estimator.model.measurement import CHANNELS, measurement_function
-from estimator.model.parameters import tyre_parameters
+from estimator.model.parameters import tyre_parameters, tyre_prior
 from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
@@ -113,9 +113,9 @@ class _Score:
     """Held-out RMSE of the lateral acceleration, m/s2, all samples in one call."""
 
     def __init__(self) -> None:
-        model = SingleTrack(load_car().vehicle, "per_axle")
+        model = SingleTrack(load_car().vehicle, tyre_prior(load_car(), "per_axle"))
         self._h = measurement_function(model, "imu_yaw")
-        assert len(tyre_parameters("per_axle")) == 7
+        assert len(tyre_parameters(tyre_prior(load_car(), "per_axle"))) == 7
 
     def __call__(self, theta: Array, signals: Array, z: Array) -> float:
         aux = np.zeros((len(AUXILIARY), 1))
@@ -142,7 +142,7 @@ def bootstrap(values: Sequence[float]) -> Interval:
 
 def d_target(accuracy: float) -> float:
     """log det of information at which parameters are known to `accuracy` in the geometric mean."""
-    table = tyre_parameters("per_axle")
+    table = tyre_parameters(tyre_prior(load_car(), "per_axle"))
     return float(sum(2.0 * np.log(p.prior_std / p.prior / accuracy) for p in table))
 
 

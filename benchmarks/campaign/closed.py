@@ -14,11 +14,12 @@ from typing import Any
 
 from estimator.belief.revision import declared_revision
 from estimator.drive_log.table import DriveLog
-from estimator.model.parameters import DEFAULT_TYRE
+from estimator.model.parameters import tyre_prior
 from estimator.offline.diagnosis import diagnose
 from estimator.offline.record.record import make_record
 from estimator.offline.report.diagnosis_result import as_json, as_revision
 from estimator.offline.result.model_score import score_revisions
+from hil_gateway.car.car import load_car
 from hil_gateway.config import Config, load_config
 from hil_gateway.process.figures import figure
 from planner.simulation.loop import Loop, LoopResult
@@ -74,14 +75,14 @@ def close_loop(effects: Mapping[str, float], base: str, laps: int, seed: int, tr
     config = load_config(None, overrides)
     first, log = _drive(config, laps)
     layout = config.estimator.layout
-    diagnosis = diagnose(make_record(log, config.vehicle), layout, DEFAULT_TYRE[layout])
+    diagnosis = diagnose(make_record(log, config.vehicle), layout, tyre_prior(load_car(), layout))
     revision, found = as_revision(diagnosis, layout, ("driven by the loop",)), as_json(diagnosis, "", "")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.json"
         path.write_text(revision.model_dump_json())
         model = {"planner.model": str(path), "estimator.model": str(path), "plant.seed": seed + 1}
         second, again = _drive(load_config(None, overrides | model), laps)
-    score = score_revisions(again.columns, declared_revision(layout), revision, config)
+    score = score_revisions(again.columns, declared_revision(tyre_prior(load_car(), layout)), revision, config)
     return Closed(
         effects=dict(effects),
         found=[effect["name"] for effect in found["effects"]],

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator.model.parameters import tyre_prior
 from hil_gateway.car.car import load_car
 from hil_gateway.plant.physics.effects import SWITCHES, implied
 from hil_gateway.process.children import pool
@@ -53,13 +54,14 @@ class Case:
 def run_case(case: Case, laps: int) -> dict[str, Any]:
     """Drive and diagnose; plain data."""
     from benchmarks.driving.simulated_log import simulate
-    from estimator.model.parameters import DEFAULT_TYRE
     from estimator.offline.diagnosis import diagnose
     from estimator.offline.record.record import make_record
     from estimator.offline.report.diagnosis_result import as_json
 
     log = simulate({case.effect: case.size} if case.truth else {}, laps=laps, seed=case.seed)
-    found = as_json(diagnose(make_record(log, load_car().vehicle), "per_axle", DEFAULT_TYRE["per_axle"]), "", "")
+    found = as_json(
+        diagnose(make_record(log, load_car().vehicle), "per_axle", tyre_prior(load_car(), "per_axle")), "", ""
+    )
     return {
         "effect": case.effect, "seed": case.seed, "size": case.size, "laps": laps, "truth": case.truth,
         "verdict": found["verdict"], "named": [e["name"] for e in found["effects"]],

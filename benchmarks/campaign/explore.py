@@ -23,6 +23,7 @@ from estimator.belief.revision import model_of
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.bus.topics import MODEL_REVISION
+from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config, load_config
 from hil_gateway.plant.car_file import random_car
@@ -97,7 +98,7 @@ def limit_errors(revisions: Sequence[ModelRevision], limit: Array, vehicle: Vehi
     def error(revision: ModelRevision) -> float:
         revised = model_of(revision, vehicle, lap_length)
         at_start = revised.phi_at(np.zeros(1))[:, 0]
-        envelope = envelope_of(revised.model, list(revised.theta), list(at_start), use=(1.0, 1.0))
+        envelope = envelope_of(revised.model, list(revised.theta), list(at_start), use=(1.0, 1.0), car=load_car())
         return float(np.max(np.abs(envelope.at(envelope.lateral, np.array(SPEEDS)) / limit - 1.0)))
 
     return np.array([error(revision) for revision in revisions])

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.plans.safety import LOAD_TOLERANCE, Watch
 from estimator.belief.tyre_belief import Sample
-from estimator.model.parameters import DEFAULT_TYRE, layout_of
+from estimator.model.parameters import layout_of, tyre_prior
 from estimator.model.tyre import front_and_rear, normalised_force, slip_at_peak
 from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
@@ -55,7 +55,7 @@ def load_shares(kept: list[Sample], tyre: Mapping[str, float], limits: tuple[flo
     slip_f, slip_r, drive = _slips(kept)
     axles = front_and_rear(layout_of(tyre))
     front, rear = (normalised_force(slip, *axle.of(tyre)) for slip, axle in zip((slip_f, slip_r), axles, strict=True))
-    along = DEFAULT_TYRE["per_axle"]["cx"] * drive / load_car().vehicle.static_load_rear
+    along = tyre_prior(load_car(), "per_axle")["cx"] * drive / load_car().vehicle.static_load_rear
     return np.concatenate([np.abs(front) / limits[0], np.hypot(rear, along) / limits[1]])
 
 

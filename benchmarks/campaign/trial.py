@@ -30,10 +30,11 @@ from benchmarks.campaign.safety import SLIP_SPEED, safety_figures
 from benchmarks.plans.safety import Watch, Watched
 from estimator.belief.revision import declared_revision
 from estimator.belief.tyre_belief import Sample
-from estimator.model.parameters import DEFAULT_TYRE
+from estimator.model.parameters import tyre_prior
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Belief
+from hil_gateway.car.car import load_car
 from hil_gateway.config import Config, load_config
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
@@ -92,7 +93,7 @@ class Learnt:
 
 def true_tyre(seed: int, settings: CampaignSettings) -> dict[str, float]:
     """Tyre parameters of the car of a seed (C_x follows from its brakes and engine, which stay)."""
-    lateral = {name: value for name, value in DEFAULT_TYRE["per_axle"].items() if name != "cx"}
+    lateral = {name: value for name, value in tyre_prior(load_car(), "per_axle").items() if name != "cx"}
     signs = np.random.default_rng([2024, seed]).choice([-1.0, 1.0], size=len(lateral))
     return {n: float(v * (1.0 + settings.mismatch * s)) for (n, v), s in zip(lateral.items(), signs, strict=True)}
 
@@ -131,7 +132,7 @@ def job(trial: Trial, settings: CampaignSettings, learnt: Learnt | None = None) 
 
 def starting_knowledge(trial: Trial, settings: CampaignSettings) -> Learnt:
     """What `prior` and `known` drive with: declared or true tyres, how well they are known, and no load held."""
-    tyre, share = dict(DEFAULT_TYRE["per_axle"]), settings.mismatch
+    tyre, share = dict(tyre_prior(load_car(), "per_axle")), settings.mismatch
     if trial.method == KNOWN:
         tyre, share = tyre | true_tyre(trial.seed, settings), KNOWN_STD
     covariance = np.diag([(share * value) ** 2 for value in tyre.values()])
@@ -142,7 +143,7 @@ def _without_learning(config: Config, learnt: Learnt, folder: Path) -> Config:
     """Planner and estimator fixed on what is known, with its load limits."""
     model, limits = folder / "model.json", folder / "limits.json"
     covariance = tuple(map(tuple, learnt.covariance))
-    revision = declared_revision("per_axle", learnt.tyre).model_copy(update={"covariance": covariance})
+    revision = declared_revision(learnt.tyre).model_copy(update={"covariance": covariance})
     model.write_text(revision.model_dump_json())
     store_limits(limits, LoadLimits(*learnt.limits))
     return config.model_copy(update={

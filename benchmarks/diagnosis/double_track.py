@@ -93,7 +93,7 @@ def results(
 ) -> Iterator[tuple[str, Case, dict[str, Any]]]:
     """Every drive with what `hil diagnose` says of it, fits in so many processes."""
     drives = simulate([case.setup for case in cases.values()], [case.seed for case in cases.values()])
-    vehicle, prior = load_car().vehicle, default_tyre_prior("per_axle", load_car().vehicle)
+    vehicle, prior = load_car().vehicle, default_tyre_prior("per_axle", load_car().vehicle, load_car())
     with workers(processes) as pool:
         for (name, case), drive in zip(cases.items(), track(drives, "diagnosing"), strict=True):
             log = DriveLog(drive.columns, segment_numbers(drive.columns["t"]))

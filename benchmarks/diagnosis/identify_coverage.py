@@ -39,8 +39,8 @@ def main() -> None:
     """Print the coverage overall and per parameter."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 100
     vehicle = load_car().vehicle
-    prior = default_tyre_prior("per_axle", vehicle)
-    columns = ModelColumns(SingleTrack(vehicle, "per_axle", (steer_timing(0.01),), prior))
+    prior = default_tyre_prior("per_axle", vehicle, load_car())
+    columns = ModelColumns(SingleTrack(vehicle, prior, (steer_timing(0.01),)))
     drives = simulate(random_tyres(count, seed=101), SECONDS, seed=102)
     rows = []
     for number, drive in enumerate(drives, start=1):

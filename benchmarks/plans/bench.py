@@ -17,7 +17,9 @@ from estimator.belief.information import fisher_information, trace_criterion
 from estimator.belief.revision import declared_revision, model_of
 from estimator.belief.tyre_belief import DEFAULT_STD
 from estimator.model.measurement import CHANNELS, measurement_function
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import AUXILIARY
+from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.track import Track
@@ -70,11 +72,11 @@ def bench_controller(
     track: Track, vehicle: Vehicle, settings: Settings, *, backend: str = "auto", compiled: bool = True
 ) -> tuple[Controller, OptimisedLine]:
     """Controller of the declared model on the race line of a track, with a belief of 5 %."""
-    revised = model_of(declared_revision("per_axle"), vehicle, track.length)
+    revised = model_of(declared_revision(tyre_prior(load_car(), "per_axle")), vehicle, track.length)
     problem = Problem(revised.model, settings)
     # plans that explore leave more of the load limits alone: a profile that does not enters bends too fast for them
     use = (1.0 - (settings.limits.exploring_reserve if problem.informative else 0.0)) * PROFILE_USE
-    envelope = envelope_of(revised.model, list(revised.theta), use=(use, use))
+    envelope = envelope_of(revised.model, list(revised.theta), use=(use, use), car=load_car())
     line = raceline_for(track, envelope, MARGIN)
     theta, names = revised.theta, [p.name for p in revised.model.tyre_table]
     judged = LOAD_USE * theta[names.index("df")], LOAD_USE * theta[names.index("dr")]

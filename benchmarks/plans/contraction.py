@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.plans.bench import bench_controller, clock, start_state
+from hil_gateway.car.car import load_car
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
 from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
 from planner.problem.motion import S
-from planner.problem.settings import Information, Settings
+from planner.problem.settings import Information, declared_settings
 
 SCALE = np.array([1.0, 1.0, 0.05, 1.0, 0.5, 0.1])
 """m, m, rad, m/s, m/s, rad/s: what counts as one unit of distance between states of the car"""
@@ -63,7 +64,9 @@ def compare(config: Config, places: int = PLACES) -> dict[str, Any]:
     """Summaries of `CASES` on the configured track: the object of `hil plan contraction --json`."""
     track, result = load_track(config.track), {}
     for name, information in CASES.items():
-        settings = Settings(information=replace(information, kind=config.estimator.measurement))
+        settings = replace(
+            declared_settings(load_car()), information=replace(information, kind=config.estimator.measurement)
+        )
         controller, _ = bench_controller(track, config.vehicle, settings)
         result[name] = measure(controller, places).summary()
     return {"places": places, "seconds": SECONDS, "cases": result}

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from estimator.belief.revision import declared_revision
-from estimator.model.parameters import DEFAULT_TYRE
+from estimator.model.parameters import tyre_prior
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Command, Plan, PlanStatus
 from hil_gateway.bus.topics import COMMAND, PLAN
+from hil_gateway.car.car import load_car
 from hil_gateway.config import Config
 from hil_gateway.plant.plant import plant_parameters
 from hil_gateway.plant.referee.lap_limit import lap_limit, lap_ratios
@@ -45,8 +46,8 @@ class Watch:
 
 def mismatched_tyre(config: Config, share: float, seed: int) -> dict[str, float]:
     """Declared tyre parameters, each off by `share` up or down."""
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=len(DEFAULT_TYRE[config.estimator.layout]))
-    values = DEFAULT_TYRE[config.estimator.layout].items()
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=len(tyre_prior(load_car(), config.estimator.layout)))
+    values = tyre_prior(load_car(), config.estimator.layout).items()
     return {name: value * (1.0 + share * sign) for (name, value), sign in zip(values, signs, strict=True)}
 
 
@@ -59,7 +60,7 @@ def drive(config: Config, laps: int, mismatch: float, seed: int, track: Track | 
     tyre = mismatched_tyre(config, mismatch, seed)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "model.json"
-        path.write_text(declared_revision(config.estimator.layout, tyre).model_dump_json())
+        path.write_text(declared_revision(tyre).model_dump_json())
         wrong = config.model_copy(update={
             "planner": config.planner.model_copy(update={"model": str(path)}),
             "estimator": config.estimator.model_copy(update={"model": str(path), "learn": False}),

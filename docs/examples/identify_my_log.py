@@ -6,10 +6,11 @@ from pathlib import Path
 from estimator.drive_log.table import read_logs
 from estimator.offline.identification import Options, identify
 from estimator.offline.record.declared import read_tyre_prior, read_vehicle
+from hil_gateway.car.car import load_car
 
 log, vehicle, tyre = (*map(Path, sys.argv[1:]), None, None)[:3]
-car = read_vehicle(vehicle)
-result = identify(read_logs([log]), car, read_tyre_prior(tyre, "per_axle", car), Options())
+car = read_vehicle(vehicle, load_car())
+result = identify(read_logs([log]), car, read_tyre_prior(tyre, "per_axle", car, load_car()), Options())
 
 for name, value in result.final.items():
     known = "known" if result.identifiability.identifiable[name] else "not determined by this log"

@@ -181,7 +181,7 @@ class _ScoreTest:
         others = (e for e in catalogue().values() if e.name not in known and not e.estimated_by_filter)
         self._candidates = [effect for effect in others if not effect.profile]
         self._n_phi = len(model.effect_table)
-        widened = SingleTrack(model.vehicle, model.layout, (*model.effects, *self._candidates), model.tyre_prior)
+        widened = SingleTrack(model.vehicle, model.tyre_prior, (*model.effects, *self._candidates))
         self._function = compile_function(_sensitivities(widened, self._n_phi), compiled=False)
         self._neutral = np.array([x for e in self._candidates for x in e.neutral()])
         tyre_scale = [p.prior_std for p in model.tyre_table]

@@ -18,11 +18,12 @@ import numpy as np
 from estimator.belief.tyre_belief import TyreBelief
 from estimator.model.declared_car import declared_covariance, declared_effects
 from estimator.model.effects import catalogue
-from estimator.model.parameters import DEFAULT_TYRE, Layout, Quantity, layout_of
+from estimator.model.parameters import LAYOUTS, Layout, Quantity, layout_of, tyre_prior
 from estimator.model.profile import profile_basis
 from estimator.model.single_track import SingleTrack
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision
 from hil_gateway.bus.revision_file import read_revision
+from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config, EstimatorConfig
 from hil_gateway.process.arrays import Array
@@ -40,20 +41,20 @@ def revision_id(layout: str, tyre: Mapping[str, float], effects: Sequence[Active
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def declared_revision(layout: Layout, tyre: Mapping[str, float] | None = None) -> ModelRevision:
+def declared_revision(tyre: Mapping[str, float]) -> ModelRevision:
     """The declared model, Eq. (1)-(3), with no effects."""
-    values = dict(DEFAULT_TYRE[layout] if tyre is None else tyre)
-    return ModelRevision(stamp_ns=0, seq=0, revision=revision_id(layout, values), layout=layout, tyre=values)
+    layout = layout_of(tyre)
+    return ModelRevision(stamp_ns=0, seq=0, revision=revision_id(layout, tyre), layout=layout, tyre=dict(tyre))
 
 
-def race_car_revision(layout: Layout, vehicle: Vehicle) -> ModelRevision:
+def race_car_revision(car: Car, layout: Layout) -> ModelRevision:
     """The declared race car: Eq. (1)-(3) with its declared effects, and how well all of it is known."""
-    tyre, declared = dict(DEFAULT_TYRE[layout]), declared_effects(vehicle)
+    tyre, declared = tyre_prior(car, layout), declared_effects(car)
     effects = tuple(
         ActiveEffect(name=name, parameters={key: p.value for key, p in parameters.items()})
         for name, parameters in declared.items()
     )
-    covariance = tuple(map(tuple, declared_covariance(layout, vehicle).tolist()))
+    covariance = tuple(map(tuple, declared_covariance(car, layout).tolist()))
     return ModelRevision(
         stamp_ns=0, seq=0, revision=revision_id(layout, tyre, effects), layout=layout, tyre=tyre, effects=effects,
         covariance=covariance,
@@ -70,8 +71,8 @@ def starting_revision(config: Config, model: str) -> ModelRevision:
         return carried_over(load_revision(model))
     layout = config.estimator.layout
     if config.declared_model == "paper":
-        return declared_revision(layout)
-    return race_car_revision(layout, config.vehicle)
+        return declared_revision(tyre_prior(config.declared_car, layout))
+    return race_car_revision(config.declared_car, layout)
 
 
 def carried_over(revision: ModelRevision) -> ModelRevision:
@@ -135,7 +136,7 @@ class RevisedModel:
 def model_of(revision: ModelRevision, vehicle: Vehicle, lap_length: float) -> RevisedModel:
     """The model a revision describes, on a track of `lap_length` m."""
     effects = tuple(catalogue()[e.name] for e in revision.effects)
-    model = SingleTrack(vehicle, layout_of(revision.tyre), effects, tyre_prior=revision.tyre)
+    model = SingleTrack(vehicle, revision.tyre, effects)
     constants: list[float] = []
     profiles: dict[int, Array] = {}
     for effect, active in zip(effects, revision.effects, strict=True):
@@ -162,7 +163,7 @@ def unusable(revision: ModelRevision, current: ModelRevision) -> str:
 def inconsistent(revision: ModelRevision) -> str:
     """Which parts of a revision do not fit each other or the catalogue; empty when all do."""
     layout = layout_of(revision.tyre)
-    if layout != revision.layout or revision.tyre.keys() != DEFAULT_TYRE[layout].keys():
+    if layout != revision.layout or revision.tyre.keys() != set(LAYOUTS[layout]):
         return f"its tyres are not those of layout {revision.layout}"
     if unknown := [e.name for e in revision.effects if e.name not in catalogue()]:
         return f"effect {unknown[0]} is not in the catalogue: {', '.join(catalogue())}"

@@ -85,6 +85,7 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.offline.report.diagnosis_result import as_revision, write
     from estimator.offline.search.pool import workers
     from hil_gateway.process.errors import InputError
+    from hil_gateway.session.files.configuration import recorded_car
     from hil_gateway.track.loading import load_track
 
     end_s = math.inf if seconds is None else time.monotonic() + SEARCHED * seconds
@@ -92,8 +93,9 @@ def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
         check_folder(out, RESULTS, [path for path in (*sessions, vehicle, tyre) if path is not None])
     if layout not in ("per_axle", "shared"):
         raise InputError(f"--layout {layout}: must be per_axle or shared")
-    car = read_vehicle(vehicle)
-    prior = read_tyre_prior(tyre, layout, car)  # type: ignore[arg-type]
+    recorded = recorded_car(sessions)
+    car = read_vehicle(vehicle, recorded)
+    prior = read_tyre_prior(tyre, layout, car, recorded)  # type: ignore[arg-type]
     known = None if track is None else (track, load_track(track))
     with _progress() as bar, workers(os.cpu_count() or 1) as pool:
         progress = DiagnosisProgress(bar)

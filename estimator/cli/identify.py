@@ -83,12 +83,14 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     from estimator.offline.record.declared import read_tyre_prior, read_vehicle
     from estimator.offline.result.identification_score import as_summary
     from estimator.offline.tyre_export import exported, not_exported, usable_slip
+    from hil_gateway.session.files.configuration import recorded_car
 
     if out is not None:
         check_folder(out, RESULTS, [path for path in (*sessions, *(score or ()), vehicle, tyre) if path is not None])
     options = Options(layout.value, method.value, formulation.value, window, frozenset(keep or ()))
-    car = read_vehicle(vehicle)
-    prior = read_tyre_prior(tyre, layout.value, car)
+    recorded = recorded_car(sessions)
+    car = read_vehicle(vehicle, recorded)
+    prior = read_tyre_prior(tyre, layout.value, car, recorded)
     with _progress() as progress:
         progress("reading", 0.0)
         named = None if columns is None else read_map(columns)

@@ -12,17 +12,16 @@ import numpy as np
 
 from estimator.model.effect import DeclaredParameter, Effect
 from estimator.model.effects import catalogue
-from estimator.model.parameters import DEFAULT_TYRE, Layout
+from estimator.model.parameters import LAYOUTS, Layout
 from estimator.model.single_track import Stage
-from hil_gateway.car.car import load_car
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import Car
 from hil_gateway.process.arrays import Array
 
 
-def declared_effects(vehicle: Vehicle) -> dict[str, dict[str, DeclaredParameter]]:
+def declared_effects(car: Car) -> dict[str, dict[str, DeclaredParameter]]:
     """Effects of the race car with nominal values: effect -> parameter -> value and how well it is known."""
     declared = sorted((e for e in catalogue().values() if e.declare), key=_order)
-    return {e.name: dict(zip((p.name for p in e.parameters), _declared(e, vehicle), strict=True)) for e in declared}
+    return {e.name: dict(zip((p.name for p in e.parameters), _declared(e, car), strict=True)) for e in declared}
 
 
 def _order(effect: Effect) -> tuple[int, int, str]:
@@ -30,33 +29,32 @@ def _order(effect: Effect) -> tuple[int, int, str]:
     return len(effect.channels), max(Stage[stage].value for stage in effect.hooks), effect.name
 
 
-def _declared(effect: Effect, vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
+def _declared(effect: Effect, car: Car) -> tuple[DeclaredParameter, ...]:
     """Of the parameters of an effect; the deviation of a ratio to a tyre parameter has that one's too."""
     assert effect.declare is not None
     return tuple(
-        replace(p, std=float(np.hypot(p.std, p.value * relative_std(p.over)))) if p.over else p
-        for p in effect.declare(vehicle)
+        replace(p, std=float(np.hypot(p.std, p.value * _relative_std(car, p.over)))) if p.over else p
+        for p in effect.declare(car)
     )
 
 
-def declared_tyre_std(layout: Layout) -> dict[str, float]:
-    """Standard deviation of every declared tyre parameter of a race car, SI."""
-    car = load_car()
-    return {name: car.std(f"tyres.{name}") for name in DEFAULT_TYRE[layout]}
+def declared_tyre_std(car: Car, layout: Layout) -> dict[str, float]:
+    """Standard deviation of every declared tyre parameter of a car, SI."""
+    return {name: car.std(f"tyres.{name}") for name in LAYOUTS[layout]}
 
 
-def relative_std(name: str) -> float:
-    """Standard deviation of a declared tyre parameter over its value."""
-    return load_car().relative_std(f"tyres.{name}")
+def _relative_std(car: Car, name: str) -> float:
+    """Of a declared tyre parameter."""
+    return car.relative_std(f"tyres.{name}")
 
 
-def declared_covariance(layout: Layout, vehicle: Vehicle) -> Array:
+def declared_covariance(car: Car, layout: Layout) -> Array:
     """Of the tyre parameters of a race car and those of its declared effects after them (n, n), SI."""
-    tyres = declared_tyre_std(layout)
-    known = [p for named in declared_effects(vehicle).values() for p in named.values()]
+    tyres = declared_tyre_std(car, layout)
+    known = [p for named in declared_effects(car).values() for p in named.values()]
     covariance = np.diag(np.array([*tyres.values(), *(p.std for p in known)]) ** 2)
     for row, p in enumerate(known, len(tyres)):
         if p.over:
             column = [*tyres].index(p.over)
-            covariance[row, column] = covariance[column, row] = -p.value * relative_std(p.over) * tyres[p.over]
+            covariance[row, column] = covariance[column, row] = -p.value * _relative_std(car, p.over) * tyres[p.over]
     return covariance

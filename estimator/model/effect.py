@@ -9,6 +9,7 @@ from typing import Any, Literal
 import casadi as ca
 
 from estimator.model.parameters import Parameter, Quantity, of_size
+from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 
@@ -40,8 +41,8 @@ class DeclaredParameter:
     over: str = ""
 
 
-Declare = Callable[[Vehicle], tuple[DeclaredParameter, ...]]
-"""declare(vehicle) -> what a data sheet says of each parameter, in order"""
+Declare = Callable[[Car], tuple[DeclaredParameter, ...]]
+"""declare(car) -> what a data sheet says of each parameter, in order"""
 
 
 @dataclass(frozen=True)

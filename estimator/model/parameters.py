@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Literal
 
 from can_dbc.folder import DEFAULT_PLATFORM
-from hil_gateway.car.car import load_car
+from hil_gateway.car.car import Car, load_car
 from hil_gateway.car.vehicle import Vehicle
 
 Layout = Literal["shared", "per_axle"]
@@ -104,21 +104,10 @@ LAYOUTS: Mapping[Layout, tuple[str, ...]] = {
 """layout -> its tyre parameters, in the order of theta"""
 
 
-class _DeclaredTyres(Mapping[Layout, Mapping[str, float]]):
-    """Prior of every layout, of the car that is operated."""
+def tyre_prior(car: Car, layout: Layout) -> dict[str, float]:
+    """What is declared of the tyres of a car, in the order of theta."""
+    return {name: getattr(car.tyres, name) for name in LAYOUTS[layout]}
 
-    def __getitem__(self, layout: Layout) -> Mapping[str, float]:
-        tyres = load_car().tyres
-        return {name: getattr(tyres, name) for name in LAYOUTS[layout]}
-
-    def __iter__(self) -> Iterator[Layout]:
-        return iter(LAYOUTS)
-
-    def __len__(self) -> int:
-        return len(LAYOUTS)
-
-
-DEFAULT_TYRE: Mapping[Layout, Mapping[str, float]] = _DeclaredTyres()
 
 _Kind = tuple[str, float, tuple[float, float], tuple[float, float], str]
 # kind -> (unit, prior std over prior, lower and upper over prior, absolute bounds, description)
@@ -151,19 +140,19 @@ def _tyre_parameter(name: str, value: float) -> Parameter:
     )
 
 
-def tyre_parameters(layout: Layout, prior: Mapping[str, float] | None = None) -> tuple[Parameter, ...]:
-    """Tyre parameter table of a layout around `prior` (default: the car's), in the order of theta.
+def tyre_parameters(prior: Mapping[str, float]) -> tuple[Parameter, ...]:
+    """Tyre parameter table around `prior`, in the order of theta.
 
     Raises:
         ValueError: a parameter is missing, unknown or not positive.
     """
-    values = DEFAULT_TYRE[layout] if prior is None else prior
-    names = tuple(DEFAULT_TYRE[layout])
-    if set(values) != set(names):
-        raise ValueError(f"tyre parameters {sorted(values)} do not fit layout {layout}: expected {sorted(names)}")
-    if bad := [n for n in names if not values[n] > 0]:
-        raise ValueError(f"tyre parameter {bad[0]} = {values[bad[0]]} must be positive")
-    return tuple(_tyre_parameter(n, values[n]) for n in names)
+    layout = layout_of(prior)
+    names = LAYOUTS[layout]
+    if set(prior) != set(names):
+        raise ValueError(f"tyre parameters {sorted(prior)} do not fit layout {layout}: expected {sorted(names)}")
+    if bad := [n for n in names if not prior[n] > 0]:
+        raise ValueError(f"tyre parameter {bad[0]} = {prior[bad[0]]} must be positive")
+    return tuple(_tyre_parameter(n, prior[n]) for n in names)
 
 
 def layout_of(values: Mapping[str, float]) -> Layout:

@@ -14,7 +14,7 @@ from functools import cached_property
 import casadi as ca
 
 from estimator.model.effect import Effect
-from estimator.model.parameters import Layout, Parameter, Quantity, tyre_parameters
+from estimator.model.parameters import Layout, Parameter, Quantity, layout_of, tyre_parameters
 from estimator.model.tyre import (
     front_and_rear,
     lateral_force,
@@ -132,16 +132,20 @@ class SingleTrack:
     """The model of one vehicle with one list of active effects."""
 
     vehicle: Vehicle
-    layout: Layout
+    tyre_prior: Mapping[str, float]
     effects: tuple[Effect, ...] = ()
-    tyre_prior: Mapping[str, float] | None = None
     tyre_std: Mapping[str, float] | None = None
     """how well the tyres are known beforehand, SI; default: as `tyre_parameters` says"""
+
+    @property
+    def layout(self) -> Layout:
+        """That of its tyre parameters."""
+        return layout_of(self.tyre_prior)
 
     @cached_property
     def tyre_table(self) -> tuple[Parameter, ...]:
         """Tyre parameters in the order of theta."""
-        table = tyre_parameters(self.layout, self.tyre_prior)
+        table = tyre_parameters(self.tyre_prior)
         known = self.tyre_std or {}
         return tuple(replace(p, prior_std=known.get(p.name, p.prior_std)) for p in table)
 

@@ -106,7 +106,7 @@ class Diagnosis:
 def diagnose(
     record: Record,
     layout: Layout,
-    prior: Mapping[str, float] | None,
+    prior: Mapping[str, float],
     progress: Progress = lambda _: None,
     pool: Pool | None = None,
     *,
@@ -189,7 +189,7 @@ def _without(setting: Setting, outcome: Explanation, terms: Sequence[Term]) -> F
 
 
 def _models(setting: Setting, outcome: Explanation, catalogue: Fit) -> dict[str, FittedModel]:
-    declared = SingleTrack(setting.record.vehicle, setting.layout, (), setting.prior)
+    declared = SingleTrack(setting.record.vehicle, setting.prior)
     tyre = np.array([p.prior for p in declared.tyre_table])
     final = outcome.fit
     base = fit_names(replace(setting, extra=()), (), outcome.search.base, exact=True)

@@ -153,7 +153,7 @@ class Identification:
 def identify(
     log: DriveLog,
     vehicle: Vehicle,
-    tyre_prior: Mapping[str, float] | None,
+    tyre_prior: Mapping[str, float],
     options: Options,
     progress: Progress = lambda what, share: None,
 ) -> Identification:
@@ -302,7 +302,7 @@ class _Task:
 
     log: DriveLog
     vehicle: Vehicle
-    prior: Mapping[str, float] | None
+    prior: Mapping[str, float]
     options: Options
     formulation: Formulation
     progress: Progress
@@ -340,7 +340,7 @@ def _columns(task: _Task, health: HealthReport, *, with_forces: bool) -> ModelCo
         nuisances += [*loads(), *(forces() if with_forces else ())]
     if task.formulation == "output_error" and health.yaw_rate_was_moved:
         nuisances.append(yaw_rate_timing())
-    return ModelColumns(SingleTrack(task.vehicle, options.layout, tuple(nuisances), task.prior))
+    return ModelColumns(SingleTrack(task.vehicle, task.prior, tuple(nuisances)))
 
 
 def _is_fast(task: _Task, health: HealthReport) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 
 import casadi as ca
 
-from estimator.model.parameters import DEFAULT_TYRE
+from hil_gateway.car.car import TyrePrior
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.observer.kalman import scalar_update, symmetric
 from hil_gateway.process.arrays import Expr
@@ -38,16 +38,17 @@ X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, SLOPE_SHARE, IM
 DRIFT_X, DRIFT_Y = 12, 13
 
 
-def _declared_yield() -> float:
+def rear_slip_yield(tyres: TyrePrior) -> float:
     """Slip angle of the rear axle a m/s2 of lateral force, declared tyres, linear, rad."""
-    tyre = DEFAULT_TYRE["per_axle"]
-    return 1.0 / (tyre["br"] * tyre["cr"] * tyre["dr"] * GRAVITY)
+    return 1.0 / (tyres.br * tyres.cr * tyres.dr * GRAVITY)
 
 
 @dataclass(frozen=True)
 class FilterNoise:
     """Standard deviations; white ones per sample at the IMU rate, SI."""
 
+    rear_slip_yield: float
+    """rad per m/s2: what a car on a bank creeps downhill"""
     accel: float = 0.15
     yaw_rate: float = 0.004
     accel_model: float = 0.15
@@ -81,8 +82,6 @@ class FilterNoise:
     """share of vx * drive by which a driven or braked wheel may slip unseen"""
     rear_slip: float = 0.03
     """rear slip angle on a straight, with what stays correlated from sample to sample, rad"""
-    rear_slip_yield: float = field(default_factory=_declared_yield)
-    """rad per m/s2: what a car on a bank creeps downhill"""
     rear_slip_per_ay: float = 0.05
     """error of the above, with what stays correlated from sample to sample, rad per m/s2"""
     initial_position: float = 0.3

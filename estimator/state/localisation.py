@@ -17,7 +17,8 @@ from estimator.state.alignment import UNKNOWN_STD, Alignment
 from estimator.state.filter_steps import BIAS_AX, BIAS_YAW_RATE, STATES, VX, VY, YAW, X, Y
 from estimator.state.state_filter import SEEN, ImuReading, StateFilter, Unseen
 from hil_gateway.bus.messages import Estimate, Lacks, VehicleState
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import Car
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.perceive.road_speed import rests
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
@@ -56,8 +57,8 @@ GRAVITY_STD = 3.0
 class Localisation:
     """State filter with the life cycle around it; `step` once a vehicle state, in order."""
 
-    def __init__(self, vehicle: Vehicle, track: Track) -> None:
-        self.filter = StateFilter(vehicle)
+    def __init__(self, car: Car, track: Track) -> None:
+        self.filter = StateFilter(car)
         self._track = track
         self.track_position = 0.0
         self._started = self._resting = False

@@ -39,9 +39,10 @@ from estimator.state.filter_steps import (
     X,
     Y,
     levelled,
+    rear_slip_yield,
     step_function,
 )
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import Car
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import CompiledFunction
 
@@ -74,8 +75,9 @@ SEEN = Unseen()
 class StateFilter:
     """Mean and covariance of `STATES`; `initialise` first, then `predict` and updates in order of time."""
 
-    def __init__(self, vehicle: Vehicle, noise: FilterNoise | None = None) -> None:
-        self.vehicle, self.noise = vehicle, noise or FilterNoise()
+    def __init__(self, car: Car) -> None:
+        vehicle = self.vehicle = car.vehicle
+        self.noise = FilterNoise(rear_slip_yield(car.tyres))
         self.mean = np.zeros(len(STATES))
         self.covariance = np.eye(len(STATES))
         self.yaw_rate = self._yaw_acceleration = 0.0

@@ -141,6 +141,11 @@ class Car(Model):
         """Its DBC, for tools that read one themselves."""
         return dbc_path(platform_folder(self.platform))
 
+    @property
+    def dbc_sha256(self) -> str:
+        """SHA-256 of its DBC."""
+        return hashlib.sha256(self.dbc.read_bytes()).hexdigest()
+
     def files(self) -> dict[str, str]:
         """Name -> text of every file of the folder that says something."""
         folder = platform_folder(self.platform)

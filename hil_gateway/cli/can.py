@@ -16,6 +16,7 @@ from hil_gateway.process.clock import NS_PER_S, SystemClock
 from hil_gateway.process.figures import print_json
 from hil_gateway.process.lifecycle import StopRequest
 from hil_gateway.session.exchange.importer import open_named
+from hil_gateway.session.files.configuration import recorded_car
 from hil_gateway.session.overview.bus_log import BusLog, read_buses
 
 if TYPE_CHECKING:
@@ -45,7 +46,8 @@ def monitor(
 ) -> None:
     """Signals, rate, age and counter of every message; what has just changed stands out."""
     if file is not None:
-        _show(read_buses(open_named(file), load_car().codec, filters or (), channel), as_json)
+        car = recorded_car([file])
+        _show(read_buses(open_named(file, car), car.codec, filters or (), channel), as_json)
         return
     view = FrameMonitor(load_car().codec, filters or ())
     now_ns = _listen(_open(config, channel), view, seconds, quiet=as_json)

@@ -38,8 +38,10 @@ def run(config_file: Annotated[Path | None, typer.Option("--config", help="TOML 
     started = dt.datetime.now(dt.UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     path = session_path(config.recorder, started)
     metadata = session_metadata(config, path.stem, link.kind, started)
-    writer = SessionWriter(path, metadata, config.recorder.rotate_bytes, config.recorder.min_free_bytes)
-    recorder = Recorder(config.recorder, bus, link, writer, wall_offset_ns(), channel=metadata["channel"])
+    rotate, keep_free = config.recorder.rotate_bytes, config.recorder.min_free_bytes
+    writer = SessionWriter(path, metadata, rotate, keep_free, attached=config.car.files())
+    sent, channel = config.car.codec.sent_by("computer"), metadata["channel"]
+    recorder = Recorder(config.recorder, bus, link, writer, wall_offset_ns(), sent=sent, channel=channel)
     while not stopping():
         now_ns = clock.now_ns()
         recorder.step(now_ns)

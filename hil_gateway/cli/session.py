@@ -69,9 +69,11 @@ def info(files: Sessions, as_json: AsJson = False) -> None:
 
     Files that a restarted recorder went on with are read as one run.
     """
+    from hil_gateway.car.car import load_car
     from hil_gateway.session.overview.info import describe, session_infos
 
-    infos = [info for path in files for info in session_infos(path)]
+    car = load_car()
+    infos = [info for path in files for info in session_infos(path, car)]
     if as_json:
         print_json(infos[0] if len(infos) == 1 else {"sessions": infos})
     else:
@@ -149,6 +151,7 @@ def import_(
     as_json: AsJson = False,
 ) -> None:
     """Make a session of a log of raw CAN frames; with --estimate one that identify and diagnose can work on."""
+    from hil_gateway.car.car import load_car
     from hil_gateway.session.exchange.importer import import_log
     from hil_gateway.session.files.output import beside
 
@@ -162,7 +165,7 @@ def import_(
         values, text = import_and_estimate(file, target, channel, config_file)
         _report(values, text, as_json)
         return
-    done = import_log(file, target, channel)
+    done = import_log(file, target, load_car(), channel)
     values = {"frames": done.frames, "left_out": done.left_out, "notes": done.notes, "path": str(target)}
     _report(values, f"{done.frames} frames written to {target}", as_json)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +23,16 @@ STATUS_PERIOD_NS = NS_PER_S
 class Recorder:
     """Writes raw frames of `link` and all recorded topics of `bus`.
 
-    `unix_offset_ns` is added to monotonic stamps: recordings carry Unix time. `channel` is the name of the interface.
+    `unix_offset_ns` is added to monotonic stamps: recordings carry Unix time. `channel` is the name of the interface,
+    `sent` the identifiers of what the computer sends.
     """
 
     def __init__(
         self, config: RecorderConfig, bus: Bus, link: CanLink, writer: SessionWriter, unix_offset_ns: int,
-        *, channel: str = "",
+        *, sent: Collection[int], channel: str = "",
     ) -> None:  # fmt: skip
         self._bus, self._link, self.writer, self._offset_ns = bus, link, writer, unix_offset_ns
-        self._wire = channel or link.kind
+        self._wire, self._sent = channel or link.kind, sent
         self._flush_ns = int(config.flush_s * NS_PER_S)
         self._subscriptions: list[tuple[Topic[Any], Subscription[Any]]] = [
             (topic, bus.subscribe(topic, depth=max(int(QUEUE_S * topic.rate_hz), 16)))
@@ -97,7 +99,7 @@ class Recorder:
         log_ns = now_ns + self._offset_ns
         for frame in self._link.receive(0.0):
             stamp_ns = frame.stamp_ns + self._offset_ns
-            data = pack_frame(frame, stamp_ns, frame_source(self._wire, frame.id))
+            data = pack_frame(frame, stamp_ns, frame_source(self._wire, frame.id, self._sent))
             self.writer.add(CAN_TOPIC, data, log_ns, stamp_ns, self._frames)
             self._frames += 1
 

@@ -256,7 +256,7 @@ class Adoption:
             list(at_start),
             use=(front, rear),
             max_speed=top,
-            car=self._config.car,
+            car=self._config.declared_car,
             brakes=Brakes(self._settings.brakes, knowledge.brake_ratio, knowledge.brake_doubt),
         ).braked(self.delivered.brakes * self._config.powertrain.hardest_braking / self._config.vehicle.mass)
         if self._line is None:

@@ -18,9 +18,9 @@ import casadi as ca
 import numpy as np
 
 from estimator.model.effects import catalogue
-from estimator.model.parameters import Layout
+from estimator.model.parameters import LAYOUTS, Layout
 from estimator.model.single_track import SIGNALS, SingleTrack, Terms
-from hil_gateway.car.car import Car, load_car
+from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.compiled import compile_function
@@ -106,16 +106,15 @@ def envelope_of(
     phi: Sequence[float] = (),
     *,
     use: tuple[float, float] = (0.9, 0.9),
+    car: Car,
     max_speed: float | None = None,
     brakes: Brakes = AS_MODELLED,
-    car: Car | None = None,
 ) -> Envelope:
     """Envelope of a model, using the shares `use` of the tyre forces of the front and of the rear axle.
 
-    `car`: whose engine, steering and fastest speed count; the one that is operated where none is given. What the wheels
-    get of the engine's power is for the plan to find.
+    `car`: whose engine, steering and fastest speed count. What the wheels get of the engine's power is for the plan to
+    find.
     """
-    car = car or load_car()
     train = car.powertrain
     peaks, v = _peaks(model, theta, phi, use, brakes), model.vehicle
     return Envelope(
@@ -211,7 +210,7 @@ class _Forces:
 
 @lru_cache(maxsize=4)
 def _forces(vehicle: Vehicle, layout: Layout, effects: tuple[str, ...], brakes: BrakeLaw | None) -> _Forces:
-    model = SingleTrack(vehicle, layout, tuple(catalogue()[name] for name in effects))
+    model = SingleTrack(vehicle, dict.fromkeys(LAYOUTS[layout], 1.0), tuple(catalogue()[name] for name in effects))
     signals = ca.SX.sym("signals", len(SIGNALS))
     named = dict(zip(SIGNALS, ca.vertsplit(signals), strict=True))
     theta, phi = ca.SX.sym("theta", len(model.tyre_table)), ca.SX.sym("phi", len(model.effect_table))

@@ -17,9 +17,9 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from estimator.model.parameters import layout_of
 from estimator.model.single_track import SingleTrack
-from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.car.car import Car
+from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.cache import cache_directory
 from hil_gateway.track.track import Track
@@ -73,7 +73,7 @@ class OptimisedLine:
 
 def compute_raceline(
     track: Track,
-    vehicle: Vehicle,
+    car: Car,
     tyre: Mapping[str, float],
     margin: float = 1.5,
     *,
@@ -87,9 +87,11 @@ def compute_raceline(
         grip_use: share of the tyre forces that the line may ask for.
         max_speed: m/s; that of the car where none is given.
     """
-    model = SingleTrack(vehicle, layout_of(tyre))
+    model = SingleTrack(car.vehicle, tyre)
     theta = [tyre[p.name] for p in model.tyre_table]
-    return raceline_for(track, envelope_of(model, theta, use=(grip_use, grip_use), max_speed=max_speed), margin)
+    return raceline_for(
+        track, envelope_of(model, theta, use=(grip_use, grip_use), max_speed=max_speed, car=car), margin
+    )
 
 
 def raceline_for(track: Track, envelope: Envelope, margin: float = 1.5) -> OptimisedLine:

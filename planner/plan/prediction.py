@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from hil_gateway.config import PlannerConfig
+from hil_gateway.car.car import Actuators
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 
@@ -42,10 +42,10 @@ class Sent:
 class ActuatorModel:
     """History of sent commands and the first-order lag of steering and drive."""
 
-    def __init__(self, config: PlannerConfig) -> None:
-        self.delay_ns = round(config.actuator_delay_s * NS_PER_S)
-        self.steer_lag = 1.0 / (2 * math.pi * config.steer_bandwidth_hz)
-        self.drive_lag = 1.0 / (2 * math.pi * config.drive_bandwidth_hz)
+    def __init__(self, actuators: Actuators) -> None:
+        self.delay_ns = round(actuators.first_motion * NS_PER_S)
+        self.steer_lag = 1.0 / (2 * math.pi * actuators.steering_bandwidth)
+        self.drive_lag = 1.0 / (2 * math.pi * actuators.brake_bandwidth)
         self._sent: deque[Sent] = deque(maxlen=HISTORY)
         self._done = self._done_in(SUB_STEP_S)
 

@@ -7,11 +7,10 @@ The law is one for the model a plan is made with, the speed profile and the comm
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import casadi as ca
 
-from hil_gateway.car.car import load_car
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Expr
@@ -29,8 +28,8 @@ MOST_MOVED = 0.9
 class BrakeLaw:
     """The law of one declared car; numbers or CasADi expressions."""
 
-    vehicle: Vehicle = field(default_factory=lambda: load_car().vehicle)
-    powertrain: Powertrain = field(default_factory=lambda: load_car().powertrain)
+    vehicle: Vehicle
+    powertrain: Powertrain
 
     def balance(self, vx: Expr, drive: Expr, ratio: Expr, extra_load: Expr) -> Expr:
         """Front minus rear pressure over their sum at speed `vx` (m/s) and command `drive` (slip ratio).

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from estimator.model.measurement import MeasurementKind
-from hil_gateway.car.car import Car, load_car
+from hil_gateway.car.car import Car
 from hil_gateway.config import Config
 from hil_gateway.settings.gateway import CommandRates, LimitConfig
 from planner.problem.brake_law import BrakeLaw
@@ -95,12 +95,6 @@ def limits_of(car: Car, rates: CommandRates) -> PlanLimits:
     )
 
 
-def declared_limits() -> PlanLimits:
-    """Of the car that is operated, with its own rates."""
-    car = load_car()
-    return limits_of(car, LimitConfig().within(car))
-
-
 @dataclass(frozen=True)
 class Slack:
     """L1 and L2 penalties on soft rows."""
@@ -128,14 +122,14 @@ class Information:
 class Settings:
     """Everything that shapes the optimal-control problem."""
 
+    limits: PlanLimits
+    brakes: BrakeLaw
     horizon: int = 40
     dt: float = 0.05
     weights: Weights = Weights()
-    limits: PlanLimits = field(default_factory=declared_limits)
     slack: Slack = Slack()
     information: Information = Information()
     load_limit: LoadLimit = "ellipse"
-    brakes: BrakeLaw = field(default_factory=BrakeLaw)
     sigma_level: float = 2.0
     """Eq. (10) holds at the mean and at this many standard deviations along each principal axis of the belief"""
 
@@ -143,6 +137,11 @@ class Settings:
     def iterations(self) -> int:
         """SQP iterations a step: one (real-time iteration), two with information."""
         return 2 if self.information.weight > 0 else 1
+
+
+def declared_settings(car: Car) -> Settings:
+    """Settings for a car that moves as fast as it can."""
+    return Settings(limits_of(car, LimitConfig().within(car)), BrakeLaw(car.vehicle, car.powertrain))
 
 
 def settings_of(config: Config) -> Settings:
@@ -157,7 +156,7 @@ def settings_of(config: Config) -> Settings:
         dt=p.dt,
         information=information,
         load_limit=p.load_limit,
-        limits=limits_of(config.car, config.gateway.limits.within(config.car)),
+        limits=limits_of(config.declared_car, config.gateway.limits.within(config.declared_car)),
         brakes=BrakeLaw(config.vehicle, config.powertrain),
         sigma_level=p.sigma_level,
     )

@@ -173,7 +173,6 @@ class Loop:
         factory(config, bus, track), or adds a "learner". `timed`: the planner measures its solver with the machine's
         clock, and is late when that is late: realistic, and no longer the same every time. `simulated`: the car of the
         plant, in place of the configuration's; nothing else hears of it."""
-        config = config.of_one_car()
         self.clock = VirtualClock(START_NS)
         self.faults = faults or Faults()
         self.wire = VirtualWire(self.clock)

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from estimator.model.effects import catalogue
-from estimator.model.parameters import Layout
 from estimator.model.single_track import SingleTrack
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
@@ -113,8 +112,8 @@ def build_in_child(problem: Problem) -> Functions:
 def _describe(problem: Problem) -> str:
     model = problem.model
     return json.dumps({
-        "vehicle": model.vehicle.model_dump(), "layout": model.layout, "effects": [e.name for e in model.effects],
-        "tyre_prior": dict(model.tyre_prior) if model.tyre_prior else None, "settings": asdict(problem.settings),
+        "vehicle": model.vehicle.model_dump(), "effects": [e.name for e in model.effects],
+        "tyre_prior": dict(model.tyre_prior), "settings": asdict(problem.settings),
     }, default=Model.model_dump)  # fmt: skip
 
 
@@ -125,9 +124,8 @@ def _restore(text: str) -> Problem:
         settings[name] = kind(**settings[name])
     law = settings["brakes"]
     settings["brakes"] = BrakeLaw(Vehicle(**law["vehicle"]), Powertrain(**law["powertrain"]))
-    layout: Layout = data["layout"]
     effects = tuple(catalogue()[name] for name in data["effects"])
-    model = SingleTrack(Vehicle(**data["vehicle"]), layout, effects, data["tyre_prior"])
+    model = SingleTrack(Vehicle(**data["vehicle"]), data["tyre_prior"], effects)
     return Problem(model, Settings(**settings))
 
 

@@ -20,6 +20,7 @@ import pytest
 from support.promise_figures import long_run, record_figure
 
 from hil_gateway.can_link import resolve_kind
+from hil_gateway.car.car import load_car
 from hil_gateway.config import load_config
 from hil_gateway.process.supervisor import PROCESSES
 from hil_gateway.session.overview.info import session_info
@@ -95,7 +96,7 @@ def test_losing_any_process_ends_in_a_stop_and_the_demo_says_so(
         assert summary["failsafes"][0]["action"] in ("controlled_stop", "emergency_stop")
     if victim != "plant":
         assert "the car is at 0." in " ".join(event["text"] for event in summary["events"])
-    info = session_info(tmp_path / "out" / "session.mcap")
+    info = session_info(tmp_path / "out" / "session.mcap", car=load_car())
     assert info["complete"] == (victim != "recorder")
     assert info["topics"]["av24/can"]["messages"] > 1000
     record_figure("L6", f"{victim} killed in a running demo: {summary['events'][-1]['text']}")
@@ -114,6 +115,6 @@ def test_ctrl_c_ends_everything_within_3_s_with_a_readable_recording(tmp_path: P
     assert summary["ending"] == "interrupted"
     assert demo.process.returncode == 130
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
-    info = session_info(tmp_path / "out" / "session.mcap")
+    info = session_info(tmp_path / "out" / "session.mcap", car=load_car())
     assert info["complete"]
     assert not info["damage"]

@@ -33,7 +33,7 @@ clock, bus = SystemClock(), LocalBus()
 wire = VirtualWire(clock)
 car, link = wire.link(), wire.link()
 config = RecorderConfig()
-recorder = Recorder(config, bus, link, SessionWriter(Path(sys.argv[1]), {}, 10**9), 0)
+recorder = Recorder(config, bus, link, SessionWriter(Path(sys.argv[1]), {}, 10**9), 0, sent=())
 number, begin_ns = 0, clock.now_ns()
 while True:
     for _ in range(20):

@@ -8,6 +8,7 @@ import pytest
 from support.promise_figures import record_figure
 
 from estimator.replay import OUTPUTS, compare, replay_estimator
+from hil_gateway.car.car import load_car
 from hil_gateway.config import Config
 from hil_gateway.session.files.configuration import required_config
 from hil_gateway.session.files.format import session_metadata
@@ -26,7 +27,9 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     config = Config()
     loop = Loop(config)
     writer = SessionWriter(path, session_metadata(config, "test", "wire", "now"), rotate_bytes=10**9)
-    recorder = Recorder(config.recorder, loop.bus, loop.wire.link(), writer, UNIX_NS)
+    recorder = Recorder(
+        config.recorder, loop.bus, loop.wire.link(), writer, UNIX_NS, sent=load_car().codec.sent_by("computer")
+    )
     while not loop.result.armed or loop.finish().seconds < DRIVE_S:
         loop.step()
         recorder.step(loop.clock.now_ns())

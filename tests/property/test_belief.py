@@ -11,7 +11,7 @@ from support.promise_figures import record_figure, volume
 from estimator.belief.information import a_criterion, d_criterion, e_criterion, fisher_information, trace_criterion
 from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.measurement import CHANNELS, MeasurementKind, axle_forces
-from estimator.model.parameters import DEFAULT_TYRE
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import GRAVITY
@@ -57,7 +57,10 @@ def measured(kind: MeasurementKind, response: np.ndarray, steer: float) -> np.nd
 @pytest.mark.promise("N1")
 def test_covariance_stays_psd_and_parameters_in_bounds_whatever_comes() -> None:
     rng = np.random.default_rng(11)
-    belief = TyreBelief(SingleTrack(VEHICLE, "per_axle"), BeliefSettings(drift=0.01))
+    belief = TyreBelief(
+        SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")),
+        BeliefSettings(drift=0.01),
+    )
     table = belief.model.tyre_table
     lower, upper = np.array([p.lower for p in table]), np.array([p.upper for p in table])
     hostile = [np.nan, np.inf, -np.inf, 1e300, -1e300, 0.0]
@@ -83,7 +86,10 @@ def test_belief_is_consistent_with_known_truth_over_200_runs(kind: MeasurementKi
     nees, nis = [], []
     for seed in range(runs):
         rng = np.random.default_rng([7, seed])
-        belief = TyreBelief(SingleTrack(VEHICLE, "per_axle"), BeliefSettings(kind=kind, correlation_samples=1.0))
+        belief = TyreBelief(
+            SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")),
+            BeliefSettings(kind=kind, correlation_samples=1.0),
+        )
         belief.set_covariance(np.diag((spread * belief.scale) ** 2))
         truth = belief.prior + spread * belief.scale * rng.normal(size=7)
         car, std = Car(dict(zip(belief.names, truth, strict=True))), belief.settings.channel_std()
@@ -105,7 +111,7 @@ def test_belief_is_consistent_with_known_truth_over_200_runs(kind: MeasurementKi
 @pytest.mark.parametrize("layout", ["shared", "per_axle"])
 def test_measurement_jacobians_agree_with_finite_differences(kind: MeasurementKind, layout: str) -> None:
     rng = np.random.default_rng(5)
-    model = SingleTrack(VEHICLE, layout)
+    model = SingleTrack(VEHICLE, tyre_prior(load_car(), layout))
     h = MeasurementEvaluation(model, kind)
     prior = np.array([p.prior for p in model.tyre_table])
     for _ in range(POINTS):
@@ -133,8 +139,8 @@ def fourth_order(f: object, x: np.ndarray, i: int, h: float) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["imu_yaw", "tyre_force"])
 def test_left_right_mirror_is_exact(kind: MeasurementKind) -> None:
     rng = np.random.default_rng(6)
-    h = MeasurementEvaluation(SingleTrack(VEHICLE, "per_axle"), kind)
-    theta = np.array([p.prior for p in SingleTrack(VEHICLE, "per_axle").tyre_table])
+    h = MeasurementEvaluation(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")), kind)
+    theta = np.array([p.prior for p in SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")).tyre_table])
     flip = np.array([1, -1, -1, -1, 1.0])
     for _ in range(1000):
         signals = random_signals(rng)
@@ -146,8 +152,11 @@ def test_left_right_mirror_is_exact(kind: MeasurementKind) -> None:
 
 def test_independent_car_and_model_agree() -> None:
     rng = np.random.default_rng(8)
-    h = MeasurementEvaluation(SingleTrack(VEHICLE, "per_axle"), "imu_yaw")
-    tyre = dict(DEFAULT_TYRE["per_axle"])
+    h = MeasurementEvaluation(
+        SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")),
+        "imu_yaw",
+    )
+    tyre = dict(tyre_prior(load_car(), "per_axle"))
     for _ in range(50):
         signals = random_signals(rng)
         assert np.allclose(h(signals, AUX, np.array(list(tyre.values())))[0], Car(tyre).respond(signals), rtol=5e-3)
@@ -155,7 +164,10 @@ def test_independent_car_and_model_agree() -> None:
 
 def test_belief_without_drift_equals_batch_information() -> None:
     """For a model linear in its parameters (C_x), Eq. (8) sums Eq. (7): posterior precision = prior + F."""
-    belief = TyreBelief(SingleTrack(VEHICLE, "shared"), BeliefSettings(kind="imu", correlation_samples=1.0))
+    belief = TyreBelief(
+        SingleTrack(VEHICLE, tyre_prior(load_car(), "shared")),
+        BeliefSettings(kind="imu", correlation_samples=1.0),
+    )
     rng, jacobians = np.random.default_rng(2), []
     h = MeasurementEvaluation(belief.model, "imu")
     for _ in range(50):
@@ -168,8 +180,11 @@ def test_belief_without_drift_equals_batch_information() -> None:
 
 
 def test_criteria_order_informative_before_uninformative_driving() -> None:
-    h = MeasurementEvaluation(SingleTrack(VEHICLE, "per_axle"), "imu_yaw")
-    table = SingleTrack(VEHICLE, "per_axle").tyre_table
+    h = MeasurementEvaluation(
+        SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")),
+        "imu_yaw",
+    )
+    table = SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")).tyre_table
     theta, scale = np.array([p.prior for p in table]), np.array([p.prior_std for p in table])
     std = BeliefSettings().channel_std()
     information = []
@@ -187,7 +202,7 @@ def test_criteria_order_informative_before_uninformative_driving() -> None:
 
 
 def test_nothing_is_learnt_at_rest_or_on_a_straight() -> None:
-    belief = TyreBelief(SingleTrack(VEHICLE, "per_axle"))
+    belief = TyreBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")))
     for signals in ([0.0, 0, 0, 0.2, 0.1], [50.0, 0, 0, 0, 0]):
         belief.update(Sample(np.array(signals, dtype=float), np.zeros((3, 3)), np.ones(3), AUX))
     assert belief.samples == 0
@@ -198,7 +213,7 @@ def test_uncertain_slip_teaches_less() -> None:
     signals, z = np.array([40.0, -1.0, 0.3, 0.08, 0.0]), np.array([0.0, 10.0, 0.0])
     gain = []
     for vy_std in (0.0, 2.0):
-        belief = TyreBelief(SingleTrack(VEHICLE, "per_axle"))
+        belief = TyreBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")))
         belief.update(Sample(signals, np.diag([0.0, vy_std**2, 0.0]), z, AUX))
         gain.append(belief.log_det_information)
     assert gain[1] < 0.5 * gain[0]
@@ -209,8 +224,8 @@ def test_inputs_that_may_act_later_than_reported_teach_less() -> None:
     signals, z = np.array([60.0, 0.0, 0.0, 0.0, -0.3]), np.array([0.0, 0.0, 0.0])
     moved = []
     for drive_std in (0.0, 0.15):
-        belief = TyreBelief(SingleTrack(VEHICLE, "per_axle"))
+        belief = TyreBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")))
         belief.update(Sample(signals, np.zeros((3, 3)), z, AUX, input_variance=(0.0, 15 * drive_std**2)))
-        moved.append(abs(belief.mean[belief.names.index("cx")] - DEFAULT_TYRE["per_axle"]["cx"]))
+        moved.append(abs(belief.mean[belief.names.index("cx")] - tyre_prior(load_car(), "per_axle")["cx"]))
     assert moved[0] > 0.0
     assert moved[1] < 0.2 * moved[0]

@@ -7,12 +7,23 @@ import pytest
 from scipy import stats
 from support.promise_figures import record_figure, volume
 
-from estimator.state.filter_steps import BIAS_AX, BIAS_AY, IMU_AHEAD, IMU_TURN, STATES, VX, VY, YAW, FilterNoise
+from estimator.state.filter_steps import (
+    BIAS_AX,
+    BIAS_AY,
+    IMU_AHEAD,
+    IMU_TURN,
+    STATES,
+    VX,
+    VY,
+    YAW,
+    FilterNoise,
+    rear_slip_yield,
+)
 from estimator.state.state_filter import ImuReading, StateFilter
 from hil_gateway.car.car import load_car
 
 DT, FINE = 0.01, 10
-NOISE = FilterNoise(initial_yaw=0.1)
+NOISE = FilterNoise(rear_slip_yield(load_car().tyres), initial_yaw=0.1)
 """Consistency is a promise about the aligned filter: a linearised one has no 95 % band for a heading 1 rad off."""
 
 
@@ -86,7 +97,7 @@ def initial_std() -> np.ndarray:
 
 
 def started(drive: Drive, rng: np.random.Generator) -> StateFilter:
-    f = StateFilter(load_car().vehicle)
+    f = StateFilter(load_car())
     f.covariance = np.diag(initial_std() ** 2)
     f.mean = drive.truth[0] + rng.normal(0, initial_std())
     f.mean[5:] = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]
@@ -165,7 +176,7 @@ def test_an_imu_that_is_not_where_it_is_declared_is_found(ahead: float) -> None:
 
 def test_forces_of_an_imu_ahead_of_the_centre_are_those_at_the_centre() -> None:
     """Yaw rate 0.3 rad/s and rising by 1 rad/s2, the car's own force 0."""
-    f, ahead = StateFilter(load_car().vehicle), 0.5
+    f, ahead = StateFilter(load_car()), 0.5
     f.initialise(0.0, 0.0, 0.0, 30.0)
     f.mean[IMU_AHEAD] = ahead
     for k in range(31):
@@ -211,7 +222,7 @@ def test_jumping_fixes_and_spinning_wheels_are_gated_out() -> None:
 
 def test_standing_still_reveals_the_biases_and_wandering_fixes_do_not_turn_the_car() -> None:
     rng = np.random.default_rng(6)
-    f = StateFilter(load_car().vehicle)
+    f = StateFilter(load_car())
     f.initialise(0.0, 0.0, 0.3)
     bias, wander = np.array([0.12, -0.08, 0.004]), np.zeros(2)
     for k in range(3000):
@@ -232,7 +243,7 @@ def test_standing_still_reveals_the_biases_and_wandering_fixes_do_not_turn_the_c
 def test_wheels_without_a_direction_leave_the_one_that_the_forces_show(way: float) -> None:
     """0.5 m/s2 for 2 s out of rest, either way."""
     rng = np.random.default_rng(9)
-    f, speed = StateFilter(load_car().vehicle), 0.0
+    f, speed = StateFilter(load_car()), 0.0
     f.initialise(0.0, 0.0, 0.3, vx_std=0.02)
     for _ in range(200):
         speed += 0.5 * way * DT
@@ -242,7 +253,7 @@ def test_wheels_without_a_direction_leave_the_one_that_the_forces_show(way: floa
 
 
 def test_a_speed_of_unknown_direction_is_either_and_says_so() -> None:
-    f = StateFilter(load_car().vehicle)
+    f = StateFilter(load_car())
     f.initialise(0.0, 0.0, 0.3, vx_std=1.0)
     for _ in range(50):
         f.predict(ImuReading(0.0, 0.0, 0.0), DT)

@@ -12,6 +12,7 @@ import pytest
 
 from hil_gateway.can_link import Frame
 from hil_gateway.can_link.socketcan import SocketCanLink
+from hil_gateway.car.car import load_car
 from hil_gateway.demo.options import DemoOptions, prepare
 from hil_gateway.process.clock import SystemClock
 from hil_gateway.session.exchange.export import export_candump
@@ -19,7 +20,7 @@ from hil_gateway.session.exchange.importer import import_log
 from hil_gateway.session.files.format import CAN_TOPIC, pack_frame
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.writer import SessionWriter
-from hil_gateway.session.playback.replay import ids_from_car, in_order, replay, to_can
+from hil_gateway.session.playback.replay import in_order, replay, to_can
 
 pytestmark = pytest.mark.vcan
 FRAMES = 60
@@ -27,7 +28,7 @@ FRAMES = 60
 
 def _session(path: Path) -> list[Frame]:
     """A recording of random frames of a car, 2 ms apart."""
-    rng, numbers = random.Random(5), sorted(ids_from_car())
+    rng, numbers = random.Random(5), sorted(load_car().codec.sent_by("car"))
     frames = [Frame(rng.choice(numbers), rng.randbytes(8), 10**18 + i * 2_000_000) for i in range(FRAMES)]
     writer = SessionWriter(path, {}, 10**9)
     for i, frame in enumerate(frames):
@@ -48,14 +49,17 @@ def test_candump_hears_a_replayed_session_frame_by_frame_and_it_imports_again(
     ):
         time.sleep(1.0)
         replay(
-            in_order(SessionReader(tmp_path / "s.mcap").items()), to_can(link, ids_from_car()), SystemClock(), speed=1.0
+            in_order(SessionReader(tmp_path / "s.mcap").items()),
+            to_can(link, load_car().codec.sent_by("car")),
+            SystemClock(),
+            speed=1.0,
         )
         listener.wait(timeout=20)
     exported = tmp_path / "exported.log"
     export_candump(tmp_path / "s.mcap", exported)
     heard, wanted = ([line.split()[2] for line in path.read_text().splitlines()] for path in (log, exported))
     assert heard == wanted
-    assert import_log(log, tmp_path / "again.mcap").frames == len(frames)
+    assert import_log(log, tmp_path / "again.mcap", load_car()).frames == len(frames)
     assert len(list(SessionReader(tmp_path / "again.mcap").items())) == len(frames)
 
 

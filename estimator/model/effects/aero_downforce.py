@@ -5,15 +5,14 @@ from __future__ import annotations
 from estimator.model.effect import DeclaredParameter, Effect
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
-from hil_gateway.car.car import load_car
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import Car
 from hil_gateway.process.arrays import Expr
 
 
-def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
+def _declare(car: Car) -> tuple[DeclaredParameter, ...]:
     def of_axle(key: str) -> DeclaredParameter:
-        k = -0.5 * vehicle.air_density * float(getattr(vehicle, key))
-        return DeclaredParameter(k, load_car().relative_std(f"vehicle.{key}") * k)
+        k = -0.5 * car.vehicle.air_density * float(getattr(car.vehicle, key))
+        return DeclaredParameter(k, car.relative_std(f"vehicle.{key}") * k)
 
     return of_axle("lift_area_front"), of_axle("lift_area_rear")
 

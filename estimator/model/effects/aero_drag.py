@@ -7,14 +7,13 @@ import casadi as ca
 from estimator.model.effect import DeclaredParameter, Effect
 from estimator.model.parameters import Parameter, Plausible
 from estimator.model.single_track import Terms
-from hil_gateway.car.car import load_car
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import Car
 from hil_gateway.process.arrays import Expr
 
 
-def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
-    k = 0.5 * vehicle.air_density * vehicle.drag_area
-    return (DeclaredParameter(k, load_car().relative_std("vehicle.drag_area") * k),)
+def _declare(car: Car) -> tuple[DeclaredParameter, ...]:
+    k = 0.5 * car.vehicle.air_density * car.vehicle.drag_area
+    return (DeclaredParameter(k, car.relative_std("vehicle.drag_area") * k),)
 
 
 def _longitudinal(terms: Terms, k: Expr) -> None:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from estimator.model.effect import DeclaredParameter, Effect, friction_left
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
-from hil_gateway.car.car import load_car
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import Car
 from hil_gateway.process.arrays import Expr
 
 
-def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
+def _declare(car: Car) -> tuple[DeclaredParameter, ...]:
     """By similarity (Pacejka, ch. 3.3) a longitudinal force of half the peak takes 3 % of the lateral force at small
     slip angles and one of 0.9 takes 30 %, as ellipses with 0.5 and 0.8 do; at the peak they have 0.95. Without it what
     an axle loses under power or brakes passes for load transfer that is not there."""
-    car = load_car()
     return (DeclaredParameter(car.tyres.combined_slip, car.std("tyres.combined_slip")),)
 
 

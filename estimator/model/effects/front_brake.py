@@ -9,15 +9,13 @@ from __future__ import annotations
 from estimator.model.effect import DeclaredParameter, Effect, braking_force
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
-from hil_gateway.car.car import load_car
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import Car
 from hil_gateway.process.arrays import Expr
 
 
-def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
+def _declare(car: Car) -> tuple[DeclaredParameter, ...]:
     """The gain is that of the brakes' force per unit of command over the engine's, which do not know of each other: an
     engine that turns out weak says that it is larger, and nothing of the brakes."""
-    car = load_car()
     share = DeclaredParameter(car.powertrain.brake_share_front, car.std("powertrain.brake_share_front"))
     return share, DeclaredParameter(1.0, car.relative_std("powertrain.brake_force_per_pa"), over="cx")
 

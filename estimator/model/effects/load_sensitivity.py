@@ -5,13 +5,11 @@ from __future__ import annotations
 from estimator.model.effect import DeclaredParameter, Effect
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
-from hil_gateway.car.car import load_car
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import Car
 from hil_gateway.process.arrays import Expr
 
 
-def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
-    car = load_car()
+def _declare(car: Car) -> tuple[DeclaredParameter, ...]:
     return (DeclaredParameter(car.tyres.load_sensitivity, car.std("tyres.load_sensitivity")),)
 
 

@@ -14,13 +14,12 @@ from dataclasses import replace
 from estimator.model.effect import DeclaredParameter, Effect
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
-from hil_gateway.car.car import load_car
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import Car
 from hil_gateway.process.arrays import Expr
 
 
-def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
-    return (DeclaredParameter(vehicle.cg_height, load_car().relative_std("vehicle.cg_height") * vehicle.cg_height),)
+def _declare(car: Car) -> tuple[DeclaredParameter, ...]:
+    return (DeclaredParameter(car.vehicle.cg_height, car.relative_std("vehicle.cg_height") * car.vehicle.cg_height),)
 
 
 def _load(terms: Terms, height: Expr) -> None:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from estimator.model.effect import DeclaredParameter, Effect
 from estimator.model.parameters import Parameter, Plausible, Quantity
 from estimator.model.single_track import Terms
-from hil_gateway.car.car import load_car
-from hil_gateway.car.vehicle import Vehicle
+from hil_gateway.car.car import Car
 from hil_gateway.process.arrays import Expr
 
 
-def _declare(vehicle: Vehicle) -> tuple[DeclaredParameter, ...]:
-    car = load_car()
-    true_less_reported = 0.0 - car.sensors.steering_offset / vehicle.steering_ratio
-    return (DeclaredParameter(true_less_reported, car.std("sensors.steering_offset") / vehicle.steering_ratio),)
+def _declare(car: Car) -> tuple[DeclaredParameter, ...]:
+    true_less_reported = 0.0 - car.sensors.steering_offset / car.vehicle.steering_ratio
+    return (DeclaredParameter(true_less_reported, car.std("sensors.steering_offset") / car.vehicle.steering_ratio),)
 
 
 def _input(terms: Terms, offset: Expr) -> None:

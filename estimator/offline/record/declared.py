@@ -9,10 +9,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from estimator.model.parameters import DEFAULT_TYRE, Layout, layout_of, tyre_limits
+from estimator.model.parameters import LAYOUTS, Layout, layout_of, tyre_limits, tyre_prior
 from estimator.model.tyre import AXLES, front_and_rear
 from estimator.offline.tyre_file import read_tyre_file
-from hil_gateway.car.car import load_car
+from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 from hil_gateway.text_file import read_json
@@ -27,21 +27,21 @@ LENGTHS = ("cg_height", "track_front", "track_rear", "half_width", "wheel_radius
 AREAS = ("drag_area", "lift_area_front", "lift_area_rear")
 
 
-def read_vehicle(path: Path | None) -> Vehicle:
-    """Vehicle data; the car's where no file is given, and in proportion to its wheelbase what a file leaves out.
+def read_vehicle(path: Path | None, car: Car) -> Vehicle:
+    """Vehicle data; those of `car` where no file is given, and in proportion to its wheelbase what a file leaves out.
 
     Raises:
         InputError: unreadable file, unknown key, missing or impossible value.
     """
     if path is None:
-        return load_car().vehicle
+        return car.vehicle
     data = _read_object(path)
     for key in ("mass", "yaw_inertia", "lf", "lr"):
         if key not in data:
             raise InputError(f"{path}: {key} is missing: mass, yaw_inertia, lf and lr are needed")
     try:
-        given = Vehicle.model_validate({**load_car().vehicle.model_dump(), **data}, strict=True)
-        vehicle = _in_proportion(given, data.keys())
+        given = Vehicle.model_validate({**car.vehicle.model_dump(), **data}, strict=True)
+        vehicle = _in_proportion(given, data.keys(), car.vehicle)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
@@ -56,22 +56,21 @@ def read_vehicle(path: Path | None) -> Vehicle:
     return vehicle
 
 
-def _in_proportion(vehicle: Vehicle, stated: Set[str]) -> Vehicle:
-    """`vehicle` with the lengths and areas that are not `stated` as the car has them, at its own size."""
-    car = load_car().vehicle
+def _in_proportion(vehicle: Vehicle, stated: Set[str], car: Vehicle) -> Vehicle:
+    """`vehicle` with the lengths and areas that are not `stated` as `car` has them, at its own size."""
     size = vehicle.wheelbase / car.wheelbase
     scaled = {**dict.fromkeys(LENGTHS, size), **dict.fromkeys(AREAS, size**2)}
     left_out = scaled.keys() - stated
     return vehicle.model_copy(update={name: scaled[name] * getattr(car, name) for name in left_out})
 
 
-def default_tyre_prior(layout: Layout, vehicle: Vehicle) -> Mapping[str, float]:
-    """The car's tyres, with C_x in proportion to the weight they carry: B, C and D have no such scale."""
-    values = DEFAULT_TYRE[layout]
-    return {**values, "cx": values["cx"] * vehicle.mass / load_car().vehicle.mass}
+def default_tyre_prior(layout: Layout, vehicle: Vehicle, car: Car) -> Mapping[str, float]:
+    """The tyres of `car`, with C_x in proportion to the weight they carry: B, C and D have no such scale."""
+    values = tyre_prior(car, layout)
+    return {**values, "cx": values["cx"] * vehicle.mass / car.vehicle.mass}
 
 
-def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle | None = None) -> Mapping[str, float]:
+def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle, car: Car) -> Mapping[str, float]:
     """Tyre prior of `layout`; one given for the other layout is converted (axle means, or both axles alike).
 
     Without a file it is `default_tyre_prior`.
@@ -80,10 +79,10 @@ def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle | None =
         InputError: unreadable file, unknown key, missing, non-numeric or not positive value.
     """
     if path is None:
-        return default_tyre_prior(layout, vehicle or load_car().vehicle)
-    data = _read_tyre(path, vehicle or load_car().vehicle)
+        return default_tyre_prior(layout, vehicle, car)
+    data = _read_tyre(path, vehicle, car)
     given = layout_of(data)
-    names = tuple(DEFAULT_TYRE[given])
+    names = LAYOUTS[given]
     if unknown := sorted(set(data) - set(names)):
         raise InputError(f"{path}: unknown key {unknown[0]}: a tyre prior holds {', '.join(names)}")
     for name in names:
@@ -98,11 +97,11 @@ def read_tyre_prior(path: Path | None, layout: Layout, vehicle: Vehicle | None =
     return in_layout({name: float(data[name]) for name in names}, given, layout)
 
 
-def _read_tyre(path: Path, vehicle: Vehicle) -> dict[str, Any]:
+def _read_tyre(path: Path, vehicle: Vehicle, car: Car) -> dict[str, Any]:
     """Values of a JSON or property file; C_x is the car's where the latter has none."""
     if path.suffix.lower() != TYRE_PROPERTIES:
         return _read_object(path)
-    return {"cx": default_tyre_prior("per_axle", vehicle)["cx"], **read_tyre_file(path, vehicle)}
+    return {"cx": default_tyre_prior("per_axle", vehicle, car)["cx"], **read_tyre_file(path, vehicle)}
 
 
 def in_layout(values: Mapping[str, float], given: Layout, wanted: Layout) -> Mapping[str, float]:

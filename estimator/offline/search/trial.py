@@ -51,7 +51,7 @@ class Setting:
 
     record: Record
     layout: Layout
-    prior: Mapping[str, float] | None
+    prior: Mapping[str, float]
     extra: tuple[Effect, ...] = ()
     least: tuple[float, ...] = (0.0,) * 5
     pool: Pool | None = None
@@ -80,7 +80,7 @@ class Setting:
         sampling = sampling_effects(self.record.step, there)
         logged = pedal_effects(self.record.pedals) + vy_effects(self.record.vy_displaced)
         always = self.extra + sampling + logged + road_load(there, self.record.signals)
-        return SingleTrack(self.record.vehicle, self.layout, self.active + effects + always, self.prior, self.tyre_std)
+        return SingleTrack(self.record.vehicle, self.prior, self.active + effects + always, self.tyre_std)
 
     @property
     def found_road(self) -> tuple[str, ...]:

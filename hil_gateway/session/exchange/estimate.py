@@ -26,7 +26,7 @@ def import_and_estimate(
     config = load_config(config_file)
     with tempfile.TemporaryDirectory(dir=target.resolve().parent, prefix=".import-") as folder:
         frames, states = Path(folder) / "frames.mcap", Path(folder) / "states.mcap"
-        done = import_log(source, frames, channel)
+        done = import_log(source, frames, config.car, channel)
         left_out, notes = dict(done.left_out), done.notes
         seen = perceive(frames, states, config)
         missing = sorted(seen.never_heard)

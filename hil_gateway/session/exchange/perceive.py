@@ -17,7 +17,7 @@ from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.events.log import EventLog
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, computer_ids, dbc_hash, named, unpack_frame
+from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, named, unpack_frame
 from hil_gateway.session.files.format import software_version as software
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.reader import SessionReader
@@ -55,12 +55,12 @@ def perceive(source: Path, target: Path, config: Config) -> Perceived:
     """
     listening = config.model_copy(update={"gateway": config.gateway.model_copy(update={"mode": "listen"})})
     reader, result = SessionReader(source, frozenset({CAN_TOPIC})), Perceived()
-    with output_file(target, source) as path, SessionFile(path, {}) as file, named(source):
+    with output_file(target, source) as path, SessionFile(path, {}, attached=config.car.files()) as file, named(source):
         records = sorted(((unpack_frame(item.data), item.data) for item in reader.items()), key=_stamp)
         if not records:
             raise InputError(f"{source}: holds no CAN frames (topic {CAN_TOPIC})")
         session = reader.metadata.get(METADATA_SESSION, {})
-        known = {"name": source.stem, "software": software(), "dbc_sha256": dbc_hash()}
+        known = {"name": source.stem, "software": software(), "dbc_sha256": config.car.dbc_sha256}
         file.add_metadata(METADATA_SESSION, {**known, **session, "config": listening.model_dump_json()})
         for count, entry in enumerate(_entries(records, listening, result), start=1):
             file.add(*entry)
@@ -78,7 +78,8 @@ def _entries(
 ) -> Iterator[tuple[str, bytes, int, int, int]]:
     """Frames as they were recorded and messages as the recorder writes them, in order of time."""
     frames = [frame for frame, _ in records]
-    heard = [frame for frame in frames if frame.id not in computer_ids()]  # a gateway does not hear what it sends
+    sent = config.car.codec.sent_by("computer")
+    heard = [frame for frame in frames if frame.id not in sent]  # a gateway does not hear what it sends
     bus, link = LocalBus(), PlaybackLink(heard)
     gateway, events = Gateway(config, bus, link), EventLog(bus)
     queues = [(topic, bus.subscribe(topic, depth=256)) for topic in KEPT]

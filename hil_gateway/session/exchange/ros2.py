@@ -16,11 +16,11 @@ from mcap.writer import Writer
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.bus.topics import ESTIMATE, VEHICLE_STATE
-from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
 from hil_gateway.ros2.outgoing import Outgoing
 from hil_gateway.ros2.types import Types
 from hil_gateway.session.exchange.export import Exported
+from hil_gateway.session.files.configuration import recorded_config
 from hil_gateway.session.files.format import CAN_SCHEMA, CAN_SCHEMA_NAME, CAN_TOPIC, METADATA_SESSION, unpack_message
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.reader import Item, SessionReader
@@ -54,7 +54,7 @@ def export_ros2(source: Path, target: Path) -> Exported:
         writer.start(profile="ros2", library="hil-gateway")
         schema = writer.register_schema(CAN_SCHEMA_NAME, "ros2msg", CAN_SCHEMA.encode())
         channel = writer.register_channel(FRAMES, "cdr", schema, {"offered_qos_profiles": ""})
-        driven, left_out = _driven(writer), 0
+        driven, left_out = _driven(writer, recorded_config(source).vehicle.steering_ratio), 0
         for item in reader.items():
             if item.topic == CAN_TOPIC:
                 writer.add_message(channel, item.log_ns, item.data, item.publish_ns, item.sequence)
@@ -71,10 +71,10 @@ def export_ros2(source: Path, target: Path) -> Exported:
     return Exported(count, {NEEDS_TYPES: left_out} if left_out else {}, tuple(map(str, reader.damage)))
 
 
-def _driven(writer: Writer) -> _Driven | None:
+def _driven(writer: Writer, steering_ratio: float) -> _Driven | None:
     """None where the types of ROS are not installed."""
     try:
-        return _Driven(writer)
+        return _Driven(writer, steering_ratio)
     except InputError:
         return None
 
@@ -84,12 +84,12 @@ class _Driven:
     """Writes states and valid estimates as typed messages."""
 
     writer: Writer
+    steering_ratio: float
     types: Types = field(default_factory=lambda: Types(GENERATION))
     _channels: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._make = Outgoing(self.types)
-        self._ratio = load_car().vehicle.steering_ratio
 
     def add(self, item: Item) -> None:
         """One message of the bus."""
@@ -109,7 +109,7 @@ class _Driven:
     def _of_state(self, state: VehicleState, unix_ns: int) -> Iterator[Stamped]:
         header, types = self._make.header(unix_ns, "base_link"), self.types
         speeds = (state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr)
-        motor_deg = math.degrees(state.steer * self._ratio)
+        motor_deg = math.degrees(state.steer * self.steering_ratio)
         mode = types["raptor_dbw_msgs/msg/ActuatorControlMode"](0)
         yield IMU, unix_ns, self._make.imu(state, unix_ns)
         yield WHEELS, unix_ns, types[KINDS[WHEELS]](header, *(3.6 * speed for speed in speeds))

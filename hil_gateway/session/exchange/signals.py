@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from can_dbc.codec import Codec, Fault
-from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.exchange.export import Exported
+from hil_gateway.session.files.configuration import recorded_config
 from hil_gateway.session.files.format import CAN_TOPIC, named, unpack_frame
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.reader import SessionReader
@@ -31,7 +31,11 @@ def export_signals(source: Path, target: Path) -> Exported:
     Raises:
         InputError: no recording, no frames the DBC knows, `target` cannot be written, pyarrow missing.
     """
-    codec, left_out, reader = load_car().codec, dict[str, int](), SessionReader(source, frozenset({CAN_TOPIC}))
+    codec, left_out, reader = (
+        recorded_config(source).car.codec,
+        dict[str, int](),
+        SessionReader(source, frozenset({CAN_TOPIC})),
+    )
     samples: Samples = {}
     with named(source):
         for item in reader.items():

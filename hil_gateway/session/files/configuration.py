@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
+from can_dbc.folder import DEFAULT_PLATFORM
+from hil_gateway.car.car import PLATFORM_VARIABLE, Car, default_platform, load_car
 from hil_gateway.config import Config
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.format import METADATA_SESSION
 from hil_gateway.session.files.reader import SessionReader
+from hil_gateway.session.logs.raw_bag import is_recording
+from hil_gateway.session.logs.source import Source
 
 NO_TOPIC = frozenset[str]()
 
@@ -37,14 +42,43 @@ def required_config(path: Path) -> Config:
     for _ in reader.items():
         pass
     try:
-        return Config.model_validate_json(reader.metadata.get(METADATA_SESSION, {}).get("config", ""))
+        return _validated(reader.metadata.get(METADATA_SESSION, {}))
     except ValidationError as error:
         raise InputError(f"{path}: holds no configuration of this version: {error.errors()[0]['msg']}") from None
 
 
-def config_of(metadata: dict[str, Any]) -> Config:
-    """The configuration in a session's metadata, or the default one."""
+def config_of(metadata: Mapping[str, str]) -> Config:
+    """The configuration in a session's metadata, or the default one of its car.
+
+    Raises:
+        InputError: its car is not here.
+    """
     try:
-        return Config.model_validate(json.loads(metadata.get("config", "{}")))
-    except (ValueError, InputError):
+        return _validated(metadata)
+    except ValueError:
         return Config()
+
+
+def _validated(metadata: Mapping[str, str]) -> Config:
+    """Of the car that `--platform` names, or else of the one that was recorded."""
+    tree = json.loads(metadata.get("config", "{}"))
+    recorded = tree.get("platform", DEFAULT_PLATFORM) if isinstance(tree, dict) else DEFAULT_PLATFORM
+    if PLATFORM_VARIABLE in os.environ:
+        return Config.model_validate({**tree, "platform": default_platform()})
+    try:
+        return Config.model_validate({**tree, "platform": recorded})
+    except InputError as error:
+        raise InputError(f"recorded with the car {recorded}: {error}; name its folder with --platform") from None
+
+
+def recorded_car(paths: Iterable[Path]) -> Car:
+    """The car that `--platform` names, or else that of the recordings among `paths`.
+
+    Raises:
+        InputError: recordings of two cars, or of one that is not here.
+    """
+    cars = {recorded_config(path).platform: path for path in paths if is_recording(Source(path))}
+    if len(cars) > 1:
+        (one, first), (other, second), *_ = cars.items()
+        raise InputError(f"{first} is of the car {one}, {second} of {other}: give those of one car")
+    return load_car(*cars)

@@ -6,12 +6,11 @@ the JSON that went over the bus, with the JSON schema of their Pydantic model.
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
 import json
 import struct
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -23,7 +22,6 @@ from can_dbc.folder import SHIPPED
 from hil_gateway.bus.messages import Message
 from hil_gateway.bus.topics import Topic
 from hil_gateway.can_link import EXTENDED_ID, Frame
-from hil_gateway.car.car import load_car
 from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
@@ -73,15 +71,9 @@ def named(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from None
 
 
-def frame_source(bus: str, frame_id: int) -> str:
-    """`header.frame_id` of a recorded frame: bus and direction; `tx` is what the computer sends, by the DBC."""
-    return f"{bus}/{'tx' if frame_id in computer_ids() else 'rx'}"
-
-
-@cache
-def computer_ids() -> frozenset[int]:
-    """Identifiers of what the computer sends, by the DBC."""
-    return frozenset(message.id for message in load_car().codec.messages.values() if message.direction == "computer")
+def frame_source(bus: str, frame_id: int, sent: Collection[int]) -> str:
+    """`header.frame_id` of a recorded frame: bus and direction; `tx` where the computer sends it."""
+    return f"{bus}/{'tx' if frame_id in sent else 'rx'}"
 
 
 @cache
@@ -191,14 +183,9 @@ def session_metadata(config: Config, name: str, bus: str, started: str) -> dict[
         "bus": bus,
         "channel": config.can.channel if bus == "socketcan" else "",
         "software": software_version(),
-        "dbc_sha256": dbc_hash(),
+        "dbc_sha256": config.car.dbc_sha256,
         "config": config.model_dump_json(),
     }
-
-
-def dbc_hash() -> str:
-    """SHA-256 of the DBC in use."""
-    return hashlib.sha256(load_car().dbc.read_bytes()).hexdigest()
 
 
 def software_version() -> str:

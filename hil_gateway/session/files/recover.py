@@ -6,8 +6,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from hil_gateway.process.errors import InputError
+from hil_gateway.session.files.configuration import config_of
+from hil_gateway.session.files.format import METADATA_SESSION
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.reader import Item, SessionReader
 from hil_gateway.session.files.writer import PENDING_LIMIT, SessionFile
@@ -44,7 +47,9 @@ def recover(
         raise InputError(f"{source}: no message in it can be read: {reason}")
     foreign = None if reader.ours else reader.profile
     count = pending = 0
-    with output_file(target, source) as path, SessionFile(path, {}, further=further, foreign=foreign) as file:
+    attached = config_of(reader.metadata.get(METADATA_SESSION, {})).car.files() if reader.ours else {}
+    options: Any = {"further": further, "foreign": foreign, "attached": attached}
+    with output_file(target, source) as path, SessionFile(path, {}, **options) as file:
         for item in chain((first,), items):
             file.open(item.stream)
             file.add(item.topic, item.data, item.log_ns, item.publish_ns, item.sequence)

@@ -18,7 +18,6 @@ from mcap.writer import Writer
 from typing_extensions import Buffer
 
 from hil_gateway.bus.topics import TOPICS
-from hil_gateway.car.car import load_car
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.writable import free_bytes, short_of_space
 from hil_gateway.session.files.format import CAN_SCHEMA, CAN_SCHEMA_NAME, CAN_TOPIC, METADATA_SESSION, json_schema
@@ -85,15 +84,14 @@ class Sink:
 class SessionFile:
     """One MCAP file with a channel for raw frames, one for every recorded topic, and one for each `further` one.
 
-    The files of the car that decode the frames are attached, the DBC first.
-
-    `further`: topic -> name and text of its JSON schema. `foreign`: profile of a file of another program, that gets
-    its own channels alone.
+    `attached`: name and text of the files of the car, which decode the frames, the DBC first. `further`: topic -> name
+    and text of its JSON schema. `foreign`: profile of a file of another program, that gets its own channels alone.
     """
 
     def __init__(
         self, path: Path, metadata: Mapping[str, dict[str, str]], write: Write = os.write,
-        *, further: Mapping[str, tuple[str, bytes]] | None = None, foreign: str | None = None,
+        *, attached: Mapping[str, str] | None = None, further: Mapping[str, tuple[str, bytes]] | None = None,
+        foreign: str | None = None,
     ) -> None:  # fmt: skip
         self.path = path
         self.sink = Sink(path, write)
@@ -102,7 +100,7 @@ class SessionFile:
             self._writer.start(profile=foreign or "", library=LIBRARY)
             self._schemas: dict[tuple[str, bytes], int] = {}
             self._channels = self._register(further or {}) if foreign is None else {}
-            for name, text in load_car().files().items() if foreign is None else ():
+            for name, text in (attached or {}).items():
                 self._writer.add_attachment(0, 0, name, "text/plain", text.encode())
             for name, values in metadata.items():
                 self._writer.add_metadata(name, values)
@@ -186,8 +184,11 @@ class SessionWriter:
     """A session across rotation, disk errors and lack of space; no method raises OSError. Times are Unix ns."""
 
     def __init__(
-        self, path: Path, metadata: dict[str, str], rotate_bytes: int, min_free_bytes: int = 0, write: Write = os.write
-    ) -> None:
+        self, path: Path, metadata: dict[str, str], rotate_bytes: int, min_free_bytes: int = 0,
+        write: Write = os.write, *, attached: Mapping[str, str] | None = None,
+    ) -> None:  # fmt: skip
+        """`attached`: see `SessionFile`."""
+        self._attached = attached
         self._first, self._write = path, write
         self._rotate_bytes, self._min_free_bytes = rotate_bytes, min_free_bytes
         self._metadata = {METADATA_SESSION: metadata}
@@ -267,7 +268,7 @@ class SessionWriter:
             metadata = dict(self._metadata)
             metadata[METADATA_SESSION] = {**metadata[METADATA_SESSION], "part": str(part)}
             with contextlib.suppress(FileExistsError):  # of a recorder that was killed, or of another one: left alone
-                self._file = SessionFile(self._path(part), metadata, self._write)
+                self._file = SessionFile(self._path(part), metadata, self._write, attached=self._attached)
 
     def _path(self, part: int) -> Path:
         return self._first if part == 0 else self._first.with_stem(f"{self._first.stem}_{part:03d}")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from hil_gateway.car.car import Car
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure
@@ -23,19 +24,19 @@ from hil_gateway.session.overview.summary import session_summary
 from hil_gateway.track.lap_clock import Mark
 
 
-def session_infos(path: Path) -> list[dict[str, Any]]:
+def session_infos(path: Path, car: Car) -> list[dict[str, Any]]:
     """Summaries of a file with those that go on with it, or of every run in a folder of recordings.
 
     Raises:
         InputError: not a readable recording or log.
     """
     if not path.is_dir():
-        return [session_info(*run_of(path)) if is_recording(Source(path)) else session_info(path)]
+        return [session_info(*run_of(path), car=car) if is_recording(Source(path)) else session_info(path, car=car)]
     ours = [file for file in recordings(path) if is_recording(Source(file))]
-    return [session_info(*run) for run in runs_in(ours)] or [session_info(path)]
+    return [session_info(*run, car=car) for run in runs_in(ours)] or [session_info(path, car=car)]
 
 
-def session_info(path: Path, *following: Path) -> dict[str, Any]:
+def session_info(path: Path, *following: Path, car: Car) -> dict[str, Any]:
     """Summary of one file, ready for JSON; times in s, sizes in B. `following`: recordings that go on with it.
 
     A CAN log of another program has the same keys as a recording, with its frames by bus.
@@ -45,7 +46,7 @@ def session_info(path: Path, *following: Path) -> dict[str, Any]:
     """
     if path.is_dir() or is_sqlite(Source(path)):
         return bag_info(path)
-    return _recording_info(path, *following) if is_mcap(Source(path)) else log_info(path)
+    return _recording_info(path, *following) if is_mcap(Source(path)) else log_info(path, car)
 
 
 def bag_info(path: Path) -> dict[str, Any]:
@@ -56,9 +57,9 @@ def bag_info(path: Path) -> dict[str, Any]:
     return _tree(path, "ROS 2 bag", seen.start_ns, seen.end_ns) | seen.tree() | {"damage": bag.damage}
 
 
-def log_info(path: Path) -> dict[str, Any]:
-    """The same of a CAN log of any kind."""
-    log, buses, stamps = open_named(path), Counter[str](), [1 << 63, 0]
+def log_info(path: Path, car: Car) -> dict[str, Any]:
+    """The same of a CAN log of any kind, whose messages may be named as those of `car`."""
+    log, buses, stamps = open_named(path, car), Counter[str](), [1 << 63, 0]
     for entry in log.frames():
         buses[f"{entry.channel or 'of a bus without a name'}{' errors' if entry.frame.is_error else ''}"] += 1
         stamps = [min(stamps[0], entry.frame.stamp_ns), max(stamps[1], entry.frame.stamp_ns)]

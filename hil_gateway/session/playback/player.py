@@ -11,9 +11,10 @@ from hil_gateway.bus.zenoh_bus import HUB, open_bus
 from hil_gateway.can_link import LinkStats, open_link
 from hil_gateway.config import Config
 from hil_gateway.process.clock import SystemClock
+from hil_gateway.session.files.configuration import recorded_car
 from hil_gateway.session.files.format import named
 from hil_gateway.session.files.reader import Item, SessionReader
-from hil_gateway.session.playback.replay import Send, announcing, ids_from_car, in_order, replay, to_bus, to_can
+from hil_gateway.session.playback.replay import Send, announcing, in_order, replay, to_bus, to_can
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def play(files: Sequence[Path], config: Config, topics: Sequence[str], frames: b
             sends += [to_bus(bus, topics), announcing(bus, files[0].name, speed, SystemClock())]
         link = ends.enter_context(closing(open_link(config.can))) if frames else None
         if link:
-            sends.append(to_can(link, ids_from_car()))
+            sends.append(to_can(link, recorded_car(files).codec.sent_by("car")))
         for file in files:
             reader = SessionReader(file)
             with named(file):

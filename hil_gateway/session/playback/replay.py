@@ -113,10 +113,3 @@ def to_can(link: CanLink, ids: frozenset[int]) -> Send:
                 link.send(frame.id, frame.data)
 
     return send
-
-
-def ids_from_car() -> frozenset[int]:
-    """Identifiers that a car sends, by the DBC."""
-    from hil_gateway.car.car import load_car
-
-    return frozenset(m.id for m in load_car().codec.messages.values() if m.direction == "car")

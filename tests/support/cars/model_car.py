@@ -40,7 +40,7 @@ class ModelCar:
         self.bus = LocalBus()
         self.planner = Planner(config, self.bus, track, stopwatch=stopwatch, background=background)
         self._commands = self.bus.subscribe(topics.COMMAND, depth=4)
-        self._actuators = ActuatorModel(config.planner)
+        self._actuators = ActuatorModel(config.car.actuators)
         controller = self.planner.adoption.controller
         # the car keeps its physics when the planner's model changes
         self._physics = controller.problem.held_step()

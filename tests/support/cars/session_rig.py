@@ -11,6 +11,7 @@ from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import Command
 from hil_gateway.bus.topics import COMMAND
 from hil_gateway.can_link import VirtualWire
+from hil_gateway.car.car import load_car
 from hil_gateway.config import RecorderConfig
 from hil_gateway.process.clock import VirtualClock
 from hil_gateway.session.files.format import CAN_TOPIC
@@ -30,7 +31,9 @@ class Rig:
         wire = VirtualWire(self.clock)
         self.car = wire.link()
         writer = SessionWriter(path, {"name": "test", "config": "{}"}, rotate_bytes, write=write)
-        self.recorder = Recorder(CONFIG, self.bus, wire.link(), writer, UNIX_NS)
+        self.recorder = Recorder(
+            CONFIG, self.bus, wire.link(), writer, UNIX_NS, sent=load_car().codec.sent_by("computer")
+        )
         self.sent = 0
         self.rng = random.Random(1)
 

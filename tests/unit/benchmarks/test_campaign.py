@@ -36,7 +36,7 @@ from benchmarks.campaign.trial import (
 from benchmarks.commands.campaign import _methods
 from estimator.belief.tyre_belief import Sample
 from estimator.model.measurement import measurement_function
-from estimator.model.parameters import DEFAULT_TYRE, tyre_parameters
+from estimator.model.parameters import tyre_parameters, tyre_prior
 from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LocalBus
@@ -45,20 +45,23 @@ from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
 
 SETTINGS = CampaignSettings()
-NAMES = [p.name for p in tyre_parameters("per_axle")]
+NAMES = [p.name for p in tyre_parameters(tyre_prior(load_car(), "per_axle"))]
 
 
 def made_up(method: str, seed: int, rate: float) -> dict[str, Any]:
     """Result of a drive whose information grows `rate` times as fast as plain driving's and whose mean converges."""
     rng = np.random.default_rng(seed)
     tyre = true_tyre(seed, SETTINGS)
-    truth = np.array([tyre.get(n, DEFAULT_TYRE["per_axle"]["cx"]) for n in NAMES])
-    prior = np.array([DEFAULT_TYRE["per_axle"][n] for n in NAMES])
+    truth = np.array([tyre.get(n, tyre_prior(load_car(), "per_axle")["cx"]) for n in NAMES])
+    prior = np.array([tyre_prior(load_car(), "per_axle")[n] for n in NAMES])
     t = np.arange(0.0, 100.0, 0.1)
     mean = truth + (prior - truth) * np.exp(-rate * t / 8.0)[:, None]
     signals = np.column_stack([rng.uniform(20, 50, 300), rng.normal(0, 1, 300), rng.normal(0, 0.3, 300),
                                rng.normal(0, 0.05, 300), np.zeros(300)])  # fmt: skip
-    h = measurement_function(SingleTrack(load_car().vehicle, "per_axle"), "imu_yaw")
+    h = measurement_function(
+        SingleTrack(load_car().vehicle, tyre_prior(load_car(), "per_axle")),
+        "imu_yaw",
+    )
     z = np.array(h(signals.T, np.zeros((len(AUXILIARY), 1)), truth, np.zeros((0, 1)))[0]).T
     return {
         "trial": {"method": method, "seed": seed}, "settings": {}, "truth": tyre, "start_s": 2.0,
@@ -129,7 +132,7 @@ def test_bootstrap_interval_holds_the_median_and_narrows_with_seeds() -> None:
 
 
 def test_d_target_is_the_log_det_of_that_accuracy() -> None:
-    table = tyre_parameters("per_axle")
+    table = tyre_parameters(tyre_prior(load_car(), "per_axle"))
     covariance = np.diag([(0.05 * p.prior) ** 2 for p in table])
     scale = np.array([p.prior_std for p in table])
     assert d_target(0.05) == pytest.approx(-np.linalg.slogdet(covariance / np.outer(scale, scale))[1])
@@ -196,7 +199,7 @@ def test_beliefs_are_judged_by_a_drive_that_is_not_among_the_ways_of_driving(
     car = true_tyre(3, SETTINGS)
     known, prior = (starting_knowledge(Trial(method, 3), SETTINGS) for method in (KNOWN, "prior"))
     assert {name: known.tyre[name] for name in car} == car
-    assert prior.tyre == DEFAULT_TYRE["per_axle"]
+    assert prior.tyre == tyre_prior(load_car(), "per_axle")
     assert prior.limits == (0.0, 0.0), "no load counts as borne before the drive"
     spread = np.sqrt(np.diag(prior.covariance)) / list(prior.tyre.values())
     assert spread == pytest.approx(np.full(7, SETTINGS.mismatch)), "declared tyres are as doubtful as cars are off"
@@ -218,7 +221,7 @@ def test_without_learning_samples_are_kept_and_teach_nothing() -> None:
 
 def test_cars_are_off_by_the_mismatch_up_or_down() -> None:
     ratios = np.array([
-        [value / DEFAULT_TYRE["per_axle"][name] for name, value in true_tyre(seed, SETTINGS).items()]
+        [value / tyre_prior(load_car(), "per_axle")[name] for name, value in true_tyre(seed, SETTINGS).items()]
         for seed in range(20)
     ])  # fmt: skip
     assert np.abs(ratios - 1.0) == pytest.approx(np.full(ratios.shape, SETTINGS.mismatch))

@@ -15,13 +15,13 @@ from benchmarks.plans.contraction import CASES, measure, step_ratios
 from hil_gateway.car.car import load_car
 from hil_gateway.track.loading import load_track
 from planner.cli.plan import app
-from planner.problem.settings import Settings
+from planner.problem.settings import declared_settings
 
 PLACES = 6
 
 
 def test_steps_and_neighbouring_drives_of_the_plain_planner_contract() -> None:
-    controller, _ = bench_controller(load_track(), load_car().vehicle, Settings())
+    controller, _ = bench_controller(load_track(), load_car().vehicle, declared_settings(load_car()))
     found = measure(controller, PLACES)
     assert len(found.iterations) >= 3 * PLACES
     assert np.mean(found.iterations < 1.0) > 0.85, "SQP steps grow"

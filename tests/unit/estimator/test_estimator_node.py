@@ -11,11 +11,12 @@ from support.estimator_bench import DT_NS, START_NS, VEHICLE, Bench, Car
 
 from estimator.belief.revision import RevisionPolicy, declared_revision, load_revision, model_of, revision_id
 from estimator.belief.tyre_belief import TyreBelief
-from estimator.model.parameters import DEFAULT_TYRE
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import SingleTrack
 from estimator.node import acting_variance, slope
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import ActiveEffect, Message, ModelRevision, SourceHealth
+from hil_gateway.car.car import load_car
 from hil_gateway.config import EstimatorConfig
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
@@ -140,17 +141,17 @@ class Believing(TyreBelief):
     """A belief set by hand."""
 
     def __init__(self, mean: dict[str, float], samples: int) -> None:
-        super().__init__(SingleTrack(VEHICLE, "per_axle"))
+        super().__init__(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")))
         self.deviation = (np.array([mean[n] for n in self.names]) - self.prior) / self.scale
         self.samples = samples
 
 
 def scaled(factor: float) -> dict[str, float]:
-    return {name: factor * value for name, value in DEFAULT_TYRE["per_axle"].items()}
+    return {name: factor * value for name, value in tyre_prior(load_car(), "per_axle").items()}
 
 
 def test_revision_waits_for_samples_and_for_a_change_worth_sending() -> None:
-    policy = RevisionPolicy(EstimatorConfig(), declared_revision("per_axle"))
+    policy = RevisionPolicy(EstimatorConfig(), declared_revision(tyre_prior(load_car(), "per_axle")))
     declared = policy.current.revision
     assert policy.message(Believing(scaled(1.5), samples=10), 0, 1).revision == declared
     assert policy.message(Believing(scaled(1.01), samples=10_000), 0, 1).revision == declared
@@ -158,7 +159,7 @@ def test_revision_waits_for_samples_and_for_a_change_worth_sending() -> None:
 
 
 def test_revision_moves_by_bounded_steps_and_stays_within_bounds() -> None:
-    policy = RevisionPolicy(EstimatorConfig(), declared_revision("per_axle"))
+    policy = RevisionPolicy(EstimatorConfig(), declared_revision(tyre_prior(load_car(), "per_axle")))
     believing = Believing(scaled(2.9), samples=10_000)
     values = [policy.current.tyre["df"], *(policy.message(believing, k, k).tyre["df"] for k in range(60))]
     assert max(b / a for a, b in pairwise(values)) <= 1.2 + 1e-9
@@ -167,7 +168,7 @@ def test_revision_moves_by_bounded_steps_and_stays_within_bounds() -> None:
 
 
 def test_learning_switched_off_keeps_the_model() -> None:
-    policy = RevisionPolicy(EstimatorConfig(learn=False), declared_revision("per_axle"))
+    policy = RevisionPolicy(EstimatorConfig(learn=False), declared_revision(tyre_prior(load_car(), "per_axle")))
     assert policy.message(Believing(scaled(1.5), samples=10_000), 0, 1).tyre == policy.current.tyre == scaled(1.0)
 
 
@@ -196,7 +197,11 @@ def test_revision_file_round_trips_and_bad_ones_are_named(tmp_path: Path) -> Non
     with pytest.raises(InputError, match="it was edited"):
         load_revision(file)
     covariance = tuple(tuple(float(i == j) for j in range(8)) for i in range(8))
-    file.write_text(declared_revision("per_axle").model_copy(update={"covariance": covariance}).model_dump_json())
+    file.write_text(
+        declared_revision(tyre_prior(load_car(), "per_axle"))
+        .model_copy(update={"covariance": covariance})
+        .model_dump_json()
+    )
     with pytest.raises(InputError, match="covariance has 8 rows for 7 parameters"):
         load_revision(file)
     file.write_text("{}")
@@ -208,7 +213,7 @@ def test_revision_file_round_trips_and_bad_ones_are_named(tmp_path: Path) -> Non
 
 def written(file: Path, effects: tuple[ActiveEffect, ...]) -> ModelRevision:
     """The declared model with effects, as a file."""
-    declared = declared_revision("per_axle")
+    declared = declared_revision(tyre_prior(load_car(), "per_axle"))
     made = {"effects": effects, "revision": revision_id(declared.layout, declared.tyre, effects)}
     revision = declared.model_copy(update=made)
     file.write_text(revision.model_dump_json())
@@ -216,7 +221,7 @@ def written(file: Path, effects: tuple[ActiveEffect, ...]) -> ModelRevision:
 
 
 def test_estimator_starts_from_a_revision_file(oval: Track, tmp_path: Path) -> None:
-    revision: ModelRevision = declared_revision("per_axle", scaled(1.1))
+    revision: ModelRevision = declared_revision(scaled(1.1))
     file = tmp_path / "model.json"
     file.write_text(revision.model_dump_json())
     bench = Bench(oval, model=str(file))

@@ -12,11 +12,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from support.cars.pushed_car import VEHICLE, Errors, PushedCar
+from support.cars.pushed_car import Errors, PushedCar
 from support.promise_figures import record_figure, volume
 
 from estimator.state.localisation import Localisation
 from hil_gateway.bus.messages import Estimate, SourceHealth, VehicleState
+from hil_gateway.car.car import load_car
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
@@ -56,7 +57,7 @@ def test_a_heading_is_not_known_before_the_first_metres_and_is_after_them(
 ) -> None:
     track, s = steep
     car = PushedCar(track, s, turned, Errors(drift=0.01), 1, lambda t: 0.0 if t < 3.0 else speed)
-    localisation = Localisation(VEHICLE, track)
+    localisation = Localisation(load_car(), track)
     standing = _estimates(car, localisation, car.states(3.0))
     assert {e.lacks for e in standing} == {"heading"}
     assert not any(e.valid for e in standing)
@@ -76,7 +77,7 @@ def test_heading_stays_right_or_is_said_to_be_lost_for_minutes(steep: Place, the
     track, s = steep
     errors = Errors(drift=0.01, drift_yaw=float(track.at(s).heading) + np.pi / 2)
     car = PushedCar(track, s, 0.3, errors, 2, _pushed(40.0, 30.0, lambda t: then))
-    localisation = Localisation(VEHICLE, track)
+    localisation = Localisation(load_car(), track)
     _estimates(car, localisation, car.states(40.0))
     found, minutes = [], volume(2, 10)
     for state in car.states(60.0 * minutes):
@@ -97,7 +98,7 @@ def test_heading_stays_right_or_is_said_to_be_lost_for_minutes(steep: Place, the
 def test_a_car_pushed_either_way_knows_its_heading_and_its_speed(steep: Place, way: float) -> None:
     track, s = steep
     car = PushedCar(track, s, 0.1, Errors(drift=0.01), 3, _pushed(40.0, way))
-    localisation = Localisation(VEHICLE, track)
+    localisation = Localisation(load_car(), track)
     last = _estimates(car, localisation, car.states(38.0))[-1]
     assert car.rolled == pytest.approx(30.0, abs=1.0)
     assert last.valid
@@ -119,7 +120,7 @@ def test_heading_and_speed_are_consistent_at_rest_and_at_walking_pace() -> None:
         errors = Errors(*rng.normal(0.0, [0.15, 0.15, 0.004]), drift=drift, drift_yaw=drift_yaw)
         walk = _pushed(40.0, 18.0, lambda t: -1.0)
         car = PushedCar(track, s, float(rng.uniform(-3, 3)), errors, seed, walk)
-        localisation = Localisation(VEHICLE, track)
+        localisation = Localisation(load_car(), track)
         for state in car.states(max(phases.values())):
             estimate = localisation.step(state, car.k)
             for name, at in phases.items():
@@ -134,7 +135,7 @@ def test_heading_and_speed_are_consistent_at_rest_and_at_walking_pace() -> None:
 def test_fixes_that_wander_do_not_restart_the_filter_of_a_standing_car(steep: Place) -> None:
     track, s = steep
     car = PushedCar(track, s, 0.0, Errors(wander=0.08, drift=0.02), 4, _pushed(15.0, 10.0))
-    localisation = Localisation(VEHICLE, track)
+    localisation = Localisation(load_car(), track)
     _estimates(car, localisation, car.states(20.0))
     for state in car.states(100.0):
         estimate = localisation.step(state, car.k)
@@ -145,7 +146,7 @@ def test_fixes_that_wander_do_not_restart_the_filter_of_a_standing_car(steep: Pl
 def test_a_car_carried_away_while_it_stands_no_longer_knows_its_heading(steep: Place) -> None:
     track, s = steep
     car = PushedCar(track, s, 0.0, Errors(), 5, _pushed(15.0, 10.0))
-    localisation = Localisation(VEHICLE, track)
+    localisation = Localisation(load_car(), track)
     assert _estimates(car, localisation, car.states(16.0))[-1].valid
     car.x, car.y, car.yaw = car.x + 30.0, car.y, car.yaw + 1.5
     assert _estimates(car, localisation, car.states(2.0))[-1].lacks == "heading"
@@ -155,7 +156,7 @@ def test_a_car_carried_away_while_it_stands_no_longer_knows_its_heading(steep: P
 def test_a_few_samples_out_of_range_are_bridged_and_counted(steep: Place, frames: int) -> None:
     track, s = steep
     car = PushedCar(track, s, 0.0, Errors(), 6, _pushed(100.0, 90.0))
-    localisation, seeing = Localisation(VEHICLE, track), Localisation(VEHICLE, track)
+    localisation, seeing = Localisation(load_car(), track), Localisation(load_car(), track)
     for state in car.states(60.0):
         localisation.step(state, 0), seeing.step(state, 0)
     held = {"sources": {"imu": SourceHealth(age_s=0.02, valid=False)}}
@@ -171,7 +172,7 @@ def test_a_few_samples_out_of_range_are_bridged_and_counted(steep: Place, frames
 def test_old_states_of_a_burst_change_nothing(steep: Place) -> None:
     track, s = steep
     car = PushedCar(track, s, 0.0, Errors(), 7, _pushed(100.0, 90.0))
-    localisation = Localisation(VEHICLE, track)
+    localisation = Localisation(load_car(), track)
     states = list(car.states(20.0))
     _estimates(car, localisation, states[:-1])
     old = [localisation.step(state, 0) for state in states[-50:-1]]
@@ -184,7 +185,7 @@ def test_old_states_of_a_burst_change_nothing(steep: Place) -> None:
 def test_a_standing_car_survives_a_break_of_the_states(steep: Place) -> None:
     track, s = steep
     car = PushedCar(track, s, 0.0, Errors(), 8, _pushed(15.0, 10.0))
-    localisation = Localisation(VEHICLE, track)
+    localisation = Localisation(load_car(), track)
     before = _estimates(car, localisation, car.states(20.0))[-1]
     list(car.states(5.0))
     after = localisation.step(car.state(), 0)
@@ -195,8 +196,8 @@ def test_a_standing_car_survives_a_break_of_the_states(steep: Place) -> None:
 def test_a_restarted_estimator_goes_on_with_what_the_last_one_knew(steep: Place) -> None:
     track, s = steep
     car = PushedCar(track, s, 0.0, Errors(), 9, _pushed(15.0, 10.0))
-    known = _estimates(car, Localisation(VEHICLE, track), car.states(20.0))[-1]
-    first = Localisation(VEHICLE, track).step(_with(car.state(), known), 0)
+    known = _estimates(car, Localisation(load_car(), track), car.states(20.0))[-1]
+    first = Localisation(load_car(), track).step(_with(car.state(), known), 0)
     assert first.valid
     assert first.yaw == pytest.approx(known.yaw)
     assert first.bias_yaw_rate == pytest.approx(car.errors.yaw_rate, abs=2e-4)
@@ -205,9 +206,9 @@ def test_a_restarted_estimator_goes_on_with_what_the_last_one_knew(steep: Place)
 def test_what_the_last_one_knew_of_another_place_is_not_taken(steep: Place) -> None:
     track, s = steep
     car = PushedCar(track, s, 0.0, Errors(), 9, _pushed(15.0, 10.0))
-    known = _estimates(car, Localisation(VEHICLE, track), car.states(20.0))[-1]
+    known = _estimates(car, Localisation(load_car(), track), car.states(20.0))[-1]
     elsewhere = known.model_copy(update={"x": known.x + 5.0})
-    assert Localisation(VEHICLE, track).step(_with(car.state(), elsewhere), 0).lacks == "heading"
+    assert Localisation(load_car(), track).step(_with(car.state(), elsewhere), 0).lacks == "heading"
 
 
 def _with(state: VehicleState, known: Estimate) -> VehicleState:
@@ -219,7 +220,7 @@ def test_wheels_that_say_nothing_below_their_threshold_leave_the_heading_alone(s
     track, s = steep
     errors = replace(Errors(), wheel_least=0.3)
     car = PushedCar(track, s, 0.0, errors, 10, _pushed(35.0, 30.0, lambda t: 0.25))
-    localisation = Localisation(VEHICLE, track)
+    localisation = Localisation(load_car(), track)
     assert _estimates(car, localisation, car.states(36.0))[-1].valid
     last = _estimates(car, localisation, car.states(60.0))[-1]
     assert _wrong(car, last) < HEADING

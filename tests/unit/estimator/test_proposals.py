@@ -10,9 +10,11 @@ import pytest
 from support.estimator_bench import Bench, Car
 
 from estimator.belief.revision import RevisionPolicy, declared_revision
+from estimator.model.parameters import tyre_prior
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision
 from hil_gateway.bus.proposal import ModelProposal, Outcome
+from hil_gateway.car.car import load_car
 from hil_gateway.config import EstimatorConfig
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
@@ -31,7 +33,7 @@ def proposal(revision: ModelRevision, use_from_ns: int = 0) -> ModelProposal:
 
 def with_offset(std: float = 0.01) -> ModelRevision:
     """The declared tyres and a steering offset, found to be about nothing, with what is known of all of them."""
-    start = declared_revision("per_axle")
+    start = declared_revision(tyre_prior(load_car(), "per_axle"))
     effects = (ActiveEffect(name="steer_offset", parameters={"offset": 0.0}),)
     known = np.diag(np.square([*(0.1 * value for value in start.tyre.values()), std]))
     return start.model_copy(update={"effects": effects, "covariance": tuple(map(tuple, known.tolist()))})
@@ -84,7 +86,7 @@ def test_a_flood_of_models_that_are_refused_is_a_few_lines(oval: Track, caplog: 
 
 def test_a_parameter_that_starts_at_nothing_moves_by_its_spread() -> None:
     policy = RevisionPolicy(EstimatorConfig(revision_max_step=0.05), with_offset(std=0.01))
-    mean = np.array([*declared_revision("per_axle").tyre.values(), -0.004])
+    mean = np.array([*declared_revision(tyre_prior(load_car(), "per_axle")).tyre.values(), -0.004])
     believing: Any = SimpleNamespace(mean=mean, covariance=np.eye(len(mean)), samples=10_000)
     offsets = [policy.message(believing, k, k).effects[0].parameters["offset"] for k in range(20)]
     assert offsets[0] == pytest.approx(-0.0005), "a twentieth of the spread at once"

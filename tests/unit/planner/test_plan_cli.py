@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
@@ -12,7 +13,7 @@ from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
 from hil_gateway.track.loading import load_track
 from planner.cli.plan import app
-from planner.problem.settings import Information, Settings
+from planner.problem.settings import Information, declared_settings
 
 KEYS = {
     "laps", "lap_time_s", "solve_ms", "ipopt_warm_ms", "speedup_vs_ipopt", "violations", "qp_failures",
@@ -34,7 +35,9 @@ def test_bench_prints_one_json_object_and_keeps_all_limits() -> None:
 
 def test_a_drive_with_information_keeps_all_limits() -> None:
     """The first 15 s of the road course, with its tightest bend entered from the fastest straight."""
-    settings = Settings(information=Information(weight=INFORMATION_WEIGHT, kind="imu_yaw"))
+    settings = replace(
+        declared_settings(load_car()), information=Information(weight=INFORMATION_WEIGHT, kind="imu_yaw")
+    )
     controller, _ = bench_controller(load_track(), load_car().vehicle, settings)
     run = drive(controller, 1, steps=300)
     assert run.violations == {"track": 0, "load": 0, "actuator": 0, "information": 0}
@@ -43,7 +46,7 @@ def test_a_drive_with_information_keeps_all_limits() -> None:
 
 def test_sqp_beats_warm_ipopt_on_the_same_problems() -> None:
     """Loose bound for busy machines; the figure is `hil plan bench`."""
-    controller, _ = bench_controller(load_track(), load_car().vehicle, Settings())
+    controller, _ = bench_controller(load_track(), load_car().vehicle, declared_settings(load_car()))
     report = summary(drive(controller, 1, ipopt=True, steps=81), controller)
     assert report["ipopt_warm_ms"]["samples"] >= 2
     assert report["speedup_vs_ipopt"] > 10

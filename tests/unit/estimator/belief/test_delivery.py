@@ -10,11 +10,12 @@ from support.measurement_evaluation import MeasurementEvaluation
 
 from estimator.belief.delivery import CONFIRMED, LATE, WINDOW, Delivery
 from estimator.belief.tyre_belief import Sample
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.bus.delivered import Delivered
 from hil_gateway.car.car import load_car
 
-MODEL = SingleTrack(load_car().vehicle, "per_axle")
+MODEL = SingleTrack(load_car().vehicle, tyre_prior(load_car(), "per_axle"))
 NAMES = [p.name for p in MODEL.tyre_table]
 BELIEVED = np.array([p.prior for p in MODEL.tyre_table])
 NO_AUX = np.zeros(len(AUXILIARY))

@@ -18,12 +18,13 @@ from estimator.belief.revision import (
 )
 from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.measurement import measurement_function
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import AUXILIARY
 from hil_gateway.car.car import load_car
 from hil_gateway.config import EstimatorConfig, load_config
 
 VEHICLE = load_car().vehicle
-START = race_car_revision("per_axle", VEHICLE)
+START = race_car_revision(load_car(), "per_axle")
 REVISED = model_of(START, VEHICLE, 1000.0)
 EXTRA = AUXILIARY.index("extra_load")
 
@@ -113,7 +114,7 @@ def test_a_dip_loads_both_axles_and_a_crest_unloads_them() -> None:
 def test_the_model_to_start_with_is_what_is_configured() -> None:
     assert starting_revision(load_config(), "").effects == START.effects
     paper = load_config(None, {"declared_model": "paper"})
-    assert starting_revision(paper, "") == declared_revision("per_axle")
+    assert starting_revision(paper, "") == declared_revision(tyre_prior(load_car(), "per_axle"))
 
 
 def test_what_an_earlier_session_learnt_is_never_surer_than_sessions_differ() -> None:
@@ -123,4 +124,6 @@ def test_what_an_earlier_session_learnt_is_never_surer_than_sessions_differ() ->
     assert std[values != 0.0] == pytest.approx(SESSION_SPREAD * values[values != 0.0], rel=1e-3)
     assert np.all(std > 3e-4), "a rack that is put together again is 0.02 deg off at least"
     assert np.all(np.diag(carried_over(START).covariance) > np.diag(START.covariance))
-    assert carried_over(declared_revision("per_axle")) == declared_revision("per_axle"), "nothing learnt, nothing added"
+    assert carried_over(declared_revision(tyre_prior(load_car(), "per_axle"))) == declared_revision(
+        tyre_prior(load_car(), "per_axle")
+    ), "nothing learnt, nothing added"

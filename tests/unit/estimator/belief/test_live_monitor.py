@@ -10,6 +10,7 @@ from support.measurement_evaluation import MeasurementEvaluation
 
 from estimator.belief.residual_monitor import ResidualMonitor
 from estimator.belief.tyre_belief import Sample
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import AUXILIARY, SingleTrack
 from hil_gateway.car.car import load_car
 
@@ -22,7 +23,7 @@ class Laps:
     """Samples of a car on laps with left and right turns at several speeds; the model's own physics plus a defect."""
 
     def __init__(self, seed: int = 3) -> None:
-        self.model = SingleTrack(VEHICLE, "per_axle")
+        self.model = SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))
         self.theta = np.array([p.prior for p in self.model.tyre_table])
         self._h = MeasurementEvaluation(self.model, "imu_yaw")
         self._rng = np.random.default_rng(seed)

@@ -15,17 +15,19 @@ from estimator.belief.revision import declared_revision, revision_id
 from estimator.learner.find import Found, Task, find, judge
 from estimator.learner.job import MOST_BYTES, NICENESS, ChildJob, Failed
 from estimator.learner.node import ADOPTION_NS, AGAIN_LAPS, Learner
+from estimator.model.parameters import tyre_prior
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import ActiveEffect, Alert, Estimate, ModelRevision, Plan, PlanStatus, VehicleState
 from hil_gateway.bus.proposal import ModelProposal, Outcome
+from hil_gateway.car.car import load_car
 from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 
 GOOD = {"vx": 0.2, "vy": 0.1, "yaw_rate": 0.02, "position": 0.2}
 BETTER = {name: 0.6 * value for name, value in GOOD.items()}
-DECLARED = declared_revision("per_axle")
+DECLARED = declared_revision(tyre_prior(load_car(), "per_axle"))
 ROWS_A_LAP = 20
 LAP_S = 80.0
 

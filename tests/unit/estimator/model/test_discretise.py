@@ -9,10 +9,11 @@ from scipy.integrate import solve_ivp
 from support.promise_figures import record_figure
 
 from estimator.model.discretise import STATES, rk4, state_derivative
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import SingleTrack
 from hil_gateway.car.car import load_car
 
-MODEL = SingleTrack(load_car().vehicle, "per_axle")
+MODEL = SingleTrack(load_car().vehicle, tyre_prior(load_car(), "per_axle"))
 THETA = [p.prior for p in MODEL.tyre_table]
 START, CONTROL = np.array([0.0, 0.0, 0.1, 35.0, 0.4, 0.2]), np.array([0.03, 0.04])
 

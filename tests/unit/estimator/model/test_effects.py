@@ -17,6 +17,7 @@ from estimator.model.effect import Effect
 from estimator.model.effects import catalogue
 from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.model.memory import after_play, axle_courses, delayed, held, relaxed, swung
+from estimator.model.parameters import tyre_prior
 from estimator.model.profile import profile_basis, profile_value
 from estimator.model.single_track import CHANNELS, SIGNALS, SingleTrack, Terms
 from hil_gateway.car.car import load_car
@@ -72,7 +73,7 @@ SIGNS = {
 
 
 def predict(effect: Effect | None, parameters: tuple[float, ...] = (), **signals: float) -> dict[str, float]:
-    model = SingleTrack(VEHICLE, "per_axle", () if effect is None else (effect,))
+    model = SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"), () if effect is None else (effect,))
     terms = Terms(VEHICLE, **{name: signals[name] for name in SIGNALS}, aux=AUXILIARY)
     model.evaluate(terms, [p.prior for p in model.tyre_table], parameters)
     return dict(zip(CHANNELS, (float(value) for value in terms.channels()), strict=True))
@@ -115,7 +116,7 @@ def predict_with(
     past: Mapping[str, float],
     state: Mapping[str, float],
 ) -> dict[str, float]:
-    model = SingleTrack(VEHICLE, "per_axle", effects)
+    model = SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"), effects)
     terms = Terms(VEHICLE, **{**LEFT_TURN, **state}, aux={**AUXILIARY, **past})
     model.evaluate(terms, [p.prior for p in model.tyre_table], parameters)
     return dict(zip(CHANNELS, (float(value) for value in terms.channels()), strict=True))
@@ -179,7 +180,7 @@ def test_mirrored_state_gives_mirrored_accelerations(name: str) -> None:
     mirrored = {key: -value if key == "steer_rate" else value for key, value in AUXILIARY.items()}
     a = predict(effect, parameters, **left)
     terms = Terms(VEHICLE, **{n: right[n] for n in SIGNALS}, aux=mirrored)
-    model = SingleTrack(VEHICLE, "per_axle", (effect,))
+    model = SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"), (effect,))
     model.evaluate(terms, [p.prior for p in model.tyre_table], parameters)
     b = dict(zip(CHANNELS, (float(v) for v in terms.channels()), strict=True))
     odd = {"ay", "yaw_acc", "vy_dot"}
@@ -190,7 +191,7 @@ def test_mirrored_state_gives_mirrored_accelerations(name: str) -> None:
 def test_jacobian_agrees_with_finite_differences(name: str) -> None:
     effect = catalogue()[name]
     loads = (catalogue()["load_transfer"],) if effect.requires_any else ()
-    model = SingleTrack(VEHICLE, "per_axle", (*loads, effect))
+    model = SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"), (*loads, effect))
     size = len(model.effect_table)
     phi, state = ca.SX.sym("phi", size), ca.SX.sym("state", 5)
     terms = Terms(VEHICLE, *ca.vertsplit(state), aux=AUXILIARY)
@@ -218,7 +219,7 @@ def test_gravity_is_not_felt_by_the_accelerometer() -> None:
 
 
 def test_load_transfer_moves_load_and_keeps_its_sum() -> None:
-    model = SingleTrack(VEHICLE, "per_axle", (catalogue()["load_transfer"],))
+    model = SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"), (catalogue()["load_transfer"],))
     terms = Terms(VEHICLE, **LEFT_TURN)
     model.evaluate(terms, [p.prior for p in model.tyre_table], (0.3,))
     assert terms.load_f + terms.load_r == pytest.approx(VEHICLE.mass * GRAVITY)
@@ -320,7 +321,9 @@ def test_a_limited_slip_axle_is_locked_below_what_its_clutches_bear_and_slips_be
         with_it, without = predict(effect, (lever, compliance), **state), predict(None, **state)
         return (without["yaw_acc"] - with_it["yaw_acc"]) * inertia
 
-    force = 0.04 * next(p.prior for p in SingleTrack(VEHICLE, "per_axle").tyre_table if p.name == "cx")
+    force = 0.04 * next(
+        p.prior for p in SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")).tyre_table if p.name == "cx"
+    )
     borne = pytest.approx(lever * np.hypot(force, 1e3), rel=0.1)
     assert moment(80.0, 0.15) == pytest.approx(1e3 * omega / compliance / 80.0, rel=0.03)
     assert moment(5.0, 0.04) == pytest.approx(moment(5.0, -0.04)) == borne
@@ -388,7 +391,7 @@ def test_drive_is_missing_for_the_gap_after_a_change_of_gear_and_at_no_other_tim
     for drive, force_left in ((0.05, 0.0), (-0.05, -0.05)):
         state = LEFT_TURN | {"drive": drive}
         none, gap = (predict_with((effect,), (0.035,), {"shifting": s}, state)["ax"] for s in (0.0, 1.0))
-        cx = SingleTrack(VEHICLE, "per_axle").tyre_table[0].prior
+        cx = SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")).tyre_table[0].prior
         assert gap - none == pytest.approx(cx * (force_left - drive) / VEHICLE.mass, abs=0.03)
 
 
@@ -396,7 +399,7 @@ def test_axles_share_the_braking_force_as_their_pressures_times_what_each_makes_
     """Front 4 MPa and rear 2 MPa on a car whose front brakes do 0.6 at equal pressures."""
     front, rear = 4.0 * 0.6, 2.0 * 0.4
     terms = Terms(VEHICLE, 40.0, 0.0, 0.0, 0.0, -0.2, aux={"brake_balance": (4.0 - 2.0) / (4.0 + 2.0)})
-    model = SingleTrack(VEHICLE, "per_axle", (catalogue()["front_brake"],))
+    model = SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"), (catalogue()["front_brake"],))
     model.evaluate(terms, [p.prior for p in model.tyre_table], (0.6, 1.1))
     total = 1.1 * 0.2 * 50_000.0
     assert [float(terms.fx_f), float(terms.fx_r)] == pytest.approx(

@@ -2,6 +2,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import SingleTrack
 from estimator.model.tyre import (
     AXLES,
@@ -44,7 +45,7 @@ def test_a_curve_without_a_peak_grows_up_to_a_right_angle() -> None:
 
 @pytest.mark.parametrize("layout", ["shared", "per_axle"])
 def test_axles_name_every_parameter_of_the_model_but_the_longitudinal_one(layout: str) -> None:
-    names = [p.name for p in SingleTrack(load_car().vehicle, layout).tyre_table]  # type: ignore[arg-type]
+    names = [p.name for p in SingleTrack(load_car().vehicle, tyre_prior(load_car(), layout)).tyre_table]  # type: ignore[arg-type]
     named = [n for axle in AXLES[layout] for n in axle.parameters]  # type: ignore[index]
     assert ["cx", *named] == names
 

@@ -15,6 +15,7 @@ from estimator.offline.identification import Options, identify
 from estimator.offline.record.declared import default_tyre_prior, read_vehicle
 from estimator.offline.record.record import make_record
 from estimator.offline.report.diagnosis_result import as_revision
+from hil_gateway.car.car import load_car
 
 MODEL_CAR = {"mass": 1.58, "yaw_inertia": 0.0048, "lf": 0.0805, "lr": 0.0930}
 """1:10, of the measured runs"""
@@ -40,8 +41,8 @@ def _vehicle_file(folder: Path, values: dict[str, float]) -> Path:
 @pytest.mark.parametrize("name", ["1:10", pytest.param("kart", marks=pytest.mark.long), "lorry"])
 def test_tyres_of_a_car_of_any_size_are_found(name: str, tmp_path: Path) -> None:
     car = CARS[name]
-    vehicle = read_vehicle(_vehicle_file(tmp_path, car.vehicle))
-    found = identify(_log(car), vehicle, default_tyre_prior("per_axle", vehicle), Options()).final
+    vehicle = read_vehicle(_vehicle_file(tmp_path, car.vehicle), load_car())
+    found = identify(_log(car), vehicle, default_tyre_prior("per_axle", vehicle, load_car()), Options()).final
     stiffness = [np.prod([found[f"{p}{axle}"] for p in "bcd"]) for axle in "fr"]
     np.testing.assert_allclose(stiffness, [np.prod(car.front), np.prod(car.rear)], rtol=0.05)
     assert found["cx"] == pytest.approx(car.slip_stiffness * car.mass * 9.80665, rel=0.05)
@@ -51,17 +52,17 @@ def test_tyres_of_a_car_of_any_size_are_found(name: str, tmp_path: Path) -> None
 @pytest.mark.parametrize("name", CARS)
 def test_nothing_is_found_on_a_car_of_any_size_that_lacks_nothing(name: str, tmp_path: Path) -> None:
     car = CARS[name]
-    vehicle = read_vehicle(_vehicle_file(tmp_path, car.vehicle))
-    result = diagnose(make_record(_log(car), vehicle), "per_axle", default_tyre_prior("per_axle", vehicle))
+    vehicle = read_vehicle(_vehicle_file(tmp_path, car.vehicle), load_car())
+    result = diagnose(make_record(_log(car), vehicle), "per_axle", default_tyre_prior("per_axle", vehicle, load_car()))
     assert result.verdict == "none"
     assert np.isfinite(as_revision(result, "per_axle", ()).covariance).all()
 
 
 def test_what_a_vehicle_file_leaves_out_is_in_proportion_to_the_car(tmp_path: Path) -> None:
-    small = read_vehicle(_vehicle_file(tmp_path, MODEL_CAR))
+    small = read_vehicle(_vehicle_file(tmp_path, MODEL_CAR), load_car())
     assert small.cg_height / small.wheelbase == pytest.approx(0.275 / 2.972, rel=1e-3)
     assert small.drag_area == pytest.approx(0.86 * (small.wheelbase / 2.972) ** 2, rel=1e-3)
-    given = read_vehicle(_vehicle_file(tmp_path, {**MODEL_CAR, "cg_height": 0.03}))
+    given = read_vehicle(_vehicle_file(tmp_path, {**MODEL_CAR, "cg_height": 0.03}), load_car())
     assert given.cg_height == 0.03
 
 
@@ -70,9 +71,9 @@ def test_what_a_vehicle_file_leaves_out_is_in_proportion_to_the_car(tmp_path: Pa
 @pytest.mark.parametrize("number", range(1, 4))
 def test_measured_runs_of_a_model_car_are_diagnosed(measured_data: Path, tmp_path: Path, number: int) -> None:
     log = sorted((measured_data / "dart").glob("*.csv"))[number]
-    vehicle = read_vehicle(_vehicle_file(tmp_path, MODEL_CAR))
+    vehicle = read_vehicle(_vehicle_file(tmp_path, MODEL_CAR), load_car())
     record = make_record(read_logs([log]), vehicle)
-    result = diagnose(record, "per_axle", default_tyre_prior("per_axle", vehicle))
+    result = diagnose(record, "per_axle", default_tyre_prior("per_axle", vehicle, load_car()))
     assert np.isfinite(as_revision(result, "per_axle", ()).covariance).all()
     ay = result.channels["ay"]
     assert ay["with_effects"] < 0.3 * ay["declared"]  # the prior is a full-size car's

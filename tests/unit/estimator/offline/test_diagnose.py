@@ -488,7 +488,7 @@ def test_a_pedal_that_chatters_between_the_rows_is_no_more_than_noise_in_the_spe
     record = record_of(replace(drive, columns={name: column[thin] for name, column in columns.items()}))
     pedal = record.signals["drive"] + chatter[thin]
     chattering = replace(record, signals={**record.signals, "drive": pedal})
-    model = SingleTrack(record.vehicle, "per_axle", (), drive.tyre)
+    model = SingleTrack(record.vehicle, drive.tyre)
     rows, numbers = np.sort(record.rows.ravel()), np.array([p.prior for p in model.tyre_table])
     left = rmse(chattering, rows, model, numbers)["vx_dot"]
     sensor = second_difference_noise(record.measured[3]) * np.sqrt(np.sum(kernel(record.step, record.kernel_s)[1] ** 2))

@@ -110,7 +110,7 @@ def test_shared_layout_takes_a_prior_per_axle(log_file: Path, tmp_path: Path) ->
 
 def test_one_tyre_for_both_axles_is_fitted_to_measured_accelerations(log_file: Path) -> None:
     """Simulated, the balance that it fixes would bend the tyre."""
-    done = identify(read_logs([log_file]), read_vehicle(None), None, Options(layout="shared"))
+    done = identify(read_logs([log_file]), read_vehicle(None, load_car()), None, Options(layout="shared"))
     assert done.formulation == "algebraic"
     assert done.rmse["ay"][1] < 0.25 * done.rmse["ay"][0]
 
@@ -119,7 +119,7 @@ def test_a_log_too_short_to_hold_anything_out_is_refused_in_one_line(tmp_path: P
     path = tmp_path / "short.csv"
     path.write_text(to_csv(simulate([TYRE], 15.0, seed=32)[0].columns))
     with pytest.raises(InputError, match="s of driving in the log: at least 20 s are needed"):
-        identify(read_logs([path]), read_vehicle(None), None, Options(method="batch"))
+        identify(read_logs([path]), read_vehicle(None, load_car()), None, Options(method="batch"))
 
 
 def test_a_lap_column_that_leaves_nothing_to_fit_is_refused_in_one_line(tmp_path: Path) -> None:
@@ -128,13 +128,13 @@ def test_a_lap_column_that_leaves_nothing_to_fit_is_refused_in_one_line(tmp_path
     path = tmp_path / "laps.csv"
     path.write_text(to_csv({**columns, "lap": np.floor(columns["t"])}))
     with pytest.raises(InputError, match=r"left to fit with .* whole laps held out: .*column lap"):
-        identify(read_logs([path]), read_vehicle(None), None, Options(method="batch"))
+        identify(read_logs([path]), read_vehicle(None, load_car()), None, Options(method="batch"))
 
 
 def test_a_log_shorter_than_four_blocks_still_holds_a_quarter_out(tmp_path: Path) -> None:
     path = tmp_path / "short.csv"
     path.write_text(to_csv(simulate([TYRE], 26.0, seed=32)[0].columns))
-    done = identify(read_logs([path]), read_vehicle(None), None, Options(method="batch"))
+    done = identify(read_logs([path]), read_vehicle(None, load_car()), None, Options(method="batch"))
     assert 0.15 < done.split.test.mean() < 0.35
     assert done.split.train.mean() > 0.5
 
@@ -201,7 +201,7 @@ def test_broken_vehicle_file_is_refused_in_one_line(tmp_path: Path, text: str, w
     path = tmp_path / "vehicle.json"
     path.write_text(text)
     with pytest.raises(InputError, match=words):
-        read_vehicle(path)
+        read_vehicle(path, load_car())
 
 
 @pytest.mark.parametrize(
@@ -217,13 +217,13 @@ def test_broken_tyre_prior_is_refused_in_one_line(tmp_path: Path, text: str, wor
     path = tmp_path / "tyre.json"
     path.write_text(text)
     with pytest.raises(InputError, match=words):
-        read_tyre_prior(path, "per_axle", read_vehicle(None))
+        read_tyre_prior(path, "per_axle", read_vehicle(None, load_car()), load_car())
 
 
 def _identify(path: Path, vehicle: Path | None, tyre: Path | None, **options: object) -> Identification:
     chosen = Options(**options)  # type: ignore[arg-type]
-    car = read_vehicle(vehicle)
-    return identify(read_logs([path]), car, read_tyre_prior(tyre, chosen.layout, car), chosen)
+    car = read_vehicle(vehicle, load_car())
+    return identify(read_logs([path]), car, read_tyre_prior(tyre, chosen.layout, car, load_car()), chosen)
 
 
 @pytest.mark.slow
@@ -263,7 +263,7 @@ def test_model_car_is_predicted_better_with_steering_lag_and_separate_axles(meas
     car = load_car().vehicle.model_copy(update={"mass": 1.58, "yaw_inertia": 0.0048, "lf": 0.0805, "lr": 0.0930})
 
     def run(**options: Any) -> Identification:
-        prior = read_tyre_prior(None, options.get("layout", "per_axle"), car)
+        prior = read_tyre_prior(None, options.get("layout", "per_axle"), car, load_car())
         return identify(read_logs([train]), car, prior, Options(**options))
 
     plain = run(layout="shared", method="batch", keep=frozenset({"lag_steer", "offset_steer"}))

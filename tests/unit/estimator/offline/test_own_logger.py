@@ -20,6 +20,7 @@ from estimator.drive_log.table import DriveLog
 from estimator.model.columns import CHANNELS, ModelColumns
 from estimator.model.effect import VY_SENSOR
 from estimator.model.effects import catalogue
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS, SingleTrack
 from estimator.offline import identification
 from estimator.offline.health import examine
@@ -109,7 +110,9 @@ def test_a_known_bank_follows_the_roll_where_it_rises_within_less_than_the_knots
 def test_another_zero_of_the_bank_pulls_the_car_and_leaves_an_ay_that_was_derived_with_the_bank_found(
     ay_is_derived: bool,
 ) -> None:
-    columns = ModelColumns(SingleTrack(load_car().vehicle, "per_axle", (known_bank(ay_is_derived=ay_is_derived),)))
+    columns = ModelColumns(
+        SingleTrack(load_car().vehicle, tyre_prior(load_car(), "per_axle"), (known_bank(ay_is_derived=ay_is_derived),))
+    )
     inputs = np.zeros((len(SIGNALS) + len(AUXILIARY), 1))
     inputs[:3, 0] = 50.0, -0.5, 0.2
     inputs[len(SIGNALS) + AUXILIARY.index("known_bank")] = -0.3
@@ -124,7 +127,7 @@ def test_another_zero_of_the_bank_pulls_the_car_and_leaves_an_ay_that_was_derive
 def test_the_measured_acceleration_moves_load_from_the_front_axle_to_the_rear() -> None:
     car, load_transfer = load_car().vehicle, catalogue()["load_transfer"].as_logged
     assert load_transfer is not None
-    columns = ModelColumns(SingleTrack(car, "per_axle", (along(load_transfer),)))
+    columns = ModelColumns(SingleTrack(car, tyre_prior(load_car(), "per_axle"), (along(load_transfer),)))
     inputs = np.zeros((len(SIGNALS) + len(AUXILIARY), 2))
     inputs[:4] = np.array([[50.0], [-0.3], [0.2], [0.02]])
     inputs[len(SIGNALS) + AUXILIARY.index("ax")] = 0.0, 5.0
@@ -138,7 +141,7 @@ def test_the_measured_acceleration_moves_load_from_the_front_axle_to_the_rear() 
 
 
 def test_a_drive_that_is_nothing_where_the_axle_pushes_has_its_zero_estimated() -> None:
-    columns = ModelColumns(SingleTrack(load_car().vehicle, "per_axle", (drive_zero(),)))
+    columns = ModelColumns(SingleTrack(load_car().vehicle, tyre_prior(load_car(), "per_axle"), (drive_zero(),)))
     inputs = np.zeros((len(SIGNALS) + len(AUXILIARY), 2))
     inputs[:4] = np.array([[50.0], [-0.3], [0.2], [0.02]])
     inputs[SIGNALS.index("drive")] = 0.03, 0.03 - 0.01

@@ -25,14 +25,14 @@ def test_flags_override_environment_overrides_file(tmp_path: Path, monkeypatch: 
     assert (config.can.channel, config.can.bitrate) == ("flag", 500000)
 
 
-def test_a_file_that_names_another_car_than_the_process_works_with_is_refused(
+def test_a_car_that_a_file_names_is_the_same_as_one_that_the_command_line_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = _write(tmp_path, 'platform = "kestrel"\n')
-    with pytest.raises(InputError, match=r"platform = 'kestrel'.*works with 'av24'.*--platform"):
-        load_config(path)
+    named = load_config(_write(tmp_path, 'platform = "kestrel"\n'))
+    assert named.gateway.stop.lateral_grip != Config().gateway.stop.lateral_grip
     monkeypatch.setenv("HIL_PLATFORM", "kestrel")
-    assert load_config(path).platform == "kestrel"
+    assert named == load_config()
+    assert load_config(_write(tmp_path, "[vehicle]\nmass = 700.0\n")).declared_car.vehicle.mass == 700.0
 
 
 @pytest.mark.parametrize(

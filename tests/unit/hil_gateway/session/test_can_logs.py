@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 
 from can_dbc.codec import load_codec
 from hil_gateway.can_link import EXTENDED_ID, Frame
+from hil_gateway.car.car import load_car
 from hil_gateway.cli.main import app
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
@@ -289,9 +290,9 @@ def test_a_bag_is_read_whatever_its_topic_and_layout(tmp_path: Path, topic: str,
     entries = list(open_log(tmp_path / "a.mcap").frames())
     assert content([e.frame for e in entries]) == content(FRAMES)
     assert {e.channel for e in entries} == {bus}
-    told = session_info(tmp_path / "a.mcap")
+    told = session_info(tmp_path / "a.mcap", car=load_car())
     assert (told["messages"], told["complete"], told["damage"]) == (len(FRAMES), True, [])
-    assert import_log(tmp_path / "a.mcap", tmp_path / "s.mcap").frames == len(FRAMES)
+    assert import_log(tmp_path / "a.mcap", tmp_path / "s.mcap", load_car()).frames == len(FRAMES)
 
 
 @pytest.mark.parametrize("chunked", [True, False])
@@ -340,7 +341,7 @@ def test_a_folder_of_parts_is_one_bag(tmp_path: Path, packed: bool) -> None:
         sqlite_bag(folder / f"bag_{part}.db3", FRAMES[part::11][:3], packed=packed)
     expected = [f for part in range(11) for f in FRAMES[part::11][:3]]
     assert content([e.frame for e in open_log(folder).frames()]) == content(expected)
-    told = session_info(folder)
+    told = session_info(folder, car=load_car())
     assert told["topics"]["/from_can_bus"]["messages"] == len(expected)
 
 

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from hil_gateway.bus import messages as m
 from hil_gateway.bus.event import Event, EventKind, Severity
 from hil_gateway.bus.topics import ESTIMATE, EVENT, MODEL_REVISION
+from hil_gateway.car.car import load_car
 from hil_gateway.cli.main import app
 from hil_gateway.session.files.writer import SessionFile
 from hil_gateway.session.overview import catalogue as module
@@ -69,7 +70,7 @@ def test_a_session_s_laps_stops_and_effects_are_in_its_summary(tmp_path):
 
 def test_session_info_says_laps_and_stops(tmp_path):
     path = write_drive(tmp_path / "a.mcap")
-    assert session_info(path)["stops"][0]["cause"] == "command_stale"
+    assert session_info(path, car=load_car())["stops"][0]["cause"] == "command_stale"
     said = CliRunner().invoke(app, ["session", "info", str(path)]).output
     assert "lap 2: " in said and "command_stale (0.11 s, limit 0.1 s)" in said
 

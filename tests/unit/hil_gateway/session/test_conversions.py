@@ -15,6 +15,7 @@ from mcap.writer import Writer
 from support.cars.session_rig import recorded
 
 from hil_gateway.can_link import EXTENDED_ID, Frame
+from hil_gateway.car.car import load_car
 from hil_gateway.cli.session import export, import_
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.exchange.export import export_candump
@@ -84,7 +85,7 @@ def random_log(lines: int) -> str:
 def test_a_candump_log_comes_back_byte_for_byte(tmp_path: Path) -> None:
     """Through a recording: times to the microsecond, extended and error frames, the name of the interface."""
     (tmp_path / "a.log").write_text(random_log(500))
-    assert import_log(tmp_path / "a.log", tmp_path / "s.mcap").frames == 500
+    assert import_log(tmp_path / "a.log", tmp_path / "s.mcap", load_car()).frames == 500
     assert export_candump(tmp_path / "s.mcap", tmp_path / "b.log").rows == 500
     assert (tmp_path / "b.log").read_bytes() == (tmp_path / "a.log").read_bytes()
 
@@ -92,7 +93,7 @@ def test_a_candump_log_comes_back_byte_for_byte(tmp_path: Path) -> None:
 def test_a_recording_exported_and_imported_keeps_every_frame(tmp_path: Path) -> None:
     recorded(tmp_path / "s.mcap")
     exported = export_candump(tmp_path / "s.mcap", tmp_path / "s.log")
-    assert import_log(tmp_path / "s.log", tmp_path / "again.mcap").frames == exported.rows == 500
+    assert import_log(tmp_path / "s.log", tmp_path / "again.mcap", load_car()).frames == exported.rows == 500
     before, after = frames_of(tmp_path / "s.mcap"), frames_of(tmp_path / "again.mcap")
     assert [(f.id, f.data, f.stamp_ns // 1000) for f in after] == [(f.id, f.data, f.stamp_ns // 1000) for f in before]
 
@@ -100,7 +101,7 @@ def test_a_recording_exported_and_imported_keeps_every_frame(tmp_path: Path) -> 
 def test_what_a_recording_has_no_place_for_is_counted(tmp_path: Path) -> None:
     lines = ["can0 123#R", "can0 123##311", "can0 123#1122334455667788_9", "can0 12345678#11.22 T", "can0 123#1"]
     (tmp_path / "a.log").write_text("\n".join(f"(1.{i:06d}) {line}" for i, line in enumerate(lines)))
-    done = import_log(tmp_path / "a.log", tmp_path / "s.mcap")
+    done = import_log(tmp_path / "a.log", tmp_path / "s.mcap", load_car())
     assert [(f.id, f.data.hex()) for f in frames_of(tmp_path / "s.mcap")] == [
         (0x123, "1122334455667788"),
         (EXTENDED_ID | 0x12345678, "1122"),
@@ -111,12 +112,12 @@ def test_what_a_recording_has_no_place_for_is_counted(tmp_path: Path) -> None:
 def test_buses_are_never_mixed(tmp_path: Path) -> None:
     (tmp_path / "a.log").write_text("(1.0) can0 001#\n(1.1) can1 002#\n")
     with pytest.raises(InputError, match="holds the channels can0 and can1; choose one with --channel"):
-        import_log(tmp_path / "a.log", tmp_path / "s.mcap")
-    done = import_log(tmp_path / "a.log", tmp_path / "s.mcap", "can1")
+        import_log(tmp_path / "a.log", tmp_path / "s.mcap", load_car())
+    done = import_log(tmp_path / "a.log", tmp_path / "s.mcap", load_car(), "can1")
     assert [frame.id for frame in frames_of(tmp_path / "s.mcap")] == [2]
     assert done.left_out == {"frame of another channel": 1}
     with pytest.raises(InputError, match="no CAN frames of channel can2"):
-        import_log(tmp_path / "a.log", tmp_path / "s.mcap", "can2")
+        import_log(tmp_path / "a.log", tmp_path / "s.mcap", load_car(), "can2")
 
 
 def test_the_name_of_the_exported_file_says_what_it_holds(tmp_path: Path) -> None:
@@ -133,7 +134,7 @@ def test_logs_of_other_tools_are_imported_with_their_date(tmp_path: Path, suffix
     with can.Logger(tmp_path / f"log{suffix}") as logger:
         for message in sent:
             logger(message)
-    assert import_log(tmp_path / f"log{suffix}", tmp_path / "s.mcap").frames == len(sent)
+    assert import_log(tmp_path / f"log{suffix}", tmp_path / "s.mcap", load_car()).frames == len(sent)
     frames = frames_of(tmp_path / "s.mcap")
     assert [f.id & ~EXTENDED_ID for f in frames] == list(range(9))
     assert [bool(f.id & EXTENDED_ID) for f in frames] == [m.is_extended_id for m in sent]
@@ -149,8 +150,8 @@ def test_a_blf_log_that_was_cut_off_says_so(tmp_path: Path) -> None:
             logger(can.Message(arbitration_id=i, timestamp=DATE + i))
     whole = (tmp_path / "a.blf").read_bytes()
     (tmp_path / "b.blf").write_bytes(whole[: len(whole) // 2])
-    assert not import_log(tmp_path / "a.blf", tmp_path / "s.mcap").left_out
-    done = import_log(tmp_path / "b.blf", tmp_path / "t.mcap")
+    assert not import_log(tmp_path / "a.blf", tmp_path / "s.mcap", load_car()).left_out
+    done = import_log(tmp_path / "b.blf", tmp_path / "t.mcap", load_car())
     assert 0 < done.frames < 200
     assert done.left_out == {"end that was cut off": 1}
 
@@ -173,14 +174,14 @@ def test_what_is_no_can_log_gets_one_clear_line_and_leaves_no_file(
     if text is not None:
         (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=f"{name}: .*{words}"):
-        import_log(tmp_path / name, tmp_path / "s.mcap")
+        import_log(tmp_path / name, tmp_path / "s.mcap", load_car())
     assert {p.name for p in tmp_path.iterdir()} <= {name}
 
 
 COMMANDS: list[Callable[[Path], object]] = [
     lambda s: recover(s, s.with_name("out")),
     lambda s: export_candump(s, s.with_name("out")),
-    lambda s: import_log(s.with_name("s.log"), s.with_name("out")),
+    lambda s: import_log(s.with_name("s.log"), s.with_name("out"), load_car()),
 ]
 
 

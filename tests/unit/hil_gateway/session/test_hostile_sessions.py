@@ -15,6 +15,7 @@ from support.cars.session_rig import Rig, recorded, sent_items
 
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import COMMAND
+from hil_gateway.car.car import load_car
 from hil_gateway.process.clock import VirtualClock
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.exchange.export import export_candump
@@ -86,7 +87,7 @@ def test_a_pipe_is_no_recording_and_not_waited_for(tmp_path: Path, name: str) ->
 def test_damaged_metadata_is_named(tmp_path: Path) -> None:
     writer = SessionWriter(tmp_path / "s.mcap", {"name": "test", "config": "{\x00"}, 10**9)
     writer.close(0)
-    info = session_info(tmp_path / "s.mcap")
+    info = session_info(tmp_path / "s.mcap", car=load_car())
     assert info["config"] == {}
     assert info["damage"] == ["the configuration in the metadata is not readable"]
 
@@ -104,7 +105,7 @@ def test_chunks_without_checksums_are_read_as_far_as_they_go(tmp_path: Path, mon
         for _ in range(20):
             raw[rng.randrange(200, len(raw) - 5000)] = rng.randrange(256)
         (tmp_path / "bad.mcap").write_bytes(raw)
-        corrupt += any("chunk" in damage for damage in session_info(tmp_path / "bad.mcap")["damage"])
+        corrupt += any("chunk" in damage for damage in session_info(tmp_path / "bad.mcap", car=load_car())["damage"])
     assert corrupt > 5
 
 
@@ -139,7 +140,7 @@ def test_a_damaged_log_of_another_tool_is_imported_or_refused_in_one_line(tmp_pa
     for _ in range(60):
         bad.write_bytes(damaged(good.read_bytes(), rng))
         try:
-            import_log(bad, tmp_path / "s.mcap")
+            import_log(bad, tmp_path / "s.mcap", load_car())
         except InputError as error:
             refused += 1
             assert "\n" not in str(error)
@@ -154,7 +155,7 @@ def test_a_session_damaged_anywhere_is_read_as_far_as_it_goes_or_refused_in_one_
     for _ in range(100):
         bad.write_bytes(damaged(whole, rng))
         try:
-            readable += session_info(bad)["messages"] > 0
+            readable += session_info(bad, car=load_car())["messages"] > 0
             recover(bad, tmp_path / "r.mcap")
             export_candump(bad, tmp_path / "o.log")
         except InputError as error:

@@ -13,6 +13,7 @@ from hil_gateway.bus import messages as m
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import COMMAND, ESTIMATE, OPERATOR, PLAN, TRUTH, VEHICLE_STATE
 from hil_gateway.can_link import Frame, VirtualWire
+from hil_gateway.car.car import load_car
 from hil_gateway.process.clock import VirtualClock
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.drive_table import FROM_ESTIMATE, FROM_STATE, read_drive_table
@@ -20,7 +21,7 @@ from hil_gateway.session.exchange.export import export_csv, export_parquet
 from hil_gateway.session.files.format import CAN_TOPIC, pack_frame
 from hil_gateway.session.files.reader import Item, SessionReader
 from hil_gateway.session.files.writer import SessionWriter
-from hil_gateway.session.playback.replay import DEFAULT_TOPICS, ids_from_car, in_order, replay, to_bus, to_can
+from hil_gateway.session.playback.replay import DEFAULT_TOPICS, in_order, replay, to_bus, to_can
 
 STEP_NS = 10_000_000
 
@@ -175,7 +176,7 @@ def test_replay_to_the_bus_gives_the_recorded_messages_but_no_commands(session: 
 def test_replay_to_can_sends_what_a_car_says_and_never_a_command() -> None:
     wire = VirtualWire(VirtualClock())
     sender, listener = wire.link(), wire.link()
-    send = to_can(sender, ids_from_car())
+    send = to_can(sender, load_car().codec.sent_by("car"))
     for number in (0x514, 0x578, 0x579, 0x57A, 0x57B, 0x7AB):
         send(Item(CAN_TOPIC, 0, 0, 0, pack_frame(Frame(number, bytes(8), 0), 0)))
     send(Item(CAN_TOPIC, 0, 0, 0, pack_frame(Frame(0x514, bytes(8), 0, is_error=True), 0)))

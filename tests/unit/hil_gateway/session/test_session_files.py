@@ -20,6 +20,7 @@ from can_dbc.folder import SHIPPED
 from hil_gateway.bus.messages import Command, ModelRevision
 from hil_gateway.bus.topics import COMMAND, MODEL_REVISION, TOPICS
 from hil_gateway.can_link import EXTENDED_ID, Frame
+from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.format import (
     CAN_TOPIC,
@@ -212,7 +213,7 @@ def test_rotation_begins_a_new_complete_file_and_loses_nothing(tmp_path: Path) -
     assert len(files) > 2
     assert sum(map(sent_items, files)) == rig.sent
     for number, path in enumerate(files):
-        info = session_info(path)
+        info = session_info(path, car=load_car())
         assert info["complete"]
         assert info["session"]["part"] == str(number)
 
@@ -222,7 +223,7 @@ def test_new_model_revision_is_noted_in_the_metadata(tmp_path: Path) -> None:
     revision = ModelRevision(stamp_ns=0, seq=0, revision="abc", layout="shared", tyre={})
     rig.bus.publish(MODEL_REVISION, revision)
     rig.run(20).recorder.close(rig.clock.now_ns())
-    assert session_info(tmp_path / "s.mcap")["model_revision"]["revision"] == "abc"
+    assert session_info(tmp_path / "s.mcap", car=load_car())["model_revision"]["revision"] == "abc"
 
 
 @pytest.mark.promise("R3")
@@ -308,10 +309,10 @@ def test_a_changed_byte_outside_the_chunks_is_named_too(tmp_path: Path, changed:
     raw = bytearray((tmp_path / "s.mcap").read_bytes())
     raw[raw.index(changed) + 1] ^= 1
     (tmp_path / "bad.mcap").write_bytes(raw)
-    info = session_info(tmp_path / "bad.mcap")
+    info = session_info(tmp_path / "bad.mcap", car=load_car())
     assert (info["complete"], info["corrupt"], len(info["damage"])) == (True, True, 1)
     assert what in info["damage"][0]
-    assert info["messages"] == session_info(tmp_path / "s.mcap")["messages"]
+    assert info["messages"] == session_info(tmp_path / "s.mcap", car=load_car())["messages"]
 
 
 def test_a_recording_that_was_only_cut_is_not_corrupt(tmp_path: Path) -> None:
@@ -319,7 +320,7 @@ def test_a_recording_that_was_only_cut_is_not_corrupt(tmp_path: Path) -> None:
     raw = (tmp_path / "s.mcap").read_bytes()
     for size in (len(raw) // 2, len(raw) - 4, len(raw) - 300):
         (tmp_path / "cut.mcap").write_bytes(raw[:size])
-        info = session_info(tmp_path / "cut.mcap")
+        info = session_info(tmp_path / "cut.mcap", car=load_car())
         assert (info["complete"], info["corrupt"], len(info["damage"])) == (False, False, 1)
 
 
@@ -334,4 +335,4 @@ def test_what_is_no_recording_gets_one_clear_line(tmp_path: Path, name: str, con
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=words):
-        session_info(tmp_path / name)
+        session_info(tmp_path / name, car=load_car())

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.belief.revision import declared_revision, race_car_revision
+from estimator.model.parameters import tyre_prior
 from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.car.car import load_car
 from hil_gateway.config import load_config
@@ -16,7 +17,7 @@ from planner.line.envelope import Brakes, envelope_of
 from planner.problem.load_limits import LoadLimits
 from planner.problem.settings import settings_of
 
-START = race_car_revision("per_axle", load_car().vehicle)
+START = race_car_revision(load_car(), "per_axle")
 
 
 def known(share: float) -> ModelRevision:
@@ -51,7 +52,7 @@ def test_the_force_of_the_brakes_is_in_doubt_as_declared_and_the_engine_says_not
 
 
 def test_a_model_that_learns_no_brakes_has_no_doubt_of_them() -> None:
-    assert brake_spread(declared_revision("per_axle")) == (0.0, 0.0)
+    assert brake_spread(declared_revision(tyre_prior(load_car(), "per_axle"))) == (0.0, 0.0)
 
 
 def test_a_first_lap_keeps_more_standard_deviations_and_later_laps_those_stated() -> None:
@@ -69,7 +70,7 @@ def test_a_first_lap_keeps_more_standard_deviations_and_later_laps_those_stated(
 
 def test_without_a_data_sheet_the_stated_deviations_hold_in_a_first_lap_and_either_axle_may_use_as_much() -> None:
     config = load_config(None, {"track": "oval", "declared_model": "paper"})
-    start = declared_revision("per_axle")
+    start = declared_revision(tyre_prior(load_car(), "per_axle"))
     weak_rear = start.model_copy(update={"tyre": {**start.tyre, "dr": 0.7 * start.tyre["dr"]}})
     adoption = Adoption(config, load_track(config.track), settings_of(config), LoadLimits(0.0, 0.0), weak_rear)
     assert adoption.controller.knowledge.level == config.planner.sigma_level
@@ -85,5 +86,9 @@ def test_plans_and_profile_brake_harder_once_the_brakes_are_known() -> None:
         assert tuple(adoption.controller.common[problem.common["brake_doubt"]]) == knowledge.brake_doubt
         brakes = Brakes(settings_of(config).brakes, knowledge.brake_ratio, knowledge.brake_doubt)
         revised = adoption.current.revised
-        found.append(envelope_of(revised.model, list(revised.theta), list(revised.constants), brakes=brakes).brake[0])
+        found.append(
+            envelope_of(
+                revised.model, list(revised.theta), list(revised.constants), brakes=brakes, car=load_car()
+            ).brake[0]
+        )
     assert found[0] < 0.95 * found[1]

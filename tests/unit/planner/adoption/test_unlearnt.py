@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from estimator.belief.revision import race_car_revision, tyre_covariance
-from estimator.model.parameters import DEFAULT_TYRE
+from estimator.model.parameters import tyre_prior
 from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import Estimate
 from hil_gateway.car.car import load_car
 from planner.adoption.unlearnt import measured_loads, oversteering
 
 AXLES = ((1, 2, 3), (4, 5, 6))
-THETA = np.array([*DEFAULT_TYRE["per_axle"].values()])
+THETA = np.array([*tyre_prior(load_car(), "per_axle").values()])
 CAR = load_car().vehicle
-STATED = tyre_covariance(race_car_revision("per_axle", CAR))
+STATED = tyre_covariance(race_car_revision(load_car(), "per_axle"))
 SPREAD = np.hypot(0.2, 0.2)
 """of B front over B rear by the data sheet"""
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from estimator.belief.revision import model_of, race_car_revision
-from estimator.model.parameters import DEFAULT_TYRE
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import SingleTrack
 from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import GRAVITY
@@ -21,7 +21,7 @@ from planner.line.raceline import OptimisedLine, centre_line, compute_raceline, 
 from planner.line.speed_profile import RoadPath, cornering_speed, lap_time_of, speed_profile
 
 MARGIN = 1.5
-TYRE = DEFAULT_TYRE["per_axle"]
+TYRE = tyre_prior(load_car(), "per_axle")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -32,15 +32,15 @@ def _private_cache(tmp_path_factory: pytest.TempPathFactory) -> object:
 
 
 def declared_envelope(**changes: float) -> Envelope:
-    model = SingleTrack(load_car().vehicle, "per_axle")
+    model = SingleTrack(load_car().vehicle, tyre_prior(load_car(), "per_axle"))
     tyre = {**TYRE, **changes}
-    return envelope_of(model, [tyre[p.name] for p in model.tyre_table])
+    return envelope_of(model, [tyre[p.name] for p in model.tyre_table], car=load_car())
 
 
 def race_car_envelope(use: float = 0.9) -> Envelope:
-    revised = model_of(race_car_revision("per_axle", load_car().vehicle), load_car().vehicle, 1000.0)
+    revised = model_of(race_car_revision(load_car(), "per_axle"), load_car().vehicle, 1000.0)
     phi = revised.phi_at(np.zeros(1))[:, 0]
-    return envelope_of(revised.model, list(revised.theta), list(phi), use=(use, use))
+    return envelope_of(revised.model, list(revised.theta), list(phi), use=(use, use), car=load_car())
 
 
 def circle(radius: float, bank: float = 0.0, bend: float = 0.0, n: int = 200, trust: float = 1.0) -> RoadPath:
@@ -71,7 +71,7 @@ def assert_sound(line: OptimisedLine, track: Track, envelope: Envelope) -> None:
 @pytest.mark.parametrize("name", ["road_course", "oval"])
 def test_race_line_stays_inside_and_beats_the_centre_line(name: str) -> None:
     track = load_track(name)
-    line = compute_raceline(track, load_car().vehicle, TYRE, MARGIN)
+    line = compute_raceline(track, load_car(), TYRE, MARGIN)
     assert_sound(line, track, declared_envelope())
     assert line.lap_time < 0.985 * centre_line(track, declared_envelope()).lap_time
 
@@ -84,7 +84,7 @@ def test_race_line_of_a_noisy_surveyed_track_is_sound(tmp_path: Path) -> None:
     file = tmp_path / "noisy.csv"
     np.savetxt(file, rows, delimiter=",", header="x_m,y_m,w_tr_right_m,w_tr_left_m", comments="")
     noisy = load_track(file)
-    line = compute_raceline(noisy, load_car().vehicle, TYRE, MARGIN)
+    line = compute_raceline(noisy, load_car(), TYRE, MARGIN)
     assert_sound(line, noisy, declared_envelope())
     assert np.max(np.abs(line.curvature)) < 0.08
 
@@ -92,7 +92,7 @@ def test_race_line_of_a_noisy_surveyed_track_is_sound(tmp_path: Path) -> None:
 def test_race_lines_of_measured_tracks_are_sound(measured_tracks: Path) -> None:
     for file in sorted(measured_tracks.glob("*.csv")):
         track = load_track(file)
-        assert_sound(compute_raceline(track, load_car().vehicle, TYRE, MARGIN), track, declared_envelope())
+        assert_sound(compute_raceline(track, load_car(), TYRE, MARGIN), track, declared_envelope())
 
 
 def test_more_grip_gives_a_shorter_lap_and_is_not_taken_from_the_cache_of_less() -> None:
@@ -103,7 +103,7 @@ def test_more_grip_gives_a_shorter_lap_and_is_not_taken_from_the_cache_of_less()
 
 def test_cached_line_is_the_computed_line() -> None:
     track = load_track("oval")
-    first, second = (compute_raceline(track, load_car().vehicle, TYRE, 2.0) for _ in range(2))
+    first, second = (compute_raceline(track, load_car(), TYRE, 2.0) for _ in range(2))
     assert np.array_equal(first.x, second.x)
     assert first.lap_time == second.lap_time
 
@@ -163,10 +163,10 @@ def test_each_axle_keeps_to_an_ellipse_of_its_own(df: float) -> None:
 def test_braking_leaves_more_to_a_car_whose_front_axle_gives_way_first() -> None:
     """Braking loads the front axle: at nine tenths of its bends such a car has more left than one ellipse gives it, and
     one whose rear axle does has less, up to 45 m/s: faster, that axle works against the air in any bend."""
-    revised = model_of(race_car_revision("per_axle", load_car().vehicle), load_car().vehicle, 1000.0)
+    revised = model_of(race_car_revision(load_car(), "per_axle"), load_car().vehicle, 1000.0)
     phi, at = list(revised.phi_at(np.zeros(1))[:, 0]), int(np.argmin(np.abs(SHARES - 0.9)))
     left = {
-        use: np.array(envelope_of(revised.model, list(revised.theta), phi, use=use).brake_left)[:3, at]
+        use: np.array(envelope_of(revised.model, list(revised.theta), phi, use=use, car=load_car()).brake_left)[:3, at]
         for use in ((0.7, 0.95), (0.95, 0.7))
     }
     one_ellipse = np.sqrt(1.0 - 0.9**2)
@@ -208,8 +208,8 @@ def test_downforce_of_the_model_widens_the_envelope_with_speed() -> None:
     from estimator.model.effects import catalogue
 
     effect = catalogue()["aero_downforce"]
-    model = SingleTrack(load_car().vehicle, "per_axle", (effect,))
+    model = SingleTrack(load_car().vehicle, tyre_prior(load_car(), "per_axle"), (effect,))
     theta = [TYRE[p.name] for p in model.tyre_table]
-    widened = envelope_of(model, theta, [0.3 * p.upper for p in effect.parameters])
+    widened = envelope_of(model, theta, [0.3 * p.upper for p in effect.parameters], car=load_car())
     assert widened.lateral[1] > 1e-4
     assert widened.at(widened.lateral, np.array([60.0])) > declared_envelope().lateral[0] * 1.02

@@ -11,6 +11,7 @@ import pytest
 
 from benchmarks.plans.bench import bench_controller, clock, start_state
 from estimator.belief.revision import declared_revision, model_of, race_car_revision, starting_revision
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import SIGNALS, SingleTrack, Terms
 from estimator.model.tyre import front_and_rear
 from hil_gateway.bus.delivered import Delivered
@@ -29,13 +30,13 @@ from planner.problem.load_limits import LoadLimits
 from planner.problem.load_rows import load_row
 from planner.problem.motion import NZ, extra_load
 from planner.problem.mpcc import Problem
-from planner.problem.settings import Settings, settings_of
+from planner.problem.settings import declared_settings, settings_of
 from planner.solver.sqp import Solution
 
 
 @pytest.fixture(scope="module")
 def solved() -> tuple[Controller, Solution]:
-    controller, _ = bench_controller(load_track(), load_car().vehicle, Settings())
+    controller, _ = bench_controller(load_track(), load_car().vehicle, declared_settings(load_car()))
     return controller, controller.cold_start(start_state(controller, 620.0), clock)
 
 
@@ -136,7 +137,7 @@ def forces_of(
     """`FORCES` as acceptance has them, (K,) each, at motions (6, K): `SIGNALS` and what the road adds."""
     names = (*SIGNALS, "extra_load")
     at, t, p = ca.SX.sym("at", len(names)), ca.SX.sym("t", len(theta)), ca.SX.sym("p", len(phi))
-    checked = CheckedMotion(model, literal_load=False, brakes=BrakeLaw())
+    checked = CheckedMotion(model, literal_load=False, brakes=BrakeLaw(load_car().vehicle, load_car().powertrain))
     felt = checked.forces(dict(zip(names, ca.vertsplit(at), strict=True)), t, p, brake_ratio)
     values = ca.Function("felt", [at, t, p], [ca.vertcat(*(felt[name] for name in FORCES))])(motion, theta, phi)
     return dict(zip(FORCES, np.array(values), strict=True))
@@ -157,7 +158,7 @@ def model_forces(model: SingleTrack, theta: np.ndarray, motion: np.ndarray) -> d
 
 def test_forces_agree_with_the_model_of_the_solver() -> None:
     """Written twice, for the solver and for acceptance: the same physics, on crests and in dips too."""
-    revised = model_of(declared_revision("per_axle"), load_car().vehicle, 1000.0)
+    revised = model_of(declared_revision(tyre_prior(load_car(), "per_axle")), load_car().vehicle, 1000.0)
     motion = some_motion(200)
     a = forces_of(revised.model, revised.theta, np.zeros(0), motion)
     b = model_forces(revised.model, revised.theta, motion)
@@ -178,8 +179,8 @@ def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks()
     """What braking and driving take from the lateral force is not counted as used; the declared combined slip of 0.8
     takes a tenth off a braking force, and nothing from half of the lateral peak on. A braking force counts for more by
     what is in doubt of the brakes, a driving one does not."""
-    revised = model_of(race_car_revision("per_axle", load_car().vehicle), load_car().vehicle, 1000.0)
-    problem, theta = Problem(revised.model, Settings()), ca.DM(revised.theta)
+    revised = model_of(race_car_revision(load_car(), "per_axle"), load_car().vehicle, 1000.0)
+    problem, theta = Problem(revised.model, declared_settings(load_car())), ca.DM(revised.theta)
     p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "load_max": [1, 1]}
     p["brake_ratio"], p["brake_doubt"] = 1.2, ca.DM([1.1, 1.2])
     z = ca.SX.sym("z", NZ)
@@ -201,8 +202,8 @@ def test_the_rows_of_the_race_car_are_the_forces_of_its_axles_over_their_peaks()
 
 def test_a_checked_plan_brakes_with_the_balance_of_the_planned_one() -> None:
     """Written twice; beside another ratio of the pressures it is another force."""
-    revised = model_of(race_car_revision("per_axle", load_car().vehicle), load_car().vehicle, 1000.0)
-    problem, theta = Problem(revised.model, Settings()), ca.DM(revised.theta)
+    revised = model_of(race_car_revision(load_car(), "per_axle"), load_car().vehicle, 1000.0)
+    problem, theta = Problem(revised.model, declared_settings(load_car())), ca.DM(revised.theta)
     p = {"theta": theta, "phi": ca.DM(revised.constants), "lap": 1000.0, "road_load": [0, 0, 0], "brake_ratio": 0.8}
     z = ca.SX.sym("z", NZ)
     terms = problem.evaluate(z, theta, p)
@@ -221,7 +222,7 @@ def test_a_checked_plan_brakes_with_the_balance_of_the_planned_one() -> None:
 
 
 def test_a_crest_takes_from_both_axles_what_it_takes_from_the_weight() -> None:
-    revised = model_of(race_car_revision("per_axle", load_car().vehicle), load_car().vehicle, 1000.0)
+    revised = model_of(race_car_revision(load_car(), "per_axle"), load_car().vehicle, 1000.0)
     motion = some_motion(50)
     felt = []
     for extra in (0.0, -0.4):
@@ -254,7 +255,7 @@ def test_the_road_presses_on_a_checked_plan_as_on_the_planned_one(solved: tuple[
 @pytest.mark.parametrize(("felt", "gap"), [(1.0, 0.0), (0.0, 0.44)])
 def test_a_checked_plan_is_slowed_by_the_air_and_pulled_by_the_road(felt: float, gap: float) -> None:
     """Straight ahead without drive at 80 m/s, uphill on a bank, by hand: F = k v^2, g sin(grade), g sin(bank)."""
-    revision = race_car_revision("per_axle", load_car().vehicle)
+    revision = race_car_revision(load_car(), "per_axle")
     revised = model_of(revision, load_car().vehicle, 1000.0)
     k = next(effect.parameters["k"] for effect in revision.effects if effect.name == "aero_drag")
     dt, vx, gravity_x, gravity_y = 0.05, 80.0, -9.81 * np.sin(0.02), -9.81 * np.sin(0.35)
@@ -265,7 +266,9 @@ def test_a_checked_plan_is_slowed_by_the_air_and_pulled_by_the_road(felt: float,
     columns["y"] = np.array([0.0, 0.5 * columns["vy"][1] * dt])
     columns["gravity_x"], columns["gravity_y"] = np.full(2, gravity_x), np.full(2, gravity_y)
     pair = np.array(list(columns.values()))
-    function = CheckedMotion(revised.model, literal_load=False, brakes=BrakeLaw()).function(1)
+    function = CheckedMotion(
+        revised.model, literal_load=False, brakes=BrakeLaw(load_car().vehicle, load_car().powertrain)
+    ).function(1)
     bounds = Bounds(dt, 0.3, 1.0, (-0.5, 0.3), 1.0, 100.0, (1.3, 1.3), 1.0, 1.0)
     found = np.array(function(pair[:, 0], pair[:, 1], revised.theta, revised.constants, 1.0, bounds.column)).ravel()
     assert found[-1] == pytest.approx(gap, abs=0.06), "of the largest gap that is accepted"

@@ -9,12 +9,11 @@ import pytest
 
 from benchmarks.plans.bench import bench_controller
 from hil_gateway.car.car import load_car
-from hil_gateway.config import PlannerConfig
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
 from planner.plan.prediction import ActuatorModel, Car, Held, PredictedMoment, Sent, credible, predict
-from planner.problem.settings import Settings
+from planner.problem.settings import declared_settings
 
 MS = NS_PER_S // 1000
 
@@ -24,7 +23,7 @@ def _still(car: Car, held: list[Held]) -> Car:
 
 
 def test_a_command_acts_after_the_dead_time() -> None:
-    actuators = ActuatorModel(PlannerConfig())
+    actuators = ActuatorModel(load_car().actuators)
     actuators.record(Sent(0, 0.1, 0.0))
     actuators.record(Sent(100 * MS, 0.2, 0.0))
     assert actuators.input_at(39 * MS) is None
@@ -33,7 +32,7 @@ def test_a_command_acts_after_the_dead_time() -> None:
 
 
 def test_prediction_follows_the_first_order_lag() -> None:
-    actuators = ActuatorModel(PlannerConfig())
+    actuators = ActuatorModel(load_car().actuators)
     actuators.record(Sent(-NS_PER_S, 0.1, -0.05))
     then = predict(actuators, _still, PredictedMoment(0, (0.0, 0.0, 0.0, 30.0, 0.0, 0.0), 0.0, 0.0), 55 * MS)
     assert then.at_ns == 55 * MS
@@ -43,12 +42,12 @@ def test_prediction_follows_the_first_order_lag() -> None:
 
 
 def test_without_any_command_the_actuators_stay() -> None:
-    then = predict(ActuatorModel(PlannerConfig()), _still, PredictedMoment(0, (0.0,) * 6, 0.02, 0.01), 50 * MS)
+    then = predict(ActuatorModel(load_car().actuators), _still, PredictedMoment(0, (0.0,) * 6, 0.02, 0.01), 50 * MS)
     assert (then.drive, then.steer) == (0.02, 0.01)
 
 
 def test_lead_brings_the_lagging_actuator_where_the_plan_wants_it() -> None:
-    actuators = ActuatorModel(PlannerConfig())
+    actuators = ActuatorModel(load_car().actuators)
     command = actuators.lead(0.02, 0.03, 0.05, actuators.steer_lag)
     actuators.record(Sent(-NS_PER_S, command, 0.0))
     assert actuators.follow(0.0, 0.02, 0, 0.05)[1] == pytest.approx(0.03, rel=1e-9)
@@ -56,7 +55,7 @@ def test_lead_brings_the_lagging_actuator_where_the_plan_wants_it() -> None:
 
 @pytest.fixture(scope="module")
 def controller() -> Controller:
-    return bench_controller(load_track(), load_car().vehicle, Settings())[0]
+    return bench_controller(load_track(), load_car().vehicle, declared_settings(load_car()))[0]
 
 
 def test_braking_does_not_push_a_standing_car_backwards(controller: Controller) -> None:
@@ -69,7 +68,7 @@ def test_braking_does_not_push_a_standing_car_backwards(controller: Controller) 
 
 def test_a_long_prediction_is_many_short_ones(controller: Controller) -> None:
     """However many steps one call of the compiled function takes."""
-    actuators = ActuatorModel(PlannerConfig())
+    actuators = ActuatorModel(load_car().actuators)
     actuators.record(Sent(-NS_PER_S, 0.05, -0.1))
     start = PredictedMoment(0, (0.0, 0.0, 0.3, 30.0, 0.5, 0.1), 0.0, 0.0)
     at_once = predict(actuators, controller.advance, start, 205 * MS)

@@ -18,7 +18,11 @@ SHARES = (0.46, 0.5, 0.54)
 def _used(vx: float, braking: float, grip: tuple[float, float], share: float, extra: float) -> tuple[float, float]:
     """Force over what the tyres bear (front, rear) when `braking` N are split by the law where the road adds `extra`
     to the axle loads, over the weight."""
-    balance = float(BrakeLaw().balance(vx, -braking / TRAIN.force_per_drive, pressure_ratio(grip, share), extra))
+    balance = float(
+        BrakeLaw(load_car().vehicle, load_car().powertrain).balance(
+            vx, -braking / TRAIN.force_per_drive, pressure_ratio(grip, share), extra
+        )
+    )
     front, rear = (1 + balance) * share, (1 - balance) * (1 - share)
     moved = 0.275 * braking / (1.724 + 1.248)
     load_f = (1 + extra) * 787.3 * GRAVITY * 1.248 / 2.972 + 0.5 * 1.2 * 0.65 * vx**2 + moved
@@ -33,7 +37,11 @@ def test_the_front_axle_reaches_its_limit_first_and_the_rear_one_close_behind_on
     low, high = TRAIN.balances
     for vx, g in ((20.0, 1.2), (45.0, 1.5), (70.0, 1.9)):
         force = 787.3 * 9.81 * (g + extra)
-        balance = float(BrakeLaw().balance(vx, -force / TRAIN.force_per_drive, pressure_ratio(grip, share), extra))
+        balance = float(
+            BrakeLaw(load_car().vehicle, load_car().powertrain).balance(
+                vx, -force / TRAIN.force_per_drive, pressure_ratio(grip, share), extra
+            )
+        )
         front, rear = _used(vx, force, grip, share, extra)
         if low < balance < high:
             assert front / rear == pytest.approx(1.1, rel=1e-6)
@@ -42,7 +50,7 @@ def test_the_front_axle_reaches_its_limit_first_and_the_rear_one_close_behind_on
 
 
 def test_braking_harder_and_slower_asks_for_more_in_front():
-    law = BrakeLaw()
+    law = BrakeLaw(load_car().vehicle, load_car().powertrain)
     balances = [float(law.balance(vx, drive, 1.0, 0.0)) for vx, drive in ((70.0, -0.1), (70.0, -0.3), (20.0, -0.3))]
     assert balances[0] < balances[1] < balances[2]
 

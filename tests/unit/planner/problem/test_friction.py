@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimator.model.effects import catalogue
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import SingleTrack
 from hil_gateway.car.car import load_car
 from hil_gateway.plant.physics.parameters import CarParameters
@@ -19,7 +20,12 @@ LOADS = np.linspace(0.0, 1.05, 22)
 
 
 def _share(k: float) -> float:
-    return float(along_share(SingleTrack(load_car().vehicle, "per_axle", (catalogue()["combined_slip"],)), [k]))
+    return float(
+        along_share(
+            SingleTrack(load_car().vehicle, tyre_prior(load_car(), "per_axle"), (catalogue()["combined_slip"],)),
+            [k],
+        )
+    )
 
 
 @pytest.mark.parametrize("share", [0.85, 0.92, 1.0])
@@ -55,7 +61,13 @@ def test_a_driven_axle_is_on_a_circle_and_a_braked_one_straight_on_is_not() -> N
 
 
 def test_a_model_that_does_not_tell_the_two_apart_has_a_circle() -> None:
-    assert along_share(SingleTrack(load_car().vehicle, "per_axle", ()), ca.SX(0, 1)) == 1.0
+    assert (
+        along_share(
+            SingleTrack(load_car().vehicle, tyre_prior(load_car(), "per_axle")),
+            ca.SX(0, 1),
+        )
+        == 1.0
+    )
     assert _share(1.0) == _share(1.4) == 1.0, "more across than along is not counted on"
 
 

@@ -30,14 +30,16 @@ from planner.problem.infomax import (
     sigma_points,
 )
 from planner.problem.motion import NU, NZ
-from planner.problem.settings import Information, Settings
+from planner.problem.settings import Information, declared_settings
 
 WEIGHT = 0.01
 
 
 def _controller(**changes: object) -> Controller:
     information = replace(Information(weight=WEIGHT), **changes)
-    made, _ = bench_controller(load_track(), load_car().vehicle, Settings(information=information))
+    made, _ = bench_controller(
+        load_track(), load_car().vehicle, replace(declared_settings(load_car()), information=information)
+    )
     return made
 
 
@@ -109,7 +111,12 @@ def test_projection_is_the_nearest_convex_matrix() -> None:
 
 def test_projected_hessian_reaches_the_qp() -> None:
     exact, plain = (
-        bench_controller(load_track(), load_car().vehicle, Settings(information=information), backend="hpipm")[0]
+        bench_controller(
+            load_track(),
+            load_car().vehicle,
+            replace(declared_settings(load_car()), information=information),
+            backend="hpipm",
+        )[0]
         for information in (Information(weight=WEIGHT, convexification="projection"), Information(weight=WEIGHT))
     )
     for made in (exact, plain):

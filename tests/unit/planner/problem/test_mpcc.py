@@ -15,13 +15,13 @@ from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
 from planner.problem.motion import NU, NZ, PROGRESS, VX, S
 from planner.problem.mpcc import OUTPUTS, into_zone
-from planner.problem.settings import Settings
+from planner.problem.settings import declared_settings
 
 
 @pytest.fixture(scope="module")
 def controller() -> Controller:
     """The shipped road course, declared model, 20 s into a lap's geometry with a converged solution."""
-    made, _ = bench_controller(load_track(), load_car().vehicle, Settings())
+    made, _ = bench_controller(load_track(), load_car().vehicle, declared_settings(load_car()))
     made.cold_start(start_state(made, 620.0), clock)
     return made
 
@@ -149,7 +149,10 @@ def test_converged_sqp_has_the_cost_and_inputs_of_ipopt(controller: Controller) 
 
 def test_plain_problem_does_not_depend_on_the_belief_of_information(controller: Controller) -> None:
     """q_I = 0 is exactly the plain MPCC: no row, no cost, whatever the information settings say."""
-    other = replace(Settings(), information=replace(Settings().information, bound=1.0, criterion="log_det"))
+    other = replace(
+        declared_settings(load_car()),
+        information=replace(declared_settings(load_car()).information, bound=1.0, criterion="log_det"),
+    )
     twin, _ = bench_controller(load_track(), load_car().vehicle, other)
     assert twin.problem.rows == controller.problem.rows
     z0 = start_state(controller, 620.0)
@@ -167,7 +170,9 @@ def test_start_from_standstill_pulls_away(controller: Controller) -> None:
 
 
 def test_literal_load_limit_is_the_signed_sum_of_equation_10() -> None:
-    literal, _ = bench_controller(load_track(), load_car().vehicle, replace(Settings(), load_limit="literal"))
+    literal, _ = bench_controller(
+        load_track(), load_car().vehicle, replace(declared_settings(load_car()), load_limit="literal")
+    )
     solution = literal.cold_start(start_state(literal, 620.0), clock)
     assert solution.usable
     base = _blocks(literal, literal.sqp.z, literal.sqp.du)

@@ -14,7 +14,7 @@ from hil_gateway.track.loading import load_track
 from planner.plan.acceptance import AcceptanceCheck, CheckedPlan, violations
 from planner.plan.checks import Roadside, bounds_of, plan_of
 from planner.plan.controller import Controller
-from planner.problem.settings import Settings
+from planner.problem.settings import declared_settings
 from planner.solver.fixed_check import FixedCheck
 from planner.solver.functions import build_functions
 from planner.solver.sqp import Solution
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(find_compiler() is None, reason="needs a C compi
 
 @pytest.fixture(scope="module")
 def controller() -> Controller:
-    return bench_controller(load_track(), load_car().vehicle, Settings())[0]
+    return bench_controller(load_track(), load_car().vehicle, declared_settings(load_car()))[0]
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ from benchmarks.plans.bench import bench_controller, clock, drive, start_state
 from benchmarks.plans.disturbed import FirstSolverOnly, solved
 from benchmarks.plans.recorded import load, record, save
 from estimator.belief.revision import declared_revision, model_of
+from estimator.model.parameters import tyre_prior
 from hil_gateway.car.car import load_car
 from hil_gateway.process.compiled import compile_source, find_compiler
 from hil_gateway.process.errors import InputError
@@ -24,7 +25,7 @@ from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
 from planner.problem.motion import VX
 from planner.problem.mpcc import Problem
-from planner.problem.settings import Information, Settings
+from planner.problem.settings import Information, declared_settings
 from planner.solver import choice, fixed, functions, sqp
 from planner.solver import self_test as known
 from planner.solver.choice import solvers_here
@@ -186,8 +187,8 @@ def test_elementary_functions_keep_to_four_units_in_the_last_place(name: str, wi
 
 
 def _problem(**changes: Any) -> Problem:
-    revised = model_of(declared_revision("per_axle"), load_car().vehicle, 3000.0)
-    return Problem(revised.model, replace(Settings(horizon=9), **changes))
+    revised = model_of(declared_revision(tyre_prior(load_car(), "per_axle")), load_car().vehicle, 3000.0)
+    return Problem(revised.model, replace(replace(declared_settings(load_car()), horizon=9), **changes))
 
 
 @pytest.mark.parametrize(
@@ -214,7 +215,9 @@ def test_stage_functions_are_those_of_casadi(changes: dict[str, Any]) -> None:
 
 
 def _controller(backend: str, **changes: Any) -> Controller:
-    return bench_controller(load_track(), load_car().vehicle, replace(Settings(), **changes), backend=backend)[0]
+    return bench_controller(
+        load_track(), load_car().vehicle, replace(declared_settings(load_car()), **changes), backend=backend
+    )[0]
 
 
 @pytest.mark.parametrize("kind", ["plain", "abs", "projection"])
@@ -274,10 +277,12 @@ def test_hpipm_takes_over_a_qp_that_is_not_solved(monkeypatch: pytest.MonkeyPatc
 
 
 def test_without_a_compiler_hpipm_solves_with_interpreted_stages(monkeypatch: pytest.MonkeyPatch) -> None:
-    controller = bench_controller(load_track(), load_car().vehicle, Settings(), compiled=False)[0]
+    controller = bench_controller(load_track(), load_car().vehicle, declared_settings(load_car()), compiled=False)[0]
     assert controller.sqp.backend == "hpipm, stage functions vm"
     with pytest.raises(RuntimeError, match="needs a C compiler"):
-        bench_controller(load_track(), load_car().vehicle, Settings(), backend="fixed", compiled=False)
+        bench_controller(
+            load_track(), load_car().vehicle, declared_settings(load_car()), backend="fixed", compiled=False
+        )
 
 
 def test_generated_code_that_answers_wrongly_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:

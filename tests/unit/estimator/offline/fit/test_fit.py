@@ -13,6 +13,7 @@ from support.drives.drive_simulator import TYRE, Drive, accelerations, random_ty
 from estimator.drive_log.table import DriveLog, segment_numbers
 from estimator.model.columns import CHANNELS, Columns, ModelColumns
 from estimator.model.effects import catalogue
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import SingleTrack
 from estimator.offline.fit.coordinates import StepCoordinates
 from estimator.offline.fit.equation_error import fit, residuals, rmse
@@ -26,7 +27,7 @@ from estimator.offline.record.prepare import prepare
 from hil_gateway.car.car import load_car
 
 VEHICLE = load_car().vehicle
-PRIOR = default_tyre_prior("per_axle", VEHICLE)
+PRIOR = default_tyre_prior("per_axle", VEHICLE, load_car())
 NAMES = tuple(TYRE)
 
 
@@ -41,11 +42,13 @@ def drive() -> Drive:
 
 @pytest.fixture(scope="module")
 def columns() -> ModelColumns:
-    return ModelColumns(SingleTrack(VEHICLE, "per_axle", (steer_timing(0.01),), PRIOR))
+    return ModelColumns(SingleTrack(VEHICLE, PRIOR, (steer_timing(0.01),)))
 
 
 def test_columns_agree_with_casadi_on_every_effect() -> None:
-    model = SingleTrack(VEHICLE, "per_axle", tuple(e for e in catalogue().values() if not e.profile))
+    model = SingleTrack(
+        VEHICLE, tyre_prior(load_car(), "per_axle"), tuple(e for e in catalogue().values() if not e.profile)
+    )
     columns = ModelColumns(model)
     inputs, theta, channels = columns.expressions
     reference = ca.Function("reference", [inputs, theta], [channels])
@@ -67,7 +70,7 @@ def test_unknown_instruction_is_refused_not_ignored() -> None:
 def test_predictions_agree_with_an_independent_simulation(drive: Drive) -> None:
     log = as_log(simulate([TYRE], 10.0, seed=1, noise=0.0)[0])
     samples = prepare(log, smooth=False)
-    columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (), PRIOR))
+    columns = ModelColumns(SingleTrack(VEHICLE, PRIOR))
     theta = np.array([TYRE[p.name] for p in columns.parameters])
     errors = residuals(columns, samples, theta, ("ax", "ay"))
     assert np.abs(errors).max() < 0.02  # the smooth blend of the slip angles at low speed
@@ -88,7 +91,7 @@ def test_derivatives_agree_with_finite_differences(drive: Drive, columns: ModelC
 
 
 def test_simulated_sensitivities_agree_with_finite_differences(drive: Drive) -> None:
-    columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (steer_timing(0.01), vy_sensor()), PRIOR))
+    columns = ModelColumns(SingleTrack(VEHICLE, PRIOR, (steer_timing(0.01), vy_sensor())))
     log = as_log(drive)
     problem = OutputErrorProblem(columns, log, prepare(log).select_range(0, 2000), OutputErrorSettings())
     theta = np.array([TYRE.get(p.name, 0.01) for p in columns.parameters])
@@ -119,7 +122,7 @@ def test_output_error_recovers_the_tyres_within_their_intervals(drive: Drive, co
 
 
 def test_recursions_agree_with_the_full_fit_within_their_uncertainty(drive: Drive) -> None:
-    columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (), PRIOR))
+    columns = ModelColumns(SingleTrack(VEHICLE, PRIOR))
     samples = averaged(prepare(as_log(drive)))
     full = fit(columns, samples)
     for method in (batch, sample):
@@ -130,7 +133,7 @@ def test_recursions_agree_with_the_full_fit_within_their_uncertainty(drive: Driv
 
 
 def test_batch_curves_fall_and_level_off_as_in_figure_4(drive: Drive) -> None:
-    columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (), PRIOR))
+    columns = ModelColumns(SingleTrack(VEHICLE, PRIOR))
     samples = prepare(as_log(drive))
     result = batch(columns, samples, averaged(samples))
     for channel in ("ax", "ay"):
@@ -143,7 +146,7 @@ def test_batch_curves_fall_and_level_off_as_in_figure_4(drive: Drive) -> None:
 
 @pytest.mark.parametrize("method", [batch, sample])
 def test_a_curve_begins_at_the_initial_parameters_and_ends_at_those_reported(method: Any, drive: Drive) -> None:
-    columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (), PRIOR))
+    columns = ModelColumns(SingleTrack(VEHICLE, PRIOR))
     samples = averaged(prepare(as_log(drive)))
     result = method(columns, samples, samples)
     for point, theta in ((result.curve[0], columns.start), (result.curve[-1], result.fit.theta)):
@@ -152,7 +155,7 @@ def test_a_curve_begins_at_the_initial_parameters_and_ends_at_those_reported(met
 
 def test_a_published_batch_counts_for_one_sample(drive: Drive) -> None:
     """It learns more slowly than a batch that counts for all it holds."""
-    columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (), PRIOR))
+    columns = ModelColumns(SingleTrack(VEHICLE, PRIOR))
     samples = averaged(prepare(as_log(drive)))
     result = batch(columns, samples, samples)
     published, refined = (curve[1].rmse["ay"] for curve in (result.as_published, result.curve))
@@ -179,7 +182,7 @@ def test_spins_are_left_out_with_the_time_around_them(drive: Drive) -> None:
 def test_estimate_stays_within_bounds_and_says_so() -> None:
     log = as_log(simulate([{**TYRE, "cf": 2.0, "df": 1.0}], 40.0, seed=8)[0])
     prior = {**PRIOR, "bf": 60.0, "df": 0.2}
-    columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (), prior))
+    columns = ModelColumns(SingleTrack(VEHICLE, prior))
     result = fit(columns, averaged(prepare(log)))
     for parameter, value in zip(result.parameters, result.theta, strict=True):
         assert parameter.lower <= value <= parameter.upper
@@ -203,7 +206,7 @@ def test_bounded_step_never_leaves_the_box_and_descends_once_damped() -> None:
 
 
 def test_step_coordinates_are_inverse_and_their_tangent_is_right() -> None:
-    columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (), PRIOR))
+    columns = ModelColumns(SingleTrack(VEHICLE, PRIOR))
     slips = {"f": np.array([0.01, 0.04, 0.09]), "r": np.array([0.01, 0.03, 0.08])}
     coordinates = StepCoordinates(columns.parameters, slips)
     u = np.random.default_rng(2).uniform(-0.5, 0.5, len(columns.parameters))
@@ -231,7 +234,7 @@ def test_thinning_keeps_the_mean_and_never_crosses_a_gap(drive: Drive) -> None:
 def test_gentle_driving_cannot_tell_b_c_and_d_apart_and_says_how_much_slip_would() -> None:
     log = as_log(simulate([TYRE], 60.0, seed=5)[0])
     gentle = log.select(np.abs(log["ay"]) < 3.0)
-    columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (), PRIOR))
+    columns = ModelColumns(SingleTrack(VEHICLE, PRIOR))
     samples = averaged(prepare(log)).select(np.abs(averaged(prepare(log))["ay"]) < 2.5)
     known = analyse(fit(columns, samples), samples, VEHICLE, "per_axle")
     assert len(gentle) > 0
@@ -245,7 +248,7 @@ def test_gentle_driving_cannot_tell_b_c_and_d_apart_and_says_how_much_slip_would
 @pytest.mark.slow
 def test_intervals_cover_the_truth() -> None:
     drives = simulate(random_tyres(10, seed=11), 45.0, seed=12)
-    columns = ModelColumns(SingleTrack(VEHICLE, "per_axle", (steer_timing(0.01),), PRIOR))
+    columns = ModelColumns(SingleTrack(VEHICLE, PRIOR, (steer_timing(0.01),)))
     inside = []
     for one in drives:
         result = fit(columns, averaged(prepare(as_log(one))))

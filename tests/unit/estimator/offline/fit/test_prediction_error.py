@@ -23,7 +23,7 @@ def test_sensitivities_agree_with_finite_differences(drives: dict[str, Any]) -> 
     record = record_of(drives["single"])
     record = record.select(np.arange(record.windows) % 12 == 0)
     names = ("aero_drag", "steer_scale", "steer_delay", "road_bank")
-    model = SingleTrack(load_car().vehicle, "per_axle", tuple(catalogue()[n] for n in names), PRIOR)
+    model = SingleTrack(load_car().vehicle, PRIOR, tuple(catalogue()[n] for n in names))
     predictor = Predictor(model, record)
     at = predictor.start([*PRIOR.values()])
     at[7], at[9] = 0.3, 0.04
@@ -72,7 +72,7 @@ def test_normal_equations_with_a_parameter_held_elsewhere_are_exact_for_a_linear
 
 def test_fit_recovers_from_a_far_start(drives: dict[str, Any]) -> None:
     record = record_of(drives["none"])
-    predictor = Predictor(SingleTrack(load_car().vehicle, "per_axle", (), PRIOR), record)
+    predictor = Predictor(SingleTrack(load_car().vehicle, PRIOR), record)
     near = fit(predictor, np.array([*PRIOR.values()]))
     far = fit(predictor, np.array([60000.0, 5.0, 2.0, 2.3, 14.0, 1.1, 2.2]), iterations=30)
     np.testing.assert_allclose(far.parameters, near.parameters, rtol=0.02)

@@ -11,6 +11,7 @@ import pytest
 
 from estimator.model.columns import Columns
 from estimator.model.effects import catalogue
+from estimator.model.parameters import tyre_prior
 from estimator.model.single_track import SingleTrack
 from estimator.offline.predict import compiled_columns
 from estimator.offline.predict.compiled_columns import CompiledColumns
@@ -49,7 +50,7 @@ def test_every_operation_gives_what_numpy_gives(operation: Callable[[Any, Any], 
 
 def test_a_model_with_many_effects_gives_what_numpy_gives(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("brake_pressure", "load_transfer", "tyre_relaxation", "limited_slip", "aero_drag", "gear_shift")
-    model = SingleTrack(load_car().vehicle, "per_axle", tuple(catalogue()[n] for n in names))
+    model = SingleTrack(load_car().vehicle, tyre_prior(load_car(), "per_axle"), tuple(catalogue()[n] for n in names))
     functions = functions_of(model)
     rng = np.random.default_rng(3)
     inputs = rng.uniform(0.5, 1.5, size=(functions.inputs.numel(), SAMPLES))

@@ -89,7 +89,7 @@ def test_without_an_accelerometer_nothing_is_said_of_the_road(drives: dict[str, 
 
 
 def test_a_banked_oval_is_no_displaced_sensor_and_its_bank_is_found(measured_data: Path) -> None:
-    car = read_vehicle(measured_data / "plant" / "vehicle.json")
+    car = read_vehicle(measured_data / "plant" / "vehicle.json", load_car())
     health = examine(read_logs([measured_data / "plant" / "double_track_oval.csv"]), car)
     assert not health.vy_is_displaced
     record = make_record(health.log, car, health.doubtful)

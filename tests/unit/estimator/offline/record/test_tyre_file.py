@@ -40,7 +40,7 @@ LOAD = 800.0 * 9.80665 / 4
 def read(tmp_path: Path, text: str) -> dict[str, float]:
     path = tmp_path / "a.tir"
     path.write_text(text)
-    return dict(read_tyre_prior(path, "per_axle", CAR))
+    return dict(read_tyre_prior(path, "per_axle", CAR, load_car()))
 
 
 def test_a_file_of_three_coefficients_gives_its_stiffness_peak_and_shape(tmp_path: Path) -> None:
@@ -49,7 +49,7 @@ def test_a_file_of_three_coefficients_gives_its_stiffness_peak_and_shape(tmp_pat
         curve = [prior[letter + axle] for letter in "bcd"]
         assert curve[1:] == [1.55, 1.72]
         assert normalised_force(np.array([1e-6]), *curve)[0] == pytest.approx(24.1e-6, rel=1e-6)
-    assert prior["cx"] == default_tyre_prior("per_axle", CAR)["cx"]
+    assert prior["cx"] == default_tyre_prior("per_axle", CAR, load_car())["cx"]
 
 
 def test_loads_count_where_the_file_has_them(tmp_path: Path) -> None:
