@@ -29,7 +29,7 @@ def test_a_car_that_a_file_names_is_the_same_as_one_that_the_command_line_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     named = load_config(_write(tmp_path, 'platform = "kestrel"\n'))
-    assert named.gateway.stop.lateral_grip != Config().gateway.stop.lateral_grip
+    assert named.vehicle != Config().vehicle
     monkeypatch.setenv("HIL_PLATFORM", "kestrel")
     assert named == load_config()
     assert load_config(_write(tmp_path, "[vehicle]\nmass = 700.0\n")).declared_car.vehicle.mass == 700.0

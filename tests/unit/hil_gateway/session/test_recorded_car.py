@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
-from can_dbc.folder import SHIPPED
 from hil_gateway.can_link import Frame
 from hil_gateway.car.car import load_car
 from hil_gateway.config import Config
@@ -55,14 +55,10 @@ def test_recordings_of_two_cars_are_no_data_set(kestrel: Path, tmp_path: Path) -
 def test_a_recording_whose_car_is_gone_is_refused_with_the_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = tmp_path / "my_car"
-    folder.mkdir()
-    for file in (SHIPPED / "kestrel").iterdir():
-        (folder / file.name).write_text(file.read_text())
-    made = recording(tmp_path / "made.mcap", Config(platform=str(folder)))
-    assert recorded_car([made]).name == load_car("kestrel").name
-    moved = folder.rename(tmp_path / "moved")
+    path, gone = tmp_path / "s.mcap", tmp_path / "my_car"
+    with SessionFile(path, {"session": {"config": json.dumps({"platform": str(gone)})}}) as file:
+        file.add(CAN_TOPIC, pack_frame(Frame(0x514, bytes(8), S, False), S), S, S, 0)
     with pytest.raises(InputError, match=r"recorded with the car .*my_car.*--platform"):
-        recorded_car([made])
-    monkeypatch.setenv("HIL_PLATFORM", str(moved))
-    assert recorded_car([made]).platform == str(moved)
+        recorded_car([path])
+    monkeypatch.setenv("HIL_PLATFORM", "kestrel")
+    assert recorded_car([path]) == load_car("kestrel")
