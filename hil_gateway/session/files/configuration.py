@@ -14,9 +14,7 @@ from hil_gateway.car.car import PLATFORM_VARIABLE, Car, default_platform, load_c
 from hil_gateway.config import Config
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.format import METADATA_SESSION
-from hil_gateway.session.files.reader import SessionReader
-from hil_gateway.session.logs.raw_bag import is_recording
-from hil_gateway.session.logs.source import Source
+from hil_gateway.session.files.reader import MAGIC, SessionReader
 
 NO_TOPIC = frozenset[str]()
 
@@ -77,8 +75,20 @@ def recorded_car(paths: Iterable[Path]) -> Car:
     Raises:
         InputError: recordings of two cars, or of one that is not here.
     """
-    cars = {recorded_config(path).platform: path for path in paths if is_recording(Source(path))}
+    cars = {config.platform: path for path in paths if (config := _config_if_ours(path)) is not None}
     if len(cars) > 1:
         (one, first), (other, second), *_ = cars.items()
         raise InputError(f"{first} is of the car {one}, {second} of {other}: give those of one car")
     return load_car(*cars)
+
+
+def _config_if_ours(path: Path) -> Config | None:
+    """None of a file of another program."""
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            return None
+    reader = SessionReader(path, NO_TOPIC)
+    next(reader.items(), None)
+    return config_of(reader.metadata.get(METADATA_SESSION, {})) if reader.ours else None

@@ -30,7 +30,9 @@ class Rig:
         self.clock, self.bus = VirtualClock(), LocalBus()
         wire = VirtualWire(self.clock)
         self.car = wire.link()
-        writer = SessionWriter(path, {"name": "test", "config": "{}"}, rotate_bytes, write=write)
+        writer = SessionWriter(
+            path, {"name": "test", "config": "{}"}, rotate_bytes, write=write, attached=load_car().files()
+        )
         self.recorder = Recorder(
             CONFIG, self.bus, wire.link(), writer, UNIX_NS, sent=load_car().codec.sent_by("computer")
         )
