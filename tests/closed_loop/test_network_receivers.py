@@ -75,7 +75,7 @@ def drive(session: Path) -> Drive:
 
 def test_positions_that_are_80_ms_late_place_the_car_within_centimetres(drive: Drive) -> None:
     off, turned = (sorted(errors) for errors in zip(*drive.errors, strict=True))
-    assert drive.speed > 40.0  # 80 ms are more than 3 m
+    assert drive.speed > 35.0  # 80 ms are 3 m
     assert len(off) > 400
     assert off[-1] < 0.15
     assert turned[-1] < 0.01
