@@ -109,6 +109,10 @@ class PlannerConfig(Model):
     sigma_level: float = Field(default=2.0, ge=0, le=3, description="Eq. (10) holds at this many sigma of the belief")
     load_use: float = Field(default=0.98, gt=0, le=1, description="share of its tyres' peak force an axle may use")
     load_limits: str = Field(default="", description="file of loads held, carried from run to run; empty: first run")
+    run_caps: str = Field(default="", description="file of the caps that clean runs have reached; empty: not kept")
+    caps_without_run: bool = Field(
+        default=False, description="the caps of a car and a model that have not driven hold without `hil run`, too"
+    )
     estimate_age_s: float = Field(default=0.01, ge=0, le=0.2, description="age of an estimate when it arrives")
     compute_s: float = Field(default=0.004, ge=0, le=0.05, description="time from estimate to command, expected")
     deadline_s: float = Field(default=0.04, gt=0, description="a solution later than this is not used")

@@ -20,6 +20,7 @@ from hil_gateway.track.track import Track
 from planner.adoption.adoption import Adoption
 from planner.line.joining import Joining
 from planner.line.line_publisher import LinePublisher
+from planner.line.track import Reference
 from planner.plan.checks import PlanCheck
 from planner.plan.fallback import STANDSTILL, StopPlanner, Trajectory, shifted, stop_plan
 from planner.plan.first_metres import straight_ahead
@@ -29,6 +30,9 @@ from planner.plan.publishing import PlanDecision, Publisher, Stamps, within
 from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, store_limits
 from planner.problem.motion import DRIVE, PROGRESS, VX, S
 from planner.problem.settings import settings_of
+from planner.run.desk import RunDesk
+from planner.run.expansion import Expansion
+from planner.run.progress import Progress
 from planner.solver.sqp import Solution, Stopwatch
 
 MAX_SHIFT_S = 0.4
@@ -77,7 +81,9 @@ class Planner:
         self._newest_applied: Applied | None = None
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
         self._teller = LinePublisher(bus)
-        self._publish = Publisher(config, bus, self._actuators, self.settings, agreement(config, track))
+        ours = agreement(config, track)
+        self._publish = Publisher(config, bus, self._actuators, self.settings, ours)
+        self._run = RunDesk(bus, _progress(config, self.adoption, ours.car), self._track.length)
 
     def step(self, now_ns: int) -> Plan | None:
         """Plan from the newest estimate and publish; None while there has never been one.
@@ -86,6 +92,8 @@ class Planner:
         leaves in the processor's caches what the plan needs next.
         """
         self._prepare(now_ns)
+        self._run.step(now_ns, 0.0 if self._plan is None else float(self._plan.z[S, 0]), self._base.line)
+        self.adoption.cap_load(self._run.progress.caps.load_use)
         message = self._plan_and_publish(now_ns)
         self._adopt(now_ns)
         return message
@@ -103,6 +111,11 @@ class Planner:
         stamps = Stamps(now_ns, self._seq, 0 if e is None else e.state_stamp_ns)
         self._seq += 1
         return self._publish(decision, self.adoption.in_force, stamps, lambda: self._stopwatch() - started)
+
+    @property
+    def _base(self) -> Reference:
+        """The race line with the speeds of the model in force."""
+        return self.adoption.current.reference
 
     def store_limits(self) -> None:
         """Write the load limits the next run may use, if a file is configured."""
@@ -174,7 +187,7 @@ class Planner:
 
     def _locate(self, then: PredictedMoment, last: float, near: bool) -> float:
         """Progress on what is the reference from now on; `last` expected, and whether the car is `near` there."""
-        base, (x, y, yaw, speed, *_) = self.adoption.current.reference, then.car
+        base, (x, y, yaw, speed, *_) = self._run.reference(self._base, last), then.car
         if not near:
             self._following.give_up()
         reference = self._following.reference(base, last)
@@ -198,6 +211,10 @@ class Planner:
     def _decide(self, z0: Array | None, start_ns: int, started: int) -> PlanDecision | None:
         """A fresh plan if there is one, else the last one shifted, else a stop plan; None before the first estimate."""
         reason = "no valid estimate"
+        if z0 is not None and (why := self._halts(z0)):
+            self._guess_start_ns, self._fresh_ns = None, 0  # what is planned after it begins afresh
+            plan = stop_plan(z0, start_ns, self.settings.horizon, self._stopping())
+            return PlanDecision(plan, PlanStatus.STOP, why)
         if z0 is not None and not self._following.hindrance:
             solved = self._solve(z0, start_ns, started)
             self.adoption.judge(isinstance(solved, PlanDecision))
@@ -207,6 +224,13 @@ class Planner:
         elif z0 is not None:
             self._fresh_ns, reason = 0, self._following.hindrance  # no plan of before leads on from here
         return self._fall_back(z0, start_ns, reason)
+
+    def _halts(self, z0: Array) -> str:
+        """Why the run has the car brake or stand, in words; empty where it goes on."""
+        run, s, speed = self._run, float(z0[S]), float(z0[VX])
+        run.slid(self.adoption.trust.slides)
+        run.progress.advance(s, speed)
+        return run.progress.halts(s, speed, self._stopping().deceleration)
 
     def _first_metres(self, now_ns: int, start_ns: int) -> PlanDecision | None:
         """Straight ahead while all that is not known is where the car points."""
@@ -329,6 +353,13 @@ class Planner:
             lambda z, du: controller.sqp.propagate(z, du, controller.stages[:, 0], controller.common),
             controller.reference, self.settings.limits, self.settings.dt, vehicle, braking, grip, force,
         )  # fmt: skip
+
+
+def _progress(config: Config, adoption: Adoption, car: str) -> Progress:
+    """Runs of this car with the model that it starts with."""
+    p, revision = config.planner, adoption.current.revision
+    key = " ".join([car, revision.layout, *(effect.name for effect in revision.effects)])
+    return Progress(adoption.current.reference.length, key, Expansion(p.run_caps), p.caps_without_run)
 
 
 def _declared_road(config: Config, track: Track) -> Track:

@@ -14,6 +14,8 @@ from hil_gateway.bus.outside import Navigation, ReceiverStatus, Ros2Status
 from hil_gateway.bus.playback import Playback
 from hil_gateway.bus.proposal import ModelProposal
 from hil_gateway.bus.race_line import RaceLine
+from hil_gateway.bus.track_day.race_control import RaceControlRequest, RaceControlShown
+from hil_gateway.bus.track_day.run import RunRequest, RunStatus
 from hil_gateway.bus.tyres import Tyres
 
 M = TypeVar("M", bound=m.Message)
@@ -58,6 +60,10 @@ ROS2_STATUS = Topic("av24/ros2_status", Ros2Status, "ros2", 1, 3.0)
 NAVIGATION = Topic("av24/navigation", Navigation, "receiver", 500, 0.2, priority="real_time")
 RECEIVER_STATUS = Topic("av24/receiver_status", ReceiverStatus, "receiver", 1, 3.0)
 TRUTH = Topic("referee/truth", m.Truth, "plant", 20, 1.0)
+RACE_CONTROL = Topic("referee/race_control", RaceControlShown, "plant", 5, 1.0)
+RUN = Topic("av24/run", RunStatus, "planner", 5, 1.0)
+RUN_REQUEST = Topic("av24/run_request", RunRequest, "operator", 0, 1.0, max_bytes=65_536)
+RACE_CONTROL_REQUEST = Topic("referee/race_control_request", RaceControlRequest, "operator", 0, 1.0)
 
 TOPICS: tuple[Topic[Any], ...] = (
     VEHICLE_STATE,
@@ -81,4 +87,8 @@ TOPICS: tuple[Topic[Any], ...] = (
     ROS2_STATUS,
     NAVIGATION,
     RECEIVER_STATUS,
+    RACE_CONTROL,
+    RACE_CONTROL_REQUEST,
+    RUN,
+    RUN_REQUEST,
 )

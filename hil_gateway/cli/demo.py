@@ -39,6 +39,9 @@ def demo(
     receivers: Annotated[
         bool, typer.Option("--receivers", help="positions from NovAtel receivers on the network, and none on CAN")
     ] = False,
+    stay: Annotated[
+        bool, typer.Option("--stay", help="until Ctrl-C: a person cranks and arms, stops end nothing")
+    ] = False,
     dashboard: Annotated[bool, typer.Option("--dashboard", help="also serve the live page")] = False,
     headless: Annotated[bool, typer.Option("--headless", help="no live view")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
@@ -70,6 +73,7 @@ def demo(
         car,
         learner=learn is not False,
         receivers=receivers,
+        stay=stay,
     )
     summary = drive_learn_drive(options) if learn else drive(options)
     lines = [*describe(summary), *describe_learning(summary)]

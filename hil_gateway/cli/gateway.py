@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -14,16 +12,13 @@ import typer
 
 from hil_gateway.bus.interface import Bus, Subscription
 from hil_gateway.bus.messages import FailsafeAction, GatewayStatus, OperatorAction
-from hil_gateway.config import ZenohConfig, load_config
+from hil_gateway.cli.track_day.asking import address, wait
+from hil_gateway.config import load_config
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 
 app = typer.Typer(no_args_is_help=True, help="CAN to vehicle state, commands to CAN; bring-up check.")
 
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="TOML configuration")]
-ANSWER_S = 3.0
-"""How long a request waits for the gateway's status."""
-REPEAT_S = 0.1
-"""A request is sent again until it is answered; the gateway knows the second delivery of the same one."""
 CRANKED_S = 20.0
 """How long `arm --crank` waits until the car drives and nothing is missing: cranking takes some seconds."""
 EXPECTED = {
@@ -94,18 +89,18 @@ def _request(config: Path | None, *actions: OperatorAction) -> None:
     from hil_gateway.bus import topics
     from hil_gateway.bus.zenoh_bus import open_bus
 
-    reached = _address(load_config(config).zenoh, config)
+    reached = address(load_config(config).zenoh, config)
     typer.echo(f"to the {reached.name}", err=True)
     bus = open_bus(reached.zenoh, "operator")
     try:
         statuses = bus.subscribe(topics.GATEWAY_STATUS)
-        if _wait(statuses, lambda status: True) is None:
+        if wait(statuses, lambda status: True) is None:
             raise InputError(f"no gateway answers at {', '.join(reached.zenoh.connect)}; {reached.remedy}")
         for action in actions:
             if action is OperatorAction.CRANK:
-                _wait(statuses, lambda status: not status.missing_for_crank or _done(OperatorAction.CRANK, status))
+                wait(statuses, lambda status: not status.missing_for_crank or _done(OperatorAction.CRANK, status))
             elif len(actions) > 1:
-                _wait(statuses, lambda status: not status.missing_for_arming, seconds=CRANKED_S)
+                wait(statuses, lambda status: not status.missing_for_arming, seconds=CRANKED_S)
             _ask(bus, statuses, action)
     finally:
         bus.close()
@@ -119,7 +114,7 @@ def _ask(bus: Bus, statuses: Subscription[GatewayStatus], action: OperatorAction
     now = time.monotonic_ns()
     message = OperatorCommand(stamp_ns=now, seq=now // 1000, source=f"cli-{os.getpid()}", action=action)
     request = partial(bus.publish, topics.OPERATOR, message)
-    answer = _wait(statuses, partial(_done, action), request)
+    answer = wait(statuses, partial(_done, action), request)
     if answer is None or not _done(action, answer):
         typer.echo(f"refused: {action.value}: {_why(action, answer)}", err=True)
         raise typer.Exit(EXIT_FAILURE)
@@ -136,38 +131,6 @@ def _done(action: OperatorAction, status: GatewayStatus) -> bool:
     return status.action in EXPECTED[action]
 
 
-@dataclass(frozen=True)
-class Address:
-    """Where a request goes, in words, and what to do when nobody answers there."""
-
-    zenoh: ZenohConfig
-    name: str
-    remedy: str
-
-
-def _address(asked: ZenohConfig, config: Path | None) -> Address:
-    """The configured gateway where one is named, else the one of this user that was started last, else the default.
-
-    Raises:
-        InputError: it asks for certificates, and nobody has said where those of the operator are.
-    """
-    from hil_gateway.gateway.running import running_gateways
-
-    found = running_gateways()
-    endpoints = ", ".join(asked.connect)
-    if config is not None or asked != ZenohConfig():
-        return Address(asked, f"configured gateway ({endpoints})", "is zenoh.connect that of the gateway?")
-    if not found:
-        remedy = "no gateway of this user runs here: start `hil gateway run`, or name one with --config FILE"
-        return Address(asked, f"default gateway ({endpoints})", remedy)
-    last, *others = found
-    if last.secured:
-        raise InputError(f"the {last} asks for certificates; give --config FILE with the operator's (zenoh.extra)")
-    for other in others:
-        typer.echo(f"not to the {other}: started earlier; --config FILE names one", err=True)
-    return Address(last.zenoh, str(last), "it runs but is silent: end its process")
-
-
 def _why(action: OperatorAction, answer: GatewayStatus | None) -> str:
     """What keeps the gateway from doing it."""
     from hil_gateway.gateway.check.arming import EXPLANATION
@@ -181,29 +144,3 @@ def _why(action: OperatorAction, answer: GatewayStatus | None) -> str:
     advice = answer.advice
     missing = [f"{name}: {advice[name]}" if name in advice else name for name in answer.missing_for_arming]
     return (", ".join(missing) or state) + awaited
-
-
-def _wait(
-    statuses: Subscription[GatewayStatus],
-    enough: Callable[[GatewayStatus], bool],
-    request: Callable[[], object] | None = None,
-    seconds: float = ANSWER_S,
-) -> GatewayStatus | None:
-    """Newest status within `seconds`, at once when it is `enough`; with a request, from the second status on."""
-    newest: GatewayStatus | None = None
-    seen = 0
-    start = asked = time.monotonic()
-    least = 1 if request is None else 2
-    ask = request or (lambda: None)
-    ask()
-    while (now := time.monotonic()) < start + seconds:
-        for status in statuses.poll(time.monotonic_ns()):
-            newest = status
-            seen += 1
-        if newest is not None and seen >= least and enough(newest):
-            return newest
-        if now >= asked + REPEAT_S:
-            asked = now
-            ask()
-        time.sleep(0.02)
-    return newest

@@ -24,6 +24,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "learner": ("estimator.cli.learner:app", "diagnosis beside the drive: proposes models with effects"),
     "planner": ("planner.cli.planner:app", "infomax MPCC: plans and commands"),
     "plant": ("hil_gateway.cli.plant:app", "the simulated AV-24 at the other end of the CAN cable"),
+    "race-control": ("hil_gateway.cli.track_day.race_control:app", "flags, speed and kill to the simulated car"),
+    "run": ("hil_gateway.cli.track_day.run:app", "runs: laps, caps on speed and grip, in lap"),
     "identify": ("estimator.cli.identify:app", "tyre parameters from a session, error before and after"),
     "diagnose": ("estimator.cli.diagnose:app", "residual, missing effect, error before and after"),
     "plan": ("planner.cli.plan:app", "planner benchmark in closed loop on the model"),
@@ -41,7 +43,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 """name -> (module:attribute of a Typer app, help line)"""
 
 GROUPS: dict[str, tuple[str, ...]] = {
-    "Drive": ("demo",),
+    "Drive": ("demo", "run", "race-control"),
     "Analyse": ("identify", "diagnose", "plan", "campaign"),
     "Sessions": ("session",),
     "Processes": ("gateway", "estimator", "learner", "planner", "plant", "recorder", "dashboard", "ros2", "receiver"),

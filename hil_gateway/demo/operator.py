@@ -15,8 +15,9 @@ STEADY_NS = NS_PER_S
 class Operator:
     """Never cranks or arms again after the gateway has stopped the car: that is for a person to decide."""
 
-    def __init__(self, bus: Bus) -> None:
-        self._bus = bus
+    def __init__(self, bus: Bus, asks: bool = True) -> None:
+        """`asks`: else a person does, and this one only watches."""
+        self._bus, self._asks = bus, asks
         self._seq = 0
         self._next_ns = 0
         self._ready_ns: int | None = None
@@ -34,7 +35,7 @@ class Operator:
             self._ready_ns = now_ns
         steady = self._ready_ns is not None and now_ns >= self._ready_ns + STEADY_NS
         action = OperatorAction.ARM if steady else None if status.missing_for_crank else OperatorAction.CRANK
-        if action is not None and not self.driving and now_ns >= self._next_ns:
+        if self._asks and action is not None and not self.driving and now_ns >= self._next_ns:
             self._next_ns = now_ns + REPEAT_NS
             self.ask(action, now_ns)
 

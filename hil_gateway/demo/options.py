@@ -42,11 +42,13 @@ class DemoOptions:
     """diagnose beside the drive, and drive with what is found"""
     receivers: bool = False
     """positions come from receivers on the network, and none from CAN"""
+    stay: bool = False
+    """run until interrupted: stops end nothing, and a person cranks and arms"""
 
     @property
     def target_laps(self) -> int | None:
         """Laps after which the run ends; None: it ends by time."""
-        return DEFAULT_LAPS if self.laps is None and self.seconds is None else self.laps
+        return DEFAULT_LAPS if self.laps is None and self.seconds is None and not self.stay else self.laps
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,8 @@ def _inputs(options: DemoOptions) -> list[Path]:
 
 
 def _check_extent(options: DemoOptions) -> None:
+    if options.stay and (options.laps is not None or options.seconds is not None):
+        raise InputError("--stay: runs until interrupted; leave out --laps and --seconds")
     if options.laps is not None and options.laps < 1:
         raise InputError(f"--laps {options.laps}: at least 1 lap, or leave it out and give --seconds")
     if options.seconds is not None and not 0 < options.seconds < float("inf"):

@@ -70,7 +70,7 @@ class Run:
         self._stopping = stopping
         self._clock: Clock = SystemClock()
         self._bus = open_bus(setup.config.zenoh, "operator")
-        self._operator = Operator(self._bus)
+        self._operator = Operator(self._bus, asks=not options.stay)
         self.result = RunResult(Monitor(self._bus), DriveReferee(self._bus))
         self._started_ns = self.result.zero_ns = self._clock.now_ns()
         self._under_way_ns: int | None = None
@@ -133,7 +133,7 @@ class Run:
     def _watch_processes(self, now_ns: int) -> None:
         for gone in self._supervisor.poll():
             self._tell(str(gone))
-            if gone.optional:
+            if gone.optional or self._options.stay:
                 continue
             self.result.exits.append(gone)
             self._begin_stop(now_ns)
@@ -142,7 +142,7 @@ class Run:
             self._operator.ask(OperatorAction.STOP, now_ns)
 
     def _watch_gateway(self, now_ns: int) -> None:
-        if self._stop_ns is None and self.result.monitor.failsafes:
+        if self._stop_ns is None and self.result.monitor.failsafes and not self._options.stay:
             self._begin_stop(now_ns)
         new, self._told = self.result.monitor.failsafes[self._told :], len(self.result.monitor.failsafes)
         for failsafe in new:
@@ -158,6 +158,8 @@ class Run:
     def _ending(self, now_ns: int) -> Ending | None:
         if self._stopping():
             return Ending.INTERRUPTED
+        if self._options.stay:
+            return None
         if self._stop_ns is not None:
             return self._stopped(now_ns, self._stop_ns)
         if self._under_way_ns is None:

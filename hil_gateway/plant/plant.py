@@ -11,10 +11,11 @@ from hil_gateway.can_link import CanLink
 from hil_gateway.config import Config, PlantConfig
 from hil_gateway.plant.car import STEP_S, Car, Commands
 from hil_gateway.plant.car_file import SimulatedCar
+from hil_gateway.plant.controller.base_station import Desk, SimulatedRaceControl
 from hil_gateway.plant.controller.ladder import MARELLI_KILL, PARKED, CarState, VehicleController
 from hil_gateway.plant.controller.receive import CommandReceiver
 from hil_gateway.plant.controller.sensors import SimulatedSensors
-from hil_gateway.plant.controller.transmit import ReportTransmitter, SimulatedRaceControl
+from hil_gateway.plant.controller.transmit import ReportTransmitter
 from hil_gateway.plant.fitted import fitted
 from hil_gateway.plant.physics.effects import configure
 from hil_gateway.plant.physics.parameters import PlantParameters
@@ -69,6 +70,7 @@ class Plant:
         self.car = Car(parameters, track, start_s=config.plant.start_s, events=events)
         self.controller = VehicleController()
         self.race_control = SimulatedRaceControl()
+        self._desk = Desk(truth_bus, self.race_control) if truth_bus else None
         self.referee = Referee(self.car)
         self.receivers = SimulatedReceivers(config, self.car)
         self._receiver = CommandReceiver(config.car)
@@ -96,6 +98,8 @@ class Plant:
     def step(self, now_ns: int) -> None:
         """Advance to `now_ns` (monotonic, ns) in whole milliseconds."""
         self._receiver.take(self._link.receive(0.0), now_ns)
+        if self._desk:
+            self._desk.step(now_ns)
         if self._reached_ns is None or now_ns - self._reached_ns > CATCH_UP_NS:
             self._reached_ns = now_ns - STEP_NS
         reached_ns, car, transmitter = self._reached_ns, self.car, self._transmitter

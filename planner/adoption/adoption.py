@@ -69,6 +69,8 @@ class Adoption:
         self.held = held
         """loads over axle load that the car has held, in this run or an earlier one"""
         self._background = background
+        self.load_cap = 1.0
+        """share of the grip that the speeds of the race line may use"""
         self._lap, self._held_by_lap = 0, LoadLimits(0.0, 0.0)
         self._belief: Belief | None = None
         self._refused: set[str] = set()
@@ -160,6 +162,11 @@ class Adoption:
         if self.trust.watch(slides(estimate, knowledge, self._config.vehicle, current.tyre.axles), s):
             self._asked, self._changed = NOTHING_ASKED, True
         self.begin_lap(int(s // self.controller.reference.length))
+
+    def cap_load(self, share: float) -> None:
+        """Let speeds use this share of the grip from now on."""
+        if share != self.load_cap:
+            self.load_cap, self._asked = share, NOTHING_ASKED
 
     def begin_lap(self, lap: int) -> None:
         """What was held in the laps before `lap` may be asked for again; nothing where it is not a new one."""
@@ -262,7 +269,7 @@ class Adoption:
         if self._line is None:
             self._line = raceline_for(self._track, envelope, RACE_LINE_MARGIN)
             self.trust = Trust(len(self._line.s), self._line.length)
-        self._line = self._line.with_envelope(envelope, self.trust.share)
+        self._line = self._line.with_envelope(envelope, self.load_cap * self.trust.share)
         self._asked = (*knowledge.capacity, *knowledge.brake_doubt)
         self._last = Reference(self._line, self._last)
         return self._last

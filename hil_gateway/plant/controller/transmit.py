@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 
@@ -14,6 +13,7 @@ from hil_gateway.can_link import CanLink
 from hil_gateway.car.car import Car as Platform
 from hil_gateway.car.states import TrackFlag, VehicleFlag
 from hil_gateway.plant.car import Car
+from hil_gateway.plant.controller.base_station import SimulatedRaceControl
 from hil_gateway.plant.controller.ladder import CarState, ReceivedCommand, VehicleController
 from hil_gateway.plant.controller.sensors import SimulatedSensors, Values
 from hil_gateway.plant.referee.referee import Referee
@@ -26,16 +26,6 @@ BRAKE_TRAVEL = 7500.0
 """counts of the brake actuators at full pressure"""
 Source = Callable[[], Values]
 """readings of one instant"""
-
-
-@dataclass
-class SimulatedRaceControl:
-    """What the base station says; tests and people change it."""
-
-    track_flag: int = TrackFlag.GREEN
-    vehicle_flag: int = VehicleFlag.NONE
-    beating: bool = True
-    heartbeat: int = 0
 
 
 class ReportTransmitter:
@@ -187,7 +177,7 @@ class ReportTransmitter:
             "mode_switch": 1.0,
             "safety_switch": 0.0,
             "battery_voltage": self._at_rest("battery_voltage", 12.8),
-            "target_speed": 0.0,
+            "target_speed": self._race_control.target_speed,
             "commands_lost": silent,
             "computer_lost": silent,
             "race_control_lost": float(not self._race_control.beating),

@@ -1,0 +1,110 @@
+"""A run as it is planned (`run.toml`), what a person asks of it, and where in it the car is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, ValidationError
+
+from hil_gateway.bus.messages import Count, Message, Name, Text
+from hil_gateway.process.errors import InputError
+from hil_gateway.process.model import Model
+from hil_gateway.text_file import read_toml
+
+RUN_BYTES_MAX = 100_000
+START_LINE = "start line"
+Speed = Annotated[float, Field(ge=5, le=100)]
+"""m/s; a slower cap is no lap but walking"""
+LoadUse = Annotated[float, Field(ge=0.2, le=1)]
+"""share of the grip that the car is believed to have; with less it does not come up a hill"""
+
+
+class RunPlan(Model):
+    """What a run is to be. Caps lap by lap after the out lap; the last one holds for those that follow."""
+
+    name: Name = "run"
+    laps: int = Field(default=1, ge=1, le=500, description="flying laps, between out lap and in lap")
+    out_lap: bool = Field(default=True, description="the lap that begins where the car stands is not counted")
+    speed: Annotated[tuple[Speed, ...], Field(max_length=500)] = Field(
+        default=(), description="caps, m/s; none: that of a car and a model that have driven as far as these have"
+    )
+    load_use: Annotated[tuple[LoadUse, ...], Field(max_length=500)] = Field(default=(), description="caps, as `speed`")
+    stop_at: float | None = Field(
+        default=None, ge=0, description="where the in lap ends, m along the track; not given: 30 m before the line"
+    )
+    tyres: Name = Field(default="", description="name of the tyre set")
+    fuel_kg: float | None = Field(default=None, ge=0, le=500)
+    notes: Text = ""
+
+
+def read_run(path: Path) -> RunPlan:
+    """A run from a TOML file.
+
+    Raises:
+        InputError: unreadable, an unknown key, a value out of range.
+    """
+    try:
+        return RunPlan.model_validate(read_toml(path, "run", RUN_BYTES_MAX))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"]))
+        if first["type"] == "extra_forbidden":
+            raise InputError(f"{path}: unknown key {key}; known: {', '.join(RunPlan.model_fields)}") from None
+        raise InputError(f"{path}: {key} = {first['input']!r}: {first['msg'].lower()}") from None
+
+
+def cap_of(caps: Sequence[float], lap: int, otherwise: float) -> float:
+    """Cap of flying lap number `lap`, from 0 on."""
+    return caps[min(lap, len(caps) - 1)] if caps else otherwise
+
+
+class RunAction(StrEnum):
+    """What a person asks for."""
+
+    START = "start"
+    """this plan, from where the car stands"""
+    NEXT = "next"
+    """the last plan again, with caps that have risen if its run was clean"""
+    IN = "in"
+    """the lap under way becomes the in lap"""
+    ABORT = "abort"
+    """brake and stop here"""
+
+
+class RunRequest(Message):
+    """A person's request; a second delivery of one is known by source and number."""
+
+    source: Name
+    action: RunAction
+    plan: RunPlan | None = None
+
+
+class RunPhase(StrEnum):
+    """Where in the run the car is."""
+
+    NONE = "none"
+    """nobody has started one: no caps"""
+    OUT_LAP = "out lap"
+    FLYING = "flying"
+    IN_LAP = "in lap"
+    DONE = "done"
+    """stopped where the in lap ends, or aborted"""
+
+
+class RunStatus(Message):
+    """Where in which run the car is, and what holds there (5 Hz)."""
+
+    phase: RunPhase
+    number: Count = Field(description="of runs since the planner began")
+    plan: RunPlan | None = None
+    lap: Count = Field(default=0, description="flying lap under way, from 1 on")
+    speed_cap: float | None = Field(default=None, description="m/s; null: none")
+    load_cap: float | None = Field(default=None, description="share of the grip; null: none")
+    caps_from: Text = Field(default="", description="why these caps")
+    stop_at: float | None = Field(default=None, description="where the in lap ends, m along the track")
+    clean: bool | None = Field(default=None, description="of a run that is done: whether caps may rise")
+    said: Text = Field(default="", description="what the last request came to, or why the run ended")
+    answered: Name = Field(default="", description="source of the last request")

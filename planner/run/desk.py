@@ -1,0 +1,102 @@
+"""Runs of a planner: requests in, status out, and the reference with its speeds capped."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hil_gateway.bus import topics
+from hil_gateway.bus.interface import Bus, LatestReader
+from hil_gateway.bus.messages import FailsafeAction
+from hil_gateway.bus.track_day.run import RunPhase, RunStatus
+from hil_gateway.process.arrays import Array
+from hil_gateway.process.clock import NS_PER_S
+from planner.line.raceline import OptimisedLine
+from planner.line.track import Reference
+from planner.run.expansion import MOST_SPEED, Caps
+from planner.run.progress import CREEP, GENTLE, Progress
+
+PERIOD_NS = NS_PER_S // 5
+BEFORE_LINE_M = 30.0
+"""where the in lap ends if nobody says otherwise: on the start straight, so far before the line"""
+SHOWN_AHEAD = 0.9
+"""of a lap: a place that is farther ahead lies just before the car, too, where nothing is to be braked for yet"""
+STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
+
+
+class RunDesk:
+    """What the planner asks each time; `step` once a plan, before it."""
+
+    def __init__(self, bus: Bus, progress: Progress, track_length: float) -> None:
+        self._bus, self.progress, self._track_length = bus, progress, track_length
+        self._requests = bus.subscribe(topics.RUN_REQUEST, depth=16)
+        self._gateway = LatestReader(bus, topics.GATEWAY_STATUS)
+        self._answered = ""
+        self._known: set[tuple[str, int]] = set()
+        self._due_ns, self._seq, self._slides = 0, 0, 0
+        self._made: tuple[Reference, float, float | None, Reference] | None = None
+        """base, cap, place and what was made of them"""
+
+    def step(self, now_ns: int, s: float, line: OptimisedLine) -> None:
+        """Take requests in, with the car at progress `s` (m), and say where the run is."""
+        news = [r for r in self._requests.poll(now_ns) if (r.source, r.seq) not in self._known]
+        for request in news:
+            self._known.add((request.source, request.seq))
+            plan = request.plan or self.progress.plan
+            self._answered = request.source
+            self.progress.ask(request, s, self._place(plan.stop_at if plan else None, line))
+        status = self._gateway.update(now_ns).message
+        if status is not None and status.action in STOPS:
+            self.progress.note(f"stopped by the gateway: {status.cause}")
+        if news or now_ns >= self._due_ns:
+            self._due_ns, self._seq = now_ns + PERIOD_NS, self._seq + 1
+            self._bus.publish(topics.RUN, self._status(now_ns))
+
+    def slid(self, slides: int) -> None:
+        """How often the car has slid so far."""
+        if slides > self._slides:
+            self.progress.note("the car slid")
+        self._slides = slides
+
+    def reference(self, base: Reference, s: float) -> Reference:
+        """`base` with speeds that the caps allow, and that come down to where the car is to stop."""
+        cap, stop_s = self.progress.caps.speed, self.progress.stop_s
+        if self.progress.phase is not RunPhase.IN_LAP or (stop_s or s) - s > SHOWN_AHEAD * base.length:
+            stop_s = None
+        if cap >= MOST_SPEED and stop_s is None:
+            return base
+        if self._made is None or self._made[0] is not base or self._made[1:3] != (cap, stop_s):
+            line = replace(base.line, vx_profile=capped(base.line, cap, stop_s))
+            self._made = base, cap, stop_s, Reference(line, base)
+        return self._made[3]
+
+    def _place(self, stop_at: float | None, line: OptimisedLine) -> float:
+        """Metres along the race line of a place along the track."""
+        at = self._track_length - BEFORE_LINE_M if stop_at is None else stop_at % self._track_length
+        off = (line.track_s - at + 0.5 * self._track_length) % self._track_length - 0.5 * self._track_length
+        return float(line.s[np.abs(off).argmin()])
+
+    def _status(self, now_ns: int) -> RunStatus:
+        p, caps = self.progress, self.progress.caps
+        return RunStatus(
+            stamp_ns=now_ns, seq=self._seq, phase=p.phase, number=p.number, plan=p.plan, lap=p.lap,
+            **_said(caps), caps_from=p.caps_from, answered=self._answered, clean=p.clean, said=p.said,
+            stop_at=None if p.stop_s is None else round(p.stop_s % p.length, 1),
+        )  # fmt: skip
+
+
+def _said(caps: Caps) -> dict[str, float | None]:
+    return {
+        "speed_cap": caps.speed if caps.speed < MOST_SPEED else None,
+        "load_cap": caps.load_use if caps.load_use < 1.0 else None,
+    }
+
+
+def capped(line: OptimisedLine, cap: float, stop_s: float | None) -> Array:
+    """Speeds of a line, m/s, under a cap, braked gently towards progress `stop_s` (m)."""
+    speeds: Array = np.minimum(line.vx_profile, cap)
+    if stop_s is not None:
+        ahead = (stop_s - line.s) % line.length
+        speeds = np.minimum(speeds, np.maximum(np.sqrt(2.0 * GENTLE * ahead), CREEP))
+    return speeds

@@ -1,0 +1,138 @@
+"""Where in its run the car is, what holds there, and where it has to stop. Pure: time and place are arguments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from hil_gateway.bus.track_day.run import RunAction, RunPhase, RunPlan, RunRequest, cap_of
+from planner.plan.fallback import STANDSTILL
+from planner.run.expansion import FREE, Caps, Expansion
+
+GENTLE = 3.0
+"""m/s2 of braking in the in lap: as under yellow, mild for the cars behind"""
+CREEP = 3.0
+"""m/s with which the car comes up to where it stops: walking pace, from which it stops within a metre"""
+REACTION_S = 0.15
+"""from the plan that stops to brakes that bite: latency of the loop, and the rise of the pressure"""
+NEAR_M = 5.0
+"""a car that stands this close to its place has reached it"""
+WAYS = (RunPhase.OUT_LAP, RunPhase.FLYING, RunPhase.IN_LAP)
+"""phases in which the run is under way"""
+
+
+@dataclass
+class Progress:
+    """One run after the other on a lap of `length` m; `key` names car and model."""
+
+    length: float
+    key: str
+    expansion: Expansion
+    without_run: bool = False
+    """the caps of a first run hold where nobody has started one, too"""
+    phase: RunPhase = RunPhase.NONE
+    number: int = 0
+    plan: RunPlan | None = None
+    lap: int = 0
+    caps_from: str = ""
+    said: str = ""
+    stop_s: float | None = None
+    """progress at which the car is to stop, m"""
+    clean: bool | None = None
+    _base: Caps = FREE
+    _aborted: bool = False
+    _line: float = 0.0
+    """progress at which the lap under way ends"""
+    _place: float = 0.0
+    """where the in lap ends, m along the race line"""
+    _driven: list[Caps] = field(default_factory=list)
+    _unclean: list[str] = field(default_factory=list)
+
+    @property
+    def caps(self) -> Caps:
+        """What holds now."""
+        if self.plan is None or self.phase is RunPhase.NONE:
+            return self.expansion.caps(self.key)[0] if self.without_run else FREE
+        lap = max(self.lap - 1, 0)
+        return Caps(
+            cap_of(self.plan.speed, lap, self._base.speed), cap_of(self.plan.load_use, lap, self._base.load_use)
+        )
+
+    def ask(self, request: RunRequest, s: float, place: float) -> None:
+        """A person's request with the car at progress `s`; `place` is where an in lap would end, m along the line."""
+        under_way = self.phase in WAYS
+        if request.action in (RunAction.START, RunAction.NEXT):
+            plan = request.plan or self.plan
+            if under_way:
+                self.said = f"refused: run {self.number} is under way: first `hil run in` or `hil run abort`"
+            elif plan is None:
+                self.said = "refused: there is no run to go on with: `hil run start run.toml`"
+            else:
+                self._start(plan, s, place)
+        elif not under_way:
+            self.said = "refused: no run is under way"
+        elif request.action is RunAction.IN:
+            self.said = "in lap, as asked"
+            self.phase = RunPhase.IN_LAP
+        else:
+            self._aborted, self.phase, self.said = True, RunPhase.IN_LAP, "aborted: stops here"
+            self._unclean.append("aborted")
+
+    def _start(self, plan: RunPlan, s: float, place: float) -> None:
+        self._base, why = self.expansion.caps(self.key)
+        given = [name for name, caps in (("speed", plan.speed), ("load_use", plan.load_use)) if caps]
+        self.caps_from = f"{' and '.join(given)} from the run plan" if given else ""
+        self.caps_from += f"{'; ' if given else ''}{why}" if len(given) < 2 else ""
+        self.plan, self.number, self.lap, self._place = plan, self.number + 1, 0, place
+        self.stop_s, self._aborted, self._unclean, self._driven, self.clean = None, False, [], [], None
+        self.phase = RunPhase.OUT_LAP if plan.out_lap else RunPhase.FLYING
+        self.lap = 0 if plan.out_lap else 1
+        self._line = self.length * round(s / self.length + 1.0)  # a line close ahead ends no lap
+        self.said = f"run {self.number} begins"
+
+    def note(self, why: str) -> None:
+        """Something that makes the run under way not clean."""
+        if self.phase in WAYS and why not in self._unclean:
+            self._unclean.append(why)
+
+    def advance(self, s: float, speed: float) -> None:
+        """The car is at progress `s` with `speed` (m/s)."""
+        if self.phase not in WAYS:
+            return
+        if self.caps not in self._driven:
+            self._driven.append(self.caps)
+        if self.phase is not RunPhase.IN_LAP and s >= self._line:
+            self._line += self.length
+            self.lap += 1
+            done = self.plan is not None and self.lap > self.plan.laps
+            self.phase = RunPhase.IN_LAP if done else RunPhase.FLYING
+            self.said = "in lap: the laps of the run are done" if done else ""
+        if self.phase is RunPhase.IN_LAP and not self._aborted and self.stop_s is None:
+            way = speed**2 / (2.0 * GENTLE) + NEAR_M
+            self.stop_s = s + way + (self._place - s - way) % self.length
+        if self.phase is RunPhase.IN_LAP and speed < STANDSTILL and self._there(s):
+            self._finish()
+
+    def _there(self, s: float) -> bool:
+        return self._aborted or (self.stop_s is not None and abs(s - self.stop_s) < NEAR_M)
+
+    def _finish(self) -> None:
+        self.phase, self.clean = RunPhase.DONE, not self._unclean
+        if self.clean:
+            most = Caps(max(c.speed for c in self._driven), max(c.load_use for c in self._driven))
+            self.said = f"stopped; {self.expansion.clean_run(self.key, most)}"
+        else:
+            self.said = f"stopped; not clean, caps stay: {'; '.join(self._unclean)}"
+
+    def halts(self, s: float, speed: float, deceleration: float) -> str:
+        """Why the car has to brake or stand now, in words; empty where it may go on.
+
+        `deceleration` (m/s2) is what the stop that follows brakes with.
+        """
+        if self.phase is RunPhase.DONE:
+            return f"run {self.number} is done: `hil run next`, or `hil run start run.toml`"
+        if self._aborted and self.phase is RunPhase.IN_LAP:
+            return "the run is aborted"
+        needed = speed**2 / (2.0 * deceleration) + REACTION_S * speed
+        if self.stop_s is not None and self.phase is RunPhase.IN_LAP and s + needed >= self.stop_s:
+            return "in lap: stops at its place"
+        return ""
