@@ -26,6 +26,9 @@ from hil_gateway.bus.messages import (
 from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.config import Config, load_config
 
+STARTS_S = 180.0
+"""A gateway has started by then: half a minute in user-mode Linux, several times that where the machine is busy."""
+
 
 def free_port() -> int:
     with socket.socket() as probe:
@@ -49,7 +52,7 @@ class Gateway:
         self.bus: Bus = open_bus(self.config.zenoh, "test")
         self._status = LatestReader(self.bus, topics.GATEWAY_STATUS)
         self._state = LatestReader(self.bus, topics.VEHICLE_STATE)
-        self.wait(lambda: self.status is not None, 60)
+        self.wait(lambda: self.status is not None, STARTS_S)
 
     @property
     def status(self) -> GatewayStatus | None:
