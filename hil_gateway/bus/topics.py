@@ -14,6 +14,7 @@ from hil_gateway.bus.outside import Navigation, ReceiverStatus, Ros2Status
 from hil_gateway.bus.playback import Playback
 from hil_gateway.bus.proposal import ModelProposal
 from hil_gateway.bus.race_line import RaceLine
+from hil_gateway.bus.track_day.note import Note
 from hil_gateway.bus.track_day.race_control import RaceControlRequest, RaceControlShown
 from hil_gateway.bus.track_day.run import RunRequest, RunStatus
 from hil_gateway.bus.tyres import Tyres
@@ -63,6 +64,7 @@ TRUTH = Topic("referee/truth", m.Truth, "plant", 20, 1.0)
 RACE_CONTROL = Topic("referee/race_control", RaceControlShown, "plant", 5, 1.0)
 RUN = Topic("av24/run", RunStatus, "planner", 5, 1.0)
 RUN_REQUEST = Topic("av24/run_request", RunRequest, "operator", 0, 1.0, max_bytes=65_536)
+NOTE = Topic("av24/note", Note, "operator", 0, 60.0)
 RACE_CONTROL_REQUEST = Topic("referee/race_control_request", RaceControlRequest, "operator", 0, 1.0)
 
 TOPICS: tuple[Topic[Any], ...] = (
@@ -91,4 +93,5 @@ TOPICS: tuple[Topic[Any], ...] = (
     RACE_CONTROL_REQUEST,
     RUN,
     RUN_REQUEST,
+    NOTE,
 )

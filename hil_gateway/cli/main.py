@@ -26,6 +26,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "plant": ("hil_gateway.cli.plant:app", "the simulated AV-24 at the other end of the CAN cable"),
     "race-control": ("hil_gateway.cli.track_day.race_control:app", "flags, speed and kill to the simulated car"),
     "run": ("hil_gateway.cli.track_day.run:app", "runs: laps, caps on speed and grip, in lap"),
+    "note": ("hil_gateway.cli.track_day.note:app", "a remark, or the tyre set that is on, into the running recording"),
+    "day": (
+        "hil_gateway.cli.track_day.day:app",
+        "a folder of recordings as one page: runs, laps, tyres, stops",
+    ),
     "identify": ("estimator.cli.identify:app", "tyre parameters from a session, error before and after"),
     "diagnose": ("estimator.cli.diagnose:app", "residual, missing effect, error before and after"),
     "plan": ("planner.cli.plan:app", "planner benchmark in closed loop on the model"),
@@ -43,9 +48,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
 """name -> (module:attribute of a Typer app, help line)"""
 
 GROUPS: dict[str, tuple[str, ...]] = {
-    "Drive": ("demo", "run", "race-control"),
+    "Drive": ("demo", "run", "note", "race-control"),
     "Analyse": ("identify", "diagnose", "plan", "campaign"),
-    "Sessions": ("session",),
+    "Sessions": ("session", "day"),
     "Processes": ("gateway", "estimator", "learner", "planner", "plant", "recorder", "dashboard", "ros2", "receiver"),
     "Checks": ("can", "config", "doctor", "verify"),
 }

@@ -23,6 +23,14 @@ def _nothing(item: Item) -> Iterable[tuple[str, bytes]]:
     return ()
 
 
+def _as_recorded(item: Item) -> bytes:
+    return item.data
+
+
+def _as_they_are(name: str, values: dict[str, str]) -> dict[str, str]:
+    return values
+
+
 @dataclass(frozen=True)
 class Recovered:
     """What became of a damaged file."""
@@ -32,9 +40,13 @@ class Recovered:
 
 
 def recover(
-    source: Path, target: Path, further: Mapping[str, tuple[str, bytes]] | None = None, make: Make = _nothing
-) -> Recovered:
+    source: Path, target: Path, further: Mapping[str, tuple[str, bytes]] | None = None, make: Make = _nothing,
+    *, data: Callable[[Item], bytes] = _as_recorded,
+    metadata: Callable[[str, dict[str, str]], dict[str, str]] = _as_they_are,
+) -> Recovered:  # fmt: skip
     """Copy every readable message of `source` to `target`, with what `make` makes of each on the topics `further`.
+
+    `data` and `metadata` (by its name) may change what is copied.
 
     Raises:
         InputError: `source` is no recording or nothing in it can be read, or `target` cannot be written.
@@ -52,13 +64,13 @@ def recover(
     with output_file(target, source) as path, SessionFile(path, {}, **options) as file:
         for item in chain((first,), items):
             file.open(item.stream)
-            file.add(item.topic, item.data, item.log_ns, item.publish_ns, item.sequence)
-            for topic, data in make(item):
-                file.add(topic, data, item.log_ns, item.publish_ns, item.sequence)
+            file.add(item.topic, data(item), item.log_ns, item.publish_ns, item.sequence)
+            for topic, made in make(item):
+                file.add(topic, made, item.log_ns, item.publish_ns, item.sequence)
             count, pending = count + 1, pending + len(item.data)
             if pending > PENDING_LIMIT:
                 file.flush()
                 pending = 0
         for name, values in reader.metadata.items():
-            file.add_metadata(name, values)
+            file.add_metadata(name, metadata(name, values))
     return Recovered(count, tuple(map(str, reader.damage)))

@@ -46,7 +46,7 @@ def session_info(path: Path, *following: Path, car: Car) -> dict[str, Any]:
     """
     if path.is_dir() or is_sqlite(Source(path)):
         return bag_info(path)
-    return _recording_info(path, *following) if is_mcap(Source(path)) else log_info(path, car)
+    return recording_info(path, *following) if is_mcap(Source(path)) else log_info(path, car)
 
 
 def bag_info(path: Path) -> dict[str, Any]:
@@ -106,7 +106,8 @@ class _SeenTopics:
         return {"messages": self.topics.total(), "topics": rates, "frames": dict(sorted(self.frames.items()))}
 
 
-def _recording_info(*files: Path) -> dict[str, Any]:
+def recording_info(*files: Path) -> dict[str, Any]:
+    """The same of the recordings of one run, in order of time."""
     readers, seen, gaps = [SessionReader(path) for path in files], _SeenTopics(), []
     for reader in readers:
         before_ns = seen.end_ns
@@ -142,8 +143,13 @@ def _source(data: bytes) -> str:
 
 
 RECORDING = "recording"
-STORY = ("laps", "best_lap_s", "stops", "alerts", "revisions", "effects", "events")
-_NO_STORY: dict[str, Any] = {name: [] for name in STORY} | {"best_lap_s": None}
+STORY = (
+    "laps", "best_lap_s", "runs", "notes", "tyres", "km", "top_speed", "stops", "alerts", "revisions", "effects",
+    "events", "tyres_believed",
+)  # fmt: skip
+_NO_STORY: dict[str, Any] = {name: [] for name in STORY} | {
+    "best_lap_s": None, "km": None, "top_speed": None, "tyres": {},
+}  # fmt: skip
 
 
 def _story(*files: Path) -> dict[str, Any]:
@@ -204,7 +210,14 @@ def _story_lines(info: dict[str, Any]) -> list[str]:
         for a in info["alerts"]
     ]
     count, effects = len(info["revisions"]), ", ".join(info["effects"]) or "none added"
-    return [*laps, *(stops or ["  no stop"]), *alerts, f"  model revisions: {count}; effects of the last: {effects}"]
+    notes = [f"  note at {figure(note['t'], 's', 5)}: {note_words(note)}" for note in info["notes"]]
+    models = f"  model revisions: {count}; effects of the last: {effects}"
+    return [*laps, *notes, *(stops or ["  no stop"]), *alerts, models]
+
+
+def note_words(note: dict[str, Any]) -> str:
+    """A note in words."""
+    return "; ".join(text for text in (note["text"], f"tyre set {note['tyres']}" if note["tyres"] else "") if text)
 
 
 def marked(lap: dict[str, Any]) -> str:

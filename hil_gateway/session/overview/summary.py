@@ -9,20 +9,33 @@ from typing import Any
 
 from hil_gateway.bus.alerts import grouped
 from hil_gateway.bus.event import EventKind
-from hil_gateway.bus.messages import Alert, FailsafeAction
-from hil_gateway.bus.topics import ALERT, ESTIMATE, EVENT, GATEWAY_STATUS, MODEL_REVISION, VEHICLE_STATE
+from hil_gateway.bus.messages import Alert, Belief, FailsafeAction
+from hil_gateway.bus.topics import (
+    ALERT,
+    BELIEF,
+    ESTIMATE,
+    EVENT,
+    GATEWAY_STATUS,
+    MODEL_REVISION,
+    NOTE,
+    RUN,
+    VEHICLE_STATE,
+)
 from hil_gateway.car.states import under_yellow
+from hil_gateway.car.tyre_names import named as tyre_name
 from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.configuration import config_of
 from hil_gateway.session.files.format import METADATA_SESSION, named, unpack_message
 from hil_gateway.session.files.reader import Item, SessionReader
+from hil_gateway.session.overview.outing import Outing
 from hil_gateway.track.lap_clock import LapClock
 from hil_gateway.track.loading import DEFAULT_TRACK, load_track
 from hil_gateway.track.track import Track
 
-WANTED = frozenset(topic.key for topic in (VEHICLE_STATE, ESTIMATE, EVENT, GATEWAY_STATUS, ALERT, MODEL_REVISION))
+TOLD = (VEHICLE_STATE, ESTIMATE, EVENT, GATEWAY_STATUS, ALERT, MODEL_REVISION, BELIEF, RUN, NOTE)
+WANTED = frozenset(topic.key for topic in TOLD)
 LOOK_NS = NS_PER_S // 10
 """between the positions, and the flags, that are looked at"""
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
@@ -40,7 +53,7 @@ def session_summary(path: Path, *following: Path) -> dict[str, Any]:
     further = [SessionReader(file, WANTED) for file in following]
     with named(path):
         for item in chain.from_iterable(file.items() for file in (reader, *further)):
-            story = story or Story(config_of(reader.metadata.get(METADATA_SESSION, {})), item.publish_ns)
+            story = story or Story(config_of(reader.metadata.get(METADATA_SESSION, {})), item.publish_ns, path.parent)
             story.take(item)
     session = reader.metadata.get(METADATA_SESSION, {})
     config = config_of(session)
@@ -48,16 +61,17 @@ def session_summary(path: Path, *following: Path) -> dict[str, Any]:
         "track": config.track or DEFAULT_TRACK,
         "started": session.get("started", ""),
         "software": session.get("software", ""),
-        **(story or Story(config, 0)).tree(),
+        **(story or Story(config, 0, path.parent)).tree(),
     }
 
 
 class Story:
     """What happened, message by message; `take` in the order of the file."""
 
-    def __init__(self, config: Config, zero_ns: int) -> None:
+    def __init__(self, config: Config, zero_ns: int, folder: Path) -> None:
+        """`folder` of the recording, where the track may lie as well."""
         self._zero_ns = zero_ns
-        self._track = _track(config.track)
+        self._track = _track(config.track) or _track(str(folder / config.track))
         self._clock = LapClock(self._track.length) if self._track else None
         self._place_s: float | None = None
         self._due_ns = self._flags_due_ns = 0
@@ -67,9 +81,12 @@ class Story:
         self._action = FailsafeAction.SILENT
         self._alerts: list[tuple[float, Alert]] = []
         self._revisions: dict[str, dict[str, Any]] = {}
+        self._belief: bytes | None = None
+        self._outing = Outing()
         self._take = {
             VEHICLE_STATE.key: self._flags, ESTIMATE.key: self._estimate, EVENT.key: self._event,
             GATEWAY_STATUS.key: self._status, ALERT.key: self._alert, MODEL_REVISION.key: self._revision,
+            BELIEF.key: self._keep_belief, RUN.key: self._run, NOTE.key: self._note,
         }  # fmt: skip
 
     def take(self, item: Item) -> None:
@@ -78,11 +95,10 @@ class Story:
 
     def tree(self) -> dict[str, Any]:
         """For JSON."""
-        laps = self._clock.laps if self._clock else []
         known = [stop for stop in self._events if stop["kind"] == EventKind.FAILSAFE]
         return {
-            "laps": [lap.tree() for lap in laps],
-            "best_lap_s": min((round(lap.time_s, 3) for lap in laps if not lap.marks), default=None),
+            **self._outing.tree(),
+            "tyres_believed": [] if self._belief is None else _believed(unpack_message(BELIEF, self._belief)),
             "stops": known or self._stops,
             "alerts": grouped(self._alerts),
             "revisions": list(self._revisions.values()),
@@ -98,7 +114,8 @@ class Story:
         e = unpack_message(ESTIMATE, item.data)
         if e.valid and self._track.near(e.x, e.y):
             self._place_s, _ = self._track.project(e.x, e.y, self._place_s)
-            self._clock.update((item.publish_ns - self._zero_ns) / NS_PER_S, self._place_s, e.vx, self._yellow)
+            lap = self._clock.update((item.publish_ns - self._zero_ns) / NS_PER_S, self._place_s, e.vx, self._yellow)
+            self._outing.moved(t_s, e.vx, lap)
 
     def _flags(self, item: Item, t_s: float) -> None:
         if item.publish_ns >= self._flags_due_ns:
@@ -123,7 +140,32 @@ class Story:
         revision = unpack_message(MODEL_REVISION, item.data)
         effects = [effect.name for effect in revision.effects]
         row = {"t": t_s, "revision": revision.revision, "effects": effects, "note": revision.provenance.note}
+        row["errors"] = {
+            name: [before, revision.provenance.error_after[name]]
+            for name, before in revision.provenance.error_before.items()
+            if name in revision.provenance.error_after
+        }
+        row["parameters"] = {effect.name: effect.parameters for effect in revision.effects}
         self._revisions.setdefault(revision.revision, row)
+
+    def _keep_belief(self, item: Item, t_s: float) -> None:
+        self._belief = item.data  # the last one counts, and is read then
+
+    def _run(self, item: Item, t_s: float) -> None:
+        self._outing.take_run(t_s, unpack_message(RUN, item.data))
+
+    def _note(self, item: Item, t_s: float) -> None:
+        self._outing.take_note(t_s, unpack_message(NOTE, item.data))
+
+
+def _believed(belief: Belief) -> list[dict[str, Any]]:
+    """Tyre parameters with their deviation."""
+    rows = []
+    for i, (symbol, mean) in enumerate(zip(belief.names, belief.mean, strict=True)):
+        name, unit = tyre_name(symbol)
+        std = max(belief.covariance[i][i], 0.0) ** 0.5
+        rows.append({"symbol": symbol, "name": name, "unit": unit, "mean": mean, "std": std})
+    return rows
 
 
 @lru_cache(maxsize=8)

@@ -1,0 +1,47 @@
+"""`hil note`: a remark into the running recording."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hil_gateway.process.errors import InputError
+
+TEXT_MAX = 4000
+
+
+def note(
+    text: Annotated[str, typer.Argument(help='as "front wing +1"')] = "",
+    tyres: Annotated[str, typer.Option(help="the tyre set that is on from now on")] = "",
+    config: Annotated[Path | None, typer.Option("--config", help="TOML configuration")] = None,
+) -> None:
+    """Put a remark, or the tyre set that is on, into the running recording."""
+    from hil_gateway.bus import topics
+    from hil_gateway.bus.track_day.note import Note
+    from hil_gateway.bus.zenoh_bus import open_bus
+    from hil_gateway.cli.track_day.asking import address, wait
+    from hil_gateway.config import load_config
+
+    if not (text or tyres) or len(text) > TEXT_MAX or len(tyres) > 64:
+        raise InputError(f"a note is a text of up to {TEXT_MAX} characters, or --tyres NAME of up to 64")
+    reached, now = address(load_config(config).zenoh, config), time.monotonic_ns()
+    bus = open_bus(reached.zenoh, "operator")
+    try:
+        statuses = bus.subscribe(topics.RECORDER_STATUS)
+        before = wait(statuses, lambda status: status.recording)
+        if before is None or not before.recording:
+            raise InputError("nothing is recorded, so the note would be lost: `hil recorder run`")
+        message = Note(stamp_ns=now, seq=now // 1000, source=f"cli-{os.getpid()}", text=text, tyres=tyres)
+        bus.publish(topics.NOTE, message)
+        wait(statuses, lambda status: status.messages > before.messages)
+    finally:
+        bus.close()
+    typer.echo(f"noted in {before.file}")
+
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+app.command()(note)

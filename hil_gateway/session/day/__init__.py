@@ -1,0 +1,1 @@
+"""A day at the track: what its recordings hold together, and its sharing."""
