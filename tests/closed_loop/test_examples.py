@@ -1,7 +1,7 @@
 """Every script of docs/examples runs and prints what it says.
 
-`my_planner` drives in `test_other_cars.py`, `read_session` reads in `test_replay_and_table.py`, `diagnose_my_log`
-prints in `test_diagnose.py`.
+`my_planner` drives in `test_other_cars.py`, `my_ros_planner` in `test_ros_planner.py`, `read_session` reads in
+`test_replay_and_table.py`, `diagnose_my_log` prints in `test_diagnose.py`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import pytest
 from support.drives.drive_simulator import TYRE, simulate, to_csv
 from support.examples import EXAMPLES, run_example
 
-RUN = {"my_car", "read_session", "identify_my_log", "diagnose_my_log", "my_planner"}
+RUN = {"my_car", "read_session", "identify_my_log", "diagnose_my_log", "my_planner", "my_ros_planner"}
 
 
 def test_every_example_is_run_by_a_test() -> None:
