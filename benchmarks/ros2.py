@@ -131,7 +131,7 @@ def measure(seconds: float) -> dict[str, Any]:
     ours.send("go")
     shares = ours.recv()
     child.join()
-    session.close()
+    session.close()  # type: ignore[no-untyped-call]
     found = {"bridge": bridge.figures(shares[0], seconds), "plain_zenoh": plain.figures(shares[1], seconds)}
     ratio = found["bridge"]["p99_ms"] / found["plain_zenoh"]["p99_ms"]
     good = found["bridge"]["p99_ms"] <= REQUIRED_MS and shares[0] <= REQUIRED_SHARE

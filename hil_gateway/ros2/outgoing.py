@@ -6,6 +6,7 @@ forward, y left, z up (REP 103). What is not measured has the variance `UNKNOWN`
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -15,6 +16,8 @@ import numpy as np
 from hil_gateway.bus.messages import Estimate, FailsafeAction, GatewayStatus, Plan, VehicleState
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.ros2 import topics as ros
+from hil_gateway.ros2.topics import RosTopic
 from hil_gateway.ros2.types import Types
 
 MAP, BASE = "map", "base_link"
@@ -76,6 +79,24 @@ class Outgoing:
             self._vector(state.ax, state.ay, state.az),
             _diagonal(accelerations, accelerations, accelerations),
         )
+
+    def report(self, topic: RosTopic, state: VehicleState, steering_ratio: float, unix_ns: int) -> Any:
+        """A raptor_dbw_msgs report as the teams' drive-by-wire node fills it: km/h, deg at the motor, % and kPa; what
+        the car does not say is 0."""
+        values = {
+            ros.WHEEL_SPEEDS: {
+                "front_left": 3.6 * state.wheel_speed_fl, "front_right": 3.6 * state.wheel_speed_fr,
+                "rear_left": 3.6 * state.wheel_speed_rl, "rear_right": 3.6 * state.wheel_speed_rr,
+            },
+            ros.STEERING: {"steering_wheel_angle": math.degrees(state.steer * steering_ratio)},
+            ros.ACCELERATOR: {"pedal_output": 100.0 * state.accelerator},
+            ros.BRAKES: {
+                "front_brake_pressure": 1e-3 * state.brake_front, "rear_brake_pressure": 1e-3 * state.brake_rear,
+            },
+        }[topic]  # fmt: skip
+        kind, mode = self._types[topic.type], self._types["raptor_dbw_msgs/msg/ActuatorControlMode"](0)
+        known = {"header": self.header(unix_ns, BASE), "control_type": mode, **values}
+        return kind(**{field.name: known.get(field.name, 0) for field in dataclasses.fields(kind) if field.init})
 
     def path(self, plan: Plan, unix_ns: int) -> Any:
         """nav_msgs/Path: the poses of the plan, each with the time it is meant for."""

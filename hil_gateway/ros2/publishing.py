@@ -47,7 +47,7 @@ class Publishing:
                 self._send(ros.FRAMES, self._make.frame(frame, frame.stamp_ns + unix_offset_ns))
         for state in self._states.poll(now_ns):
             self.state.put(state, now_ns)
-            self._offer(ros.IMU, self._make.imu, state, state.stamp_ns + unix_offset_ns)
+            self._pass_state(state, state.stamp_ns + unix_offset_ns)
         for estimate in self._estimates.poll(now_ns):
             self._estimate.put(estimate, now_ns)
             if estimate.valid:
@@ -55,6 +55,12 @@ class Publishing:
         for plan in self._plans.poll(now_ns):
             self._offer(ros.PLAN, self._make.path, plan, plan.state_stamp_ns + unix_offset_ns)
         self._diagnose(now_ns, further)
+
+    def _pass_state(self, state: VehicleState, unix_ns: int) -> None:
+        self._offer(ros.IMU, self._make.imu, state, unix_ns)
+        for topic in ros.REPORTS:
+            if self._node.wanted(topic):
+                self._send(topic, self._make.report(topic, state, self._vehicle.steering_ratio, unix_ns))
 
     def _pass_estimate(self, estimate: Estimate, unix_ns: int) -> None:
         self._offer(ros.ODOMETRY, self._make.odometry, estimate, unix_ns)

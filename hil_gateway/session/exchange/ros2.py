@@ -6,7 +6,6 @@ with anything but ROS messages, so the JSON topics stay behind.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +16,9 @@ from mcap.writer import Writer
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.bus.topics import ESTIMATE, VEHICLE_STATE
 from hil_gateway.process.errors import InputError
+from hil_gateway.ros2 import topics as ros
 from hil_gateway.ros2.outgoing import Outgoing
+from hil_gateway.ros2.topics import RosTopic
 from hil_gateway.ros2.types import Types
 from hil_gateway.session.exchange.export import Exported
 from hil_gateway.session.files.configuration import recorded_config
@@ -27,18 +28,9 @@ from hil_gateway.session.files.reader import Item, SessionReader
 
 FRAMES = "/can"
 """ROS names begin with a slash"""
-ODOMETRY, IMU = "/av24/odometry", "/av24/imu"
-WHEELS, STEERING = "/raptor_dbw_interface/wheel_speed_report", "/raptor_dbw_interface/steering_report"
-KINDS = {
-    ODOMETRY: "nav_msgs/msg/Odometry",
-    IMU: "sensor_msgs/msg/Imu",
-    WHEELS: "raptor_dbw_msgs/msg/WheelSpeedReport",
-    STEERING: "raptor_dbw_msgs/msg/SteeringReport",
-}
-"""topic -> message of what was driven"""
 GENERATION = "av24"
 NEEDS_TYPES = "state or estimate, for which hil-gateway[ros2] is not installed"
-Stamped = tuple[str, int, Any]
+Stamped = tuple[RosTopic, int, Any]
 """topic, Unix ns, message"""
 
 
@@ -86,7 +78,7 @@ class _Driven:
     writer: Writer
     steering_ratio: float
     types: Types = field(default_factory=lambda: Types(GENERATION))
-    _channels: dict[str, int] = field(default_factory=dict)
+    _channels: dict[RosTopic, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._make = Outgoing(self.types)
@@ -94,7 +86,7 @@ class _Driven:
     def add(self, item: Item) -> None:
         """One message of the bus."""
         for topic, unix_ns, message in self._messages(item):
-            data = self.types.to_bytes(KINDS[topic], message)
+            data = self.types.to_bytes(topic.type, message)
             self.writer.add_message(self._channel(topic), item.log_ns, data, unix_ns, item.sequence)
 
     def _messages(self, item: Item) -> Iterator[Stamped]:
@@ -104,21 +96,16 @@ class _Driven:
             estimate: Estimate = unpack_message(ESTIMATE, item.data)
             unix_ns = item.publish_ns - (estimate.stamp_ns - estimate.state_stamp_ns)
             if estimate.valid:
-                yield ODOMETRY, unix_ns, self._make.odometry(estimate, unix_ns)
+                yield ros.ODOMETRY, unix_ns, self._make.odometry(estimate, unix_ns)
 
     def _of_state(self, state: VehicleState, unix_ns: int) -> Iterator[Stamped]:
-        header, types = self._make.header(unix_ns, "base_link"), self.types
-        speeds = (state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr)
-        motor_deg = math.degrees(state.steer * self.steering_ratio)
-        mode = types["raptor_dbw_msgs/msg/ActuatorControlMode"](0)
-        yield IMU, unix_ns, self._make.imu(state, unix_ns)
-        yield WHEELS, unix_ns, types[KINDS[WHEELS]](header, *(3.6 * speed for speed in speeds))
-        flags = [False] * 4
-        yield STEERING, unix_ns, types[KINDS[STEERING]](header, motor_deg, 0.0, 0.0, *flags, 0, mode, False)
+        yield ros.IMU, unix_ns, self._make.imu(state, unix_ns)
+        for topic in ros.REPORTS:
+            yield topic, unix_ns, self._make.report(topic, state, self.steering_ratio, unix_ns)
 
-    def _channel(self, topic: str) -> int:
+    def _channel(self, topic: RosTopic) -> int:
         if topic not in self._channels:
-            schema = self.writer.register_schema(KINDS[topic], "ros2msg", self.types.definition(KINDS[topic]).encode())
-            number = self.writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": ""})
+            schema = self.writer.register_schema(topic.type, "ros2msg", self.types.definition(topic.type).encode())
+            number = self.writer.register_channel(topic.name, "cdr", schema, {"offered_qos_profiles": ""})
             self._channels[topic] = int(number)
         return self._channels[topic]

@@ -109,6 +109,26 @@ def test_imu_says_which_parts_it_does_not_know():
     assert got["rate_covariance"][4] > 1e5  # no pitch rate
 
 
+@pytest.mark.parametrize("generation", ["av24", "av21"])
+def test_reports_are_in_the_units_that_drive_by_wire_nodes_use(generation):
+    node = Recording()
+    types, bus, wire = Types(generation), LocalBus(), VirtualWire(VirtualClock())
+    bridge = Bridge(Config.model_validate({"ros2": {"messages": generation}}), bus, wire.link(), types, node)
+    moves = {
+        "wheel_speed_fl": 10.0, "wheel_speed_rr": 20.0, "steer": math.radians(2.0), "accelerator": 0.25,
+        "brake_front": 2.0e6, "brake_rear": 1.5e6,
+    }  # fmt: skip
+    bus.publish(topics.VEHICLE_STATE, car_messages.vehicle_state(0, **moves))
+    bridge.step(1, UNIX_NS)
+    wheels = decode(types.of(ros.WHEEL_SPEEDS.type).dds, node.sent[ros.WHEEL_SPEEDS][0])
+    assert (wheels["fl"], wheels["rr"], wheels["frame_id"]) == (36.0, 72.0, "base_link")
+    read = {t: types.from_bytes(t.type, node.sent[t][0]) for t in ros.REPORTS[1:]}
+    assert read[ros.STEERING].steering_wheel_angle == pytest.approx(30.0)  # of the motor: 15 to 1
+    assert read[ros.ACCELERATOR].pedal_output == 25.0
+    brakes = read[ros.BRAKES]
+    assert (brakes.front_brake_pressure, brakes.rear_brake_pressure) == (2000.0, 1500.0)
+
+
 def test_frames_pass_with_identifier_length_and_bytes():
     rig = Rig()
     rig.car.send(0x514, b"\x01\x02\x03\x04\x05\x06\x07\x08")
