@@ -24,6 +24,8 @@ SILENT_NS = NS_PER_S // 2
 """without a position that may be used, after which the receiver does not place the car: ten of 20 Hz"""
 MOST_A_SECOND = 1000
 """messages: five logs at 200 Hz, the most that an OEM7 sends; what is beyond is left out and counted"""
+REASONS_MAX = 32
+"""that are counted by name"""
 EARLY_NS = NS_PER_S // 200
 """by which a position may come before it is due: times of logs are rounded to milliseconds"""
 LEAP_MAX_S = 60
@@ -101,8 +103,13 @@ class Reader:
             self._second_ns, self._room = now_ns, MOST_A_SECOND
         self._room -= 1
         if self._room < 0:
-            self._refused[f"more than {MOST_A_SECOND} a second"] += 1
+            self._count(f"more than {MOST_A_SECOND} a second")
         return self._room >= 0
+
+    def _count(self, reason: str) -> None:
+        """A refusal; reasons have numbers of the receiver in them, and are as many as it likes."""
+        known = reason in self._refused or len(self._refused) < REASONS_MAX
+        self._refused[reason if known else "other reasons"] += 1
 
     def _message(self, solution: Solution, now_ns: int, unix_offset_ns: int) -> Navigation:
         stamp_ns, late = self._clock.stamp(solution.gps_ns, now_ns, unix_offset_ns)
@@ -111,7 +118,7 @@ class Reader:
         self._logs, self._seq = self._logs + 1, self._seq + 1
         self._late_s = (now_ns - stamp_ns) / NS_PER_S
         if refusal:
-            self._refused[refusal] += 1
+            self._count(refusal)
         return Navigation(
             stamp_ns=stamp_ns, seq=self._seq - 1, source=self._name, log=solution.log, quality=quality, reason=reason,
             gps_ns=solution.gps_ns, late_s=self._late_s,

@@ -129,6 +129,13 @@ def test_prepared_configuration_reaches_the_processes_unchanged(tmp_path: Path) 
     assert setup.config.zenoh.connect != Config().zenoh.connect
 
 
+def test_receivers_are_read_where_the_simulated_ones_are_served_and_can_has_no_position(tmp_path: Path) -> None:
+    config = prepare(DemoOptions(out=tmp_path, receivers=True)).config
+    assert list(config.receivers) == list(config.car.network_receivers)
+    assert len({given.address for given in config.receivers.values()}) == len(config.receivers) > 1
+    assert (config.plant.receivers, config.plant.can_positions) == (True, False)
+
+
 def test_the_car_stays_the_one_that_was_asked_for(tmp_path: Path) -> None:
     path = tmp_path / "car.toml"
     path.write_text('[plant]\nbase = "av24"\n')

@@ -239,6 +239,15 @@ def test_nmea_is_enough_to_place_the_car():
     assert (float_rtk.quality, float_rtk.stamp_ns) == (Quality.DEGRADED, 86_400 * S - 50_000_000)
 
 
+def test_reasons_are_counted_by_name_only_so_far():
+    reader = a_reader()
+    for kind in range(100, 300):
+        take(reader, bestpos(10_000 + kind, kind=kind), 10_000 + kind)
+    refused = reader.health(0).refused
+    assert len(refused) < 64
+    assert sum(refused.values()) == 200
+
+
 def test_a_flood_is_cut_off_and_counted():
     reader, data = a_reader(), b"".join(bestpos(10_000 + n) for n in range(3000))
     assert len(take(reader, data, 10_000)) == MOST_A_SECOND
