@@ -10,7 +10,7 @@ from hil_gateway.bus.alerts import grouped
 from hil_gateway.bus.event import Event, EventKind
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.latest import Latest
-from hil_gateway.bus.messages import Alert, Belief, Estimate, Plan, VehicleState
+from hil_gateway.bus.messages import Alert, Belief, Estimate, Message, Plan, VehicleState
 from hil_gateway.bus.race_line import RaceLine
 from hil_gateway.bus.topics import (
     ALERT,
@@ -28,6 +28,7 @@ from hil_gateway.car.states import under_yellow
 from hil_gateway.car.tyre_names import named
 from hil_gateway.config import Config
 from hil_gateway.dashboard.channels import asked_speed, grip_used, row_of, slip_angles
+from hil_gateway.dashboard.day.phase import phase_of
 from hil_gateway.dashboard.history import MINUTES, History
 from hil_gateway.dashboard.line_shown import LineShown
 from hil_gateway.dashboard.state import state_of
@@ -69,12 +70,14 @@ class Feed:
         self._line.take(newest[RACE_LINE.key].message)
         row = self._row(now_ns, alive)
         self._history.add(row)
+        lap = self._lap(now_ns / NS_PER_S, row)
         return {
             "t": row["t"],
             "state": state_of(newest, now_ns),
+            "phase": phase_of(alive, lap["current_s"] is not None),
             "row": row,
             "place": self._place(alive.get(ESTIMATE.key)),
-            "lap": self._lap(now_ns / NS_PER_S, row),
+            "lap": lap,
             "messages": {_short(key): _page_form(latest.message) for key, latest in newest.items()},
             "ages": {_short(key): _age(latest, now_ns) for key, latest in newest.items()},
         }
@@ -180,20 +183,23 @@ def _age(latest: Latest[Any], now_ns: int) -> dict[str, Any]:
     return {"age_s": round(stamped_s if same_clock else received_s, 4), "alive": latest.alive(now_ns)}
 
 
+DRAWN: dict[type[Message], set[str]] = {
+    Belief: {"samples", "log_det_information"},
+    RaceLine: {"lap_time_s"},
+    VehicleState: {"valid", "sources", "sys_state", "ct_state", "gear"},
+}
+"""fields of messages of which not all is drawn"""
+
+
 def _page_form(message: Any) -> dict[str, Any] | None:
     """A message as the page wants it: nothing that is not drawn."""
     if message is None:
         return None
-    if isinstance(message, Belief):
-        return {"samples": message.samples, "log_det_information": message.log_det_information}
     if isinstance(message, Plan):
         tree = message.model_dump(mode="json", include={"status", "reason", "solve_ms", "lap", "revision"})
         return tree | {name: [round(v, 2) for v in getattr(message, name)] for name in ("x", "y", "vx")}
-    if isinstance(message, RaceLine):
-        return {"lap_time_s": message.lap_time_s}
-    if isinstance(message, VehicleState):
-        return message.model_dump(mode="json", include={"valid", "sources", "sys_state", "ct_state", "gear"})
-    return dict(message.model_dump(mode="json", exclude={"covariance", "std"}))
+    tree = dict(message.model_dump(mode="json", include=DRAWN.get(type(message)), exclude={"covariance", "std"}))
+    return tree | {"std": message.std[:3]} if isinstance(message, Estimate) else tree
 
 
 def _tyres(belief: Belief, prior: Belief) -> dict[str, Any]:

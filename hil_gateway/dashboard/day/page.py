@@ -47,7 +47,7 @@ def _overview(sessions: list[dict[str, Any]]) -> str:
             _lap(s["best_lap_s"]) + (" (best of the day)" if s["best_lap_s"] == best and best else ""),
             figure(s["km"], "km", 3), stops, ", ".join(s["effects"]) or "none",
         ))  # fmt: skip
-    names = ("session", "recording", "began", "recorded", "laps", "best lap", "driven", "stops", "effects found")
+    names = ("session", "recording", "began", "recorded", "laps", "best lap", "driven", "stops", "effects in the model")
     return _section("The day", _table(names, rows))
 
 
@@ -91,7 +91,7 @@ def _session(s: dict[str, Any]) -> str:
         _part("Runs", ("run", "name", "laps asked", "tyres", "fuel", "caps", "ended", "notes"), _runs(s)),
         _part("Laps", ("lap", "began", "time", "sectors", "run", "tyres", "marks"), _laps(s)),
         _part("Stops", ("time", "what", "cause", "measured"), _stops(s)),
-        _part("Notes", ("time", "note"), [(_clock(s, n["t"]), note_words(n)) for n in s["notes"]]),
+        _part("Notes", ("time", "note"), [(_clock(s, n["t"]), note_words(n)) for n in s["remarks"]]),
         _part("Model", ("time", "revision", "effects and their parameters", "error before and after"), _models(s)),
         _part("Tyres as believed at the end", ("parameter", "mean", "deviation"), _believed(s)),
         _part("Not explained by the model", ("channels", "where", "times its noise", "suspected"), _alerts(s)),

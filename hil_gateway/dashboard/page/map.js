@@ -38,6 +38,14 @@ export function follow(wanted) {
 }
 
 // Where a source has fallen silent nothing of it is drawn as if it were now: no plan of a dead planner.
+// Twice the deviation: an ellipse where the car may be, a wedge where it may point; all around where that is not known.
+function drawSpread({ x, y, yaw, std, lacks }, length) {
+  for (const [name, value] of Object.entries({ cx: x, cy: -y, rx: 2 * std[0], ry: 2 * std[1] })) byId("spread").setAttribute(name, value);
+  const half = lacks ? Math.PI : Math.min(2 * std[2], Math.PI);
+  const arc = Array.from({ length: 25 }, (_, i) => yaw + half * (i / 12 - 1));
+  byId("wedge").setAttribute("d", `M${x} ${-y}${arc.map((a) => `L${x + length * Math.cos(a)} ${-y - length * Math.sin(a)}`).join("")}Z`);
+}
+
 export function drawCar({ estimate, plan }, ages) {
   byId("nose").style.display = estimate && ages.estimate.alive ? "" : "none";
   byId("map").classList.toggle("stale", !ages.estimate.alive);
@@ -48,6 +56,7 @@ export function drawCar({ estimate, plan }, ages) {
     const length = 2.5 * byId("car").getAttribute("r");
     const ends = { x1: estimate.x, y1: -estimate.y, x2: estimate.x + length * Math.cos(estimate.yaw), y2: -estimate.y - length * Math.sin(estimate.yaw) };
     for (const [name, value] of Object.entries(ends)) byId("nose").setAttribute(name, value);
+    drawSpread(estimate, 3 * length);
     byId("nose").classList.toggle("guess", estimate.lacks !== "");
     if (following) look();
   }

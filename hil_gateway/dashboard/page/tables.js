@@ -31,7 +31,9 @@ function heading(place) {
   return place.lacks ? "?" : `${signed(place.across_deg, 1, "")}`.trim() + "°";
 }
 
-export function drawHead({ state, messages, ages }, recording) {
+export function drawHead({ state, phase, messages, ages }, recording) {
+  byId("phase").textContent = phase.name;
+  byId("next").textContent = recording ? "" : `to decide: ${phase.next.replaceAll("`", "")}`;
   const gateway = messages.gateway_status;
   const shown = recording ? "REPLAY" : state.name;
   if (byId("state").textContent !== shown) byId("state").textContent = shown;

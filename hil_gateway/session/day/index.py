@@ -18,8 +18,8 @@ INDEX = ".hil-day.json"
 VERSION = 1
 """of what an entry holds: an index of another version is made anew"""
 KEPT = (
-    "start_unix_s", "duration_s", "bytes", "complete", "damage", "gaps", "laps", "best_lap_s", "runs", "notes", "tyres",
-    "km", "top_speed", "stops", "alerts", "revisions", "effects", "tyres_believed",
+    "start_unix_s", "duration_s", "bytes", "complete", "damage", "gaps", "laps", "best_lap_s", "runs", "remarks",
+    "tyres", "km", "top_speed", "stops", "alerts", "revisions", "effects", "tyres_believed",
 )  # fmt: skip
 """of what is known of a session"""
 

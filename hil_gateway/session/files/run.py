@@ -17,8 +17,8 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.format import METADATA_SESSION, MessageError, unpack_message
 from hil_gateway.session.files.reader import Item, SessionReader
 
-LISTENED_NS = 2 * NS_PER_S
-"""from the start of a file on: a gateway that runs has spoken by then"""
+LISTENED_NS = 30 * NS_PER_S
+"""from the start of a file on: a gateway that was started with the recorder has spoken by then"""
 LEAST_PACE = 0.8
 """of the rate of the status: a gateway on a busy computer skips some"""
 

@@ -144,7 +144,7 @@ def _source(data: bytes) -> str:
 
 RECORDING = "recording"
 STORY = (
-    "laps", "best_lap_s", "runs", "notes", "tyres", "km", "top_speed", "stops", "alerts", "revisions", "effects",
+    "laps", "best_lap_s", "runs", "remarks", "tyres", "km", "top_speed", "stops", "alerts", "revisions", "effects",
     "events", "tyres_believed",
 )  # fmt: skip
 _NO_STORY: dict[str, Any] = {name: [] for name in STORY} | {
@@ -210,7 +210,7 @@ def _story_lines(info: dict[str, Any]) -> list[str]:
         for a in info["alerts"]
     ]
     count, effects = len(info["revisions"]), ", ".join(info["effects"]) or "none added"
-    notes = [f"  note at {figure(note['t'], 's', 5)}: {note_words(note)}" for note in info["notes"]]
+    notes = [f"  note at {figure(note['t'], 's', 5)}: {note_words(note)}" for note in info["remarks"]]
     models = f"  model revisions: {count}; effects of the last: {effects}"
     return [*laps, *notes, *(stops or ["  no stop"]), *alerts, models]
 

@@ -65,7 +65,7 @@ class Outing:
         return {
             "laps": self._laps,
             "best_lap_s": min((lap["time_s"] for lap in self._laps if not lap["marks"]), default=None),
-            "runs": list(self._runs.values()), "notes": self._notes,
+            "runs": list(self._runs.values()), "remarks": self._notes,
             "km": round(self._metres / 1000.0, 3), "top_speed": round(self._fastest, 2),
             "tyres": {name: used | {"km": round(used["km"], 3)} for name, used in self._sets.items()},
         }  # fmt: skip

@@ -131,7 +131,7 @@ def test_a_shared_day_opens_elsewhere_and_names_no_folder_of_this_computer(folde
     opened = tmp_path / "there"
     assert CliRunner().invoke(app, ["day", "open", str(out), "--out", str(opened)]).exit_code == 0
     day = read_day(opened)
-    same = ("laps", "stops", "notes", "tyres", "runs", "revisions")
+    same = ("laps", "stops", "remarks", "tyres", "runs", "revisions")
     kept = [s for s in whole["sessions"] if s["number"] in numbers]
     assert [{k: s[k] for k in same} for s in day["sessions"]] == [{k: s[k] for k in same} for s in kept]
     for file in opened.rglob("*.mcap"):
