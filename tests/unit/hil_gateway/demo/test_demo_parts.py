@@ -130,7 +130,9 @@ def test_prepared_configuration_reaches_the_processes_unchanged(tmp_path: Path) 
 
 
 def test_receivers_are_read_where_the_simulated_ones_are_served_and_can_has_no_position(tmp_path: Path) -> None:
-    config = prepare(DemoOptions(out=tmp_path, receivers=True)).config
+    setup = prepare(DemoOptions(out=tmp_path, receivers=True))
+    config = setup.config
+    setup.lock.release()
     assert list(config.receivers) == list(config.car.network_receivers)
     assert len({given.address for given in config.receivers.values()}) == len(config.receivers) > 1
     assert (config.plant.receivers, config.plant.can_positions) == (True, False)
