@@ -81,11 +81,6 @@ class Signal:
         return abs(self.scale * self.si_factor)
 
     @property
-    def si_limits(self) -> Range | None:
-        """`limits` in SI."""
-        return None if self.limits is None else (self.limits[0] * self.si_factor, self.limits[1] * self.si_factor)
-
-    @property
     def first_byte(self) -> int:
         """Index of the byte that holds the start bit."""
         return self.start // 8

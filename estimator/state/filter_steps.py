@@ -35,7 +35,8 @@ STATES = (
     "drift_y",
 )
 X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, SLOPE_SHARE, IMU_TURN, IMU_AHEAD = range(12)
-DRIFT_X, DRIFT_Y = 12, 13
+DRIFT_X = 12
+"""followed by that along y"""
 
 
 def rear_slip_yield(tyres: TyrePrior) -> float:

@@ -66,7 +66,6 @@ class Sensors(Model):
     steering_noise: Angle = Field(gt=0, description="at the motor")
     steering_offset: Angle = Field(description="reported minus true angle, at the motor")
     steering_apart: Angle = Field(gt=0, description="by which the motor's two sensors may differ")
-    pressure_noise: Annotated[float, In("Pa")] = Field(gt=0)
 
 
 class Imu(Model):

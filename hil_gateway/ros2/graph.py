@@ -53,12 +53,6 @@ class Graph:
         """One line for each thing that is wrong."""
         return tuple(dict.fromkeys(note for token in self._tokens.values() if (note := self._note(token))))
 
-    @property
-    def other_bridge(self) -> str:
-        """Session of another bridge; empty where there is none."""
-        named = (t.session for t in self._tokens.values() if t.kind == Kind.NODE and t.node == BRIDGE)
-        return next(named, "")
-
     def sender(self, sender_gid: bytes) -> str:
         """Name of the node that publishes with this identifier; empty where its token is not known."""
         found = (t.node for text, t in self._tokens.items() if t.kind == Kind.PUBLISHER and gid(text) == sender_gid)

@@ -34,7 +34,6 @@ SIGNALS = {
 STATED = {"grip": "a stage of the model"}
 """constants that happen to be called as an entry of a car -> what they are"""
 UNREAD = {
-    "sensors.pressure_noise": "brakes are believed to the step of their report",
 }
 """entries that nothing reads yet -> what is assumed instead"""
 

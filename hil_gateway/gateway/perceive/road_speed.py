@@ -10,11 +10,6 @@ AT_REST = 0.02
 """m/s: below the resolution of the wheel speeds, 0.1 km/h"""
 
 
-def rear_speed(state: VehicleState) -> float:
-    """Mean of the rear wheels, m/s: what gears and braking go by."""
-    return 0.5 * (state.wheel_speed_rl + state.wheel_speed_rr)
-
-
 def road_speed(state: VehicleState) -> float:
     """Fastest wheel, m/s: a locked wheel must not pass for standstill."""
     return max(state.wheel_speed_fl, state.wheel_speed_fr, state.wheel_speed_rl, state.wheel_speed_rr)

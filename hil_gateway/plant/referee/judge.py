@@ -25,7 +25,6 @@ class LoadJudge:
         """largest force of the front and rear axle over the most its tyres could give under their loads then"""
         self.longest_over_s = 0.0
         """longest time on end that an axle's combined slip was beyond that of the peak force"""
-        self.total_over_s = 0.0
         self.slides = 0
         self.spins = 0
 
@@ -46,6 +45,5 @@ class LoadJudge:
     def _over(self, beyond: bool) -> None:
         self._spell = self._spell + 1 if beyond else 0
         if beyond:
-            self.total_over_s += STEP_S
             self.longest_over_s = max(self.longest_over_s, self._spell * STEP_S)
             self.slides += self._spell == round(SLIDE_S / STEP_S)

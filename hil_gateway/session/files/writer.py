@@ -142,10 +142,6 @@ class SessionFile:
             stream.topic, stream.encoding, schema, dict(stream.metadata)
         )
 
-    def knows(self, topic: str) -> bool:
-        """Whether the file has a channel for `topic`."""
-        return topic in self._channels
-
     def add(self, topic: str, data: bytes, log_ns: int, publish_ns: int, sequence: int) -> None:
         """Add one message to the chunk in progress; times are Unix nanoseconds."""
         self._writer.add_message(self._channels[topic], log_ns, data, publish_ns, sequence % 2**32)

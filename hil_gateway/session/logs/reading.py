@@ -72,15 +72,6 @@ class Log:
                 yield entry
 
 
-def is_can_log(path: Path) -> bool:
-    """Whether a file is a log of frames of any known kind, by its first bytes.
-
-    Raises:
-        InputError: not readable.
-    """
-    return path.is_dir() or _format_of(Source(path)) is not None
-
-
 def open_log(path: Path, names: Names | None = None) -> Log:
     """The frames of a log of any kind; `names` for logs that name messages instead of numbering them.
 

@@ -30,8 +30,6 @@ SHARE = 0.12
 """of the way that fixes may lead aside or ahead on average: side slip (0.08) and unequal rolling radii (0.05)"""
 AVERAGED = 0.1
 """weight of a fix in that average: half a second"""
-LOST_S = 1.0
-"""without a fix for so long; filter and reckoning are within 0.2 m then"""
 FORGIVEN = 0.25
 """refused fixes an accepted one makes up for: single outliers are forgotten, every second one is not"""
 WRONG = 4.0

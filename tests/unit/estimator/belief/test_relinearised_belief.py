@@ -29,10 +29,7 @@ def laps_below_the_limit(truth: np.ndarray, count: int, seed: int, slip: float =
     vy = VEHICLE.lr * rate - vx * np.tan(rear)
     steer = front + np.arctan((vy + VEHICLE.lf * rate) / vx)
     signals = np.column_stack([vx, vy, rate, steer, 0.05 * np.sin(k / 90)])
-    h = measurement_function(
-        SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")),
-        "imu_yaw",
-    )
+    h = measurement_function(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle")), "imu_yaw")
     z = np.array(h(signals.T, AUX[:, None], truth, np.zeros((0, 1)))[0]).T
     std = BeliefSettings().channel_std()
     # errors of one half second are one error: that is what `correlation_samples` says
@@ -58,15 +55,7 @@ def test_far_from_the_peak_the_truth_stays_within_the_belief() -> None:
         truth = PRIOR * np.array([1.0, *(1.0 + 0.1 * signs)])
         samples = laps_below_the_limit(truth, 3000, seed)
         for kind, values in found.items():
-            values.append(
-                nees(
-                    learnt(
-                        kind(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))),
-                        samples,
-                    ),
-                    truth,
-                )
-            )
+            values.append(nees(learnt(kind(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))), samples), truth))
     assert np.median(found[RelinearisedBelief]) < 14.07, "95 % of chi squared with 7 degrees of freedom"
     assert np.mean(found[TyreBelief]) > 3 * np.mean(found[RelinearisedBelief]), (
         "Eq. (8) alone was sure of the wrong tyre"
@@ -76,10 +65,7 @@ def test_far_from_the_peak_the_truth_stays_within_the_belief() -> None:
 def test_covariance_is_the_information_at_the_mean_it_goes_with() -> None:
     truth = PRIOR * np.array([1.0, 1.1, 0.9, 1.1, 1.1, 0.9, 1.1])
     samples = laps_below_the_limit(truth, 2000, seed=4)
-    belief = learnt(
-        RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))),
-        samples,
-    )
+    belief = learnt(RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))), samples)
     h = measurement_function(belief.model, "imu_yaw")
     information = np.eye(7)
     for sample in samples:
@@ -91,14 +77,8 @@ def test_covariance_is_the_information_at_the_mean_it_goes_with() -> None:
 
 def test_memory_is_bounded_and_old_samples_keep_their_weight() -> None:
     samples = laps_below_the_limit(PRIOR, 16_000, seed=5)
-    once = learnt(
-        RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))),
-        samples[:2000],
-    )
-    many = learnt(
-        RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))),
-        samples,
-    )
+    once = learnt(RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))), samples[:2000])
+    many = learnt(RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))), samples)
     assert len(many._history) < CAPACITY
     assert many._thinning > once._thinning
     # eight times the data; a sample of the thinned history counts for one independent one at most
@@ -115,15 +95,9 @@ def with_less_force_when_driven(samples: list[Sample]) -> list[Sample]:
 def test_errors_that_keep_their_sign_count_less(monkeypatch: pytest.MonkeyPatch) -> None:
     truth = PRIOR * np.array([1.0, 1.1, 0.9, 1.1, 1.1, 0.9, 1.1])
     samples = with_less_force_when_driven(laps_below_the_limit(truth, 12_000, seed=8))
-    honest = learnt(
-        RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))),
-        samples,
-    )
+    honest = learnt(RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))), samples)
     monkeypatch.setattr(RelinearisedBelief, "_dependence", lambda self, residual, H, weight: np.ones(3))
-    credulous = learnt(
-        RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))),
-        samples,
-    )
+    credulous = learnt(RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))), samples)
     assert nees(credulous, truth) > 2 * nees(honest, truth)
     assert np.max(np.abs(honest.mean / truth - 1.0)) < np.max(np.abs(credulous.mean / truth - 1.0))
 
@@ -164,10 +138,7 @@ def test_reset_forgets_the_history() -> None:
     learnt(belief, laps_below_the_limit(1.1 * PRIOR, 1000, seed=6))
     belief.reset()
     samples = laps_below_the_limit(PRIOR, 300, seed=6)
-    fresh = learnt(
-        RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))),
-        samples,
-    )
+    fresh = learnt(RelinearisedBelief(SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"))), samples)
     assert np.array_equal(learnt(belief, samples).mean, fresh.mean)
 
 

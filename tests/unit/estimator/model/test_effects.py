@@ -111,10 +111,7 @@ SHOWS: dict[str, tuple[dict[str, float], dict[str, float], tuple[float, ...]]] =
 
 
 def predict_with(
-    effects: tuple[Effect, ...],
-    parameters: tuple[float, ...],
-    past: Mapping[str, float],
-    state: Mapping[str, float],
+    effects: tuple[Effect, ...], parameters: tuple[float, ...], past: Mapping[str, float], state: Mapping[str, float]
 ) -> dict[str, float]:
     model = SingleTrack(VEHICLE, tyre_prior(load_car(), "per_axle"), effects)
     terms = Terms(VEHICLE, **{**LEFT_TURN, **state}, aux={**AUXILIARY, **past})

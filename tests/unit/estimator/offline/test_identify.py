@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from estimator.cli.identify import app
 from estimator.drive_log.table import DriveLog, read_logs
+from estimator.model.parameters import tyre_prior
 from estimator.model.tyre import AXLES, normalised_force
 from estimator.offline.identification import Identification, Options, identify, score_log
 from estimator.offline.record.declared import read_tyre_prior, read_vehicle
@@ -110,7 +111,9 @@ def test_shared_layout_takes_a_prior_per_axle(log_file: Path, tmp_path: Path) ->
 
 def test_one_tyre_for_both_axles_is_fitted_to_measured_accelerations(log_file: Path) -> None:
     """Simulated, the balance that it fixes would bend the tyre."""
-    done = identify(read_logs([log_file]), read_vehicle(None, load_car()), None, Options(layout="shared"))
+    done = identify(
+        read_logs([log_file]), load_car().vehicle, tyre_prior(load_car(), "shared"), Options(layout="shared")
+    )
     assert done.formulation == "algebraic"
     assert done.rmse["ay"][1] < 0.25 * done.rmse["ay"][0]
 
@@ -119,7 +122,7 @@ def test_a_log_too_short_to_hold_anything_out_is_refused_in_one_line(tmp_path: P
     path = tmp_path / "short.csv"
     path.write_text(to_csv(simulate([TYRE], 15.0, seed=32)[0].columns))
     with pytest.raises(InputError, match="s of driving in the log: at least 20 s are needed"):
-        identify(read_logs([path]), read_vehicle(None, load_car()), None, Options(method="batch"))
+        identify(read_logs([path]), load_car().vehicle, tyre_prior(load_car(), "per_axle"), Options(method="batch"))
 
 
 def test_a_lap_column_that_leaves_nothing_to_fit_is_refused_in_one_line(tmp_path: Path) -> None:
@@ -128,13 +131,13 @@ def test_a_lap_column_that_leaves_nothing_to_fit_is_refused_in_one_line(tmp_path
     path = tmp_path / "laps.csv"
     path.write_text(to_csv({**columns, "lap": np.floor(columns["t"])}))
     with pytest.raises(InputError, match=r"left to fit with .* whole laps held out: .*column lap"):
-        identify(read_logs([path]), read_vehicle(None, load_car()), None, Options(method="batch"))
+        identify(read_logs([path]), load_car().vehicle, tyre_prior(load_car(), "per_axle"), Options(method="batch"))
 
 
 def test_a_log_shorter_than_four_blocks_still_holds_a_quarter_out(tmp_path: Path) -> None:
     path = tmp_path / "short.csv"
     path.write_text(to_csv(simulate([TYRE], 26.0, seed=32)[0].columns))
-    done = identify(read_logs([path]), read_vehicle(None, load_car()), None, Options(method="batch"))
+    done = identify(read_logs([path]), load_car().vehicle, tyre_prior(load_car(), "per_axle"), Options(method="batch"))
     assert 0.15 < done.split.test.mean() < 0.35
     assert done.split.train.mean() > 0.5
 
