@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from estimator.estimate_session import DEPTH
 from estimator.node import Estimator
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.messages import VehicleState
@@ -22,8 +23,6 @@ from hil_gateway.session.files.format import unpack_message
 from hil_gateway.session.files.reader import Item, SessionReader
 
 OUTPUTS = (ESTIMATE, BELIEF, MODEL_REVISION)
-DEPTH = 64
-"""outputs of one step that are kept"""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.drive_log.quantities import is_unit
-from estimator.drive_log.text_table import WrittenTable
+from estimator.drive_log.text_table import DAY_S, WrittenTable
 from hil_gateway.config import OriginConfig
 from hil_gateway.process.arrays import Array, Ints
 from hil_gateway.process.errors import InputError
@@ -22,7 +22,7 @@ from hil_gateway.track.geodesy import LocalMap
 
 _SECTION = re.compile(r"\s*\[([^\]]+)\]\s*")
 OWN_UNITS = {"velocity": "km/h", "velocity kmh": "km/h", "time": "s", "height": "m"}
-MINUTES, DAY_S = 60.0, 86_400.0
+MINUTES = 60.0
 PLACE = (("lat", "latitude"), ("long", "longitude"))
 
 

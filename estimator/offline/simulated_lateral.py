@@ -17,11 +17,10 @@ from estimator.offline.health.acceleration import rederived
 from estimator.offline.identification import Identification, Options, Progress, identify
 from estimator.offline.predict.nuisance import KNOWN_BANK
 from estimator.offline.record.record import Record
+from estimator.offline.search.stretches.cells import LATERAL_ROWS
 from estimator.offline.tyre_export import exported
 from hil_gateway.car.vehicle import Vehicle
 
-LATERAL_ROWS = (1, 2, 4)
-"""ay, yaw rate and vy of `record.MEASURED`"""
 NOTE = (
     "ay, yaw_acc and vy_dot, and vy and yaw_rate after the horizon, are simulated over windows of {:g} s from steer and"
     " vx on blocks held out, as by `hil identify`: no lateral sensor of this log can be compared at the measured states"

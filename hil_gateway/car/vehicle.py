@@ -6,11 +6,12 @@ from typing import Annotated
 
 from pydantic import Field
 
+from can_dbc import units
 from hil_gateway.car.figures import In, Length, Number
 from hil_gateway.process.model import Model
 
-GRAVITY = 9.80665
-"""Standard gravity, m/s2."""
+GRAVITY = units.GRAVITY
+"""m/s2"""
 RACE_CAR = {
     "mass": (200.0, 3000.0), "yaw_inertia": (100.0, 10_000.0), "lf": (0.3, 4.0), "lr": (0.3, 4.0),
     "cg_height": (0.0, 2.0), "track_front": (0.5, 4.0), "track_rear": (0.5, 4.0), "wheel_radius": (0.1, 1.0),

@@ -9,10 +9,12 @@ from pydantic import Field, model_validator
 
 from hil_gateway.car.car import Car, load_car
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.model import Model
 
 PERIOD_S = 0.01
 """of the gateway: cars expect their commands at 100 Hz"""
+PERIOD_NS = round(PERIOD_S * NS_PER_S)
 LEAST_STEERING = 0.2
 """rad/s at the road wheel: 0.1 rad in half a second, or the car could no longer be steered around a bend"""
 LEAST_RISE, LEAST_FALL = 2.0, 1.0

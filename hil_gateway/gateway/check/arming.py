@@ -10,9 +10,7 @@ from hil_gateway.can_link import Frame, LinkStats
 from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.decide.failsafe import TABLE
-from hil_gateway.process.clock import NS_PER_S
-
-PERIOD_NS = NS_PER_S // 100
+from hil_gateway.settings.gateway import PERIOD_NS
 
 EXPLANATION = {row.cause: row.meaning for row in TABLE} | {
     "car_moving": "the car must stand still, and valid reports say so",

@@ -22,8 +22,8 @@ from hil_gateway.session.files.format import software_version as software
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.writer import FLUSH_EVERY, SessionFile
+from hil_gateway.settings.gateway import PERIOD_NS
 
-PERIOD_NS = NS_PER_S // 100
 KEPT: tuple[Topic[Any], ...] = (VEHICLE_STATE, GATEWAY_STATUS, TYRES, EVENT)
 LONGEST_GAP_NS = 10 * NS_PER_S
 """no states are made for longer than this of silence: the log was stopped in between"""
