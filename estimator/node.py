@@ -20,7 +20,8 @@ from estimator.belief.revision import RevisedModel, RevisionPolicy, starting_rev
 from estimator.belief.tyre_belief import Sample, TyreBelief
 from estimator.model.extra_load import extra_load
 from estimator.model.measurement import MeasurementKind, axle_forces
-from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA
+from estimator.model.parameters import Quantity
+from estimator.model.single_track import AUXILIARY, BEFORE_STEP_S, DRIVE_BEFORE, FULL_BRAKE_PA, SingleTrack
 from estimator.state.localisation import Localisation
 from hil_gateway.agreement import agreement
 from hil_gateway.bus import topics
@@ -42,8 +43,11 @@ QUEUE_DEPTH = 50
 HALF_WINDOW = 3
 """the yaw acceleration is the slope of the yaw rate over this many samples either side"""
 
+BEFORE_STEP = round(BEFORE_STEP_S * 100)
+"""samples between two values of `DRIVE_BEFORE`"""
+
 LATE_STEER, LATE_DRIVE = 6, 15
-"""samples, 0.06 and 0.15 s, by which steering and drive may act later than they are reported"""
+"""samples, 0.06 and 0.15 s, by which steering and drive may act later than a model without their delay says"""
 
 _TRACK_POSITION = [AUXILIARY.index("track_position")]
 
@@ -149,6 +153,11 @@ def in_kind(sample: Sample, kind: MeasurementKind, vehicle: Vehicle) -> Sample:
     return sample if kind == "imu_yaw" else replace(sample, z=sample.z[:2])
 
 
+def late_drive(model: SingleTrack) -> int:
+    """Samples by which the drive command may act later than the model says; one is the present one."""
+    return LATE_DRIVE if model.place_of(Quantity.DRIVE_DELAY) is None else 1
+
+
 class SampleWindow:
     """Turns a run of states and estimates into `imu_yaw` samples, `HALF_WINDOW` samples late."""
 
@@ -156,14 +165,17 @@ class SampleWindow:
         self._revised = revised
         self._rows: deque[tuple[int, VehicleState, Estimate, Array, Array]] = deque(maxlen=2 * HALF_WINDOW + 1)
         self._steer: deque[float] = deque(maxlen=HALF_WINDOW + LATE_STEER)
-        self._drive: deque[float] = deque(maxlen=HALF_WINDOW + LATE_DRIVE)
+        self._drive: deque[float] = deque(maxlen=HALF_WINDOW + late_drive(revised.model))
+        self._past: deque[float] = deque(maxlen=len(DRIVE_BEFORE) * BEFORE_STEP + 1)
 
     def push(self, state: VehicleState, estimate: Estimate, localisation: Localisation) -> Sample | None:
         """Sample at the middle of the window once that is full, evenly spaced and valid throughout."""
         if not (state.valid and estimate.valid):
             self._rows.clear()
+            self._past.clear()
             return None
-        aux = _auxiliary(state, estimate, localisation.track_position)
+        self._past.append(estimate.drive)
+        aux = _auxiliary(state, estimate, localisation.track_position, self._past)
         self._rows.append((state.stamp_ns, state, estimate, aux, localisation.motion_covariance))
         self._steer.append(estimate.steer)
         self._drive.append(estimate.drive)
@@ -208,9 +220,11 @@ def slope(stamps_ns: Sequence[int], values: Sequence[float]) -> float | None:
     return sum(w * v for w, v in zip(weights, values, strict=True)) * NS_PER_S / (step_ns * sum(w * w for w in weights))
 
 
-def _auxiliary(state: VehicleState, estimate: Estimate, track_position: float) -> Array:
-    """Values of `AUXILIARY` as the car reports them; what it does not report stays neutral."""
+def _auxiliary(state: VehicleState, estimate: Estimate, track_position: float, drives: Sequence[float]) -> Array:
+    """Values of `AUXILIARY` as the car reports them; what it does not report stays neutral. `drives` up to now."""
+    ago = (min(k * BEFORE_STEP, len(drives) - 1) for k in range(1, len(DRIVE_BEFORE) + 1))
     known = {
+        **{name: drives[-1 - samples] - estimate.drive for name, samples in zip(DRIVE_BEFORE, ago, strict=True)},
         "track_position": track_position, "t": state.stamp_ns / NS_PER_S, "yaw": estimate.yaw,
         "throttle": state.throttle, "brake": 0.5 * (state.brake_front + state.brake_rear) / FULL_BRAKE_PA,
         "brake_balance": brake_balance(state.brake_front, state.brake_rear),

@@ -168,7 +168,8 @@ class Planner:
         car = (e.x, e.y, e.yaw + math.tau * turns, e.vx, e.vy, e.yaw_rate)
         measured_ns = latest.received_ns - round(self._config.planner.estimate_age_s * NS_PER_S)
         measured = PredictedMoment(measured_ns, car, self.adoption.delivered.acting(e.drive), e.steer)
-        then = predict(self._actuators, controller.advance, measured, start_ns)
+        late_ns = round(self.adoption.drive_late_s * NS_PER_S)
+        then = predict(self._actuators, controller.advance, measured, start_ns, late_ns)
         if not then.finite:  # no model of the plan may end the process
             return None
         expected = self._expected(start_ns)
@@ -176,14 +177,24 @@ class Planner:
         s = self._locate(then, 0.0 if expected is None else float(expected[S]), near)
         self.adoption.watch(e, s)
         progress = then.car[3] if expected is None or not near else float(expected[PROGRESS])
-        limits, drive = self.settings.limits, then.drive
+        limits, drive = self.settings.limits, self._drive_ahead(start_ns, expected)
+        return np.array([
+            *then.car, s, drive, within(then.steer, -limits.steer, limits.steer), within(progress, 0.0, limits.speed),
+        ])  # fmt: skip
+
+    def _drive_ahead(self, start_ns: int, expected: Array | None) -> float:
+        """Drive command that acts at the start of the plan; the controller takes what is sent and acts later."""
+        limits, late_s = self.settings.limits, self.adoption.drive_late_s
         if self._newest_applied is not None and self._newest_applied.holding:
             # these brakes are the gateway's, which releases them for a command that carries the car
-            drive = 0.0 if expected is None else float(expected[DRIVE])
-        return np.array([
-            *then.car, s, within(drive, limits.drive_min, limits.drive_max),
-            within(then.steer, -limits.steer, limits.steer), within(progress, 0.0, limits.speed),
-        ])  # fmt: skip
+            held = 0.0 if expected is None else float(expected[DRIVE])
+            acting, late_s = np.full(self.settings.horizon + 1, held), 0.0
+        else:
+            ahead_s = np.minimum(self.settings.dt * np.arange(self.settings.horizon + 1), late_s) - late_s
+            acting = np.array([self._actuators.course.at(start_ns + round(s * NS_PER_S)) for s in ahead_s])
+        acting = np.clip(acting, limits.drive_min, limits.drive_max)
+        self.adoption.controller.take_drive(acting, late_s)
+        return float(acting[0])
 
     def _locate(self, then: PredictedMoment, last: float, near: bool) -> float:
         """Progress on what is the reference from now on; `last` expected, and whether the car is `near` there."""
@@ -350,7 +361,7 @@ class Planner:
         grip, force = min(front, rear), float(controller.knowledge.theta[0])
         braking = BRAKE_SHARE * rear * vehicle.static_load_rear / vehicle.mass
         return StopPlanner(
-            lambda z, du: controller.sqp.propagate(z, du, controller.stages[:, 0], controller.common),
+            lambda z, du: controller.sqp.propagate(z, du, controller.here, controller.common),
             controller.reference, self.settings.limits, self.settings.dt, vehicle, braking, grip, force,
         )  # fmt: skip
 

@@ -32,7 +32,7 @@ from hil_gateway.process.errors import InputError
 SESSION_SPREAD = 0.05
 """relative, one standard deviation, of every parameter from one session to the next: another set of tyres, another
 temperature of track and tyres, fuel; twice of it is the tenth by which grip differs between a cold and a warm track. Of
-one that may have either sign it is relative to its usual size: a rack whose zero is known is taken apart, too"""
+one that may have either sign or is none it is relative to its usual size: a rack whose zero is known is taken apart"""
 
 
 def revision_id(layout: str, tyre: Mapping[str, float], effects: Sequence[ActiveEffect] = ()) -> str:
@@ -80,7 +80,8 @@ def carried_over(revision: ModelRevision) -> ModelRevision:
     if not revision.covariance:
         return revision
     named = [(e, p) for e in revision.effects for p in catalogue()[e.name].parameters if p.name in e.parameters]
-    sizes = [max(abs(e.parameters[p.name]), p.prior_std if p.lower < 0.0 else 0.0) for e, p in named]
+    known = [(e.parameters[p.name], p) for e, p in named]
+    sizes = [max(abs(value), p.prior_std if p.lower < 0.0 or value == 0.0 else 0.0) for value, p in known]
     spread = np.zeros(len(revision.covariance))
     for i, size in zip(range(len(spread)), [*revision.tyre.values(), *sizes], strict=False):
         spread[i] = SESSION_SPREAD * size
@@ -200,6 +201,14 @@ class RevisionPolicy:
         # a change is relative to the value, or to its spread where that is larger: offsets may start at nothing
         self._spread = np.sqrt(np.diag(known)[:size]) if len(known) >= size else np.zeros(size)
 
+    @property
+    def _bounds(self) -> tuple[Array, Array]:
+        """Where values may go: by a factor from where they started, or as far to either side as that of an offset."""
+        low, high = self._config.revision_bounds
+        start, spread = self._start, self._spread
+        offset, room = np.abs(start) < spread, np.maximum(np.abs(start), spread)
+        return start - room * np.where(offset, high, 1.0 - low), start + room * np.where(offset, high, high - 1.0)
+
     def _values(self, revision: ModelRevision) -> Array:
         """What may move: tyre parameters, then those of the effects where they are learnt."""
         effects = revision.effects if self._with_effects else ()
@@ -219,9 +228,7 @@ class RevisionPolicy:
         c, old = self._config, self._values(self.current)
         if not c.learn or belief.samples < c.revision_min_samples:
             return old
-        room = np.maximum(np.abs(self._start), self._spread)
-        lower, upper = (self._start + room * (bound - 1.0) for bound in c.revision_bounds)
-        change = np.clip(belief.mean, lower, upper) - old
+        change = np.clip(belief.mean, *self._bounds) - old
         largest = float(np.max(np.abs(change) / np.maximum(np.abs(old), self._spread)))
         if largest < c.revision_hysteresis:
             return old

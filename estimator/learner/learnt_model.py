@@ -16,8 +16,9 @@ from estimator.belief.relinearised import RelinearisedBelief
 from estimator.belief.revision import RevisedModel, model_of, revision_id
 from estimator.belief.tyre_belief import BeliefSettings, Sample
 from estimator.model.effects import catalogue
-from estimator.model.single_track import AUXILIARY, FULL_BRAKE_PA, SIGNALS
-from estimator.node import HALF_WINDOW, LATE_DRIVE, LATE_STEER, acting_variances, in_kind
+from estimator.model.memory import delayed
+from estimator.model.single_track import AUXILIARY, BEFORE_STEP_S, DRIVE_BEFORE, FULL_BRAKE_PA, SIGNALS
+from estimator.node import HALF_WINDOW, LATE_STEER, acting_variances, in_kind, late_drive
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
@@ -81,7 +82,8 @@ def samples(laps: LapColumns, revised: RevisedModel) -> Iterator[Sample]:
     z = np.stack([columns["ax"], columns["ay"], yaw_acc])
     gap = np.concatenate([np.diff(t) > EVEN * step, [True]])
     broken = np.convolve(gap.astype(float), np.ones(2 * half + 1), "same") > 0.5
-    steer, drive = (acting_variances(columns[n], late) for n, late in (("steer", LATE_STEER), ("drive", LATE_DRIVE)))
+    late = {"steer": LATE_STEER, "drive": late_drive(revised.model)}
+    steer, drive = (acting_variances(columns[name], samples) for name, samples in late.items())
     for i in np.flatnonzero(~broken[half:-half]) + half:
         acting = float(steer[i]), float(drive[i])
         yield Sample(signals[:, i], np.diag(spread[:, i]), z[:, i], aux[:, i], phi[:, i], acting)
@@ -94,10 +96,12 @@ FROM_LAPS = ("t", "yaw", "throttle", "brake_balance", "gear", "engine_speed", "a
 def _auxiliary(laps: LapColumns) -> Array:
     """(auxiliaries, n) in the order of `AUXILIARY`."""
     columns = laps.columns
+    t, drive = columns["t"], columns["drive"]
     known = {
+        **{name: delayed(t, drive, k * BEFORE_STEP_S) - drive for k, name in enumerate(DRIVE_BEFORE, 1)},
         **{name: columns[name] for name in FROM_LAPS},
         "track_position": laps.position, "brake": columns["brake"] / FULL_BRAKE_PA,
-        "steer_rate": np.gradient(columns["steer"], columns["t"]),
+        "steer_rate": np.gradient(columns["steer"], t),
     }  # fmt: skip
     neutral = np.zeros_like(laps.position)
     return np.stack([known.get(name, neutral) for name in AUXILIARY])

@@ -20,7 +20,7 @@ that identification, diagnosis and planner share; at its neutral parameters it c
 """
 NOTES = """
 Profiles are periodic cubic splines over the named signal. Effects with memory use the past of the signals on recorded
-data and their first-order form in the planner.
+data and their first-order form in the planner; a late drive command is worked out from its past in both.
 
 ## Sources
 

@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 
 from estimator.model.effect import Prepare
 from estimator.model.library import Library, load_library
-from estimator.model.single_track import Terms
+from estimator.model.single_track import BEFORE_STEP_S, DRIVE_BEFORE, Terms
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array, Expr
 
@@ -35,21 +36,34 @@ def axle_courses(signals: Mapping[str, Array], vehicle: Vehicle) -> dict[str, Ar
 def input_delay(name: str) -> tuple[Callable[[Terms, Expr], None], Prepare]:
     """Hook and preparation of a pure delay, s, of the input `name` ("steer", "drive").
 
-    On recorded data the reported signal is shifted, by the auxiliary signal `{name}_shift`; without a past,
-    u(t - T) is replaced by u - T du/dt, right to first order in T.
+    On recorded data the reported signal is shifted, by the auxiliary signal `{name}_shift`; while driving it runs
+    straight between its values of `DRIVE_BEFORE`; without a past, u(t - T) is replaced by u - T du/dt, right to first
+    order in T.
     """
 
-    return partial(_late_hook, name, "shift"), partial(_shifted, name)
+    before = DRIVE_BEFORE if name == "drive" else ()
+    return partial(_late_hook, name, "shift", before), partial(_shifted, name)
 
 
 def input_lag(name: str) -> tuple[Callable[[Terms, Expr], None], Prepare]:
     """The same of a first-order lag with a time constant, s, by the auxiliary signal `{name}_behind`."""
-    return partial(_late_hook, name, "behind"), partial(_behind, name)
+    return partial(_late_hook, name, "behind", ()), partial(_behind, name)
 
 
-def _late_hook(name: str, change: str, terms: Terms, seconds: Expr) -> None:
-    first_order = -seconds * terms.auxiliary(f"{name}_rate")
-    setattr(terms, name, getattr(terms, name) + terms.aux.get(f"{name}_{change}", first_order))
+def _late_hook(name: str, change: str, before: tuple[str, ...], terms: Terms, seconds: Expr) -> None:
+    without_prepared = _before(terms, before, seconds) - seconds * terms.auxiliary(f"{name}_rate")
+    setattr(terms, name, getattr(terms, name) + terms.aux.get(f"{name}_{change}", without_prepared))
+
+
+def _before(terms: Terms, names: tuple[str, ...], seconds: Expr) -> Expr:
+    """What an input was `seconds` ago, less what it is, from its values at steps of `BEFORE_STEP_S`."""
+    steps, total, value = seconds / BEFORE_STEP_S, 0.0, 0.0
+    for k, name in enumerate(names):
+        # no delay is negative: without a lower bound of the first part the slope at none is that of the past
+        part = ca.fmin(steps - k if k == 0 else ca.fmax(steps - k, 0.0), 1.0)
+        total = total + part * (terms.auxiliary(name) - value)
+        value = terms.auxiliary(name)
+    return total
 
 
 def _behind(

@@ -38,6 +38,7 @@ class Quantity(Enum):
     TRACTION_ELLIPSE = "share of the friction ellipse that lateral force takes from the longitudinal one"
     FRONT_BRAKE_SHARE = "front axle's part of the brakes' force at equal pressures"
     BRAKE_GAIN = "braking over driving force per unit of slip command"
+    DRIVE_DELAY = "forces of engine and brakes after they are reported, s"
     STEER_ZERO = "true minus reported road-wheel angle, rad"
     ACCELEROMETER_AHEAD = "accelerometer ahead of the centre of gravity, m"
     LATERAL_ZERO = "zero of the lateral accelerometer, m/s2"

@@ -56,9 +56,13 @@ class Stage(Enum):
 SIGNALS = ("vx", "vy", "yaw_rate", "steer", "drive")
 """Arguments every evaluation needs, in order."""
 
+BEFORE_STEP_S = 0.05
+DRIVE_BEFORE = tuple(f"drive_before_{k}" for k in range(1, 7))
+"""drive command so many steps ago, less the present one: what a delay is worked out from while driving"""
+
 AUXILIARY = (
     "track_position", "t", "yaw", "throttle", "brake", "brake_balance", "gear", "engine_speed", "ax", "steer_rate",
-    "drive_rate", "extra_load", "known_bank",
+    "drive_rate", "extra_load", "known_bank", *DRIVE_BEFORE,
 )  # fmt: skip
 """Further signals an effect may ask for; a caller that has none leaves them out and gets the neutral value 0.
 

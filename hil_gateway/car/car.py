@@ -33,6 +33,7 @@ class Actuators(Model):
     brake_fall: Annotated[float, In("Pa/s")] = Field(gt=0)
     brake_delay: Seconds = Field(ge=0, le=0.5)
     brake_bandwidth: Annotated[float, In("Hz")] = Field(gt=0)
+    force_delay: Seconds = Field(ge=0, le=0.3, description="force after reported pedal and pressure")
     speed_max: Annotated[float, In("m/s")] = Field(ge=5, le=150, description="fastest that is planned")
 
     @property

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.belief.revision import RevisedModel, model_of
+from estimator.model.parameters import Quantity
 from hil_gateway.bus.delivered import Delivered
 from hil_gateway.bus.messages import Belief, Estimate, ModelRevision
 from hil_gateway.config import Config
@@ -102,7 +103,12 @@ class Adoption:
     @property
     def in_force(self) -> InForce:
         """What a plan is published of."""
-        return InForce(self.controller, self.current.revision.revision, self.delivered.sent)
+        return InForce(self.controller, self.current.revision.revision, self.delivered.sent, self.drive_late_s)
+
+    @property
+    def drive_late_s(self) -> float:
+        """How much later than it is reported the drive command acts, s."""
+        return max(self.current.revised.constant(Quantity.DRIVE_DELAY) or 0.0, 0.0)
 
     def offer(self, revision: ModelRevision) -> None:
         """Consider a revision from the estimator."""

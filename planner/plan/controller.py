@@ -92,7 +92,6 @@ class Controller:
         self._brakes_in_front = place_of(Quantity.FRONT_BRAKE_SHARE) is not None
         # an effect learnt from data stands for grade or bank as they are felt: not both
         self._road_share = np.array([[float(place_of(q) is None)] for q in (Quantity.GRADE, Quantity.BANK)])
-        self._reach = self.settings.limits.drive_rate * self.settings.dt * np.arange(1, self.settings.horizon + 1)
         self.reference = reference
         self.common = np.zeros(self.problem.common.size)
         self.stages = np.zeros((self.problem.stage.size, self.settings.horizon), order="F")
@@ -100,6 +99,7 @@ class Controller:
         self.stages[problem.stage["progress"], :-1] = self.settings.weights.progress
         # the last one would push v_s against the horizon's end: its weight stays 0
         self.stages[problem.stage["learning"]] = infomax.patience(self.settings.dt, self.settings.horizon)
+        self.take_drive(np.zeros(self.settings.horizon + 1), 0.0)
         self._filled: tuple[Array, Reference, PhiAt] | None = None
         """what the stage parameters were filled for"""
         self._known: tuple[Array, TyreKnowledge, float, Array] | None = None
@@ -181,10 +181,25 @@ class Controller:
         extra = extra_load(self.reference.road_load(s), vx, yaw_rate)
         return float(self.settings.brakes.balance(vx, drive, self.knowledge.brake_ratio, extra))
 
+    def take_drive(self, acting: Array, late_s: float) -> None:
+        """`acting` (N+1,): the drive command at each stage by what is sent already; what is decided now acts `late_s`
+        after the plan's start."""
+        names, dt = self.problem.stage, self.settings.dt
+        free = np.clip(np.arange(1, self.settings.horizon + 1) - late_s / dt, 0.0, 1.0)
+        self.stages[names["drive_sent"]], self.stages[names["drive_free"]] = np.diff(acting), free
+        self._within_reach = acting[1:] - acting[0] - self.settings.limits.drive_rate * dt * np.cumsum(free)
+
     def fill_stages(self, drive: float) -> None:
         """Stage parameters along the guess, at the present drive command."""
         self._fill_along_guess()
         self.stages[self.problem.stage["drive_max"]] = self._drive_max(self.sqp.z[VX, 1:], drive)
+
+    @property
+    def here(self) -> Array:
+        """Parameters of the plan's first stage, all of whose drive command is free."""
+        column = self.stages[:, 0].copy()
+        column[self.problem.stage["drive_sent"]], column[self.problem.stage["drive_free"]] = 0.0, 1.0
+        return column
 
     def _fill_along_guess(self) -> None:
         """Those that the guess alone decides, if not done yet."""
@@ -208,7 +223,7 @@ class Controller:
         """Upper drive limit of each stage, 1: engine power at the predicted speed, within reach from `drive`."""
         limits = self.settings.limits
         power = limits.power / (self.knowledge.theta[0] * np.maximum(vx, MIN_POWER_SPEED))
-        return np.asarray(np.maximum(np.minimum(power, limits.drive_max), drive - self._reach))
+        return np.asarray(np.maximum(np.minimum(power, limits.drive_max), drive + self._within_reach))
 
     def solve(
         self, z0: Array, stopwatch: Stopwatch, iterations: int | None = None, *, explore: float = 1.0

@@ -39,14 +39,42 @@ class Sent:
     drive: float
 
 
+class DriveCourse:
+    """The drive command over time: as it was reported, then as what was sent will bring it about."""
+
+    def __init__(self) -> None:
+        self._points: deque[tuple[int, float]] = deque(maxlen=HISTORY)
+
+    def report(self, at_ns: int, drive: float) -> None:
+        """What is measured takes the place of what was expected from then on."""
+        while self._points and self._points[-1][0] >= at_ns:
+            self._points.pop()
+        self.expect(at_ns, drive)
+
+    def expect(self, at_ns: int, drive: float) -> None:
+        """What comes after all that is known; stamps must increase."""
+        self._points.append((at_ns, drive))
+
+    def at(self, t_ns: int) -> float:
+        """At a time, straight between two points, as the nearest one outside of them."""
+        after = self._points[-1]
+        for before in reversed(self._points):
+            if before[0] <= t_ns:
+                share = min((t_ns - before[0]) / max(after[0] - before[0], 1), 1.0)
+                return before[1] + share * (after[1] - before[1])
+            after = before
+        return after[1]
+
+
 class ActuatorModel:
-    """History of sent commands and the first-order lag of steering and drive."""
+    """History of sent commands, the first-order lag of steering and drive, and the `course` that drive has taken."""
 
     def __init__(self, actuators: Actuators) -> None:
         self.delay_ns = round(actuators.first_motion * NS_PER_S)
         self.steer_lag = 1.0 / (2 * math.pi * actuators.steering_bandwidth)
         self.drive_lag = 1.0 / (2 * math.pi * actuators.brake_bandwidth)
         self._sent: deque[Sent] = deque(maxlen=HISTORY)
+        self.course = DriveCourse()
         self._done = self._done_in(SUB_STEP_S)
 
     def record(self, sent: Sent) -> None:
@@ -94,17 +122,25 @@ class PredictedMoment:
 
 
 def predict(
-    actuators: ActuatorModel, advance: Callable[[Car, list[Held]], Car], now: PredictedMoment, end_ns: int
-) -> PredictedMoment:
-    """The moment `end_ns` from `now`; `advance(car, held)` moves the car with inputs held over each step."""
-    at_ns, drive, steer, held = now.at_ns, now.drive, now.steer, []
+    actuators: ActuatorModel, advance: Callable[[Car, list[Held]], Car], now: PredictedMoment, end_ns: int,
+    late_ns: int = 0,
+) -> PredictedMoment:  # fmt: skip
+    """The moment `end_ns` from `now`; `advance(car, held)` moves the car with inputs held over each step.
+
+    The drive command of `now` is the reported one; it acts `late_ns` later. That of the moment is the one that acts.
+    """
+    at_ns, reported, steer, held, course = now.at_ns, now.drive, now.steer, [], actuators.course
+    course.report(at_ns, reported)
+    drive = course.at(at_ns - late_ns)
     while at_ns < end_ns:
         step_ns = min(SUB_STEP_NS, end_ns - at_ns)
         duration = step_ns / NS_PER_S
         drive_before, steer_before = drive, steer
-        drive, steer = actuators.follow(drive, steer, at_ns, duration)
-        held.append((0.5 * (drive + drive_before), 0.5 * (steer + steer_before), duration))
+        reported, steer = actuators.follow(reported, steer, at_ns, duration)
         at_ns += step_ns
+        course.expect(at_ns, reported)
+        drive = course.at(at_ns - late_ns)
+        held.append((0.5 * (drive + drive_before), 0.5 * (steer + steer_before), duration))
     car = advance(now.car, held) if held else now.car
     return PredictedMoment(at_ns, car, drive, steer)
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import Agreement, Command, Plan, PlanStatus
@@ -35,11 +37,13 @@ class PlanDecision:
 
 @dataclass(frozen=True)
 class InForce:
-    """Controller that plans, the revision of its model, and the drive command to send for one by its force."""
+    """Controller that plans, the revision of its model, the drive command to send for one by its force, and how much
+    later than reported it acts, s."""
 
     controller: Controller
     revision: str
     sent: Callable[[float], float]
+    drive_late_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -76,15 +80,18 @@ class Publisher:
         return message
 
     def _command(self, z: Array, model: InForce, stamps: Stamps) -> Command:
-        """That takes the actuators from stage 0 to stage 1 of states z (NZ, N+1) through their lag."""
+        """That takes the actuators from stage 0 to stage 1 of states z (NZ, N+1) through their lag, and the drive from
+        where it is when it begins to act."""
         actuators, limits, dt, train = self._actuators, self._settings.limits, self._settings.dt, self._train
         steer = actuators.lead(float(z[STEER, 0]), float(z[STEER, 1]), dt, actuators.steer_lag)
-        drive = actuators.lead(float(z[DRIVE, 0]), float(z[DRIVE, 1]), dt, actuators.drive_lag)
+        acts = model.drive_late_s / dt
+        now, then = np.interp((acts, acts + 1.0), np.arange(z.shape[1]), z[DRIVE]).tolist()
+        drive = actuators.lead(now, then, dt, actuators.drive_lag)
         drive = within(drive, limits.drive_min, limits.drive_max)
         return Command(
             **vars(stamps), source="planner", steer=within(steer, -limits.steer, limits.steer),
             drive=max(model.sent(drive), -train.hardest_braking / train.force_per_drive),
-            brake_balance=model.controller.brake_balance(z[:, 0], drive),
+            brake_balance=model.controller.brake_balance(z[:, round(acts)], drive),
         )  # fmt: skip
 
 

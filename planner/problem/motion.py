@@ -47,7 +47,6 @@ def auxiliary(
         "yaw": z[2],
         "ax": p["theta"][0] * z[DRIVE] / model.vehicle.mass,
         "steer_rate": rates[1],
-        "drive_rate": rates[0],
         "brake_balance": brakes.balance(z[VX], z[DRIVE], p["brake_ratio"], extra),
         "extra_load": extra,
     }
@@ -103,8 +102,9 @@ class Dynamics:
         return ca.vertcat(car[:3], along, blended, progress)
 
     def step(self, z: Expr, du: Expr, p: Mapping[str, Expr]) -> Expr:
-        """One interval by RK4; the inputs move linearly from u to u + du."""
+        """One interval by RK4; the inputs move linearly from u to u + du, drive as far as it is not decided before."""
         x, u, h = z[:7], z[7:], self.dt
+        du = ca.vertcat(p["drive_free"] * du[0] + p["drive_sent"], du[1:])
 
         def f(state: Expr, share: float) -> Expr:
             return self.derivative(state, u + share * du, du, p)

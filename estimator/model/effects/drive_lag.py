@@ -5,7 +5,7 @@ from __future__ import annotations
 from estimator.model.effect import NOT_DRIVEN_WITH, Effect
 from estimator.model.effects.drive_delay import EFFECT as DRIVE_DELAY
 from estimator.model.memory import input_lag
-from estimator.model.parameters import Parameter, Plausible
+from estimator.model.parameters import Parameter, Plausible, Quantity
 
 HOOK, PREPARE = input_lag("drive")
 
@@ -25,6 +25,7 @@ EFFECT = Effect(
             0.5,
             "time constant T of engine or brakes",
             Plausible(0.0, 0.45, "actuators and engine: 0.05 to 0.3 s; tyres relax in 0.5 m, 0.03 s at 15 m/s", 0.04),
+            quantity=Quantity.DRIVE_DELAY,
         ),
     ),
     channels=("ax", "vx_dot"),

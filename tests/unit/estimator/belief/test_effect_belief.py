@@ -19,7 +19,7 @@ from estimator.belief.revision import (
 from estimator.belief.tyre_belief import BeliefSettings, Sample, TyreBelief
 from estimator.model.measurement import measurement_function
 from estimator.model.parameters import tyre_prior
-from estimator.model.single_track import AUXILIARY
+from estimator.model.single_track import AUXILIARY, DRIVE_BEFORE
 from hil_gateway.car.car import load_car
 from hil_gateway.config import EstimatorConfig, load_config
 
@@ -27,6 +27,8 @@ VEHICLE = load_car().vehicle
 START = race_car_revision(load_car(), "per_axle")
 REVISED = model_of(START, VEHICLE, 1000.0)
 EXTRA = AUXILIARY.index("extra_load")
+ORDER = (*START.tyre, *(f"{e.name}.{p}" for e in START.effects for p in e.parameters))
+BEFORE = [AUXILIARY.index(name) for name in DRIVE_BEFORE]
 
 
 def belief() -> TyreBelief:
@@ -45,6 +47,7 @@ def driven(belief: TyreBelief, truth: np.ndarray, count: int, seed: int) -> None
         signals = np.array([vx, -vx * slip, 0.0, draw.uniform(-0.04, 0.04), draw.uniform(-0.2, 0.12)])
         aux = np.zeros(len(AUXILIARY))
         aux[EXTRA] = draw.uniform(-0.2, 0.4)
+        aux[BEFORE] = draw.uniform(-0.1, 0.1, len(BEFORE)).cumsum()
         z = np.array(h(signals, aux, truth, unseen)[0]).ravel() + std * draw.normal(size=3)
         belief.update(Sample(signals, np.zeros((3, 3)), z, aux, unseen))
 
@@ -53,26 +56,28 @@ def test_effects_of_another_car_are_learnt_beside_its_tyres() -> None:
     made, draw = belief(), np.random.default_rng(1)
     spread = np.sqrt(np.diag(np.array(START.covariance)))
     truth = made.prior + spread * draw.choice([-1.0, 1.0], size=len(spread))
+    delay = ORDER.index("drive_delay.delay")
+    truth[delay] = abs(truth[delay])
     driven(made, truth, 3000, seed=2)
     before, after = (np.abs(truth - mean) / spread for mean in (made.prior, made.mean))
     assert np.median(after) < 0.3 * np.median(before)
-    order = (*START.tyre, *(f"{e.name}.{p}" for e in START.effects for p in e.parameters))
-    names = dict(zip(order, after, strict=True))
+    names = dict(zip(ORDER, after, strict=True))
     assert names["aero_drag.k"] < 0.3
     assert names["steer_offset.offset"] < 0.3
+    assert names["drive_delay.delay"] < 0.3
     assert names["front_brake.gain"] < 0.3
 
 
 def test_a_revision_carries_what_was_learnt_of_effects_by_small_steps() -> None:
-    made = belief()
+    made, drag = belief(), ORDER.index("aero_drag.k")
     truth = made.prior.copy()
-    truth[7] *= 1.2  # drag
+    truth[drag] *= 1.2
     driven(made, truth, 2000, seed=3)
     policy = RevisionPolicy(EstimatorConfig(revision_min_samples=100, revision_max_step=0.05), START)
-    drags = [policy.message(made, i, i).effects[0].parameters["k"] for i in range(8)]
-    steps = np.diff([START.effects[0].parameters["k"], *drags]) / drags[0]
-    assert np.all(steps < 0.06)
-    assert drags[-1] == pytest.approx(float(made.mean[7]), rel=0.03)
+    revisions = [START, *(policy.message(made, i, i) for i in range(8))]
+    drags = np.array([e.parameters["k"] for r in revisions for e in r.effects if e.name == "aero_drag"])
+    assert np.all(np.diff(drags) / drags[1] < 0.06)
+    assert drags[-1] == pytest.approx(float(made.mean[drag]), rel=0.03)
 
 
 def test_the_planner_hears_of_a_rear_axle_a_third_softer_within_three_seconds() -> None:

@@ -23,7 +23,7 @@ from estimator.learner.find import (
 from estimator.learner.learnt_model import SPREAD, LapColumns, samples
 from estimator.learner.rule import regress, why_not
 from estimator.model.effects import catalogue
-from estimator.node import HALF_WINDOW, LATE_DRIVE, LATE_STEER, acting_variance
+from estimator.node import HALF_WINDOW, LATE_STEER, acting_variance, late_drive
 from hil_gateway.config import Config, load_config
 from hil_gateway.process.errors import InputError
 
@@ -68,12 +68,16 @@ def test_the_first_lap_tells_a_better_model_from_a_worse_one(with_drag: tuple[Ta
     assert "worse" in regress(*judge(FirstLap(task, 2, before=found.revision)), 30.0, 30.0)
 
 
-def test_what_is_proposed_was_taught_by_inputs_as_uncertain_as_while_driving(config: Config) -> None:
+@pytest.mark.parametrize("declared_model", ["paper", "race_car"])
+def test_what_is_proposed_was_taught_by_inputs_as_uncertain_as_while_driving(
+    config: Config, declared_model: str
+) -> None:
     columns = laps_of(DRAG, laps=3)
-    revised, count = model_of(starting_revision(config, ""), config.vehicle, 1000.0), len(columns["t"])
+    declared = starting_revision(config.model_copy(update={"declared_model": declared_model}), "")
+    revised, count = model_of(declared, config.vehicle, 1000.0), len(columns["t"])
     columns |= {name: np.zeros(count) for name in SPREAD}
     taught = list(samples(LapColumns(columns, np.zeros(count)), revised))[:500]
-    for which, (name, late) in enumerate({"steer": LATE_STEER, "drive": LATE_DRIVE}.items()):
+    for which, (name, late) in enumerate({"steer": LATE_STEER, "drive": late_drive(revised.model)}.items()):
         window: deque[float] = deque(maxlen=HALF_WINDOW + late)
         while_driving = []
         for value in columns[name][: HALF_WINDOW + len(taught) + HALF_WINDOW]:

@@ -41,6 +41,15 @@ def test_prediction_follows_the_first_order_lag() -> None:
     assert then.drive == pytest.approx(-0.05 * (1 - math.exp(-0.055 * 2 * math.pi * 5)), rel=1e-9)
 
 
+def test_a_late_drive_command_acts_as_it_was_reported_before() -> None:
+    actuators, late_ns = ActuatorModel(PlannerConfig()), 100 * MS
+    actuators.record(Sent(-NS_PER_S, 0.0, -0.2))
+    for at_ns, reported in ((0, 0.0), (50 * MS, -0.1), (100 * MS, -0.2)):
+        then = predict(actuators, _still, PredictedMoment(at_ns, (0.0,) * 6, reported, 0.0), at_ns + 30 * MS, late_ns)
+    assert then.drive == pytest.approx(-0.2 * (1.0 - math.exp(-0.03 * 2 * math.pi * 5)), rel=1e-9), "130 - 100 ms"
+    assert actuators.course.at(50 * MS) == -0.1, "what is reported takes the place of what was expected"
+
+
 def test_without_any_command_the_actuators_stay() -> None:
     then = predict(ActuatorModel(load_car().actuators), _still, PredictedMoment(0, (0.0,) * 6, 0.02, 0.01), 50 * MS)
     assert (then.drive, then.steer) == (0.02, 0.01)

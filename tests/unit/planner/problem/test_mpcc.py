@@ -13,7 +13,7 @@ from benchmarks.plans.reference_nlp import ReferenceNlp
 from hil_gateway.car.car import load_car
 from hil_gateway.track.loading import load_track
 from planner.plan.controller import Controller
-from planner.problem.motion import NU, NZ, PROGRESS, VX, S
+from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, VX, S
 from planner.problem.mpcc import OUTPUTS, into_zone
 from planner.problem.settings import declared_settings
 
@@ -63,6 +63,23 @@ def test_linearised_motion_agrees_with_finite_differences(controller: Controller
         ends = [controller.sqp.propagate(z[:, k], u, controller.stages[:, k], controller.common) for u in (high, low)]
         difference = (ends[0] - ends[1]) / (2 * steps[7 + i])
         np.testing.assert_allclose(base["B"][:, NU * k + i], difference, rtol=1e-5, atol=1e-6)
+
+
+def test_what_is_sent_and_acts_late_is_no_choice_of_the_plan() -> None:
+    made, _ = bench_controller(load_track(), load_car().vehicle, Settings())
+    start, late_s = start_state(made, 620.0), 0.12
+    sent = np.interp(made.settings.dt * np.arange(made.settings.horizon + 1), [0.0, late_s], [0.0, -0.1])
+    made.take_drive(sent, late_s)
+    plan = made.cold_start(start, clock)
+    drive = plan.z[DRIVE]
+    np.testing.assert_allclose(drive[:3], sent[:3], atol=1e-12)
+    free_s, bound = 3 * made.settings.dt - late_s, made.settings.limits.drive_rate
+    assert 0.0 < abs(drive[3] - sent[3]) <= bound * free_s + 1e-9, "the rest of the interval is free"
+    made.take_drive(0.0 * sent, late_s)
+    coasting = made.cold_start(start, clock).z
+    assert plan.z[VX, 3] < coasting[VX, 3] - 0.3, "brakes that are on their way slow the car"
+    made.take_drive(0.0 * sent, 0.0)
+    np.testing.assert_array_equal(made.here, made.stages[:, 0])
 
 
 @pytest.mark.parametrize("seed", range(3))
