@@ -23,7 +23,7 @@ from planner.line.line_publisher import LinePublisher
 from planner.line.track import Reference
 from planner.plan.checks import PlanCheck
 from planner.plan.fallback import STANDSTILL, StopPlanner, Trajectory, shifted, stop_plan
-from planner.plan.first_metres import straight_ahead
+from planner.plan.first_metres import WayLeft, straight_ahead
 from planner.plan.from_rest import STILL, WALKING, Following, Unmoved, is_off, moves_off
 from planner.plan.prediction import ActuatorModel, Car, PredictedMoment, Sent, credible, predict
 from planner.plan.publishing import PlanDecision, Publisher, Stamps, within
@@ -253,10 +253,12 @@ class Planner:
             return None
         base, stopping = self.adoption.current.reference, self._stopping()
         s = base.find(e.x, e.y, 0.0 if self._plan is None else float(self._plan.z[S, 0]))
-        grade = float(self._track.at(self._track.project(e.x, e.y)[0]).grade)
+        way = WayLeft.of(e, self._track, self.settings.limits.car_half_width, self.settings.sigma_level)
         self._guess_start_ns, self._fresh_ns = None, 0  # what is planned as soon as it is known begins afresh
-        plan = straight_ahead(e, s, grade, start_ns, self.settings.horizon, stopping)
-        return PlanDecision(plan, PlanStatus.FIRST_METRES, "the first metres show where the car points")
+        plan = straight_ahead(e, s, way, start_ns, self.settings.horizon, stopping)
+        shows = moves_off(plan.z, self.settings.dt)
+        reason = "the first metres show where the car points" if shows else way.reason
+        return PlanDecision(plan, PlanStatus.FIRST_METRES, reason)
 
     def _or_not_moving(self, decision: PlanDecision, now_ns: int) -> PlanDecision:
         """The decision, or the same with why a standing car goes on standing."""

@@ -10,6 +10,7 @@ from can_dbc.quantities import WHEELS
 from hil_gateway.car.car import Car as Platform
 from hil_gateway.config import OriginConfig
 from hil_gateway.plant.car import Car
+from hil_gateway.plant.physics.chassis import further_left
 from hil_gateway.plant.physics.parameters import SensorParameters
 from hil_gateway.track.geodesy import LocalMap
 
@@ -51,6 +52,7 @@ class SimulatedSensors:
         self._p = parameters
         self._map = LocalMap(origin)
         self._noise = Noise(seed)
+        self._further_left = further_left(car.parameters.car)
         self._imus = {
             name: _Mounting(imu.x + parameters.imu_x, imu.y, imu.yaw + parameters.imu_yaw)
             for name, imu in platform.imus.items()
@@ -77,11 +79,18 @@ class SimulatedSensors:
         }
 
     def wheel_speeds(self) -> Values:
-        """Circumferential speeds, m/s; the sensor knows no direction."""
-        car, draw = self._car, self._noise
-        radius = car.parameters.car.wheel_radius * self._p.speed_scale
+        """Circumferential speeds, m/s; the sensor knows no direction.
+
+        A car whose physics is narrower than its track (`lever_arm`) shows what wheels at their places would: equal ones
+        in a bend are those of no car.
+        """
+        car, draw, scale = self._car, self._noise, self._p.speed_scale
+        radius, turning = car.parameters.car.wheel_radius, car["yaw_rate"]
         noise = 0.0 if car.standing else self._p.speed_noise
-        return {signal: abs(car[spin] * radius + noise * draw()) for signal, spin in WHEEL_SPEEDS}
+        return {
+            signal: abs(scale * (car[spin] * radius - further * turning) + noise * draw())
+            for (signal, spin), further in zip(WHEEL_SPEEDS, self._further_left, strict=True)
+        }
 
     def steering(self) -> float:
         """Road-wheel angle as the motor's sensor has it, rad."""

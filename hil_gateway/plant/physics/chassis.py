@@ -19,8 +19,17 @@ SIDE = (1.0, -1.0, 1.0, -1.0)
 
 def wheel_positions(p: Any) -> tuple[list[Expr], list[Expr]]:
     """x and y of the wheels from the centre of gravity, m."""
+    return [p.lf, p.lf, -p.lr, -p.lr], [p.lever_arm * y for y in _to_the_left(p)]
+
+
+def further_left(p: Any) -> list[float]:
+    """How much further to the left wheels are than `wheel_positions` has them, m: none but those of a narrow car."""
+    return [(1.0 - p.lever_arm) * y for y in _to_the_left(p)]
+
+
+def _to_the_left(p: Any) -> list[Any]:
     half = (p.track_front / 2, p.track_front / 2, p.track_rear / 2, p.track_rear / 2)
-    return [p.lf, p.lf, -p.lr, -p.lr], [p.lever_arm * s * h for s, h in zip(SIDE, half, strict=True)]
+    return [s * h for s, h in zip(SIDE, half, strict=True)]
 
 
 def positive(load: Expr) -> Expr:

@@ -277,3 +277,18 @@ def test_effects_reach_the_sensors() -> None:
     ax = [bench.last("imu_2")["imu_ax"] for bench in (straight, biased)]
     assert ax[1] - ax[0] == pytest.approx(2.0, abs=0.02)  # the same noise in both
     assert configure("paper", {"wind": 5.0}).car.drag > 0  # wind shows through the drag only
+
+
+@pytest.mark.parametrize("base", ["av24", "paper"])
+def test_wheels_tell_the_turn_of_the_car_whatever_its_physics_leave_out(base: str) -> None:
+    bench = Bench(**{"plant.base": base, "plant.seed": 3})
+    bench.climb()
+    bench.commands = Commands(throttle=0.3, gear=1)
+    bench.run(4.0)
+    bench.commands = Commands(steer=0.05, gear=1)
+    bench.run(2.0)
+    wheels = bench.last("wheel_speed_report")
+    right, left = wheels["wheel_speed_FR"], wheels["wheel_speed_FL"]
+    track = bench.plant.car.parameters.car.track_front
+    assert bench.plant.car["yaw_rate"] > 0.1
+    assert (right - left) / track == pytest.approx(bench.plant.car["yaw_rate"], abs=0.08), "0.1 km/h and noise"

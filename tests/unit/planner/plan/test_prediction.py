@@ -42,7 +42,7 @@ def test_prediction_follows_the_first_order_lag() -> None:
 
 
 def test_a_late_drive_command_acts_as_it_was_reported_before() -> None:
-    actuators, late_ns = ActuatorModel(PlannerConfig()), 100 * MS
+    actuators, late_ns = ActuatorModel(load_car().actuators), 100 * MS
     actuators.record(Sent(-NS_PER_S, 0.0, -0.2))
     for at_ns, reported in ((0, 0.0), (50 * MS, -0.1), (100 * MS, -0.2)):
         then = predict(actuators, _still, PredictedMoment(at_ns, (0.0,) * 6, reported, 0.0), at_ns + 30 * MS, late_ns)

@@ -66,7 +66,7 @@ def test_linearised_motion_agrees_with_finite_differences(controller: Controller
 
 
 def test_what_is_sent_and_acts_late_is_no_choice_of_the_plan() -> None:
-    made, _ = bench_controller(load_track(), load_car().vehicle, Settings())
+    made, _ = bench_controller(load_track(), load_car().vehicle, declared_settings(load_car()))
     start, late_s = start_state(made, 620.0), 0.12
     sent = np.interp(made.settings.dt * np.arange(made.settings.horizon + 1), [0.0, late_s], [0.0, -0.1])
     made.take_drive(sent, late_s)
