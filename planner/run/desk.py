@@ -9,7 +9,7 @@ import numpy as np
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.messages import FailsafeAction
-from hil_gateway.bus.track_day.run import RunPhase, RunStatus
+from hil_gateway.bus.track_day.run import RunPhase, RunPlan, RunStatus
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from planner.line.raceline import OptimisedLine
@@ -43,9 +43,10 @@ class RunDesk:
         news = [r for r in self._requests.poll(now_ns) if (r.source, r.seq) not in self._known]
         for request in news:
             self._known.add((request.source, request.seq))
-            plan = request.plan or self.progress.plan
             self._answered = request.source
-            self.progress.ask(request, s, self._place(plan.stop_at if plan else None, line))
+            self.progress.ask(
+                request, s, self._on_line(_place(request.plan or self.progress.plan, self._track_length), line)
+            )
         status = self._gateway.update(now_ns).message
         if status is not None and status.action in STOPS:
             self.progress.note(f"stopped by the gateway: {status.cause}")
@@ -71,9 +72,8 @@ class RunDesk:
             self._made = base, cap, stop_s, Reference(line, base)
         return self._made[3]
 
-    def _place(self, stop_at: float | None, line: OptimisedLine) -> float:
+    def _on_line(self, at: float, line: OptimisedLine) -> float:
         """Metres along the race line of a place along the track."""
-        at = self._track_length - BEFORE_LINE_M if stop_at is None else stop_at % self._track_length
         off = (line.track_s - at + 0.5 * self._track_length) % self._track_length - 0.5 * self._track_length
         return float(line.s[np.abs(off).argmin()])
 
@@ -82,8 +82,14 @@ class RunDesk:
         return RunStatus(
             stamp_ns=now_ns, seq=self._seq, phase=p.phase, number=p.number, plan=p.plan, lap=p.lap,
             **_said(caps), caps_from=p.caps_from, answered=self._answered, clean=p.clean, said=p.said,
-            stop_at=None if p.stop_s is None else round(p.stop_s % p.length, 1),
+            stop_at=None if p.plan is None else _place(p.plan, self._track_length),
         )  # fmt: skip
+
+
+def _place(plan: RunPlan | None, length: float) -> float:
+    """Where the in lap of a run ends, m along a track of `length` m."""
+    at = None if plan is None else plan.stop_at
+    return (length - BEFORE_LINE_M if at is None else at) % length
 
 
 def _said(caps: Caps) -> dict[str, float | None]:

@@ -113,7 +113,7 @@ class Progress:
             self._finish()
 
     def _there(self, s: float) -> bool:
-        return self._aborted or (self.stop_s is not None and abs(s - self.stop_s) < NEAR_M)
+        return self._aborted or (self.stop_s is not None and s > self.stop_s - NEAR_M)
 
     def _finish(self) -> None:
         self.phase, self.clean = RunPhase.DONE, not self._unclean

@@ -32,7 +32,7 @@ function heading(place) {
 }
 
 export function drawHead({ state, phase, messages, ages }, recording) {
-  byId("phase").textContent = phase.name;
+  byId("phase").textContent = phase.name.replaceAll("`", "");
   byId("next").textContent = recording ? "" : `to decide: ${phase.next.replaceAll("`", "")}`;
   const gateway = messages.gateway_status;
   const shown = recording ? "REPLAY" : state.name;

@@ -48,6 +48,7 @@ def test_the_cap_holds_and_the_in_lap_stops_at_its_place():
     drive.ask(RunAction.IN)
     drive.go(30.0, until=RunPhase.DONE)
     car, plan = drive.loop.plant.car, drive.loop.result.messages[topics.PLAN.key][-1]
+    assert drive.status.stop_at == PLACE
     assert drive.status.phase is RunPhase.DONE and drive.status.clean and drive.fastest < CAP + 0.5
     assert abs(car.road.s - PLACE) < 2.0
     assert plan.status is PlanStatus.NOT_MOVING and "hil run next" in plan.reason
