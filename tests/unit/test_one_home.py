@@ -33,8 +33,7 @@ SIGNALS = {
 """names that a DBC happens to share -> what they are here; quantities of `can_dbc/quantities.py` may be called alike"""
 STATED = {"grip": "a stage of the model"}
 """constants that happen to be called as an entry of a car -> what they are"""
-UNREAD = {
-}
+UNREAD = {}
 """entries that nothing reads yet -> what is assumed instead"""
 
 

@@ -42,7 +42,8 @@ class Drive:
             given, simulated=car, keep=(topics.ESTIMATE, topics.VEHICLE_STATE, topics.GATEWAY_STATUS)
         )
         writer = SessionWriter(path, session_metadata(given, "test", "wire", "now"), rotate_bytes=10**9)
-        recorder = Recorder(given.recorder, loop.bus, loop.wire.link(), writer, UNIX_NS)
+        ours = given.car.codec.sent_by("computer")
+        recorder = Recorder(given.recorder, loop.bus, loop.wire.link(), writer, UNIX_NS, sent=ours)
         events = EventLog(loop.bus)
         self.errors: list[tuple[float, float]] = []
         self.speed = 0.0
