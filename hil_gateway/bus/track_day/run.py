@@ -15,7 +15,8 @@ from hil_gateway.process.model import Model
 from hil_gateway.text_file import read_toml
 
 RUN_BYTES_MAX = 100_000
-START_LINE = "start line"
+MOST_METRES = 1e6
+"""along a track: no circuit is as long"""
 Speed = Annotated[float, Field(ge=5, le=100)]
 """m/s; a slower cap is no lap but walking"""
 LoadUse = Annotated[float, Field(ge=0.2, le=1)]
@@ -33,7 +34,10 @@ class RunPlan(Model):
     )
     load_use: Annotated[tuple[LoadUse, ...], Field(max_length=500)] = Field(default=(), description="caps, as `speed`")
     stop_at: float | None = Field(
-        default=None, ge=0, description="where the in lap ends, m along the track; not given: 30 m before the line"
+        default=None,
+        ge=0,
+        le=MOST_METRES,
+        description="where the in lap ends, m along the track; not given: 30 m before the line",
     )
     tyres: Name = Field(default="", description="name of the tyre set")
     fuel_kg: float | None = Field(default=None, ge=0, le=500)
@@ -101,10 +105,12 @@ class RunStatus(Message):
     number: Count = Field(description="of runs since the planner began")
     plan: RunPlan | None = None
     lap: Count = Field(default=0, description="flying lap under way, from 1 on")
-    speed_cap: float | None = Field(default=None, description="m/s; null: none")
-    load_cap: float | None = Field(default=None, description="share of the grip; null: none")
+    speed_cap: float | None = Field(default=None, ge=0, le=100, description="m/s; null: none")
+    load_cap: float | None = Field(default=None, ge=0, le=1, description="share of the grip; null: none")
     caps_from: Text = Field(default="", description="why these caps")
-    stop_at: float | None = Field(default=None, description="where the in lap ends, m along the track")
+    stop_at: float | None = Field(
+        default=None, ge=0, le=MOST_METRES, description="where the in lap ends, m along the track"
+    )
     clean: bool | None = Field(default=None, description="of a run that is done: whether caps may rise")
     said: Text = Field(default="", description="what the last request came to, or why the run ended")
     answered: Name = Field(default="", description="source of the last request")

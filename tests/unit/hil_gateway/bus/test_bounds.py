@@ -12,7 +12,7 @@ from hil_gateway.bus.topics import TOPICS, Topic
 LIMITS = {
     "string": ("maxLength", "enum", "const"),
     "number": ("minimum", "exclusiveMinimum"),
-    "integer": ("maximum", "exclusiveMaximum"),
+    "integer": ("maximum", "exclusiveMaximum", "enum", "const"),
     "array": ("maxItems",),
     "object": ("properties", "maxProperties"),
 }
