@@ -18,7 +18,7 @@ from hil_gateway.demo.options import DemoOptions, prepare
 from hil_gateway.process.supervisor import DASHBOARD, PROCESSES, ProcessSpec, Supervisor
 
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
-UP_S = 60.0
+UP_S = 180.0
 SILENCE_NS = 200_000_000
 """after which the car has noticed that commands ended: what follows begins anew, at the angle that the car reports"""
 
