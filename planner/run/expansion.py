@@ -67,9 +67,21 @@ class Expansion:
         reached = driven.raised()
         risen = Caps(max(before.speed, reached.speed), max(before.load_use, reached.load_use))
         self._reached[key] = risen
-        if self._file:
-            self._file.write_text(json.dumps({k: asdict(caps) for k, caps in self._reached.items()}), encoding="utf-8")
-        return f"clean: the next run may do {risen}"
+        return f"clean: the next run may do {risen}{self._store()}"
+
+    def _store(self) -> str:
+        """Keep the caps; why not, in words: a full disk must not end the planner."""
+        if self._file is None:
+            return ""
+        text = json.dumps({key: asdict(caps) for key, caps in self._reached.items()})
+        temporary = self._file.with_name(f"{self._file.name}.new")
+        try:
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            temporary.write_text(text, encoding="utf-8")
+            temporary.replace(self._file)
+        except OSError as error:
+            return f"; not kept for the next start: {self._file}: {error.strerror}"
+        return ""
 
 
 def _read(path: Path) -> dict[str, Caps]:

@@ -61,7 +61,7 @@ def test_an_in_lap_that_is_asked_for_too_late_ends_a_lap_later():
 
 
 def test_only_clean_runs_raise_the_caps_and_each_says_why(tmp_path):
-    file = str(tmp_path / "caps.json")
+    file = str(tmp_path / "new folder" / "caps.json")
     drive = Drive(Expansion(file))
     drive.ask(RunAction.START, RunPlan(laps=1))
     assert drive.run.caps == FIRST and "have not driven" in drive.run.caps_from
@@ -79,6 +79,16 @@ def test_only_clean_runs_raise_the_caps_and_each_says_why(tmp_path):
     drive.go(20.0)
     assert (drive.run.phase, drive.run.clean, drive.speed) == (RunPhase.DONE, False, 0.0)
     assert Expansion(file).caps("car model")[0] == second and Expansion(file).caps("car other model")[0] == FIRST
+
+
+def test_caps_that_cannot_be_kept_are_said_and_end_nothing(tmp_path):
+    (tmp_path / "file").write_text("")
+    drive = Drive(Expansion(str(tmp_path / "file" / "caps.json")))
+    drive.ask(RunAction.START, RunPlan(laps=1))
+    drive.go(300.0)
+    assert drive.run.clean and "not kept for the next start" in drive.run.said
+    drive.ask(RunAction.NEXT)
+    assert drive.run.caps == FIRST.raised()
 
 
 def test_caps_of_the_plan_hold_lap_by_lap():
