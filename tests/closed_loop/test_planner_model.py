@@ -181,6 +181,7 @@ def test_implausible_revisions_are_refused() -> None:
     assert "layout" in implausible(shared, rig.planner.adoption.current.revision)
 
 
+@pytest.mark.long
 def test_information_on_keeps_the_bound_and_the_limits() -> None:
     rig = ModelCar(planner_config(information_weight=0.01))
     rig.run(6.0)

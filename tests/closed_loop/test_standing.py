@@ -151,7 +151,7 @@ def test_a_request_to_crank_is_not_remembered():
 
 @pytest.mark.slow
 @pytest.mark.promise("G2")
-@pytest.mark.parametrize("grade", [0.12, -0.12])
+@pytest.mark.parametrize("grade", [0.12, pytest.param(-0.12, marks=pytest.mark.long)])
 def test_a_hill_start_does_not_roll(grade):
     scene = Scene(grade, driven=True)
     scene.reach(CtState.NOMINAL_RACE)

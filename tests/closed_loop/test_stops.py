@@ -81,6 +81,7 @@ def stops(points: int, spacing_s: float) -> Iterator[dict[str, Any]]:
                 loop.step()
 
 
+@pytest.mark.long
 def test_a_drive_of_laps_ends_where_the_car_stands_after_a_stop():
     dead = Dead()
     loop = Loop(Config.model_validate({"planner": {"horizon": 20}}), faults=dead)

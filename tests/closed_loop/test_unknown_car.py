@@ -21,6 +21,7 @@ IN_THE_BEND = (14.5, 17.5)
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_nervous_car_does_not_weave_in_its_first_fast_bend() -> None:
     loop = Loop(Config(track="tri_oval"), simulated=NERVOUS)
     yaw_rate = []

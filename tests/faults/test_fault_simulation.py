@@ -15,7 +15,7 @@ from support.promise_figures import record_figure, volume
 from benchmarks.faults.faults import Kind, draw
 from hil_gateway.process.clock import NS_PER_S
 
-SEEDS = volume(4, 5000)
+SEEDS = volume(16, 5000)
 
 TESTS = Path(__file__).parents[1]
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(TESTS)}

@@ -168,7 +168,7 @@ def test_the_shipped_file_is_the_one_derived_from_the_topics():
 def test_each_role_publishes_its_topics_only():
     tree = secure_session("planner", "/x")["access_control"]
     allowed = {rule["id"]: set(rule["key_exprs"]) for rule in tree["rules"] if rule["id"].startswith("publish-")}
-    assert allowed["publish-planner"] == {"av24/command", "av24/plan", "av24/race_line"}
+    assert allowed["publish-planner"] == {"av24/command", "av24/plan", "av24/race_line", "av24/run"}
     assert "publish-dashboard" not in allowed
     assert sum(map(len, allowed.values())) == len(topics.TOPICS)
 

@@ -31,6 +31,12 @@ def test_pt_report_1_vector() -> None:
     assert CODEC.decode_raw(frame_id, data) == pytest.approx(values, rel=1e-12)
 
 
+def test_every_message_is_sent_by_the_car_or_by_the_computer() -> None:
+    car, computer = CODEC.sent_by("car"), CODEC.sent_by("computer")
+    assert computer == {0x578, 0x579, 0x57A, 0x57B, 0x57C, 0x57D, 0x57E, 0x5AA}
+    assert car == set(CODEC.by_id) - computer
+
+
 def test_decode_gives_si() -> None:
     assert decoded(0x53C, "c08ac105fac212c8") == pytest.approx(
         {

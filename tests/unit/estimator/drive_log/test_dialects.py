@@ -93,7 +93,8 @@ def test_every_conversion_is_said(tmp_path: Path) -> None:
 
 
 def test_what_is_exported_for_i2_is_read_back_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(motec_export, "read_drive_table", lambda _: DriveTable(dict(DRIVE), 0, {}, ()))
+    table = DriveTable(dict(DRIVE), 0, {}, (), np.zeros(len(DRIVE["t"]), bool))
+    monkeypatch.setattr(motec_export, "read_drive_table", lambda _: table)
     (tmp_path / "s.mcap").touch()
     motec_export.export_motec(tmp_path / "s.mcap", tmp_path / "s_motec.csv")
     lines = (tmp_path / "s_motec.csv").read_text().splitlines()

@@ -258,6 +258,7 @@ def test_measured_run_is_repaired_and_predicted(measured_data: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_model_car_is_predicted_better_with_steering_lag_and_separate_axles(measured_data: Path) -> None:
     folder = measured_data / "dart"
     train, *others = (

@@ -294,6 +294,7 @@ def test_a_fit_that_simulates_neither_vy_nor_yaw_rate_is_not_gone_on_with(monkey
     assert identification._fit_with_forces(None, None, made[0]) is made[0]
 
 
+@pytest.mark.long
 def test_a_diagnosis_goes_on_with_the_log_that_the_identification_repaired() -> None:
     result = identify(late(0.3, ay=False), load_car().vehicle, PRIOR, Options())
     banked_log = result.log.with_columns({"known_bank": np.full(len(result.log), 0.2)}, "a bank")

@@ -89,6 +89,7 @@ def test_race_line_of_a_noisy_surveyed_track_is_sound(tmp_path: Path) -> None:
     assert np.max(np.abs(line.curvature)) < 0.08
 
 
+@pytest.mark.long
 def test_race_lines_of_measured_tracks_are_sound(measured_tracks: Path) -> None:
     for file in sorted(measured_tracks.glob("*.csv")):
         track = load_track(file)

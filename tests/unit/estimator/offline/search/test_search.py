@@ -154,7 +154,7 @@ def test_a_second_start_leaves_what_stands_in_for_several_effects(drives: dict[s
     assert {trial.name for trials in second.rounds for trial in trials} >= set(second.names), "a report lists all"
 
 
-@pytest.mark.parametrize("thorough", [True, False])
+@pytest.mark.parametrize("thorough", [pytest.param(True, marks=pytest.mark.long), False])
 def test_a_thorough_search_ends_with_the_better_of_two_starts(
     drives: dict[str, Any], monkeypatch: pytest.MonkeyPatch, thorough: bool
 ) -> None:

@@ -87,7 +87,7 @@ def test_a_full_course_yellow_slows_the_car_to_the_caution_speed(named_mph: tupl
     assert rig.car.speed > 30.0
     rig.car.track_flag = 9
     rig.car.overrides["round_target_speed"] = named_mph[0]
-    rig.run(14.0)
+    rig.run(30.0)
     for named in named_mph:
         rig.car.overrides["round_target_speed"] = named
         rig.run(5.0)
