@@ -47,21 +47,20 @@ tests() {
     "$@" -n 0 --last-failed --last-failed-no-failures none --junitxml="$results/$name-alone.xml"
     python deploy/summary.py "$results" "$name"
 }
-echo "tests: about ten minutes" >&2
+echo "tests: about twenty minutes" >&2
 crowd="not vcan"
 if [ $# = 0 ]; then
     step quiet-tests tests quiet python -m pytest -m quiet tests/faults
     crowd="not vcan and not quiet"
 fi
 step tests tests normal python -m pytest -n 2 --dist worksteal -m "$crowd" "$@"
-step mypy mypy &  # beside the tests on vcan, which have one processor
+step mypy mypy
 if deploy/with-vcan --which >"$results/vcan-kind" 2>"$results/vcan.log"; then
     step vcan-tests tests vcan deploy/with-vcan python -m pytest -m vcan tests/vcan "$@"
 else
     echo "vcan tests not run: $(tail -n 1 "$results/vcan.log")" >&2
     [ "${HIL_REQUIRE_VCAN:-0}" != 1 ] || echo vcan-tests >>"$results/failed"
 fi
-wait
 step promises hil verify --from "$HIL_PROMISE_FIGURES" --page "$results/promises.md"
 # A figure missed on a busy machine is shown, it does not fail the run; nor do figures take it past its time.
 for benchmark in codec gateway loop recorder identify planner; do

@@ -140,8 +140,10 @@ def driven(gateway: Gateway) -> list[tuple[float, int, bytes]]:
     """Traffic while driving; tried again when a starved machine made the failsafe stop, as it must."""
 
     def armed() -> bool:
-        """An arming request is answered at once or forgotten: asked again where something was missing just then."""
-        gateway.ask(OperatorAction.ARM)
+        """An arming request is answered at once or forgotten: asked again where something was missing just then. A
+        stop in which the played car, whose steering never moves, counts as stuck is an emergency: disarmed first."""
+        stopped = gateway.acts(FailsafeAction.EMERGENCY_STOP)()
+        gateway.ask(OperatorAction.DISARM if stopped else OperatorAction.ARM)
         time.sleep(0.3)
         return gateway.acts(FailsafeAction.DRIVE)()
 
