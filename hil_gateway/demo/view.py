@@ -156,7 +156,7 @@ def _headline(scene: Scene) -> RenderableType:
         return Text(" waiting for the gateway", style="yellow")
     text = Text(f" {status.action.value.upper()} ", style=f"bold reverse {COLOURS[status.action]}")
     text.append(f"  {status.cause}" if status.cause else "", style="reset")
-    if status.missing_for_arming and status.action is FailsafeAction.SILENT:
+    if status.action is FailsafeAction.SILENT:
         text.append(f"  {before_arming(status)}", style="reset yellow")
     return text
 
@@ -164,6 +164,8 @@ def _headline(scene: Scene) -> RenderableType:
 def before_arming(status: GatewayStatus) -> str:
     """What is still needed, in words: the first, and how many more."""
     missing = status.missing_for_arming
+    if not missing:
+        return "ready: `hil gateway arm`"
     more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
     return f"not armed yet: {status.advice.get(missing[0]) or EXPLANATION.get(missing[0], missing[0])}{more}"
 
@@ -242,10 +244,10 @@ def line(scene: Scene) -> str:
     parts.append(status.action.value if status else "waiting for the gateway")
     if status and status.cause:
         parts.append(f"({status.cause})")
-    if status and status.action is FailsafeAction.SILENT and status.missing_for_arming:
+    if status and status.action is FailsafeAction.SILENT:
         parts.append(before_arming(status))
     if estimate:
-        parts.append(f"{estimate.vx:5.1f} m/s, steering {math.degrees(estimate.steer):+5.1f} deg")
+        parts.append(f"{estimate.vx:z5.1f} m/s, steering {math.degrees(estimate.steer):+5.1f} deg")
     if plan:
         parts.append(f"plan {plan.solve_ms:.0f} ms")
     if referee.truth:

@@ -70,16 +70,18 @@ class Reporter:
         self._due_ns = situation.now_ns + STATUS_PERIOD_NS
         self._seq += 1
         counts, stats = builder.counts, link.stats()
+        armed, before_crank = decision.failsafe.armed, self._missing_for_crank(situation, decision)
+        engine_off = {} if before_crank else {"car_not_driving": "the engine is off: `hil gateway crank`"}
         return GatewayStatus(
             stamp_ns=situation.now_ns,
             seq=self._seq - 1,
             mode=self._mode,
-            armed=decision.failsafe.armed,
+            armed=armed,
             action=decision.action,
             cause=decision.cause,
-            missing_for_arming=() if decision.failsafe.armed else missing_for_arming(situation.conditions),
-            advice={} if decision.failsafe.armed else dict(situation.conditions.unready),
-            missing_for_crank=self._missing_for_crank(situation, decision),
+            missing_for_arming=() if armed else missing_for_arming(situation.conditions),
+            advice={} if armed else {**situation.conditions.unready, **engine_off},
+            missing_for_crank=before_crank,
             holding=decision.holding,
             bus=link.kind,
             bus_state=str(stats.bus_state),

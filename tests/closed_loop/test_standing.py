@@ -11,6 +11,7 @@ import pytest
 from support.drives.sloped_track import place_of, sloped_file
 from support.promise_figures import record_figure, volume
 
+from hil_gateway.bus import topics
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.car.states import CtState
 from hil_gateway.config import Config
@@ -133,9 +134,11 @@ def test_nothing_starts_by_itself(ct_state):
 @pytest.mark.promise("G1")
 def test_a_request_to_crank_is_not_remembered():
     scene = Scene()
+    said = scene.loop.bus.subscribe(topics.GATEWAY_STATUS, depth=1)
     scene.loop.ask(OperatorAction.CRANK)  # too early: the car has not answered yet
     scene.run(5.0)
     assert scene.ct_state is CtState.CRANK_READY
+    assert "hil gateway crank" in said.poll(0)[-1].advice["car_not_driving"]
     scene.reach(CtState.NOMINAL_RACE)
     scene.loop.ask(OperatorAction.EMERGENCY)
     scene.run(1.0)

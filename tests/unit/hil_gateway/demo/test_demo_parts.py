@@ -241,6 +241,9 @@ def test_plain_line_says_why_nothing_moves_and_what_the_car_does() -> None:
     referee.update(0)
     assert "not armed yet: plan (and 1 more)" in line(scene)
     assert "off track 0" in line(scene)
+    bus.publish(GATEWAY_STATUS, status())
+    monitor.update(0, driving=False)
+    assert "ready: `hil gateway arm`" in line(scene)
 
 
 @pytest.mark.parametrize(("columns", "rows", "wide"), [(150, 40, True), (80, 24, False)])
