@@ -107,8 +107,14 @@ class _Newest:
         if message.velocity is not None and self._is_better(message):
             self.velocity = message
         self.heading = message if message.heading is not None else self.heading
-        if message.places:
+        if message.places and self._has_velocity(message):
             self.fix, self.came_ns = message, now_ns
+
+    def _has_velocity(self, fix: Navigation) -> bool:
+        """Whether the fix can be brought up; one that cannot does not place the car, and the next receiver may."""
+        near = self.velocity is not None and abs(self.velocity.stamp_ns - fix.stamp_ns) <= VELOCITY_NS
+        self.cause = self.cause if near else "no velocity comes with its positions: log BESTVEL or RMC too"
+        return near
 
     def _is_better(self, message: Navigation) -> bool:
         """Of velocities, those that state their deviation: others are means of a whole interval, and late by half."""
@@ -160,8 +166,7 @@ class NetworkReceivers:
         if fix is None or fix.place is None or (fix.stamp_ns, self.name) == self._used:
             return None
         self._used = fix.stamp_ns, self.name
-        if velocity is None or velocity.velocity is None or abs(velocity.stamp_ns - fix.stamp_ns) > VELOCITY_NS:
-            newest.cause = "no velocity comes with its positions: log BESTVEL or RMC too"
+        if velocity is None or velocity.velocity is None:
             return None
         way = self._motion.way_since(fix.stamp_ns, velocity.velocity, velocity.stamp_ns)
         if way is None or stamp_ns - fix.stamp_ns > OLDEST_NS:

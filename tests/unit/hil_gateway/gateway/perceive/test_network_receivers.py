@@ -112,6 +112,16 @@ def test_receiver_in_use_stays_so_while_it_places_the_car():
         assert played.in_use(ms) == expected, ms
 
 
+def test_a_receiver_without_velocity_does_not_place_the_car_and_the_next_one_does():
+    played = Played(config())
+    for ms in range(0, 400, 50):
+        played.say("novatel_top", ms, ms, velocity=None)
+        played.say("novatel_bottom", ms, ms)
+        played.step(ms)
+    assert played.in_use(400) == "novatel_bottom"
+    assert "novatel_top: no velocity comes with its positions" in played.receivers.cause
+
+
 def test_without_a_fix_the_cause_of_each_is_said():
     played = Played(config())
     assert "hil receiver run" in played.receivers.cause
@@ -119,7 +129,6 @@ def test_without_a_fix_the_cause_of_each_is_said():
         played.step(ms)
     played.say("novatel_top", 290, 300, Quality.REFUSED)
     played.say("novatel_bottom", 290, 300, velocity=None)
-    played.receivers.name = "novatel_bottom"
     assert played.step(300) is None
     assert "novatel_top: no RTK (type 16)" in played.receivers.cause
     assert "novatel_bottom: no velocity comes with its positions" in played.receivers.cause
