@@ -56,7 +56,7 @@ install_configuration() {
 install_units() {
     local unit
     for unit in hil.target hil-gateway.service hil-estimator.service hil-planner.service hil-recorder.service \
-        hil-learner.service hil-dashboard.service hil-.service.d/common.conf; do
+        hil-learner.service hil-receiver.service hil-dashboard.service hil-.service.d/common.conf; do
         put "systemd/$unit" "/etc/systemd/system/$unit"
     done
     put hil-gateway.sysusers /etc/sysusers.d/hil-gateway.conf
@@ -82,7 +82,8 @@ install_can() {
 remove() {
     local file
     [ -f "$manifest" ] || fail "not installed: $manifest is missing"
-    systemd disable --now hil.target hil-gateway hil-estimator hil-planner hil-recorder hil-learner hil-dashboard 2>/dev/null || true
+    systemd disable --now hil.target hil-gateway hil-estimator hil-planner hil-recorder hil-learner hil-receiver hil-dashboard \
+        2>/dev/null || true
     while read -r file; do
         rm -f "$root$file"
         rmdir --ignore-fail-on-non-empty "$(dirname "$root$file")" 2>/dev/null || true

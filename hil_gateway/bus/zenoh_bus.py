@@ -29,6 +29,9 @@ HUB = "gateway"
 """Name of the process that listens on the endpoint the others connect to."""
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 TX_QUEUE_BATCHES = 16
+"""batches that wait for a slow reader, Zenoh's most; a message that is sent at once is one of its own"""
+HELD_UP_S = 0.1
+"""for which a reader may be held up without a loss: topics that fill the queue sooner share batches"""
 LARGEST_MESSAGE = 1 << 18
 """bytes; ours have some thousands. Reading one of 20 MB held the gateway up for seconds"""
 
@@ -129,8 +132,9 @@ class ZenohBus:
         from zenoh import CongestionControl, Priority
 
         priority = Priority.REAL_TIME if topic.priority == "real_time" else Priority.DATA
+        at_once = topic.rate_hz * HELD_UP_S <= TX_QUEUE_BATCHES
         publisher = self._session.declare_publisher(
-            topic.key, priority=priority, congestion_control=CongestionControl.DROP, express=True
+            topic.key, priority=priority, congestion_control=CongestionControl.DROP, express=at_once
         )
         self._publishers[topic.key] = publisher
         return publisher

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from struct import Struct
 
-PRIORITIES: Mapping[str, int] = {"gateway": 80, "plant": 70, "estimator": 60, "planner": 40}
+PRIORITIES: Mapping[str, int] = {"gateway": 80, "plant": 70, "receiver": 65, "estimator": 60, "planner": 40}
 """process -> priority (sched(7), 1..99) where it is permitted, as in deploy/systemd: whoever sends by the millisecond
 comes first, whoever computes longest last, and the kernel's own threads (99) before all"""
 SLICE_NS = 100_000

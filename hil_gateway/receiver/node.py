@@ -12,6 +12,7 @@ from hil_gateway.config import Config
 from hil_gateway.process.clock import NS_PER_S, SystemClock, wall_offset_ns
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.lifecycle import StopRequest
+from hil_gateway.process.scheduling import punctual
 from hil_gateway.receiver.core import Receivers
 from hil_gateway.receiver.reader import Reader
 from hil_gateway.receiver.source import Stream
@@ -85,6 +86,7 @@ def run(config: Config) -> None:
     bus = open_bus(config.zenoh, "receiver")
     receivers = Receivers(config, bus)
     connections = {name: Connection(given, receivers.readers[name]) for name, given in config.receivers.items()}
+    punctual("receiver")
     try:
         while not stopped():
             _step(connections, receivers, clock)

@@ -85,7 +85,7 @@ def test_units_and_processes_that_ask_for_themselves_have_the_same_priorities() 
         for unit in units.glob("*.service")
         if (found := re.search(r"^CPUSchedulingPriority=(\d+)$", unit.read_text(), re.MULTILINE))
     }
-    assert stated == {name: PRIORITIES[name] for name in ("gateway", "estimator", "planner")}
+    assert stated == {name: PRIORITIES[name] for name in ("gateway", "receiver", "estimator", "planner")}
 
 
 def test_without_permission_timers_are_exact_and_the_policy_is_the_usual_one() -> None:
