@@ -348,6 +348,7 @@ class RecorderStatus(Message):
     last_error: Text = ""
     bytes_written: Count
     free_bytes: Count | None = Field(description="free space on the disk; null when it cannot be read")
+    noted: Count = Field(default=0, description="number of the newest note that was written")
 
 
 class Truth(Message):

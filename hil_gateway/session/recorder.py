@@ -9,6 +9,7 @@ from typing import Any
 from hil_gateway.bus.interface import Bus, Subscription
 from hil_gateway.bus.messages import ModelRevision, RecorderStatus
 from hil_gateway.bus.topics import RECORDER_STATUS, TOPICS, Topic
+from hil_gateway.bus.track_day.note import Note
 from hil_gateway.can_link import CanLink
 from hil_gateway.config import RecorderConfig
 from hil_gateway.process.clock import NS_PER_S
@@ -43,7 +44,7 @@ class Recorder:
         self._next_status_ns = 0
         self._frames = 0
         self._status_seq = 0
-        self._revision = ""
+        self._revision, self._noted = "", 0
 
     def step(self, now_ns: int) -> None:
         """Take in everything that has arrived, and flush when it is time."""
@@ -79,6 +80,7 @@ class Recorder:
             last_error=writer.last_error,
             bytes_written=writer.bytes_written,
             free_bytes=writer.free_bytes,
+            noted=self._noted,
         )
 
     def _record_topics(self, now_ns: int) -> None:
@@ -87,6 +89,8 @@ class Recorder:
             for message in subscription.poll(now_ns):
                 data = message.model_dump_json().encode()
                 self.writer.add(topic.key, data, log_ns, message.stamp_ns + self._offset_ns, message.seq)
+                if isinstance(message, Note) and self.writer.recording:
+                    self._noted = message.seq
                 if isinstance(message, ModelRevision) and message.revision != self._revision:
                     self._note_revision(message)
 

@@ -37,7 +37,9 @@ def note(
             raise InputError("nothing is recorded, so the note would be lost: `hil recorder run`")
         message = Note(stamp_ns=now, seq=now // 1000, source=f"cli-{os.getpid()}", text=text, tyres=tyres)
         bus.publish(topics.NOTE, message)
-        wait(statuses, lambda status: status.messages > before.messages)
+        after = wait(statuses, lambda status: status.noted == message.seq)
+        if after is None or after.noted != message.seq:
+            raise InputError("the recorder has not confirmed the note: say it again")
     finally:
         bus.close()
     typer.echo(f"noted in {before.file}")

@@ -8,7 +8,7 @@ from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
-from support.cars.session_rig import UNIX_NS
+from support.cars.session_rig import UNIX_NS, Rig
 from typer.testing import CliRunner
 from unit.hil_gateway.session.test_catalogue import SPEED, estimate, stop
 
@@ -149,3 +149,14 @@ def test_what_is_no_shared_day_is_refused(tmp_path):
     with pytest.raises(InputError, match="not a shared day"):
         CliRunner().invoke(app, ["day", "open", str(evil), "--out", str(tmp_path / "there")], catch_exceptions=False)
     assert not (tmp_path / "outside.mcap").exists()
+
+
+def test_a_note_counts_as_taken_when_it_is_in_the_recording(tmp_path: Path) -> None:
+    rig = Rig(tmp_path / "s.mcap").run(10)
+    assert rig.recorder.status(rig.clock.now_ns()).noted == 0
+    rig.bus.publish(NOTE, Note(stamp_ns=1, seq=77, source="t", text="front wing +1"))
+    rig.run(1)
+    assert rig.recorder.status(rig.clock.now_ns()).noted == 77
+    rig.recorder.close(rig.clock.now_ns())
+    items = SessionReader(tmp_path / "s.mcap").items()
+    assert [item.sequence for item in items if item.topic == NOTE.key] == [77]
