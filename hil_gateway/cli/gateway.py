@@ -12,8 +12,8 @@ import typer
 
 from hil_gateway.bus.interface import Bus, Subscription
 from hil_gateway.bus.messages import FailsafeAction, GatewayStatus, OperatorAction
-from hil_gateway.cli.track_day.asking import address, wait
 from hil_gateway.config import load_config
+from hil_gateway.gateway.asking import address, wait
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 
 app = typer.Typer(no_args_is_help=True, help="CAN to vehicle state, commands to CAN; bring-up check.")

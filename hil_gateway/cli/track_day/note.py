@@ -23,8 +23,8 @@ def note(
     from hil_gateway.bus import topics
     from hil_gateway.bus.track_day.note import Note
     from hil_gateway.bus.zenoh_bus import open_bus
-    from hil_gateway.cli.track_day.asking import address, wait
     from hil_gateway.config import load_config
+    from hil_gateway.gateway.asking import address, wait
 
     if not (text or tyres) or len(text) > TEXT_MAX or len(tyres) > 64:
         raise InputError(f"a note is a text of up to {TEXT_MAX} characters, or --tyres NAME of up to 64")

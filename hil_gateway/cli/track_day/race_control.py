@@ -90,8 +90,8 @@ def _show(config: Path | None, **change: Any) -> None:
     from hil_gateway.bus import topics
     from hil_gateway.bus.track_day.race_control import RaceControlRequest
     from hil_gateway.bus.zenoh_bus import open_bus
-    from hil_gateway.cli.track_day.asking import address, wait
     from hil_gateway.config import load_config
+    from hil_gateway.gateway.asking import address, wait
 
     reached, now = address(load_config(config).zenoh, config), time.monotonic_ns()
     bus = open_bus(reached.zenoh, "operator")

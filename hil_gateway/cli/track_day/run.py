@@ -69,8 +69,8 @@ def _ask(config: Path | None, action: RunAction | None, plan: RunPlan | None = N
     from hil_gateway.bus import topics
     from hil_gateway.bus.track_day.run import RunRequest
     from hil_gateway.bus.zenoh_bus import open_bus
-    from hil_gateway.cli.track_day.asking import address, wait
     from hil_gateway.config import load_config
+    from hil_gateway.gateway.asking import address, wait
 
     reached, now = address(load_config(config).zenoh, config), time.monotonic_ns()
     bus = open_bus(reached.zenoh, "operator")

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-import typer
-
 from hil_gateway.bus.interface import Subscription
 from hil_gateway.bus.messages import Message
 from hil_gateway.config import ZenohConfig
+from hil_gateway.gateway.running import running_gateways
 from hil_gateway.process.errors import InputError
 
 M = TypeVar("M", bound=Message)
@@ -37,8 +37,6 @@ def address(asked: ZenohConfig, config: Path | None) -> Address:
     Raises:
         InputError: it asks for certificates, and nobody has said where those of the operator are.
     """
-    from hil_gateway.gateway.running import running_gateways
-
     found = running_gateways()
     endpoints = ", ".join(asked.connect)
     if config is not None or asked != ZenohConfig():
@@ -50,7 +48,7 @@ def address(asked: ZenohConfig, config: Path | None) -> Address:
     if last.secured:
         raise InputError(f"the {last} asks for certificates; give --config FILE with the operator's (zenoh.extra)")
     for other in others:
-        typer.echo(f"not to the {other}: started earlier; --config FILE names one", err=True)
+        print(f"not to the {other}: started earlier; --config FILE names one", file=sys.stderr)
     return Address(last.zenoh, str(last), "it runs but is silent: end its process")
 
 
