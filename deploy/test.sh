@@ -38,7 +38,11 @@ if [ -n "$missing" ] && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; the
 fi
 [ -z "$missing" ] || echo "missing, some tests are skipped: apt-get install $missing" >&2
 
+export HIL_MADE_ONCE="$XDG_CACHE_HOME/made"    # what several tests share
 step ruff ruff check .
+[ $# != 0 ] || step drives env PYTHONPATH=tests python tests/support/drives/practice_drives.py "$HIL_MADE_ONCE" &
+step mypy mypy
+wait
 # What fails is run again alone, to tell a machine that was busy from a defect; it has failed all the same, unless
 # tests/second_try.toml names it with the reason that was measured (deploy/summary.py).
 tests() {
@@ -54,7 +58,6 @@ if [ $# = 0 ]; then
     crowd="not vcan and not quiet"
 fi
 step tests tests normal python -m pytest -n 2 --dist worksteal -m "$crowd" "$@"
-step mypy mypy
 if deploy/with-vcan --which >"$results/vcan-kind" 2>"$results/vcan.log"; then
     step vcan-tests tests vcan deploy/with-vcan python -m pytest -m vcan tests/vcan "$@"
 else

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.once import once
+from support.once import kept, once
 
 from estimator.drive_log.table import DriveLog
 from estimator.offline.record.record import Record, make_record
@@ -53,21 +53,25 @@ EFFECTS: dict[str, tuple[int, dict[str, float]]] = {
 }
 """name -> seed and effects of the drives that tests share"""
 LAPS = 4
+SHARED = "practice_drives"
 
 
 def shared_drives(factory: pytest.TempPathFactory) -> dict[str, Any]:
     """The drives of `EFFECTS`, of four laps, side by side: all take as long as one."""
-    module = practice()
-
-    def make() -> list[Any]:
-        seeds, effects = zip(*EFFECTS.values(), strict=True)
-        return [(d.columns, d.effects, d.seed) for d in module.simulate(effects, seeds, laps=LAPS, step=0.01)]
-
-    made = once(factory, "practice_drives", make)
+    made, module = once(factory, SHARED, _simulated), practice()
     return {name: module.Drive(*drive) for name, drive in zip(EFFECTS, made, strict=True)}
+
+
+def _simulated() -> list[Any]:
+    seeds, effects = zip(*EFFECTS.values(), strict=True)
+    return [(d.columns, d.effects, d.seed) for d in practice().simulate(effects, seeds, laps=LAPS, step=0.01)]
 
 
 def record_of(drive: Any) -> Record:
     """A drive ready to be diagnosed."""
     log = DriveLog(drive.columns, np.zeros(len(drive.columns["t"]), np.int64))
     return make_record(log, load_car().vehicle)
+
+
+if __name__ == "__main__":  # made beside what else uses one processor, before the tests ask
+    kept(Path(sys.argv[1]), SHARED, _simulated)
