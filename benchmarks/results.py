@@ -50,15 +50,26 @@ class Page(Model):
     tables: tuple[Table, ...]
 
     def markdown(self) -> str:
-        """The page."""
-        return "\n".join([f"# {self.title}", "", self.reader, "", self.asked, "", *map(_section, self.tables)])
+        """The page; runs of one line each and the same columns share a table."""
+        alike = len({table.columns for table in self.tables}) == 1 and all(
+            len(table.rows) == 1 for table in self.tables
+        )
+        body = [_together(self.tables)] if alike and len(self.tables) > 1 else list(map(_section, self.tables))
+        return "\n".join([f"# {self.title}", "", self.reader, "", self.asked, "", *body])
 
 
 def _section(table: Table) -> str:
     head = [f"## {table.heading}", "", f"`{table.command}`, commit {table.commit}.", ""]
-    grid = [table.columns, ("---",) * len(table.columns), *table.rows]
-    body = ["| " + " | ".join(row) + " |" for row in grid]
-    return "\n".join([*head, *body, "", *([table.note, ""] if table.note else [])])
+    return "\n".join([*head, *_grid(table.columns, table.rows), "", *([table.note, ""] if table.note else [])])
+
+
+def _together(tables: Sequence[Table]) -> str:
+    columns = ("command", "commit", *tables[0].columns, "note")
+    return "\n".join([*_grid(columns, [(f"`{t.command}`", t.commit, *t.rows[0], t.note) for t in tables]), ""])
+
+
+def _grid(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return ["| " + " | ".join(row) + " |" for row in [columns, ("---",) * len(columns), *rows]]
 
 
 def fault_rows(report: dict[str, Any]) -> tuple[tuple[str, ...], Rows]:

@@ -323,13 +323,13 @@ _NAMED = {"*motion*": _MOTION, "*fix*": _FIX}
 
 
 def markdown() -> str:
-    """The fault model for the documentation; faults that are noticed alike share a line."""
+    """The fault model for the documentation: by what faults are noticed, and in what time."""
     alike: dict[str, list[str]] = {}
     for fault in CAR_FAULTS:
-        within = f"{fault.within_s:g} s" if math.isfinite(fault.within_s) else "-"
-        alike.setdefault(f"{_rows(fault.noticed_by)} | {within} | {fault.why}", []).append(fault.name)
-    lines = ["| fault | noticed by | within | how |", "| --- | --- | --- | --- |"]
-    lines += [f"| {'; '.join(names)} | {noticed} |" for noticed, names in alike.items()]
+        within = f"{fault.within_s:g} s" if math.isfinite(fault.within_s) else fault.why
+        alike.setdefault(_rows(fault.noticed_by), []).append(f"{fault.name} ({within})")
+    lines = ["| noticed by | faults, and within what time |", "| --- | --- |"]
+    lines += [f"| {noticed} | {'; '.join(faults)} |" for noticed, faults in alike.items()]
     return "\n".join([*lines, "", *(f"{name}: {', '.join(rows)}." for name, rows in _NAMED.items())])
 
 

@@ -230,19 +230,21 @@ def keep_long(path: Path, evidence: dict[str, Evidence], conditions: str) -> Non
     path.write_text(json.dumps(kept, indent=1, sort_keys=True) + "\n")
 
 
+HEAD = """# Promises
+
+For whoever relies on the gateway. Written by `hil verify --page FILE`.
+
+A promise without a test fails the test suite. The usual run, part of every `deploy/test.sh`, does less than is required
+where that takes long, and its verdict is about that part. `hil verify --long` does all.
+"""
+
+
 def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dict[str, Any]]) -> str:
     """`docs/promises.md`; `long` is what `keep_long` keeps."""
     runs = sorted({str(whole["run"]) for whole in long.values()})
     lines = [
-        "# Promises",
-        "",
-        "For whoever relies on the gateway. Written by `hil verify --page FILE`.",
-        "A promise without a test marked with its id fails the test suite.",
-        "The usual run, part of every `deploy/test.sh`, does less than what is required where that takes long; its",
-        "verdict is about that part. `hil verify --long` does all; its verdict is of the run named with it.",
-        "",
-        f"Usual run: {conditions}.",
-        "",
+        HEAD,
+        f"- Usual run: {conditions}",
         *(f"- Long run {number}: {run}" for number, run in enumerate(runs, 1)),
         "",
         "| id | promise | required | usual run | long run |",
@@ -250,40 +252,36 @@ def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dic
     ]
     for promise in PROMISES:
         whole = long.get(promise.id)
-        cells = [f"[{promise.id}](#{promise.id.lower()})", promise.text, promise.figure, evidence[promise.id].verdict]
-        lines.append(f"| {' | '.join([*cells, whole['verdict'] if whole else 'not run'])} |")
-    for promise in PROMISES:
-        lines += _reached(promise.id, evidence[promise.id].figures, long.get(promise.id), runs)
+        cells = [promise.id, promise.text, promise.figure, evidence[promise.id].verdict]
+        cells += [f"{whole['verdict']} ({runs.index(whole['run']) + 1})" if whole else "not run"]
+        lines.append(f"| {' | '.join(cells)} |")
+    lines += ["", "Figures of the long run where there is one, else of the usual run:", ""]
+    lines += [_reached(promise.id, evidence[promise.id].figures, long.get(promise.id)) for promise in PROMISES]
     return "\n".join(lines) + "\n"
 
 
-def _reached(name: str, figures: list[str], whole: dict[str, Any] | None, runs: list[str]) -> list[str]:
-    """What was reached for one promise; what both runs say alike is said once."""
-    said = [_one_line(figure) for figure in figures] or ["no figure"]
-    if whole is not None:
-        run = f"long run {runs.index(whole['run']) + 1}"
-        more = [_one_line(figure) for figure in whole["figures"] if figure not in figures]
-        said = _together(said, more, run) if more else [*said, f"{run}: the same"]
-    return ["", f"### {name}", "", *(f"- {figure}" for figure in said)]
+def _reached(name: str, usual: list[str], whole: dict[str, Any] | None) -> str:
+    """One line: what was reached for a promise; a figure of the long run stands for that of the usual one."""
+    figures = {
+        _NUMBER.sub("", figure): " ".join(figure.split()) for figure in [*usual, *(whole or {}).get("figures", ())]
+    }
+    return f"- **{name}** {'; '.join(_folded(list(figures.values()))) or 'no figure'}"
 
 
-def _together(usual: list[str], long: list[str], run: str) -> list[str]:
-    """Figures of both runs; where one number differs, that of the long run stands behind the usual one."""
-    beside = {figure: _only_difference(figure, long) for figure in usual}
-    rest = [figure for figure in long if figure not in {found for found, _ in beside.values()}]
-    said = [f"{figure} ({run}: {number})" if number else figure for figure, (_, number) in beside.items()]
-    return [*said, *(f"{run}: {figure}" for figure in rest)]
-
-
-def _only_difference(figure: str, others: list[str]) -> tuple[str, str]:
-    """The one of `others` that differs from `figure` in a single number, and that number; ("", "") without one."""
-    for other in others:
-        if _NUMBER.sub("", other) == _NUMBER.sub("", figure):
-            pairs = zip(_NUMBER.findall(figure), _NUMBER.findall(other), strict=True)
-            changed = [theirs for ours, theirs in pairs if ours != theirs]
-            if len(changed) == 1:
-                return other, changed[0]
-    return "", ""
+def _folded(figures: list[str]) -> list[str]:
+    """Figures that differ from the one before in one word only share a line."""
+    folded: list[list[list[str]]] = []
+    for words in (figure.split() for figure in figures):
+        before = folded[-1] if folded else []
+        if (
+            len(before) == len(words)
+            and sum(w not in seen for w, seen in zip(words, before, strict=True)) == 1
+            and len(words) > 3
+        ):
+            folded[-1] = [seen if w in seen else [*seen, w] for w, seen in zip(words, before, strict=True)]
+        else:
+            folded.append([[word] for word in words])
+    return [" ".join(", ".join(seen) for seen in line) for line in folded]
 
 
 def as_json(evidence: dict[str, Evidence]) -> list[dict[str, object]]:
@@ -299,7 +297,3 @@ def as_json(evidence: dict[str, Evidence]) -> list[dict[str, object]]:
         }
         for promise in PROMISES
     ]
-
-
-def _one_line(figure: str) -> str:
-    return figure.replace("\n", " ")

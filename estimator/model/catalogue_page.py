@@ -2,47 +2,50 @@
 
 from __future__ import annotations
 
-import re
-
 from estimator.model.effect import Effect
 from estimator.model.effects import catalogue, effect_with
+from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.model.parameters import Parameter
 
 HEAD = """# Catalogue of effects
 
-For whoever reads a diagnosis. Generated from `estimator/model/effects/`
-(`python -m estimator.model.catalogue_page > docs/effects.md`). Each effect is one file
-that identification, diagnosis and planner share; at its neutral parameters it changes nothing.
-`hil diagnose --effects` prints the parameters: unit, neutral value, prior, plausible range with its reason.
+For whoever reads a diagnosis. Generated: `python -m estimator.model.catalogue_page > docs/effects.md`.
 
-| effect | what the declared model lacks | equation | told from its look-alikes by |
-| --- | --- | --- | --- |
-"""
-NOTES = """
-Profiles are periodic cubic splines over the named signal. Effects with memory use the past of the signals on recorded
-data and their first-order form in the planner; a late drive command is worked out from its past in both.
+Each effect is one file of `estimator/model/effects/` that identification, diagnosis and planner share; at its neutral
+parameters it changes nothing. `hil diagnose --effects` prints what tells it from its look-alikes, its source, and its
+parameters: unit, neutral value, prior, plausible range with its reason. Profiles are periodic cubic splines. Effects
+with memory use the past of the signals on recorded data and their first-order form in the planner; a late drive command
+is worked out from its past in both.
 
-## Sources
-
+| effect | what the declared model lacks | equation |
+| --- | --- | --- |
 """
 
 
 def page() -> str:
     """The whole page."""
-    effects = list(catalogue().values())
-    return HEAD + "\n".join(map(_row, effects)) + "\n" + NOTES + "\n".join(_sources(effects)) + "\n"
+    return HEAD + "\n".join(map(_row, catalogue().values())) + "\n"
 
 
 def parameter_list() -> str:
-    """Every effect with its parameters, for a terminal."""
-    return "\n".join(
-        line for e in catalogue().values() for line in (f"{e.name}: {e.lacks}", *map(_parameter, e.parameters))
-    )
+    """Every effect with its parameters, its source and what tells it apart, for a terminal."""
+    lines = [line for effect in catalogue().values() for line in _described(effect)]
+    alike = [f"{e.name}: {e.lacks}; resembles {e.id}, told by: {e.separated_by}" for e in LOOK_ALIKES.values()]
+    return "\n".join([*lines, "", "Look-alikes, which are never named as an effect:", *alike])
+
+
+def _described(e: Effect) -> list[str]:
+    return [
+        f"{e.name}: {e.lacks}",
+        *map(_parameter, e.parameters),
+        f"  told by: {e.separated_by}",
+        f"  source: {e.source}",
+    ]
 
 
 def _row(effect: Effect) -> str:
     equation = effect.equation.replace("|", "\\|")
-    return f"| `{effect.name}` | {effect.lacks}{_notes(effect)} | {equation} | {effect.separated_by} |"
+    return f"| `{effect.name}` | {effect.lacks}{_notes(effect)} | {equation} |"
 
 
 def _notes(effect: Effect) -> str:
@@ -65,19 +68,6 @@ def _plausible(p: Parameter) -> str:
         return f"{p.lower:g} to {p.upper:g} (bounds of the fit)"
     least = f", at least {p.plausible.least:g} off neutral" if p.plausible.least else ""
     return f"{p.plausible.lower:g} to {p.plausible.upper:g}{least} ({p.plausible.reason})"
-
-
-def _sources(effects: list[Effect]) -> list[str]:
-    """One line a work, with the chapter or equation of every effect."""
-    works: dict[str, dict[str, list[str]]] = {}
-    for effect in sorted(effects, key=lambda e: e.source):
-        work, *place = re.split(r", (?=ch\. |eq\. )", effect.source, maxsplit=1)
-        works.setdefault(work, {}).setdefault("".join(place), []).append(f"`{effect.name}`")
-    return [f"- {work}: {_places(places)}" for work, places in works.items()]
-
-
-def _places(places: dict[str, list[str]]) -> str:
-    return "; ".join(f"{place}: {', '.join(names)}".removeprefix(": ") for place, names in places.items())
 
 
 if __name__ == "__main__":

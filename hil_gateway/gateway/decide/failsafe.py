@@ -288,18 +288,30 @@ def table_markdown() -> str:
 
 def _part_markdown(action: FailsafeAction, clear: Clear) -> str:
     rows = [row for row in TABLE if (row.action, row.clear) == (action, clear)]
-    silent = any(row.while_silent is not WhileSilent.NOTHING for row in rows)
-    heads = ["cause", "meaning", "held for", *(["while silent"] if silent else [])]
-    lines = [f"`{action.value}`; the car drives again when {clear.value}:", ""]
-    lines += [f"| {' | '.join(heads)} |", f"|{' --- |' * len(heads)}"]
-    lines += [
-        f"| {row.cause} | {row.meaning} | {_held_for(row)} |{f' {row.while_silent.value} |' if silent else ''}"
-        for row in rows
+    lines = [
+        f"`{action.value}`; the car drives again when {clear.value}:",
+        "",
+        "| cause | meaning | held for |",
+        "|" + " --- |" * 3,
     ]
+    lines += [f"| {row.cause} | {row.meaning} | {_held_for(row)} |" for row in rows]
+    lines += _while_silent(rows)
     return "\n".join(lines)
 
 
 def _held_for(row: Row) -> str:
     """Threshold, with the measure where it has a name of its own."""
-    threshold = f"{row.threshold_s * 1000:.0f} ms"
+    threshold = f"{row.threshold_s * 1000:.0f} ms" if row.threshold_s else ""
     return threshold if row.measure == row.cause else f"{threshold} ({row.measure})"
+
+
+def _while_silent(rows: list[Row]) -> list[str]:
+    """What rows do although nothing is commanded."""
+    said = {row.while_silent: "" for row in rows if row.while_silent is not WhileSilent.NOTHING}
+    for what in said:
+        said[what] = ", ".join(f"`{row.cause}`" for row in rows if row.while_silent is what)
+    return (
+        ["\nWhile silent: " + "; ".join(f"{what.value} for {causes}" for what, causes in said.items()) + "."]
+        if said
+        else []
+    )

@@ -65,7 +65,7 @@ def test_the_page_is_written_where_it_is_asked_for_and_nowhere_else(tmp_path, ca
     verify(gathered=figures)
     verify(gathered=figures, page=tmp_path / "page.md")
     assert committed.read_bytes() == before
-    assert "| [S1](#s1) |" in (tmp_path / "page.md").read_text()
+    assert "| S1 |" in (tmp_path / "page.md").read_text()
     assert "S1  kept" in capsys.readouterr().out
 
 
@@ -85,17 +85,21 @@ def test_the_report_takes_the_worst_outcome_and_every_figure_once(tmp_path):
         "BROKEN", "kept", "not proved here", "not proved here",
     ]  # fmt: skip
     text = markdown(evidence, "now", {"S2": {"verdict": "kept", "run": "a long run", "figures": ["all of it"]}})
-    assert text.count("- 10 | 20\n") == 1
+    assert text.count("- **S1** 10 | 20\n") == 1
     assert "\n- Long run 1: a long run\n" in text
-    assert "### S2\n\n- no figure\n- long run 1: all of it\n" in text
+    assert "| kept | kept (1) |" in text
+    assert "- **S2** all of it\n- **S3** no figure\n" in text
     assert len(as_json(evidence)) == len(PROMISES)
 
 
-def test_a_long_run_that_differs_in_one_number_is_told_beside_the_usual_one():
-    usual = {promise.id: Evidence() for promise in PROMISES} | {"S1": Evidence({}, ["10 of 9.5 m", "1 a, 2 b", "same"])}
-    long = {"S1": {"verdict": "kept", "run": "Monday", "figures": ["1,000 of 9.5 m", "3 a, 4 b", "same"]}}
+def test_figures_are_those_of_the_long_run_where_there_is_one():
+    usual = {promise.id: Evidence() for promise in PROMISES} | {
+        "S1": Evidence({}, ["10 of 9.5 m"]),
+        "S2": Evidence({}, ["20 commands", "none\nlost"]),
+    }
+    long = {"S1": {"verdict": "kept", "run": "Monday", "figures": ["1,000 of 9.5 m", "same"]}}
     text = markdown(usual, "now", long)
-    assert "- 10 of 9.5 m (long run 1: 1,000)\n- 1 a, 2 b\n- same\n- long run 1: 3 a, 4 b\n" in text
+    assert "- **S1** 1,000 of 9.5 m; same\n- **S2** 20 commands; none lost\n" in text
 
 
 def test_what_passed_only_when_run_again_is_told(tmp_path):
