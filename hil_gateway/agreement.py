@@ -33,8 +33,10 @@ def _signed(name: str, content: bytes) -> str:
 
 def _course(track: Track) -> bytes:
     """In centimetres and milliradians: processors differ in the last digits of a spline."""
-    rows = [track.x, track.y, track.width_left, track.width_right, track.z, 10.0 * track.bank]
-    return np.round(np.array(rows) * 100.0).astype(np.int64).tobytes()
+    values = [track.x, track.y, track.width_left, track.width_right, track.z, 10.0 * track.bank]
+    if (lane := track.pit_lane) is not None:
+        values += [lane.s, lane.left, lane.right, np.array([lane.speed, *lane.limit]), np.ravel(lane.boxes)]
+    return np.round(np.concatenate(values) * 100.0).astype(np.int64).tobytes()
 
 
 def _car(config: Config) -> bytes:

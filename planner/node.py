@@ -20,6 +20,7 @@ from hil_gateway.track.track import Track
 from planner.adoption.adoption import Adoption
 from planner.line.joining import Joining
 from planner.line.line_publisher import LinePublisher
+from planner.line.pit_route import PitRoutes
 from planner.line.track import Reference
 from planner.plan.checks import PlanCheck
 from planner.plan.fallback import STANDSTILL, StopPlanner, Trajectory, shifted, stop_plan
@@ -76,14 +77,16 @@ class Planner:
         self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
         self._check = PlanCheck(self.settings)
         clearance = self.adoption.controller.clearance
-        self._following = Following(Joining(self._track, config.vehicle.wheelbase, self.settings.limits, clearance))
+        ways = self._track, config.vehicle.wheelbase, self.settings.limits, clearance
+        lane = None if track.pit_lane is None else PitRoutes(*ways)
+        self._following = Following(Joining(*ways), lane)
         self._unmoved = Unmoved()
         self._newest_applied: Applied | None = None
         self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
         self._teller = LinePublisher(bus)
         ours = agreement(config, track)
         self._publish = Publisher(config, bus, self._actuators, self.settings, ours)
-        self._run = RunDesk(bus, _progress(config, self.adoption, ours.car), self._track.length)
+        self._run = RunDesk(bus, _progress(config, self.adoption, ours.car), self._track, lane)
 
     def step(self, now_ns: int) -> Plan | None:
         """Plan from the newest estimate and publish; None while there has never been one.
@@ -92,7 +95,7 @@ class Planner:
         leaves in the processor's caches what the plan needs next.
         """
         self._prepare(now_ns)
-        self._run.step(now_ns, 0.0 if self._plan is None else float(self._plan.z[S, 0]), self._base.line)
+        self._run.step(now_ns, 0.0 if self._plan is None else float(self._plan.z[S, 0]), self._base)
         self.adoption.cap_load(self._run.progress.caps.load_use)
         message = self._plan_and_publish(now_ns)
         self._adopt(now_ns)
@@ -198,9 +201,11 @@ class Planner:
 
     def _locate(self, then: PredictedMoment, last: float, near: bool) -> float:
         """Progress on what is the reference from now on; `last` expected, and whether the car is `near` there."""
-        base, (x, y, yaw, speed, *_) = self._run.reference(self._base, last), then.car
+        x, y, yaw, speed, *_ = then.car
         if not near:
             self._following.give_up()
+        in_lane, coming = self._run.in_lane(x, y), self._run.coming(last, self._base.length)
+        base = self._run.reference(self._following.path(self._base, last, in_lane, coming), last)
         reference = self._following.reference(base, last)
         s = reference.project(x, y, last) if near else reference.find(x, y, last)
         going = near and self._guess_start_ns is not None and speed > STILL

@@ -3,7 +3,8 @@
 Header `x_m,y_m,w_tr_right_m,w_tr_left_m` (a leading `#` is allowed), optionally `z_m` and `bank_rad`, in any
 order, apart by commas, or by semicolons or tabs with either decimal mark; places on a UTM grid are moved, and that is
 logged; one row a point, in driving order, the last not repeating the first. A pit lane is the same, not closed, in
-`NAME.pit.csv` beside `NAME.csv`, from where it leaves the road to where it is back.
+`NAME.pit.csv` beside `NAME.csv`, from where it leaves the road to where it is back, `speed_mps` (optional) where its
+limit holds, else 0; its boxes are `NAME.boxes.csv`, `x_m,y_m,heading_rad` of the car's centre of gravity in each.
 """
 
 from __future__ import annotations
@@ -16,12 +17,13 @@ import numpy as np
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.text_file import read_text
-from hil_gateway.track.pit_lane import LaneSurvey
+from hil_gateway.track.pit_lane import LaneSurvey, Place
 from hil_gateway.track.smoothing import Survey
 
 log = logging.getLogger(__name__)
 REQUIRED = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
-OPTIONAL = ("z_m", "bank_rad")
+OPTIONAL = ("z_m", "bank_rad", "speed_mps")
+BOX = ("x_m", "y_m", "heading_rad")
 LIMITS: dict[str, tuple[float, float]] = {
     "x_m": (-1e7, 1e7),
     "y_m": (-1e7, 1e7),
@@ -29,6 +31,8 @@ LIMITS: dict[str, tuple[float, float]] = {
     "w_tr_left_m": (0.1, 100.0),
     "z_m": (-1e4, 1e4),
     "bank_rad": (-0.8, 0.8),
+    "speed_mps": (0.0, 100.0),
+    "heading_rad": (-7.0, 7.0),
 }
 """column -> range of values that can be meant (a bank of 9 is in degrees, y of a UTM zone goes to 1e7 m)"""
 SEPARATORS = ",;\t"
@@ -68,13 +72,13 @@ def read_csv(path: Path) -> Survey:
         width_right=columns["w_tr_right_m"][keep],
         z=columns.get("z_m", flat)[keep],
         bank=columns.get("bank_rad", flat)[keep],
-        pit_lane=_read_lane(lane, moved) if (lane := lane_file(path)).is_file() else None,
+        pit_lane=_read_lane(path, moved) if lane_files(path) else None,
     )
 
 
-def lane_file(path: Path) -> Path:
-    """Where the pit lane of a track file is, if it has one."""
-    return path.with_suffix(".pit.csv")
+def lane_files(path: Path) -> tuple[Path, ...]:
+    """Where the pit lane of a track file is, and its boxes, as far as it has them."""
+    return tuple(part for kind in (".pit.csv", ".boxes.csv") if (part := path.with_suffix(kind)).is_file())
 
 
 def _moved_by(columns: dict[str, Array]) -> tuple[float, float]:
@@ -86,12 +90,36 @@ def _moved_by(columns: dict[str, Array]) -> tuple[float, float]:
 
 
 def _read_lane(path: Path, moved: tuple[float, float]) -> LaneSurvey:
-    columns, _ = _columns(path)
+    lane, boxes = path.with_suffix(".pit.csv"), path.with_suffix(".boxes.csv")
+    columns, numbers = _columns(lane)
     x, y = (columns[name] - by for name, by in zip(("x_m", "y_m"), moved, strict=True))
-    return LaneSurvey(str(path), x, y, columns["w_tr_left_m"], columns["w_tr_right_m"])
+    speed, ends = _limit(lane, columns.get("speed_mps", np.zeros(len(x))), numbers)
+    limit = None if speed is None else ((x[ends[0]], y[ends[0]], 0.0), (x[ends[1]], y[ends[1]], 0.0))
+    places = _read_boxes(boxes, moved) if boxes.is_file() else ()
+    return LaneSurvey(str(lane), x, y, columns["w_tr_left_m"], columns["w_tr_right_m"], speed, limit, places)
 
 
-def _columns(path: Path) -> tuple[dict[str, Array], list[int]]:
+def _limit(path: Path, speeds: Array, numbers: list[int]) -> tuple[float | None, tuple[int, int]]:
+    """The speed limit of a lane, m/s, and its first and last row; None where there is none."""
+    rows = np.flatnonzero(speeds)
+    if not len(rows):
+        return None, (0, 0)
+    speed = float(speeds[rows[0]])
+    if (other := rows[speeds[rows] != speed]).size:
+        raise InputError(
+            f"{path}:{numbers[other[0]]}: speed_mps = {speeds[other[0]]:g} where it was {speed:g} before;"
+            " a pit lane has one limit, and 0 where that does not hold"
+        )
+    return speed, (int(rows[0]), int(rows[-1]))
+
+
+def _read_boxes(path: Path, moved: tuple[float, float]) -> tuple[Place, ...]:
+    columns, _ = _columns(path, BOX)
+    x, y, yaw = (columns[name] - by for name, by in zip(BOX, (*moved, 0.0), strict=True))
+    return tuple(zip(x.tolist(), y.tolist(), yaw.tolist(), strict=True))
+
+
+def _columns(path: Path, required: tuple[str, ...] = REQUIRED) -> tuple[dict[str, Array], list[int]]:
     """Columns by name, and the line number of every row."""
     lines = read_text(path, BYTES_MAX, "track").splitlines()
     separator = max(SEPARATORS, key=lines[0].count) if lines else ","
@@ -100,12 +128,12 @@ def _columns(path: Path) -> tuple[dict[str, Array], list[int]]:
     names = [name.strip() for name in lines[0].lstrip("# ").split(",")] if lines else []
     if twice := next((name for name in LIMITS if names.count(name) > 1), ""):
         raise InputError(f"{path}:1: column {twice} is there twice; leave one")
-    missing = [name for name in REQUIRED if name not in names]
+    missing = [name for name in required if name not in names]
     if missing:
-        raise InputError(f"{path}:1: column {missing[0]} is missing; the header must name {','.join(REQUIRED)}")
+        raise InputError(f"{path}:1: column {missing[0]} is missing; the header must name {','.join(required)}")
     rows = [(i, line) for i, line in enumerate(lines[1:], start=2) if line.strip() and not line.startswith("#")]
     table = np.array([_row(path, number, line, names) for number, line in rows]).reshape(len(rows), len(names))
-    columns = {name: table[:, names.index(name)] for name in (*REQUIRED, *OPTIONAL) if name in names}
+    columns = {name: table[:, names.index(name)] for name in (*required, *OPTIONAL) if name in names}
     return columns, [number for number, _ in rows]
 
 

@@ -24,6 +24,9 @@ z = 0.0
 [pit_lane]                   # optional: offset of its middle at arc length, m, positive left, joined smoothly
 width = 8.0
 points = [[-240.0, 4.0], [-150.0, 14.0], [150.0, 14.0], [240.0, 4.0]]
+speed = 20.0                 # m/s, optional
+limit = [-150.0, 150.0]      # where that holds, optional: while the lane is apart from the road
+boxes = [[-40.0, 15.5]]      # optional: arc length and offset of a car in each, and its angle to the track, deg, if any
 ```
 
 A corner is a spiral (clothoid), an arc and a spiral: its curvature is a trapezium over arc length. Headings must
@@ -38,6 +41,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError
 
 from hil_gateway.process.arrays import Array
@@ -77,6 +81,11 @@ class LaneLayout(Model):
 
     width: float = Field(ge=3, le=30, description="m")
     points: tuple[tuple[float, float], ...] = Field(min_length=2, description="arc length and offset to the left, m")
+    speed: float | None = Field(default=None, description="m/s")
+    limit: tuple[float, float] | None = Field(default=None, description="arc length from and to where it holds, m")
+    boxes: tuple[tuple[float, float] | tuple[float, float, float], ...] = Field(
+        default=(), max_length=100, description="arc length and offset to the left, m, of a car in it; its angle, deg"
+    )
 
 
 class Layout(Model):
@@ -157,13 +166,34 @@ def _lane(path: Path, lane: LaneLayout, x: Array, y: Array) -> LaneSurvey:
     at, offset = np.array(lane.points).T
     if not (np.diff(at) > 0.0).all():
         raise InputError(f"{path}: pit_lane.points are not in driving order; arc length before the line is negative")
-    steps = np.hypot(*(np.roll(v, -1) - v for v in (x, y)))
+    beside = _Beside(x, y)
     wanted = np.arange(at[0], at[-1], LANE_STEP_M)
-    i = (np.searchsorted(np.cumsum(steps), wanted % steps.sum())) % len(x)
-    left = np.array([np.roll(y, 1)[i] - np.roll(y, -1)[i], np.roll(x, -1)[i] - np.roll(x, 1)[i]])
-    aside = PchipInterpolator(at, offset)(wanted) / np.hypot(*left)
+    lane_x, lane_y, _ = beside(wanted, PchipInterpolator(at, offset)(wanted))
     half = np.full(len(wanted), 0.5 * lane.width)
-    return LaneSurvey(str(path), x[i] + aside * left[0], y[i] + aside * left[1], half, half)
+    limit = None if lane.limit is None else (beside.pose(lane.limit[0]), beside.pose(lane.limit[1]))
+    boxes = tuple(beside.pose(*box) for box in lane.boxes)
+    return LaneSurvey(str(path), lane_x, lane_y, half, half, lane.speed, limit, boxes)
+
+
+class _Beside:
+    """Places beside a closed line x, y of points about `STEP_M` apart."""
+
+    def __init__(self, x: Array, y: Array) -> None:
+        self._line = np.array([x, y])
+        self._left = np.array([np.roll(y, 1) - np.roll(y, -1), np.roll(x, -1) - np.roll(x, 1)])
+        self._left /= np.hypot(*self._left)
+        self._s = np.concatenate([[0.0], np.cumsum(np.hypot(*(np.roll(v, -1) - v for v in (x, y))))])
+
+    def __call__(self, s: ArrayLike, offset: ArrayLike) -> tuple[Array, Array, Array]:
+        """x, y (m) and heading of the line (rad) at arc length `s`, `offset` m to its left, (k,)."""
+        along = np.mod(s, self._s[-1])
+        x, y, across, up = (np.interp(along, self._s, np.append(v, v[0])) for v in (*self._line, *self._left))
+        return x + offset * across, y + offset * up, np.arctan2(-across, up)
+
+    def pose(self, s: float, offset: float = 0.0, turned_deg: float = 0.0) -> tuple[float, float, float]:
+        """x, y (m) and yaw (rad) of a car there, `turned_deg` against the line."""
+        x, y, heading = (float(v) for v in self(s, offset))
+        return x, y, heading + math.radians(turned_deg)
 
 
 def _arc_length(segment: Segment) -> float:

@@ -9,7 +9,7 @@ from pathlib import Path
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.shipped import did_you_mean, shipped
 from hil_gateway.track.course import check_course
-from hil_gateway.track.csv_file import lane_file, read_csv
+from hil_gateway.track.csv_file import lane_files, read_csv
 from hil_gateway.track.layout import read_layout
 from hil_gateway.track.smoothing import Survey, smooth
 from hil_gateway.track.track import Track
@@ -48,7 +48,7 @@ def load_track(path: str | Path | None = None) -> Track:
 
 def _parts(file: Path) -> tuple[Path, ...]:
     """The files a track is in."""
-    return (file, lane) if (lane := lane_file(file)).is_file() else (file,)
+    return file, *lane_files(file)
 
 
 @lru_cache(maxsize=KEPT)

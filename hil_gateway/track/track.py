@@ -34,6 +34,15 @@ class TrackPoint(NamedTuple):
     width_right: Any
 
 
+class Box(NamedTuple):
+    """Where a car stops in a pit lane: its centre of gravity at arc length `s`, on the scale of the lane's, and
+    `offset` to the left of the track's centre line, m; its angle to that, `across`, rad."""
+
+    s: float
+    offset: float
+    across: float = 0.0
+
+
 @dataclass(frozen=True)
 class PitLane:
     """A lane beside the track; arrays (n,): arc length of the track from its entry to its exit, m, beyond a lap where
@@ -43,8 +52,15 @@ class PitLane:
     offset: Array
     width_left: Array
     width_right: Array
-    speed: float = 20.0
-    """m/s; no pit lane is driven faster"""
+    speed: float
+    """m/s; the lane is driven no faster"""
+    limit: tuple[float, float]
+    """from where to where that holds, m, as `s`"""
+    boxes: tuple[Box, ...] = ()
+
+    def along(self, s: float | Array, length: float) -> Array:
+        """Arc lengths of a track of `length` m on the scale of the lane's: not before its entry."""
+        return np.asarray(self.s[0] + np.mod(np.asarray(s) - self.s[0], length))
 
     @cached_property
     def left(self) -> Array:
@@ -139,6 +155,12 @@ class Track:
         left, right = ((at.x - e * np.sin(at.heading), at.y + e * np.cos(at.heading)) for e in (lane.left, lane.right))
         return left, right
 
+    def box_pose(self, box: Box) -> tuple[float, float, float]:
+        """x, y (m) and yaw (rad) of a car in a box."""
+        at = self.at(box.s)
+        x, y = at.x - box.offset * math.sin(at.heading), at.y + box.offset * math.cos(at.heading)
+        return x, y, at.heading + box.across
+
     def room(self, s: float | Array, lateral: float | Array) -> Room:
         """Beside a car at arc length `s`, `lateral` m to the left of the centre line: on the road, in the pit lane, or
         on both where they touch; the nearer of the two for a car on neither."""
@@ -146,7 +168,7 @@ class Track:
         left, right = at.width_left, -at.width_right
         if lane is None:
             return Room(left - lateral, lateral - right, np.zeros(np.shape(s), dtype=bool))
-        along = lane.s[0] + np.mod(np.asarray(s) - lane.s[0], self.length)
+        along = lane.along(s, self.length)
         # not a number where there is no lane: it neither touches nor is near
         outer, inner = (np.interp(along, lane.s, edge, right=np.nan) for edge in (lane.left, lane.right))
         touches = (inner <= left) & (outer >= right)

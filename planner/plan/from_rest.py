@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 from hil_gateway.bus.messages import Applied, FailsafeAction
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from planner.line.joining import Joined, Joining, Pose, beside
+from planner.line.pit_route import PitRoute, PitRoutes
 from planner.line.track import Reference
 from planner.plan.fallback import STANDSTILL
 from planner.problem.motion import VX
@@ -24,17 +23,41 @@ PATIENCE_NS = 2 * NS_PER_S
 
 
 class Following:
-    """The race line, or the way onto it from where the car stood."""
+    """The race line or the way through the pit lane, or the way from where the car stood onto one of them."""
 
-    def __init__(self, joining: Joining) -> None:
-        self._joining = joining
+    def __init__(self, joining: Joining, lane: PitRoutes | None) -> None:
+        self._joining, self._lane = joining, lane
         self._joined: Joined | None = None
+        self._route: PitRoute | None = None
         self.hindrance = ""
         """why there is no way from where the car stands, in words; empty where there is one"""
 
+    def path(self, race_line: Reference, s: float, in_lane: bool, coming: PitRoute | None) -> Reference:
+        """The race line, unless a car at progress `s` is `in_lane` alone, is `coming` in, or is not yet out again."""
+        joining = self._joined is not None and not self._joined.ended(s)
+        if not (joining or (self._route is not None and self._route.holds(s))):
+            self._route = self._route_from(race_line, s, in_lane, coming)
+        if self._route is None or self._lane is None:
+            return race_line
+        if self._route.base is not race_line:
+            self._route = self._lane.again(self._route, race_line)
+        return self._route.reference
+
+    def _route_from(
+        self, race_line: Reference, s: float, in_lane: bool, coming: PitRoute | None
+    ) -> PitRoute | None:  # fmt: skip
+        """Through the pit lane from progress `s` on; None where the way is the race line."""
+        if coming is not None and not coming.holds(s):
+            return self._route if self._route is not None and self._route.way is coming.way else coming
+        if not in_lane or self._lane is None:
+            return None
+        found = self._lane.through(race_line, None)
+        self.hindrance = found if isinstance(found, str) else ""
+        return None if isinstance(found, str) else found
+
     def reference(self, base: Reference, s: float) -> Reference:
         """What a car at progress `s` follows; `base` is the race line with its newest speeds."""
-        if self._joined is not None and math.remainder(s - self._joined.end, base.length) > 0.0:
+        if self._joined is not None and self._joined.ended(s):
             self._joined = None
         if self._joined is not None and self._joined.base is not base:
             self._joined = self._joining.again(self._joined, base)
@@ -47,7 +70,7 @@ class Following:
 
     def give_up(self) -> None:
         """The car is where no way of before leads from."""
-        self._joined, self.hindrance = None, ""
+        self._joined, self._route, self.hindrance = None, None, ""
 
 
 def is_off(reference: Reference, s: float, pose: Pose) -> bool:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.messages import FailsafeAction
-from hil_gateway.bus.track_day.run import RunPhase, RunPlan, RunStatus
+from hil_gateway.bus.track_day.run import RunPhase, RunPlan, RunRequest, RunStatus
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.track.track import Track
+from planner.line.pit_route import PitRoute, PitRoutes
 from planner.line.raceline import OptimisedLine
 from planner.line.track import Reference
 from planner.run.expansion import MOST_SPEED, Caps
@@ -25,11 +27,22 @@ SHOWN_AHEAD = 0.9
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where an in lap ends: m along the track, progress `s` along the race line; in a box by a `route`, or on the
+    road."""
+
+    at: float
+    s: float = 0.0
+    box: int | None = None
+    route: PitRoute | None = None
+
+
 class RunDesk:
     """What the planner asks each time; `step` once a plan, before it."""
 
-    def __init__(self, bus: Bus, progress: Progress, track_length: float) -> None:
-        self._bus, self.progress, self._track_length = bus, progress, track_length
+    def __init__(self, bus: Bus, progress: Progress, track: Track, lane: PitRoutes | None) -> None:
+        self._bus, self.progress, self._track, self._lane = bus, progress, track, lane
         self._requests = bus.subscribe(topics.RUN_REQUEST, depth=16)
         self._gateway = LatestReader(bus, topics.GATEWAY_STATUS)
         self._answered = ""
@@ -37,22 +50,28 @@ class RunDesk:
         self._due_ns, self._seq, self._slides = 0, 0, 0
         self._made: tuple[Reference, float, float | None, Reference] | None = None
         """base, cap, place and what was made of them"""
+        self._end, self._in_lane = Place(0.0), False
 
-    def step(self, now_ns: int, s: float, line: OptimisedLine) -> None:
+    def step(self, now_ns: int, s: float, base: Reference) -> None:
         """Take requests in, with the car at progress `s` (m), and say where the run is."""
         news = [r for r in self._requests.poll(now_ns) if (r.source, r.seq) not in self._known]
         for request in news:
             self._known.add((request.source, request.seq))
             self._answered = request.source
-            self.progress.ask(
-                request, s, self._on_line(_place(request.plan or self.progress.plan, self._track_length), line)
-            )
+            self._ask(request, s, base)
         status = self._gateway.update(now_ns).message
         if status is not None and status.action in STOPS:
             self.progress.note(f"stopped by the gateway: {status.cause}")
         if news or now_ns >= self._due_ns:
             self._due_ns, self._seq = now_ns + PERIOD_NS, self._seq + 1
             self._bus.publish(topics.RUN, self._status(now_ns))
+
+    def _ask(self, request: RunRequest, s: float, base: Reference) -> None:
+        end = self._ends(request.plan or self.progress.plan, base)
+        if isinstance(end, str):
+            self.progress.said = f"refused: {end}"
+        elif self.progress.ask(request, s, end.s, 0.0 if end.route is None else end.route.way_in):
+            self._end = end
 
     def slid(self, slides: int) -> None:
         """How often the car has slid so far."""
@@ -72,24 +91,45 @@ class RunDesk:
             self._made = base, cap, stop_s, Reference(line, base)
         return self._made[3]
 
-    def _on_line(self, at: float, line: OptimisedLine) -> float:
-        """Metres along the race line of a place along the track."""
-        off = (line.track_s - at + 0.5 * self._track_length) % self._track_length - 0.5 * self._track_length
-        return float(line.s[np.abs(off).argmin()])
+    def in_lane(self, x: float, y: float) -> bool:
+        """Whether a car at a place (m) is in the pit lane alone."""
+        self._in_lane = self._lane is not None and bool(self._track.room(*self._track.project(x, y)).in_lane)
+        return self._in_lane
+
+    def coming(self, s: float, lap: float) -> PitRoute | None:
+        """The way into the box for a car at progress `s` that is to come in within this `lap` (m)."""
+        stop_s = self.progress.stop_s
+        comes = self.progress.phase is RunPhase.IN_LAP and stop_s is not None and stop_s - s <= SHOWN_AHEAD * lap
+        return self._end.route if comes else None
+
+    def _ends(self, plan: RunPlan | None, base: Reference) -> Place | str:
+        """Where the in lap of a run ends, or why it cannot, in words."""
+        boxes = () if self._track.pit_lane is None else self._track.pit_lane.boxes
+        at, number = (None, None) if plan is None else (plan.stop_at, plan.box)
+        if at is not None or (number is None and not boxes):
+            at = (self._track.length - BEFORE_LINE_M if at is None else at) % self._track.length
+            return Place(at, _on_line(base.line, at, self._track.length))
+        number = number or 1
+        if self._lane is None or number > len(boxes):
+            return f"there is no box {number}: the pit lane of {self._track.name} has {len(boxes)}"
+        route = self._lane.through(base, boxes[number - 1])
+        if isinstance(route, str):
+            return route
+        return Place(boxes[number - 1].s % self._track.length, route.place, number, route)
 
     def _status(self, now_ns: int) -> RunStatus:
         p, caps = self.progress, self.progress.caps
         return RunStatus(
             stamp_ns=now_ns, seq=self._seq, phase=p.phase, number=p.number, plan=p.plan, lap=p.lap,
             **_said(caps), caps_from=p.caps_from, answered=self._answered, clean=p.clean, said=p.said,
-            stop_at=None if p.plan is None else _place(p.plan, self._track_length),
+            stop_at=None if p.plan is None else self._end.at, box=self._end.box, in_pit_lane=self._in_lane,
         )  # fmt: skip
 
 
-def _place(plan: RunPlan | None, length: float) -> float:
-    """Where the in lap of a run ends, m along a track of `length` m."""
-    at = None if plan is None else plan.stop_at
-    return (length - BEFORE_LINE_M if at is None else at) % length
+def _on_line(line: OptimisedLine, at: float, length: float) -> float:
+    """Metres along the race line of a place along a track of `length` m."""
+    off = (line.track_s - at + 0.5 * length) % length - 0.5 * length
+    return float(line.s[np.abs(off).argmin()])
 
 
 def _said(caps: Caps) -> dict[str, float | None]:

@@ -44,6 +44,8 @@ class Progress:
     """progress at which the lap under way ends"""
     _place: float = 0.0
     """where the in lap ends, m along the race line"""
+    _way_in: float = 0.0
+    """m before it from which on the way there is not the race line"""
     _driven: list[Caps] = field(default_factory=list)
     _unclean: list[str] = field(default_factory=list)
 
@@ -57,8 +59,9 @@ class Progress:
             cap_of(self.plan.speed, lap, self._base.speed), cap_of(self.plan.load_use, lap, self._base.load_use)
         )
 
-    def ask(self, request: RunRequest, s: float, place: float) -> None:
-        """A person's request with the car at progress `s`; `place` is where an in lap would end, m along the line."""
+    def ask(self, request: RunRequest, s: float, place: float, way_in: float = 0.0) -> bool:
+        """A person's request with the car at progress `s`: whether a run begins. `place` is where its in lap will end,
+        m along the line, on a way that parts from the race line `way_in` (m) before it."""
         under_way = self.phase in WAYS
         if request.action in (RunAction.START, RunAction.NEXT):
             plan = request.plan or self.plan
@@ -67,7 +70,9 @@ class Progress:
             elif plan is None:
                 self.said = "refused: there is no run to go on with: `hil run start run.toml`"
             else:
-                self._start(plan, s, place)
+                self._place, self._way_in = place, way_in
+                self._start(plan, s)
+                return True
         elif not under_way:
             self.said = "refused: no run is under way"
         elif request.action is RunAction.IN:
@@ -76,13 +81,14 @@ class Progress:
         else:
             self._aborted, self.phase, self.said = True, RunPhase.IN_LAP, "aborted: stops here"
             self._unclean.append("aborted")
+        return False
 
-    def _start(self, plan: RunPlan, s: float, place: float) -> None:
+    def _start(self, plan: RunPlan, s: float) -> None:
         self._base, why = self.expansion.caps(self.key)
         given = [name for name, caps in (("speed", plan.speed), ("load_use", plan.load_use)) if caps]
         self.caps_from = f"{' and '.join(given)} from the run plan" if given else ""
         self.caps_from += f"{'; ' if given else ''}{why}" if len(given) < 2 else ""
-        self.plan, self.number, self.lap, self._place = plan, self.number + 1, 0, place
+        self.plan, self.number, self.lap = plan, self.number + 1, 0
         self.stop_s, self._aborted, self._unclean, self._driven, self.clean = None, False, [], [], None
         self.phase = RunPhase.OUT_LAP if plan.out_lap else RunPhase.FLYING
         self.lap = 0 if plan.out_lap else 1
@@ -107,7 +113,7 @@ class Progress:
             self.phase = RunPhase.IN_LAP if done else RunPhase.FLYING
             self.said = "in lap: the laps of the run are done" if done else ""
         if self.phase is RunPhase.IN_LAP and not self._aborted and self.stop_s is None:
-            way = speed**2 / (2.0 * GENTLE) + NEAR_M
+            way = speed**2 / (2.0 * GENTLE) + max(NEAR_M, self._way_in)
             self.stop_s = s + way + (self._place - s - way) % self.length
         if self.phase is RunPhase.IN_LAP and speed < STANDSTILL and self._there(s):
             self._finish()

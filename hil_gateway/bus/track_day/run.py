@@ -37,7 +37,13 @@ class RunPlan(Model):
         default=None,
         ge=0,
         le=MOST_METRES,
-        description="where the in lap ends, m along the track; not given: 30 m before the line",
+        description="where the in lap ends on the road, m along the track",
+    )
+    box: int | None = Field(
+        default=None,
+        ge=1,
+        le=100,
+        description="of the pit lane where the in lap ends; neither given: the first, without one 30 m before the line",
     )
     tyres: Name = Field(default="", description="name of the tyre set")
     fuel_kg: float | None = Field(default=None, ge=0, le=500)
@@ -111,6 +117,8 @@ class RunStatus(Message):
     stop_at: float | None = Field(
         default=None, ge=0, le=MOST_METRES, description="where the in lap ends, m along the track"
     )
+    box: Count | None = Field(default=None, description="in which the in lap ends; null: on the road")
+    in_pit_lane: bool = Field(default=False, description="whether the car is where only the pit lane is")
     clean: bool | None = Field(default=None, description="of a run that is done: whether caps may rise")
     said: Text = Field(default="", description="what the last request came to, or why the run ended")
     answered: Name = Field(default="", description="source of the last request")
