@@ -19,7 +19,15 @@ from estimator.offline.record.laps import scored_laps
 from estimator.offline.record.map_road import road_effects
 from estimator.offline.record.record import Record
 from estimator.offline.record.road import find_road
-from estimator.offline.result.diagnosis_score import noise_floor, rmse, rollout
+from estimator.offline.result.diagnosis_score import (
+    HORIZON_S,
+    LONG_HORIZON_S,
+    ROLLOUT_STATES,
+    noise_floor,
+    rmse,
+    rollout,
+)
+from estimator.offline.result.lap_time import lap_times
 from estimator.offline.result.leftover import Leftover, leftovers
 from estimator.offline.result.uncertainty import covariance, critical_errors, insignificant
 from estimator.offline.search.empirical import Term
@@ -53,7 +61,8 @@ class Diagnosis:
         record: the whole log; train_laps, test_laps: lap numbers of the split.
         models: "declared", "refit", "catalogue", "with_effects" -> model and parameters.
         channels: channel -> those names -> RMSE on the test laps; plus "noise_floor".
-        rollout: state -> those names -> RMS error after the horizon.
+        rollout, long_rollout: state -> those names -> RMS error after `HORIZON_S` and `LONG_HORIZON_S`.
+        lap_times: "driven" and those names -> s of a quasi-steady lap; empty without a whole scored lap.
         without_splines: `fit` without the empirical terms that are functions of one signal; itself where it has none.
         leftover: channels in which the final model leaves more than noise.
         gains: evidence of each accepted effect given everything else; terms: accepted empirical terms.
@@ -72,6 +81,8 @@ class Diagnosis:
     models: Mapping[str, FittedModel]
     channels: Mapping[str, Mapping[str, float]]
     rollout: Mapping[str, Mapping[str, float]]
+    long_rollout: Mapping[str, Mapping[str, float]]
+    lap_times: Mapping[str, float]
     term_trials: tuple[Term, ...]
     leftover: tuple[Leftover, ...]
     cut_short: bool
@@ -145,17 +156,25 @@ def _diagnose(whole: Setting, progress: Progress) -> Diagnosis:
     driven = stretches(np.sort(record.rows.ravel()), record.step, record.kernel_s)
     record = with_predicted_vy(record, driven, best.model, best.parameters, outcome.fit.noise)
     scores = {name: rmse(record, test_rows, m.model, m.parameters) for name, m in models.items()}
-    ahead = {name: rollout(record, test_rows, m.model, m.parameters) for name, m in models.items()}
+    ahead, far_ahead = (_ahead(record, test_rows, models, s) for s in (HORIZON_S, LONG_HORIZON_S))
+    times = lap_times(record, test_rows, {name: (m.model, m.parameters) for name, m in models.items()})
     floor = noise_floor(record.select(np.isin(record.lap, test_laps)), test_rows, best.model, best.parameters)
     channels = {c: {name: s[c] for name, s in scores.items()} | {"noise_floor": floor[c]} for c in floor}
-    states = {n: {name: a[n] for name, a in ahead.items()} for n in ahead["refit"]}
     splines = tuple(term for term in outcome.terms if not isinstance(term, StretchTerm | LookAlikeTerm))
     left = catalogue if splines == outcome.terms else _without(setting, outcome, splines)
     return Diagnosis(
         record, train_laps, test_laps, test_rows, outcome.search, outcome.fit, left, outcome.accepted,
-        outcome.gains, outcome.terms, models, channels, states, outcome.tried,
+        outcome.gains, outcome.terms, models, channels, ahead, far_ahead, times, outcome.tried,
         leftovers(record, test_rows, best.model, best.parameters, floor, _other_grip(record, outcome.fit)), cut_short,
     )  # fmt: skip
+
+
+def _ahead(
+    record: Record, rows: Ints, models: Mapping[str, FittedModel], horizon_s: float
+) -> dict[str, dict[str, float]]:
+    """State -> model -> RMS error after `horizon_s`."""
+    errors = {name: rollout(record, rows, m.model, m.parameters, horizon_s) for name, m in models.items()}
+    return {state: {name: e[state] for name, e in errors.items()} for state in ROLLOUT_STATES}
 
 
 def _other_grip(record: Record, fit: Fit) -> Candidate | None:

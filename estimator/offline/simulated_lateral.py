@@ -57,14 +57,17 @@ def lateral_prior(result: Identification, prior: Mapping[str, float]) -> dict[st
 
 
 def with_simulated_lateral(summary: Mapping[str, Any], result: Identification) -> dict[str, Any]:
-    """A diagnosis as JSON with the lateral errors of `result`."""
+    """A diagnosis as JSON with the lateral errors of `result`, and without what rests on others."""
     channels, ahead = dict(summary["channels"]), dict(summary["rollout"])
     for name, simulated in (("ay", "ay"), ("yaw_acc", "yaw_acc"), ("vy_dot", "ay")):
         channels[name] = {**_errors(result, simulated), "noise_floor": summary["channels"][name]["noise_floor"]}
     for name in ("vy", "yaw_rate"):
         ahead[name] = _errors(result, name)
     note = NOTE.format(result.options.window_s)
-    return {**summary, "channels": channels, "rollout": ahead, "lateral": note}
+    far_ahead = {name: row for name, row in summary["long_rollout"].items() if name not in {"vy", "yaw_rate"}}
+    return {
+        **summary, "channels": channels, "rollout": ahead, "long_rollout": far_ahead, "lap_time_s": {}, "lateral": note,
+    }  # fmt: skip
 
 
 def _errors(result: Identification, channel: str) -> dict[str, float]:

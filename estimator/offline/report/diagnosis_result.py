@@ -15,7 +15,7 @@ from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis, alternatives
 from estimator.offline.predict.predict import Block
 from estimator.offline.report.unexplained import unexplained
-from estimator.offline.result.diagnosis_score import HORIZON_S, rmse
+from estimator.offline.result.diagnosis_score import HORIZON_S, LONG_HORIZON_S, rmse
 from estimator.offline.result.handover import tempered
 from estimator.offline.search.acceptance import laterally_structured
 from estimator.offline.search.evidence import Evidence
@@ -38,6 +38,8 @@ def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
         "split": _split(diagnosis),
         "channels": {c: _rounded(v) for c, v in diagnosis.channels.items()},
         "rollout": {"horizon_s": HORIZON_S, **{n: _rounded(v) for n, v in diagnosis.rollout.items()}},
+        "long_rollout": {"horizon_s": LONG_HORIZON_S, **{n: _rounded(v) for n, v in diagnosis.long_rollout.items()}},
+        "lap_time_s": _rounded(diagnosis.lap_times),
         "effects": [
             {
                 "name": id_of(name),

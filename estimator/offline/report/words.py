@@ -165,20 +165,30 @@ def verdict_sentence(summary: dict[str, Any]) -> str:
 
 
 def explained_words(summary: dict[str, Any]) -> str:
-    """How much of what the re-fitted model leaves beyond noise is explained, and what the rest costs in prediction.
-
-    Empty where nothing is explained.
-    """
+    """How much of what the re-fitted model leaves beyond noise is explained, and what the rest costs."""
     shares = {name: _explained(row) for name, row in summary["channels"].items()}
     parts = [f"{100 * share:.0f} % in {CHANNEL_NAMES[name]}" for name, share in shares.items() if share is not None]
-    if not any(shares.values()):
-        return ""
-    ahead = {name: row for name, row in summary["rollout"].items() if name != "horizon_s"}
+    explained = f"Of what is beyond noise it explains {', '.join(parts)}." if any(shares.values()) else ""
+    return " ".join(filter(None, (explained, cost_words(summary))))
+
+
+def cost_words(summary: dict[str, Any]) -> str:
+    """Errors of prediction and of the lap time, those of the re-fitted model in brackets."""
+    ahead = [_ahead_words(summary[name]) for name in ("rollout", "long_rollout")]
+    words = f"Without measurements the model is off {'; '.join(ahead)}; re-fitted in brackets."
+    if not (times := summary["lap_time_s"]):
+        return words
+    after, before = (times[name] - times["driven"] for name in ("with_effects", "refit"))
+    return f"{words} A lap of {times['driven']:.1f} s takes {after:+.2f} s ({before:+.2f} s) by its forces."
+
+
+def _ahead_words(rollout: Mapping[str, Any]) -> str:
     off = [
-        f"{name} {figure(r['with_effects'], digits=2)} ({figure(r['refit'], digits=2)})" for name, r in ahead.items()
+        f"{name} {figure(r['with_effects'], digits=2)} ({figure(r['refit'], digits=2)})"
+        for name, r in rollout.items()
+        if name != "horizon_s"
     ]
-    horizon = f"After {summary['rollout']['horizon_s']:g} s without measurements the model is off by"
-    return f"Of what is beyond noise it explains {', '.join(parts)}. {horizon} {', '.join(off)}; re-fitted in brackets."
+    return f"after {rollout['horizon_s']:g} s by {', '.join(off)}"
 
 
 def _explained(channel: Mapping[str, float]) -> float | None:

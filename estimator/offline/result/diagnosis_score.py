@@ -19,7 +19,8 @@ from estimator.offline.record.derivative import kernel, stretches
 from estimator.offline.record.record import Record
 from hil_gateway.process.arrays import Array, Ints
 
-HORIZON_S = 1.0
+HORIZON_S, LONG_HORIZON_S = 1.0, 3.0
+"""of open-loop prediction: what the next decision rests on, and a whole bend"""
 ROLLOUT_STATES = ("vx", "vy", "yaw_rate")
 VX_DOT = CHANNELS.index("vx_dot")
 DIFFERENTIATED = {2: 2, 3: 3, 4: 4}
@@ -104,9 +105,11 @@ def _noise_through_states(record: Record, model: SingleTrack, parameters: Array)
     return np.asarray(np.sqrt(squares))
 
 
-def rollout(record: Record, rows: Ints, model: SingleTrack, parameters: Array) -> dict[str, float]:
-    """RMS error of vx, vy, yaw rate after `HORIZON_S` of simulation (Heun) from the smoothed state."""
-    length = round(HORIZON_S / record.step)
+def rollout(
+    record: Record, rows: Ints, model: SingleTrack, parameters: Array, horizon_s: float = HORIZON_S
+) -> dict[str, float]:
+    """RMS error of vx, vy, yaw rate after `horizon_s` of simulation (Heun) from the smoothed state."""
+    length = round(horizon_s / record.step)
     starts = [np.arange(run[0], run[-1] - length, length) for run in stretches(rows, record.step, record.kernel_s)]
     first = np.concatenate(starts) if starts else np.zeros(0, np.int64)
     if not len(first):

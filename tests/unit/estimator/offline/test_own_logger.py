@@ -223,7 +223,8 @@ def test_lateral_errors_are_simulated_where_no_lateral_sensor_can_be_compared() 
     assert result is not None
     errors = {"declared": 3.0, "refit": 3.0, "catalogue": 3.0, "with_effects": 3.0, "noise_floor": 0.1}
     names = ("ax", "ay", "yaw_acc", "vx_dot", "vy_dot")
-    summary = {"channels": dict.fromkeys(names, errors), "rollout": dict.fromkeys(("vx", "vy", "yaw_rate"), errors)}
+    ahead = dict.fromkeys(("vx", "vy", "yaw_rate"), errors)
+    summary = {"channels": dict.fromkeys(names, errors), "rollout": ahead, "long_rollout": ahead}
     told = with_simulated_lateral(summary, result)
     assert told["channels"]["ax"] == errors
     assert told["channels"]["ay"]["catalogue"] == result.rmse["ay"][1] < 0.5
