@@ -40,10 +40,13 @@ def _steering_limit_deg(config: Config) -> float:
 
 
 def track_outline(track: Track) -> dict[str, Any]:
-    """Both edges of the track, m, thinned for drawing."""
+    """Both edges of track and pit lane, m, thinned for drawing, and the boxes as x, y (m) and yaw (rad)."""
     sides = track.lane_edges()
     lane = None if sides is None else _points(dict(zip(("left", "right"), sides, strict=True)), LANE_STEP)
-    return {"name": track.name, **edges(track), "pit_lane": lane, "length_m": round(track.length, 1)}
+    boxes = () if track.pit_lane is None else track.pit_lane.boxes
+    places = [[round(value, 2) for value in track.box_pose(box)] for box in boxes]
+    outline = {"name": track.name, **edges(track), "pit_lane": lane, "boxes": places}
+    return outline | {"length_m": round(track.length, 1)}
 
 
 def edges(track: Track, inset: float = 0.0) -> dict[str, dict[str, list[float]]]:

@@ -76,8 +76,9 @@ class PitRoutes:
 
     def __init__(self, track: Track, wheelbase: float, limits: PlanLimits, clearance: float) -> None:
         assert track.pit_lane is not None
-        self._track, self._lane, self._wheelbase, self._clearance = track, track.pit_lane, wheelbase, clearance
-        self._wanted, self._bend_rate = clearance + limits.edge_zone - BEYOND, limits.steer_rate / wheelbase
+        self._track, self._lane, self._wheelbase = track, track.pit_lane, wheelbase
+        self._narrow, self._bend_rate = clearance + limits.edge_zone, limits.steer_rate / wheelbase
+        self._wanted = self._narrow - BEYOND
         apart = self._lane.s[track.room(self._lane.s, self._lane.offset).in_lane]
         self._apart = float(apart[0]), float(apart[-1])
 
@@ -91,6 +92,7 @@ class PitRoutes:
                 f"the way through the pit lane comes within {most:.2f} m of an edge, the car needs"
                 f" {self._wanted:.2f} m: move the box, or widen the lane"
             )
+        course = course if box is None else self._within(box, course)
         way, line = self._slowed(course, self._moved(base.line, course)), base.line
         s = line.s[course.index[0]] + line.length / len(line.s) * np.arange(len(course.index))
         place = float(s[-1]) if box is None else float(np.interp(box.s, course.along, s))
@@ -123,6 +125,13 @@ class PitRoutes:
         gone = along - box.s
         near = _step(-np.abs(gone), -straight - turning - 1.0, -straight)
         return np.asarray(offset + (box.offset + math.tan(box.across) * gone - offset) * near)
+
+    def _within(self, box: Box, course: _Course) -> _Course:
+        """With so little room at the box that a plan goes through its middle: one that has more cares little where."""
+        spacing = float(np.mean(np.diff(course.along)))
+        beside = np.where(np.abs(course.along - box.s) <= STRAIGHT * self._wheelbase, self._narrow, np.inf)
+        left, right = (opening(np.minimum(width, beside), spacing) for width in (course.room.left, course.room.right))
+        return replace(course, room=course.room._replace(left=left, right=right))
 
     def _moved(self, line: OptimisedLine, course: _Course) -> Detour:
         index, heading = course.index, self._track.at(course.along).heading

@@ -17,7 +17,7 @@ from planner.line.pit_route import PitRoute, PitRoutes
 from planner.line.raceline import OptimisedLine
 from planner.line.track import Reference
 from planner.run.expansion import MOST_SPEED, Caps
-from planner.run.progress import CREEP, GENTLE, Progress
+from planner.run.progress import CREEP, CREEP_M, GENTLE, Progress
 
 PERIOD_NS = NS_PER_S // 5
 BEFORE_LINE_M = 30.0
@@ -144,5 +144,6 @@ def capped(line: OptimisedLine, cap: float, stop_s: float | None) -> Array:
     speeds: Array = np.minimum(line.vx_profile, cap)
     if stop_s is not None:
         ahead = (stop_s - line.s) % line.length
-        speeds = np.minimum(speeds, np.maximum(np.sqrt(2.0 * GENTLE * ahead), CREEP))
+        ahead[ahead > SHOWN_AHEAD * line.length] = 0.0  # behind the place: no plan may see an end of the braking
+        speeds = np.minimum(speeds, np.sqrt(CREEP**2 + 2.0 * GENTLE * np.maximum(ahead - CREEP_M, 0.0)))
     return speeds

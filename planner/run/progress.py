@@ -10,8 +10,9 @@ from planner.run.expansion import FREE, Caps, Expansion
 
 GENTLE = 3.0
 """m/s2 of braking in the in lap: as under yellow, mild for the cars behind"""
-CREEP = 3.0
-"""m/s with which the car comes up to where it stops: walking pace, from which it stops within a metre"""
+CREEP, CREEP_M = 1.5, 2.0
+"""m/s with which the car comes up to where it stops: walking pace, from which it stops within 0.5 m; and the way, m,
+on which it does: what a plan is behind its speed limit while it brakes"""
 REACTION_S = 0.15
 """from the plan that stops to brakes that bite: latency of the loop, and the rise of the pressure"""
 NEAR_M = 5.0

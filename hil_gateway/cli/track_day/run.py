@@ -25,7 +25,7 @@ REFUSED = "refused"
 
 @app.command()
 def start(
-    file: Annotated[Path, typer.Argument(help="run.toml: laps, speed, load_use, stop_at, tyres, fuel_kg, notes")],
+    file: Annotated[Path, typer.Argument(help="run.toml: laps, speed, load_use, box, stop_at, tyres, fuel_kg, notes")],
     config: ConfigOption = None,
 ) -> None:
     """Begin a run from where the car stands."""

@@ -38,12 +38,13 @@ def phase_of(alive: Mapping[str, Any], timed: bool) -> dict[str, str]:
 def _moving(status: GatewayStatus, run: RunStatus | None, timed: bool) -> dict[str, str]:
     if not status.armed:
         return _said("moved by hand", "nothing: the computer does not drive")
+    lane = " (pit lane)" if run is not None and run.in_pit_lane else ""
     if run is None or run.phase not in UNDER_WAY:
-        return _said("flying" if timed else "out lap", "nothing; to end it: `hil gateway stop`")
+        return _said(("flying" if timed else "out lap") + lane, "nothing; to end it: `hil gateway stop`")
     if run.phase is RunPhase.IN_LAP:
-        return _said(run.phase.value, f"nothing: it stops by itself{_place(run)}")
+        return _said(run.phase.value + lane, f"nothing: it stops by itself{_place(run)}")
     lap = f", lap {run.lap} of {run.plan.laps}" if run.plan and run.phase is RunPhase.FLYING else ""
-    return _said(f"{run.phase.value}{lap}", "nothing; to bring it in: `hil run in`")
+    return _said(f"{run.phase.value}{lap}{lane}", "nothing; to bring it in: `hil run in`")
 
 
 def _standing(status: GatewayStatus, run: RunStatus | None, alive: Mapping[str, Any]) -> dict[str, str]:
@@ -51,6 +52,7 @@ def _standing(status: GatewayStatus, run: RunStatus | None, alive: Mapping[str, 
     bench = state is None or state.sys_state not in (SysState.IDLE, SysState.DRIVING)
     name = "bench" if bench else "standing (held)" if status.holding or status.armed else "standing"
     if status.armed and run is not None and run.phase is RunPhase.DONE:
+        name = f"in its box, {run.box}" if run.box is not None and run.in_pit_lane else name
         return _said(name, f"go on with `hil run next`, or `hil gateway disarm`; {run.said}")
     if status.armed:
         return _said(name, "nothing: it drives off by itself")
@@ -63,6 +65,8 @@ def _standing(status: GatewayStatus, run: RunStatus | None, alive: Mapping[str, 
 
 
 def _place(run: RunStatus) -> str:
+    if run.box is not None:
+        return f" in box {run.box}"
     return "" if run.stop_at is None else f" at {run.stop_at:.0f} m"
 
 

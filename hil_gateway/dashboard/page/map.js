@@ -9,10 +9,16 @@ let place = null;
 
 const ring = (edge) => edge.x.map((x, i) => `${i ? "L" : "M"}${x} ${-edge.y[i]}`).join("") + "Z";
 
+// A car's length and width where it stands.
+const box = ([x, y, yaw]) => {
+  const corners = [[2.4, 1], [2.4, -1], [-2.4, -1], [-2.4, 1]].map(([along, left]) => [x + along * Math.cos(yaw) - left * Math.sin(yaw), y + along * Math.sin(yaw) + left * Math.cos(yaw)]);
+  return ring({ x: corners.map((c) => c[0]), y: corners.map((c) => c[1]) });
+};
+
 export function drawTrack(track) {
   const lane = track.pit_lane;
   const outline = ring(track.left) + ring(track.right);
-  byId("lane").setAttribute("d", lane ? ring({ x: lane.left.x.concat(lane.right.x.toReversed()), y: lane.left.y.concat(lane.right.y.toReversed()) }) : "");
+  byId("lane").setAttribute("d", (lane ? ring({ x: lane.left.x.concat(lane.right.x.toReversed()), y: lane.left.y.concat(lane.right.y.toReversed()) }) : "") + (track.boxes ?? []).map(box).join(""));
   byId("road").setAttribute("d", outline);
   byId("edges").setAttribute("d", outline);
   byId("track").textContent = track.name.replaceAll("_", " ");

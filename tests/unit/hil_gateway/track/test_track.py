@@ -217,6 +217,50 @@ def test_a_pit_lane_against_the_track_is_refused(tmp_path: Path) -> None:
         load_track(tmp_path / "t.csv")
 
 
+def _with_boxes(folder: Path, box: str, speeds: tuple[float, ...] = (0.0, 15.0, 15.0, 15.0, 0.0)) -> Track:
+    """As `_with_lane`, 15 m inside of the line, with a speed limit and one box."""
+    _with_lane(folder, [3.0, 15.0, 15.0, 15.0, 3.0])
+    header, *rows = (folder / "t.pit.csv").read_text().splitlines()
+    limited = [f"{row},{speed}" for row, speed in zip(rows, speeds, strict=True)]
+    (folder / "t.pit.csv").write_text("\n".join([f"{header},speed_mps", *limited]))
+    (folder / "t.boxes.csv").write_text(f"x_m,y_m,heading_rad\n{box}")
+    return load_track(folder / "t.csv")
+
+
+def test_speed_limit_and_boxes_of_a_pit_lane_lie_where_the_files_say(tmp_path: Path) -> None:
+    angle = 0.75
+    x, y, yaw = 84.0 * np.cos(angle), 84.0 * np.sin(angle), angle + 0.5 * np.pi + 0.1
+    track = _with_boxes(tmp_path, f"{x:.4f},{y:.4f},{yaw:.4f}")
+    lane = track.pit_lane
+    assert lane is not None
+    assert lane.speed == 15.0
+    begin, end = (track.at(s) for s in lane.limit)
+    assert np.arctan2([begin.y, end.y], [begin.x, end.x]) == pytest.approx([0.125, 1.375], abs=0.01)
+    (box,) = lane.boxes
+    assert (box.offset, box.across) == pytest.approx((16.0, 0.1), abs=0.05)
+    found = track.box_pose(box)
+    assert found[:2] == pytest.approx((x, y), abs=0.01)
+    assert np.angle(np.exp(1j * (found[2] - yaw))) == pytest.approx(0.0, abs=0.001)
+
+
+@pytest.mark.parametrize(
+    ("box", "speeds", "said"),
+    [
+        ("-85,0,4.71", (0.0, 15.0, 15.0, 15.0, 0.0), "box 1 is at 314 m"),
+        ("66.0,61.0,2.32", (0.0, 15.0, 15.0, 15.0, 0.0), "box 1 is 0.9 m beside"),
+        ("61.5,57.3,-0.82", (0.0, 15.0, 15.0, 15.0, 0.0), "box 1 is turned by -180"),
+        ("61.5,57.3,2.32", (0.0, 15.0, 12.0, 15.0, 0.0), "speed_mps = 12 where it was 15"),
+        ("61.5,57.3,2.32", (0.0, 70.0, 70.0, 70.0, 0.0), "pit speed 70 m/s is outside 3 to 40"),
+        ("61.5,57.3,2.32", (0.0, 0.0, 15.0, 0.0, 0.0), "the pit speed holds from"),
+    ],
+)
+def test_a_pit_lane_whose_boxes_or_limit_cannot_be_is_refused(
+    tmp_path: Path, box: str, speeds: tuple[float, ...], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        _with_boxes(tmp_path, box, speeds)
+
+
 @pytest.mark.parametrize("name", sorted(shipped_tracks()))
 def test_shipped_pit_lanes_begin_and_end_on_the_road_and_lie_beside_it(name: str) -> None:
     track = load_track(name)

@@ -1,0 +1,90 @@
+"""Into the box, out of it, around and in again, in the whole loop: judged by the plant's own state and the track."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from support.promise_figures import record_figure
+
+from hil_gateway.bus import topics
+from hil_gateway.bus.messages import FailsafeAction
+from hil_gateway.bus.track_day.run import RunAction, RunPhase, RunPlan, RunRequest, RunStatus
+from hil_gateway.config import Config
+from hil_gateway.track.loading import load_track
+from hil_gateway.track.track import PitLane
+from planner.simulation.loop import Loop
+
+BOX = 3
+
+
+class Drive:
+    """A car on the back straight of the oval, with its box ahead."""
+
+    def __init__(self) -> None:
+        self.track = load_track("oval")
+        self.loop = Loop(Config.model_validate({"track": "oval", "plant": {"start_s": 1500.0}}), keep=(topics.RUN,))
+        self.asked, self.fastest = 0, 0.0
+
+    @property
+    def lane(self) -> PitLane:
+        assert self.track.pit_lane is not None
+        return self.track.pit_lane
+
+    @property
+    def status(self) -> RunStatus:
+        return self.loop.result.messages[topics.RUN.key][-1]
+
+    @property
+    def limited(self) -> bool:
+        """Whether the car is in the lane where its speed limit holds."""
+        road, (begin, end) = self.loop.plant.car.road, self.lane.limit
+        in_lane = self.track.room(road.s, road.lateral).in_lane
+        return bool(in_lane and begin <= self.lane.along(road.s, self.track.length) <= end)
+
+    def ask(self, action: RunAction, plan: RunPlan | None = None) -> None:
+        self.asked += 1
+        now_ns = self.loop.clock.now_ns()
+        request = RunRequest(stamp_ns=now_ns, seq=self.asked, source="test", action=action, plan=plan)
+        self.loop.bus.publish(topics.RUN_REQUEST, request)
+        self.go(0.5)
+
+    def go(self, seconds: float, until: Callable[[], bool] | None = None) -> None:
+        """On; `fastest` is the greatest speed in the limited lane."""
+        until_s = self.loop.elapsed_s + seconds
+        while self.loop.elapsed_s < until_s:
+            if until is not None and until():
+                return
+            self.loop.step()
+            if self.limited:
+                self.fastest = max(self.fastest, self.loop.plant.car["vx"])
+        assert until is None, f"not within {seconds} s: {self.status}"
+
+    def assert_in_box(self) -> None:
+        car = self.loop.plant.car
+        x, y, yaw = self.track.box_pose(self.lane.boxes[BOX - 1])
+        beside = math.hypot(car["x"] - x, car["y"] - y)
+        turned = math.degrees(math.remainder(car["yaw"] - yaw, math.tau))
+        assert beside < 0.3 and abs(turned) < 2.0, (beside, turned)
+        assert car.standing and self.loop.gateway.failsafe.action is FailsafeAction.DRIVE
+        figure = f"{beside:.2f} m, {turned:.1f} degrees; {self.fastest:.2f} m/s in the lane"
+        record_figure("G3", f"oval, box {BOX}: {figure}")
+
+
+@pytest.mark.long
+def test_a_car_keeps_to_the_pit_speed_and_stops_in_its_box_out_of_which_it_drives_again() -> None:
+    drive = Drive()
+    drive.ask(RunAction.START, RunPlan(laps=5, speed=(60.0,), load_use=(0.8,), box=BOX))
+    for _ in range(2):
+        drive.ask(RunAction.IN)
+        drive.go(120.0, until=lambda: drive.status.phase is RunPhase.DONE)
+        drive.go(1.0)
+        drive.assert_in_box()
+        assert drive.status.box == BOX and drive.status.in_pit_lane and drive.status.clean
+        assert drive.lane.speed - 1.0 < drive.fastest < drive.lane.speed + 0.5
+        drive.ask(RunAction.NEXT)
+        drive.fastest = 0.0
+        drive.go(40.0, until=lambda: not drive.status.in_pit_lane)
+        assert drive.lane.speed - 1.0 < drive.fastest < drive.lane.speed + 0.5
+    assert drive.loop.plant.referee.off_track_count == 0 and not drive.loop.result.failsafes
