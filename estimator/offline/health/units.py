@@ -30,14 +30,25 @@ KMH, MPH = 3.6, 2.236936
 SPEEDS = {"m/s": 1.0, "km/h": KMH, "mph": MPH}
 ANGLES = {"rad": 1.0, "degrees": DEGREES}
 ACCELERATIONS = {"m/s2": 1.0, "g": 1.0 / GRAVITY}
+SLIPS = {"slip": 1.0, "percent": 100.0}
 UNITS: Mapping[str, Mapping[str, float]] = {
     "vx": SPEEDS, "yaw_rate": ANGLES, "ax": ACCELERATIONS, "ay": ACCELERATIONS, "steer": ANGLES, "yaw": ANGLES,
+    "drive": SLIPS,
 }  # fmt: skip
 """channel -> unit -> its numbers over those in SI"""
 FORWARD = ("vx",)
 """What drives forward has no other sign."""
 WHEELS = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")
-SI = {"vx": "m/s", "vy": "m/s", "yaw_rate": "rad", "ax": "m/s2", "ay": "m/s2", "steer": "rad", "yaw": "rad"}
+SI = {
+    "vx": "m/s",
+    "vy": "m/s",
+    "yaw_rate": "rad",
+    "ax": "m/s2",
+    "ay": "m/s2",
+    "steer": "rad",
+    "yaw": "rad",
+    "drive": "slip",
+}
 
 MIN_CORRELATION = 0.6
 """Below, noise or lag hide what a relation says."""
@@ -102,7 +113,7 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
             findings.append(finding)
             log = finding.repair(log) if finding.repair else log
     speed = chosen["vx"].unit if "vx" in chosen else SI["vx"]
-    for finding in (*_of_vy(log, vehicle, speed), *_of_wheels(log, vehicle), *_percent(log)):
+    for finding in (*_of_vy(log, vehicle, speed), *_of_positions(log), *_of_wheels(log, vehicle), *_percent(log)):
         findings.append(finding)
         log = finding.repair(log) if finding.repair else log
     return [*findings, *_beyond(log)]
@@ -167,7 +178,19 @@ def _relations(log: DriveLog, vehicle: Vehicle) -> Iterator[Relation]:
         heading = derivative(t, np.unwrap(log["yaw"], period=2.0 * wrap), segment)
         pairs.append(("d/dt yaw", smooth["yaw_rate"], heading, {"yaw_rate": 1, "yaw": -1}))
     found = [_relation(text, values[moving], expected[moving], powers) for text, values, expected, powers in pairs]
-    yield from filter(None, (*found, _steered(log, vehicle, moving, smooth)))
+    yield from filter(None, (*found, _steered(log, vehicle, moving, smooth), _driven(log, vehicle, moving, smooth)))
+
+
+def _driven(log: DriveLog, vehicle: Vehicle, moving: NDArray[np.bool_], smooth: Mapping[str, Array]) -> Relation | None:
+    """ax over what the drive command makes of it with a middling tyre, as stiff along as across, on the rear axle."""
+    if "drive" in log.derived:
+        return None
+    t, segment, derived = log["t"], log.segment, "ax" in log.derived
+    forward = derivative(t, log["vx"], segment) if derived else smooth["ax"]
+    stiffness = math.sqrt(math.prod(STIFFNESS)) * GRAVITY * vehicle.lf / vehicle.wheelbase
+    expected = stiffness * smoothed(t, log["drive"], segment)
+    powers, wide = {"drive": -1, "vx" if derived else "ax": 1}, 0.5 * math.log(STIFFNESS[1] / STIFFNESS[0])
+    return _relation("the drive command", forward[moving], expected[moving], powers, wide)
 
 
 def _steered(
@@ -298,6 +321,23 @@ def _by_the_rear_axle(log: DriveLog, vehicle: Vehicle, moving: NDArray[np.bool_]
     what = _words("vy", unit, sign)
     text = f"vy {what}: the rear axle then slips as it corners, to {100 * share:.0f} % of its slip"
     return [_conversion("vy", text, what, sign * SPEEDS[unit], 1.0 - share)]
+
+
+def _of_positions(log: DriveLog) -> list[LogFinding]:
+    """Positions that turn against the yaw rate: a mirrored map, or axes to the right; the motion alone cannot tell."""
+    moving = log["vx"] > moving_speed(log)
+    if not {"x", "y"} <= log.columns.keys() or not moving.any():
+        return []
+    t, segment = log["t"], log.segment
+    east, north = (smoothed(t, derivative(t, log[n], segment), segment) for n in ("x", "y"))
+    turning = derivative(t, np.unwrap(np.arctan2(north, east)), segment)
+    relation = _relation("yaw_rate", turning[moving], smoothed(t, log["yaw_rate"], segment)[moving], {"yaw_rate": -1})
+    if relation is None or relation.ratio > 0.0:
+        return []
+    text = (
+        "x, y turn left where yaw_rate turns right: give with --columns the sign of y, or of vy, yaw_rate, ay and steer"
+    )
+    return [LogFinding("mirrored_y", "y", text, relation.ratio, 0.0, "1", relation.correlation)]
 
 
 def _of_wheels(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:

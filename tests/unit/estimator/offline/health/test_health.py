@@ -146,6 +146,8 @@ def test_late_and_attenuated_acceleration_is_found_useless() -> None:
         ("steer", -1.0, "opposite sign"),
         ("ay", -1.0, "opposite sign"),
         ("ax", -1.0, "opposite sign"),
+        ("drive", -1.0, "opposite sign"),
+        ("drive", 100.0, "percent"),
     ],
 )
 def test_unit_and_sign_slips_are_found_and_converted(name: str, factor: float, words: str) -> None:
@@ -153,6 +155,16 @@ def test_unit_and_sign_slips_are_found_and_converted(name: str, factor: float, w
     finding = next(f for f in report.findings if f.name == f"unit_{name}")
     assert words in finding.description
     assert np.allclose(report.log[name], COLUMNS[name], rtol=1e-4)
+
+
+@pytest.mark.parametrize("hand", [1.0, -1.0])
+def test_positions_that_turn_against_the_motion_are_told_and_left(hand: float) -> None:
+    step = np.gradient(COLUMNS["t"])
+    to_map = np.exp(1j * np.cumsum(step * COLUMNS["yaw_rate"])) * (COLUMNS["vx"] + 1j * COLUMNS["vy"])
+    place = np.cumsum(step * to_map)
+    report = examine(_log(x=place.real, y=hand * place.imag), VEHICLE)
+    assert ("mirrored_y" in {f.name for f in report.findings}) == (hand < 0)
+    assert np.array_equal(report.log["y"], hand * place.imag)
 
 
 def test_wheel_speeds_in_kmh_and_throttle_in_percent_are_found() -> None:
