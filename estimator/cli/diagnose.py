@@ -6,21 +6,36 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from estimator.cli.offline import (
+    AsJson,
+    Columns,
+    Sessions,
+    TyreFile,
+    VehicleFile,
+    check_results,
+    progress_bar,
+    read_data_set,
+)
 from estimator.offline.progress import approached
+from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure, print_json
-from hil_gateway.process.writable import check_folder
 
 if TYPE_CHECKING:
     from estimator.drive_log.table import DriveLog
+    from estimator.model.parameters import Layout
+    from estimator.offline.diagnosis import Diagnosis
     from estimator.offline.health import HealthReport
+    from estimator.offline.identification import Identification
     from estimator.offline.record.record import Record
+    from estimator.offline.search.pool import Pool
+    from hil_gateway.bus.messages import ModelRevision
     from hil_gateway.car.vehicle import Vehicle
     from hil_gateway.track.track import Track
 
@@ -51,81 +66,145 @@ def _print_effects(wanted: bool) -> None:
         raise typer.Exit
 
 
+TrackName = Annotated[str | None, typer.Option(help="map whose bank and grade are known: file or shipped name")]
+LayoutName = Annotated[str, typer.Option(help="tyre parameters: per_axle or shared")]
+Out = Annotated[Path | None, typer.Option(help="folder for diagnosis.json, model.json and report.html")]
+Seconds = Annotated[float | None, typer.Option(min=1.0, help="end after about so long with what was found until then")]
+Catalogue = Annotated[
+    bool,
+    typer.Option(
+        "--effects", callback=_print_effects, is_eager=True, help="print the parameters of all effects and end"
+    ),
+]
+
+
 @app.command()
 def diagnose(  # noqa: PLR0917 - every option of the command is a parameter
-    sessions: Annotated[list[Path], typer.Argument(help="recorded .mcap or drive-log .csv files: one data set")],
-    columns: Annotated[
-        Path | None, typer.Option("--columns", help="map of the columns (TOML), as `hil session columns` proposes it")
-    ] = None,
-    vehicle: Annotated[Path | None, typer.Option(help="vehicle JSON; default: the car's")] = None,
-    tyre: Annotated[Path | None, typer.Option(help="tyre prior JSON; default: the car's")] = None,
-    track: Annotated[str | None, typer.Option(help="map whose bank and grade are known: file or shipped name")] = None,
-    layout: Annotated[str, typer.Option(help="tyre parameters: per_axle or shared")] = "per_axle",
-    out: Annotated[Path | None, typer.Option(help="folder for diagnosis.json, model.json and report.html")] = None,
-    seconds: Annotated[
-        float | None, typer.Option(min=1.0, help="end after about so long with what was found until then")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
-    effects: Annotated[
-        bool,
-        typer.Option(
-            "--effects", callback=_print_effects, is_eager=True, help="print the parameters of all effects and end"
-        ),
-    ] = False,
+    sessions: Sessions,
+    columns: Columns = None,
+    vehicle: VehicleFile = None,
+    tyre: TyreFile = None,
+    track: TrackName = None,
+    layout: LayoutName = "per_axle",
+    out: Out = None,
+    seconds: Seconds = None,
+    as_json: AsJson = False,
+    effects: Catalogue = False,
 ) -> None:
     """Find what the model does not explain, trace it to an effect, and show the error before and after."""
     # fits run in processes side by side: threads of the linear algebra would only get in their way
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from estimator.drive_log.column_map import read_map
-    from estimator.drive_log.table import read_logs
-    from estimator.offline import simulated_lateral
-    from estimator.offline.diagnosis import diagnose as run
-    from estimator.offline.record.declared import read_tyre_prior, read_vehicle
-    from estimator.offline.report.diagnosis_result import as_json as to_json
-    from estimator.offline.report.diagnosis_result import as_revision, write
     from estimator.offline.search.pool import workers
-    from hil_gateway.process.errors import InputError
-    from hil_gateway.session.files.configuration import recorded_car
-    from hil_gateway.track.loading import load_track
 
-    end_s = math.inf if seconds is None else time.monotonic() + SEARCHED * seconds
-    if out is not None:
-        check_folder(out, RESULTS, [path for path in (*sessions, vehicle, tyre) if path is not None])
-    if layout not in ("per_axle", "shared"):
-        raise InputError(f"--layout {layout}: must be per_axle or shared")
-    recorded = recorded_car(sessions)
-    car = read_vehicle(vehicle, recorded)
-    prior = read_tyre_prior(tyre, layout, car, recorded)  # type: ignore[arg-type]
-    known = None if track is None else (track, load_track(track))
-    with _progress() as bar, workers(os.cpu_count() or 1) as pool:
+    check_results(out, RESULTS, [*sessions, vehicle, tyre])
+    task = _read_task(sessions, (vehicle, tyre), layout, track, seconds)
+    with progress_bar() as bar, workers(os.cpu_count() or 1) as pool:
         progress = DiagnosisProgress(bar)
         progress("reading")
-        logged = read_logs(sessions, None if columns is None else read_map(columns))
-        record, log, health = _examined(logged, car, known, progress)
-        progress("lateral motion")
-        lateral = simulated_lateral.identified_laterally(logged, record, car, prior, layout, progress.lateral)  # type: ignore[arg-type]
-        if lateral is not None:
-            prior, log = simulated_lateral.lateral_prior(lateral, prior), simulated_lateral.repaired_log(lateral)
-            record = _record(log, car, health, known)
-        result = run(record, layout, prior, progress, pool, over=lambda: time.monotonic() > end_s)  # type: ignore[arg-type]
-        revision = as_revision(result, layout, tuple(log.sources.values()))
-        if result.cut_short:
+        found = _find(task, read_data_set(sessions, columns), progress, pool)
+        if found.diagnosis.cut_short:
             print(f"hil: the search ended after {seconds:g} s: what it found until then is given", file=sys.stderr)
-        examined = health if lateral is None else lateral.health
-        summary: dict[str, Any] = {"health": [finding.description for finding in examined.findings]}
-        summary |= to_json(result, revision.revision, "" if out is None else str(out / "report.html"))
-        if lateral is not None:
-            summary = simulated_lateral.with_simulated_lateral(summary, lateral)
+        summary = _summary(found, layout, out)
         if out is not None:
-            progress("writing the report")
-            from estimator.offline.report.diagnosis_report import write_report
-
-            write(summary, revision, out)
-            write_report(result, summary, log, out / "report.html", progress)
+            _write(found, summary, layout, out, progress)
     if as_json:
         print_json(summary)
     else:
         _print(summary)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What a log is diagnosed with."""
+
+    car: Vehicle
+    prior: Mapping[str, float]
+    """of the tyres"""
+    layout: Layout
+    road: tuple[str, Track] | None
+    """name and map of the track"""
+    end_s: float
+    """of the monotonic clock, after which no further round begins"""
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A diagnosis with what it comes from."""
+
+    diagnosis: Diagnosis
+    log: DriveLog
+    health: HealthReport
+    lateral: Identification | None
+    """of a log without a lateral sensor that can be used"""
+
+
+def _read_task(
+    sessions: list[Path],
+    declared: tuple[Path | None, Path | None],
+    layout: str,
+    track: str | None,
+    seconds: float | None,
+) -> _Task:
+    """The declared car (vehicle and tyre file, where given) and road.
+
+    Raises:
+        InputError: a file or name that is not usable.
+    """
+    from estimator.offline.record.declared import read_tyre_prior, read_vehicle
+    from hil_gateway.session.files.configuration import recorded_car
+    from hil_gateway.track.loading import load_track
+
+    end_s = math.inf if seconds is None else time.monotonic() + SEARCHED * seconds
+    if layout not in ("per_axle", "shared"):
+        raise InputError(f"--layout {layout}: must be per_axle or shared")
+    chosen: Layout = "shared" if layout == "shared" else "per_axle"
+    recorded = recorded_car(sessions)
+    car = read_vehicle(declared[0], recorded)
+    prior = read_tyre_prior(declared[1], chosen, car, recorded)
+    return _Task(car, prior, chosen, None if track is None else (track, load_track(track)), end_s)
+
+
+def _find(task: _Task, logged: DriveLog, progress: DiagnosisProgress, pool: Pool | None) -> _Found:
+    """Diagnose the log; where it has no accelerations, the lateral motion is identified first."""
+    from estimator.offline import simulated_lateral
+    from estimator.offline.diagnosis import diagnose as run
+
+    record, log, health = _examined(logged, task.car, task.road, progress)
+    progress("lateral motion")
+    prior = task.prior
+    lateral = simulated_lateral.identified_laterally(logged, record, task.car, prior, task.layout, progress.lateral)
+    if lateral is not None:
+        prior, log = simulated_lateral.lateral_prior(lateral, prior), simulated_lateral.repaired_log(lateral)
+        record = _record(log, task.car, health, task.road)
+    found = run(record, task.layout, prior, progress, pool, over=lambda: time.monotonic() > task.end_s)
+    return _Found(found, log, health if lateral is None else lateral.health, lateral)
+
+
+def _summary(found: _Found, layout: str, out: Path | None) -> dict[str, Any]:
+    """What `--json` prints."""
+    from estimator.offline.report.diagnosis_result import as_json as to_json
+    from estimator.offline.simulated_lateral import with_simulated_lateral
+
+    summary: dict[str, Any] = {"health": [finding.description for finding in found.health.findings]}
+    revision = _revision(found, layout).revision
+    summary |= to_json(found.diagnosis, revision, "" if out is None else str(out / "report.html"))
+    return summary if found.lateral is None else with_simulated_lateral(summary, found.lateral)
+
+
+def _write(found: _Found, summary: dict[str, Any], layout: str, out: Path, progress: DiagnosisProgress) -> None:
+    from estimator.offline.report.diagnosis_report import write_report
+    from estimator.offline.report.diagnosis_result import write
+
+    progress("writing the report")
+    write(summary, _revision(found, layout), out)
+    write_report(found.diagnosis, summary, found.log, out / "report.html", progress)
+
+
+def _revision(found: _Found, layout: str) -> ModelRevision:
+    """The model found, with the files it comes from."""
+    from estimator.offline.report.diagnosis_result import as_revision
+
+    return as_revision(found.diagnosis, layout, tuple(found.log.sources.values()))
 
 
 class DiagnosisProgress:
@@ -171,19 +250,6 @@ def _record(log: DriveLog, car: Vehicle, health: HealthReport, known: tuple[str,
 
     record = make_record(log, car, health.doubtful, vy_displaced=health.vy_is_displaced)
     return record if known is None else record_on_map(record, log, known[1], known[0])
-
-
-@contextmanager
-def _progress() -> Iterator[Any]:
-    """Progress bar on standard error that says which candidate is being tried; silent where that is no terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    columns = (BarColumn(20), TimeElapsedColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=1.0)
-        yield lambda what, share: bar.update(task, description=what, completed=share)
 
 
 def _print(summary: dict[str, Any]) -> None:

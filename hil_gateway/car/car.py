@@ -186,44 +186,57 @@ S = TypeVar("S", bound=Model)
 
 
 def _read(platform: str, codec: Codec) -> Car:
-    path = platform_folder(platform) / "car.toml"
-    tree, figures = read_toml(path), dict[str, Figure]()
-    if unknown := sorted(set(tree) - set(SECTIONS) - {"name", "imu", "receiver"}):
-        raise PlatformError(f"{path}: unknown key {unknown[0]}; known are name, {', '.join(SECTIONS)}, imu, receiver")
-    name = tree.get("name")
-    if not isinstance(name, str) or not name:
-        raise PlatformError(f"{path}: name is missing")
+    file = _File(platform_folder(platform) / "car.toml")
+    name, receivers = file.name(), file.sensors(Receiver, "receiver", codec.signals.receivers, network=True)
+    car = Car(
+        name=name,
+        platform=platform,
+        vehicle=file.section(Vehicle, "vehicle"),
+        powertrain=file.section(Powertrain, "powertrain"),
+        actuators=file.section(Actuators, "actuators"),
+        tyres=file.section(TyrePrior, "tyres"),
+        sensors=file.section(Sensors, "sensors"),
+        imus=file.sensors(Imu, "imu", codec.signals.imus, network=False),
+        receivers={name: receivers.pop(name) for name in codec.signals.receivers},
+        network_receivers=receivers,
+        figures=file.figures,
+    )
+    if found := car.vehicle.outside_a_race_car():
+        raise PlatformError(f"{file.path}: vehicle.{found}")
+    return car
 
-    def section(model: type[S], given: Any, key: str) -> S:
-        read, found = read_section(model, given, path, key)
-        figures.update({f"{key}.{name}": figure for name, figure in found.items()})
-        return read
 
-    def sensors(model: type[S], key: str, wired: tuple[str, ...], *, network: bool) -> dict[str, S]:
+class _File:
+    """`car.toml` of a folder; `figures` fills with what is read."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.figures = path, dict[str, Figure]()
+        self._tree = read_toml(path)
+        if unknown := sorted(set(self._tree) - set(SECTIONS) - {"name", "imu", "receiver"}):
+            known = f"name, {', '.join(SECTIONS)}, imu, receiver"
+            raise PlatformError(f"{path}: unknown key {unknown[0]}; known are {known}")
+
+    def name(self) -> str:
+        name = self._tree.get("name")
+        if not isinstance(name, str) or not name:
+            raise PlatformError(f"{self.path}: name is missing")
+        return name
+
+    def section(self, model: type[S], key: str) -> S:
+        return self._part(model, self._tree.get(key), key)
+
+    def sensors(self, model: type[S], key: str, wired: tuple[str, ...], *, network: bool) -> dict[str, S]:
         """Those of the bus in the order of `signals.toml`, then those on the network in that of `car.toml`."""
-        given = tree.get(key, {})
+        given = self._tree.get(key, {})
         compared = (wired, given, "car.toml"), (() if network else given, wired, "signals.toml")
         for one, other, file in reversed(compared):
             if lacking := [name for name in one if name not in other]:
                 raise PlatformError(
-                    f"{path}: [{key}.{lacking[0]}] is not in {file}; every sensor of the bus is in both"
+                    f"{self.path}: [{key}.{lacking[0]}] is not in {file}; every sensor of the bus is in both"
                 )
-        return {name: section(model, given[name], f"{key}.{name}") for name in dict.fromkeys((*wired, *given))}
+        return {name: self._part(model, given[name], f"{key}.{name}") for name in dict.fromkeys((*wired, *given))}
 
-    receivers = sensors(Receiver, "receiver", codec.signals.receivers, network=True)
-    car = Car(
-        name=name,
-        platform=platform,
-        vehicle=section(Vehicle, tree.get("vehicle"), "vehicle"),
-        powertrain=section(Powertrain, tree.get("powertrain"), "powertrain"),
-        actuators=section(Actuators, tree.get("actuators"), "actuators"),
-        tyres=section(TyrePrior, tree.get("tyres"), "tyres"),
-        sensors=section(Sensors, tree.get("sensors"), "sensors"),
-        imus=sensors(Imu, "imu", codec.signals.imus, network=False),
-        receivers={name: receivers.pop(name) for name in codec.signals.receivers},
-        network_receivers=receivers,
-        figures=figures,
-    )
-    if found := car.vehicle.outside_a_race_car():
-        raise PlatformError(f"{path}: vehicle.{found}")
-    return car
+    def _part(self, model: type[S], given: Any, key: str) -> S:
+        read, found = read_section(model, given, self.path, key)
+        self.figures.update({f"{key}.{name}": figure for name, figure in found.items()})
+        return read

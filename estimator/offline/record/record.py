@@ -9,6 +9,7 @@ effect.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -211,33 +212,20 @@ def make_record(
     Raises:
         InputError: no uninterrupted stretch long enough.
     """
-    signals = {name: np.array(log[name], float) for name in log.columns}
-    if "az" in log:
-        signals["extra_load"] = np.zeros(len(log))
-    q, blocks = _window_rows(log.step, vehicle.own_time)
-    window_s = q * blocks * log.step
-    long_enough = [s for s in log.segments() if (s.stop - s.start) * log.step > 2 * window_s]
-    if not long_enough:
-        raise InputError(f"the log has no uninterrupted stretch of {2 * window_s:.2g} s: nothing can be diagnosed")
-    for stretch in long_enough:
-        _smooth(log, stretch, signals)
+    cut = _window_rows(log.step, vehicle.own_time)
+    window_s = math.prod(cut) * log.step
+    signals, stretches = _prepared(log, window_s)
     lap, has_laps = lap_numbers(log, vehicle, window_s)
-    windows, window_lap = _cut(log, lap, signals["vx"], signals["vy"], (q, blocks))
+    windows, window_lap = _cut(log, lap, signals["vx"], signals["vy"], cut)
     learnt = windows[~np.isin(window_lap, scored_laps(window_lap, has_laps))]
-    noise, state_error = _noise(log, learnt, long_enough, 2 * window_s)
+    noise, state_error = _noise(log, learnt, stretches, 2 * window_s)
     position, length = track_position(log, lap, has_laps, np.unique(lap[learnt]))
     signals |= {"track_position": position} if has_laps else {}
-    if "brake" in signals:
-        signals["brake"] = brake_share(signals["brake"])
-    for name in ("steer", "drive"):
-        signals[f"{name}_rate"] = np.gradient(signals[name], log["t"])
-    signals["ay"] = signals["vx"] * signals["yaw_rate"]
-    signals["turn_direction"] = np.sign(signals["ay"]) * (np.abs(signals["ay"]) > STRAIGHT_BELOW)
-    measured = np.stack([log[name] for name in MEASURED])
+    _add_causes(signals, log["t"])
     bases = {n: make_basis(n, signals[n][learnt], length) for n in signals if np.ptp(signals[n][learnt]) > 0}
     return Record(
         signals,
-        measured,
+        np.stack([log[name] for name in MEASURED]),
         noise,
         np.array([name not in log.derived and name not in distrusted for name in MEASURED]),
         state_error,
@@ -253,6 +241,33 @@ def make_record(
         pedals=OF_PEDALS in log.derived.get("drive", ""),
         vy_displaced=vy_displaced and "vy" not in distrusted,
     )
+
+
+def _prepared(log: DriveLog, window_s: float) -> tuple[dict[str, Array], list[slice]]:
+    """Signals of the log, smooth on every stretch that is long enough, and those stretches.
+
+    Raises:
+        InputError: there is none.
+    """
+    signals = {name: np.array(log[name], float) for name in log.columns}
+    if "az" in log:
+        signals["extra_load"] = np.zeros(len(log))
+    long_enough = [s for s in log.segments() if (s.stop - s.start) * log.step > 2 * window_s]
+    if not long_enough:
+        raise InputError(f"the log has no uninterrupted stretch of {2 * window_s:.2g} s: nothing can be diagnosed")
+    for stretch in long_enough:
+        _smooth(log, stretch, signals)
+    return signals, long_enough
+
+
+def _add_causes(signals: dict[str, Array], t: Array) -> None:
+    """Add what is no column and may explain a residual."""
+    if "brake" in signals:
+        signals["brake"] = brake_share(signals["brake"])
+    for name in ("steer", "drive"):
+        signals[f"{name}_rate"] = np.gradient(signals[name], t)
+    signals["ay"] = signals["vx"] * signals["yaw_rate"]
+    signals["turn_direction"] = np.sign(signals["ay"]) * (np.abs(signals["ay"]) > STRAIGHT_BELOW)
 
 
 def _smooth(log: DriveLog, rows: slice, signals: dict[str, Array]) -> None:

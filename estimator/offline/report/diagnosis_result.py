@@ -29,8 +29,6 @@ ALTERNATIVES = 4
 def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
     """The result in the agreed format."""
     std = np.sqrt(np.diag(diagnosis.spread))
-    blocks = {b.effect.name: b for b in diagnosis.fit.predictor.blocks}
-    shares = _shares(diagnosis)
     return {
         "verdict": diagnosis.verdict,
         "cut_short": diagnosis.cut_short,
@@ -40,34 +38,38 @@ def as_json(diagnosis: Diagnosis, revision: str, report: str) -> dict[str, Any]:
         "rollout": {"horizon_s": HORIZON_S, **{n: _rounded(v) for n, v in diagnosis.rollout.items()}},
         "long_rollout": {"horizon_s": LONG_HORIZON_S, **{n: _rounded(v) for n, v in diagnosis.long_rollout.items()}},
         "lap_time_s": _rounded(diagnosis.lap_times),
-        "effects": [
-            {
-                "name": id_of(name),
-                "form": name,
-                "parameters": sizes_of(diagnosis, blocks[name], diagnosis.spread),
-                "confidence": _confidence_in(diagnosis, name),
-                "channels": list(blocks[name].effect.channels),
-                "share_of_residual": shares[name],
-                "alternatives": _alternatives(diagnosis, name),
-                "not_told_from": id_of(other) if (other := diagnosis.search.look_alikes.get(name)) else "",
-            }
-            for name in diagnosis.named
-            if name not in DECLARED
-        ],
-        "not_told": [
-            {
-                "name": id_of(name),
-                "form": name,
-                "parameters": sizes_of(diagnosis, blocks[name], diagnosis.spread),
-                "channels": list(blocks[name].effect.channels),
-            }
-            for name in diagnosis.insignificant
-        ],
+        "effects": _named_effects(diagnosis),
+        "not_told": [_effect(diagnosis, name) for name in diagnosis.insignificant],
         "vehicle": _vehicle(diagnosis, std),
         "unexplained": unexplained(diagnosis),
         "tyre": tyre(diagnosis, std),
         "revision": revision,
         "report": report,
+    }
+
+
+def _named_effects(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    shares = _shares(diagnosis)
+    return [
+        {
+            **_effect(diagnosis, name),
+            "confidence": _confidence_in(diagnosis, name),
+            "share_of_residual": shares[name],
+            "alternatives": _alternatives(diagnosis, name),
+            "not_told_from": id_of(other) if (other := diagnosis.search.look_alikes.get(name)) else "",
+        }
+        for name in diagnosis.named
+        if name not in DECLARED
+    ]
+
+
+def _effect(diagnosis: Diagnosis, name: str) -> dict[str, Any]:
+    block = next(b for b in diagnosis.fit.predictor.blocks if b.effect.name == name)
+    return {
+        "name": id_of(name),
+        "form": name,
+        "parameters": sizes_of(diagnosis, block, diagnosis.spread),
+        "channels": list(block.effect.channels),
     }
 
 
