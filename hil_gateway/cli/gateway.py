@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -11,9 +12,10 @@ from typing import Annotated
 import typer
 
 from hil_gateway.bus.interface import Bus, Subscription
-from hil_gateway.bus.messages import FailsafeAction, GatewayStatus, OperatorAction
+from hil_gateway.bus.messages import GatewayStatus, OperatorAction
 from hil_gateway.config import load_config
 from hil_gateway.gateway.asking import address, wait
+from hil_gateway.gateway.requests import REQUESTS
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 
 app = typer.Typer(no_args_is_help=True, help="CAN to vehicle state, commands to CAN; bring-up check.")
@@ -21,13 +23,6 @@ app = typer.Typer(no_args_is_help=True, help="CAN to vehicle state, commands to 
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="TOML configuration")]
 CRANKED_S = 20.0
 """How long `arm --crank` waits until the car drives and nothing is missing: cranking takes some seconds."""
-EXPECTED = {
-    OperatorAction.ARM: (FailsafeAction.DRIVE,),
-    OperatorAction.DISARM: (FailsafeAction.SILENT, FailsafeAction.CONTROLLED_STOP),
-    OperatorAction.STOP: (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP, FailsafeAction.SILENT),
-    OperatorAction.EMERGENCY: (FailsafeAction.EMERGENCY_STOP, FailsafeAction.SILENT),
-}
-"""Actions after which a request counts as answered; one to crank does when the ladder is beyond it."""
 
 
 @app.command()
@@ -51,37 +46,25 @@ def check(
     raise typer.Exit(run_check(load_config(config), channel, seconds, as_json))
 
 
-@app.command()
-def crank(config: ConfigOption = None) -> None:
-    """Ask for the engine. Nothing cranks without this request, once for every start of the gateway and emergency."""
-    _request(config, OperatorAction.CRANK)
-
-
-@app.command()
+@app.command(help=REQUESTS[OperatorAction.ARM].meaning)
 def arm(
     config: ConfigOption = None,
     crank: Annotated[bool, typer.Option("--crank", help="crank first, unless that is done")] = False,
 ) -> None:
-    """Ask the gateway to drive the car. Says what is missing when it refuses."""
+    """Ask for the engine, where wanted, and to drive."""
     _request(config, *([OperatorAction.CRANK] if crank else []), OperatorAction.ARM)
 
 
-@app.command()
-def disarm(config: ConfigOption = None) -> None:
-    """No longer drive the car. At once when standing, after a controlled stop when moving."""
-    _request(config, OperatorAction.DISARM)
+def _command(action: OperatorAction) -> Callable[..., None]:
+    def command(config: ConfigOption = None) -> None:
+        _request(config, action)
+
+    return command
 
 
-@app.command()
-def stop(config: ConfigOption = None) -> None:
-    """Controlled stop; latches."""
-    _request(config, OperatorAction.STOP)
-
-
-@app.command()
-def emergency(config: ConfigOption = None) -> None:
-    """Emergency stop; latches."""
-    _request(config, OperatorAction.EMERGENCY)
+for _action, _row in REQUESTS.items():
+    if _action is not OperatorAction.ARM:
+        app.command(_action.value, help=_row.meaning)(_command(_action))
 
 
 def _request(config: Path | None, *actions: OperatorAction) -> None:
@@ -98,7 +81,9 @@ def _request(config: Path | None, *actions: OperatorAction) -> None:
             raise InputError(f"no gateway answers at {', '.join(reached.zenoh.connect)}; {reached.remedy}")
         for action in actions:
             if action is OperatorAction.CRANK:
-                wait(statuses, lambda status: not status.missing_for_crank or _done(OperatorAction.CRANK, status))
+                wait(
+                    statuses, lambda status: not status.missing_for_crank or REQUESTS[OperatorAction.CRANK].done(status)
+                )
             elif len(actions) > 1:
                 wait(statuses, lambda status: not status.missing_for_arming, seconds=CRANKED_S)
             _ask(bus, statuses, action)
@@ -114,21 +99,12 @@ def _ask(bus: Bus, statuses: Subscription[GatewayStatus], action: OperatorAction
     now = time.monotonic_ns()
     message = OperatorCommand(stamp_ns=now, seq=now // 1000, source=f"cli-{os.getpid()}", action=action)
     request = partial(bus.publish, topics.OPERATOR, message)
-    answer = wait(statuses, partial(_done, action), request)
-    if answer is None or not _done(action, answer):
+    row = REQUESTS[action]
+    answer = wait(statuses, row.done, request)
+    if answer is None or not row.done(answer):
         typer.echo(f"refused: {action.value}: {_why(action, answer)}", err=True)
         raise typer.Exit(EXIT_FAILURE)
-    if action is OperatorAction.CRANK:
-        typer.echo("cranked")
-    else:
-        typer.echo(f"{answer.action.value}{': ' + answer.cause if answer.cause else ''}")
-
-
-def _done(action: OperatorAction, status: GatewayStatus) -> bool:
-    """Whether the gateway has done what was asked of it."""
-    if action is OperatorAction.CRANK:
-        return "cranked" in status.missing_for_crank
-    return status.action in EXPECTED[action]
+    typer.echo(row.answer(answer))
 
 
 def _why(action: OperatorAction, answer: GatewayStatus | None) -> str:

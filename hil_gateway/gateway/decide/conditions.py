@@ -16,6 +16,7 @@ from hil_gateway.gateway.perceive.monitors.held import Held
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.gateway.perceive.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
+from hil_gateway.gateway.requests import REQUESTS
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.settings.gateway import GatewayConfig
 
@@ -195,8 +196,7 @@ class Conditions:
 def _requested(request: OperatorAction | None, state: VehicleState) -> dict[str, float]:
     """What operator and race control ask for."""
     return {
-        "operator_emergency": _holds(request is OperatorAction.EMERGENCY),
-        "operator_stop": _holds(request is OperatorAction.STOP),
+        **{f"operator_{action}": _holds(request is action) for action, row in REQUESTS.items() if row.stops},
         "vehicle_flag_kill": _holds(state.vehicle_flag in KILL_VEHICLE_FLAGS),
         "vehicle_flag_stop": _holds(state.vehicle_flag in STOP_VEHICLE_FLAGS),
         "track_flag_stop": _holds(state.track_flag in STOP_TRACK_FLAGS),

@@ -8,6 +8,7 @@ from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, OperatorAction, OperatorCommand, Plan
 from hil_gateway.bus.outside import Navigation
 from hil_gateway.gateway.command_gate import CommandGate, Refusal
+from hil_gateway.gateway.requests import REQUESTS
 from hil_gateway.process.clock import NS_PER_S
 
 COMMAND_QUEUE = 16
@@ -17,14 +18,9 @@ NAVIGATION_QUEUE = 64
 """messages of receivers in a period: 20 come of four that send 500 a second each"""
 OPERATOR_QUEUE = 1024
 """Requests of a period that are all looked at: a flood of others does not displace the one to stop."""
-STARTS = (OperatorAction.ARM, OperatorAction.CRANK)
 STARTS_REMEMBERED = 4096
 """Requests to arm and to crank that are known again when they are delivered twice: a person makes some dozens a day.
 Beyond that the gateway has to be restarted to be armed; none is ever forgotten and taken again."""
-URGENCY = (
-    OperatorAction.EMERGENCY, OperatorAction.STOP, OperatorAction.DISARM, OperatorAction.ARM, OperatorAction.CRANK,
-)  # fmt: skip
-"""which request counts when several arrive in one period"""
 
 
 class Inbox:
@@ -89,11 +85,11 @@ class Inbox:
     def read_request(self, now_ns: int) -> OperatorAction | None:
         """The most urgent request of a person that arrived this period."""
         asked = {message.action for message in self._operator.poll(now_ns) if self._counts(message)}
-        return next((action for action in URGENCY if action in asked), None)
+        return next((action for action in REQUESTS if action in asked), None)
 
     def _counts(self, request: OperatorCommand) -> bool:
         """Whether a request is no second delivery of one to arm or crank; to stop twice does no harm."""
-        if request.action not in STARTS:
+        if not REQUESTS[request.action].once:
             return True
         identity = (request.action, request.source, request.seq, request.stamp_ns)
         known = identity in self._starts_seen or len(self._starts_seen) >= STARTS_REMEMBERED
