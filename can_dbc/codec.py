@@ -288,7 +288,7 @@ def _encoded_integers(message: BusMessage, fields: list[Field]) -> list[str]:
 
 
 def _packed_integers(message: BusMessage) -> list[str]:
-    integers = [_held(index, signal) for index, signal in enumerate(message.signals)]
+    integers = [_clamped_field(index, signal) for index, signal in enumerate(message.signals)]
     return [_checked(message, [signal.name for signal in message.signals]), *integers]
 
 
@@ -353,7 +353,7 @@ def _clamped(index: int, field: Field) -> str:
     return f"{name} = {exact}; {name} = {low} if {name} < {low} else {high} if {name} > {high} else round({name})"
 
 
-def _held(index: int, signal: Signal) -> str:
+def _clamped_field(index: int, signal: Signal) -> str:
     """Statement that puts an integer, held to what the field of one signal can carry, into `r{index}`."""
     low, high = signal.raw_range
     return f"r{index} = min(max(values[{signal.name!r}], {low}), {high})"

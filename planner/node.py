@@ -28,7 +28,7 @@ from planner.plan.first_metres import WayLeft, straight_ahead
 from planner.plan.from_rest import STILL, WALKING, Following, Unmoved, is_off, moves_off
 from planner.plan.prediction import ActuatorModel, Car, PredictedMoment, Sent, credible, predict
 from planner.plan.publishing import PlanDecision, Publisher, Stamps, within
-from planner.problem.load_limits import HeldLoad, LoadLimits, starting_limits, store_limits
+from planner.problem.load_limits import LoadLimits, SustainedLoad, starting_limits, store_limits
 from planner.problem.motion import DRIVE, PROGRESS, VX, S
 from planner.problem.settings import settings_of
 from planner.run.desk import RunDesk
@@ -82,7 +82,7 @@ class Planner:
         self._following = Following(Joining(*ways), lane)
         self._unmoved = Unmoved()
         self._newest_applied: Applied | None = None
-        self._held = (HeldLoad(p.dt), HeldLoad(p.dt))
+        self._held = (SustainedLoad(p.dt), SustainedLoad(p.dt))
         self._teller = LinePublisher(bus)
         ours = agreement(config, track)
         self._publish = Publisher(config, bus, self._actuators, self.settings, ours)

@@ -29,7 +29,7 @@ from benchmarks.diagnosis.diagnose import FACTORS, MAIN, NEEDS_ANOTHER, PROFILE_
 from benchmarks.practice import SIZES, draw_size
 from benchmarks.practice.car import TYRE, Chassis
 from benchmarks.practice.double_track import Setup
-from estimator.offline.fit.held import INERTIA_ERROR, MASS_ERROR, PLACE_ERROR
+from estimator.offline.fit.fixed_parameters import INERTIA_ERROR, MASS_ERROR, PLACE_ERROR
 
 ROOTS = {"effects": 8100, "cars": 8200, "double_track": 8300}
 """of all draws; nothing is tuned on these drives"""

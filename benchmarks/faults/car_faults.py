@@ -318,24 +318,14 @@ CAR_FAULTS: tuple[CarFault, ...] = (
 )  # fmt: skip
 
 
-_NAMED = {"*motion*": _MOTION, "*fix*": _FIX}
-"""sets of rows with a name in the documentation"""
-
-
-def markdown() -> str:
-    """The fault model for the documentation: by what faults are noticed, and in what time."""
-    alike: dict[str, list[str]] = {}
+def listing() -> str:
+    """The fault model for people: each fault, the rows that may notice it, in what time, and by what."""
+    lines = []
     for fault in CAR_FAULTS:
-        within = f"{fault.within_s:g} s" if math.isfinite(fault.within_s) else fault.why
-        alike.setdefault(_rows(fault.noticed_by), []).append(f"{fault.name} ({within})")
-    lines = ["| noticed by | faults, and within what time |", "| --- | --- |"]
-    lines += [f"| {noticed} | {'; '.join(faults)} |" for noticed, faults in alike.items()]
-    return "\n".join([*lines, "", *(f"{name}: {', '.join(rows)}." for name, rows in _NAMED.items())])
+        within = f"{fault.within_s:g} s" if math.isfinite(fault.within_s) else "-"
+        lines.append(f"{fault.name}: {', '.join(fault.noticed_by) or 'nothing'}; {within}; {fault.why}")
+    return "\n".join(lines)
 
 
-def _rows(noticed_by: tuple[str, ...]) -> str:
-    """The rows, those of the first set among them by its name."""
-    for name, rows in _NAMED.items():
-        if set(rows) <= set(noticed_by):
-            return ", ".join([name, *(row for row in noticed_by if row not in rows)])
-    return ", ".join(noticed_by) or "nothing"
+if __name__ == "__main__":
+    print(listing())

@@ -245,7 +245,8 @@ def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dic
     lines = [
         HEAD,
         f"- Usual run: {conditions}",
-        *(f"- Long run {number}: {run}" for number, run in enumerate(runs, 1)),
+        "- Long runs (`promises-long.json` has their length, version and machine): "
+        + ", ".join(f"{number} of {run[:16]}" for number, run in enumerate(runs, 1)),
         "",
         "| id | promise | required | usual run | long run |",
         "| --- | --- | --- | --- | --- |",

@@ -109,7 +109,7 @@ def apply(
         factor = _factor(path, quantity, source)
         column = values[:, list(names).index(source.source)]
         columns[quantity] = column if factor == 1.0 else factor * column
-        notes += _told(quantity, source, factor)
+        notes += _conversion_notes(quantity, source, factor)
     used = {source.source for source in mapping.sources.values()}
     rest = [name for name in names if name not in used and name not in columns]
     columns |= {name: values[:, list(names).index(name)] for name in rest}
@@ -128,7 +128,7 @@ def _factor(path: Path, quantity: str, source: ColumnSource) -> float:
     return source.sign * factor / source.ratio
 
 
-def _told(quantity: str, source: ColumnSource, factor: float) -> list[str]:
+def _conversion_notes(quantity: str, source: ColumnSource, factor: float) -> list[str]:
     own = quantity == source.source
     if own and factor == 1.0:
         return []

@@ -12,10 +12,8 @@ HEAD = """# Catalogue of effects
 For whoever reads a diagnosis. Generated: `python -m estimator.model.catalogue_page > docs/effects.md`.
 
 Each effect is one file of `estimator/model/effects/` that identification, diagnosis and planner share; at its neutral
-parameters it changes nothing. `hil diagnose --effects` prints what tells it from its look-alikes, its source, and its
-parameters: unit, neutral value, prior, plausible range with its reason. Profiles are periodic cubic splines. Effects
-with memory use the past of the signals on recorded data and their first-order form in the planner; a late drive command
-is worked out from its past in both.
+parameters it changes nothing. `hil diagnose --effects` prints what tells it from its look-alikes, its source and its
+parameters. Effects with memory use the past of the signals on recorded data and their first-order form in the planner.
 
 | effect | what the declared model lacks | equation |
 | --- | --- | --- |

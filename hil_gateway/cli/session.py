@@ -85,10 +85,10 @@ def info(files: Sessions, as_json: AsJson = False) -> None:
 @app.command()
 def recover(file: OneSession, out: Out = None, as_json: AsJson = False) -> None:
     """Write a complete file from whatever a damaged one still holds."""
-    from hil_gateway.session.files.output import beside
+    from hil_gateway.session.files.output import output_path
     from hil_gateway.session.files.recover import recover as recover_session
 
-    target = out or beside(file, f"_recovered{file.suffix}")
+    target = out or output_path(file, f"_recovered{file.suffix}")
     check_file(target, (file,))
     done = recover_session(file, target)
     values = {"messages": done.messages, "damage": done.damage, "path": str(target)}
@@ -110,11 +110,11 @@ def export(
 ) -> None:
     """Write a drive log, the raw frames, every decoded signal, or the session with topics Foxglove draws by itself."""
     from hil_gateway.session.exchange.formats import EXPORTS
-    from hil_gateway.session.files.output import beside
+    from hil_gateway.session.files.output import output_path
 
     chosen = format or _format_of(out)
     suffixes = SIGNAL_SUFFIXES if chosen is ExportFormat.SIGNALS else (Path(f"_{ENDINGS[chosen]}").suffix,)
-    target = out or beside(file, ENDINGS[chosen])
+    target = out or output_path(file, ENDINGS[chosen])
     check_file(target, (file,))
     if target.is_file() and target.suffix not in suffixes:
         reason = f"there already and no {' or '.join(suffixes)} file, never written over"
@@ -153,9 +153,9 @@ def import_(
     """Make a session of a log of raw CAN frames; with --estimate one that identify and diagnose can work on."""
     from hil_gateway.car.car import load_car
     from hil_gateway.session.exchange.importer import import_log
-    from hil_gateway.session.files.output import beside
+    from hil_gateway.session.files.output import output_path
 
-    target = out or beside(file, ".mcap")
+    target = out or output_path(file, ".mcap")
     if out is None and target.exists():
         raise InputError(f"{target}: there already, perhaps the recording the log was made of; name a file with --out")
     check_file(target, (file,))

@@ -28,11 +28,10 @@ from hil_gateway.car.states import under_yellow
 from hil_gateway.car.tyre_names import named
 from hil_gateway.config import Config
 from hil_gateway.dashboard.channels import asked_speed, grip_used, row_of, slip_angles
-from hil_gateway.dashboard.day.phase import phase_of
-from hil_gateway.dashboard.history import MINUTES, History
+from hil_gateway.dashboard.history import MINUTES, History, StopStory
 from hil_gateway.dashboard.line_shown import LineShown
+from hil_gateway.dashboard.phase import phase_of
 from hil_gateway.dashboard.state import state_of
-from hil_gateway.dashboard.stops import StopStory
 from hil_gateway.dashboard.tyre_curve import curves
 from hil_gateway.process.clock import NS_PER_S, Clock
 from hil_gateway.track.lap_clock import LapClock

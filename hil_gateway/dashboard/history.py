@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from typing import Any
 
+from hil_gateway.bus.event import Event, EventKind
 from hil_gateway.dashboard.channels import CHANNELS, DERIVED
 
 NAMES = ("t", *(channel.name for channel in CHANNELS), *DERIVED)
@@ -28,3 +30,20 @@ class History:
 
     def __len__(self) -> int:
         return len(self._rows)
+
+
+class StopStory:
+    """Why the car was stopped: `first` and `last` as events for the page; both None while nothing has stopped the car
+    since arming."""
+
+    def __init__(self) -> None:
+        self.first: dict[str, Any] | None = None
+        self.last: dict[str, Any] | None = None
+
+    def take(self, event: Event) -> None:
+        """Take in the next event."""
+        if event.kind is EventKind.ARMING and event.after == "drive":
+            self.first = self.last = None
+        elif event.kind is EventKind.FAILSAFE:
+            self.last = event.entry(0)
+            self.first = self.first or self.last

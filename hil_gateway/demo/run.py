@@ -15,8 +15,8 @@ from hil_gateway.demo.referee import DriveReferee
 from hil_gateway.demo.view import Scene, View, before_arming
 from hil_gateway.demo.waiting import Account, Waiting
 from hil_gateway.process.clock import NS_PER_S, Clock, SystemClock
-from hil_gateway.process.held_up import TIMING_CAUSES
 from hil_gateway.process.lifecycle import StopRequest
+from hil_gateway.process.processor_wait import TIMING_CAUSES
 from hil_gateway.process.supervisor import Exit, Supervisor
 
 PERIOD_NS = NS_PER_S // 20

@@ -9,7 +9,7 @@ from typing import Any
 
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.figures import figure
-from hil_gateway.process.held_up import ProcessorTime, describe_load, processor_time
+from hil_gateway.process.processor_wait import ProcessorTime, describe_load, processor_time
 
 BEFORE_NS, AFTER_NS = 2 * NS_PER_S, NS_PER_S // 2
 """the account around a stop: what led to it, and waits that are entered only when they end"""

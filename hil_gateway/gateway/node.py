@@ -17,8 +17,8 @@ from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.events.log import EventLog, to_journal
 from hil_gateway.gateway.running import announced
 from hil_gateway.process.clock import SystemClock
-from hil_gateway.process.held_up import describe_load
 from hil_gateway.process.lifecycle import StopRequest
+from hil_gateway.process.processor_wait import describe_load
 from hil_gateway.process.scheduling import punctual
 from hil_gateway.settings.gateway import PERIOD_NS
 from hil_gateway.track.loading import load_track

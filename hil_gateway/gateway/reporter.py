@@ -14,7 +14,7 @@ from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.gateway.rolling import Rolling
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.held_up import LatelyLate, who_was_late
+from hil_gateway.process.processor_wait import LatelyLate, who_was_late
 
 STATUS_PERIOD_NS = NS_PER_S // 10
 LATENCY_WINDOW = 1000

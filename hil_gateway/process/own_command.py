@@ -11,22 +11,22 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Answer:
+class CommandResult:
     """What a command of the project said: its JSON, or why there is none."""
 
     content: dict[str, Any]
     reason: str = ""
 
 
-def ask(arguments: Sequence[str], timeout_s: float) -> Answer:
+def ask(arguments: Sequence[str], timeout_s: float) -> CommandResult:
     """Run `hil ARGUMENTS --json`; a failure becomes a reason. On a terminal its progress shows."""
     command = [sys.executable, "-m", "hil_gateway", *arguments, "--json"]
     try:
         stderr = None if sys.stderr.isatty() else subprocess.PIPE
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=stderr, text=True, timeout=timeout_s, check=False)
     except subprocess.TimeoutExpired:
-        return Answer({}, f"`hil {arguments[0]}` took longer than {timeout_s:g} s")
+        return CommandResult({}, f"`hil {arguments[0]}` took longer than {timeout_s:g} s")
     if done.returncode != 0:
         lines = (done.stderr or "").strip().splitlines()
-        return Answer({}, lines[-1].removeprefix("hil: ") if lines else f"`hil {arguments[0]}` failed")
-    return Answer(json.loads(done.stdout))
+        return CommandResult({}, lines[-1].removeprefix("hil: ") if lines else f"`hil {arguments[0]}` failed")
+    return CommandResult(json.loads(done.stdout))

@@ -81,7 +81,7 @@ def read_drive_table(path: Path, *following: Path) -> DriveTable:
     columns |= {name: np.array([get(e) for _, e in rows], dtype=float) for name, get in FROM_ESTIMATE.items()}
     columns |= {name: np.array([get(v) for v, _ in rows], dtype=float) for name, get in FROM_STATE.items()}
     if laps:
-        columns["lap"] = _held(stamps, laps)
+        columns["lap"] = _lap_at(stamps, laps)
     yellow = np.array([under_yellow(v.track_flag, v.vehicle_flag) for v, _ in rows], dtype=bool)
     damage = tuple(str(place) for reader in readers for place in reader.damage)
     return DriveTable(columns, int(stamps[0]), left_out, damage, yellow)
@@ -109,7 +109,7 @@ def _collect(
     return rows, {reason: count for reason, count in left_out.items() if count}, sorted(laps)
 
 
-def _held(stamps: NDArray[np.int64], laps: list[tuple[int, int]]) -> Array:
+def _lap_at(stamps: NDArray[np.int64], laps: list[tuple[int, int]]) -> Array:
     """Lap number at each stamp: the newest plan's, or the first one's before it."""
     at, number = np.array(laps, dtype=np.int64).T
     index = np.searchsorted(at, stamps, side="right") - 1

@@ -53,7 +53,7 @@ def lane_along(track: Track, survey: LaneSurvey) -> PitLane:
     """
     from scipy.interpolate import PchipInterpolator
 
-    s, offset = _beside(track, survey.x, survey.y)
+    s, offset = _projected(track, survey.x, survey.y)
     if not (len(s) > 1 and (np.diff(s) > 0.0).all()):
         raise InputError(f"{survey.source}: the pit lane does not run along the track; its points are in driving order")
     if (length := s[-1] - s[0]) > LONGEST * track.length:
@@ -67,7 +67,7 @@ def lane_along(track: Track, survey: LaneSurvey) -> PitLane:
     return replace(lane, limit=_limit(track, lane, survey), boxes=_boxes(track, lane, survey))
 
 
-def _beside(track: Track, x: Array, y: Array) -> tuple[Array, Array]:
+def _projected(track: Track, x: Array, y: Array) -> tuple[Array, Array]:
     """Arc length, unwrapped from the first point on, and offset to the left of every point, m."""
     s, offset = np.array([track.project(*point) for point in zip(x.tolist(), y.tolist(), strict=True)]).T
     return np.unwrap(s, period=track.length), offset

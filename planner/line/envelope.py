@@ -150,12 +150,12 @@ def _peaks(
     sideways = table(SLIPS, np.repeat(steady[:, None], len(SLIPS), axis=1))[:2].max(axis=2)
     lateral = _lateral(model.vehicle, use[0] * sideways[0], use[1] * sideways[1])
     along[2:4] *= np.where(COMMANDS < 0.0, np.array(brakes.doubt)[:, None, None], 1.0)
-    felt, front, rear = _borne(along, coast, use, float(along_share(model, phi)))
+    felt, front, rear = _feasible_forces(along, coast, use, float(along_share(model, phi)))
     (brake, brake_left), (drive, drive_left) = _along(felt, _lateral(model.vehicle, front, rear), steady)
     return Peaks(lateral, brake, drive, coast, brake_left, drive_left)
 
 
-def _borne(along: Array, coast: Array, use: tuple[float, float], counts: float) -> tuple[Array, Array, Array]:
+def _feasible_forces(along: Array, coast: Array, use: tuple[float, float], counts: float) -> tuple[Array, Array, Array]:
     """Of the rows of `_Forces` at all `COMMANDS`: acceleration by a command, m/s2, 0 where an axle does not bear it,
     and the forces across that front and rear axle bear beside it, N.
 

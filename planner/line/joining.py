@@ -97,7 +97,7 @@ class Joining:
     def join(self, base: Reference, pose: Pose, steer: float) -> Joined | str:
         """From `pose` with the wheels turned by `steer` (rad); or why there is no way, in words."""
         s = base.find(pose[0], pose[1])
-        offset, across = beside(base, s, pose)
+        offset, across = offset_and_angle(base, s, pose)
         if abs(across) > MOST_ACROSS:
             return f"the car points {math.degrees(abs(across)):.0f} degrees across the track: turn it"
         way = self._gentlest(base, _Start(s, offset, across, math.tan(steer) / self._wheelbase))
@@ -163,7 +163,7 @@ class Joining:
         return Joined(float(way.s[-1]), found, base, Reference(found.on(line), None, self._clearance + CUT))
 
 
-def beside(reference: Reference, s: float, pose: Pose) -> tuple[float, float]:
+def offset_and_angle(reference: Reference, s: float, pose: Pose) -> tuple[float, float]:
     """Offset to the left of a reference at `s` (m) and angle to it (rad) of a pose."""
     point = reference.at(np.array([s]))
     heading, dx, dy = float(point.heading[0]), pose[0] - float(point.x[0]), pose[1] - float(point.y[0])

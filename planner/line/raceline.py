@@ -246,7 +246,7 @@ def _finish(track: Track, offset: Array, envelope: Envelope) -> OptimisedLine:
     nodes = np.column_stack([at.x - offset * np.sin(at.heading), at.y + offset * np.cos(at.heading)])
     x, y, length, dx, dy, curvature = _resample(nodes)
     heading = np.unwrap(np.arctan2(dy, dx))
-    beside = _beside(track, x, y)
+    beside = _projected(track, x, y)
     lateral = np.array([p[1] for p in beside])
     track_s = np.array([p[0] for p in beside])
     road = track.at(track_s)
@@ -277,7 +277,7 @@ def _resample(nodes: Array) -> tuple[Array, Array, float, Array, Array, Array]:
     return points[:, 0], points[:, 1], float(along[-1]), d1[:, 0] / speed, d1[:, 1] / speed, curvature
 
 
-def _beside(track: Track, x: Array, y: Array) -> list[tuple[float, float]]:
+def _projected(track: Track, x: Array, y: Array) -> list[tuple[float, float]]:
     """Arc length and lateral offset of each point of the line on the track's centre line."""
     found: list[tuple[float, float]] = []
     hint: float | None = None

@@ -43,7 +43,7 @@ class PlanCheck:
     def __call__(self, controller: Controller, revised: RevisedModel, solution: Solution) -> list[str]:
         """Limits the solution breaks, in words; empty when it may be published."""
         bounds = self._bounds_of(controller.knowledge.load_max, float(solution.z[7, 0]))
-        roadside, check = self._beside(controller.reference.line), controller.checked
+        roadside, check = self._roadside_of(controller.reference.line), controller.checked
         if isinstance(check, FixedCheck):
             plan = acceptance.CheckedPlan(check.lay_out(solution.z, solution.information, roadside))
         else:
@@ -75,7 +75,7 @@ class PlanCheck:
             self._check = AcceptanceCheck(controller.checked, knowledge.theta, phi, knowledge.brake_ratio)
         return self._check
 
-    def _beside(self, line: OptimisedLine) -> Roadside:
+    def _roadside_of(self, line: OptimisedLine) -> Roadside:
         """Of the path in use, whose speed profile may be a new one."""
         if self._roadside is None or line.x is not self._roadside.x:
             self._roadside = Roadside(line)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hil_gateway.bus.messages import Applied, FailsafeAction
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
-from planner.line.joining import Joined, Joining, Pose, beside
+from planner.line.joining import Joined, Joining, Pose, offset_and_angle
 from planner.line.pit_route import PitRoute, PitRoutes
 from planner.line.track import Reference
 from planner.plan.fallback import STANDSTILL
@@ -75,7 +75,7 @@ class Following:
 
 def is_off(reference: Reference, s: float, pose: Pose) -> bool:
     """Whether a pose is not on a reference at progress `s`."""
-    offset, across = beside(reference, s, pose)
+    offset, across = offset_and_angle(reference, s, pose)
     return abs(offset) > OFF[0] or abs(across) > OFF[1]
 
 

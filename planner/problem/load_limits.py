@@ -51,7 +51,7 @@ def judged_limits(use: float, peaks_in_force: Array, before: tuple[float, float]
     return float(judged[0]), float(judged[1])
 
 
-class HeldLoad:
+class SustainedLoad:
     """Largest load held without a break for `HOLD_S`, from samples every `period` s."""
 
     def __init__(self, period: float) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from support.live_loop import STOPS, LiveLoop
 
-from hil_gateway.process.held_up import TIMING_CAUSES
+from hil_gateway.process.processor_wait import TIMING_CAUSES
 
 STANDS_S, DISTANCE_M, WITHIN_S = 60.0, 100.0, 60.0
 

@@ -1,4 +1,4 @@
-"""Reported inputs: what of their fast part is noise of the measurement, and what the car was really told.
+"""Reported inputs: what of their fast part is noise of the measurement, and what the car was really significant.
 
 A command has no noise, a slip measured by wheel speeds has, and through C_x it would count as model error. But a
 command may chatter, and the chatter then shows in the acceleration with the same gain as slower commands do.
@@ -18,7 +18,7 @@ REAL = 0.5
 SURE = 2.0
 """Standard errors that gains must be known to: where an acceleration in noise does not tell, it is a command."""
 SLOW_S = 0.5
-"""Averages over so many seconds are what the gains are told apart from."""
+"""Averages over so many seconds are what the gains are significant apart from."""
 
 
 def without_noise(values: Array, response: Array, step: float) -> Array:
@@ -28,8 +28,8 @@ def without_noise(values: Array, response: Array, step: float) -> Array:
         return values
     smooth = wiener(values, step).value
     (fast, slow), (fast_error, slow_error) = _gains(values - smooth, smooth, response, step)
-    told = abs(slow) > SURE * slow_error
-    return smooth if told and fast / slow + SURE * fast_error / abs(slow) < REAL else values
+    significant = abs(slow) > SURE * slow_error
+    return smooth if significant and fast / slow + SURE * fast_error / abs(slow) < REAL else values
 
 
 def _gains(fast: Array, smooth: Array, response: Array, step: float) -> tuple[Array, Array]:

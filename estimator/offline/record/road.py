@@ -115,7 +115,7 @@ def share_in_kinematics(record: Record, slope: Quantity, coefficients: Array) ->
     """
     kinematics = _of(record, slope)
     if kinematics is None and slope is Quantity.GRADE:
-        kinematics = _beside_forces(record)
+        kinematics = _with_forces(record)
     if kinematics is None:
         return None
     angle = record.basis_over_windows("track_position").at(coefficients)
@@ -174,7 +174,7 @@ def _longitudinal(record: Record) -> _Kinematics:
     return _kinematics(change[0] - vy * rate - ax, (ax, ay, change[2], rate**2, vy))
 
 
-def _beside_forces(record: Record) -> _Kinematics:
+def _with_forces(record: Record) -> _Kinematics:
     """d/dt vx with forces, each of any size, in place of what sensors add."""
     (vx, vy, rate), _, change = _motion(record)
     signals = {n: record.thin(record.signals[n]) for n in (*PEDALS, "drive_rate") if n in record.signals}

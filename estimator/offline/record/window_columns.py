@@ -46,7 +46,7 @@ class WindowColumns:
         others = self.parameters[:, ~first] - size
         return WindowColumns(own, self.parameters[:, first], size), WindowColumns(rest, others, self.size - size)
 
-    def beside(self, other: WindowColumns) -> WindowColumns:
+    def joined_with(self, other: WindowColumns) -> WindowColumns:
         """These and, numbered after them, those of `other`."""
         values = np.concatenate([self.values, other.values], axis=3)
         parameters = np.concatenate([self.parameters, self.size + other.parameters], axis=1)

@@ -35,10 +35,10 @@ def write_report(
     summary: dict[str, Any],
     log: DriveLog,
     path: Path,
-    told: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Write the self-contained page; `told` hears the title of every section that begins."""
-    report = ReportPage("What the model does not explain", ", ".join(Path(p).name for p in log.sources), told)
+    """Write the self-contained page; `progress` hears the title of every section that begins."""
+    report = ReportPage("What the model does not explain", ", ".join(Path(p).name for p in log.sources), progress)
     report.verdict(verdict_sentence(summary), TONES[summary["verdict"]])
     report.tiles(_tiles(summary))
     _before_after(report, summary)

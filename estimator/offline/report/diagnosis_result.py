@@ -209,20 +209,20 @@ def _vehicle(diagnosis: Diagnosis, std: Array) -> list[dict[str, Any]]:
 def as_revision(diagnosis: Diagnosis, layout: str, sessions: tuple[str, ...]) -> ModelRevision:
     """The model with its accepted catalogue effects, for estimator and planner; empirical terms stay out of it."""
     chosen = diagnosis.models["catalogue"]
-    told = tempered(chosen.model, chosen.parameters, diagnosis.fit.predictor.record, diagnosis.fit.deviation)
+    tempered_fit = tempered(chosen.model, chosen.parameters, diagnosis.fit.predictor.record, diagnosis.fit.deviation)
     size = len(chosen.model.tyre_table)
-    tyre_values = {p.name: float(v) for p, v in zip(chosen.model.tyre_table, told.parameters, strict=False)}
+    tyre_values = {p.name: float(v) for p, v in zip(chosen.model.tyre_table, tempered_fit.parameters, strict=False)}
     effects = tuple(
         ActiveEffect(
             name=b.effect.name,
-            parameters={} if b.effect.profile else _named(b, told.parameters),
-            profile=tuple(float(v) for v in told.parameters[b.parameters]) if b.effect.profile else (),
+            parameters={} if b.effect.profile else _named(b, tempered_fit.parameters),
+            profile=tuple(float(v) for v in tempered_fit.parameters[b.parameters]) if b.effect.profile else (),
         )
-        for b in told.predictor.blocks
+        for b in tempered_fit.predictor.blocks
         if b.effect.name in diagnosis.accepted and b.effect.name not in DECLARED
     )
-    covariance = told.covariance[:size, :size]
-    after = rmse(diagnosis.record, diagnosis.test_rows, chosen.model, told.parameters)
+    covariance = tempered_fit.covariance[:size, :size]
+    after = rmse(diagnosis.record, diagnosis.test_rows, chosen.model, tempered_fit.parameters)
     return ModelRevision(
         stamp_ns=0, seq=0, revision=revision_id(layout, tyre_values, effects), layout=layout, tyre=tyre_values,
         covariance=tuple(tuple(float(v) for v in row) for row in covariance), effects=effects,

@@ -19,13 +19,13 @@ WORSE = 1.01
 
 
 def write_report(
-    result: Identification, scores: Mapping[str, LogScore], path: Path, told: Callable[[str], None] = lambda _: None
+    result: Identification, scores: Mapping[str, LogScore], path: Path, progress: Callable[[str], None] = lambda _: None
 ) -> Path:
     """Write the page of `result`, with its `scores` on other logs by their path, and return its path.
 
-    `told` hears the title of every section that begins.
+    `progress` hears the title of every section that begins.
     """
-    report = ReportPage("Tyre identification", _subtitle(result), told)
+    report = ReportPage("Tyre identification", _subtitle(result), progress)
     with plot_style():
         _headline(report, result)
         _parameters(report, result)

@@ -103,7 +103,7 @@ class ReportPage:
 
     title: str
     subtitle: str = ""
-    told: Callable[[str], None] = lambda _: None
+    progress: Callable[[str], None] = lambda _: None
     """called with the title of every section that begins"""
     _blocks: list[_Block] = field(default_factory=list)
 
@@ -113,7 +113,7 @@ class ReportPage:
 
     def section(self, title: str, lead: str = "") -> None:
         """Start a section."""
-        self.told(title)
+        self.progress(title)
         self._add("section", title=title, lead=lead)
 
     def text(self, paragraph: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from estimator.model.effect import Effect
-from estimator.offline.fit.held import UNIFORM, by_declared, by_sampling, by_zero
+from estimator.offline.fit.fixed_parameters import UNIFORM, by_declared, by_sampling, by_zero
 from estimator.offline.fit.prediction_error import Fit, Point
 from estimator.offline.predict.places import PLACES, TermPlace, term_effect
 from estimator.offline.predict.predict import Block, Predictor

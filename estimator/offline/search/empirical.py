@@ -199,7 +199,7 @@ class Screening:
         size = len(self.current.parameters)
         prior = np.zeros((size + basis.size,) * 2)
         prior[:size, :size], prior[size:, size:] = self.current.normal.prior, basis.precision(PLACES[place].std)
-        return self._accumulated(self.sensitivity.beside(own), prior)
+        return self._accumulated(self.sensitivity.joined_with(own), prior)
 
     def _accumulated(self, sensitivity: WindowColumns, prior: Array) -> Normal:
         record, size = self.predictor.record, len(self.current.parameters)

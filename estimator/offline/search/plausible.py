@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from estimator.model.parameters import Parameter, Quantity
-from estimator.offline.fit.held import by_sampling
+from estimator.offline.fit.fixed_parameters import by_sampling
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics

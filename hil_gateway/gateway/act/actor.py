@@ -107,7 +107,7 @@ class Actor:
         if armed:
             wanted = self._wanted(now_ns, state, motion, decision, command, pose)
         else:  # the steering stays where it is
-            wanted = self._held(self.on_wire.steering_motor, self.on_wire.gear)
+            wanted = self._parked(self.on_wire.steering_motor, self.on_wire.gear)
         command_raw, limited = self._limits.apply(wanted, self._on_wire)
         sent = False
         if self._transmits:
@@ -118,7 +118,7 @@ class Actor:
         self.limited += bool(limited)
         return sent, limited
 
-    def _held(self, steering_motor: float, gear: int) -> ActuatorPositions:
+    def _parked(self, steering_motor: float, gear: int) -> ActuatorPositions:
         """Brakes alone."""
         self._holding = True
         return ActuatorPositions(steering_motor, 0.0, self._hold_pressure, self._hold_pressure, gear)
@@ -143,7 +143,7 @@ class Actor:
             steer, drive = command.steer, self._paced(command.drive, motion.speed, decision)
             balance = command.brake_balance
             if self._hill is not None and self._hill.holds(state, drive / self._mass_per_force):
-                return self._held(self._actuation.to_steering_motor(steer), gear)
+                return self._parked(self._actuation.to_steering_motor(steer), gear)
         else:
             steer, drive = self._stop(state, motion, decision, pose)
         wanted = self._actuation.to_actuators(steer, drive, state.gear or gear, state.engine_speed, gear, balance)
@@ -157,7 +157,7 @@ class Actor:
             )
         if driving or road_speed(state) >= STANDSTILL or not state.valid:
             return wanted
-        return self._held(wanted.steering_motor, gear)
+        return self._parked(wanted.steering_motor, gear)
 
     def _stop(self, state: VehicleState, motion: Motion, decision: Decision, pose: Pose | None) -> tuple[float, float]:
         """Road-wheel angle (rad) and slip-ratio drive command of a stop."""

@@ -140,8 +140,8 @@ class AxleBrakes:
         rear = share * grip * (car.static_load_rear - car.lift_area_rear * pressed - moved)
         across = demand.lateral / GRAVITY
         left_front, left_rear = (
-            _beside(across * car.static_load_front, front),
-            _beside(across * car.static_load_rear, rear),
+            _friction_circle_rest(across * car.static_load_front, front),
+            _friction_circle_rest(across * car.static_load_rear, rear),
         )
         return left_front, max(left_rear - demand.engine_drag, 0.0)
 
@@ -162,6 +162,6 @@ class AxleBrakes:
                 self._held[axle] = min(self._held[axle] + PRESS_AGAIN * PERIOD_S, self._most)
 
 
-def _beside(across: float, most: float) -> float:
+def _friction_circle_rest(across: float, most: float) -> float:
     """What is left along the wheels of `most` beside a force across them, at least `LEAST_SHARE` of it, N."""
     return math.sqrt(max(most**2 - across**2, (LEAST_SHARE * most) ** 2))

@@ -12,7 +12,7 @@ from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import HOLDS, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import ladder_inputs
 from hil_gateway.gateway.perceive.inbox import lacks_heading_only
-from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.road_speed import STANDSTILL, road_speed
 from hil_gateway.gateway.perceive.tyre_reports import TyreReports
 from hil_gateway.gateway.perceive.vehicle_state import COUNTER_FAULT, VehicleStateBuilder
@@ -56,8 +56,8 @@ class Conditions:
         self._sends = config.mode in ("armed", "actuator_test")
         self._holds = config.hold and config.mode == "armed"
         self._began_ns: int | None = None
-        self._state_invalid, self._estimate_invalid = Held(), Held()
-        self._supply_low, self._stalled = Held(), Held()
+        self._state_invalid, self._estimate_invalid = ConditionTime(), ConditionTime()
+        self._supply_low, self._stalled = ConditionTime(), ConditionTime()
         self._last_ns: int | None = None
         self._needs_heading = config.arming.heading == "known"
         self._blind_m = 0.0

@@ -25,6 +25,6 @@ class FadingRatio:
         """k; less where x was next to nothing (below 1, root mean square)."""
         return self.xy / max(self.xx, 1.0)
 
-    def beside(self, expected: float) -> float:
+    def ratio(self, expected: float) -> float:
         """k; as `expected` where x was nothing."""
         return (self.xy + expected) / (self.xx + 1.0)

@@ -266,7 +266,7 @@ class MotionReader:
 
     def _teaches(self, brakes: float) -> _Taught:
         understeer = min(max(self._lately.alone, 0.0), UNDERSTEER_MOST)
-        braked = self._under_brakes.beside(BRAKED_UNDERSTEER * understeer)
+        braked = self._under_brakes.ratio(BRAKED_UNDERSTEER * understeer)
         return _Taught(understeer, min(max(braked, UNDERSTEER_LEAST), UNDERSTEER_MOST), brakes)
 
     def _learn_brakes(self, state: VehicleState, speed: float) -> None:

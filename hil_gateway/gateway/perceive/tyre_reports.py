@@ -6,7 +6,7 @@ import math
 
 from can_dbc.quantities import WHEELS
 from hil_gateway.bus.tyres import Tyres
-from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.process.clock import NS_PER_S
 
@@ -30,7 +30,7 @@ class TyreReports:
         self._builder = builder
         self._treads = {wheel: builder.reported(f"tyre.{wheel}.temperature.") for wheel in WHEELS}
         self._had: dict[str, float] = {}
-        self._flat = Held()
+        self._flat = ConditionTime()
         self._due_ns = self._seq = 0
         self.flat = self.flat_front = self.flat_rear = False
         """whether a tyre, of any or of one axle, was flat when it was last asked"""

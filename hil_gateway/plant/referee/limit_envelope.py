@@ -168,11 +168,11 @@ class Side:
         held = [*LimitConditions(speed, normal, headwind, ratio, self._grip), *self._vector]
         drive, brake = (self._extreme(held, START, (sign, 0.0), 0.0) for sign in (1.0, -1.0))
         peak = self._peak(held)
-        drives = self._beside(held, drive, peak, (1.0, 0.0))
-        brakes = self._beside(held, brake, peak, (-1.0, 0.0))
+        drives = self._along(held, drive, peak, (1.0, 0.0))
+        brakes = self._along(held, brake, peak, (-1.0, 0.0))
         return Scales().ax * np.array([abs(peak[AY]), *drives, *brakes])
 
-    def _beside(self, held: list[float], start: Array, peak: Array, direction: tuple[float, float]) -> list[float]:
+    def _along(self, held: list[float], start: Array, peak: Array, direction: tuple[float, float]) -> list[float]:
         """Longitudinal force beside every share of the lateral one, from straight ahead to the peak."""
         guess, row = start, [float(start[AX])]
         for before, share in pairwise(SHARES[:-1]):

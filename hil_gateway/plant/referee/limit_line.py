@@ -203,7 +203,7 @@ def _path(track: Track, parameters: PlantParameters, offset: Array) -> LimitPath
     u = np.arange(count) * length / count
     (dx, dy), (ddx, ddy) = spline(u, 1).T, spline(u, 2).T
     yaw = np.unwrap(np.arctan2(dy, dx))
-    track_s = _beside(track, spline(u))
+    track_s = _arc_lengths(track, spline(u))
     curvature = (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3
     slopes = _slopes_at(track, parameters, track_s)
     return LimitPath(length / count, yaw, yaw - track.at(track_s).heading, curvature, slopes)
@@ -222,7 +222,7 @@ def _spline(points: Array) -> tuple[CubicSpline, float]:
     return CubicSpline(np.linspace(0.0, along[-1], len(closed)), closed, bc_type="periodic"), float(along[-1])
 
 
-def _beside(track: Track, points: Array) -> Array:
+def _arc_lengths(track: Track, points: Array) -> Array:
     """Arc length of the centre line beside every point, m."""
     s, out = track.project(*points[0])[0], []
     for x, y in points:

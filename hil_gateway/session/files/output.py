@@ -45,7 +45,7 @@ def _aside(final: Path) -> Iterator[Path]:
         path.unlink(missing_ok=True)
 
 
-def beside(source: Path, ending: str) -> Path:
+def output_path(source: Path, ending: str) -> Path:
     """Where the output goes when nobody says: next to `source`, with another ending.
 
     Raises:

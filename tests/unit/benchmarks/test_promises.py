@@ -86,7 +86,7 @@ def test_the_report_takes_the_worst_outcome_and_every_figure_once(tmp_path):
     ]  # fmt: skip
     text = markdown(evidence, "now", {"S2": {"verdict": "kept", "run": "a long run", "figures": ["all of it"]}})
     assert text.count("- **S1** 10 | 20\n") == 1
-    assert "\n- Long run 1: a long run\n" in text
+    assert "machine): 1 of a long run\n" in text
     assert "| kept | kept (1) |" in text
     assert "- **S2** all of it\n- **S3** no figure\n" in text
     assert len(as_json(evidence)) == len(PROMISES)

@@ -11,7 +11,7 @@ import numpy as np
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.car.actuation import ActuatorPositions
 from hil_gateway.car.vehicle import Vehicle
-from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.motion import LATE
 from hil_gateway.process.arrays import Array
 
@@ -81,7 +81,7 @@ class FollowingMonitor:
         self._ratio = vehicle.steering_ratio
         self._commands: deque[ActuatorPositions] = deque(maxlen=WINDOW)
         self._standing = _StandingSteering()
-        self._steering, self._pedals = Held(), Held()
+        self._steering, self._pedals = ConditionTime(), ConditionTime()
 
     def step(self, now_ns: int, state: VehicleState, commanded: ActuatorPositions | None) -> Follows:
         """`commanded` is what stands on the wire; None while nothing is sent or the car does not obey."""
@@ -169,7 +169,7 @@ class AccelerationMonitor:
     def __init__(self, vehicle: Vehicle, brake_force_per_pa: float) -> None:
         self._per_pa = brake_force_per_pa / vehicle.mass
         self._commands: deque[ActuatorPositions] = deque(maxlen=WINDOW)
-        self._held = Held()
+        self._held = ConditionTime()
 
     def step(self, now_ns: int, state: VehicleState, speed: float, commanded: ActuatorPositions | None) -> float:
         """Seconds the car has not done what all of these commands ask."""

@@ -11,7 +11,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from hil_gateway.gateway.perceive.course import Course
-from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.motion import COURSE_WINDOW
 
 TURN = 0.32
@@ -55,7 +55,7 @@ class CourseMonitor:
         self._yaw_rates: deque[float] = deque(maxlen=COURSE_WINDOW)
         self._forces: deque[float] = deque(maxlen=COURSE_WINDOW)
         self._others: deque[float] = deque(maxlen=COURSE_WINDOW)
-        self._yaw_rate, self._acceleration, self._wheels, self._position = Held(), Held(), Held(), Held()
+        self._yaw_rate, self._acceleration, self._wheels, self._position = (ConditionTime() for _ in range(4))
         self.shares: dict[str, float] = {}
         """each difference over its bound in this period"""
 

@@ -14,7 +14,7 @@ from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.gyro_repair import GyroRepair
 from hil_gateway.gateway.perceive.monitors.actuators import AccelerationMonitor, FollowingMonitor, ReversedMonitor
 from hil_gateway.gateway.perceive.monitors.course import CourseMonitor, SteadyCourse, TurnWitness
-from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.monitors.imu import ImuMonitor
 from hil_gateway.gateway.perceive.monitors.position import PositionMonitor
 from hil_gateway.gateway.perceive.monitors.road import RoadMonitor
@@ -65,7 +65,7 @@ class Monitors:
         self._axles = AxleMonitor(config)
         self._imu = ImuMonitor()
         self._observer = Observer(config)
-        self._imu_off, self._wheels_off = Held(), Held()
+        self._imu_off, self._wheels_off = ConditionTime(), ConditionTime()
         self._repair: GyroRepair | None = None
         self._steady = SteadyCourse()
         self._course = CourseMonitor()
@@ -82,9 +82,9 @@ class Monitors:
         """whether a tyre is reported flat: its wheel turns at another speed, and pulls to its side"""
         self._steering_off = self._steering_doubted = False
         """whether the steering does not report what it is asked for: now, or since a stop began"""
-        self._imu_gone, self._imu_missed = False, Held()
+        self._imu_gone, self._imu_missed = False, ConditionTime()
         """whether it alone was silent or implausible during this stop: where it comes back it may be late"""
-        self._without_wheels, self._without_imu = Held(), Held()
+        self._without_wheels, self._without_imu = ConditionTime(), ConditionTime()
         """a source that is not believed any more stops the car, whatever it says from then on"""
         self._road = None if track is None else RoadMonitor(track, vehicle.half_width)
 

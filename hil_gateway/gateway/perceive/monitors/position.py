@@ -12,7 +12,7 @@ import math
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.motion import Motion
 from hil_gateway.process.clock import NS_PER_S
 
@@ -65,8 +65,8 @@ class PositionMonitor:
         self.refused = False
         """by the estimator, until the car stands"""
         self._contradicted = self._drifts = False
-        self._answering, self._estimated = Held(), False
-        self._scatter, self._scatters = Held(), False
+        self._answering, self._estimated = ConditionTime(), False
+        self._scatter, self._scatters = ConditionTime(), False
         self.lost_s = 0.0
         """seconds without a fix while moving"""
 
@@ -145,7 +145,7 @@ class PositionMonitor:
         if self._reference is None:
             self._reference, self._way_m = (x, y, pose.yaw), 0.0
             return
-        along, across = self._beside(x, y)
+        along, across = self._offset(x, y)
         if self._agrees(along, across, motion.speed):
             self._level = max(self._level - FORGIVEN, 0.0)
             self._take(along, across, pose)
@@ -153,7 +153,7 @@ class PositionMonitor:
             self._level = min(self._level + 1.0, WRONG)
         self._note(self._level >= WRONG, "they leave the way by wheels and gyro")
 
-    def _beside(self, x: float, y: float) -> tuple[float, float]:
+    def _offset(self, x: float, y: float) -> tuple[float, float]:
         """How far a fix lies ahead and to the left of the place carried on, m."""
         assert self._reference is not None
         x0, y0, yaw = self._reference

@@ -18,7 +18,7 @@ import numpy as np
 
 from hil_gateway.car.car import Car, Receiver
 from hil_gateway.config import OriginConfig
-from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.positions.fixes import Fixes
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.process.arrays import Array
@@ -211,7 +211,7 @@ class OtherReceivers:
         walk = sum(receiver.walk for receiver in self._receivers) / 4.0
         self._windows = {round(window_s / self._reading_s): _Window(window_s, walk) for window_s in WINDOWS_S}
         self._next_ns = 0
-        self._held = Held()
+        self._held = ConditionTime()
         self.share = 0.0
         """of the bound that the offsets have moved"""
         self.aside = (0.0, 0.0)

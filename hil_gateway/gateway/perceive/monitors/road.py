@@ -6,7 +6,7 @@ import math
 
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
-from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.track.track import Track
 
 BEYOND = 0.5
@@ -23,7 +23,7 @@ class RoadMonitor:
     def __init__(self, track: Track, half_width: float) -> None:
         self._track, self._half_width = track, half_width
         self._s: float | None = None
-        self._off, self._against = Held(), Held()
+        self._off, self._against = ConditionTime(), ConditionTime()
         self.gravity_across = 0.0
         """specific force to the left that gravity makes on the bank where the car is, m/s2"""
 

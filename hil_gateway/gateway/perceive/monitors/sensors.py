@@ -7,7 +7,7 @@ from collections import deque
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
-from hil_gateway.gateway.perceive.monitors.held import Held
+from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.settings.gateway import PERIOD_S
 
 JUDGED_FROM = 8.0
@@ -41,7 +41,7 @@ class AxleMonitor:
         self._drag = 0.5 * car.air_density * car.drag_area / car.mass
         self._radii = self._slip = 0.0
         """rear over front wheels' speed less 1: rolling, and lately"""
-        self._held = Held()
+        self._held = ConditionTime()
 
     def step(self, now_ns: int, state: VehicleState, speed: float) -> float:
         """Seconds the driven wheels have turned slower."""
@@ -79,7 +79,7 @@ class SpeedChangeMonitor:
         """of the bound that they disagree by now"""
         self._speeds: deque[float] = deque(maxlen=SPEED_WINDOW)
         self._forces: deque[float] = deque(maxlen=SPEED_WINDOW)
-        self._held = Held()
+        self._held = ConditionTime()
 
     def step(self, now_ns: int, state: VehicleState, speed: float) -> float:
         """Seconds they have disagreed."""

@@ -258,9 +258,7 @@ def test_commands_in_the_readme_exist() -> None:
     assert set(shown) <= set(COMMANDS)
 
 
-NOTATION = re.findall(
-    r"((?:`[\w.]+`, )*`[\w.]+`) of `([a-z]\w+\.[\w.]+)`", (ROOT / "docs" / "notation.md").read_text()
-)
+NOTATION = re.findall(r"((?:`[\w.]+`, )*`[\w.]+`) of `([a-z]\w+\.[\w.]+)`", (ROOT / "docs" / "notation.md").read_text())
 
 
 def test_notation_names_what_is_in_the_code() -> None:

@@ -10,7 +10,7 @@ from unit.hil_gateway.session.test_catalogue import estimate
 from hil_gateway.bus import messages as m
 from hil_gateway.bus.topics import ESTIMATE, GATEWAY_STATUS, RUN, VEHICLE_STATE
 from hil_gateway.bus.track_day.run import RunPhase, RunPlan, RunStatus
-from hil_gateway.dashboard.day.phase import phase_of
+from hil_gateway.dashboard.phase import phase_of
 
 FULL = ("cranked",)
 """what the gateway names once the engine runs"""

@@ -13,7 +13,7 @@ from hil_gateway.bus.topics import MODEL_REVISION
 from hil_gateway.demo import learn
 from hil_gateway.demo.learn import describe_learning, drive_learn_drive, why_not
 from hil_gateway.demo.options import DemoOptions
-from hil_gateway.process.own_command import Answer, ask
+from hil_gateway.process.own_command import CommandResult, ask
 from hil_gateway.session.files.writer import SessionWriter
 
 BETTER = {
@@ -49,7 +49,7 @@ class Bench:
         self.folder = folder
         self.second: dict[str, Any] = {}
         self.error = {"before": 1.0, "after": 0.4}
-        self.diagnosis = Answer(
+        self.diagnosis = CommandResult(
             {"verdict": "effect", "effects": [{"name": "aero_drag"}], "rollout": BETTER, "report": "r"}
         )
         self.driven: list[DemoOptions] = []
@@ -118,14 +118,14 @@ def test_a_regress_drops_the_model_again(
 
 
 def test_a_model_that_is_not_better_is_never_driven(bench: Bench) -> None:
-    bench.diagnosis = Answer({**bench.diagnosis.content, "rollout": with_effects(vy=5.0)})
+    bench.diagnosis = CommandResult({**bench.diagnosis.content, "rollout": with_effects(vy=5.0)})
     summary = drive_learn_drive(DemoOptions())
     assert len(bench.driven) == 1
     assert not summary["learning"]["adopted"]
 
 
 def test_a_diagnosis_that_fails_is_said_with_its_reason(bench: Bench) -> None:
-    bench.diagnosis = Answer({}, "too short a session")
+    bench.diagnosis = CommandResult({}, "too short a session")
     summary = drive_learn_drive(DemoOptions())
     assert not summary["ok"]
     assert summary["learning"]["reason"] == "too short a session"

@@ -13,8 +13,8 @@ from hil_gateway.config import PlannerConfig
 from hil_gateway.process.errors import InputError
 from planner.problem.load_limits import (
     SLEW,
-    HeldLoad,
     LoadLimits,
+    SustainedLoad,
     judged_limits,
     load_limits,
     starting_limits,
@@ -50,7 +50,7 @@ def test_lesser_peaks_are_judged_by_within_seconds() -> None:
 
 @given(st.lists(st.floats(0.0, 2.0), min_size=4, max_size=30))
 def test_a_held_load_is_the_largest_that_lasted(loads: list[float]) -> None:
-    held, seen = HeldLoad(0.05), []
+    held, seen = SustainedLoad(0.05), []
     for load in loads:
         held.push(load)
         seen.append(held.value)
@@ -59,7 +59,7 @@ def test_a_held_load_is_the_largest_that_lasted(loads: list[float]) -> None:
 
 
 def test_a_short_spike_is_not_a_demonstrated_load() -> None:
-    held = HeldLoad(0.05)
+    held = SustainedLoad(0.05)
     for load in (0.5, 0.6, 1.4, 0.6, 0.6, 0.6, 0.6):
         held.push(load)
     assert held.value == 0.6

@@ -11,7 +11,7 @@ from scipy.stats import t as student
 from support.drives.practice_drives import PRIOR, record_of
 
 from estimator.offline.diagnosis import held_out_in_turn
-from estimator.offline.fit.held import MASS_ERROR, ZERO_ERROR, by_declared, by_sampling, by_zero
+from estimator.offline.fit.fixed_parameters import MASS_ERROR, ZERO_ERROR, by_declared, by_sampling, by_zero
 from estimator.offline.fit.normal import Normal
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.record.unknown_inputs import sampling_effects

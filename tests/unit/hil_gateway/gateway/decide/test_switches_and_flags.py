@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from support.cars.scripted_car import Rig
 
-from benchmarks.faults.car_faults import markdown
+from benchmarks.faults.car_faults import CAR_FAULTS, listing
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
+from hil_gateway.gateway.decide.failsafe import TABLE
 
 
 @pytest.mark.parametrize(
@@ -99,6 +98,7 @@ def test_a_full_course_yellow_slows_the_car_to_the_caution_speed(named_mph: tupl
     assert rig.car.speed > reached + 3.0
 
 
-def test_the_documented_fault_model_is_the_simulated_one() -> None:
-    text = (Path(__file__).resolve().parents[5] / "docs" / "failsafe.md").read_text()
-    assert markdown() in text, "docs/failsafe.md: replace its fault model with car_faults.markdown()"
+def test_what_notices_a_fault_is_a_row_of_the_failsafe_table() -> None:
+    causes = {row.cause for row in TABLE}
+    assert [fault.name for fault in CAR_FAULTS if not set(fault.noticed_by) <= causes] == []
+    assert all(fault.name in listing() for fault in CAR_FAULTS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hil_gateway.process.clock import NS_PER_S
 
 
-class Held:
+class ConditionTime:
     """How long a condition has held, s."""
 
     def __init__(self) -> None:

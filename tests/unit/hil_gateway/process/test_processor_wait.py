@@ -15,7 +15,14 @@ from hil_gateway.bus.messages import FailsafeAction, OperatorAction
 from hil_gateway.demo.waiting import Account, Waiting
 from hil_gateway.gateway.decide.failsafe import TABLE
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.process.held_up import TIMING_CAUSES, Load, ProcessorTime, processor_time, read_load, who_was_late
+from hil_gateway.process.processor_wait import (
+    TIMING_CAUSES,
+    Load,
+    ProcessorTime,
+    processor_time,
+    read_load,
+    who_was_late,
+)
 
 
 @pytest.mark.parametrize(
