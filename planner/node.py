@@ -167,6 +167,7 @@ class Planner:
             return None
         self.adoption.take_delivered(e.delivered)
         controller = self.adoption.controller
+        controller.take_road(e.grade_share, e.bank_share)
         turns = round((float(controller.sqp.z[2, 0]) - e.yaw) / math.tau)
         car = (e.x, e.y, e.yaw + math.tau * turns, e.vx, e.vy, e.yaw_rate)
         measured_ns = latest.received_ns - round(self._config.planner.estimate_age_s * NS_PER_S)

@@ -28,14 +28,15 @@ STATES = (
     "bias_ay",
     "bias_yaw_rate",
     "wheel_scale",
-    "slope_share",
+    "grade_share",
+    "bank_share",
     "imu_turn",
     "imu_ahead",
     "drift_x",
     "drift_y",
 )
-X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, SLOPE_SHARE, IMU_TURN, IMU_AHEAD = range(12)
-DRIFT_X = 12
+X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, GRADE_SHARE, BANK_SHARE = range(11)
+IMU_TURN, IMU_AHEAD, DRIFT_X = range(11, 14)
 """followed by that along y"""
 
 
@@ -173,13 +174,13 @@ def predict(moment: FilterMoment, *imu: Expr) -> None:
     """
     ax, ay, gyro, gravity_x, gravity_y, dt, moves, accel_variance, rate_variance = imu
     n, m = moment.noise, moment.mean
-    x, y, yaw, vx, vy, bias_ax, bias_ay, bias_yaw_rate, _, slope_share, turn, ahead, drift_x, drift_y = ca.vertsplit(m)
+    x, y, yaw, vx, vy, bias_ax, bias_ay, bias_yaw_rate, _, grade, bank, turn, ahead, drift_x, drift_y = ca.vertsplit(m)
     rate = gyro - bias_yaw_rate
     r = moves * rate
     # known by difference: a bias is not in it, and what noise adds the next step takes away again
     change = ca.SX.sym("change")
     felt_x, felt_y = levelled(ax - bias_ax, ay - bias_ay, ca.cos(turn), ca.sin(turn))
-    fx, fy = felt_x + slope_share * gravity_x, felt_y + slope_share * gravity_y
+    fx, fy = felt_x + grade * gravity_x, felt_y + bank * gravity_y
     c, s = ca.cos(r * dt), ca.sin(r * dt)
     # the specific force turns with the body: over the step it acts half a turn later than at the start
     ch, sh = ca.cos(0.5 * r * dt) * dt, ca.sin(0.5 * r * dt) * dt
@@ -210,7 +211,8 @@ def _walks(n: FilterNoise, dt: Expr) -> Expr:
     drift = n.position_drift * (2.0 / n.position_drift_s) ** 0.5
     walk = (
         n.position_wander, n.position_wander, 0.0, 0.0, 0.0, n.bias_accel_walk, n.bias_accel_walk,
-        n.bias_yaw_rate_walk, n.wheel_scale_walk, n.slope_share_walk, n.imu_turn_walk, n.imu_ahead_walk, drift, drift,
+        n.bias_yaw_rate_walk, n.wheel_scale_walk, n.slope_share_walk, n.slope_share_walk, n.imu_turn_walk,
+        n.imu_ahead_walk, drift, drift,
     )  # fmt: skip
     return ca.diag(ca.DM(walk) ** 2) * dt
 
@@ -266,9 +268,12 @@ def standstill(moment: FilterMoment, *imu: Expr) -> None:
 def level(moment: FilterMoment, *read: Expr) -> None:
     """What the accelerometers read of a car at rest, and its variance: bias less gravity."""
     ax, ay, gravity_x, gravity_y, variance_x, variance_y = read
-    rows = (BIAS_AX, ax, gravity_x, variance_x), (BIAS_AY, ay, gravity_y, variance_y)
-    for bias, force, gravity, variance in rows:
-        H = _row({bias: 1.0, SLOPE_SHARE: -gravity})
+    rows = (
+        (BIAS_AX, GRADE_SHARE, ax, gravity_x, variance_x),
+        (BIAS_AY, BANK_SHARE, ay, gravity_y, variance_y),
+    )
+    for bias, share, force, gravity, variance in rows:
+        H = _row({bias: 1.0, share: -gravity})
         moment.update(H, force - H @ moment.mean, variance)
 
 

@@ -14,7 +14,7 @@ from math import cos, hypot, sin
 import numpy as np
 
 from estimator.state.alignment import UNKNOWN_STD, Alignment
-from estimator.state.filter_steps import BIAS_AX, BIAS_YAW_RATE, STATES, VX, VY, YAW, X, Y
+from estimator.state.filter_steps import BANK_SHARE, BIAS_AX, BIAS_YAW_RATE, GRADE_SHARE, STATES, VX, VY, YAW, X, Y
 from estimator.state.state_filter import SEEN, ImuReading, StateFilter, Unseen
 from hil_gateway.bus.messages import Estimate, Lacks, VehicleState
 from hil_gateway.car.car import Car
@@ -233,6 +233,7 @@ class Localisation:
             x=x, y=y, yaw=yaw, vx=vx, vy=vy, yaw_rate=f.yaw_rate,
             bias_ax=ax - fx, bias_ay=ay - fy, bias_yaw_rate=br,
             std=(*std[:5], f.yaw_rate_std, *std[5:8]),
+            grade_share=float(f.mean[GRADE_SHARE]), bank_share=float(f.mean[BANK_SHARE]),
             steer=state.steer, drive=state.drive, innovations_rejected=f.rejected, lacks=lacks, bridged=self._bridged,
         )  # fmt: skip
 

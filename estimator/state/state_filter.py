@@ -6,7 +6,7 @@ The IMU drives the prediction, so the filter does not depend on the tyre model i
     vx, vy                         body frame at the CoG, m/s
     bias_ax, bias_ay, bias_yaw_rate    IMU biases, m/s2 and rad/s
     wheel_scale                    (indicated wheel speed) / (true) - 1: rolling radius
-    slope_share                    share of the declared track map's grade and bank that is real
+    grade_share, bank_share        shares of the declared track map's grade and bank that are real
     imu_turn                       angle of the IMU about the vertical axis, rad
     imu_ahead                      distance of the IMU ahead of the CoG, beyond what is declared, m
     drift_x, drift_y               velocity at which the fixes lead away from the car, m/s
@@ -14,7 +14,8 @@ The IMU drives the prediction, so the filter does not depend on the tyre model i
 Errors of position fixes are no white noise: they wander and drift. The place is therefore the one the fixes give, and
 how it wanders is noise of the prediction: fixes of a car that stands move it and do not turn it.
 The yaw rate is the bias-corrected gyro. Gravity on grade and bank comes from the declared track map, which may be
-wrong as a whole (a flat road under a hilly map): the share of it that is real is estimated too. Every measurement is
+wrong as a whole (a flat road under a hilly map), and grade apart from bank, which are surveyed by other means: the
+shares of them that are real are estimated too. Every measurement is
 gated by its normalised innovation squared (Bar-Shalom, Estimation with Applications to Tracking, ch. 5).
 """
 
@@ -27,12 +28,13 @@ import numpy as np
 
 from estimator.state import filter_steps
 from estimator.state.filter_steps import (
+    BANK_SHARE,
     BIAS_AX,
     BIAS_AY,
     BIAS_YAW_RATE,
+    GRADE_SHARE,
     IMU_AHEAD,
     IMU_TURN,
-    SLOPE_SHARE,
     STATES,
     VX,
     FilterNoise,
@@ -92,12 +94,13 @@ class StateFilter:
     def initialise(self, x: float, y: float, yaw: float, vx: float = 0.0, **std: float) -> None:
         """Start at a position fix; `NAME_std` says how wrong a state may be, where that is not the usual."""
         n, self.mean = self.noise, np.zeros(len(STATES))
-        self.mean[:4], self.mean[SLOPE_SHARE] = (x, y, yaw, vx), 1.0
+        self.mean[:4], self.mean[[GRADE_SHARE, BANK_SHARE]] = (x, y, yaw, vx), 1.0
         usual = {
             "x": n.initial_position, "y": n.initial_position, "yaw": n.initial_yaw,
             "vx": n.initial_speed, "vy": n.initial_speed + 0.1 * abs(vx),
             "bias_ax": n.initial_bias_accel, "bias_ay": n.initial_bias_accel, "bias_yaw_rate": n.initial_bias_yaw_rate,
-            "wheel_scale": n.initial_wheel_scale, "slope_share": n.initial_slope_share,
+            "wheel_scale": n.initial_wheel_scale,
+            "grade_share": n.initial_slope_share, "bank_share": n.initial_slope_share,
             "imu_turn": n.initial_imu_turn, "imu_ahead": n.initial_imu_ahead,
             "drift_x": n.position_drift, "drift_y": n.position_drift,
         }  # fmt: skip

@@ -104,6 +104,8 @@ class Estimate(Message):
     std: tuple[Parameter, ...] = Field(
         min_length=9, max_length=9, description="standard deviations of x, y, yaw, vx, vy, yaw_rate, biases"
     )
+    grade_share: Reported = Field(default=1.0, description="share of the track map's grade that is real")
+    bank_share: Reported = Field(default=1.0, description="the same of its bank")
     steer: Angle = Field(description="road-wheel angle as the car reports it, rad")
     drive: Slip = Field(description="slip-ratio drive command equivalent to the reported pedals")
     innovations_rejected: Count = Field(description="measurements gated out since start")

@@ -44,6 +44,7 @@ class PlanCheck:
         """Limits the solution breaks, in words; empty when it may be published."""
         bounds = self._bounds_of(controller.knowledge.load_max, float(solution.z[7, 0]))
         roadside, check = self._roadside_of(controller.reference.line), controller.checked
+        roadside.take_share(controller.road_share)
         if isinstance(check, FixedCheck):
             plan = acceptance.CheckedPlan(check.lay_out(solution.z, solution.information, roadside))
         else:
@@ -101,9 +102,23 @@ class Roadside:
         cos, sin = np.cos(line.heading), np.sin(line.heading)
         widths = [line.width_left, line.width_right]
         slopes = [(np.roll(w, -1) - np.roll(w, 1)) / (2.0 * self.spacing) for w in widths]
-        load = [np.cos(line.grade) * np.cos(line.bank) - 1.0, line.bend / GRAVITY, np.sin(line.bank) / GRAVITY]
-        gravity = [-GRAVITY * np.sin(line.grade), -GRAVITY * np.sin(line.bank)]
-        self.points = np.array([line.x, line.y, cos, sin, *widths, *slopes, *load, *gravity])
+        flat = np.cos(line.grade) * np.cos(line.bank) - 1.0
+        self._load = np.array([line.bend, np.sin(line.bank)]) / GRAVITY
+        self._slopes = np.array([line.grade, line.bank])
+        self._share = np.ones(2)
+        self.points = np.array([line.x, line.y, cos, sin, *widths, *slopes, flat, *self._load, *self._slopes])
+        self._pull()
+
+    def _pull(self) -> None:
+        share = self._share[:, None]
+        self.points[9:11] = share * self._load
+        self.points[11:13] = -GRAVITY * np.sin(share * self._slopes)
+
+    def take_share(self, share: Array) -> None:
+        """Shares (2,) of the line's grade and bank that are real."""
+        if np.any(share != self._share):
+            self._share = share
+            self._pull()
 
     def near(self, x: Array, y: Array, s: Array) -> Array:
         """Rows of the nearest points (13, K) to points near progress `s`, all (K,).

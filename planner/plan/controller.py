@@ -90,8 +90,8 @@ class Controller:
         self.phi_at = phi_at or _no_effects
         place_of = problem.model.place_of
         self._brakes_in_front = place_of(Quantity.FRONT_BRAKE_SHARE) is not None
-        # an effect learnt from data stands for grade or bank as they are felt: not both
-        self._road_share = np.array([[float(place_of(q) is None)] for q in (Quantity.GRADE, Quantity.BANK)])
+        self._map_pulls = np.array([float(place_of(q) is None) for q in (Quantity.GRADE, Quantity.BANK)])
+        self.take_road(1.0, 1.0)
         self.reference = reference
         self.common = np.zeros(self.problem.common.size)
         self.stages = np.zeros((self.problem.stage.size, self.settings.horizon), order="F")
@@ -106,6 +106,13 @@ class Controller:
         """guess, knowledge and what `_known_ahead` found for them"""
         # `advance` is asked before the first solve: a scale that is still 0 would divide by zero
         self.fill_stages(0.0)
+
+    def take_road(self, grade: float, bank: float) -> None:
+        """Shares of the map's grade and bank that are real, as the state filter knows them.
+
+        An effect learnt from data stands for grade or bank as they are felt: not both.
+        """
+        self.road_share = self._map_pulls * (grade, bank)
 
     def set_knowledge(self, knowledge: TyreKnowledge) -> None:
         """Take over tyre parameters, belief and load limits; no recompilation."""
@@ -213,8 +220,8 @@ class Controller:
         p[names["centre"]] = road[:2]
         p[names["half_width"]] = np.maximum(road[2] + road[3] * (s - knot) - self.clearance, MIN_CORRIDOR)
         p[names["speed"]] = road[4:6]
-        p[names["grade"]], p[names["bank"]] = road[6:8] * self._road_share
-        p[names["road_load"]] = road[9:12]
+        p[names["grade"]], p[names["bank"]] = road[6:8] * self.road_share[:, None]
+        p[names["road_load"]] = road[9:12] * np.array([[1.0], *self.road_share[:, None]])
         if self.problem.model.effects:
             p[names["phi"]] = self.phi_at(road[8])
         self._filled = along

@@ -46,23 +46,24 @@ class Drive:
         accel_std = np.hypot(noise.accel, noise.accel_model)
         walk = np.array([
             noise.bias_accel_walk, noise.bias_accel_walk, noise.bias_yaw_rate_walk,
-            noise.wheel_scale_walk, noise.slope_share_walk, noise.imu_turn_walk, noise.imu_ahead_walk, 0.0, 0.0,
+            noise.wheel_scale_walk, noise.slope_share_walk, noise.slope_share_walk,
+            noise.imu_turn_walk, noise.imu_ahead_walk, 0.0, 0.0,
         ]) * np.sqrt(DT)  # fmt: skip
         start = initial_std()[5:]
-        drift = rng.normal(0, start) + np.cumsum(rng.normal(0, walk, (n + 1, 9)), axis=0)
-        drift[:, 4] += 1.0
+        drift = rng.normal(0, start) + np.cumsum(rng.normal(0, walk, (n + 1, 10)), axis=0)
+        drift[:, 4:6] += 1.0
         if ahead is not None:
-            drift[:, 6] = ahead
-        at = np.append(np.repeat(drift[:-1, 6], FINE), drift[-1, 6])
+            drift[:, 7] = ahead
+        at = np.append(np.repeat(drift[:-1, 7], FINE), drift[-1, 7])
         ax, ay = ax - at * rate**2, ay + at * np.gradient(rate, t)
         # an inertial unit reports increments: the mean over the sample
         self.imu = np.column_stack([(0.5 * (s[1:] + s[:-1])).reshape(n, FINE).mean(axis=1) for s in (ax, ay, rate)])
-        self.imu[:, :2] -= self.gravity[1:] * drift[:-1, 4:5]
-        self.imu[:, :2] = self._turned(self.imu[:, :2], drift[:-1, 5])
+        self.imu[:, :2] -= self.gravity[1:] * drift[:-1, 4:6]
+        self.imu[:, :2] = self._turned(self.imu[:, :2], drift[:-1, 6])
         self.imu += drift[:-1, :3] + rng.normal(0, [accel_std, accel_std, noise.yaw_rate], (n, 3))
         self.truth = np.column_stack([a[::FINE] for a in (x, y, yaw, self.vx, self.vy)] + [drift])
         # the receiver's place of the car wanders away from it
-        wander = rng.normal(0, noise.position_wander * np.sqrt(DT), (n + 1, 2)) + drift[:, 7:] * DT
+        wander = rng.normal(0, noise.position_wander * np.sqrt(DT), (n + 1, 2)) + drift[:, 8:] * DT
         self.truth[:, :2] += np.cumsum(wander, axis=0)
         late = noise.position_delay * self.truth[:, VX] * rng.normal(0, 1, n + 1)
         way = np.column_stack([np.cos(self.truth[:, YAW]), np.sin(self.truth[:, YAW])])
@@ -92,7 +93,8 @@ def initial_std() -> np.ndarray:
     return np.array([
         n.initial_position, n.initial_position, n.initial_yaw, n.initial_speed, n.initial_speed,
         n.initial_bias_accel, n.initial_bias_accel, n.initial_bias_yaw_rate, n.initial_wheel_scale,
-        n.initial_slope_share, n.initial_imu_turn, n.initial_imu_ahead, n.position_drift, n.position_drift,
+        n.initial_slope_share, n.initial_slope_share, n.initial_imu_turn, n.initial_imu_ahead,
+        n.position_drift, n.position_drift,
     ])  # fmt: skip
 
 
@@ -100,7 +102,7 @@ def started(drive: Drive, rng: np.random.Generator) -> StateFilter:
     f = StateFilter(load_car())
     f.covariance = np.diag(initial_std() ** 2)
     f.mean = drive.truth[0] + rng.normal(0, initial_std())
-    f.mean[5:] = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]
+    f.mean[5:] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]
     f.yaw_rate = drive.imu[0, 2]
     return f
 
@@ -202,7 +204,7 @@ def test_wrong_initial_heading_is_corrected_by_motion() -> None:
     f.mean[YAW] = drive.truth[0, YAW] + 0.5
     for k in range(1, len(drive.truth)):
         step(f, drive, k)
-    assert abs(f.mean[YAW] - drive.truth[-1, YAW]) < 0.02
+    assert abs(f.mean[YAW] - drive.truth[-1, YAW]) < min(3.0 * f.std()[YAW], 0.1)
 
 
 def test_jumping_fixes_and_spinning_wheels_are_gated_out() -> None:

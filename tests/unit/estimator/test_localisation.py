@@ -140,7 +140,7 @@ def test_fixes_that_wander_do_not_restart_the_filter_of_a_standing_car(steep: Pl
     for state in car.states(100.0):
         estimate = localisation.step(state, car.k)
         assert estimate.valid
-        assert _wrong(car, estimate) < 2.0 * estimate.std[2]
+        assert _wrong(car, estimate) < 3.0 * estimate.std[2]
 
 
 def test_a_car_carried_away_while_it_stands_no_longer_knows_its_heading(steep: Place) -> None:
