@@ -9,7 +9,8 @@ import numpy as np
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.messages import FailsafeAction
-from hil_gateway.bus.track_day.run import RunPhase, RunPlan, RunRequest, RunStatus
+from hil_gateway.bus.track_day.run import RunAction, RunPhase, RunPlan, RunRequest, RunStatus
+from hil_gateway.car.states import VehicleFlag
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
@@ -45,6 +46,7 @@ class RunDesk:
         self._bus, self.progress, self._track, self._lane = bus, progress, track, lane
         self._requests = bus.subscribe(topics.RUN_REQUEST, depth=16)
         self._gateway = LatestReader(bus, topics.GATEWAY_STATUS)
+        self._state = LatestReader(bus, topics.VEHICLE_STATE)
         self._answered = ""
         self._known: set[tuple[str, int]] = set()
         self._due_ns, self._seq, self._slides = 0, 0, 0
@@ -58,7 +60,9 @@ class RunDesk:
         for request in news:
             self._known.add((request.source, request.seq))
             self._answered = request.source
-            self._ask(request, s, base)
+            self._ask(request, s, base, now_ns)
+        if self._black(now_ns):
+            self.progress.come_in("in lap: black flag")
         status = self._gateway.update(now_ns).message
         if status is not None and status.action in STOPS:
             self.progress.note(f"stopped by the gateway: {status.cause}")
@@ -66,7 +70,14 @@ class RunDesk:
             self._due_ns, self._seq = now_ns + PERIOD_NS, self._seq + 1
             self._bus.publish(topics.RUN, self._status(now_ns))
 
-    def _ask(self, request: RunRequest, s: float, base: Reference) -> None:
+    def _black(self, now_ns: int) -> bool:
+        state = self._state.update(now_ns).message
+        return state is not None and state.vehicle_flag == VehicleFlag.BLACK
+
+    def _ask(self, request: RunRequest, s: float, base: Reference, now_ns: int) -> None:
+        if request.action in (RunAction.START, RunAction.NEXT) and self._black(now_ns):
+            self.progress.said = "refused: black flag of race control"
+            return
         end = self._ends(request.plan or self.progress.plan, base)
         if isinstance(end, str):
             self.progress.said = f"refused: {end}"

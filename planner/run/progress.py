@@ -77,12 +77,16 @@ class Progress:
         elif not under_way:
             self.said = "refused: no run is under way"
         elif request.action is RunAction.IN:
-            self.said = "in lap, as asked"
-            self.phase = RunPhase.IN_LAP
+            self.come_in("in lap, as asked")
         else:
             self._aborted, self.phase, self.said = True, RunPhase.IN_LAP, "aborted: stops here"
             self._unclean.append("aborted")
         return False
+
+    def come_in(self, why: str) -> None:
+        """The lap under way becomes the in lap, if it is not."""
+        if self.phase in (RunPhase.OUT_LAP, RunPhase.FLYING):
+            self.phase, self.said = RunPhase.IN_LAP, why
 
     def _start(self, plan: RunPlan, s: float) -> None:
         self._base, why = self.expansion.caps(self.key)

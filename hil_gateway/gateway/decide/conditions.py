@@ -6,7 +6,14 @@ from collections.abc import Mapping
 
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Agreement, Command, Estimate, OperatorAction, Plan, VehicleState
-from hil_gateway.car.states import KILL_VEHICLE_FLAGS, STOP_TRACK_FLAGS, STOP_VEHICLE_FLAGS, CtState, SysState
+from hil_gateway.car.states import (
+    KILL_VEHICLE_FLAGS,
+    STOP_TRACK_FLAGS,
+    STOP_VEHICLE_FLAGS,
+    CtState,
+    SysState,
+    VehicleFlag,
+)
 from hil_gateway.gateway.decide.arming import of_another_drive, unready
 from hil_gateway.gateway.decide.decision import Decision, Situation
 from hil_gateway.gateway.decide.failsafe import HOLDS, Inputs
@@ -74,8 +81,10 @@ class Conditions:
         monitored: Mapping[str, float],
         plan: Latest[Plan],
         command: Command | None,
+        brought_in: bool,
     ) -> Situation:
-        """Inputs of this period's decision; `decision` is the one in force, `monitored` what the monitors measure."""
+        """Inputs of this period's decision; `decision` is the one in force, `monitored` what the monitors measure,
+        `brought_in` whether a planner answers for a black flag."""
         measures = self.measures(
             now_ns,
             state,
@@ -84,6 +93,7 @@ class Conditions:
             command_age_s=command_age_s,
             estimate=estimate,
             heartbeat_frozen_s=decision.race_control.heartbeat_frozen_s(now_ns),
+            brought_in=brought_in,
         )
         standing = state.valid and road_speed(state) < STANDSTILL
         everything = {**measures, **(dict.fromkeys(monitored, 0.0) if self._testing else monitored)}
@@ -108,13 +118,14 @@ class Conditions:
         command_age_s: float,
         estimate: Latest[Estimate],
         heartbeat_frozen_s: float,
+        brought_in: bool = False,
     ) -> dict[str, float]:
         """Measure -> seconds it has held; once a period.
 
         `answers_for_motion`: commands are sent, or the mode leaves the actuators to somebody else.
         """
         measures = {
-            **_requested(request, state),
+            **_requested(request, state, brought_in),
             **self._of_the_car(now_ns, state),
             **self._on_the_bus(now_ns),
             "uncommanded_motion": _holds(not answers_for_motion and _drives_on(state)),
@@ -193,12 +204,13 @@ class Conditions:
         return max(held_s, age_s - ESTIMATE_MAX_S) if invalid else 0.0
 
 
-def _requested(request: OperatorAction | None, state: VehicleState) -> dict[str, float]:
-    """What operator and race control ask for."""
+def _requested(request: OperatorAction | None, state: VehicleState, brought_in: bool) -> dict[str, float]:
+    """What operator and race control ask for; a black flag asks for no stop of a car that is brought in."""
+    stops = STOP_VEHICLE_FLAGS - {VehicleFlag.BLACK} if brought_in else STOP_VEHICLE_FLAGS
     return {
         **{f"operator_{action}": _holds(request is action) for action, row in REQUESTS.items() if row.stops},
         "vehicle_flag_kill": _holds(state.vehicle_flag in KILL_VEHICLE_FLAGS),
-        "vehicle_flag_stop": _holds(state.vehicle_flag in STOP_VEHICLE_FLAGS),
+        "vehicle_flag_stop": _holds(state.vehicle_flag in stops),
         "track_flag_stop": _holds(state.track_flag in STOP_TRACK_FLAGS),
     }
 

@@ -10,7 +10,9 @@ from support.promise_figures import record_figure
 
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import FailsafeAction
+from hil_gateway.bus.track_day.race_control import RaceControlRequest
 from hil_gateway.bus.track_day.run import RunAction, RunPhase, RunPlan, RunRequest, RunStatus
+from hil_gateway.car.states import VehicleFlag
 from hil_gateway.config import Config
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import PitLane
@@ -48,6 +50,13 @@ class Drive:
         now_ns = self.loop.clock.now_ns()
         request = RunRequest(stamp_ns=now_ns, seq=self.asked, source="test", action=action, plan=plan)
         self.loop.bus.publish(topics.RUN_REQUEST, request)
+        self.go(0.5)
+
+    def show(self, flag: VehicleFlag) -> None:
+        """Race control's flag for this car."""
+        now_ns = self.loop.clock.now_ns()
+        request = RaceControlRequest(stamp_ns=now_ns, seq=now_ns // 1000, source="test", vehicle_flag=flag)
+        self.loop.bus.publish(topics.RACE_CONTROL_REQUEST, request)
         self.go(0.5)
 
     def go(self, seconds: float, until: Callable[[], bool] | None = None) -> None:
@@ -88,3 +97,30 @@ def test_a_car_keeps_to_the_pit_speed_and_stops_in_its_box_out_of_which_it_drive
         drive.go(40.0, until=lambda: not drive.status.in_pit_lane)
         assert drive.lane.speed - 1.0 < drive.fastest < drive.lane.speed + 0.5
     assert drive.loop.plant.referee.off_track_count == 0 and not drive.loop.result.failsafes
+
+
+@pytest.mark.long
+def test_a_black_flag_brings_the_car_into_its_box_and_keeps_it_there() -> None:
+    drive = Drive()
+    drive.ask(RunAction.START, RunPlan(laps=5, speed=(60.0,), load_use=(0.8,), box=BOX))
+    drive.go(3.0)
+    drive.show(VehicleFlag.BLACK)
+    assert drive.status.phase is RunPhase.IN_LAP and drive.loop.gateway.failsafe.action is FailsafeAction.DRIVE
+    drive.go(100.0, until=lambda: drive.status.phase is RunPhase.DONE)
+    drive.go(1.0)
+    drive.assert_in_box()
+    drive.ask(RunAction.NEXT)
+    drive.go(1.0)
+    assert drive.status.said == "refused: black flag of race control" and drive.loop.plant.car.standing
+    drive.show(VehicleFlag.NONE)
+    drive.ask(RunAction.NEXT)
+    drive.go(3.0)
+    assert drive.loop.plant.car["vx"] > 5.0 and not drive.loop.result.failsafes
+
+
+def test_without_a_box_a_black_flag_stops_the_car_here() -> None:
+    drive = Drive()
+    drive.ask(RunAction.START, RunPlan(stop_at=600.0))
+    drive.go(3.0)
+    drive.show(VehicleFlag.BLACK)
+    assert drive.loop.gateway.failsafe.cause == "vehicle_flag_stop"
