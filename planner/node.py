@@ -13,6 +13,7 @@ from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.messages import Applied, Estimate, Plan, PlanStatus
 from hil_gateway.config import Config
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.loading import load_track
@@ -23,7 +24,7 @@ from planner.line.line_publisher import LinePublisher
 from planner.line.pit_route import PitRoutes
 from planner.line.track import Reference
 from planner.plan.checks import PlanCheck
-from planner.plan.fallback import STANDSTILL, StopPlanner, Trajectory, shifted, stop_plan
+from planner.plan.fallback import StopPlanner, Trajectory, shifted, stop_plan
 from planner.plan.first_metres import WayLeft, straight_ahead
 from planner.plan.from_rest import STILL, WALKING, Following, Unmoved, is_off, moves_off
 from planner.plan.prediction import ActuatorModel, Car, PredictedMoment, Sent, credible, predict

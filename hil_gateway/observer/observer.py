@@ -9,8 +9,8 @@ from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.observer import lateral, longitudinal
 from hil_gateway.observer.bank import CHANCE, DOUBTED, GATE
+from hil_gateway.settings.gateway import PERIOD_S
 
-PERIOD_S = 0.01
 SLOWEST = 10.0
 """m/s: slower, tyres answer within a period"""
 ACTS_WITHIN = 25

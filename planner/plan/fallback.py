@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.arrays import Array
 from planner.line.track import Reference
 from planner.problem.motion import DRIVE, NU, NZ, PROGRESS, STEER, VX, YAW_RATE, S
@@ -26,8 +27,6 @@ BEND_PREVIEW = np.arange(5.0, 200.0, 5.0)
 """m ahead at which the profile is looked at: more than the car needs from top speed to any bend"""
 LEAST_BRAKING = 0.3
 """of the grip that is used for braking even in a bend at the limit, where steering alone holds the car no better"""
-STANDSTILL = 0.5
-"""m/s: below this the car counts as standing"""
 
 
 @dataclass(frozen=True)

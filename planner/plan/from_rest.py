@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from hil_gateway.bus.messages import Applied, FailsafeAction
+from hil_gateway.gateway.decide.arming import UNDER_WAY_S
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S
 from planner.line.joining import Joined, Joining, Pose, offset_and_angle
 from planner.line.pit_route import PitRoute, PitRoutes
 from planner.line.track import Reference
-from planner.plan.fallback import STANDSTILL
 from planner.problem.motion import VX
 
 WALKING = 3.0
@@ -17,8 +18,6 @@ STILL = 0.1
 """m/s up to which a car is not under way: a few times the noise of an estimate at rest"""
 OFF = 0.1, 0.02
 """m and rad beside its reference within which a standing car needs no other: what fixes leave"""
-UNDER_WAY_S = 0.5
-"""within which a plan from rest moves; one that would wait waits again in the next plan"""
 PATIENCE_NS = 2 * NS_PER_S
 
 

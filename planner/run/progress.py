@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from hil_gateway.bus.track_day.run import RunAction, RunPhase, RunPlan, RunRequest, cap_of
-from planner.plan.fallback import STANDSTILL
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 from planner.run.expansion import FREE, Caps, Expansion
 
 GENTLE = 3.0

@@ -11,6 +11,7 @@ from estimator.drive_log.lag import Lag, lag_between
 from estimator.drive_log.smoothing import second_difference_noise
 from estimator.drive_log.table import DriveLog
 from estimator.offline.health.finding import Action, LogFinding
+from estimator.offline.health.units import MIN_CORRELATION
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
@@ -18,7 +19,6 @@ from hil_gateway.process.arrays import Array
 LONGEST_S = 2.5
 LATE_S = 0.15
 GAIN_BAND = (0.6, 1.5)
-MIN_CORRELATION = 0.6
 LEAST_MOTION = 0.5
 """Share of the variance of an accelerometer below which noise hides whether it follows the velocities."""
 BANKED_GAIN, BANKED_CORRELATION = 0.25, 0.9

@@ -12,6 +12,7 @@ from estimator.offline.fit.normal import TINY
 from estimator.offline.fit.prediction_error import Fit, residual
 from estimator.offline.predict.predict import LATERAL, Predictor
 from estimator.offline.record.noise import ResidualNoise
+from estimator.offline.record.road import SLOW_BLOCKS
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.trial import Setting, Trial
@@ -27,8 +28,6 @@ ACCELEROMETER = {0: 0, 1: 1, 3: 0, 4: 1}
 """Row of ax or ay for what shows in it or in the velocity along it."""
 YAW_ACC, AY = 2, 1
 """Rows of `CHANNELS`; what turns the car by the forces of its tyres shows in ay too."""
-SLOW_BLOCKS = 5
-"""Residuals are averaged over so many blocks (0.2 s)."""
 WHITE_FOR_DATA = 1.3
 """Declared data compete where averages of what they leave vary no more than so many times what white noise would."""
 

@@ -11,11 +11,11 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+from can_dbc.database import DLC_MAX
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.logs.entry import (
     CUT_OFF,
-    DLC_MAX,
     LONGER_FRAME,
     NAMELESS,
     REMOTE_REQUEST,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from can_dbc.database import DLC_MAX
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.clock import NS_PER_S
 
 EXTENDED_ID_MAX, STANDARD_ID_MAX = 0x1FFFFFFF, 0x7FF
-DLC_MAX = 8
 _SECONDS = re.compile(r"(-?)(\d{1,12})(?:[.,](\d*))?")
 
 
