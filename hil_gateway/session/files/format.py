@@ -12,7 +12,7 @@ import struct
 import subprocess
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -109,7 +109,8 @@ def recorded_source(cdr: bytes) -> str:
     Raises:
         MessageError: as `unpack_frame`.
     """
-    return frame_fields(cdr)[2]
+    length = _checked_layout(cdr)[0]
+    return _text(cdr[_SOURCE_AT + 4 : _SOURCE_AT + 4 + length])
 
 
 class FrameFields(NamedTuple):
@@ -133,13 +134,19 @@ def frame_fields(cdr: bytes, *, ros1: bool = False) -> FrameFields:
     """
     if ros1:
         return _ros1_fields(cdr)
+    layout = _checked_layout(cdr)[1]
+    _, seconds, nanoseconds, _, source, number, remote, extended, error, dlc, data = layout.unpack_from(cdr)
+    return FrameFields(seconds, nanoseconds, _text(source), number, remote, extended, error, data[:dlc])
+
+
+def _checked_layout(cdr: bytes) -> tuple[int, struct.Struct]:
+    """Length of the source with its final zero, and where the fields are."""
     order = ">" if len(cdr) > 1 and not cdr[1] & 1 else "<"
     length = int.from_bytes(cdr[_SOURCE_AT : _SOURCE_AT + 4], "big" if order == ">" else "little")
     layout = _layout(length - 1, order) if 1 <= length <= SOURCE_MAX + 1 else None
     if layout is None or not layout.size <= len(cdr) < layout.size + 4:  # some writers pad the end
         raise _no_frame(cdr)
-    _, seconds, nanoseconds, _, source, number, remote, extended, error, dlc, data = layout.unpack_from(cdr)
-    return FrameFields(seconds, nanoseconds, _text(source), number, remote, extended, error, data[:dlc])
+    return length, layout
 
 
 def _ros1_fields(data: bytes) -> FrameFields:
@@ -153,6 +160,7 @@ def _ros1_fields(data: bytes) -> FrameFields:
     return FrameFields(seconds, nanoseconds, source, number, remote, extended, error, content[:dlc])
 
 
+@lru_cache(maxsize=64)
 def _text(source: bytes) -> str:
     return source.rstrip(b"\0").decode("ascii", "replace")
 

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
@@ -70,8 +70,7 @@ class Stream:
 NO_STREAM = Stream("")
 
 
-@dataclass(frozen=True, slots=True)
-class Item:
+class Item(NamedTuple):
     """One recorded message; times are Unix nanoseconds."""
 
     topic: str
@@ -186,7 +185,8 @@ class SessionReader:
 
     def _between_chunks(self, opcode: int, body: bytes, offset: int) -> Iterator[Item]:
         try:
-            yield from self._record(opcode, body, 0, len(body))
+            if item := self._record(opcode, body, 0, len(body)):
+                yield item
         except (McapError, ValueError, struct.error) as error:
             self._note(offset, f"a record between the chunks is corrupt: {error}")
 
@@ -214,22 +214,24 @@ class SessionReader:
             position += _HEADER.size
             if position + size > len(data):
                 raise ValueError("a record is longer than the chunk")
-            yield from self._record(opcode, data, position, size)
+            if item := self._record(opcode, data, position, size):
+                yield item
             position += size
 
-    def _record(self, opcode: int, data: bytes, position: int, size: int) -> Iterator[Item]:
+    def _record(self, opcode: int, data: bytes, position: int, size: int) -> Item | None:
         """The message of one record, if it is one that is wanted; schemas and channels are kept."""
         if opcode == Opcode.MESSAGE:
             channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, position)
             stream = self.streams.get(channel) or self._unknown(channel)
             if self._wanted(stream):
                 content = data[position + _MESSAGE.size : position + size]
-                yield Item(stream.topic, log_ns, publish_ns, sequence, content, stream)
+                return Item(stream.topic, log_ns, publish_ns, sequence, content, stream)
         elif opcode == Opcode.CHANNEL:
             self._add_stream(Channel.read(ReadDataStream(BytesIO(data[position : position + size]))))
         elif opcode == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(BytesIO(data[position : position + size])))
             self._schemas[schema.id] = schema
+        return None
 
     def _wanted(self, stream: Stream) -> bool:
         right_topic = self.topics is None or stream.topic in self.topics
