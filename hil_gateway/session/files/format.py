@@ -16,6 +16,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
+import numpy as np
 from pydantic import ValidationError
 
 from can_dbc.folder import SHIPPED
@@ -23,6 +24,7 @@ from hil_gateway.bus.messages import Message
 from hil_gateway.bus.topics import Topic
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.config import Config
+from hil_gateway.process.arrays import Ints
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 
@@ -54,7 +56,7 @@ SOURCE_MAX = 255
 
 _ROS1_TAIL = struct.Struct("<I???B8s")
 _CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
-_SOURCE_AT = 12
+_ENCAPSULATION, _SOURCE_AT = 4, 12
 """after the encapsulation and the stamp (sec, nanosec)"""
 
 
@@ -111,6 +113,17 @@ def recorded_source(cdr: bytes) -> str:
     """
     length = _checked_layout(cdr)[0]
     return _text(cdr[_SOURCE_AT + 4 : _SOURCE_AT + 4 + length])
+
+
+def source_columns(cdr: bytes) -> Ints:
+    """Places of the bytes that `recorded_source` depends on: frames of one size that agree there have one source."""
+    fixed = [*range(_ENCAPSULATION), *range(_SOURCE_AT, _SOURCE_AT + 4)]
+    try:
+        length = _checked_layout(cdr)[0]
+    except MessageError:
+        length = 0
+    columns = np.array([*fixed, *range(_SOURCE_AT + 4, _SOURCE_AT + 4 + length)])
+    return np.asarray(columns[columns < len(cdr)])
 
 
 class FrameFields(NamedTuple):

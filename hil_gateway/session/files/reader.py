@@ -1,15 +1,14 @@
 """Reads an MCAP file of any program however it ended: killed, cut at any byte, or damaged in the middle.
 
-The file is read once, front to back, without its index. Every whole chunk with a right checksum is given out, and
-every message that lies between chunks, as writers without chunks leave them; what is not readable is described in
-`damage`, with its place, and the reader goes on at the next chunk. What lies between the chunks, and the index at the
-end, have checksums as well: they are compared when nothing else was wrong.
+The file is read once, front to back, without the index at its end. Every whole chunk with a right checksum is given
+out, and every message that lies between chunks, as writers without chunks leave them; what is not readable is described
+in `damage`, with its place, and the reader goes on at the next chunk. What lies between the chunks, and the index at
+the end, have checksums as well: they are compared when nothing else was wrong.
 """
 
 from __future__ import annotations
 
 import os
-import re
 import struct
 import zlib
 from collections.abc import Iterator
@@ -18,8 +17,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-import lz4.frame  # type: ignore[import-untyped]
-import zstandard
+import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -28,27 +26,31 @@ from mcap.records import Channel, Chunk, Header, Metadata, Schema
 from hil_gateway.bus.topics import TOPICS
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
+from hil_gateway.session.files.chunk import (
+    CHUNK_BYTES_MAX,
+    CHUNK_START,
+    HEADER,
+    MESSAGE,
+    Messages,
+    is_chunk,
+    messages_in,
+    unpacked,
+)
 from hil_gateway.session.files.format import CAN_SCHEMA, CAN_SCHEMA_NAME, CAN_TOPIC
 from hil_gateway.text_file import check_ends
 
 LIBRARY = "hil-gateway"
 """what the header of a file of ours says"""
 MAGIC = b"\x89MCAP0\r\n"
-_HEADER = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
 _FOOTER = struct.Struct("<BQQQI8s")
 """footer record (opcode, length, two offsets, checksum of the index up to here) and the magic behind it"""
 _FOOTER_CHECKED = 25
-# start, end, uncompressed size, CRC, length and name of the compression: what makes a chunk recognisable
-_CHUNK_START = re.compile(rb"\x06.{8}.{28}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4|\x00\x00\x00\x00)", re.DOTALL)
-_PLAIN_CHUNK = struct.Struct("<BQ8x8xQ4xIQ")
-"""of a chunk without compression: its length, the size of its content twice, and no name say that it is one"""
-_PLAIN_CHUNK_HEAD = 40
-CHUNK_BYTES_MAX = 1 << 26
-"""of a chunk's content: ours have 1 MB, other writers' some; more is a mistake, or meant to fill the memory"""
-_CONTENT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _SCAN_BYTES = 1 << 20
 _SCAN_OVERLAP = 64
+_LOOSE_BYTES = 1 << 20
+"""of messages between chunks that are given out together"""
+_FOLLOWING = Opcode.MESSAGE_INDEX, Opcode.MESSAGE
+"""records that belong to what is before them"""
 _KNOWN_OPCODES = {int(code) for code in Opcode}
 
 
@@ -117,12 +119,27 @@ class SessionReader:
     chunks: int = 0
     streams: dict[int, Stream] = field(init=False)
     _schemas: dict[int, Schema] = field(default_factory=dict)
+    _packed: tuple[bytes, int] | None = None
+    """the newest chunk, whose index may follow, and its place"""
+    _index: list[bytes] = field(default_factory=list)
+    _loose: bytearray = field(default_factory=bytearray)
+    """messages between chunks"""
 
     def __post_init__(self) -> None:
         self.streams = _default_streams()
 
     def items(self) -> Iterator[Item]:
         """Every readable message, in file order."""
+        for messages in self.batches():
+            data, streams = messages.data, {n: self._stream(n) for n in np.unique(messages.channel).tolist()}
+            wanted = np.isin(messages.channel, [n for n, stream in streams.items() if self._wanted(stream)])
+            for at, size in zip(messages.at[wanted].tolist(), messages.size[wanted].tolist(), strict=True):
+                channel, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, at)
+                content, stream = data[at + MESSAGE.size : at + size], streams[channel]
+                yield Item(stream.topic, log_ns, publish_ns, sequence, content, stream)
+
+    def batches(self) -> Iterator[Messages]:
+        """Every readable message of any topic, in file order, chunk by chunk; what they are is in `streams`."""
         check_ends(self.path, "session")
         try:
             file = self.path.open("rb")
@@ -136,15 +153,18 @@ class SessionReader:
             except OSError as error:
                 raise InputError(f"{self.path}: cannot read the session: {error.strerror}") from None
 
-    def _records(self, file: BinaryIO, size: int) -> Iterator[Item]:
+    def _records(self, file: BinaryIO, size: int) -> Iterator[Messages]:
         checksum = zlib.crc32(MAGIC)
         while (offset := file.tell()) < size:
-            head = file.read(_HEADER.size)
-            if len(head) < _HEADER.size:
+            head = file.read(HEADER.size)
+            opcode, length = HEADER.unpack(head.ljust(HEADER.size, b"\0"))
+            readable = opcode in _KNOWN_OPCODES and offset + HEADER.size + length <= size
+            if not readable or opcode not in _FOLLOWING or len(self._loose) > _LOOSE_BYTES:
+                yield from self._gathered()
+            if len(head) < HEADER.size:
                 self._note(offset, f"cut off {len(head)} bytes into a record", cut=True)
                 return
-            opcode, length = _HEADER.unpack(head)
-            if opcode not in _KNOWN_OPCODES or offset + _HEADER.size + length > size:
+            if not readable:
                 if not self._resume(file, offset, size):
                     return
                 continue
@@ -154,17 +174,35 @@ class SessionReader:
                 self._read_index(file, offset)
                 return
             checksum = zlib.crc32(body, zlib.crc32(head, checksum))
-            if opcode == Opcode.CHUNK:
-                yield from self._chunk(body, offset)
-            elif opcode in _CONTENT:
-                yield from self._between_chunks(opcode, body, offset)
-            elif opcode == Opcode.METADATA:
-                self._read_metadata(body, offset)
-            elif opcode == Opcode.HEADER:
-                self._read_header(body)
-            elif opcode == Opcode.FOOTER:
+            self._read(opcode, head, body, offset)
+            if opcode == Opcode.FOOTER:
                 self.complete = file.read() == MAGIC
                 self._note(offset, "the record that ends the messages is corrupt")
+        yield from self._gathered()
+
+    def _read(self, opcode: int, head: bytes, body: bytes, offset: int) -> None:
+        """Take a record in; messages are kept for `_gathered`."""
+        if opcode == Opcode.CHUNK:
+            self._packed = body, offset
+        elif opcode == Opcode.MESSAGE_INDEX:
+            self._index.append(body)
+        elif opcode == Opcode.MESSAGE and len(body) >= MESSAGE.size:
+            self._loose += head + body
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+            self._between_chunks(opcode, body, offset)
+        elif opcode == Opcode.METADATA:
+            self._read_metadata(body, offset)
+        elif opcode == Opcode.HEADER:
+            self._read_header(body)
+
+    def _gathered(self) -> Iterator[Messages]:
+        """The chunk whose index ends here, then the messages behind it."""
+        packed, index, loose = self._packed, self._index, bytes(self._loose)
+        self._packed, self._index, self._loose = None, [], bytearray()
+        if packed is not None:
+            yield from self._chunk(*packed, index)
+        if loose:
+            yield messages_in(loose, [], self._declare)
 
     def _read_index(self, file: BinaryIO, offset: int) -> None:
         """The end of a file that was closed in order: its index, footer and magic."""
@@ -183,55 +221,43 @@ class SessionReader:
         if expected not in (0, found) and not self.damage:
             self._note(offset, f"{what} is corrupt: its checksum is wrong; every message is whole")
 
-    def _between_chunks(self, opcode: int, body: bytes, offset: int) -> Iterator[Item]:
+    def _between_chunks(self, opcode: int, body: bytes, offset: int) -> None:
         try:
-            if item := self._record(opcode, body, 0, len(body)):
-                yield item
+            self._declare(opcode, body)
         except (McapError, ValueError, struct.error) as error:
             self._note(offset, f"a record between the chunks is corrupt: {error}")
 
-    def _chunk(self, body: bytes, offset: int) -> Iterator[Item]:
+    def _chunk(self, body: bytes, offset: int, index: list[bytes]) -> Iterator[Messages]:
         number, self.chunks = self.chunks, self.chunks + 1
         try:
             chunk = Chunk.read(ReadDataStream(BytesIO(body)))
             if chunk.uncompressed_size > CHUNK_BYTES_MAX:
                 self._note(offset, f"chunk {number}{_span(body)} claims {chunk.uncompressed_size} bytes: not read")
                 return
-            data = _unpacked(chunk)
+            data = unpacked(chunk)
         except Exception as error:  # whatever a decompressor raises, the chunk is damaged
             self._note(offset, f"chunk {number}{_span(body)} is corrupt: {type(error).__name__}: {error}")
             return
-        try:
-            yield from self._messages(data)
-        except (McapError, ValueError, struct.error) as error:
-            self._note(offset, f"chunk {number}{_span(body)} is corrupt: {error}")
+        # a checksum, where there is one, has said already that its messages are whole
+        messages = messages_in(data, index, self._declare)
+        if len(messages):
+            yield messages
+        if messages.fault:
+            self._note(offset, f"chunk {number}{_span(body)} is corrupt: {messages.fault}")
 
-    def _messages(self, data: bytes) -> Iterator[Item]:
-        """Messages of a chunk; a checksum, where there is one, has said already that they are whole."""
-        position = 0
-        while position < len(data):
-            opcode, size = _HEADER.unpack_from(data, position)
-            position += _HEADER.size
-            if position + size > len(data):
-                raise ValueError("a record is longer than the chunk")
-            if item := self._record(opcode, data, position, size):
-                yield item
-            position += size
+    def _declare(self, opcode: int, body: bytes) -> None:
+        """Keep a schema or a channel.
 
-    def _record(self, opcode: int, data: bytes, position: int, size: int) -> Item | None:
-        """The message of one record, if it is one that is wanted; schemas and channels are kept."""
-        if opcode == Opcode.MESSAGE:
-            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, position)
-            stream = self.streams.get(channel) or self._unknown(channel)
-            if self._wanted(stream):
-                content = data[position + _MESSAGE.size : position + size]
-                return Item(stream.topic, log_ns, publish_ns, sequence, content, stream)
-        elif opcode == Opcode.CHANNEL:
-            self._add_stream(Channel.read(ReadDataStream(BytesIO(data[position : position + size]))))
+        Raises:
+            McapError, ValueError, struct.error: it is corrupt.
+        """
+        if opcode == Opcode.CHANNEL:
+            self._add_stream(Channel.read(ReadDataStream(BytesIO(body))))
         elif opcode == Opcode.SCHEMA:
-            schema = Schema.read(ReadDataStream(BytesIO(data[position : position + size])))
+            schema = Schema.read(ReadDataStream(BytesIO(body)))
             self._schemas[schema.id] = schema
-        return None
+        elif opcode == Opcode.MESSAGE:
+            raise ValueError("a message is shorter than what is in front of its content")
 
     def _wanted(self, stream: Stream) -> bool:
         right_topic = self.topics is None or stream.topic in self.topics
@@ -244,7 +270,7 @@ class SessionReader:
             tuple(channel.metadata.items()),
         )  # fmt: skip
 
-    def _unknown(self, channel: int) -> Stream:
+    def _stream(self, channel: int) -> Stream:
         return self.streams.setdefault(channel, Stream(f"channel {channel}"))
 
     def _read_header(self, body: bytes) -> None:
@@ -270,10 +296,10 @@ class SessionReader:
         while start < size:
             file.seek(start)
             window = file.read(_SCAN_BYTES)
-            for found in _CHUNK_START.finditer(window):
+            for found in CHUNK_START.finditer(window):
                 position = start + found.start()
-                length = _HEADER.unpack_from(window, found.start())[1]
-                if position + _HEADER.size + length <= size and _is_chunk(window, found):
+                length = HEADER.unpack_from(window, found.start())[1]
+                if position + HEADER.size + length <= size and is_chunk(window, found):
                     self._note(offset, f"{position - offset} unreadable bytes")
                     file.seek(position)
                     return True
@@ -283,38 +309,6 @@ class SessionReader:
 
     def _note(self, offset: int, what: str, cut: bool = False) -> None:
         self.damage.append(Damage(offset, what, cut))
-
-
-def _unpacked(chunk: Chunk) -> bytes:
-    """Content of a chunk; what unpacks to another size than it claims is corrupt before all of it is in memory.
-
-    Raises:
-        ValueError: another size, an unknown compression; and whatever a decompressor raises.
-    """
-    limit = chunk.uncompressed_size + 1
-    if chunk.compression == "zstd":
-        data = zstandard.ZstdDecompressor().stream_reader(chunk.data, read_across_frames=True).read(limit)
-    elif chunk.compression == "lz4":
-        data = lz4.frame.LZ4FrameFile(BytesIO(chunk.data)).read(limit)
-    elif not chunk.compression:
-        data = chunk.data[:limit]
-    else:
-        raise ValueError(f"compression {chunk.compression[:20]!r} is not known")
-    if len(data) != chunk.uncompressed_size:
-        raise ValueError(f"unpacks to another size than the {chunk.uncompressed_size} bytes it claims")
-    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
-        raise ValueError("its checksum is wrong")
-    return bytes(data)
-
-
-def _is_chunk(window: bytes, found: re.Match[bytes]) -> bool:
-    """Whether a place that looks like the start of a chunk is one: without compression its lengths must agree."""
-    if found.group().endswith((b"zstd", b"lz4")):
-        return True
-    if found.start() + _PLAIN_CHUNK.size > len(window):
-        return False
-    _, length, content, no_name, again = _PLAIN_CHUNK.unpack_from(window, found.start())
-    return bool(no_name == 0 and content == again and length == content + _PLAIN_CHUNK_HEAD)
 
 
 def _default_streams() -> dict[int, Stream]:

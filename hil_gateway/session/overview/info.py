@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from hil_gateway.car.car import Car
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure
 from hil_gateway.session.exchange.importer import open_named
-from hil_gateway.session.files.format import MessageError, recorded_source
-from hil_gateway.session.files.reader import Item, SessionReader
+from hil_gateway.session.files.chunk import MESSAGE, Messages
+from hil_gateway.session.files.format import MessageError, recorded_source, source_columns
+from hil_gateway.session.files.reader import Item, SessionReader, Stream
 from hil_gateway.session.files.run import recordings, run_of, runs_in
 from hil_gateway.session.logs.bag import KINDS
 from hil_gateway.session.logs.entry import CUT_OFF
@@ -96,8 +101,21 @@ class _SeenTopics:
         self.topics[item.topic] += 1
         if item.stream.kind in KINDS:
             self.frames[_source(item.data)] += 1
-        self.start_ns = item.log_ns if self.start_ns is None else min(self.start_ns, item.log_ns)
-        self.end_ns = max(self.end_ns, item.log_ns)
+        self._span(item.log_ns, item.log_ns)
+
+    def note_all(self, messages: Messages, streams: Mapping[int, Stream]) -> None:
+        """Count messages of these streams, by their number."""
+        numbers, counts = np.unique(messages.channel, return_counts=True)
+        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+            stream = streams.get(number) or Stream(f"channel {number}")
+            self.topics[stream.topic] += count
+            if stream.kind in KINDS:
+                self.frames += _sources(messages, messages.channel == number)
+        self._span(int(messages.log_ns.min()), int(messages.log_ns.max()))
+
+    def _span(self, start_ns: int, end_ns: int) -> None:
+        self.start_ns = start_ns if self.start_ns is None else min(self.start_ns, start_ns)
+        self.end_ns = max(self.end_ns, end_ns)
 
     def tree(self) -> dict[str, Any]:
         """The counts, ready for JSON."""
@@ -111,10 +129,11 @@ def recording_info(*files: Path) -> dict[str, Any]:
     readers, seen, gaps = [SessionReader(path) for path in files], _SeenTopics(), []
     for reader in readers:
         before_ns = seen.end_ns
-        for number, item in enumerate(reader.items()):
+        for number, messages in enumerate(reader.batches()):
             if number == 0 and before_ns:
-                gaps.append({"before": reader.path.name, "seconds": round((item.log_ns - before_ns) / NS_PER_S, 3)})
-            seen.note(item)
+                gap_ns = int(messages.log_ns[0]) - before_ns
+                gaps.append({"before": reader.path.name, "seconds": round(gap_ns / NS_PER_S, 3)})
+            seen.note_all(messages, reader.streams)
     first, newest = readers[0], readers[-1]
     session = dict(first.metadata.get("session", {}))
     damage = [(f"{reader.path.name}: " if len(files) > 1 else "") + str(d) for reader in readers for d in reader.damage]
@@ -132,6 +151,20 @@ def recording_info(*files: Path) -> dict[str, Any]:
         "config": config, "session": session, "model_revision": newest.metadata.get("model_revision", {}),
         **(_story(*files) if first.ours else {}),
     }  # fmt: skip
+
+
+def _sources(messages: Messages, chosen: npt.NDArray[np.bool_]) -> Counter[str]:
+    """Frames among the `chosen` (n,) messages, by bus and direction."""
+    found, at = Counter[str](), messages.at[chosen] + MESSAGE.size
+    size = messages.size[chosen] - MESSAGE.size
+    while len(at):
+        frame = messages.data[int(at[0]) : int(at[0] + size[0])]
+        columns = source_columns(frame)
+        alike = size == size[0]
+        alike[alike] = np.all(messages.rows(at[alike], columns) == messages.rows(at[:1], columns), axis=1)
+        found[_source(frame)] += int(alike.sum())
+        at, size = at[~alike], size[~alike]
+    return found
 
 
 def _source(data: bytes) -> str:
