@@ -25,6 +25,7 @@ from hil_gateway.config import load_config
 from hil_gateway.process.supervisor import PROCESSES
 from hil_gateway.session.overview.info import session_info
 
+pytestmark = pytest.mark.quiet
 Recorder = Callable[[str, object], None]
 UP_S = 120.0
 VICTIMS = tuple(p.name for p in PROCESSES) if long_run() else ("gateway",)
