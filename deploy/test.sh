@@ -54,7 +54,7 @@ tests() {
 echo "tests: about twenty minutes" >&2
 crowd="not vcan"
 if [ $# = 0 ]; then
-    step quiet-tests tests quiet python -m pytest -m quiet tests/faults tests/closed_loop
+    step quiet-tests tests quiet python -m pytest -m quiet tests/faults
     crowd="not vcan and not quiet"
 fi
 step tests tests normal python -m pytest -n 2 --dist worksteal -m "$crowd" "$@"
