@@ -17,7 +17,7 @@ from hil_gateway.bus import topics
 from hil_gateway.bus.messages import Command, FailsafeAction, OperatorAction, OperatorCommand
 from hil_gateway.config import load_config
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.reader import _unpacked
+from hil_gateway.session.files.chunk import unpacked
 from hil_gateway.track.loading import load_track, shipped_tracks
 
 HEADER = "x_m,y_m,w_tr_right_m,w_tr_left_m"
@@ -32,7 +32,7 @@ def test_a_chunk_that_unpacks_to_more_than_it_claims_takes_no_memory() -> None:
     )  # fmt: skip
     tracemalloc.start()
     with pytest.raises(ValueError, match="another size"):
-        _unpacked(chunk)
+        unpacked(chunk)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1 << 23

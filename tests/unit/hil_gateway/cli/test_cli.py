@@ -54,7 +54,7 @@ def test_help_appears_within_300_ms_of_processor_time() -> None:
         end = os.times()
         return end.children_user + end.children_system - begin.children_user - begin.children_system
 
-    assert min(processor_s() for _ in range(3)) < 0.3
+    assert min(processor_s() for _ in range(5)) < 0.3
 
 
 def test_version_is_that_of_the_package() -> None:
