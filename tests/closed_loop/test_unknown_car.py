@@ -44,6 +44,7 @@ def test_a_steering_zero_that_is_off_is_driven_with_from_the_first_bend_on() -> 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_forces_that_come_late_are_planned_with_from_the_first_braking_on() -> None:
     loop = Loop(Config(track="road_course"), simulated=LATE)
     result = loop.run(seconds=25.0)

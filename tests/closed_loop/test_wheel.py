@@ -94,6 +94,7 @@ def test_every_package_comes_from_the_wheel(installed: Installed, empty: Path) -
     assert result.stdout.splitlines() == [str(installed.packages / name / "__init__.py") for name in PACKAGES]
 
 
+@pytest.mark.long
 def test_wheel_drives_from_an_empty_folder(installed: Installed, empty: Path) -> None:
     result = installed.run("hil", "demo", "--seconds", "8", "--headless", "--json", cwd=empty, timeout_s=400)
     assert result.returncode == 0, result.stderr

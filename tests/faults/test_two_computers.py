@@ -155,6 +155,7 @@ class TwoComputers:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.promise("L1")
 def test_over_a_poor_line_the_car_drives_and_over_a_bad_one_it_stops(namespaces, tmp_path):
     with ExitStack() as stack:

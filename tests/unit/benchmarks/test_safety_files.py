@@ -37,6 +37,7 @@ def test_limits_failsafe_and_codec_are_covered_to_the_last_branch(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.promise("S6")
 def test_no_mutant_survives_without_a_reason():
     script = (

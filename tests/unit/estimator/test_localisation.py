@@ -72,7 +72,14 @@ def test_a_heading_is_not_known_before_the_first_metres_and_is_after_them(
 
 @pytest.mark.slow
 @pytest.mark.promise("G2")
-@pytest.mark.parametrize("then", [0.0, 0.05, -0.05], ids=["standing", "creeping", "creeping back"])
+@pytest.mark.parametrize(
+    "then",
+    [
+        pytest.param(0.0, id="standing"),
+        pytest.param(0.05, id="creeping", marks=pytest.mark.long),
+        pytest.param(-0.05, id="creeping back"),
+    ],
+)
 def test_heading_stays_right_or_is_said_to_be_lost_for_minutes(steep: Place, then: float) -> None:
     track, s = steep
     errors = Errors(drift=0.01, drift_yaw=float(track.at(s).heading) + np.pi / 2)

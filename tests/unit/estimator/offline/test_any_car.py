@@ -38,7 +38,7 @@ def _vehicle_file(folder: Path, values: dict[str, float]) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["1:10", pytest.param("kart", marks=pytest.mark.long), "lorry"])
+@pytest.mark.parametrize("name", ["1:10", *(pytest.param(name, marks=pytest.mark.long) for name in ("kart", "lorry"))])
 def test_tyres_of_a_car_of_any_size_are_found(name: str, tmp_path: Path) -> None:
     car = CARS[name]
     vehicle = read_vehicle(_vehicle_file(tmp_path, car.vehicle), load_car())

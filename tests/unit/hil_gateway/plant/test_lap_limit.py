@@ -95,7 +95,7 @@ def _ramp_steer(track: Track, speed: float) -> float:
     return float(np.convolve(history, np.full(500, 1 / 500), "valid").max())
 
 
-@pytest.mark.parametrize("speed", [25.0, 40.0])
+@pytest.mark.parametrize("speed", [pytest.param(25.0, marks=pytest.mark.long), 40.0])
 def test_circle_is_lapped_at_the_speed_where_the_plant_begins_to_slide(
     envelope: LimitEnvelope, tmp_path: Path, speed: float
 ) -> None:
