@@ -17,7 +17,8 @@ import can
 from mcap.reader import make_reader
 
 from hil_gateway.can_link import Frame
-from hil_gateway.session.files.format import CAN_TOPIC, pack_frame
+from hil_gateway.can_link.cdr import pack_frame
+from hil_gateway.session.files.format import CAN_TOPIC
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.writer import SessionWriter
 

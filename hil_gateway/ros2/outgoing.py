@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from hil_gateway.bus.messages import Estimate, FailsafeAction, GatewayStatus, Plan, VehicleState
-from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.ros2 import topics as ros
 from hil_gateway.ros2.topics import RosTopic
@@ -25,7 +24,6 @@ UNKNOWN = 1e6
 """variance of what is not measured: filters give it no weight"""
 IMU_VARIANCES = (1e-4, 0.1)
 """(rad/s)^2 and (m/s2)^2 of the car's IMU with vibration"""
-FRAME_BYTES = 8
 LEVELS = {
     FailsafeAction.SILENT: 0,
     FailsafeAction.DRIVE: 0,
@@ -118,15 +116,6 @@ class Outgoing:
         places = {"front_axle": lf, "rear_axle": -lr}
         straight = self._quaternion(0.0)
         return self._transforms([(BASE, name, self._vector(x, 0.0), straight) for name, x in places.items()], unix_ns)
-
-    def frame(self, frame: Frame, unix_ns: int) -> Any:
-        """can_msgs/Frame."""
-        data = np.zeros(FRAME_BYTES, np.uint8)
-        data[: len(frame.data)] = np.frombuffer(frame.data, np.uint8)
-        extended = bool(frame.id & EXTENDED_ID)
-        return self._types["can_msgs/msg/Frame"](
-            self.header(unix_ns, "can"), frame.id & ~EXTENDED_ID, False, extended, frame.is_error, len(frame.data), data
-        )
 
     def diagnostics(self, statuses: Iterable[Status], unix_ns: int) -> Any:
         """diagnostic_msgs/DiagnosticArray."""

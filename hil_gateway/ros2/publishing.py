@@ -10,6 +10,7 @@ from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.can_link import Frame
+from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.ros2 import topics as ros
@@ -20,6 +21,8 @@ from hil_gateway.ros2.types import Types
 
 QUEUE = 8
 """unread messages of a topic: 80 ms at 100 Hz"""
+CAN = "can"
+"""`header.frame_id` of frames, as ros2_socketcan has it"""
 DIAGNOSTICS_PERIOD_NS = NS_PER_S // 10
 
 
@@ -44,7 +47,7 @@ class Publishing:
         self._unix_ns = now_ns + unix_offset_ns
         if self._node.wanted(ros.FRAMES):
             for frame in frames:
-                self._send(ros.FRAMES, self._make.frame(frame, frame.stamp_ns + unix_offset_ns))
+                self._publish(ros.FRAMES, pack_frame(frame, frame.stamp_ns + unix_offset_ns, CAN))
         for state in self._states.poll(now_ns):
             self.state.put(state, now_ns)
             self._pass_state(state, state.stamp_ns + unix_offset_ns)
@@ -91,5 +94,8 @@ class Publishing:
             self._send(topic, make(message, unix_ns))
 
     def _send(self, topic: RosTopic, message: Any) -> None:
-        self._node.publish(topic, self._types.to_bytes(topic.type, message), self._unix_ns)
+        self._publish(topic, self._types.to_bytes(topic.type, message))
+
+    def _publish(self, topic: RosTopic, data: bytes) -> None:
+        self._node.publish(topic, data, self._unix_ns)
         self.sent += 1

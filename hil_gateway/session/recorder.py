@@ -11,9 +11,10 @@ from hil_gateway.bus.messages import ModelRevision, RecorderStatus
 from hil_gateway.bus.topics import RECORDER_STATUS, TOPICS, Topic
 from hil_gateway.bus.track_day.note import Note
 from hil_gateway.can_link import CanLink
+from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.config import RecorderConfig
 from hil_gateway.process.clock import NS_PER_S
-from hil_gateway.session.files.format import CAN_TOPIC, METADATA_REVISION, frame_source, pack_frame
+from hil_gateway.session.files.format import CAN_TOPIC, METADATA_REVISION, frame_source
 from hil_gateway.session.files.writer import SessionWriter
 
 QUEUE_S = 2.0

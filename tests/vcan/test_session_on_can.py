@@ -11,13 +11,14 @@ from pathlib import Path
 import pytest
 
 from hil_gateway.can_link import Frame
+from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.can_link.socketcan import SocketCanLink
 from hil_gateway.car.car import load_car
 from hil_gateway.demo.options import DemoOptions, prepare
 from hil_gateway.process.clock import SystemClock
 from hil_gateway.session.exchange.export import export_candump
 from hil_gateway.session.exchange.importer import import_log
-from hil_gateway.session.files.format import CAN_TOPIC, pack_frame
+from hil_gateway.session.files.format import CAN_TOPIC
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.writer import SessionWriter
 from hil_gateway.session.playback.replay import in_order, replay, to_can

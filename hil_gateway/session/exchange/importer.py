@@ -9,15 +9,10 @@ from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 
+from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.car.car import Car
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.format import (
-    CAN_TOPIC,
-    METADATA_SESSION,
-    frame_source,
-    pack_frame,
-    software_version,
-)
+from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, frame_source, software_version
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.writer import FLUSH_EVERY, SessionFile
 from hil_gateway.session.logs.entry import LoggedFrame

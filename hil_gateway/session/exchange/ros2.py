@@ -15,6 +15,7 @@ from mcap.writer import Writer
 
 from hil_gateway.bus.messages import Estimate, VehicleState
 from hil_gateway.bus.topics import ESTIMATE, VEHICLE_STATE
+from hil_gateway.can_link.cdr import CAN_SCHEMA, CAN_SCHEMA_NAME
 from hil_gateway.process.errors import InputError
 from hil_gateway.ros2 import topics as ros
 from hil_gateway.ros2.outgoing import Outgoing
@@ -22,7 +23,7 @@ from hil_gateway.ros2.topics import RosTopic
 from hil_gateway.ros2.types import Types
 from hil_gateway.session.exchange.export import Exported
 from hil_gateway.session.files.configuration import recorded_config
-from hil_gateway.session.files.format import CAN_SCHEMA, CAN_SCHEMA_NAME, CAN_TOPIC, METADATA_SESSION, unpack_message
+from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, unpack_message
 from hil_gateway.session.files.output import output_file
 from hil_gateway.session.files.reader import Item, SessionReader
 

@@ -12,7 +12,7 @@ import struct
 import subprocess
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -23,6 +23,7 @@ from can_dbc.folder import SHIPPED
 from hil_gateway.bus.messages import Message
 from hil_gateway.bus.topics import Topic
 from hil_gateway.can_link import EXTENDED_ID, Frame
+from hil_gateway.can_link.cdr import CAN_SCHEMA_NAME, SOURCE_MAX, frame_layout
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Ints
 from hil_gateway.process.clock import NS_PER_S
@@ -31,31 +32,10 @@ from hil_gateway.process.errors import InputError
 M = TypeVar("M", bound=Message)
 
 CAN_TOPIC = "av24/can"
-CAN_SCHEMA_NAME = "can_msgs/msg/Frame"
-CAN_SCHEMA = """std_msgs/Header header
-uint32 id
-bool is_rtr
-bool is_extended
-bool is_error
-uint8 dlc
-uint8[8] data
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
 METADATA_SESSION = "session"
 METADATA_REVISION = "model_revision"
 
-SOURCE_MAX = 255
-"""longest `header.frame_id` that is read, bytes"""
-
 _ROS1_TAIL = struct.Struct("<I???B8s")
-_CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 _ENCAPSULATION, _SOURCE_AT = 4, 12
 """after the encapsulation and the stamp (sec, nanosec)"""
 
@@ -76,22 +56,6 @@ def named(path: Path) -> Iterator[None]:
 def frame_source(bus: str, frame_id: int, sent: Collection[int]) -> str:
     """`header.frame_id` of a recorded frame: bus and direction; `tx` where the computer sends it."""
     return f"{bus}/{'tx' if frame_id in sent else 'rx'}"
-
-
-@cache
-def _layout(source_bytes: int, order: str = "<") -> struct.Struct:
-    """CDR of a frame whose `frame_id` has this many bytes (NUL and padding to 4 follow), id, flags, dlc, data."""
-    return struct.Struct(f"{order}4siII{source_bytes // 4 * 4 + 4}sI???B8s")
-
-
-def pack_frame(frame: Frame, unix_ns: int, source: str = "") -> bytes:
-    """CDR of one classic CAN frame stamped `unix_ns`; `source` as `frame_source` says it, where it is known."""
-    seconds, nanoseconds = divmod(unix_ns, NS_PER_S)
-    extended = not frame.is_error and bool(frame.id & EXTENDED_ID)
-    number, where = frame.id & ~EXTENDED_ID, source.encode("ascii", "replace")[:SOURCE_MAX]
-    flags = (False, extended, frame.is_error)  # remote requests never become a Frame
-    head = (_CDR_LITTLE_ENDIAN, seconds, nanoseconds, len(where) + 1, where)
-    return _layout(len(where)).pack(*head, number, *flags, len(frame.data), frame.data)
 
 
 def unpack_frame(cdr: bytes) -> Frame:
@@ -156,7 +120,7 @@ def _checked_layout(cdr: bytes) -> tuple[int, struct.Struct]:
     """Length of the source with its final zero, and where the fields are."""
     order = ">" if len(cdr) > 1 and not cdr[1] & 1 else "<"
     length = int.from_bytes(cdr[_SOURCE_AT : _SOURCE_AT + 4], "big" if order == ">" else "little")
-    layout = _layout(length - 1, order) if 1 <= length <= SOURCE_MAX + 1 else None
+    layout = frame_layout(length - 1, order) if 1 <= length <= SOURCE_MAX + 1 else None
     if layout is None or not layout.size <= len(cdr) < layout.size + 4:  # some writers pad the end
         raise _no_frame(cdr)
     return length, layout

@@ -24,6 +24,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Header, Metadata, Schema
 
 from hil_gateway.bus.topics import TOPICS
+from hil_gateway.can_link.cdr import CAN_SCHEMA, CAN_SCHEMA_NAME
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.chunk import (
@@ -36,7 +37,7 @@ from hil_gateway.session.files.chunk import (
     messages_in,
     unpacked,
 )
-from hil_gateway.session.files.format import CAN_SCHEMA, CAN_SCHEMA_NAME, CAN_TOPIC
+from hil_gateway.session.files.format import CAN_TOPIC
 from hil_gateway.text_file import check_ends
 
 LIBRARY = "hil-gateway"

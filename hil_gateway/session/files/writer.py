@@ -18,9 +18,10 @@ from mcap.writer import Writer
 from typing_extensions import Buffer
 
 from hil_gateway.bus.topics import TOPICS
+from hil_gateway.can_link.cdr import CAN_SCHEMA, CAN_SCHEMA_NAME
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.writable import free_bytes, short_of_space
-from hil_gateway.session.files.format import CAN_SCHEMA, CAN_SCHEMA_NAME, CAN_TOPIC, METADATA_SESSION, json_schema
+from hil_gateway.session.files.format import CAN_TOPIC, METADATA_SESSION, json_schema
 from hil_gateway.session.files.reader import LIBRARY, Stream
 
 log = logging.getLogger(__name__)

@@ -19,9 +19,10 @@ from estimator.drive_log.tables import read_table
 from hil_gateway.bus import messages as m
 from hil_gateway.bus.topics import ESTIMATE, VEHICLE_STATE
 from hil_gateway.can_link import Frame
+from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.exchange.ros2 import export_ros2
-from hil_gateway.session.files.format import CAN_TOPIC, pack_frame
+from hil_gateway.session.files.format import CAN_TOPIC
 from hil_gateway.session.files.writer import SessionFile
 
 DRIVEN = dict(simulate([TYRE], 20.0, seed=3)[0].columns)

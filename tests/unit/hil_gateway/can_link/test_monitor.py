@@ -15,10 +15,11 @@ from typer.testing import CliRunner
 from can_dbc.codec import load_codec
 from can_dbc.folder import SHIPPED
 from hil_gateway.can_link import Frame
+from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.can_link.monitor import FrameMonitor, line, signals
 from hil_gateway.cli.main import app
 from hil_gateway.session.exchange.signals import export_signals
-from hil_gateway.session.files.format import CAN_TOPIC, pack_frame
+from hil_gateway.session.files.format import CAN_TOPIC
 from hil_gateway.session.files.writer import SessionFile
 from hil_gateway.session.logs.candump import format_line
 

@@ -14,6 +14,7 @@ from zenoh_ros2_sdk.publisher import ROS2Publisher
 from zenoh_ros2_sdk.session import ZenohSession
 from zenoh_ros2_sdk.subscriber import ROS2Subscriber
 
+from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.process.errors import InputError
 from hil_gateway.ros2 import topics as ros
 from hil_gateway.ros2.outgoing import Outgoing
@@ -212,8 +213,7 @@ def test_another_implementation_subscribes_and_publishes(bridge, sdk):
         GEAR_CMD.name, "std_msgs/msg/UInt8", msg_definition="uint8 data", type_hash=GEAR[1], **sdk
     )
     try:
-        frame = Outgoing(TYPES).frame(Frame(0x514, b"\1\2\3", 0), 9 * 10**9)
-        data = TYPES.to_bytes(ros.FRAMES.type, frame)
+        data = pack_frame(Frame(0x514, b"\1\2\3", 0), 9 * 10**9, "can")
         until(lambda: bridge.publish(ros.FRAMES, data, time.time_ns()) or time.sleep(0.05) or got)
         assert (got[0].id, got[0].dlc, list(got[0].data)[:3], got[0].header.stamp.sec) == (0x514, 3, [1, 2, 3], 9)
         assert decode(of.dds, data)["data"] == (1, 2, 3, 0, 0, 0, 0, 0)

@@ -19,12 +19,12 @@ from typer.testing import CliRunner
 
 from can_dbc.codec import load_codec
 from hil_gateway.can_link import EXTENDED_ID, Frame
+from hil_gateway.can_link.cdr import CAN_SCHEMA, pack_frame
 from hil_gateway.car.car import load_car
 from hil_gateway.cli.main import app
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.exchange.importer import import_log
-from hil_gateway.session.files.format import CAN_SCHEMA, pack_frame
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.logs.reading import open_log
 from hil_gateway.session.logs.wall_clock import parse_date

@@ -15,12 +15,13 @@ from mcap.writer import Writer
 from support.cars.session_rig import recorded
 
 from hil_gateway.can_link import EXTENDED_ID, Frame
+from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.car.car import load_car
 from hil_gateway.cli.session import export, import_
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.exchange.export import export_candump
 from hil_gateway.session.exchange.importer import import_log
-from hil_gateway.session.files.format import CAN_TOPIC, pack_frame, unpack_frame
+from hil_gateway.session.files.format import CAN_TOPIC, unpack_frame
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.recover import recover
 from hil_gateway.session.files.writer import SessionWriter

@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 
 from hil_gateway.can_link import Frame
+from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.car.car import load_car
 from hil_gateway.config import Config
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.exchange.signals import export_signals
 from hil_gateway.session.files.configuration import recorded_car, recorded_config
-from hil_gateway.session.files.format import CAN_TOPIC, pack_frame, session_metadata
+from hil_gateway.session.files.format import CAN_TOPIC, session_metadata
 from hil_gateway.session.files.writer import SessionFile
 
 S = 1_000_000_000

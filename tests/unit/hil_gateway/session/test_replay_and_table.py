@@ -13,12 +13,13 @@ from hil_gateway.bus import messages as m
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import COMMAND, ESTIMATE, OPERATOR, PLAN, TRUTH, VEHICLE_STATE
 from hil_gateway.can_link import Frame, VirtualWire
+from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.car.car import load_car
 from hil_gateway.process.clock import VirtualClock
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.drive_table import FROM_ESTIMATE, FROM_STATE, read_drive_table
 from hil_gateway.session.exchange.export import export_csv, export_parquet
-from hil_gateway.session.files.format import CAN_TOPIC, pack_frame
+from hil_gateway.session.files.format import CAN_TOPIC
 from hil_gateway.session.files.reader import Item, SessionReader
 from hil_gateway.session.files.writer import SessionWriter
 from hil_gateway.session.playback.replay import DEFAULT_TOPICS, in_order, replay, to_bus, to_can

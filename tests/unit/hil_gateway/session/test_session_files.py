@@ -20,16 +20,10 @@ from can_dbc.folder import SHIPPED
 from hil_gateway.bus.messages import Command, ModelRevision
 from hil_gateway.bus.topics import COMMAND, MODEL_REVISION, TOPICS
 from hil_gateway.can_link import EXTENDED_ID, Frame
+from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.files.format import (
-    CAN_TOPIC,
-    MessageError,
-    pack_frame,
-    recorded_source,
-    software_version,
-    unpack_frame,
-)
+from hil_gateway.session.files.format import CAN_TOPIC, MessageError, recorded_source, software_version, unpack_frame
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.writer import SessionWriter
 from hil_gateway.session.overview.info import session_info
