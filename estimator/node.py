@@ -12,7 +12,6 @@ from dataclasses import asdict, replace
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from estimator.belief.delivery import wheel_slips
 from estimator.belief.in_use import ModelInUse, Succession
@@ -188,24 +187,24 @@ class SampleWindow:
         _, state, e, aux, covariance = self._rows[HALF_WINDOW]
         z = np.array([state.ax - e.bias_ax, state.ay - e.bias_ay, yaw_acc])
         phi = self._revised.phi_at(aux[_TRACK_POSITION])[:, 0]
-        acting = float(acting_variance(self._steer)), float(acting_variance(self._drive))
+        acting = acting_variance(self._steer), acting_variance(self._drive)
         return Sample(np.array([e.vx, e.vy, e.yaw_rate, e.steer, e.drive]), covariance, z, aux, phi, acting)
 
 
-def acting_variance(reported: npt.ArrayLike) -> Array:
-    """Of inputs that act as they were reported at an unknown moment of a window; (..., K) of K samples to (...).
+def acting_variance(reported: Sequence[float]) -> float:
+    """Of inputs that act as they were reported at an unknown moment of a window.
 
     It lies between the least and the most of them, and all samples of the window have the same error, not errors of
     their own: they count as one.
     """
-    window = np.asarray(reported)
-    return np.asarray(window.shape[-1] * (0.5 * np.ptp(window, axis=-1)) ** 2)
+    return len(reported) * (0.5 * (max(reported) - min(reported))) ** 2
 
 
 def acting_variances(reported: Array, late: int) -> Array:
     """`acting_variance` of every sample that `SampleWindow` makes of an input (n,), `late` as `LATE_STEER`; (n,)."""
     whole = np.pad(reported, (late - 1, HALF_WINDOW), mode="edge")
-    return acting_variance(np.lib.stride_tricks.sliding_window_view(whole, HALF_WINDOW + late))
+    windows = np.lib.stride_tricks.sliding_window_view(whole, HALF_WINDOW + late)
+    return np.array([acting_variance(window) for window in windows.tolist()])
 
 
 def slope(stamps_ns: Sequence[int], values: Sequence[float]) -> float | None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -50,17 +51,31 @@ def wheel_slips(state: VehicleState, vx: float) -> tuple[float, float]:
     return 1.0 - front / max(vx, LEAST_SPEED), 1.0 - rear / max(vx, LEAST_SPEED)
 
 
+class _Row(NamedTuple):
+    """One sample: of front and rear axle and of the brakes, N, what is expected, 0 where that does not tell, and what
+    is measured; the share of both axles' peaks that is measured; whether wheels roll, and which lock."""
+
+    expected: tuple[float, float, float]
+    measured: tuple[float, float, float]
+    whole: float
+    rolls: bool
+    locking: tuple[bool, bool]
+
+
 class Delivery:
     """`push` every belief sample; `now` says what the last `WINDOW` of them tell."""
 
     def __init__(self, model: SingleTrack) -> None:
         self._vehicle = model.vehicle
         self._function = compile_function(_expected(model), compiled=False)
-        self._rows: deque[Array] = deque(maxlen=LATE + WINDOW)
+        self._rows: deque[_Row] = deque(maxlen=WINDOW)
+        self._along: deque[float] = deque(maxlen=LATE + 1)
+        """force that is expected of the brakes, N <= 0"""
 
     def clear(self) -> None:
         """Samples are missing."""
         self._rows.clear()
+        self._along.clear()
 
     def push(self, sample: Sample, theta: Array, slips: tuple[float, float]) -> None:
         """Take in one sample of kind `imu_yaw` with the tyre parameters now believed; `slips` as `wheel_slips`."""
@@ -72,43 +87,51 @@ class Delivery:
         inputs[0][:, 0], inputs[1][:, 0], inputs[2][:, 0] = sample.signals, sample.aux, theta
         inputs[3][:, 0] = sample.phi
         self._function()
-        motion, forces, peaks = np.split(self._function.outputs[0][:, 0], [3, 6])
-        least = np.array([*(TELLING * peaks), BRAKING_N])
-        measured = forces + self._missing(sample.z - motion)
-        front, rear, along = measured.tolist()
-        whole = math.hypot(front + rear, along) / float(peaks.sum())
-        tells = np.where(np.abs(forces) > least, forces, 0.0)
-        locking = (slip > LOCKING for slip in slips)
-        self._rows.append(np.array([*tells, *measured, whole, max(slips) < ROLLING, *locking]))
+        ax, ay, yaw_acc, front, rear, along, *peaks = self._function.outputs[0][:, 0].tolist()
+        z = sample.z.tolist()
+        missing = self._missing(z[0] - ax, z[1] - ay, z[2] - yaw_acc)
+        measured = front + missing[0], rear + missing[1], along + missing[2]
+        whole = math.hypot(measured[0] + measured[1], measured[2]) / sum(peaks)
+        self._along.append(_telling(along, BRAKING_N))
+        front, rear = _telling(front, TELLING * peaks[0]), _telling(rear, TELLING * peaks[1])
+        locking = slips[0] > LOCKING, slips[1] > LOCKING
+        self._rows.append(_Row((front, rear, self._due()), measured, whole, max(slips) < ROLLING, locking))
 
-    def _missing(self, left: Array) -> Array:
-        """Forces, N, of front and rear axle across and of both along that `left` of the measurement come to."""
-        v, (ax, ay, yaw_acc) = self._vehicle, left.tolist()
+    def _missing(self, ax: float, ay: float, yaw_acc: float) -> tuple[float, float, float]:
+        """Forces, N, of front and rear axle across and of both along that such a rest of the measurement comes to."""
+        v = self._vehicle
         front = (v.mass * v.lr * ay + v.yaw_inertia * yaw_acc) / v.wheelbase
-        return np.array([front, v.mass * ay - front, v.mass * ax])
+        return front, v.mass * ay - front, v.mass * ax
+
+    def _due(self) -> float:
+        """Least braking force, N <= 0, expected within the last `LATE` samples and now; 0 if not known."""
+        return max(self._along) if len(self._along) > LATE else 0.0
 
     def now(self) -> Delivered | None:
         """Shares of the last `WINDOW` samples; None where nothing tells."""
-        if len(self._rows) < WINDOW:
+        rows = list(self._rows)
+        if len(rows) < WINDOW:
             return None
-        every = np.array(self._rows)
-        rows = every[-WINDOW:]
-        if rows[:, 8:].any():
-            held = float(rows[:, 6].mean())  # no slip angle is known well where wheels give no speed
-            front_locks, rear_locks = (bool(rows[-CONFIRMED:, column].all()) for column in (8, 9))
+        if any(row.locking[0] or row.locking[1] for row in rows):
+            held = float(np.mean([row.whole for row in rows]))  # no slip angle is known well where wheels give no speed
+            front_locks, rear_locks = (all(row.locking[axle] for row in rows[-CONFIRMED:]) for axle in range(2))
             return Delivered(front=held, rear=held, brakes=None, locking=(front_locks, rear_locks))
-        expected, measured = np.column_stack([rows[:, :2], _due(every[:, 2])]), rows[:, 3:6]
-        shares = (expected * measured).sum(axis=0) / np.maximum((expected**2).sum(axis=0), 1.0)
-        told = (expected != 0.0).all(axis=0)
-        told[2] &= bool(rows[:, 7].all())
-        front, rear, brakes = (float(share) if tells else None for share, tells in zip(shares, told, strict=True))
+        front, rear, brakes = (_share(rows, i) for i in range(3))
+        brakes = brakes if all(row.rolls for row in rows) else None
         return None if front is rear is brakes is None else Delivered(front=front, rear=rear, brakes=brakes)
 
 
-def _due(along: Array) -> Array:
-    """Least braking force, N <= 0, expected up to `LATE` before each of the last `WINDOW` samples; 0 if not known."""
-    known = np.concatenate([np.zeros(LATE + WINDOW - len(along)), along])
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(known, LATE + 1).max(axis=1))
+def _telling(force: float, least: float) -> float:
+    return force if abs(force) > least else 0.0
+
+
+def _share(rows: list[_Row], i: int) -> float | None:
+    """Of the i-th force; None where one of the rows does not tell."""
+    expected = [row.expected[i] for row in rows]
+    if not all(expected):
+        return None
+    given = sum(force * row.measured[i] for force, row in zip(expected, rows, strict=True))
+    return given / max(sum(force * force for force in expected), 1.0)
 
 
 def _expected(model: SingleTrack) -> ca.Function:

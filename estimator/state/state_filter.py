@@ -150,9 +150,9 @@ class StateFilter:
 
     def specific_force(self, ax: float, ay: float) -> tuple[float, float]:
         """At the CoG, along the car's axes, m/s2, from what the accelerometers read."""
-        m = self.mean
+        m: list[float] = self.mean.tolist()
         fx, fy = levelled(ax - m[BIAS_AX], ay - m[BIAS_AY], cos(m[IMU_TURN]), sin(m[IMU_TURN]))
-        return float(fx + m[IMU_AHEAD] * self.yaw_rate**2), float(fy - m[IMU_AHEAD] * self._yaw_acceleration)
+        return fx + m[IMU_AHEAD] * self.yaw_rate**2, fy - m[IMU_AHEAD] * self._yaw_acceleration
 
     def std(self) -> Array:
         """Standard deviations of `STATES`, shape (n,)."""

@@ -30,46 +30,58 @@ DOUBTED = -2.0 * math.log(0.01)
 """exceeded once in a hundred: no filter is begun anew, as what has been wrong for a second may be about to be found"""
 
 
-class FilterLane:
-    """One filter."""
+FILTERS = 3
+"""one with all sources, two without the IMU"""
 
-    def __init__(self, mean: Array, covariance: Array) -> None:
-        self.mean, self.covariance, self.age_s = mean.copy(), covariance.copy(), 0.0
-        self.off: list[float] = []
+
+class FilterLane:
+    """One filter of a bank: views of its part of the arrays of all."""
+
+    def __init__(self, function: CompiledFunction, i: int) -> None:
+        (means, covariances, _, uses), (_, _, off, seen, inverses) = function.inputs, function.outputs
+        n, judged = len(means), len(seen)
+        self.mean, self.covariance, self.uses = means[:, i], covariances[:, n * i : n * (i + 1)], uses[:, i]
+        self.off = off[:, i].data
         """what the measurements show beyond what is predicted, in deviations"""
-        self.seen, self.spread = np.zeros(0), np.zeros((0, 0))
-        """what the IMU is predicted to show, and its covariance"""
+        self.seen, self.inverse = seen[:, i], inverses[:, judged * i : judged * (i + 1)]
+        """what the IMU is predicted to show, and the inverse of its covariance"""
+        self.age_s = 0.0
 
     def renew(self, other: FilterLane) -> None:
         """Go on from where another one is."""
-        self.mean, self.covariance, self.age_s = other.mean.copy(), other.covariance.copy(), 0.0
+        self.mean[:], self.covariance[:], self.age_s = other.mean, other.covariance, 0.0
 
 
 class Bank:
     """Filters of one model."""
 
     def __init__(self, function: CompiledFunction, prior: tuple[Array, Array], fast: int, imu: int) -> None:
-        """`prior`: mean and standard deviation of the states, of which the first `fast` are forgotten while the car
-        stands; the last `imu` measurements are the IMU's."""
+        """`function` of `FILTERS`; `prior`: mean and standard deviation of the states, of which the first `fast` are
+        forgotten while the car stands; the last `imu` measurements are the IMU's."""
         self._function, self._fast, self._imu = function, fast, imu
         self._prior = prior[0], np.diag(prior[1] ** 2)
-        self.main = FilterLane(*self._prior)
-        self._lanes = FilterLane(*self._prior), FilterLane(*self._prior)
+        self.main, *self._lanes = (FilterLane(function, i) for i in range(FILTERS))
+        self.main.mean[:], self.main.covariance[:] = self._prior
         self._moving = False
 
     @property
     def without(self) -> FilterLane:
         """The older one of those without the IMU."""
-        return max(self._lanes, key=lambda lane: lane.age_s)
+        first, second = self._lanes
+        return first if first.age_s >= second.age_s else second
 
     def step(self, period: Sequence[float], others: Sequence[bool], imu: bool) -> None:
         """A period whose first entry is its length; which other measurements are there, and whether the IMU is."""
         if not self._moving:
             self._begin()
-        there = [float(one) for one in others]
-        self._advance(self.main, period, [*there, *[float(imu)] * self._imu])
+        means, covariances, given, uses = self._function.inputs
+        given[:, 0] = period
+        uses[: -self._imu] = np.array(others)[:, np.newaxis]
+        self.main.uses[-self._imu :] = imu
+        self._function()
+        means[:], covariances[:] = self._function.outputs[:2]
         for lane in self._lanes:
-            self._advance(lane, period, [*there, *[0.0] * self._imu])
+            lane.age_s += period[0]
 
     def renew(self) -> None:
         """The IMU fits: what does without it may begin anew, when it is its turn."""
@@ -82,28 +94,15 @@ class Bank:
 
     def fits(self, shown: Sequence[float], signs: Sequence[float]) -> float:
         """Chi-square of what the IMU shows with other signs, by what does without it."""
-        off = np.array(signs) * np.array(shown) - self.without.seen
-        return float(off @ np.linalg.solve(self.without.spread, off))
+        lane = self.without
+        off = np.multiply(signs, shown) - lane.seen
+        return float(off @ lane.inverse @ off)
 
     def _begin(self) -> None:
         """At rest a car does not move; what has been learnt of it stays."""
         fast, (mean, covariance), main = self._fast, self._prior, self.main
-        slow = main.covariance[fast:, fast:].copy()
-        main.mean[:fast], main.covariance = mean[:fast], np.zeros_like(covariance)
-        main.covariance[:fast, :fast], main.covariance[fast:, fast:] = covariance[:fast, :fast], slow
+        main.mean[:fast], main.covariance[:fast], main.covariance[fast:, :fast] = mean[:fast], covariance[:fast], 0.0
         for lane, age_s in zip(self._lanes, (0.0, RENEWED_S), strict=True):
             lane.renew(main)
             lane.age_s = age_s
         self._moving = True
-
-    def _advance(self, lane: FilterLane, period: Sequence[float], uses: Sequence[float]) -> None:
-        mean, covariance, given, used, gate = self._function.inputs
-        mean[:, 0], covariance[:], given[:, 0], used[:, 0], gate[0, 0] = (
-            lane.mean, lane.covariance, period, uses, GATE,
-        )  # fmt: skip
-        self._function()
-        mean, covariance, off, deviation, seen, spread = self._function.outputs
-        lane.mean, lane.covariance = mean[:, 0].copy(), covariance.copy()
-        lane.off = (off[:, 0] / deviation[:, 0]).tolist()
-        lane.seen, lane.spread = seen[:, 0].copy(), spread.copy()
-        lane.age_s += period[0]

@@ -1,6 +1,6 @@
-"""One step of an extended Kalman filter as a function: what a model predicts, and what each measurement says beyond it.
+"""One step of extended Kalman filters as a function: what a model predicts, and what each measurement says beyond it.
 
-The model is written down once; CasADi derives the Jacobians and evaluates the step in its virtual machine.
+The model is written down once; CasADi derives the Jacobians, and the step of all filters of a bank is one call.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ import casadi as ca
 
 from hil_gateway.observer.kalman import symmetric
 from hil_gateway.process.arrays import Expr
-from hil_gateway.process.compiled import CompiledFunction, compile_function
+from hil_gateway.process.compiled import EXACT, CompiledFunction, compile_function
 
 
 class StepModel(Protocol):
-    """Motion and measurements in one period, as functions of n states; `judged` of the measurements come last."""
+    """Motion and measurements in one period, as functions of n `states`; `judged` of the measurements come last."""
 
+    states: int
     judged: int
 
     def after(self, x: Expr) -> Expr:
@@ -40,17 +41,17 @@ class StepModel(Protocol):
         ...
 
 
-def step_function(name: str, model: StepModel, states: int, period: Expr) -> CompiledFunction:
-    """(mean (n,), covariance (n, n), period, uses (m,), gate) to the next mean and covariance; what the measurements
-    show beyond what is predicted (m,) and the deviation of that (m,); mean and covariance of what the judged ones are
-    predicted to show, before they are taken in.
+def step_function(name: str, model: StepModel, period: Expr, gate: float, filters: int) -> CompiledFunction:
+    """(means (n, k), covariances (n, k n), period, uses (m, k)) of k filters to their next means and covariances; what
+    the measurements show beyond what is predicted, in deviations of that (m, k); what the judged ones are predicted to
+    show (j, k), and the inverse of its covariance (j, k j), before they are taken in.
 
     `uses` are 1 where a measurement is taken in, 0 where it is only looked at. One that is not among the judged and
     further off than `gate` deviations is not taken in.
     """
-    mean, covariance = ca.SX.sym("mean", states), ca.SX.sym("covariance", states, states)
+    mean, covariance = ca.SX.sym("mean", model.states), ca.SX.sym("covariance", model.states, model.states)
     count = len(model.measured())
-    uses, gate = ca.SX.sym("uses", count), ca.SX.sym("gate")
+    uses = ca.SX.sym("uses", count)
     step = _Step(model, mean, covariance)
     step.predict()
     first = count - model.judged
@@ -59,9 +60,9 @@ def step_function(name: str, model: StepModel, states: int, period: Expr) -> Com
     seen, spread = step.predicted(range(first, count))
     for i in range(first, count):
         step.update(i, uses[i], ca.inf)
-    found = [step.mean, step.covariance, ca.vertcat(*step.off), ca.vertcat(*step.deviation), seen, spread]
-    given = [mean, covariance, period, uses, gate]
-    return compile_function(ca.Function(name, given, [ca.densify(e) for e in found]), compiled=False)
+    found = [step.mean, step.covariance, ca.vertcat(*step.off), seen, ca.inv(spread)]
+    one = ca.Function(name, [mean, covariance, period, uses], [ca.densify(e) for e in found])
+    return compile_function(one.map(f"{name}_bank", "serial", filters, [2], []), flags=EXACT)
 
 
 class _Step:
@@ -70,7 +71,7 @@ class _Step:
     def __init__(self, model: StepModel, mean: Expr, covariance: Expr) -> None:
         self.model, self.mean, self.covariance = model, mean, covariance
         self.off: list[Expr] = []
-        self.deviation: list[Expr] = []
+        """in deviations"""
 
     def predict(self) -> None:
         """One period on."""
@@ -86,7 +87,7 @@ class _Step:
         seen = ca.vertcat(*(self.model.shown(self.mean)[i] for i in measurements))
         return seen, rows @ self.covariance @ rows.T + noise
 
-    def update(self, i: int, use: Expr, gate: Expr) -> None:
+    def update(self, i: int, use: Expr, gate: float) -> None:
         """Judge a measurement, and take it in where it is to be used and within the gate."""
         off = self.model.measured()[i] - self.model.shown(self.mean)[i]
         H, variance = self._row(i), self.model.variances(self.mean)[i]
@@ -96,8 +97,7 @@ class _Step:
         gain = use * (ca.fabs(off) < gate * deviation) * shared / total
         self.mean = self.mean + gain * off
         self.covariance = symmetric(self.covariance - gain @ shared.T)
-        self.off.append(off)
-        self.deviation.append(deviation)
+        self.off.append(off / deviation)
 
     def _row(self, i: int) -> Expr:
         """Row of the Jacobian of a measurement here, (1, n)."""

@@ -28,7 +28,7 @@ import numpy as np
 
 from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-from hil_gateway.observer.bank import Bank
+from hil_gateway.observer.bank import FILTERS, GATE, Bank
 from hil_gateway.observer.kalman_step import step_function
 from hil_gateway.process.arrays import Array, Expr
 
@@ -137,6 +137,7 @@ def prior(car: Car) -> tuple[Array, Array]:
 class Turning:
     """The model of one period; see `kalman_step.Model`."""
 
+    states = len(STATES)
     judged = 2
 
     def __init__(self, car: Car, period: LateralPeriod) -> None:
@@ -224,7 +225,8 @@ def lateral_bank(car: Car) -> Bank:
     """Filters of `Turning`."""
     period = ca.SX.sym("period", len(LateralPeriod._fields))
     model = Turning(car, LateralPeriod(*_entries(period)))
-    return Bank(step_function("lateral", model, len(STATES), period), prior(car), FAST, model.judged)
+    function = step_function("lateral", model, period, GATE, FILTERS)
+    return Bank(function, prior(car), FAST, model.judged)
 
 
 def _entries(vector: Expr) -> list[Any]:

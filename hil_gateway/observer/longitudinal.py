@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from hil_gateway.car.car import Car
-from hil_gateway.observer.bank import Bank
+from hil_gateway.observer.bank import FILTERS, GATE, Bank
 from hil_gateway.observer.kalman_step import step_function
 from hil_gateway.process.arrays import Array, Expr
 
@@ -84,6 +84,7 @@ def prior(car: Car) -> tuple[Array, Array]:
 class Speeding:
     """The model of one period; see `kalman_step.Model`."""
 
+    states = len(STATES)
     judged = 1
 
     def __init__(self, car: Car, period: LongitudinalPeriod) -> None:
@@ -131,7 +132,8 @@ def longitudinal_bank(car: Car) -> Bank:
     """Filters of `Speeding`."""
     period = ca.SX.sym("period", len(LongitudinalPeriod._fields))
     model = Speeding(car, LongitudinalPeriod(*_entries(period)))
-    return Bank(step_function("longitudinal", model, len(STATES), period), prior(car), FAST, model.judged)
+    function = step_function("longitudinal", model, period, GATE, FILTERS)
+    return Bank(function, prior(car), FAST, model.judged)
 
 
 def _entries(vector: Expr) -> list[Any]:

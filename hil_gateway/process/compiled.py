@@ -30,6 +30,8 @@ from hil_gateway.process.cache import cache_directory
 
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
 """No -ffast-math: NaN must survive, it is how a broken step is recognised."""
+EXACT = ("-O2", "-ffp-contract=off", "-fno-math-errno", "-shared", "-fPIC")
+"""The bits of the virtual machine on every computer: no product is fused with a sum."""
 
 COMPILE_TIMEOUT_S = 120.0
 
@@ -96,19 +98,19 @@ def _build(compiler: str, source: str, flags: tuple[str, ...], libraries: tuple[
     return path
 
 
-def compile_library(function: ca.Function) -> Path | None:
+def compile_library(function: ca.Function, flags: tuple[str, ...] | None = None) -> Path | None:
     """Library of a function with dense arguments, from the cache or freshly built; a damaged one is built anew."""
     generator = ca.CodeGenerator(f"{function.name()}.c")
     generator.add(function)
     source = generator.dump()
-    path = compile_source(source)
+    path = compile_source(source, flags=flags)
     if path is None:
         return None
     try:
         ctypes.CDLL(str(path))
     except OSError:
         path.unlink(missing_ok=True)
-        path = compile_source(source)
+        path = compile_source(source, flags=flags)
     return path
 
 
@@ -147,13 +149,15 @@ def _flat(array: Array) -> Any:
     return array.reshape(-1, order="F").data
 
 
-def compile_function(function: ca.Function, compiled: bool = True) -> CompiledFunction:
+def compile_function(
+    function: ca.Function, compiled: bool = True, flags: tuple[str, ...] | None = None
+) -> CompiledFunction:
     """Compile `function`, or wrap it interpreted where there is no compiler (warning) or `compiled` is False.
 
     Sparse arguments become dense, so that every array has its full shape.
     """
     dense = densified(function)
-    path = compile_library(dense) if compiled else None
+    path = compile_library(dense, flags) if compiled else None
     return CompiledFunction(dense, "vm") if path is None else load_function(function.name(), path)
 
 

@@ -82,7 +82,7 @@ def test_what_is_proposed_was_taught_by_inputs_as_uncertain_as_while_driving(
         while_driving = []
         for value in columns[name][: HALF_WINDOW + len(taught) + HALF_WINDOW]:
             window.append(value)
-            while_driving.append(float(acting_variance(window)))
+            while_driving.append(acting_variance(window))
         found = [s.input_variance[which] for s in taught]
         assert found[late:] == pytest.approx(while_driving[2 * HALF_WINDOW + late : 2 * HALF_WINDOW + len(taught)])
         assert max(found) > 0.0

@@ -44,6 +44,18 @@ def test_compiled_and_interpreted_agree(cache: Path) -> None:
 
 
 @needs_compiler
+def test_exact_functions_have_the_bits_of_the_virtual_machine(cache: Path) -> None:
+    P, F = ca.SX.sym("P", 6, 6), ca.SX.sym("F", 6, 6)
+    function = ca.Function("f", [P, F], [F @ P @ F.T + ca.tanh(P)])
+    fast, slow = compile_function(function, flags=compiled.EXACT), compile_function(function, compiled=False)
+    for f in (fast, slow):
+        for given in f.inputs:
+            given[:] = np.sin(np.arange(36.0)).reshape(6, 6)
+        f()
+    np.testing.assert_array_equal(fast.outputs[0], slow.outputs[0])
+
+
+@needs_compiler
 def test_library_is_cached_by_content(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compile_function(_function())
     monkeypatch.setattr(compiled, "_build", lambda *_: pytest.fail("built twice"))
