@@ -80,6 +80,7 @@ class Run:
         self._told = 0
         self._rest_started = False
         self._asked_to_stop = False
+        self._interrupted_ns: int | None = None
         self._cpu = CpuMeter(supervisor)
         self._waiting = Waiting()
 
@@ -157,7 +158,7 @@ class Run:
 
     def _ending(self, now_ns: int) -> Ending | None:
         if self._stopping():
-            return Ending.INTERRUPTED
+            return self._interrupted(now_ns)
         if self._options.stay:
             return None
         if self._stop_ns is not None:
@@ -167,6 +168,16 @@ class Run:
         if self._complete(now_ns):
             return Ending.DONE
         return self._given_up(Ending.NOT_MOVING) if self._stuck(now_ns) else None
+
+    def _interrupted(self, now_ns: int) -> Ending | None:
+        """The gateway ends first, while there is a car that it can stop; a second signal waits for nothing."""
+        if self._interrupted_ns is None:
+            self._interrupted_ns = now_ns
+            self._supervisor.ask_to_end("gateway")
+            if not self.result.referee.standing:
+                self._tell("the gateway stops the car and ends; again, and all end at once")
+        waits = "gateway" in self._supervisor.pids and now_ns - self._interrupted_ns < STOP_S * NS_PER_S
+        return None if waits and self._stopping.count == 1 else Ending.INTERRUPTED
 
     def _given_up(self, ending: Ending) -> Ending:
         """The ending, with its cause told."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from hil_gateway.bus.messages import FailsafeAction, GatewayStatus
+from hil_gateway.bus.topics import GATEWAY_STATUS
 from hil_gateway.demo.canvas import Canvas
 from hil_gateway.demo.monitor import Monitor
 from hil_gateway.demo.referee import DriveReferee
@@ -53,6 +54,14 @@ class Scene:
     cpu_share: Mapping[str, float]
     alive: Mapping[str, int]
     heading: str
+
+    @property
+    def gateway_lost(self) -> str:
+        """Why nothing is known of the car any more, in words; empty while the gateway, the hub of the bus, talks."""
+        age_s, alive = self.monitor.ages_s(self.now_ns)[GATEWAY_STATUS.key]
+        if self.monitor.status is None or alive:
+            return ""
+        return f"no word of the gateway for {age_s:.1f} s" if "gateway" in self.alive else "the gateway has ended"
 
 
 class View(Protocol):
@@ -154,6 +163,8 @@ def _headline(scene: Scene) -> RenderableType:
     status = scene.monitor.status
     if status is None:
         return Text(" waiting for the gateway", style="yellow")
+    if scene.gateway_lost:
+        return Text(f" {scene.gateway_lost} ", style="bold reverse red")
     text = Text(f" {status.action.value.upper()} ", style=f"bold reverse {COLOURS[status.action]}")
     text.append(f"  {status.cause}" if status.cause else "", style="reset")
     if status.action is FailsafeAction.SILENT:
@@ -183,7 +194,7 @@ def _car_table(scene: Scene) -> Table:
     estimate, plan, referee = scene.monitor.estimate, scene.monitor.plan, scene.referee
     table = _table("car", "", "")
     table.show_header = False
-    if estimate:
+    if estimate and not scene.gateway_lost:
         table.add_row("speed", f"{estimate.vx:6.1f} m/s  {3.6 * estimate.vx:4.0f} km/h")
         table.add_row("steering", f"{math.degrees(estimate.steer):+6.2f} deg at the wheel")
         table.add_row("drive", f"{estimate.drive:+7.4f} slip")
@@ -241,6 +252,8 @@ def line(scene: Scene) -> str:
     """The scene in one line."""
     status, estimate, plan, referee = scene.monitor.status, scene.monitor.estimate, scene.monitor.plan, scene.referee
     parts = [f"{scene.elapsed_s:6.1f} s"]
+    if scene.gateway_lost:
+        return "  ".join([*parts, scene.gateway_lost])
     parts.append(status.action.value if status else "waiting for the gateway")
     if status and status.cause:
         parts.append(f"({status.cause})")

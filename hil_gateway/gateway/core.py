@@ -20,7 +20,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.act.actor import Actor
 from hil_gateway.gateway.decide.conditions import Conditions
 from hil_gateway.gateway.decide.decision import Decision, Situation, decide
-from hil_gateway.gateway.decide.failsafe import Failsafe, Inputs
+from hil_gateway.gateway.decide.failsafe import ROWS, Failsafe, Inputs
 from hil_gateway.gateway.decide.ladder_inputs import caution_speed, flags_in_force, flags_received
 from hil_gateway.gateway.perceive.course import CourseReader
 from hil_gateway.gateway.perceive.dead_reckoning import DeadReckoning, Pose
@@ -72,6 +72,8 @@ class Gateway:
         self._seq = 0
         self.seen: tuple[VehicleState, Inputs] | None = None
         """what the newest period decided on"""
+        self.speed = 0.0
+        """m/s in the newest period, by whatever sensors are left"""
 
     @property
     def failsafe(self) -> Failsafe:
@@ -88,12 +90,25 @@ class Gateway:
         """Who was late, or what is wrong with the fixes, where that is why the car is being stopped."""
         return self._reporter.why
 
+    @property
+    def moves_car(self) -> bool:
+        """Whether the car moves by commands of this gateway, and can still hear them."""
+        if self.seen is None or not (self.decision.failsafe.armed and self._actor.transmits):
+            return False
+        _, inputs = self.seen
+        return not inputs.standing and not ROWS["can_silent"].fires(inputs.measures)
+
+    def begin_ending(self) -> None:
+        """From the next period on the table asks for a stop: this process is to end."""
+        self._conditions.ending = True
+
     def step(self, now_ns: int) -> None:
         """One 10 ms period."""
         before = self.decision
         state = self._read_car(now_ns, before)
         self._read_bus(now_ns, before)
         motion, pose, monitored = self._perceive(now_ns, state, before)
+        self.speed = motion.speed
         self._stood.step(now_ns, state, self.inbox.estimate)
         situation = self._decide(now_ns, state, monitored, before)
         self._act(now_ns, state, motion, pose)

@@ -14,6 +14,7 @@ from hil_gateway.bus.zenoh_bus import HUB, open_bus
 from hil_gateway.can_link import open_link
 from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
+from hil_gateway.gateway.ending import OrderlyEnd
 from hil_gateway.gateway.events.log import EventLog, to_journal
 from hil_gateway.gateway.running import announced
 from hil_gateway.process.clock import SystemClock
@@ -25,7 +26,8 @@ from hil_gateway.track.loading import load_track
 
 
 def run(config: Config) -> None:
-    """Run until SIGINT or SIGTERM; the last frames say controlled shutdown.
+    """Run until SIGINT or SIGTERM, and on until a car that moves by its commands stands; a second signal ends at once.
+    The last frames say controlled shutdown.
 
     Raises:
         InputError: no such CAN interface, busy port, broken track file.
@@ -39,6 +41,7 @@ def run(config: Config) -> None:
         link.close()
         raise
     gateway = Gateway(config, bus, link, track, describe_load)
+    ending = OrderlyEnd(gateway, config.gateway.stop.controlled_deceleration)
     events, notify = EventLog(bus, to_journal), Notifier()
     punctual("gateway")
     gc.freeze()  # what start-up allocated is never collected: shorter pauses
@@ -47,7 +50,7 @@ def run(config: Config) -> None:
     notify.send("READY=1")
     try:
         with announced(config):
-            while not stopped():
+            while not ending.over(clock.now_ns(), stopped.count):
                 gateway.step(clock.now_ns())
                 events.step(clock.now_ns(), gateway, link.stats().bus_state)
                 notify.send("WATCHDOG=1")

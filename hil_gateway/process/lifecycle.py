@@ -62,6 +62,7 @@ class StopRequest:
     def __init__(self) -> None:
         self.signal = 0
         """number of the first one; 0: none"""
+        self.count = 0
         self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def __call__(self) -> bool:
@@ -74,6 +75,7 @@ class StopRequest:
 
     def _note(self, number: int, frame: object) -> None:
         self.signal = self.signal or number
+        self.count += 1
 
 
 def worth_a_line(count: int) -> bool:

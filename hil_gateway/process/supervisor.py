@@ -27,7 +27,7 @@ class ProcessSpec:
 
     Stage 0 starts first, the rest when the recorder listens, so that a recording begins before what it records.
     `stops_last`: it has the end of the others to hear. Losing an `optional` one is no reason to end. `beside`: it gives
-    way to all of them.
+    way to all of them. `waits`: asked once it ends in its own time, asked twice at once.
     `arguments`: of this process alone.
     """
 
@@ -36,11 +36,12 @@ class ProcessSpec:
     stops_last: bool = False
     optional: bool = False
     beside: bool = False
+    waits: bool = False
     arguments: tuple[str, ...] = ()
 
 
 PROCESSES: tuple[ProcessSpec, ...] = (
-    ProcessSpec("gateway", stage=0),
+    ProcessSpec("gateway", stage=0, waits=True),
     ProcessSpec("recorder", stage=0, stops_last=True),
     ProcessSpec("plant"),
     ProcessSpec("estimator"),
@@ -75,6 +76,8 @@ class Supervisor:
         self._config_file, self._folder, self._specs = config_file, folder, specs
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._cpu_s: dict[str, float] = {}
+        self._asked: set[str] = set()
+        """processes that end because they were asked to"""
 
     def __enter__(self) -> Supervisor:
         return self
@@ -116,7 +119,15 @@ class Supervisor:
     def poll(self) -> list[Exit]:
         """Processes that ended since the last call."""
         ended = [s for s in self._specs if s.name in self._running and self._running[s.name].poll() is not None]
-        return [Exit(s.name, self._running.pop(s.name).returncode, self._last_words(s.name), s.optional) for s in ended]
+        codes = {spec: self._running.pop(spec.name).returncode for spec in ended}
+        unasked = [spec for spec in ended if spec.name not in self._asked]
+        return [Exit(s.name, codes[s], self._last_words(s.name), s.optional) for s in unasked]
+
+    def ask_to_end(self, name: str) -> None:
+        """Ask one process to end in its own time, and go on; `poll` does not report it."""
+        if name in self._running:
+            self._asked.add(name)
+            self._running[name].terminate()
 
     def cpu_seconds(self) -> dict[str, float]:
         """Processor time each process has used so far (its last known value once it has ended)."""
@@ -128,14 +139,16 @@ class Supervisor:
     def stop(self) -> None:
         """End everything in at most twice `STOP_S`; what does not end by itself is killed."""
         for last in (False, True):
-            self._end([s.name for s in self._specs if s.stops_last == last and s.name in self._running])
+            self._end([s for s in self._specs if s.stops_last == last and s.name in self._running])
 
-    def _end(self, names: Sequence[str]) -> None:
-        for name in names:
-            self._running[name].terminate()
+    def _end(self, specs: Sequence[ProcessSpec]) -> None:
+        for spec in specs:
+            if spec.waits:  # another signal than the next one: two of a kind may arrive as one
+                self._running[spec.name].send_signal(signal.SIGINT)
+            self._running[spec.name].terminate()
         deadline = time.monotonic() + STOP_S
-        for name in names:
-            process = self._running.pop(name)
+        for spec in specs:
+            process = self._running.pop(spec.name)
             try:
                 process.wait(max(deadline - time.monotonic(), 0.0))
             except subprocess.TimeoutExpired:

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from support.promise_figures import record_figure, volume
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import OperatorAction, OperatorCommand
 from hil_gateway.config import Config
+from hil_gateway.gateway.ending import OrderlyEnd
 from planner.simulation.loop import Faults, Loop
 
 REASONS = ("planner", "estimator", "planner and estimator", "stop", "emergency", "heartbeat", "purple")
@@ -57,6 +59,21 @@ def stop_for(loop: Loop, dead: Dead, reason: str) -> dict[str, Any]:
     }
 
 
+def in_a_fork(work: Callable[[], Any]) -> Any:
+    """What `work` returns, done in a copy of this process."""
+    reader, writer = os.pipe()
+    if not (pid := os.fork()):
+        try:
+            os.write(writer, json.dumps(work()).encode())
+        finally:
+            os._exit(0)
+    os.close(writer)
+    with os.fdopen(reader) as pipe:
+        text = pipe.read()
+    os.waitpid(pid, 0)
+    return json.loads(text)
+
+
 def stops(points: int, spacing_s: float) -> Iterator[dict[str, Any]]:
     """Every reason from every point, each in a forked copy of the running loop."""
     dead = Dead()
@@ -64,17 +81,7 @@ def stops(points: int, spacing_s: float) -> Iterator[dict[str, Any]]:
     loop.run(seconds=8.0, time_limit_s=60.0)
     for point in range(points):
         for reason in REASONS:
-            reader, writer = os.pipe()
-            if not (pid := os.fork()):
-                try:
-                    os.write(writer, json.dumps(stop_for(loop, dead, reason)).encode())
-                finally:
-                    os._exit(0)
-            os.close(writer)
-            with os.fdopen(reader) as pipe:
-                text = pipe.read()
-            os.waitpid(pid, 0)
-            yield json.loads(text)
+            yield in_a_fork(partial(stop_for, loop, dead, reason))
         if point < points - 1:
             until_s = loop.elapsed_s + spacing_s
             while loop.elapsed_s < until_s:
@@ -90,6 +97,41 @@ def test_a_drive_of_laps_ends_where_the_car_stands_after_a_stop():
     result = loop.run(laps=1, time_limit_s=60.0)
     assert result.failsafes and loop.plant.car.standing
     assert loop.elapsed_s < 40.0, "nobody arms again: the rest of the time tells nothing"
+
+
+@pytest.mark.slow
+@pytest.mark.promise("L5")
+@pytest.mark.parametrize("requests", [1, 2])
+def test_a_gateway_that_is_to_end_in_a_bend_keeps_the_car_on_the_road_unless_it_must_hurry(bend: Loop, requests: int):
+    margin, cause = in_a_fork(lambda: end_in(bend, requests))
+    if requests == 1:
+        assert (margin > 0, cause) == (True, "gateway_ending")
+    else:
+        assert margin < 0, "without the stop this bend takes the car off the road: else it proves nothing"
+
+
+@pytest.fixture(scope="module")
+def bend() -> Loop:
+    """The first fast bend of the road course, with the lateral force just there."""
+    loop = Loop(Config.model_validate({"planner": {"horizon": 20}}), faults=Dead())
+    while not (loop.plant.car["vx"] > 60 and abs(loop.gateway.seen[0].ay) > 9):
+        loop.step()
+        assert loop.elapsed_s < 60
+    return loop
+
+
+def end_in(loop: Loop, requests: int) -> tuple[float, str]:
+    """Least distance of a wheel to the edge (m) until the car stands, gateway ended, and the cause of its stop."""
+    end, begin_s = OrderlyEnd(loop.gateway, Config().gateway.stop.controlled_deceleration), loop.elapsed_s
+    loop.plant.referee.worst_margin_m = float("inf")
+    while not end.over(loop.clock.now_ns(), requests):
+        loop.step()
+    loop.gateway.shut_down(loop.clock.now_ns())
+    loop.faults.components = {"gateway"}
+    while not loop.plant.car.standing and loop.elapsed_s < begin_s + 25.0:
+        loop.step()
+    assert loop.plant.car.standing
+    return loop.plant.referee.worst_margin_m, loop.gateway.failsafe.cause
 
 
 @pytest.mark.slow

@@ -19,10 +19,13 @@ from typing import Any
 import pytest
 from support.promise_figures import long_run, record_figure
 
+from hil_gateway.bus.topics import TRUTH
 from hil_gateway.can_link import resolve_kind
 from hil_gateway.car.car import load_car
 from hil_gateway.config import load_config
 from hil_gateway.process.supervisor import PROCESSES
+from hil_gateway.session.files.format import unpack_message
+from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.overview.info import session_info
 
 pytestmark = pytest.mark.quiet
@@ -119,3 +122,18 @@ def test_ctrl_c_ends_everything_within_3_s_with_a_readable_recording(tmp_path: P
     info = session_info(tmp_path / "out" / "session.mcap", car=load_car())
     assert info["complete"]
     assert not info["damage"]
+
+
+@pytest.mark.slow
+def test_ctrl_c_at_speed_stops_the_car_on_the_road_before_all_ends(tmp_path: Path, record_property: Recorder) -> None:
+    with Demo(tmp_path / "out", record_property) as demo:
+        demo.wait_under_way()
+        time.sleep(5.0)  # 20 m/s
+        demo.process.send_signal(signal.SIGINT)
+        summary = demo.result(timeout_s=25)
+    assert demo.process.returncode == 130
+    assert summary["ending"] == "interrupted"
+    assert [stop["cause"] for stop in summary["failsafes"]] == ["gateway_ending"]
+    assert summary["off_track"] == 0
+    *_, last = SessionReader(tmp_path / "out" / "session.mcap", frozenset({TRUTH.key})).items()
+    assert abs(unpack_message(TRUTH, last.data).vx) < 1.0

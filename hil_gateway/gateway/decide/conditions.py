@@ -67,6 +67,8 @@ class Conditions:
         self._supply_low, self._stalled = ConditionTime(), ConditionTime()
         self._last_ns: int | None = None
         self._needs_heading = config.arming.heading == "known"
+        self.ending = False
+        """whether this process is to end"""
         self._blind_m = 0.0
         """driven without knowing where the car points"""
 
@@ -129,6 +131,7 @@ class Conditions:
             **self._of_the_car(now_ns, state),
             **self._on_the_bus(now_ns),
             "uncommanded_motion": _holds(not answers_for_motion and _drives_on(state)),
+            "gateway_ending": _holds(self.ending),
             "engine_running": 0.0,
             "command_age": command_age_s,
             "gateway_gap": 0.0 if self._last_ns is None else (now_ns - self._last_ns) / NS_PER_S,

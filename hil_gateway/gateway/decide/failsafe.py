@@ -45,6 +45,10 @@ class Row:
     clear: Clear
     while_silent: WhileSilent = WhileSilent.NOTHING
 
+    def fires(self, measures: Mapping[str, float]) -> bool:
+        """Whether its measure has held for long enough or is missing; not-a-number fires."""
+        return not (held_s := measures.get(self.measure, HOLDS)) <= 0 and not held_s < self.threshold_s
+
 
 _STOP, _EMERGENCY = FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP
 
@@ -115,6 +119,9 @@ TABLE: tuple[Row, ...] = (
         Clear.DISARM,
     ),
     Row("operator_stop", "a stop was asked for", "operator_stop", 0.0, _STOP, Clear.REARM),
+    Row(
+        "gateway_ending", "the gateway is to end while the car moves", "gateway_ending", 0.0, _STOP, Clear.REARM
+    ),
     Row("command_stale", "no fresh planner command: `hil planner run`", "command_age", 0.1, _STOP, Clear.REARM),
     Row(
         "state_invalid",
@@ -275,9 +282,7 @@ def missing_for_arming(inputs: Inputs) -> tuple[str, ...]:
 
 
 def _firing(inputs: Inputs) -> list[Row]:
-    """Rows whose measure has held for long enough or is missing; not-a-number fires."""
-    held = inputs.measures.get
-    return [row for row in TABLE if not (s := held(row.measure, HOLDS)) <= 0 and not s < row.threshold_s]
+    return [row for row in TABLE if row.fires(inputs.measures)]
 
 
 def table_markdown() -> str:

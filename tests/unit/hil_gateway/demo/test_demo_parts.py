@@ -10,10 +10,11 @@ from typing import Any
 
 import pytest
 from rich.console import Console
+from support.cars.car_messages import estimate
 
 from hil_gateway.bus import messages as m
 from hil_gateway.bus.interface import LocalBus
-from hil_gateway.bus.topics import GATEWAY_STATUS, OPERATOR, PLAN, TRUTH
+from hil_gateway.bus.topics import ESTIMATE, GATEWAY_STATUS, OPERATOR, PLAN, TRUTH
 from hil_gateway.config import Config, load_config
 from hil_gateway.demo.canvas import Canvas
 from hil_gateway.demo.monitor import REASONS_MAX, Monitor, PlanCount
@@ -244,6 +245,28 @@ def test_plain_line_says_why_nothing_moves_and_what_the_car_does() -> None:
     bus.publish(GATEWAY_STATUS, status())
     monitor.update(0, driving=False)
     assert "ready: `hil gateway arm`" in line(scene)
+
+
+@pytest.mark.parametrize(
+    ("alive", "said"), [({}, "the gateway has ended"), ({"gateway": 1}, "no word of the gateway for 3.0 s")]
+)
+def test_nothing_is_shown_of_the_car_once_the_gateway_is_silent(alive: dict[str, int], said: str) -> None:
+    bus = LocalBus()
+    monitor, referee = Monitor(bus), DriveReferee(bus)
+    bus.publish(GATEWAY_STATUS, status("drive"))
+    bus.publish(ESTIMATE, estimate(0, vx=27.6))
+    monitor.update(0, driving=True)
+    console = Console(width=150, height=40, file=io.StringIO(), record=True)
+    view = LiveView(load_track("oval"), console)
+    view.close()
+
+    def shown(now_ns: int) -> tuple[str, str]:
+        scene = Scene(now_ns, 1.0, monitor, referee, {}, alive, "oval on vcan0")
+        console.print(view.page(scene))
+        return line(scene), console.export_text()
+
+    assert all("drive" in text.lower() and "27.6" in text for text in shown(5 * MS))
+    assert all(said in text and "drive  " not in text.lower() and "27.6" not in text for text in shown(3000 * MS))
 
 
 @pytest.mark.parametrize(("columns", "rows", "wide"), [(150, 40, True), (80, 24, False)])

@@ -75,7 +75,7 @@ def test_a_request_says_which_signal_it_was_and_can_be_given_back() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
         os.kill(os.getpid(), signal.SIGINT)
         assert stopping()
-        assert stopping.signal == signal.SIGTERM
+        assert (stopping.signal, stopping.count) == (signal.SIGTERM, 2)
     finally:
         stopping.release()
     assert signal.getsignal(signal.SIGTERM) is before

@@ -84,6 +84,35 @@ def test_the_recorder_is_asked_last(tmp_path: Path) -> None:
     assert ended["recorder"] > ended["plant"]
 
 
+def test_who_would_take_its_time_is_asked_twice_in_the_end(tmp_path: Path) -> None:
+    patient = (
+        "import signal, sys\n"
+        "signals = {signal.SIGINT, signal.SIGTERM}\n"
+        "signal.pthread_sigmask(signal.SIG_BLOCK, signals)\n"
+        "print('up', flush=True)\n"
+        "print([signal.sigwait(signals) for _ in signals])"
+    )
+    supervisor = Scripts(tmp_path, {"gateway": patient}, (ProcessSpec("gateway", waits=True),))
+    supervisor.start(1)
+    supervisor.wait_up()
+    supervisor.stop()
+    said = (tmp_path / "gateway.log").read_text()
+    assert "SIGINT" in said and "SIGTERM" in said
+
+
+def test_a_process_that_was_asked_to_end_goes_without_a_report(tmp_path: Path) -> None:
+    with Scripts(tmp_path, {"gateway": ORDERLY, "plant": SLEEP}) as supervisor:
+        supervisor.start(1)
+        supervisor.wait_up()
+        supervisor.ask_to_end("gateway")
+        deadline = time.monotonic() + 5
+        while "gateway" in supervisor.pids:
+            assert supervisor.poll() == []
+            assert time.monotonic() < deadline
+        assert list(supervisor.pids) == ["plant"]
+        supervisor.ask_to_end("gateway")  # gone: nothing to ask
+
+
 def test_stages_start_when_told(tmp_path: Path) -> None:
     specs = (ProcessSpec("gateway", stage=0), ProcessSpec("plant", stage=1))
     with Scripts(tmp_path, {"gateway": SLEEP, "plant": SLEEP}, specs) as supervisor:

@@ -32,7 +32,7 @@ EMERGENCY_AT = {
 HARD_STOP_AT = {"command_age": 0.5}
 STOP_AT = {
     "operator_stop": 0.0, "command_age": 0.1, "state_invalid": 0.05, "estimate_invalid": 0.05, "counters_wrong": 0.0,
-    "heading_unknown": 0.0,
+    "heading_unknown": 0.0, "gateway_ending": 0.0,
     "foreign_commands": 0.0, "heartbeat_frozen": 0.5, "track_flag_stop": 0.0, "vehicle_flag_stop": 0.0,
     "car_not_driving": 0.0, "car_failure": 0.0, "engine_running": 0.0,
     "mode_switch_off": 0.0, "safety_switch": 0.0, "supply_low": 1.0, "engine_stalled": 0.3, "sender_doubled": 0.0,
