@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.campaign.analysis import HEADLINE, TARGETS, Drive, lap_time_lost_percent, samples_to_targets
-from estimator.offline.report.page import COLOURS, ReportPage, new_figure, plot_style
+from estimator.offline.report.page import ReportPage
+from hil_gateway.dashboard.look import COLOURS, new_figure, plot_style
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import compared
 

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta, norm
 
-from estimator.offline.report.page import COLOURS, ReportPage, new_figure
+from estimator.offline.report.page import ReportPage
+from hil_gateway.dashboard.look import COLOURS, new_figure
 
 BOUND = float(norm.ppf(0.975))
 CONFIDENCES = ((0.0, 0.9), (0.9, 0.99), (0.99, 1.0))

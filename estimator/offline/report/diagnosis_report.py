@@ -12,7 +12,7 @@ from estimator.drive_log.table import DriveLog
 from estimator.model.effects import catalogue
 from estimator.model.single_track import CHANNELS
 from estimator.offline.diagnosis import Diagnosis, alternatives
-from estimator.offline.report.page import COLOURS, ReportPage, Tone, new_figure, plot_style
+from estimator.offline.report.page import ReportPage, Tone
 from estimator.offline.report.words import (
     CHANNEL_NAMES,
     NAMES,
@@ -22,6 +22,7 @@ from estimator.offline.report.words import (
 )
 from estimator.offline.result.diagnosis_score import channel_residuals
 from hil_gateway.car.tyre_names import label
+from hil_gateway.dashboard.look import COLOURS, new_figure, plot_style
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import figure
 

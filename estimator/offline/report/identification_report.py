@@ -7,9 +7,10 @@ from pathlib import Path
 
 from estimator.offline.identification import Identification
 from estimator.offline.report import plots
-from estimator.offline.report.page import ReportPage, plot_style
+from estimator.offline.report.page import ReportPage
 from estimator.offline.result.identification_score import LogScore, Scores
 from hil_gateway.car.tyre_names import label
+from hil_gateway.dashboard.look import plot_style
 from hil_gateway.process.figures import figure
 
 UNITS = {"ax": "m/s2", "ay": "m/s2", "yaw_acc": "rad/s2", "vy": "m/s", "yaw_rate": "rad/s"}

@@ -11,8 +11,8 @@ from estimator.model.tyre import AXLES, TyreAxle, force_derivatives, normalised_
 from estimator.offline.fit.equation_error import EquationErrorFit, residuals
 from estimator.offline.fit.identifiability import slip_of
 from estimator.offline.identification import Identification
-from estimator.offline.report.page import COLOURS, new_figure
 from estimator.offline.result.identification_score import ALGEBRAIC_CHANNELS
+from hil_gateway.dashboard.look import COLOURS, new_figure
 from hil_gateway.process.arrays import Array
 
 LABELS = {"ax": "ax, m/s²", "ay": "ay, m/s²", "yaw_acc": "yaw acceleration, rad/s²"}
