@@ -31,6 +31,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "hil_gateway.cli.track_day.day:app",
         "a folder of recordings as one page: runs, laps, tyres, stops",
     ),
+    "season": ("hil_gateway.cli.track_day.season:app", "many days: what changed, when, and what was new then"),
     "identify": ("estimator.cli.identify:app", "tyre parameters from a session, error before and after"),
     "diagnose": ("estimator.cli.diagnose:app", "residual, missing effect, error before and after"),
     "plan": ("planner.cli.plan:app", "planner benchmark in closed loop on the model"),
@@ -50,7 +51,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 GROUPS: dict[str, tuple[str, ...]] = {
     "Drive": ("demo", "run", "note", "race-control"),
     "Analyse": ("identify", "diagnose", "plan", "campaign"),
-    "Sessions": ("session", "day"),
+    "Sessions": ("session", "day", "season"),
     "Processes": ("gateway", "estimator", "learner", "planner", "plant", "recorder", "dashboard", "ros2", "receiver"),
     "Checks": ("can", "config", "doctor", "verify"),
 }

@@ -35,9 +35,10 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Write the page of a day: runs, laps, tyres, stops, notes, models. The index is made of the recordings alone."""
+    from hil_gateway.cli.track_day.reading import side_by_side
     from hil_gateway.session.day.index import read_day
 
-    day = read_day(folder, lambda text: typer.echo(text, err=True))
+    day = read_day(folder, side_by_side())
     if as_json:
         print_json(day)
         return
@@ -52,12 +53,13 @@ def compare(
 ) -> None:
     """Write one page with two laps of the day over distance."""
     from hil_gateway.cli.session_look import compare as compare_sessions
+    from hil_gateway.cli.track_day.reading import side_by_side
     from hil_gateway.process.errors import InputError
     from hil_gateway.session.day.index import lap_place, read_day
 
     if len(laps) != 2:
         raise InputError("two laps, as the page numbers them: `hil day compare FOLDER 1.3 2.5`")
-    day = read_day(folder, lambda text: typer.echo(text, err=True))
+    day = read_day(folder, side_by_side())
     (first, one), (second, other) = (lap_place(folder, day, lap) for lap in laps)
     compare_sessions(first, second, laps=f"{one},{other}", track="", out=out, as_json=False)
 
@@ -80,11 +82,12 @@ def open_(
     out: Annotated[Path | None, typer.Option(help="folder to open it in (default: named as the file)")] = None,
 ) -> None:
     """Unpack a shared day and write its page."""
+    from hil_gateway.cli.track_day.reading import side_by_side
     from hil_gateway.session.day.index import read_day
     from hil_gateway.session.day.share import open_day
 
     folder = open_day(file, out or file.with_suffix(""))
-    _write_page(read_day(folder, lambda text: typer.echo(text, err=True)), folder / PAGE)
+    _write_page(read_day(folder, side_by_side()), folder / PAGE)
 
 
 def _write_page(day: dict[str, Any], out: Path) -> None:

@@ -1,4 +1,4 @@
-"""`hil note`: a remark into the running recording."""
+"""`hil note`: a remark, the tyre set or the weather into the running recording."""
 
 from __future__ import annotations
 
@@ -12,22 +12,25 @@ import typer
 from hil_gateway.process.errors import InputError
 
 TEXT_MAX = 4000
+Celsius = typer.Option(min=-50.0, max=100.0, help="deg C")
 
 
 def note(
     text: Annotated[str, typer.Argument(help='as "front wing +1"')] = "",
     tyres: Annotated[str, typer.Option(help="the tyre set that is on from now on")] = "",
+    air: Annotated[float | None, Celsius] = None,
+    road: Annotated[float | None, Celsius] = None,
     config: Annotated[Path | None, typer.Option("--config", help="TOML configuration")] = None,
 ) -> None:
-    """Put a remark, or the tyre set that is on, into the running recording."""
+    """Put a remark, the tyre set that is on, or the temperature of air and road into the running recording."""
     from hil_gateway.bus import topics
     from hil_gateway.bus.track_day.note import Note
     from hil_gateway.bus.zenoh_bus import open_bus
     from hil_gateway.config import load_config
     from hil_gateway.gateway.asking import address, wait
 
-    if not (text or tyres) or len(text) > TEXT_MAX or len(tyres) > 64:
-        raise InputError(f"a note is a text of up to {TEXT_MAX} characters, or --tyres NAME of up to 64")
+    if not (text or tyres or air is not None or road is not None) or len(text) > TEXT_MAX or len(tyres) > 64:
+        raise InputError(f"a note is a text of up to {TEXT_MAX} characters, --tyres NAME of up to 64, --air or --road")
     reached, now = address(load_config(config).zenoh, config), time.monotonic_ns()
     bus = open_bus(reached.zenoh, "operator")
     try:
@@ -35,7 +38,8 @@ def note(
         before = wait(statuses, lambda status: status.recording)
         if before is None or not before.recording:
             raise InputError("nothing is recorded, so the note would be lost: `hil recorder run`")
-        message = Note(stamp_ns=now, seq=now // 1000, source=f"cli-{os.getpid()}", text=text, tyres=tyres)
+        head = {"stamp_ns": now, "seq": now // 1000, "source": f"cli-{os.getpid()}"}
+        message = Note(**head, text=text, tyres=tyres, air_c=air, road_c=road)
         bus.publish(topics.NOTE, message)
         after = wait(statuses, lambda status: status.noted == message.seq)
         if after is None or after.noted != message.seq:

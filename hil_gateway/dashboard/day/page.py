@@ -16,6 +16,7 @@ LAYOUT = """main { display: block; max-width: 84rem; margin: 0 auto; }
 section { margin-bottom: .7rem; overflow-x: auto; }
 h2.session { font-size: 1.05rem; text-transform: none; color: var(--text); }
 h3 { margin: .8rem 0 .2rem; font-size: .9rem; }
+svg, img { max-width: 100%; height: auto; }
 th, td { text-align: left; padding-right: 1rem; vertical-align: top; white-space: normal; }
 """
 Row = Sequence[str]
@@ -25,9 +26,13 @@ def page(day: dict[str, Any]) -> str:
     """HTML of a day (`hil_gateway.session.day.index.read_day`)."""
     sessions = day["sessions"]
     parts = [_overview(sessions), _sectors(sessions), _tyre_sets(day["tyres"]), *(_session(one) for one in sessions)]
+    return whole_page(f"Day at the track, {date(sessions[0])}", parts)
+
+
+def whole_page(title: str, parts: Iterable[str]) -> str:
+    """HTML of a page that stands alone."""
     style = look() + (PAGE / "style.css").read_text() + LAYOUT
-    title = f"Day at the track, {_date(sessions[0])}"
-    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{title}</title>'
+    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{text(title)}</title>'
     return (
         f'<!doctype html><html lang="en" data-theme="light"><head>{head}<style>{style}</style></head>'
         f"<body><header><h1>{title}</h1></header><main>{''.join(parts)}</main></body></html>\n"
@@ -48,7 +53,7 @@ def _overview(sessions: list[dict[str, Any]]) -> str:
             figure(s["km"], "km", 3), stops, ", ".join(s["effects"]) or "none",
         ))  # fmt: skip
     names = ("session", "recording", "began", "recorded", "laps", "best lap", "driven", "stops", "effects in the model")
-    return _section("The day", _table(names, rows))
+    return section("The day", table(names, rows))
 
 
 def _sectors(sessions: list[dict[str, Any]]) -> str:
@@ -69,25 +74,25 @@ def _sectors(sessions: list[dict[str, Any]]) -> str:
         rows = [(f"sector {i}", _lap(time), lap) for i, (time, lap) in enumerate(fastest, start=1)]
         ideal = sum(time for time, _ in fastest)
         out.append(
-            _section(f"Best sectors, {track}", _table(("", "time", "lap"), [*rows, ("together", _lap(ideal), "")]))
+            section(f"Best sectors, {track}", table(("", "time", "lap"), [*rows, ("together", _lap(ideal), "")]))
         )
     return "".join(out)
 
 
 def _tyre_sets(sets: dict[str, dict[str, float]]) -> str:
     rows = [(name or "not named", f"{used['laps']:g}", figure(used["km"], "km", 4)) for name, used in sets.items()]
-    return _section("Tyre sets", _table(("set", "laps", "driven"), rows))
+    return section("Tyre sets", table(("set", "laps", "driven"), rows))
 
 
 def _session(s: dict[str, Any]) -> str:
     title = f"Session {s['number']}: {s['file']}"
     if "unreadable" in s:
-        return _section(title, f"<p>not readable: {_text(s['unreadable'])}</p>", big=True)
+        return section(title, f"<p>not readable: {text(s['unreadable'])}</p>", big=True)
     about = f"{s['car']} on {s['track']}, {s['software']}, fastest {figure(s['top_speed'], 'm/s', 3)}"
     gaps = [f"nothing was recorded for {gap['seconds']:.1f} s before {gap['before']}" for gap in s["gaps"]]
     whole = [] if s["complete"] else ["not closed in order: readable up to its last whole chunk"]
     parts = [
-        _list([about, *gaps, *whole, *s["damage"]]),
+        items([about, *gaps, *whole, *s["damage"]]),
         _part("Runs", ("run", "name", "laps asked", "tyres", "fuel", "caps", "ended", "notes"), _runs(s)),
         _part("Laps", ("lap", "began", "time", "sectors", "run", "tyres", "marks"), _laps(s)),
         _part("Stops", ("time", "what", "cause", "measured"), _stops(s)),
@@ -96,7 +101,7 @@ def _session(s: dict[str, Any]) -> str:
         _part("Tyres as believed at the end", ("parameter", "mean", "deviation"), _believed(s)),
         _part("Not explained by the model", ("channels", "where", "times its noise", "suspected"), _alerts(s)),
     ]
-    return _section(title, "".join(parts), big=True)
+    return section(title, "".join(parts), big=True)
 
 
 def _runs(s: dict[str, Any]) -> list[Row]:
@@ -173,25 +178,25 @@ def _alerts(s: dict[str, Any]) -> list[Row]:
 def _part(title: str, names: Row, rows: list[Row]) -> str:
     if not rows:
         return f'<h3>{title}</h3><p class="quiet">none</p>'
-    return f"<h3>{title}</h3>{_table(names, rows)}"
+    return f"<h3>{title}</h3>{table(names, rows)}"
 
 
-def _table(names: Row, rows: Iterable[Row]) -> str:
-    head = "".join(f"<th>{_text(name)}</th>" for name in names)
-    body = "".join(f"<tr>{''.join(f'<td>{_text(cell)}</td>' for cell in row)}</tr>" for row in rows)
+def table(names: Row, rows: Iterable[Row]) -> str:
+    head = "".join(f"<th>{text(name)}</th>" for name in names)
+    body = "".join(f"<tr>{''.join(f'<td>{text(cell)}</td>' for cell in row)}</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def _list(lines: Iterable[str]) -> str:
-    return f"<ul>{''.join(f'<li>{_text(line)}</li>' for line in lines)}</ul>"
+def items(lines: Iterable[str]) -> str:
+    return f"<ul>{''.join(f'<li>{text(line)}</li>' for line in lines)}</ul>"
 
 
-def _section(title: str, content: str, big: bool = False) -> str:
+def section(title: str, content: str, big: bool = False) -> str:
     kind = ' class="session"' if big else ""
-    return f"<section><h2{kind}>{_text(title)}</h2>{content}</section>"
+    return f"<section><h2{kind}>{text(title)}</h2>{content}</section>"
 
 
-def _text(value: str) -> str:
+def text(value: str) -> str:
     return html.escape(value)
 
 
@@ -208,5 +213,5 @@ def _clock(s: dict[str, Any], t_s: float) -> str:
     return f"{_at(s, t_s):%H:%M:%S}"
 
 
-def _date(s: dict[str, Any]) -> str:
+def date(s: dict[str, Any]) -> str:
     return f"{_at(s, 0.0):%Y-%m-%d}"

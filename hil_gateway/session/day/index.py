@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +15,41 @@ from hil_gateway.session.logs.source import Source
 from hil_gateway.session.overview.info import recording_info
 
 INDEX = ".hil-day.json"
-VERSION = 1
+VERSION = 2
 """of what an entry holds: an index of another version is made anew"""
 KEPT = (
     "start_unix_s", "duration_s", "bytes", "complete", "damage", "gaps", "laps", "best_lap_s", "runs", "remarks",
-    "tyres", "km", "top_speed", "stops", "alerts", "revisions", "effects", "tyres_believed",
+    "weather", "tyres", "km", "top_speed", "stops", "alerts", "revisions", "effects", "tyres_believed", "loop_ms",
 )  # fmt: skip
 """of what is known of a session"""
+STORED_EVERY = 50
+"""sessions read: who interrupts a long first call loses no more than these"""
+Read = Callable[[Sequence[tuple[Path, ...]]], Iterable[dict[str, Any]]]
+"""Entries of sessions, in their order."""
 
 
-def read_day(folder: Path, say: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
-    """Sessions of a folder and of those in it, in order of time; only what has changed is read again.
+def read_session(files: tuple[Path, ...]) -> dict[str, Any]:
+    """What the index keeps of the recordings of one session; why not, where they cannot be read."""
+    try:
+        info = recording_info(*files)
+    except InputError as error:
+        return {"unreadable": str(error)}
+    if reason := info.get("story_unreadable"):
+        return {"unreadable": reason}
+    config, session = info["config"], info["session"]
+    return {name: info[name] for name in KEPT} | {
+        "track": Path(config.get("track") or "road_course").stem, "car": Path(config.get("platform") or "").name,
+        "software": session.get("software", ""),
+    }  # fmt: skip
+
+
+def read_in_turn(sessions: Sequence[tuple[Path, ...]]) -> Iterator[dict[str, Any]]:
+    """One after the other, in this process."""
+    return map(read_session, sessions)
+
+
+def read_day(folder: Path, read: Read = read_in_turn) -> dict[str, Any]:
+    """Sessions of a folder and of those in it, in order of time; only what has changed is read again, by `read`.
 
     A session is one run of the gateway: files of a recorder that was restarted are one.
 
@@ -35,23 +59,27 @@ def read_day(folder: Path, say: Callable[[str], None] = lambda text: None) -> di
     if not folder.is_dir():
         raise InputError(f"{folder}: no folder")
     known = _load(folder / INDEX)
-    entries: dict[str, dict[str, Any]] = {}
-    for files in _sessions(folder):
-        name = str(files[0].relative_to(folder))
-        stamp = [[str(file.relative_to(folder)), file.stat().st_size, file.stat().st_mtime_ns] for file in files]
-        if name in known and known[name]["stamp"] == stamp:
-            entries[name] = known[name]
-            continue
-        say(f"reading {name}")
-        entries[name] = {"stamp": stamp, **_entry(files)}
-    if not entries:
+    files = {str(parts[0].relative_to(folder)): parts for parts in _sessions(folder)}
+    if not files:
         raise InputError(f"{folder}: no recording in it or in its folders")
+    stamps = {name: _stamp(folder, parts) for name, parts in files.items()}
+    entries = {name: known[name] for name in files if name in known and known[name]["stamp"] == stamps[name]}
+    new = [name for name in files if name not in entries]
+    for count, (name, entry) in enumerate(zip(new, read([files[name] for name in new]), strict=True), start=1):
+        entries[name] = {"stamp": stamps[name], **entry}
+        if count % STORED_EVERY == 0:
+            _store(folder / INDEX, {**known, **entries})
+    entries = {name: entries[name] for name in files}
     if entries != known:
         _store(folder / INDEX, entries)
     rows = [{"file": name, "files": [row[0] for row in e["stamp"]], **e} for name, e in entries.items()]
     rows.sort(key=lambda row: (row.get("start_unix_s") or 0.0, row["file"]))
     sessions = [{"number": n, **{k: v for k, v in row.items() if k != "stamp"}} for n, row in enumerate(rows, start=1)]
     return {"sessions": sessions, "tyres": _tyres(sessions)}
+
+
+def _stamp(folder: Path, files: Iterable[Path]) -> list[list[Any]]:
+    return [[str(file.relative_to(folder)), file.stat().st_size, file.stat().st_mtime_ns] for file in files]
 
 
 def lap_place(folder: Path, day: dict[str, Any], name: str) -> tuple[Path, int]:
@@ -77,20 +105,6 @@ def _sessions(folder: Path) -> Iterator[tuple[Path, ...]]:
 def _foreign(file: Path) -> bool:
     """Whether it is a whole file of another program, as an export."""
     return is_mcap(Source(file)) and not is_recording(Source(file))
-
-
-def _entry(files: tuple[Path, ...]) -> dict[str, Any]:
-    try:
-        info = recording_info(*files)
-    except InputError as error:
-        return {"unreadable": str(error)}
-    if reason := info.get("story_unreadable"):
-        return {"unreadable": reason}
-    config, session = info["config"], info["session"]
-    return {name: info[name] for name in KEPT} | {
-        "track": Path(config.get("track") or "road_course").stem, "car": Path(config.get("platform") or "").name,
-        "software": session.get("software", ""),
-    }  # fmt: skip
 
 
 def _tyres(sessions: list[dict[str, Any]]) -> dict[str, dict[str, float]]:

@@ -178,10 +178,10 @@ def _source(data: bytes) -> str:
 RECORDING = "recording"
 STORY = (
     "laps", "best_lap_s", "runs", "remarks", "tyres", "km", "top_speed", "stops", "alerts", "revisions", "effects",
-    "events", "tyres_believed",
+    "events", "tyres_believed", "weather", "loop_ms",
 )  # fmt: skip
 _NO_STORY: dict[str, Any] = {name: [] for name in STORY} | {
-    "best_lap_s": None, "km": None, "top_speed": None, "tyres": {},
+    "best_lap_s": None, "km": None, "top_speed": None, "tyres": {}, "weather": {}, "loop_ms": None,
 }  # fmt: skip
 
 
@@ -250,7 +250,9 @@ def _story_lines(info: dict[str, Any]) -> list[str]:
 
 def note_words(note: dict[str, Any]) -> str:
     """A note in words."""
-    return "; ".join(text for text in (note["text"], f"tyre set {note['tyres']}" if note["tyres"] else "") if text)
+    named = {"tyres": "tyre set {}", "air_c": "air {:g} deg C", "road_c": "road {:g} deg C"}
+    further = [words.format(note[key]) for key, words in named.items() if note.get(key) not in ("", None)]
+    return "; ".join(text for text in (note["text"], *further) if text)
 
 
 def marked(lap: dict[str, Any]) -> str:

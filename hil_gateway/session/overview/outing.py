@@ -21,6 +21,7 @@ class Outing:
         self._notes: list[dict[str, Any]] = []
         self._sets: dict[str, dict[str, float]] = {}
         self._tyres = ""
+        self._weather: dict[str, float] = {}
         self._run = self._before = 0
         self._last_s: float | None = None
         self._metres = self._fastest = 0.0
@@ -58,7 +59,9 @@ class Outing:
     def take_note(self, t_s: float, note: Note) -> None:
         """What a person says."""
         self._tyres = note.tyres or self._tyres
-        self._notes.append({"t": t_s, "text": note.text, "tyres": note.tyres})
+        self._weather |= {k: v for k, v in (("air_c", note.air_c), ("road_c", note.road_c)) if v is not None}
+        said = note.model_dump(include={"text", "tyres", "air_c", "road_c"})
+        self._notes.append({"t": t_s, **said})
 
     def tree(self) -> dict[str, Any]:
         """For JSON."""
@@ -66,6 +69,7 @@ class Outing:
             "laps": self._laps,
             "best_lap_s": min((lap["time_s"] for lap in self._laps if not lap["marks"]), default=None),
             "runs": list(self._runs.values()), "remarks": self._notes,
+            "weather": self._weather,
             "km": round(self._metres / 1000.0, 3), "top_speed": round(self._fastest, 2),
             "tyres": {name: used | {"km": round(used["km"], 3)} for name, used in self._sets.items()},
         }  # fmt: skip

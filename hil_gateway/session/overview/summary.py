@@ -82,6 +82,7 @@ class Story:
         self._alerts: list[tuple[float, Alert]] = []
         self._revisions: dict[str, dict[str, Any]] = {}
         self._belief: bytes | None = None
+        self._loop_ms: float | None = None
         self._outing = Outing()
         self._take = {
             VEHICLE_STATE.key: self._flags, ESTIMATE.key: self._estimate, EVENT.key: self._event,
@@ -100,6 +101,7 @@ class Story:
             **self._outing.tree(),
             "tyres_believed": [] if self._belief is None else _believed(unpack_message(BELIEF, self._belief)),
             "stops": known or self._stops,
+            "loop_ms": self._loop_ms,
             "alerts": grouped(self._alerts),
             "revisions": list(self._revisions.values()),
             "effects": next((row["effects"] for row in reversed(self._revisions.values())), []),
@@ -127,8 +129,9 @@ class Story:
         self._events.append({**unpack_message(EVENT, item.data).entry(0), "t": t_s})
 
     def _status(self, item: Item, t_s: float) -> None:
-        """Stops of a recording without an event log."""
+        """Stops of a recording without an event log, and how long the loop takes."""
         status = unpack_message(GATEWAY_STATUS, item.data)
+        self._loop_ms = status.loop_latency_p99_ms or self._loop_ms
         if status.action is not self._action and status.action in STOPS:
             self._stops.append({"t": t_s, "before": self._action, "after": status.action, "cause": status.cause})
         self._action = status.action

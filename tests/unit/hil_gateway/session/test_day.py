@@ -18,7 +18,7 @@ from hil_gateway.bus.track_day.note import Note
 from hil_gateway.bus.track_day.run import RunPhase, RunPlan, RunStatus
 from hil_gateway.cli.main import app
 from hil_gateway.process.errors import InputError
-from hil_gateway.session.day.index import INDEX, read_day
+from hil_gateway.session.day.index import INDEX, read_day, read_in_turn
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.writer import SessionFile
 from hil_gateway.track.loading import load_track
@@ -80,9 +80,14 @@ def folder(tmp_path: Path) -> Path:
 
 def test_the_index_is_made_of_the_recordings_alone(folder):
     read = []
-    day = read_day(folder, read.append)
+
+    def counted(sessions):
+        read.extend(sessions)
+        return read_in_turn(sessions)
+
+    day = read_day(folder, counted)
     assert len(read) == 3
-    assert read_day(folder, read.append) == day and len(read) == 3
+    assert read_day(folder, counted) == day and len(read) == 3
     (folder / INDEX).unlink()
     assert read_day(folder) == day
 
