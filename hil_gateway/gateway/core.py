@@ -197,7 +197,7 @@ class Gateway:
         request, age_s = self.inbox.read_request(now_ns), self.inbox.gate.age_s(now_ns)
         situation = self._conditions.situation(
             now_ns, state, request, before, age_s, self.inbox.estimate, monitored,
-            self.inbox.plan, self.inbox.gate.newest, self.inbox.brought_in(now_ns),
+            self.inbox.plan, self.inbox.gate.newest, self.inbox.read_run(now_ns),
         )  # fmt: skip
         self.decision = decide(situation, before)
         self.seen = state, situation.conditions

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Agreement, Command, Estimate, OperatorAction, Plan, VehicleState
+from hil_gateway.bus.track_day.run import RunPhase, RunStatus
 from hil_gateway.car.states import (
     KILL_VEHICLE_FLAGS,
     STOP_TRACK_FLAGS,
@@ -64,7 +65,7 @@ class Conditions:
         self._holds = config.hold and config.mode == "armed"
         self._began_ns: int | None = None
         self._state_invalid, self._estimate_invalid = ConditionTime(), ConditionTime()
-        self._supply_low, self._stalled = ConditionTime(), ConditionTime()
+        self._supply_low, self._stalled, self._black_flag = ConditionTime(), ConditionTime(), ConditionTime()
         self._last_ns: int | None = None
         self._needs_heading = config.arming.heading == "known"
         self.ending = False
@@ -83,10 +84,9 @@ class Conditions:
         monitored: Mapping[str, float],
         plan: Latest[Plan],
         command: Command | None,
-        brought_in: bool,
+        run: Latest[RunStatus],
     ) -> Situation:
-        """Inputs of this period's decision; `decision` is the one in force, `monitored` what the monitors measure,
-        `brought_in` whether a planner answers for a black flag."""
+        """Inputs of this period's decision; `decision` is the one in force, `monitored` what the monitors measure."""
         measures = self.measures(
             now_ns,
             state,
@@ -95,7 +95,7 @@ class Conditions:
             command_age_s=command_age_s,
             estimate=estimate,
             heartbeat_frozen_s=decision.race_control.heartbeat_frozen_s(now_ns),
-            brought_in=brought_in,
+            comes_in=_comes_in(run, self._black_flag.update(state.vehicle_flag == VehicleFlag.BLACK, now_ns), now_ns),
         )
         standing = state.valid and road_speed(state) < STANDSTILL
         everything = {**measures, **(dict.fromkeys(monitored, 0.0) if self._testing else monitored)}
@@ -120,14 +120,15 @@ class Conditions:
         command_age_s: float,
         estimate: Latest[Estimate],
         heartbeat_frozen_s: float,
-        brought_in: bool = False,
+        comes_in: bool = False,
     ) -> dict[str, float]:
         """Measure -> seconds it has held; once a period.
 
         `answers_for_motion`: commands are sent, or the mode leaves the actuators to somebody else.
+        `comes_in`: the planner answers for a black flag.
         """
         measures = {
-            **_requested(request, state, brought_in),
+            **_requested(request, state, comes_in),
             **self._of_the_car(now_ns, state),
             **self._on_the_bus(now_ns),
             "uncommanded_motion": _holds(not answers_for_motion and _drives_on(state)),
@@ -207,9 +208,18 @@ class Conditions:
         return max(held_s, age_s - ESTIMATE_MAX_S) if invalid else 0.0
 
 
-def _requested(request: OperatorAction | None, state: VehicleState, brought_in: bool) -> dict[str, float]:
-    """What operator and race control ask for; a black flag asks for no stop of a car that is brought in."""
-    stops = STOP_VEHICLE_FLAGS - {VehicleFlag.BLACK} if brought_in else STOP_VEHICLE_FLAGS
+def _comes_in(run: Latest[RunStatus], shown_s: float, now_ns: int) -> bool:
+    """Whether the planner brings the car into its box under a black flag that has been shown for `shown_s`: its report
+    is fresh and says so, or has not had the time to."""
+    known = run.message if run.alive(now_ns) else None
+    if known is None or known.box is None or known.phase is RunPhase.NONE:
+        return False
+    return known.phase in (RunPhase.IN_LAP, RunPhase.DONE) or shown_s <= run.deadline_s
+
+
+def _requested(request: OperatorAction | None, state: VehicleState, comes_in: bool) -> dict[str, float]:
+    """What operator and race control ask for; a black flag asks for no stop of a car that comes in."""
+    stops = STOP_VEHICLE_FLAGS - {VehicleFlag.BLACK} if comes_in else STOP_VEHICLE_FLAGS
     return {
         **{f"operator_{action}": _holds(request is action) for action, row in REQUESTS.items() if row.stops},
         "vehicle_flag_kill": _holds(state.vehicle_flag in KILL_VEHICLE_FLAGS),

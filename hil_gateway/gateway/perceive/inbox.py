@@ -7,7 +7,7 @@ from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, OperatorAction, OperatorCommand, Plan
 from hil_gateway.bus.outside import Navigation
-from hil_gateway.bus.track_day.run import RunPhase
+from hil_gateway.bus.track_day.run import RunStatus
 from hil_gateway.gateway.command_gate import CommandGate, Refusal
 from hil_gateway.gateway.requests import REQUESTS
 from hil_gateway.process.clock import NS_PER_S
@@ -84,11 +84,9 @@ class Inbox:
         usable = estimate.valid(now_ns) or lacks_heading_only(estimate, now_ns)
         return estimate.message if usable else None
 
-    def brought_in(self, now_ns: int) -> bool:
-        """Whether a planner answers for a black flag: it drives, or has driven, a run that ends in a box."""
-        run = self._run.update(now_ns)
-        known = run.message if run.alive(now_ns) else None
-        return known is not None and known.phase is not RunPhase.NONE and known.box is not None
+    def read_run(self, now_ns: int) -> Latest[RunStatus]:
+        """Where in its run the planner says that the car is."""
+        return self._run.update(now_ns)
 
     def read_request(self, now_ns: int) -> OperatorAction | None:
         """The most urgent request of a person that arrived this period."""

@@ -3,30 +3,44 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import pytest
 from support.promise_figures import record_figure
 
 from hil_gateway.bus import topics
-from hil_gateway.bus.messages import FailsafeAction
+from hil_gateway.bus.messages import FailsafeAction, Message
+from hil_gateway.bus.topics import Topic
 from hil_gateway.bus.track_day.race_control import RaceControlRequest
 from hil_gateway.bus.track_day.run import RunAction, RunPhase, RunPlan, RunRequest, RunStatus
 from hil_gateway.car.states import VehicleFlag
 from hil_gateway.config import Config
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import PitLane
-from planner.simulation.loop import Loop
+from planner.run.progress import Progress
+from planner.simulation.loop import Faults, Loop
 
 BOX = 3
+
+
+class Mute(Faults):
+    """Messages of one topic are lost from a moment on."""
+
+    def __init__(self) -> None:
+        self.key = ""
+
+    def messages(self, now_ns: int, topic: Topic[Any], message: Message) -> Iterable[tuple[int, Message]]:
+        return () if topic.key == self.key else ((now_ns, message),)
 
 
 class Drive:
     """A car on the back straight of the oval, with its box ahead."""
 
     def __init__(self) -> None:
-        self.track = load_track("oval")
-        self.loop = Loop(Config.model_validate({"track": "oval", "plant": {"start_s": 1500.0}}), keep=(topics.RUN,))
+        self.track, self.mute = load_track("oval"), Mute()
+        config = Config.model_validate({"track": "oval", "plant": {"start_s": 1500.0}})
+        self.loop = Loop(config, keep=(topics.RUN,), faults=self.mute)
         self.asked, self.fastest = 0, 0.0
 
     @property
@@ -116,6 +130,40 @@ def test_a_black_flag_brings_the_car_into_its_box_and_keeps_it_there() -> None:
     drive.ask(RunAction.NEXT)
     drive.go(3.0)
     assert drive.loop.plant.car["vx"] > 5.0 and not drive.loop.result.failsafes
+
+
+@pytest.fixture
+def on_its_way() -> Drive:
+    """A car in a run that would end in a box."""
+    drive = Drive()
+    drive.ask(RunAction.START, RunPlan(laps=5, box=BOX))
+    drive.go(8.0)
+    assert drive.status.phase is RunPhase.OUT_LAP and drive.loop.plant.car["vx"] > 5.0
+    return drive
+
+
+def test_a_planner_that_ignores_a_black_flag_is_stopped_on_the_road_a_second_later(
+    on_its_way: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Progress, "come_in", lambda self, why: None)
+    on_its_way.show(VehicleFlag.BLACK)  # half a second
+    assert on_its_way.loop.gateway.failsafe.action is FailsafeAction.DRIVE
+    on_its_way.go(0.7)
+    assert on_its_way.loop.gateway.failsafe.cause == "vehicle_flag_stop"
+    on_its_way.go(20.0, until=lambda: on_its_way.loop.plant.car.standing)
+    assert on_its_way.loop.plant.referee.off_track_count == 0
+
+
+def test_an_in_lap_that_is_not_reported_any_more_ends_on_the_road(on_its_way: Drive) -> None:
+    on_its_way.show(VehicleFlag.BLACK)
+    on_its_way.go(3.0)
+    assert on_its_way.status.phase is RunPhase.IN_LAP
+    assert on_its_way.loop.gateway.failsafe.action is FailsafeAction.DRIVE
+    on_its_way.mute.key = topics.RUN.key
+    on_its_way.go(1.1)
+    assert on_its_way.loop.gateway.failsafe.cause == "vehicle_flag_stop"
+    on_its_way.go(20.0, until=lambda: on_its_way.loop.plant.car.standing)
+    assert on_its_way.loop.plant.referee.off_track_count == 0
 
 
 def test_without_a_box_a_black_flag_stops_the_car_here() -> None:

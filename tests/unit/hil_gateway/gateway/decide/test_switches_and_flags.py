@@ -7,6 +7,9 @@ from support.cars.scripted_car import Rig
 
 from benchmarks.faults.car_faults import CAR_FAULTS, listing
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
+from hil_gateway.bus.topics import RUN
+from hil_gateway.bus.track_day.run import RunPhase, RunStatus
+from hil_gateway.car.states import VehicleFlag
 from hil_gateway.gateway.decide.failsafe import TABLE
 
 
@@ -47,6 +50,44 @@ def test_a_dying_supply_and_a_stalled_engine_stop_the_car(signal, value, cause, 
     assert rig.action is FailsafeAction.DRIVE
     rig.run(0.2)
     assert (rig.action, rig.cause) == (FailsafeAction.CONTROLLED_STOP, cause)
+
+
+@pytest.mark.parametrize(
+    ("phase", "box", "stops_after_s"),
+    [
+        (RunPhase.IN_LAP, 1, None),
+        (RunPhase.DONE, 1, None),
+        (RunPhase.FLYING, 1, 1.0),
+        (RunPhase.OUT_LAP, 1, 1.0),
+        (RunPhase.IN_LAP, None, 0.0),
+        (RunPhase.NONE, None, 0.0),
+        (None, None, 0.0),
+    ],
+)
+def test_a_black_flag_stops_whatever_is_not_reported_to_come_in(
+    phase: RunPhase | None, box: int | None, stops_after_s: float | None
+) -> None:
+    rig = Rig()
+    if phase is not None:
+        rig.hooks.append(lambda rig: rig.bus.publish(RUN, RunStatus(stamp_ns=0, seq=0, phase=phase, number=1, box=box)))
+    rig.drive_off()
+    assert stopped_after_s(rig, VehicleFlag.BLACK) == (
+        None if stops_after_s is None else pytest.approx(stops_after_s, abs=0.02)
+    )
+
+
+def stopped_after_s(rig: Rig, flag: int, within_s: float = 3.0) -> float | None:
+    """Seconds from when the gateway knows of a flag until it stops for it; None: it drives on."""
+    rig.car.vehicle_flag = flag
+    while rig.gateway.builder.vehicle_flag("vehicle_flag") != flag:
+        rig.step()
+    began_ns = rig.now_ns
+    while rig.action is FailsafeAction.DRIVE:
+        rig.step()
+        if rig.now_ns - began_ns > within_s * 1e9:
+            return None
+    assert rig.cause == "vehicle_flag_stop"
+    return (rig.now_ns - began_ns) / 1e9
 
 
 @pytest.mark.parametrize("message", ["novatel_report", "wheel_speed_report", "imu_1"])
