@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 """Real numbers; shape and unit stand where it is used."""
 Ints = NDArray[np.int64]
 """Indices and counts."""
+Bools = NDArray[np.bool_]
+"""Which of the others are meant."""
 Complex = NDArray[np.complex128]
 Expr = Any
 """CasADi SX, MX or DM, or a float where a function serves numbers as well: CasADi ships no types for its operators."""

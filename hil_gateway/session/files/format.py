@@ -16,7 +16,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-import numpy as np
 from pydantic import ValidationError
 
 from can_dbc.folder import SHIPPED
@@ -25,7 +24,6 @@ from hil_gateway.bus.topics import Topic
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.can_link.cdr import CAN_SCHEMA_NAME, SOURCE_MAX, frame_layout
 from hil_gateway.config import Config
-from hil_gateway.process.arrays import Ints
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 
@@ -79,15 +77,15 @@ def recorded_source(cdr: bytes) -> str:
     return _text(cdr[_SOURCE_AT + 4 : _SOURCE_AT + 4 + length])
 
 
-def source_columns(cdr: bytes) -> Ints:
-    """Places of the bytes that `recorded_source` depends on: frames of one size that agree there have one source."""
-    fixed = [*range(_ENCAPSULATION), *range(_SOURCE_AT, _SOURCE_AT + 4)]
+def source_places(cdr: bytes) -> tuple[tuple[int, int], ...]:
+    """Place and length of the pieces that `recorded_source` depends on: frames of one size that agree in them have one
+    source."""
     try:
         length = _checked_layout(cdr)[0]
     except MessageError:
         length = 0
-    columns = np.array([*fixed, *range(_SOURCE_AT + 4, _SOURCE_AT + 4 + length)])
-    return np.asarray(columns[columns < len(cdr)])
+    pieces = (0, _ENCAPSULATION), (_SOURCE_AT, 4 + length)
+    return tuple((at, size) for at, size in pieces if at + size <= len(cdr))
 
 
 class FrameFields(NamedTuple):

@@ -11,7 +11,8 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from bisect import insort
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -21,18 +22,23 @@ import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Header, Metadata, Schema
+from mcap.records import Channel, Header, Metadata, Schema
 
 from hil_gateway.bus.topics import TOPICS
 from hil_gateway.can_link.cdr import CAN_SCHEMA, CAN_SCHEMA_NAME
+from hil_gateway.process.arrays import Bools
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.chunk import (
     CHUNK_BYTES_MAX,
     CHUNK_START,
     HEADER,
+    INDEX_HEAD,
     MESSAGE,
+    PAIR,
+    Content,
     Messages,
+    chunk_of,
     is_chunk,
     messages_in,
     unpacked,
@@ -48,10 +54,8 @@ _FOOTER = struct.Struct("<BQQQI8s")
 _FOOTER_CHECKED = 25
 _SCAN_BYTES = 1 << 20
 _SCAN_OVERLAP = 64
-_LOOSE_BYTES = 1 << 20
-"""of messages between chunks that are given out together"""
-_FOLLOWING = Opcode.MESSAGE_INDEX, Opcode.MESSAGE
-"""records that belong to what is before them"""
+_TOGETHER_BYTES = 1 << 22
+"""of what chunks hold that is given out together: a recording has chunks of some 10 kB"""
 _KNOWN_OPCODES = {int(code) for code in Opcode}
 
 
@@ -120,11 +124,13 @@ class SessionReader:
     chunks: int = 0
     streams: dict[int, Stream] = field(init=False)
     _schemas: dict[int, Schema] = field(default_factory=dict)
-    _packed: tuple[bytes, int] | None = None
-    """the newest chunk, whose index may follow, and its place"""
+    _contents: list[Content] = field(default_factory=list)
+    """that are not given out yet, so many bytes"""
+    _bytes: int = 0
     _index: list[bytes] = field(default_factory=list)
+    """of the newest chunk"""
     _loose: bytearray = field(default_factory=bytearray)
-    """messages between chunks"""
+    """messages behind it"""
 
     def __post_init__(self) -> None:
         self.streams = _default_streams()
@@ -132,15 +138,22 @@ class SessionReader:
     def items(self) -> Iterator[Item]:
         """Every readable message, in file order."""
         for messages in self.batches():
-            data, streams = messages.data, {n: self._stream(n) for n in np.unique(messages.channel).tolist()}
-            wanted = np.isin(messages.channel, [n for n, stream in streams.items() if self._wanted(stream)])
-            for at, size in zip(messages.at[wanted].tolist(), messages.size[wanted].tolist(), strict=True):
-                channel, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, at)
-                content, stream = data[at + MESSAGE.size : at + size], streams[channel]
-                yield Item(stream.topic, log_ns, publish_ns, sequence, content, stream)
+            yield from self.items_of(messages, self.among(messages, self._wanted))
+
+    def among(self, messages: Messages, wanted: Callable[[Stream], bool]) -> Bools:
+        """(n,) whether a message is of a stream that is `wanted`."""
+        return messages.among(lambda number: wanted(self.stream(number)))
+
+    def items_of(self, messages: Messages, chosen: Bools) -> Iterator[Item]:
+        """The `chosen` (n,) ones of `messages`."""
+        data, streams = messages.data, {n: self.stream(n) for n in np.flatnonzero(messages.counts).tolist()}
+        for at, size in zip(messages.at[chosen].tolist(), messages.size[chosen].tolist(), strict=True):
+            channel, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, at)
+            content, stream = data[at + MESSAGE.size : at + size], streams[channel]
+            yield Item(stream.topic, log_ns, publish_ns, sequence, content, stream)
 
     def batches(self) -> Iterator[Messages]:
-        """Every readable message of any topic, in file order, chunk by chunk; what they are is in `streams`."""
+        """Every readable message of any topic, in file order, many at once; what they are is in `streams`."""
         check_ends(self.path, "session")
         try:
             file = self.path.open("rb")
@@ -156,18 +169,20 @@ class SessionReader:
 
     def _records(self, file: BinaryIO, size: int) -> Iterator[Messages]:
         checksum = zlib.crc32(MAGIC)
-        while (offset := file.tell()) < size:
+        offset = len(MAGIC)
+        while offset < size:
             head = file.read(HEADER.size)
             opcode, length = HEADER.unpack(head.ljust(HEADER.size, b"\0"))
-            readable = opcode in _KNOWN_OPCODES and offset + HEADER.size + length <= size
-            if not readable or opcode not in _FOLLOWING or len(self._loose) > _LOOSE_BYTES:
+            behind = offset + HEADER.size + length
+            readable = opcode in _KNOWN_OPCODES and behind <= size
+            whole = opcode != Opcode.MESSAGE_INDEX and self._bytes + len(self._loose) > _TOGETHER_BYTES
+            if not readable or whole or opcode == Opcode.DATA_END:
                 yield from self._gathered()
             if len(head) < HEADER.size:
                 self._note(offset, f"cut off {len(head)} bytes into a record", cut=True)
                 return
             if not readable:
-                if not self._resume(file, offset, size):
-                    return
+                offset = self._resume(file, offset, size)
                 continue
             body = file.read(length)
             if opcode == Opcode.DATA_END:
@@ -179,14 +194,15 @@ class SessionReader:
             if opcode == Opcode.FOOTER:
                 self.complete = file.read() == MAGIC
                 self._note(offset, "the record that ends the messages is corrupt")
+            offset = behind
         yield from self._gathered()
 
     def _read(self, opcode: int, head: bytes, body: bytes, offset: int) -> None:
         """Take a record in; messages are kept for `_gathered`."""
         if opcode == Opcode.CHUNK:
-            self._packed = body, offset
+            self._chunk(body, offset)
         elif opcode == Opcode.MESSAGE_INDEX:
-            self._index.append(body)
+            self._index.append(body[INDEX_HEAD:] if (len(body) - INDEX_HEAD) % PAIR == 0 else b"")
         elif opcode == Opcode.MESSAGE and len(body) >= MESSAGE.size:
             self._loose += head + body
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
@@ -197,13 +213,24 @@ class SessionReader:
             self._read_header(body)
 
     def _gathered(self) -> Iterator[Messages]:
-        """The chunk whose index ends here, then the messages behind it."""
-        packed, index, loose = self._packed, self._index, bytes(self._loose)
-        self._packed, self._index, self._loose = None, [], bytearray()
-        if packed is not None:
-            yield from self._chunk(*packed, index)
-        if loose:
-            yield messages_in(loose, [], self._declare)
+        """What has been read and not given out."""
+        self._end_loose()
+        contents, self._contents, self._bytes = self._contents, [], 0
+        messages = messages_in(contents, self._declare)
+        if len(messages):
+            yield messages
+        for at, fault in messages.faults.items():
+            self._note(contents[at].offset, f"chunk {contents[at].number}{contents[at].span} is corrupt: {fault}")
+
+    def _end_loose(self) -> None:
+        """What is between chunks ends here."""
+        if self._loose:
+            self._take(Content(bytes(self._loose)))
+            self._loose.clear()
+
+    def _take(self, content: Content) -> None:
+        self._contents.append(content)
+        self._bytes += len(content.data)
 
     def _read_index(self, file: BinaryIO, offset: int) -> None:
         """The end of a file that was closed in order: its index, footer and magic."""
@@ -228,23 +255,18 @@ class SessionReader:
         except (McapError, ValueError, struct.error) as error:
             self._note(offset, f"a record between the chunks is corrupt: {error}")
 
-    def _chunk(self, body: bytes, offset: int, index: list[bytes]) -> Iterator[Messages]:
-        number, self.chunks = self.chunks, self.chunks + 1
+    def _chunk(self, body: bytes, offset: int) -> None:
+        self._end_loose()
+        number, self.chunks, self._index, span = self.chunks, self.chunks + 1, [], _span(body)
         try:
-            chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+            chunk = chunk_of(body)
             if chunk.uncompressed_size > CHUNK_BYTES_MAX:
-                self._note(offset, f"chunk {number}{_span(body)} claims {chunk.uncompressed_size} bytes: not read")
+                self._note(offset, f"chunk {number}{span} claims {chunk.uncompressed_size} bytes: not read")
                 return
-            data = unpacked(chunk)
+            # a checksum, where there is one, says that its messages are whole
+            self._take(Content(unpacked(chunk), self._index, number, offset, span))
         except Exception as error:  # whatever a decompressor raises, the chunk is damaged
-            self._note(offset, f"chunk {number}{_span(body)} is corrupt: {type(error).__name__}: {error}")
-            return
-        # a checksum, where there is one, has said already that its messages are whole
-        messages = messages_in(data, index, self._declare)
-        if len(messages):
-            yield messages
-        if messages.fault:
-            self._note(offset, f"chunk {number}{_span(body)} is corrupt: {messages.fault}")
+            self._note(offset, f"chunk {number}{span} is corrupt: {type(error).__name__}: {error}")
 
     def _declare(self, opcode: int, body: bytes) -> None:
         """Keep a schema or a channel.
@@ -271,7 +293,8 @@ class SessionReader:
             tuple(channel.metadata.items()),
         )  # fmt: skip
 
-    def _stream(self, channel: int) -> Stream:
+    def stream(self, channel: int) -> Stream:
+        """The channel of this number."""
         return self.streams.setdefault(channel, Stream(f"channel {channel}"))
 
     def _read_header(self, body: bytes) -> None:
@@ -291,8 +314,9 @@ class SessionReader:
         else:
             self.metadata[record.name] = record.metadata
 
-    def _resume(self, file: BinaryIO, offset: int, size: int) -> bool:
-        """Position `file` at the next recognisable chunk after `offset`; False when there is none."""
+    def _resume(self, file: BinaryIO, offset: int, size: int) -> int:
+        """Position `file` at the next recognisable chunk after `offset`, and say where that is; `size` when there is
+        none."""
         start = offset + 1
         while start < size:
             file.seek(start)
@@ -302,14 +326,13 @@ class SessionReader:
                 length = HEADER.unpack_from(window, found.start())[1]
                 if position + HEADER.size + length <= size and is_chunk(window, found):
                     self._note(offset, f"{position - offset} unreadable bytes")
-                    file.seek(position)
-                    return True
+                    return file.seek(position)
             start += max(len(window) - _SCAN_OVERLAP, 1)
         self._note(offset, f"cut off: the last {size - offset} bytes are no whole record", cut=True)
-        return False
+        return size
 
     def _note(self, offset: int, what: str, cut: bool = False) -> None:
-        self.damage.append(Damage(offset, what, cut))
+        insort(self.damage, Damage(offset, what, cut), key=lambda damage: damage.offset)
 
 
 def _default_streams() -> dict[int, Stream]:

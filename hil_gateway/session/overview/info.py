@@ -10,22 +10,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from hil_gateway.car.car import Car
+from hil_gateway.process.arrays import Bools
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure
 from hil_gateway.session.exchange.importer import open_named
 from hil_gateway.session.files.chunk import MESSAGE, Messages
-from hil_gateway.session.files.format import MessageError, recorded_source, source_columns
+from hil_gateway.session.files.format import MessageError, recorded_source, source_places
 from hil_gateway.session.files.reader import Item, SessionReader, Stream
 from hil_gateway.session.files.run import recordings, run_of, runs_in
 from hil_gateway.session.logs.bag import KINDS
 from hil_gateway.session.logs.entry import CUT_OFF
 from hil_gateway.session.logs.raw_bag import Bag, bag_files, is_mcap, is_recording, is_sqlite
 from hil_gateway.session.logs.source import Source
-from hil_gateway.session.overview.summary import session_summary
+from hil_gateway.session.overview.summary import RunStory
 from hil_gateway.track.lap_clock import Mark
 
 
@@ -105,10 +105,9 @@ class _SeenTopics:
 
     def note_all(self, messages: Messages, streams: Mapping[int, Stream]) -> None:
         """Count messages of these streams, by their number."""
-        numbers, counts = np.unique(messages.channel, return_counts=True)
-        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+        for number in np.flatnonzero(messages.counts).tolist():
             stream = streams.get(number) or Stream(f"channel {number}")
-            self.topics[stream.topic] += count
+            self.topics[stream.topic] += int(messages.counts[number])
             if stream.kind in KINDS:
                 self.frames += _sources(messages, messages.channel == number)
         self._span(int(messages.log_ns.min()), int(messages.log_ns.max()))
@@ -127,6 +126,7 @@ class _SeenTopics:
 def recording_info(*files: Path) -> dict[str, Any]:
     """The same of the recordings of one run, in order of time."""
     readers, seen, gaps = [SessionReader(path) for path in files], _SeenTopics(), []
+    story = RunStory(readers[0])
     for reader in readers:
         before_ns = seen.end_ns
         for number, messages in enumerate(reader.batches()):
@@ -134,6 +134,8 @@ def recording_info(*files: Path) -> dict[str, Any]:
                 gap_ns = int(messages.log_ns[0]) - before_ns
                 gaps.append({"before": reader.path.name, "seconds": round(gap_ns / NS_PER_S, 3)})
             seen.note_all(messages, reader.streams)
+            if readers[0].ours:
+                story.take(reader, messages)
     first, newest = readers[0], readers[-1]
     session = dict(first.metadata.get("session", {}))
     damage = [(f"{reader.path.name}: " if len(files) > 1 else "") + str(d) for reader in readers for d in reader.damage]
@@ -149,21 +151,22 @@ def recording_info(*files: Path) -> dict[str, Any]:
         "complete": all(r.complete for r in readers), "damage": damage, "corrupt": corrupt,
         "chunks": sum(r.chunks for r in readers),
         "config": config, "session": session, "model_revision": newest.metadata.get("model_revision", {}),
-        **(_story(*files) if first.ours else {}),
+        **(_story(story) if first.ours else {}),
     }  # fmt: skip
 
 
-def _sources(messages: Messages, chosen: npt.NDArray[np.bool_]) -> Counter[str]:
+def _sources(messages: Messages, chosen: Bools) -> Counter[str]:
     """Frames among the `chosen` (n,) messages, by bus and direction."""
     found, at = Counter[str](), messages.at[chosen] + MESSAGE.size
     size = messages.size[chosen] - MESSAGE.size
     while len(at):
         frame = messages.data[int(at[0]) : int(at[0] + size[0])]
-        columns = source_columns(frame)
-        alike = size == size[0]
-        alike[alike] = np.all(messages.rows(at[alike], columns) == messages.rows(at[:1], columns), axis=1)
-        found[_source(frame)] += int(alike.sum())
-        at, size = at[~alike], size[~alike]
+        alike = np.flatnonzero(size == size[0])
+        for place, length in source_places(frame):
+            pieces = messages.pieces(at[alike] + place, length)
+            alike = alike[pieces == pieces[0]]
+        found[_source(frame)] += len(alike)
+        at, size = np.delete(at, alike), np.delete(size, alike)
     return found
 
 
@@ -185,10 +188,10 @@ _NO_STORY: dict[str, Any] = {name: [] for name in STORY} | {
 }  # fmt: skip
 
 
-def _story(*files: Path) -> dict[str, Any]:
+def _story(run: RunStory) -> dict[str, Any]:
     """What happened, where its messages are of this version."""
     try:
-        summary = session_summary(*files)
+        summary = run.tree()
     except InputError as error:
         return {"story_unreadable": str(error)}
     return {name: summary[name] for name in STORY}

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from itertools import chain
+import re
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from hil_gateway.bus.alerts import grouped
 from hil_gateway.bus.event import EventKind
@@ -24,11 +26,13 @@ from hil_gateway.bus.topics import (
 from hil_gateway.car.states import under_yellow
 from hil_gateway.car.tyre_names import named as tyre_name
 from hil_gateway.config import Config
+from hil_gateway.process.arrays import Bools, Ints
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
+from hil_gateway.session.files.chunk import Messages
 from hil_gateway.session.files.configuration import config_of
-from hil_gateway.session.files.format import METADATA_SESSION, named, unpack_message
-from hil_gateway.session.files.reader import Item, SessionReader
+from hil_gateway.session.files.format import METADATA_SESSION, MessageError, unpack_message
+from hil_gateway.session.files.reader import Item, SessionReader, Stream
 from hil_gateway.session.overview.outing import Outing
 from hil_gateway.track.lap_clock import LapClock
 from hil_gateway.track.loading import DEFAULT_TRACK, load_track
@@ -37,7 +41,9 @@ from hil_gateway.track.track import Track
 TOLD = (VEHICLE_STATE, ESTIMATE, EVENT, GATEWAY_STATUS, ALERT, MODEL_REVISION, BELIEF, RUN, NOTE)
 WANTED = frozenset(topic.key for topic in TOLD)
 LOOK_NS = NS_PER_S // 10
-"""between the positions, and the flags, that are looked at"""
+"""between the positions, and the flags, that are looked at: often enough for lap times"""
+FLAGS = re.compile(rb'"(?:track|vehicle)_flag":\d+')
+"""in the JSON of a vehicle state"""
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 
 
@@ -48,21 +54,75 @@ def session_summary(path: Path, *following: Path) -> dict[str, Any]:
     Raises:
         InputError: no readable recording.
     """
-    reader = SessionReader(path, WANTED)
-    story: Story | None = None
-    further = [SessionReader(file, WANTED) for file in following]
-    with named(path):
-        for item in chain.from_iterable(file.items() for file in (reader, *further)):
-            story = story or Story(config_of(reader.metadata.get(METADATA_SESSION, {})), item.publish_ns, path.parent)
-            story.take(item)
-    session = reader.metadata.get(METADATA_SESSION, {})
-    config = config_of(session)
-    return {
-        "track": config.track or DEFAULT_TRACK,
-        "started": session.get("started", ""),
-        "software": session.get("software", ""),
-        **(story or Story(config, 0, path.parent)).tree(),
-    }
+    readers = [SessionReader(file) for file in (path, *following)]
+    run = RunStory(readers[0])
+    for reader in readers:
+        for messages in reader.batches():
+            run.take(reader, messages)
+    return run.tree()
+
+
+class RunStory:
+    """The story of the recordings of one run, of which `first` reads the first, as their messages are read."""
+
+    def __init__(self, first: SessionReader) -> None:
+        self._first = first
+        self._story: Story | None = None
+        self._fault = ""
+        self._due_ns = {VEHICLE_STATE.key: 0, ESTIMATE.key: 0}
+
+    def take(self, reader: SessionReader, messages: Messages) -> None:
+        """What `reader` has just given out."""
+        if self._fault:
+            return
+        try:
+            for item in reader.items_of(messages, self._looked_at(reader, messages)):
+                self._story = self._story or self._begun(item.publish_ns)
+                self._story.take(item)
+        except InputError as error:
+            self._fault = f"{self._first.path}: {error}" if isinstance(error, MessageError) else str(error)
+
+    def tree(self) -> dict[str, Any]:
+        """For JSON.
+
+        Raises:
+            InputError: a message this version cannot read.
+        """
+        if self._fault:
+            raise InputError(self._fault)
+        session = self._first.metadata.get(METADATA_SESSION, {})
+        return {
+            "track": config_of(session).track or DEFAULT_TRACK,
+            "started": session.get("started", ""),
+            "software": session.get("software", ""),
+            **(self._story or self._begun(0)).tree(),
+        }
+
+    def _begun(self, zero_ns: int) -> Story:
+        config = config_of(self._first.metadata.get(METADATA_SESSION, {}))
+        return Story(config, zero_ns, self._first.path.parent)
+
+    def _looked_at(self, reader: SessionReader, messages: Messages) -> Bools:
+        """(n,) the messages of `WANTED`, of positions and flags one every `LOOK_NS`."""
+        chosen = reader.among(messages, lambda stream: stream.topic in WANTED)
+        for topic in self._due_ns:
+            rows = np.flatnonzero(reader.among(messages, partial(_is_of, topic)))
+            chosen[rows] = False
+            chosen[rows[self._due(topic, messages.publish_ns[rows])]] = True
+        return chosen
+
+    def _due(self, topic: str, stamps_ns: Ints) -> list[int]:
+        """Which of these, in their order, are looked at."""
+        due = list[int]()
+        for row, stamp_ns in enumerate(stamps_ns.tolist()):
+            if stamp_ns >= self._due_ns[topic]:
+                self._due_ns[topic] = stamp_ns + LOOK_NS
+                due.append(row)
+        return due
+
+
+def _is_of(topic: str, stream: Stream) -> bool:
+    return stream.topic == topic
 
 
 class Story:
@@ -74,7 +134,7 @@ class Story:
         self._track = _track(config.track) or _track(str(folder / config.track))
         self._clock = LapClock(self._track.length) if self._track else None
         self._place_s: float | None = None
-        self._due_ns = self._flags_due_ns = 0
+        self._flags = list[bytes]()
         self._yellow = False
         self._events: list[dict[str, Any]] = []
         self._stops: list[dict[str, Any]] = []
@@ -82,10 +142,10 @@ class Story:
         self._alerts: list[tuple[float, Alert]] = []
         self._revisions: dict[str, dict[str, Any]] = {}
         self._belief: bytes | None = None
-        self._loop_ms: float | None = None
+        self._timed: bytes | None = None
         self._outing = Outing()
         self._take = {
-            VEHICLE_STATE.key: self._flags, ESTIMATE.key: self._estimate, EVENT.key: self._event,
+            VEHICLE_STATE.key: self._state, ESTIMATE.key: self._estimate, EVENT.key: self._event,
             GATEWAY_STATUS.key: self._status, ALERT.key: self._alert, MODEL_REVISION.key: self._revision,
             BELIEF.key: self._keep_belief, RUN.key: self._run, NOTE.key: self._note,
         }  # fmt: skip
@@ -101,7 +161,7 @@ class Story:
             **self._outing.tree(),
             "tyres_believed": [] if self._belief is None else _believed(unpack_message(BELIEF, self._belief)),
             "stops": known or self._stops,
-            "loop_ms": self._loop_ms,
+            "loop_ms": None if self._timed is None else unpack_message(GATEWAY_STATUS, self._timed).loop_latency_p99_ms,
             "alerts": grouped(self._alerts),
             "revisions": list(self._revisions.values()),
             "effects": next((row["effects"] for row in reversed(self._revisions.values())), []),
@@ -109,29 +169,31 @@ class Story:
         }
 
     def _estimate(self, item: Item, t_s: float) -> None:
-        """A position every tenth of a second is enough for lap times."""
-        if self._clock is None or self._track is None or item.publish_ns < self._due_ns:
+        if self._clock is None or self._track is None:
             return
-        self._due_ns = item.publish_ns + LOOK_NS
         e = unpack_message(ESTIMATE, item.data)
         if e.valid and self._track.near(e.x, e.y):
             self._place_s, _ = self._track.project(e.x, e.y, self._place_s)
             lap = self._clock.update((item.publish_ns - self._zero_ns) / NS_PER_S, self._place_s, e.vx, self._yellow)
             self._outing.moved(t_s, e.vx, lap)
 
-    def _flags(self, item: Item, t_s: float) -> None:
-        if item.publish_ns >= self._flags_due_ns:
-            self._flags_due_ns = item.publish_ns + LOOK_NS
+    def _state(self, item: Item, t_s: float) -> None:
+        """Only flags that change are looked at."""
+        flags = FLAGS.findall(item.data)
+        if flags != self._flags or not flags:
             state = unpack_message(VEHICLE_STATE, item.data)
-            self._yellow = under_yellow(state.track_flag, state.vehicle_flag)
+            self._flags, self._yellow = flags, under_yellow(state.track_flag, state.vehicle_flag)
 
     def _event(self, item: Item, t_s: float) -> None:
         self._events.append({**unpack_message(EVENT, item.data).entry(0), "t": t_s})
 
     def _status(self, item: Item, t_s: float) -> None:
-        """Stops of a recording without an event log, and how long the loop takes."""
+        """Stops of a recording without an event log; an action that has not changed is not looked at."""
+        if b'"loop_latency_p99_ms":null' not in item.data:
+            self._timed = item.data
+        if b'"action":"%s"' % self._action.encode() in item.data:
+            return
         status = unpack_message(GATEWAY_STATUS, item.data)
-        self._loop_ms = status.loop_latency_p99_ms or self._loop_ms
         if status.action is not self._action and status.action in STOPS:
             self._stops.append({"t": t_s, "before": self._action, "after": status.action, "cause": status.cause})
         self._action = status.action
@@ -140,6 +202,9 @@ class Story:
         self._alerts.append((t_s, unpack_message(ALERT, item.data)))
 
     def _revision(self, item: Item, t_s: float) -> None:
+        """The one that is in use is repeated."""
+        if self._revisions and b'"revision":"%s"' % next(reversed(self._revisions)).encode() in item.data:
+            return
         revision = unpack_message(MODEL_REVISION, item.data)
         effects = [effect.name for effect in revision.effects]
         row = {"t": t_s, "revision": revision.revision, "effects": effects, "note": revision.provenance.note}
