@@ -103,7 +103,8 @@ class Codec:
         return _compile_decoders(self.messages.values(), self._quantities)
 
     @cached_property
-    def _quantity_encoders(self) -> dict[str, Encoder]:
+    def quantity_encoders(self) -> Mapping[str, Encoder]:
+        """Name of a message -> what `encode_quantities` calls for it."""
         statements = {message.name: self._quantity_integers(message) for message in self.messages.values()}
         return _compile_functions("encode", self.messages.values(), statements)
 
@@ -146,7 +147,7 @@ class Codec:
             KeyError: no such message, or a quantity is missing.
             ValueError: a value that is not a number.
         """
-        return self._quantity_encoders[name](values)
+        return self.quantity_encoders[name](values)
 
     def pack(self, name: str, raw: Mapping[str, int]) -> tuple[int, bytes]:
         """(identifier, bytes) of a message from the integers of all its fields, each held to what its field can carry.

@@ -15,7 +15,7 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.act import actuator_test
 from hil_gateway.gateway.act.axle_brakes import AxleBrakes, AxleDemand
 from hil_gateway.gateway.act.hill_start import HillStart
-from hil_gateway.gateway.act.limits import Limits
+from hil_gateway.gateway.act.limits import Limits, RawCommand
 from hil_gateway.gateway.act.stopping import Stopping
 from hil_gateway.gateway.act.stuck_steering import StuckSteering
 from hil_gateway.gateway.act.transmitter import Transmitter
@@ -57,7 +57,7 @@ class Actor:
         self._gears = GearChoice(config.powertrain, config.vehicle.wheel_radius)
         self._limits = Limits(config.car, config.gateway.limits.within(config.car))
         self._transmitter = Transmitter(codec, link, config.gateway.vehicle_number)
-        self._on_wire = self._limits.resting(0.0)
+        self._stand(self._limits.resting(0.0))
         self.stopping = Stopping(config.vehicle, config.gateway.stop, config.powertrain.force_per_drive, track)
         self._stuck = StuckSteering(config.vehicle, config.gateway.stop, track)
         self._axles = AxleBrakes(config.vehicle, config.gateway.stop.lateral_grip, config.powertrain)
@@ -72,10 +72,9 @@ class Actor:
         """Whether the mode sends frames."""
         return self._transmits
 
-    @property
-    def on_wire(self) -> ActuatorPositions:
-        """Last commands that left, SI."""
-        return self._limits.to_actuators(self._on_wire)
+    def _stand(self, command: RawCommand) -> None:
+        """Keep the last commands that left, as integers and in SI."""
+        self._on_wire, self.on_wire = command, self._limits.to_actuators(command)
 
     def report_ladder(self, now_ns: int, ct_state: CtState, flags: Flags) -> None:
         """State and acknowledged flags, when they are due."""
@@ -102,18 +101,17 @@ class Actor:
         if self._hill is not None:
             self._hill.watch(state, self.on_wire)
         if not armed and not decision.holding:
-            self._on_wire = self._limits.resting(self._actuation.to_steering_motor(state.steer))
+            self._stand(self._limits.resting(self._actuation.to_steering_motor(state.steer)))
             return False, ()
         if armed:
             wanted = self._wanted(now_ns, state, motion, decision, command, pose)
         else:  # the steering stays where it is
             wanted = self._parked(self.on_wire.steering_motor, self.on_wire.gear)
-        command_raw, limited = self._limits.apply(wanted, self._on_wire)
+        stands, limited = self._limits.apply(wanted, self._on_wire)
         sent = False
-        if self._transmits:
-            self._on_wire, sent = self._transmitter.actuators(command_raw, self._on_wire)
-        else:  # shadow: as if it had left
-            self._on_wire = command_raw
+        if self._transmits:  # in shadow as if it had left
+            stands, sent = self._transmitter.actuators(stands, self._on_wire)
+        self._stand(stands)
         self.sent += sent
         self.limited += bool(limited)
         return sent, limited

@@ -50,6 +50,8 @@ gateway was held up does not pass for new."""
 
 FIRST_METRES = 6.0
 """m driven straight ahead after which it is known where a car points: two or three show it"""
+STOPPING_REQUESTS = {action: f"operator_{action}" for action, row in REQUESTS.items() if row.stops}
+"""request -> its measure"""
 
 
 class Conditions:
@@ -221,7 +223,7 @@ def _requested(request: OperatorAction | None, state: VehicleState, comes_in: bo
     """What operator and race control ask for; a black flag asks for no stop of a car that comes in."""
     stops = STOP_VEHICLE_FLAGS - {VehicleFlag.BLACK} if comes_in else STOP_VEHICLE_FLAGS
     return {
-        **{f"operator_{action}": _holds(request is action) for action, row in REQUESTS.items() if row.stops},
+        **{measure: _holds(request is action) for action, measure in STOPPING_REQUESTS.items()},
         "vehicle_flag_kill": _holds(state.vehicle_flag in KILL_VEHICLE_FLAGS),
         "vehicle_flag_stop": _holds(state.vehicle_flag in stops),
         "track_flag_stop": _holds(state.track_flag in STOP_TRACK_FLAGS),

@@ -6,7 +6,7 @@ Pure: ages and values are arguments, time is an argument.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from hil_gateway.car.states import (
     DRIVING,
@@ -70,9 +70,9 @@ class RaceControl:
     def step(self, now_ns: int, inputs: LadderInputs, demand: Demand) -> RaceControl:
         """At most one rung a call."""
         beats = inputs.heartbeat_age_s <= HEARTBEAT_TIMEOUT_S and inputs.heartbeat != self.heartbeat
-        seen = replace(self, heartbeat=inputs.heartbeat, beat_ns=now_ns) if beats else self
+        seen = RaceControl(self.ct_state, inputs.heartbeat, now_ns) if beats else self
         alive = seen.heartbeat_frozen_s(now_ns) < HEARTBEAT_TIMEOUT_S
-        return replace(seen, ct_state=_next(self.ct_state, inputs, demand, alive))
+        return RaceControl(_next(self.ct_state, inputs, demand, alive), seen.heartbeat, seen.beat_ns)
 
     def heartbeat_frozen_s(self, now_ns: int) -> float:
         """Seconds since race control's heartbeat last changed; infinite before the first."""

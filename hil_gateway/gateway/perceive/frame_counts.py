@@ -24,8 +24,10 @@ class LeakyBucket:
 
     def add(self, now_ns: int) -> None:
         """Count one error."""
-        level = self.drain(now_ns)
-        self.level = level + 1 if level < self.highest else self.highest
+        if self.level:
+            self.level = min(self.drain(now_ns) + 1, self.highest)
+        else:
+            self.level, self._drained_ns = 1, now_ns
 
     def drain(self, now_ns: int) -> int:
         """Level at `now_ns`."""

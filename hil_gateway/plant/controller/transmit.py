@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 
-from can_dbc.codec import COUNTER
+from can_dbc.codec import COUNTER, Encoder
 from can_dbc.database import BusMessage
 from can_dbc.quantities import WHEELS
 from hil_gateway.can_link import CanLink
@@ -26,6 +27,16 @@ BRAKE_TRAVEL = 7500.0
 """counts of the brake actuators at full pressure"""
 Source = Callable[[], Values]
 """readings of one instant"""
+
+
+@dataclass(slots=True)
+class _Report:
+    """A message: what is read for it alone, its encoder, and its counter; modulus 0 where it has none."""
+
+    sources: tuple[Source, ...]
+    encode: Encoder
+    modulus: int
+    count: int = -1
 
 
 class ReportTransmitter:
@@ -48,17 +59,15 @@ class ReportTransmitter:
         self._car, self._sensors, self._controller, self._referee = car, sensors, controller, referee
         self._race_control = race_control
         self._received = ReceivedCommand()
-        self._counters: dict[str, int] = {}
-        self._by_period: dict[int, list[tuple[BusMessage, tuple[str, ...]]]] = {}
+        self._states = self._codes_of_states()
+        self._sources = self._sources_of_quantities()
+        self._by_period: dict[int, list[_Report]] = {}
         placing = f"receiver.{next(iter(platform.receivers))}.latitude"
         for message in self._codec.messages.values():
             quantities = self._codec.quantities(message.name)
             if message.direction == "car" and (positions or placing not in quantities):
-                self._by_period.setdefault(round(message.period_s * NS_PER_S), []).append((message, quantities))
-        self._states = self._codes_of_states()
-        self._sources = self._sources_of_quantities()
-        self._readings: Values = {}
-        """of the messages that are sent now: several share what one sensor reads"""
+                reports = self._by_period.setdefault(round(message.period_s * NS_PER_S), [])
+                reports.append(self._report(message, quantities, reports))
         self._due_ns: dict[int, int] = {}
         self.next_ns = 0
         """when the next message is due; nothing needs to be called before"""
@@ -66,26 +75,27 @@ class ReportTransmitter:
     def step(self, now_ns: int, received: ReceivedCommand) -> None:
         """Send every message whose period has passed."""
         self._received = received
-        for period_ns, messages in self._by_period.items():
+        for period_ns, reports in self._by_period.items():
             due = self._due_ns.setdefault(period_ns, now_ns)
             if now_ns < due:
                 continue
             self._due_ns[period_ns] = due + period_ns if now_ns - due < period_ns else now_ns + period_ns
-            self._readings = {}
-            for message, quantities in messages:
-                self._send(message, quantities)
+            readings: Values = {}
+            for report in reports:
+                for source in report.sources:
+                    readings.update(source())
+                if report.modulus:
+                    readings[COUNTER] = report.count = (report.count + 1) % report.modulus
+                self._link.send(*report.encode(readings))
         self.next_ns = min(self._due_ns.values())
 
-    def _send(self, message: BusMessage, quantities: tuple[str, ...]) -> None:
-        readings = self._readings
-        for name in quantities:
-            if name not in readings:
-                readings.update(self._sources[name]())
-        if message.counter is not None:
-            count = (self._counters.get(message.name, -1) + 1) % message.counter.modulus
-            self._counters[message.name] = count
-            readings[COUNTER] = count
-        self._link.send(*self._codec.encode_quantities(message.name, readings))
+    def _report(self, message: BusMessage, quantities: tuple[str, ...], before: list[_Report]) -> _Report:
+        """A message of those that are sent together: several share what one sensor reads."""
+        read = [source for report in before for source in report.sources]
+        sources = dict.fromkeys(self._sources[name] for name in quantities)
+        modulus = 0 if message.counter is None else message.counter.modulus
+        encode = self._codec.quantity_encoders[message.name]
+        return _Report(tuple(source for source in sources if source not in read), encode, modulus)
 
     def _sources_of_quantities(self) -> Mapping[str, Source]:
         """Quantity that the car's bus carries -> what reads it."""
@@ -95,14 +105,13 @@ class ReportTransmitter:
             found |= dict.fromkeys(silent(), silent)
         for group, source in self._drawn().items():
             found |= dict.fromkeys(group, source)
+        readers = {"imu": sensors.imu, "receiver": sensors.position, "tyre": self._tyre}
+        of_one: dict[tuple[str, str], Source] = {}
         for name in signals.reports:
             kind, _, rest = name.partition(".")
-            if kind == "imu":
-                found[name] = partial(sensors.imu, rest.partition(".")[0])
-            elif kind == "receiver":
-                found[name] = partial(sensors.position, rest.partition(".")[0])
-            elif kind == "tyre":
-                found[name] = partial(self._tyre, name, rest.partition(".")[0])
+            if kind in readers:
+                which = rest.partition(".")[0]
+                found[name] = of_one.setdefault((kind, which), partial(readers[kind], which))
         return found
 
     def _drawn(self) -> Mapping[tuple[str, ...], Source]:
@@ -209,9 +218,10 @@ class ReportTransmitter:
             "timing_heading": self._car["yaw"],
         }
 
-    def _tyre(self, name: str, wheel: str) -> Values:
+    def _tyre(self, wheel: str) -> Values:
         over = TYRE_PA * (1.0 - self._car.flats[WHEELS.index(wheel)])
-        return {name: WARM_TYRE_C, f"tyre.{wheel}.pressure": AIR_PA + over, f"tyre.{wheel}.gauge": over}
+        warm = dict.fromkeys((n for n in self._codec.signals.reports if n.startswith(f"tyre.{wheel}.")), WARM_TYRE_C)
+        return warm | {f"tyre.{wheel}.pressure": AIR_PA + over, f"tyre.{wheel}.gauge": over}
 
     def _base(self) -> Values:
         control = self._race_control
