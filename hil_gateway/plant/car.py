@@ -24,7 +24,10 @@ MOVING = 0.5
 STATE = {name: i for i, name in enumerate(STATES)}
 OUTPUT = {name: i for i, name in enumerate(OUTPUTS)}
 STEER = STATE["steer"]
-PACK = Struct(f"{len(INPUTS)}d")
+TYRE_USE = slice(OUTPUT["use_front"], OUTPUT["slip_rear"] + 1)
+SURROUNDINGS = INPUTS.index("gravity_x")
+"""the inputs from there on are those of the place"""
+PACK_STEP, PACK_SURROUNDINGS = Struct(f"{SURROUNDINGS}d"), Struct(f"{len(INPUTS) - SURROUNDINGS}d")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +80,7 @@ class Car:
         self._function = compile_function(step_function())
         self._x, u, p, h = (a[:, 0] for a in self._function.inputs)
         after, outputs = (a[:, 0] for a in self._function.outputs)
+        self._advance = self._function.evaluate
         # single numbers are read and written through memory views: several times quicker than array elements
         self._state, self._after, self._outputs, self._u = self._x.data, after.data, outputs.data, u.data
         p[:] = parameters.car.vector()
@@ -89,7 +93,6 @@ class Car:
         self.shifting = 0
         self.steps = 0
         self.steer_rate = 0.0
-        self._gravity, self._grip = (0.0, 0.0, 9.8), 1.0
         self.place(start_s, speed)
 
     def place(self, s: float, speed: float = 0.0, lateral: float = 0.0, turned: float = 0.0) -> None:
@@ -110,6 +113,11 @@ class Car:
     def output(self, name: str) -> float:
         """An output by name (`dynamics.OUTPUTS`), SI, at the start of the last step."""
         return self._outputs[OUTPUT[name]]
+
+    @property
+    def tyre_use(self) -> Sequence[float]:
+        """Force of front and rear axle over what they could give, and their slip over that of the peak, then."""
+        return self._outputs[TYRE_USE]
 
     @property
     def time_s(self) -> float:
@@ -139,14 +147,8 @@ class Car:
         """Advance by one millisecond under the commands as they arrive at the actuators."""
         state = self._state
         if self.steps % ROAD_STEPS == 0:
-            x, y, yaw, vx, _, yaw_rate = state[:6]
-            self.road.locate(x, y)
-            self._gravity = self.road.gravity(yaw, vx, yaw_rate)
-            self._disturbed = self._disturbance(vx)
-            drift = max(0.1, 1.0 + self.parameters.road.grip_drift * self.time_s)
-            self._grip = drift * self._disturbed.grip
-        disturbed = self._disturbed
-        PACK.pack_into(
+            self._look_around()
+        PACK_STEP.pack_into(
             self._u,
             0,
             self._steer_line(commands.steer),
@@ -154,18 +156,29 @@ class Car:
             *self._brake_line((commands.brake_front, commands.brake_rear)),
             self._ratio(commands.gear),
             engine_running,
-            *self._gravity,
-            self._grip,
             *self._late_line(state[STEER : STEER + 4]),
+        )
+        self._advance()
+        self.steer_rate = (self._after[STEER] - state[STEER]) / STEP_S
+        state[:] = self._after
+        self.steps += 1
+
+    def _look_around(self) -> None:
+        """What acts on the car where it is now."""
+        x, y, yaw, vx, _, yaw_rate = self._state[:6]
+        self.road.locate(x, y)
+        disturbed = self._disturbed = self._disturbance(vx)
+        drift = max(0.1, 1.0 + self.parameters.road.grip_drift * self.time_s)
+        PACK_SURROUNDINGS.pack_into(
+            self._u,
+            PACK_STEP.size,
+            *self.road.gravity(yaw, vx, yaw_rate),
+            drift * disturbed.grip,
             *disturbed.flats,
             disturbed.gust,
             disturbed.brake_loss,
             disturbed.push,
         )
-        self._function()
-        self.steer_rate = (self._after[STEER] - state[STEER]) / STEP_S
-        state[:] = self._after
-        self.steps += 1
 
     def _disturbance(self, vx: float) -> Disturbance:
         """Events count from when the car first moves, but for those that move it."""

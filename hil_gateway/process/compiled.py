@@ -117,8 +117,8 @@ def compile_library(function: ca.Function, flags: tuple[str, ...] | None = None)
 class CompiledFunction:
     """One CasADi function with preallocated dense arguments.
 
-    `inputs` and `outputs` are arrays in column-major order shaped as the function's; write into an input, call,
-    read an output. An instance serves one thread.
+    `inputs` and `outputs` are arrays in column-major order shaped as the function's; write into an input, `evaluate`
+    (or call), read an output. An instance serves one thread.
     """
 
     def __init__(self, function: ca.Function, backend: str) -> None:
@@ -128,7 +128,7 @@ class CompiledFunction:
         self.outputs: tuple[Array, ...] = tuple(
             np.zeros(function.size_out(i), order="F") for i in range(function.n_out())
         )
-        self._buffer, self._evaluate = self._bind(function)
+        self._buffer, self.evaluate = self._bind(function)
 
     def _bind(self, function: ca.Function) -> tuple[Any, Callable[[], None]]:
         buffer: Any
@@ -141,7 +141,7 @@ class CompiledFunction:
 
     def __call__(self) -> None:
         """Evaluate from `inputs` into `outputs`."""
-        self._evaluate()
+        self.evaluate()
 
 
 def _flat(array: Array) -> Any:

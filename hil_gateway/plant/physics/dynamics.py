@@ -30,11 +30,11 @@ STATES = (
 INPUTS = (
     "steer_command", "throttle_command", "brake_front_command", "brake_rear_command",
     "ratio", "engine_running",
-    "gravity_x", "gravity_y", "gravity_z", "grip",
     "late_steer", "late_throttle", "late_brake_front", "late_brake_rear",
+    "gravity_x", "gravity_y", "gravity_z", "grip",
     "flat_fl", "flat_fr", "flat_rl", "flat_rr", "gust", "brake_loss", "push",
 )  # fmt: skip
-"""delayed commands, engine over axle speed, 0 or 1, gravity in body axes m/s2, factor on friction, delayed actuators,
+"""delayed commands, engine over axle speed, 0 or 1, delayed actuators; gravity in body axes m/s2, factor on friction,
 per wheel 0 (sound) to 1 (tyre flat), side force on the body N, share of the brakes' torque that is missing, force
 forward on the body N"""
 

@@ -31,14 +31,14 @@ class LoadJudge:
     def step(self) -> None:
         """Take in the step just made."""
         car = self._car
-        vx = car["vx"]
-        if abs(vx) < JUDGED_SPEED and abs(car["vy"]) < JUDGED_SPEED:
+        vx, vy = car["vx"], car["vy"]
+        if abs(vx) < JUDGED_SPEED and abs(vy) < JUDGED_SPEED:
             self._spell, self._spun = 0, False
             return
-        front, rear = self.friction
-        self.friction = max(front, car.output("use_front")), max(rear, car.output("use_rear"))
-        self._over(car.output("slip_front") > 1.0 or car.output("slip_rear") > 1.0)
-        spun = abs(math.atan2(car["vy"], vx)) > SPUN_RAD
+        (front, rear), (use_front, use_rear, slip_front, slip_rear) = self.friction, car.tyre_use
+        self.friction = max(front, use_front), max(rear, use_rear)
+        self._over(slip_front > 1.0 or slip_rear > 1.0)
+        spun = abs(math.atan2(vy, vx)) > SPUN_RAD
         self.spins += spun and not self._spun
         self._spun = spun
 
