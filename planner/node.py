@@ -195,8 +195,10 @@ class Planner:
             held = 0.0 if expected is None else float(expected[DRIVE])
             acting, late_s = np.full(self.settings.horizon + 1, held), 0.0
         else:
-            ahead_s = np.minimum(self.settings.dt * np.arange(self.settings.horizon + 1), late_s) - late_s
-            acting = np.array([self._actuators.course.at(start_ns + round(s * NS_PER_S)) for s in ahead_s])
+            dt, horizon, course = self.settings.dt, self.settings.horizon, self._actuators.course
+            ahead_s = [dt * k - late_s for k in range(min(math.ceil(late_s / dt), horizon))]
+            sent = [course.at(start_ns + round(s * NS_PER_S)) for s in (*ahead_s, 0.0)]
+            acting = np.array(sent + sent[-1:] * (horizon + 1 - len(sent)))
         acting = np.clip(acting, limits.drive_min, limits.drive_max)
         self.adoption.controller.take_drive(acting, late_s)
         return float(acting[0])

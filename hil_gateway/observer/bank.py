@@ -30,6 +30,9 @@ DOUBTED = -2.0 * math.log(0.01)
 """exceeded once in a hundred: no filter is begun anew, as what has been wrong for a second may be about to be found"""
 
 
+SOUND, MIRRORED, TURNED = SIGNS = (1.0, 1.0, 1.0), (-1.0, -1.0, -1.0), (1.0, -1.0, -1.0)
+"""of yaw rate, lateral and longitudinal force: of a sound IMU, of one that shows all the other way, and of one that is
+turned by half a circle"""
 FILTERS = 3
 """one with all sources, two without the IMU"""
 
@@ -38,13 +41,12 @@ class FilterLane:
     """One filter of a bank: views of its part of the arrays of all."""
 
     def __init__(self, function: CompiledFunction, i: int) -> None:
-        (means, covariances, _, uses), (_, _, off, seen, inverses) = function.inputs, function.outputs
-        n, judged = len(means), len(seen)
+        (means, covariances, _, uses), (_, _, off, fits), n = function.inputs, function.outputs, len(function.inputs[0])
         self.mean, self.covariance, self.uses = means[:, i], covariances[:, n * i : n * (i + 1)], uses[:, i]
         self.off = off[:, i].data
         """what the measurements show beyond what is predicted, in deviations"""
-        self.seen, self.inverse = seen[:, i], inverses[:, judged * i : judged * (i + 1)]
-        """what the IMU is predicted to show, and the inverse of its covariance"""
+        self.fits = fits[:, i].data
+        """chi-square of what the IMU shows, with each of the model's signs"""
         self.age_s = 0.0
 
     def renew(self, other: FilterLane) -> None:
@@ -91,12 +93,6 @@ class Bank:
     def pause(self) -> None:
         """The car is slow, or its inputs are not known."""
         self._moving = False
-
-    def fits(self, shown: Sequence[float], signs: Sequence[float]) -> float:
-        """Chi-square of what the IMU shows with other signs, by what does without it."""
-        lane = self.without
-        off = np.multiply(signs, shown) - lane.seen
-        return float(off @ lane.inverse @ off)
 
     def _begin(self) -> None:
         """At rest a car does not move; what has been learnt of it stays."""

@@ -5,6 +5,7 @@ The model is written down once; CasADi derives the Jacobians, and the step of al
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import casadi as ca
@@ -19,6 +20,8 @@ class StepModel(Protocol):
 
     states: int
     judged: int
+    signs: Sequence[tuple[float, ...]]
+    """of the judged ones, which are looked at"""
 
     def after(self, x: Expr) -> Expr:
         """States one period on, (n,)."""
@@ -43,8 +46,8 @@ class StepModel(Protocol):
 
 def step_function(name: str, model: StepModel, period: Expr, gate: float, filters: int) -> CompiledFunction:
     """(means (n, k), covariances (n, k n), period, uses (m, k)) of k filters to their next means and covariances; what
-    the measurements show beyond what is predicted, in deviations of that (m, k); what the judged ones are predicted to
-    show (j, k), and the inverse of its covariance (j, k j), before they are taken in.
+    the measurements show beyond what is predicted, in deviations of that (m, k); and how the judged ones fit before
+    they are taken in, as chi-square, with each of the model's `signs` (s, k).
 
     `uses` are 1 where a measurement is taken in, 0 where it is only looked at. One that is not among the judged and
     further off than `gate` deviations is not taken in.
@@ -57,10 +60,10 @@ def step_function(name: str, model: StepModel, period: Expr, gate: float, filter
     first = count - model.judged
     for i in range(first):
         step.update(i, uses[i], gate)
-    seen, spread = step.predicted(range(first, count))
+    fits = step.fits(range(first, count))
     for i in range(first, count):
         step.update(i, uses[i], ca.inf)
-    found = [step.mean, step.covariance, ca.vertcat(*step.off), seen, ca.inv(spread)]
+    found = [step.mean, step.covariance, ca.vertcat(*step.off), fits]
     one = ca.Function(name, [mean, covariance, period, uses], [ca.densify(e) for e in found])
     return compile_function(one.map(f"{name}_bank", "serial", filters, [2], []), flags=EXACT)
 
@@ -80,12 +83,17 @@ class _Step:
         self.covariance = symmetric(F @ self.covariance @ F.T + ca.diag(noise))
         self.mean = after
 
-    def predicted(self, measurements: range) -> tuple[Expr, Expr]:
-        """What they show, and the covariance of that with their noise."""
+    def fits(self, measurements: range) -> Expr:
+        """Chi-square of the measurements, with each of the signs."""
         rows = ca.vertcat(*(self._row(i) for i in measurements))
         noise = ca.diag(ca.vertcat(*(self.model.variances(self.mean)[i] for i in measurements)))
-        seen = ca.vertcat(*(self.model.shown(self.mean)[i] for i in measurements))
-        return seen, rows @ self.covariance @ rows.T + noise
+        seen, shown = (
+            ca.vertcat(*(values[i] for i in measurements))
+            for values in (self.model.shown(self.mean), self.model.measured())
+        )
+        certainty = ca.inv(rows @ self.covariance @ rows.T + noise)
+        off = [ca.DM(signs) * shown - seen for signs in self.model.signs]
+        return ca.vertcat(*(one.T @ certainty @ one for one in off))
 
     def update(self, i: int, use: Expr, gate: float) -> None:
         """Judge a measurement, and take it in where it is to be used and within the gate."""

@@ -20,6 +20,7 @@ Wheels of an axle show r + v m + w: m of unequal rolling radii, w of unequal sli
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -28,7 +29,7 @@ import numpy as np
 
 from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
-from hil_gateway.observer.bank import FILTERS, GATE, Bank
+from hil_gateway.observer.bank import FILTERS, GATE, SIGNS, Bank
 from hil_gateway.observer.kalman_step import step_function
 from hil_gateway.process.arrays import Array, Expr
 
@@ -139,6 +140,7 @@ class Turning:
 
     states = len(STATES)
     judged = 2
+    signs: Sequence[tuple[float, ...]] = tuple(signs[:2] for signs in SIGNS)
 
     def __init__(self, car: Car, period: LateralPeriod) -> None:
         self.car, self.u = car.vehicle, period

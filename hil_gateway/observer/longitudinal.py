@@ -8,6 +8,7 @@ engine or brakes act.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from hil_gateway.car.car import Car
-from hil_gateway.observer.bank import FILTERS, GATE, Bank
+from hil_gateway.observer.bank import FILTERS, GATE, SIGNS, Bank
 from hil_gateway.observer.kalman_step import step_function
 from hil_gateway.process.arrays import Array, Expr
 
@@ -86,6 +87,7 @@ class Speeding:
 
     states = len(STATES)
     judged = 1
+    signs: Sequence[tuple[float, ...]] = tuple(signs[2:] for signs in SIGNS)
 
     def __init__(self, car: Car, period: LongitudinalPeriod) -> None:
         self.u = period

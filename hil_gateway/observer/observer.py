@@ -8,16 +8,13 @@ from collections import deque
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
 from hil_gateway.observer import lateral, longitudinal
-from hil_gateway.observer.bank import CHANCE, DOUBTED, GATE
+from hil_gateway.observer.bank import CHANCE, DOUBTED, GATE, SIGNS, SOUND
 from hil_gateway.settings.gateway import PERIOD_S
 
 SLOWEST = 10.0
 """m/s: slower, tyres answer within a period"""
 ACTS_WITHIN = 25
 """periods in which engine and brakes act at last, by what they report"""
-SOUND, MIRRORED, TURNED = (1.0, 1.0, 1.0), (-1.0, -1.0, -1.0), (1.0, -1.0, -1.0)
-"""signs of yaw rate, lateral and longitudinal force: of a sound IMU, of one that shows all the other way, and of one
-that is turned by half a circle"""
 
 
 def _bound(chance: float) -> float:
@@ -44,7 +41,6 @@ class Observer:
         self._lateral, self._longitudinal = lateral.lateral_bank(car), longitudinal.longitudinal_bank(car)
         self._asked: deque[float] = deque(maxlen=ACTS_WITHIN)
         self._agree = False
-        self._shown = 0.0, 0.0, 0.0
         self.imu_off = 0.0
         """how far the IMU is off what the others predict, over what chance explains"""
         self.wheels_off = 0.0
@@ -78,28 +74,25 @@ class Observer:
         self._longitudinal.step(
             longitudinal.LongitudinalPeriod(PERIOD_S, braking, pushing, changed, speed, state.ax), (wheels,), imu
         )
-        self._shown = state.yaw_rate, state.ay, state.ax
         self._judge(wheels, imu)
 
     def _judge(self, wheels: bool, imu: bool) -> None:
         """The IMU where those that judge it agree; the wheels by all the others."""
         front, rear, *_ = self._lateral.without.off
         self._agree = imu and (not wheels or max(abs(front), abs(rear)) < GATE)
-        self.imu_off = self.fits(SOUND) if self._agree else 0.0
+        self.imu_off = self._fits(SIGNS.index(SOUND)) if self._agree else 0.0
         if imu and self.imu_off * BOUND < DOUBTED:
             self._lateral.renew()
             self._longitudinal.renew()
         front, rear, *_ = self._lateral.main.off
         self.wheels_off = min(abs(front), abs(rear)) / GATE if wheels and front * rear > 0.0 else 0.0
 
-    def fits(self, signs: tuple[float, float, float]) -> float:
-        """How far an IMU with these signs is off, over what chance explains."""
-        yaw_rate, ay, ax = self._shown
-        across = self._lateral.fits((yaw_rate, ay), signs[:2])
-        return (across + self._longitudinal.fits((ax,), signs[2:])) / BOUND
+    def _fits(self, which: int) -> float:
+        """How far an IMU is off that has those of the signs, over what chance explains."""
+        return (self._lateral.without.fits[which] + self._longitudinal.without.fits[which]) / BOUND
 
     def signs(self) -> tuple[float, float, float] | None:
         """Signs with which an IMU that is off would fit, where those that judge it agree."""
         if not self._agree or self.imu_off < 1.0:
             return None
-        return next((signs for signs in (MIRRORED, TURNED) if self.fits(signs) * BOUND < DOUBTED), None)
+        return next((signs for i, signs in enumerate(SIGNS) if self._fits(i) * BOUND < DOUBTED), None)

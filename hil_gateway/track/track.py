@@ -133,6 +133,11 @@ class Track:
         return tuple(self._table[[0, 1, 3, 4]].tolist())
 
     @cached_property
+    def _points(self) -> list[list[float]]:
+        """Columns of `_table`, for single points."""
+        return list(self._table.T.tolist())
+
+    @cached_property
     def _surroundings(self) -> tuple[float, float, float, float]:
         """Least and greatest x, least and greatest y of what is near, m."""
         x, y = self.x, self.y
@@ -194,6 +199,8 @@ class Track:
 
     def at(self, s: float | Array) -> TrackPoint:
         """Track at arc length `s`, any real number, linear between points; the heading grows by `turning` a lap."""
+        if isinstance(s, float):
+            return self._point(s)
         lap, along = np.divmod(np.asarray(s, dtype=float), self.length)
         position = along / (self.length / len(self.s))
         index = np.minimum(position.astype(np.int64), len(self.s) - 1)
@@ -201,6 +208,15 @@ class Track:
         values = self._table[:, index] * (1.0 - weight) + self._table[:, index + 1] * weight
         values[3] += lap * self.turning
         return TrackPoint(*(values if values.ndim > 1 else values.tolist()))
+
+    def _point(self, s: float) -> TrackPoint:
+        lap, along = divmod(s, self.length)
+        position = along / (self.length / len(self.s))
+        i = min(int(position), len(self.s) - 1)
+        weight = position - i
+        pairs = zip(self._points[i], self._points[i + 1], strict=True)
+        x, y, z, heading, *others = (before * (1.0 - weight) + after * weight for before, after in pairs)
+        return TrackPoint(x, y, z, heading + lap * self.turning, *others)
 
     def project(self, x: float, y: float, hint: float | None = None) -> tuple[float, float]:
         """Arc length in [0, length) and lateral offset (m, positive left) of the nearest point of the centre line.

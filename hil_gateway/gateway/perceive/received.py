@@ -65,7 +65,7 @@ class Checks:
         return entry.repeats < STUCK_FRAMES or self._newest["wheel_speed_rl"] < MOVING
 
     def _wheels_turn(self, entry: Received, values: Mapping[str, float]) -> bool:
-        fastest = max(self._value(name, values) for name in WHEEL_SPEEDS)
+        fastest = max([values[name] if name in values else self._newest[name] for name in WHEEL_SPEEDS])
         locked_or_dead = fastest < STANDSTILL and self._fixes.moving
         return not locked_or_dead and (entry.repeats < STUCK_FRAMES or fastest < MOVING)
 

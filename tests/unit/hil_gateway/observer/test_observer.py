@@ -14,7 +14,8 @@ from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import VehicleState
 from hil_gateway.config import Config
-from hil_gateway.observer.observer import MIRRORED, TURNED, Observer
+from hil_gateway.observer.bank import MIRRORED, TURNED
+from hil_gateway.observer.observer import Observer
 
 CONFIG = Config()
 CAR = CONFIG.vehicle
