@@ -19,6 +19,7 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
 from hil_gateway.settings.gateway import GatewayConfig
+from hil_gateway.settings.joystick import JoystickConfig
 from hil_gateway.settings.receivers import ReceiverConfig
 from hil_gateway.settings.ros2 import Ros2Config
 from hil_gateway.text_file import parse_toml, read_toml
@@ -158,6 +159,7 @@ class Config(Model):
     recorder: RecorderConfig = RecorderConfig()
     dashboard: DashboardConfig = DashboardConfig()
     ros2: Ros2Config = Ros2Config()
+    joystick: JoystickConfig = JoystickConfig()
     receivers: dict[str, ReceiverConfig] = Field(
         default={}, max_length=8, description="receivers on the network that place the car, the first one first"
     )

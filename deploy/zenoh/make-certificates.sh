@@ -9,7 +9,7 @@ case ${1-} in
 esac
 folder=$1; shift
 hosts=("$@"); [ ${#hosts[@]} -gt 0 ] || hosts=(localhost 127.0.0.1)
-roles=(gateway estimator learner planner operator recorder dashboard plant ros2 receiver router)
+roles=(gateway estimator learner planner operator recorder dashboard plant ros2 receiver joystick router)
 days=398
 here=$(cd "$(dirname "$0")" && pwd)
 

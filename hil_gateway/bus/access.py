@@ -14,7 +14,7 @@ ROUTER = "router"
 """Passes on what others publish: it enforces the list itself, so the processes behind it have to trust it."""
 ROLES = (
     "gateway", "estimator", "learner", "planner", "operator", "recorder", "dashboard", "plant", "ros2", "receiver",
-    ROUTER,
+    "joystick", ROUTER,
 )  # fmt: skip
 """Common names of the certificates; what a role publishes is in the topics table."""
 KEYS = ("av24/**", "referee/**")

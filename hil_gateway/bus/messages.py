@@ -264,6 +264,7 @@ class OperatorAction(StrEnum):
     DISARM = "disarm"
     STOP = "stop"
     EMERGENCY = "emergency"
+    TAKE_OVER = "take-over"
 
 
 class OperatorCommand(Message):

@@ -53,6 +53,7 @@ PLAN = Topic("av24/plan", m.Plan, "planner", 20, 0.1, max_bytes=65_536)
 RACE_LINE = Topic("av24/race_line", RaceLine, "planner", 0.2, 15.0, max_bytes=65_536)
 COMMAND = Topic("av24/command", m.Command, "planner", 20, 0.1, priority="real_time")
 ROS2_COMMAND = Topic("av24/ros2_command", m.Command, "ros2", 100, 0.1, priority="real_time")
+JOYSTICK_COMMAND = Topic("av24/joystick_command", m.Command, "joystick", 100, 0.1, priority="real_time")
 OPERATOR = Topic("av24/operator", m.OperatorCommand, "operator", 0, 1.0, priority="real_time")
 RECORDER_STATUS = Topic("av24/recorder_status", m.RecorderStatus, "recorder", 1, 3.0)
 PLAYBACK = Topic("av24/playback", Playback, "gateway", 5, 1.0, recorded=False)
@@ -81,6 +82,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     RACE_LINE,
     COMMAND,
     ROS2_COMMAND,
+    JOYSTICK_COMMAND,
     OPERATOR,
     RECORDER_STATUS,
     TRUTH,

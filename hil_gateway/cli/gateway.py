@@ -77,21 +77,19 @@ def _request(config: Path | None, *actions: OperatorAction) -> None:
     bus = open_bus(reached.zenoh, "operator")
     try:
         statuses = bus.subscribe(topics.GATEWAY_STATUS)
-        if wait(statuses, lambda status: True) is None:
+        if (before := wait(statuses, lambda status: True)) is None:
             raise InputError(f"no gateway answers at {', '.join(reached.zenoh.connect)}; {reached.remedy}")
         for action in actions:
             if action is OperatorAction.CRANK:
-                wait(
-                    statuses, lambda status: not status.missing_for_crank or REQUESTS[OperatorAction.CRANK].done(status)
-                )
+                wait(statuses, lambda status: not status.missing_for_crank or "cranked" in status.missing_for_crank)
             elif len(actions) > 1:
                 wait(statuses, lambda status: not status.missing_for_arming, seconds=CRANKED_S)
-            _ask(bus, statuses, action)
+            _ask(bus, statuses, action, before)
     finally:
         bus.close()
 
 
-def _ask(bus: Bus, statuses: Subscription[GatewayStatus], action: OperatorAction) -> None:
+def _ask(bus: Bus, statuses: Subscription[GatewayStatus], action: OperatorAction, before: GatewayStatus) -> None:
     """Send one request and wait for what the gateway says it does."""
     from hil_gateway.bus import topics
     from hil_gateway.bus.messages import OperatorCommand
@@ -100,8 +98,8 @@ def _ask(bus: Bus, statuses: Subscription[GatewayStatus], action: OperatorAction
     message = OperatorCommand(stamp_ns=now, seq=now // 1000, source=f"cli-{os.getpid()}", action=action)
     request = partial(bus.publish, topics.OPERATOR, message)
     row = REQUESTS[action]
-    answer = wait(statuses, row.done, request)
-    if answer is None or not row.done(answer):
+    answer = wait(statuses, lambda status: row.done(status, before), request)
+    if answer is None or not row.done(answer, before):
         typer.echo(f"refused: {action.value}: {_why(action, answer)}", err=True)
         raise typer.Exit(EXIT_FAILURE)
     typer.echo(row.answer(answer))
@@ -113,6 +111,8 @@ def _why(action: OperatorAction, answer: GatewayStatus | None) -> str:
 
     if answer is None:
         return "no answer"
+    if action is OperatorAction.TAKE_OVER:
+        return f"only {answer.command_source or 'nobody'} sends commands"
     if action is OperatorAction.CRANK:
         return ", ".join(EXPLANATION.get(name, name) for name in answer.missing_for_crank)
     state = f"the gateway stays in {answer.action.value}{': ' + answer.cause if answer.cause else ''}"

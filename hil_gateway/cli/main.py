@@ -42,6 +42,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "dashboard": ("hil_gateway.cli.dashboard:app", "read-only live page"),
     "receiver": ("hil_gateway.cli.receiver:app", "GNSS and INS receivers on the network: checked, read, published"),
     "ros2": ("hil_gateway.cli.ros2:app", "bridge to ROS 2: the car's state out, a team's commands in"),
+    "joystick": ("hil_gateway.cli.track_day.joystick:app", "a person drives, through the gateway's limits"),
     "verify": ("hil_gateway.cli.laboratory:verify", "the reliability promises at their stated figures"),
     "config": ("hil_gateway.cli.config:app", "every setting: value, origin, range; what differs from the default"),
     "doctor": ("hil_gateway.cli.doctor:app", "what this machine lacks for what, with the remedy"),
@@ -49,7 +50,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 """name -> (module:attribute of a Typer app, help line)"""
 
 GROUPS: dict[str, tuple[str, ...]] = {
-    "Drive": ("demo", "run", "note", "race-control"),
+    "Drive": ("demo", "run", "note", "race-control", "joystick"),
     "Analyse": ("identify", "diagnose", "plan", "campaign"),
     "Sessions": ("session", "day", "season"),
     "Processes": ("gateway", "estimator", "learner", "planner", "plant", "recorder", "dashboard", "ros2", "receiver"),

@@ -1,4 +1,7 @@
-"""Which commands are believed: one source at a time, in order, and about a recent state."""
+"""Which commands are believed: one source at a time, in order, and about a recent state.
+
+A person takes over by a joystick at once, and by a request gives the right to the sender that is refused.
+"""
 
 from __future__ import annotations
 
@@ -28,20 +31,24 @@ class CommandGate:
     latency_max_s: float
     newest: Command | None = None
     received_ns: int | None = None
+    successor: str = ""
+    """a source that a person has given the right to; empty: nobody is to follow"""
 
-    def offer(self, command: Command, now_ns: int, armed: bool) -> Refusal | None:
-        """Take `command` or say why not."""
+    def offer(self, command: Command, now_ns: int, armed: bool, *, by_hand: bool = False) -> Refusal | None:
+        """Take `command` or say why not; one `by_hand` takes over from any other source."""
         known = self.newest
         if known is not None and not (self.age_s(now_ns) > SOURCE_TIMEOUT_S and not armed):
-            if command.source != known.source:
+            same = command.source == known.source
+            if not (same or by_hand or command.source == self.successor):
                 return Refusal.SECOND_SOURCE
-            if command.seq <= known.seq or command.state_stamp_ns < known.state_stamp_ns:
+            if same and (command.seq <= known.seq or command.state_stamp_ns < known.state_stamp_ns):
                 return Refusal.OUT_OF_ORDER
         if command.state_stamp_ns > now_ns:
             return Refusal.FROM_THE_FUTURE
         if now_ns - command.state_stamp_ns > self.latency_max_s * NS_PER_S:
             return Refusal.STALE
         self.newest, self.received_ns = command, now_ns
+        self.successor = "" if command.source == self.successor else self.successor
         return None
 
     def age_s(self, now_ns: int) -> float:

@@ -25,8 +25,8 @@ class Request:
     stops: bool = False
     """the failsafe table has a row `operator_NAME`"""
 
-    def done(self, status: GatewayStatus) -> bool:
-        """Whether the gateway has done what was asked of it."""
+    def done(self, status: GatewayStatus, before: GatewayStatus) -> bool:
+        """Whether the gateway, which was at `before`, has done what was asked of it."""
         return status.action in self.reaches
 
     def answer(self, status: GatewayStatus) -> str:
@@ -37,11 +37,21 @@ class Request:
 class _Crank(Request):
     """Done when the ladder is beyond it."""
 
-    def done(self, status: GatewayStatus) -> bool:
+    def done(self, status: GatewayStatus, before: GatewayStatus) -> bool:
         return "cranked" in status.missing_for_crank
 
     def answer(self, status: GatewayStatus) -> str:
         return "cranked"
+
+
+class _TakeOver(Request):
+    """Done when the sender that was refused has the right."""
+
+    def done(self, status: GatewayStatus, before: GatewayStatus) -> bool:
+        return before.second_source not in ("", before.command_source) and status.command_source == before.second_source
+
+    def answer(self, status: GatewayStatus) -> str:
+        return f"{status.command_source} has the right to command"
 
 
 _SILENT, _STOP, _EMERGENCY = FailsafeAction.SILENT, FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP
@@ -57,6 +67,11 @@ REQUESTS: Mapping[OperatorAction, Request] = {
     ),
     OperatorAction.CRANK: _Crank(
         "Ask for the engine. Nothing cranks without this request, once for every start of the gateway and emergency.",
+        (),
+        once=True,
+    ),
+    OperatorAction.TAKE_OVER: _TakeOver(
+        "Give the right to command to the source that is refused, without a stop: the other planner's, or a node's.",
         (),
         once=True,
     ),

@@ -119,9 +119,7 @@ TABLE: tuple[Row, ...] = (
         Clear.DISARM,
     ),
     Row("operator_stop", "a stop was asked for", "operator_stop", 0.0, _STOP, Clear.REARM),
-    Row(
-        "gateway_ending", "the gateway is to end while the car moves", "gateway_ending", 0.0, _STOP, Clear.REARM
-    ),
+    Row("gateway_ending", "the gateway is to end while the car moves", "gateway_ending", 0.0, _STOP, Clear.REARM),
     Row("command_stale", "no fresh planner command: `hil planner run`", "command_age", 0.1, _STOP, Clear.REARM),
     Row(
         "state_invalid",

@@ -106,6 +106,9 @@ def changes(before: Seen, after: Seen) -> Iterator[Change]:
     if after.second_computer and not before.second_computer:
         text = "another computer reports its ct_state: is a second gateway running?"
         yield Change(EventKind.BUS, "", "second computer", text, Severity.WARNING)
+    if before.command_source and after.command_source != before.command_source:
+        text = f"{after.command_source} has the right to command, and not {before.command_source} any more"
+        yield Change(EventKind.PROCESS, before.command_source, after.command_source, text, Severity.WARNING)
     if after.second_source and after.second_source != before.second_source:
         yield _second_source(after)
 

@@ -30,6 +30,7 @@ class Inbox:
     def __init__(self, bus: Bus, latency_max_s: float) -> None:
         """`latency_max_s`: commands about older states are not taken."""
         self._commands = [bus.subscribe(t, depth=COMMAND_QUEUE) for t in (topics.COMMAND, topics.ROS2_COMMAND)]
+        self._by_hand = bus.subscribe(topics.JOYSTICK_COMMAND, depth=COMMAND_QUEUE)
         self._operator = bus.subscribe(topics.OPERATOR, depth=OPERATOR_QUEUE)
         self._navigation = bus.subscribe(topics.NAVIGATION, depth=NAVIGATION_QUEUE)
         self._plan = LatestReader(bus, topics.PLAN)
@@ -59,14 +60,15 @@ class Inbox:
 
     def read_commands(self, now_ns: int, armed: bool) -> None:
         """Offer every command that arrived to the gate."""
-        for command in (command for source in self._commands for command in source.poll(now_ns)):
-            refusal = self.gate.offer(command, now_ns, armed)
+        sources = (*((source, False) for source in self._commands), (self._by_hand, True))
+        for command, by_hand in ((c, by_hand) for source, by_hand in sources for c in source.poll(now_ns)):
+            refusal = self.gate.offer(command, now_ns, armed, by_hand=by_hand)
             if refusal is not None:
                 self.refused[refusal] = self.refused.get(refusal, 0) + 1
             if refusal is Refusal.SECOND_SOURCE:
                 self.second_source, self._second_ns = command.source, now_ns
         if now_ns - self._second_ns > SECOND_SOURCE_NS:
-            self.second_source = ""
+            self.second_source = self.gate.successor = ""
 
     def read_navigation(self, now_ns: int) -> list[Navigation]:
         """What receivers on the network have said, oldest first."""
@@ -91,6 +93,8 @@ class Inbox:
     def read_request(self, now_ns: int) -> OperatorAction | None:
         """The most urgent request of a person that arrived this period."""
         asked = {message.action for message in self._operator.poll(now_ns) if self._counts(message)}
+        if OperatorAction.TAKE_OVER in asked:
+            self.gate.successor = self.second_source
         return next((action for action in REQUESTS if action in asked), None)
 
     def _counts(self, request: OperatorCommand) -> bool:
