@@ -41,6 +41,7 @@ def _moving(status: GatewayStatus, run: RunStatus | None, timed: bool) -> dict[s
     lane = " (pit lane)" if run is not None and run.in_pit_lane else ""
     if run is None or run.phase not in UNDER_WAY:
         return _said(("flying" if timed else "out lap") + lane, "nothing; to end it: `hil gateway stop`")
+    lane += f", at most {run.caps}" if run.caps else ""
     if run.phase is RunPhase.IN_LAP:
         return _said(run.phase.value + lane, f"nothing: it stops by itself{_place(run)}")
     lap = f", lap {run.lap} of {run.plan.laps}" if run.plan and run.phase is RunPhase.FLYING else ""

@@ -47,6 +47,7 @@ class RunDesk:
         self._requests = bus.subscribe(topics.RUN_REQUEST, depth=16)
         self._gateway = LatestReader(bus, topics.GATEWAY_STATUS)
         self._state = LatestReader(bus, topics.VEHICLE_STATE)
+        self._tyres = LatestReader(bus, topics.TYRES)
         self._answered = ""
         self._known: set[tuple[str, int]] = set()
         self._due_ns, self._seq, self._slides = 0, 0, 0
@@ -63,6 +64,7 @@ class RunDesk:
             self._ask(request, s, base, now_ns)
         if self._black(now_ns):
             self.progress.come_in("in lap: black flag")
+        self.progress.heat(self._hottest(now_ns))
         status = self._gateway.update(now_ns).message
         if status is not None and status.action in STOPS:
             self.progress.note(f"stopped by the gateway: {status.cause}")
@@ -73,6 +75,12 @@ class RunDesk:
     def _black(self, now_ns: int) -> bool:
         state = self._state.update(now_ns).message
         return state is not None and state.vehicle_flag == VehicleFlag.BLACK
+
+    def _hottest(self, now_ns: int) -> float:
+        """Of what the tyres report, deg C; -inf while they report nothing."""
+        tyres = self._tyres.update(now_ns)
+        points = tyres.message.hottest if tyres.message is not None and tyres.alive(now_ns) else ()
+        return max((point for point in points if point is not None), default=-np.inf)
 
     def _ask(self, request: RunRequest, s: float, base: Reference, now_ns: int) -> None:
         if request.action in (RunAction.START, RunAction.NEXT) and self._black(now_ns):

@@ -41,6 +41,8 @@ class Progress:
     clean: bool | None = None
     _base: Caps = FREE
     _aborted: bool = False
+    _from: float = 0.0
+    """progress at which the run began, m"""
     _line: float = 0.0
     """progress at which the lap under way ends"""
     _place: float = 0.0
@@ -97,6 +99,7 @@ class Progress:
         self.stop_s, self._aborted, self._unclean, self._driven, self.clean = None, False, [], [], None
         self.phase = RunPhase.OUT_LAP if plan.out_lap else RunPhase.FLYING
         self.lap = 0 if plan.out_lap else 1
+        self._from = s
         self._line = self.length * round(s / self.length + 1.0)  # a line close ahead ends no lap
         self.said = f"run {self.number} begins"
 
@@ -117,11 +120,25 @@ class Progress:
             done = self.plan is not None and self.lap > self.plan.laps
             self.phase = RunPhase.IN_LAP if done else RunPhase.FLYING
             self.said = "in lap: the laps of the run are done" if done else ""
+        if self._fuel_is_low(s):
+            self.come_in("in lap: fuel for two laps is left")
         if self.phase is RunPhase.IN_LAP and not self._aborted and self.stop_s is None:
             way = speed**2 / (2.0 * GENTLE) + max(NEAR_M, self._way_in)
             self.stop_s = s + way + (self._place - s - way) % self.length
         if self.phase is RunPhase.IN_LAP and speed < STANDSTILL and self._there(s):
             self._finish()
+
+    def _fuel_is_low(self, s: float) -> bool:
+        """Two laps: the in lap ends within the next one, or one later where its place is too near."""
+        plan = self.plan
+        if plan is None or plan.fuel_kg is None or plan.fuel_per_km is None:
+            return False
+        return plan.fuel_kg < plan.fuel_per_km * (s - self._from + 2.0 * self.length) / 1000.0
+
+    def heat(self, hottest_c: float) -> None:
+        """Temperature of the hottest point of the tyres, deg C."""
+        if self.plan is not None and self.plan.tyre_c_max is not None and hottest_c > self.plan.tyre_c_max:
+            self.come_in(f"in lap: a tyre has {hottest_c:.0f} deg C")
 
     def _there(self, s: float) -> bool:
         return self._aborted or (self.stop_s is not None and s > self.stop_s - NEAR_M)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from hil_gateway.bus.messages import Count, Message, Name, Text
 from hil_gateway.process.errors import InputError
@@ -46,8 +46,20 @@ class RunPlan(Model):
         description="of the pit lane where the in lap ends; neither given: the first, without one 30 m before the line",
     )
     tyres: Name = Field(default="", description="name of the tyre set")
+    tyre_c_max: float | None = Field(
+        default=None, ge=0, le=300, description="of the hottest point of a tyre, deg C; hotter, the car comes in"
+    )
     fuel_kg: float | None = Field(default=None, ge=0, le=500)
+    fuel_per_km: float | None = Field(
+        default=None, gt=0, le=5, description="kg; the car comes in while `fuel_kg` still lasts for two laps"
+    )
     notes: Text = ""
+
+    @model_validator(mode="after")
+    def _knows_its_fuel(self) -> Self:
+        if self.fuel_per_km is not None and self.fuel_kg is None:
+            raise ValueError("fuel_per_km says nothing without fuel_kg")
+        return self
 
 
 def read_run(path: Path) -> RunPlan:
@@ -63,7 +75,8 @@ def read_run(path: Path) -> RunPlan:
         key = ".".join(map(str, first["loc"]))
         if first["type"] == "extra_forbidden":
             raise InputError(f"{path}: unknown key {key}; known: {', '.join(RunPlan.model_fields)}") from None
-        raise InputError(f"{path}: {key} = {first['input']!r}: {first['msg'].lower()}") from None
+        given = f"{key} = {first['input']!r}: " if key else ""
+        raise InputError(f"{path}: {given}{first['msg'].lower()}") from None
 
 
 def cap_of(caps: Sequence[float], lap: int, otherwise: float) -> float:
@@ -122,3 +135,10 @@ class RunStatus(Message):
     clean: bool | None = Field(default=None, description="of a run that is done: whether caps may rise")
     said: Text = Field(default="", description="what the last request came to, or why the run ended")
     answered: Name = Field(default="", description="source of the last request")
+
+    @property
+    def caps(self) -> str:
+        """What holds, in words; empty where nothing does."""
+        speed = [] if self.speed_cap is None else [f"{self.speed_cap:g} m/s"]
+        load = [] if self.load_cap is None else [f"{100 * self.load_cap:.0f} % of the grip"]
+        return ", ".join(speed + load)

@@ -97,9 +97,7 @@ def described(status: RunStatus) -> str:
     """Where the car is, in one line."""
     if status.plan is None:
         return "no run: no caps hold but those of the configuration"
-    caps = [f"{status.speed_cap:g} m/s"] if status.speed_cap else []
-    caps += [f"{100 * status.load_cap:.0f} % of the grip"] if status.load_cap else []
     lap = f" lap {status.lap} of {status.plan.laps}" if status.phase == "flying" else ""
-    where = f"run {status.number} ({status.plan.name}): {status.phase.value}{lap}, caps {', '.join(caps) or 'none'}"
+    where = f"run {status.number} ({status.plan.name}): {status.phase.value}{lap}, caps {status.caps or 'none'}"
     reasons = "; ".join(text for text in (status.caps_from, status.said) if text)
     return f"{where}; {reasons}"

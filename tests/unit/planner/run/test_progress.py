@@ -130,3 +130,24 @@ def test_a_run_file_is_read_or_refused_with_key_and_value(tmp_path):
         path.write_text(text)
         with pytest.raises(InputError, match=said):
             read_run(path)
+
+
+def test_the_car_comes_in_while_its_fuel_lasts_and_before_its_tyres_are_too_hot():
+    drive = Drive()
+    drive.ask(RunAction.START, RunPlan(laps=50, fuel_kg=7.5, fuel_per_km=0.5))  # 15 km: five laps
+    drive.go(600.0)
+    assert drive.run.phase is RunPhase.DONE and "fuel" not in drive.run.said
+    assert 3 * LENGTH < drive.s < 5 * LENGTH
+    drive.ask(RunAction.START, RunPlan(laps=50, tyre_c_max=110.0))
+    drive.go(30.0)
+    drive.run.heat(110.0)
+    assert drive.run.phase is RunPhase.OUT_LAP
+    drive.run.heat(111.0)
+    assert drive.run.phase is RunPhase.IN_LAP and drive.run.said == "in lap: a tyre has 111 deg C"
+
+
+def test_consumption_without_fuel_is_refused(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text("fuel_per_km = 0.5")
+    with pytest.raises(InputError, match="says nothing without fuel_kg"):
+        read_run(path)
