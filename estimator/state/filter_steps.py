@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -155,8 +156,10 @@ Step = Callable[..., None]
 """step(moment, *measured) moves `moment` on"""
 
 
+@cache
 def step_function(step: Step, measured: int, vehicle: Vehicle, noise: FilterNoise) -> CompiledFunction:
-    """(mean, covariance, yaw rate, measured) to the same after `step`, and its normalised innovations squared."""
+    """(mean, covariance, yaw rate, measured) to the same after `step`, and its normalised innovations squared; made
+    once a process, to be used by its `twin`."""
     n, u = len(STATES), ca.SX.sym("measured", measured)
     start = ca.SX.sym("mean", n), ca.SX.sym("covariance", n, n), ca.SX.sym("yaw_rate")
     moment = FilterMoment(*start, vehicle, noise)

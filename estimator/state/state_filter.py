@@ -38,6 +38,7 @@ from estimator.state.filter_steps import (
     STATES,
     VX,
     FilterNoise,
+    Step,
     X,
     Y,
     levelled,
@@ -78,18 +79,21 @@ class StateFilter:
     """Mean and covariance of `STATES`; `initialise` first, then `predict` and updates in order of time."""
 
     def __init__(self, car: Car) -> None:
-        vehicle = self.vehicle = car.vehicle
+        self.vehicle = car.vehicle
         self.noise = FilterNoise(rear_slip_yield(car.tyres))
         self.mean = np.zeros(len(STATES))
         self.covariance = np.eye(len(STATES))
         self.yaw_rate = self._yaw_acceleration = 0.0
         self.rejected = 0
-        self._predict = step_function(filter_steps.predict, 9, vehicle, self.noise)
-        self._position = step_function(filter_steps.position, 2, vehicle, self.noise)
-        self._wheel_speeds = step_function(filter_steps.wheel_speeds, 4, vehicle, self.noise)
-        self._rear_slip = step_function(filter_steps.rear_slip, 1, vehicle, self.noise)
-        self._standstill = step_function(filter_steps.standstill, 5, vehicle, self.noise)
-        self._level = step_function(filter_steps.level, 6, vehicle, self.noise)
+        self._predict = self._step(filter_steps.predict, 9)
+        self._position = self._step(filter_steps.position, 2)
+        self._wheel_speeds = self._step(filter_steps.wheel_speeds, 4)
+        self._rear_slip = self._step(filter_steps.rear_slip, 1)
+        self._standstill = self._step(filter_steps.standstill, 5)
+        self._level = self._step(filter_steps.level, 6)
+
+    def _step(self, step: Step, measured: int) -> CompiledFunction:
+        return step_function(step, measured, self.vehicle, self.noise).twin()
 
     def initialise(self, x: float, y: float, yaw: float, vx: float = 0.0, **std: float) -> None:
         """Start at a position fix; `NAME_std` says how wrong a state may be, where that is not the usual."""

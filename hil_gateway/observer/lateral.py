@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -32,6 +33,7 @@ from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.observer.bank import FILTERS, GATE, SIGNS, Bank
 from hil_gateway.observer.kalman_step import step_function
 from hil_gateway.process.arrays import Array, Expr
+from hil_gateway.process.compiled import CompiledFunction
 
 STATES = (
     "side_speed", "yaw_rate", "front_error", "rear_error", "front_slip", "rear_slip", "gravity_error",
@@ -142,10 +144,10 @@ class Turning:
     judged = 2
     signs: Sequence[tuple[float, ...]] = tuple(signs[:2] for signs in SIGNS)
 
-    def __init__(self, car: Car, period: LateralPeriod) -> None:
-        self.car, self.u = car.vehicle, period
-        imu = next(iter(car.imus))
-        self._turn_of_imu, self._ahead_of_imu = car.std(f"imu.{imu}.yaw"), car.std(f"imu.{imu}.x")
+    def __init__(self, car: Vehicle, imu: tuple[float, float], period: LateralPeriod) -> None:
+        """`imu`: deviations of its turn, rad, and of its place ahead, m."""
+        self.car, self.u = car, period
+        self._turn_of_imu, self._ahead_of_imu = imu
         self._along = ca.fmax(period.braking, period.pushing)
         self._pressed = GRAVITY + self.car.downforce(period.speed) / self.car.mass
 
@@ -225,10 +227,16 @@ def rates_of_wheels(wheels: tuple[float, float, float, float], steer: float, car
 
 def lateral_bank(car: Car) -> Bank:
     """Filters of `Turning`."""
+    imu = next(iter(car.imus))
+    function = _function(car.vehicle, car.std(f"imu.{imu}.yaw"), car.std(f"imu.{imu}.x"))
+    return Bank(function.twin(), prior(car), FAST, Turning.judged)
+
+
+@cache
+def _function(car: Vehicle, imu_yaw: float, imu_x: float) -> CompiledFunction:
     period = ca.SX.sym("period", len(LateralPeriod._fields))
-    model = Turning(car, LateralPeriod(*_entries(period)))
-    function = step_function("lateral", model, period, GATE, FILTERS)
-    return Bank(function, prior(car), FAST, model.judged)
+    model = Turning(car, (imu_yaw, imu_x), LateralPeriod(*_entries(period)))
+    return step_function("lateral", model, period, GATE, FILTERS)
 
 
 def _entries(vector: Expr) -> list[Any]:

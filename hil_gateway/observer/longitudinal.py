@@ -10,15 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from hil_gateway.car.car import Car
+from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.observer.bank import FILTERS, GATE, SIGNS, Bank
 from hil_gateway.observer.kalman_step import step_function
 from hil_gateway.process.arrays import Array, Expr
+from hil_gateway.process.compiled import CompiledFunction
 
 STATES = ("speed", "force_error", "slip", "gravity_error", "engine", "brakes", "force_offset")
 """v m/s, e m/s2, w m/s, gravity along that the map lacks m/s2; k_e, k_b, offset of the accelerometer m/s2"""
@@ -89,11 +92,9 @@ class Speeding:
     judged = 1
     signs: Sequence[tuple[float, ...]] = tuple(signs[2:] for signs in SIGNS)
 
-    def __init__(self, car: Car, period: LongitudinalPeriod) -> None:
+    def __init__(self, car: Vehicle, period: LongitudinalPeriod) -> None:
         self.u = period
-        vehicle = car.vehicle
-        self._drag = 0.5 * vehicle.air_density * vehicle.drag_area / vehicle.mass
-        self._turn_of_imu = car.std(f"imu.{next(iter(car.imus))}.yaw")
+        self._drag = 0.5 * car.air_density * car.drag_area / car.mass
 
     def after(self, x: Expr) -> Expr:
         """States one period on."""
@@ -132,10 +133,14 @@ class Speeding:
 
 def longitudinal_bank(car: Car) -> Bank:
     """Filters of `Speeding`."""
+    return Bank(_function(car.vehicle).twin(), prior(car), FAST, Speeding.judged)
+
+
+@cache
+def _function(car: Vehicle) -> CompiledFunction:
     period = ca.SX.sym("period", len(LongitudinalPeriod._fields))
     model = Speeding(car, LongitudinalPeriod(*_entries(period)))
-    function = step_function("longitudinal", model, period, GATE, FILTERS)
-    return Bank(function, prior(car), FAST, model.judged)
+    return step_function("longitudinal", model, period, GATE, FILTERS)
 
 
 def _entries(vector: Expr) -> list[Any]:

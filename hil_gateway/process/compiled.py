@@ -139,6 +139,10 @@ class CompiledFunction:
             buffer.set_res(i, _flat(array))
         return buffer, evaluate
 
+    def twin(self) -> CompiledFunction:
+        """The same function with arrays of its own."""
+        return CompiledFunction(self.function, self.backend)
+
     def __call__(self) -> None:
         """Evaluate from `inputs` into `outputs`."""
         self.evaluate()

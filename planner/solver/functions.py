@@ -10,7 +10,9 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +65,8 @@ def _symbolic(problem: Problem) -> dict[str, Any]:
 
 def build_functions(problem: Problem, compiled: bool = True) -> Functions:
     """Build in this process; interpreted where there is no compiler."""
+    if compiled and all((paths := libraries(_describe(problem))).values()):
+        return _loaded(problem, paths)
     library = build_library(problem) if compiled else None
     check = build_check(*_check_of(problem)) if compiled else None
     others = {name: compile_function(f, compiled) for name, f in _symbolic(problem).items()}
@@ -103,8 +107,22 @@ def build_in_child(problem: Problem) -> Functions:
     paths: dict[str, str | None] = json.loads(child.stdout)
     if not all(paths.values()):
         return build_functions(problem)  # interpreted functions cannot be handed over
-    library, check = (Path(str(paths.pop(name))) for name in ("library", "check"))
-    others = {name: load_function(name, Path(str(path))) for name, path in paths.items()}
+    return _loaded(problem, paths)
+
+
+@cache
+def libraries(description: str) -> dict[str, str | None]:
+    """Libraries of a problem as `_describe` says it, by name of the function; None where one cannot be built."""
+    problem = _restore(description)
+    paths = {name: compile_library(densified(f)) for name, f in _symbolic(problem).items()}
+    paths |= {"library": build_library(problem), "check": build_check(*_check_of(problem))}
+    return {name: None if path is None else str(path) for name, path in paths.items()}
+
+
+def _loaded(problem: Problem, paths: Mapping[str, str | None]) -> Functions:
+    known = {name: Path(str(path)) for name, path in paths.items()}
+    library, check = known.pop("library"), known.pop("check")
+    others = {name: load_function(name, path) for name, path in known.items()}
     checked = FixedCheck(check, *_check_of(problem))
     return Functions(FixedHorizon(library, problem), checked=checked, **others, library=library)
 
@@ -135,10 +153,7 @@ def _main() -> None:
     It gives way to whoever drives meanwhile, and so does the compiler it starts.
     """
     os.nice(19)
-    problem = _restore(sys.stdin.read())
-    paths = {name: compile_library(densified(f)) for name, f in _symbolic(problem).items()}
-    paths |= {"library": build_library(problem), "check": build_check(*_check_of(problem))}
-    print(json.dumps({name: None if path is None else str(path) for name, path in paths.items()}))
+    print(json.dumps(libraries(sys.stdin.read())))
 
 
 if __name__ == "__main__":
