@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -177,9 +176,6 @@ PROMISES: tuple[Promise, ...] = (
 )
 
 
-_NUMBER = re.compile(r"\d(?:[\d,.]*\d)?")
-
-
 @dataclass
 class Evidence:
     """What the tests of one promise said."""
@@ -262,11 +258,9 @@ def markdown(evidence: dict[str, Evidence], conditions: str, long: dict[str, dic
 
 
 def _reached(name: str, usual: list[str], whole: dict[str, Any] | None) -> str:
-    """One line: what was reached for a promise; a figure of the long run stands for that of the usual one."""
-    figures = {
-        _NUMBER.sub("", figure): " ".join(figure.split()) for figure in [*usual, *(whole or {}).get("figures", ())]
-    }
-    return f"- **{name}** {'; '.join(_folded(list(figures.values()))) or 'no figure'}"
+    """One line: what was reached for a promise."""
+    figures = [" ".join(figure.split()) for figure in (whole or {}).get("figures", ()) or usual]
+    return f"- **{name}** {'; '.join(_folded(figures)) or 'no figure'}"
 
 
 def _folded(figures: list[str]) -> list[str]:
