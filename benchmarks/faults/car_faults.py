@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 from can_dbc.codec import load_codec
@@ -103,7 +103,7 @@ def _axles_swapped(values: Values, memory: Memory) -> Values:
 
 def _slow_steering(asked: Commands, before: Commands) -> Commands:
     step = min(max(asked.steer - before.steer, -SLOW_RAD), SLOW_RAD)
-    return replace(asked, steer=before.steer + step)
+    return asked._replace(steer=before.steer + step)
 
 
 def _swapped(values: Values, memory: Memory) -> Values:
@@ -224,7 +224,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         ("steering_stuck", "off_road"),
         3.0,
         "its command, once it differs by 8 deg, or has moved by 3 while the steering stood still",
-        actuate=lambda asked, before: replace(asked, steer=before.steer),
+        actuate=lambda asked, before: asked._replace(steer=before.steer),
     ),
     CarFault(
         "brakes dead",
@@ -232,7 +232,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         ("commands_unanswered", "acceleration_wrong", "pedals_stuck", "off_road"),
         6.0,
         "deceleration, at the next braking",
-        actuate=lambda asked, before: replace(asked, brake_front=0.0, brake_rear=0.0),
+        actuate=lambda asked, before: asked._replace(brake_front=0.0, brake_rear=0.0),
     ),
     CarFault(
         "throttle stuck at 60 %",
@@ -240,7 +240,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
         ("commands_unanswered", "acceleration_wrong", "pedals_stuck", "off_road"),
         6.0,
         "acceleration, once closed",
-        actuate=lambda asked, before: replace(asked, throttle=max(asked.throttle, 0.6)),
+        actuate=lambda asked, before: asked._replace(throttle=max(asked.throttle, 0.6)),
     ),
     CarFault(
         "IMU turned by 180 deg", IMU, _MOTION, 6.0,
@@ -267,7 +267,7 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault(
         "steering reversed", (), ("steering_stuck", "off_road"), 3.0,
         "its command, once it is 4 deg; where the yaw rate confirms it the stop steers to the other side",
-        actuate=lambda asked, before: replace(asked, steer=-asked.steer),
+        actuate=lambda asked, before: asked._replace(steer=-asked.steer),
     ),
     CarFault(
         "steering slow", (), ("steering_stuck", "off_road", "yaw_rate_wrong"), 6.0, "its command, once it is late",
@@ -275,11 +275,11 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     ),
     CarFault(
         "front brakes at 30 %", (), ("pedals_stuck", "commands_unanswered"), 6.0, "their command, at the next braking",
-        actuate=lambda asked, before: replace(asked, brake_front=0.3 * asked.brake_front),
+        actuate=lambda asked, before: asked._replace(brake_front=0.3 * asked.brake_front),
     ),
     CarFault(
         "rear brakes dead", (), ("pedals_stuck", "commands_unanswered"), 6.0, "their command, at the next braking",
-        actuate=lambda asked, before: replace(asked, brake_rear=0.0),
+        actuate=lambda asked, before: asked._replace(brake_rear=0.0),
     ),
     CarFault(
         "battery at 10.5 V", MISC, ("supply_low",), 1.2, "its voltage", lambda v, m: v | {"battery_voltage": 10.5}
@@ -288,12 +288,12 @@ CAR_FAULTS: tuple[CarFault, ...] = (
     CarFault(
         "engine stalled", ("pt_report_1",), ("engine_stalled",), 0.5, "engine speed",
         lambda values, memory: values | {"engine_speed": 0.0},
-        actuate=lambda asked, before: replace(asked, throttle=0.0),
+        actuate=lambda asked, before: asked._replace(throttle=0.0),
     ),
     CarFault(
         "drive-by-wire disabled", (), ("steering_stuck", "pedals_stuck", "commands_unanswered", "off_road"), 6.0,
         "steering and pedals against their commands",
-        actuate=lambda asked, before: replace(asked, steer=before.steer, throttle=0.0, brake_front=0.0, brake_rear=0.0),
+        actuate=lambda asked, before: asked._replace(steer=before.steer, throttle=0.0, brake_front=0.0, brake_rear=0.0),
     ),
     CarFault(
         "nothing arrives from the bus", EVERYTHING, ("can_silent",), 0.2, "silence; the stop goes by its own commands",

@@ -21,8 +21,8 @@ gated by its normalised innovation squared (Bar-Shalom, Estimation with Applicat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import cos, isfinite, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,8 +53,7 @@ YAW_ACCELERATION_S = 0.05
 """time constant, s: noise of the gyro's differences"""
 
 
-@dataclass(frozen=True)
-class ImuReading:
+class ImuReading(NamedTuple):
     """One IMU sample with gravity along the body axes from the track map, m/s2 and rad/s."""
 
     ax: float
@@ -64,8 +63,7 @@ class ImuReading:
     gravity_y: float = 0.0
 
 
-@dataclass(frozen=True)
-class Unseen:
+class Unseen(NamedTuple):
     """Standard deviations of what a sample may differ by from the motion, beyond its noise, m/s2 and rad/s."""
 
     accel: float = 0.0

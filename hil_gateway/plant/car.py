@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from struct import Struct
-from typing import Any
+from typing import Any, NamedTuple
 
 from hil_gateway.plant.events import CALM, Disturbance, Event, disturbance, pushed
 from hil_gateway.plant.physics.dynamics import INPUTS, OUTPUTS, STATES, step_function
@@ -30,8 +29,7 @@ SURROUNDINGS = INPUTS.index("gravity_x")
 PACK_STEP, PACK_SURROUNDINGS = Struct(f"{SURROUNDINGS}d"), Struct(f"{len(INPUTS) - SURROUNDINGS}d")
 
 
-@dataclass(frozen=True, slots=True)
-class Commands:
+class Commands(NamedTuple):
     """What the actuators are asked for: rad at the road wheel, 0..1, Pa, gear (0 neutral)."""
 
     steer: float = 0.0

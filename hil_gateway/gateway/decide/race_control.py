@@ -7,6 +7,7 @@ Pure: ages and values are arguments, time is an argument.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from hil_gateway.car.states import (
     DRIVING,
@@ -43,8 +44,7 @@ class LadderInputs:
         return known <= sys_state <= SysState.DRIVING
 
 
-@dataclass(frozen=True, slots=True)
-class Demand:
+class Demand(NamedTuple):
     """What the failsafe asks of the ladder."""
 
     stop: bool = False

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,8 +28,7 @@ ALONG_S = 0.02
 """the same along, as time at the present speed: fixes that came two periods of the gateway late"""
 
 
-@dataclass(frozen=True, slots=True)
-class Course:
+class Course(NamedTuple):
     """Place (m), direction of motion (rad), speed (m/s), turn rate (rad/s) and its growth of speed (m/s2)."""
 
     x: float

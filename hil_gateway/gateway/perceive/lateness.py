@@ -7,7 +7,6 @@ and are late by what the clock is behind since the silence began. What they say 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from hil_gateway.gateway.perceive.dead_reckoning import Pose
 from hil_gateway.gateway.perceive.motion import Motion
@@ -63,7 +62,7 @@ def brought_up(
     """Motion and pose of now from those of `late_s` ago, since when the car goes on with `ax` (m/s2) along it and its
     yaw rate has changed by `turned` (rad/s)."""
     speed, middle_rate = max(motion.speed + ax * late_s, 0.0), motion.yaw_rate + 0.5 * turned
-    now = replace(motion, speed=speed, yaw_rate=motion.yaw_rate + turned)
+    now = motion._replace(speed=speed, yaw_rate=motion.yaw_rate + turned)
     if pose is None:
         return now, None
     middle, way = pose.yaw + pose.slip + 0.5 * middle_rate * late_s, 0.5 * (motion.speed + speed) * late_s

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from hil_gateway.bus.messages import Estimate, VehicleState
@@ -74,8 +73,7 @@ LONGEST_S = 0.1
 """longest period that is integrated, s"""
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """Speed (m/s, forward), yaw rate (rad/s, left), lateral specific force (m/s2, left); none from a source that is
     invalid."""
 

@@ -8,7 +8,7 @@ more, and that was learnt as a larger radius.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from hil_gateway.gateway.perceive.course import Course
 from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
@@ -25,8 +25,7 @@ OUTVOTED = 0.12
 """rad/s between gyro and course from which steering and wheels are asked who is right: four deviations of the course"""
 
 
-@dataclass(frozen=True, slots=True)
-class Contradicted:
+class Contradicted(NamedTuple):
     """How long, s."""
 
     yaw_rate: float

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, VehicleState
@@ -39,8 +39,7 @@ STEERS = (SysState.DRIVING, SysState.EMERGENCY)
 """in which the car follows steering commands"""
 
 
-@dataclass(frozen=True)
-class SensorMonitors:
+class SensorMonitors(NamedTuple):
     """Seconds that the IMU has been off what all others say, and that wheel speeds, yaw rate and acceleration have been
     contradicted; whether all wheels are faster or slower than fixes and IMU say, or fell faster than brakes make them;
     whether fixes say anything, and whether steering and wheels side with them."""
