@@ -1,7 +1,7 @@
 """Motion and measurements of the state filter as expressions: what it predicts, and what each sensor says.
 
-Written down once; CasADi derives the Jacobians, and a whole step is one compiled function, with the same bits on every
-computer.
+Written down once; CasADi derives the Jacobians and evaluates a whole step in its virtual machine: twice as fast as
+array operations on matrices this small, without a compiler.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from hil_gateway.car.car import TyrePrior
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.observer.kalman import scalar_update, symmetric
 from hil_gateway.process.arrays import Expr
-from hil_gateway.process.compiled import EXACT, CompiledFunction, compile_function
+from hil_gateway.process.compiled import CompiledFunction, compile_function
 
 STATES = (
     "x",
@@ -165,7 +165,7 @@ def step_function(step: Step, measured: int, vehicle: Vehicle, noise: FilterNois
     moment = FilterMoment(*start, vehicle, noise)
     step(moment, *ca.vertsplit(u))
     end = [moment.mean, moment.covariance, moment.yaw_rate, ca.vertcat(*moment.nis) if moment.nis else ca.SX(0, 1)]
-    return compile_function(ca.Function(step.__name__, [*start, u], [ca.densify(e) for e in end]), flags=EXACT)
+    return compile_function(ca.Function(step.__name__, [*start, u], [ca.densify(e) for e in end]), compiled=False)
 
 
 def predict(moment: FilterMoment, *imu: Expr) -> None:

@@ -57,14 +57,18 @@ class FilterLane:
 class Bank:
     """Filters of one model."""
 
-    def __init__(self, function: CompiledFunction, prior: tuple[Array, Array], fast: int, imu: int) -> None:
-        """`function` of `FILTERS`; `prior`: mean and standard deviation of the states, of which the first `fast` are
-        forgotten while the car stands; the last `imu` measurements are the IMU's."""
+    def __init__(
+        self, function: CompiledFunction, numbers: Sequence[float], prior: tuple[Array, Array], fast: int, imu: int
+    ) -> None:
+        """`function` of `FILTERS`, which is given the `numbers` of the car after those of the period; `prior`: mean and
+        standard deviation of the states, of which the first `fast` are forgotten while the car stands; the last `imu`
+        measurements are the IMU's."""
         self._function, self._fast, self._imu = function, fast, imu
         self._prior = prior[0], np.diag(prior[1] ** 2)
         self.main, *self._lanes = (FilterLane(function, i) for i in range(FILTERS))
         self.main.mean[:], self.main.covariance[:] = self._prior
         self._moving = False
+        function.inputs[2][-len(numbers) :, 0] = numbers
 
     @property
     def without(self) -> FilterLane:
@@ -77,7 +81,7 @@ class Bank:
         if not self._moving:
             self._begin()
         means, covariances, given, uses = self._function.inputs
-        given[:, 0] = period
+        given[: len(period), 0] = period
         uses[: -self._imu] = np.array(others)[:, np.newaxis]
         self.main.uses[-self._imu :] = imu
         self._function()

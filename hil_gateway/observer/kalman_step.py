@@ -44,8 +44,8 @@ class StepModel(Protocol):
         ...
 
 
-def step_function(name: str, model: StepModel, period: Expr, gate: float, filters: int) -> CompiledFunction:
-    """(means (n, k), covariances (n, k n), period, uses (m, k)) of k filters to their next means and covariances; what
+def step_function(name: str, model: StepModel, given: Expr, gate: float, filters: int) -> CompiledFunction:
+    """(means (n, k), covariances (n, k n), given, uses (m, k)) of k filters to their next means and covariances; what
     the measurements show beyond what is predicted, in deviations of that (m, k); and how the judged ones fit before
     they are taken in, as chi-square, with each of the model's `signs` (s, k).
 
@@ -64,7 +64,7 @@ def step_function(name: str, model: StepModel, period: Expr, gate: float, filter
     for i in range(first, count):
         step.update(i, uses[i], ca.inf)
     found = [step.mean, step.covariance, ca.vertcat(*step.off), fits]
-    one = ca.Function(name, [mean, covariance, period, uses], [ca.densify(e) for e in found])
+    one = ca.Function(name, [mean, covariance, given, uses], [ca.densify(e) for e in found])
     return compile_function(one.map(f"{name}_bank", "serial", filters, [2], []), flags=EXACT)
 
 

@@ -144,7 +144,7 @@ class Turning:
     judged = 2
     signs: Sequence[tuple[float, ...]] = tuple(signs[:2] for signs in SIGNS)
 
-    def __init__(self, car: Vehicle, imu: tuple[float, float], period: LateralPeriod) -> None:
+    def __init__(self, car: Vehicle, imu: tuple[Expr, Expr], period: LateralPeriod) -> None:
         """`imu`: deviations of its turn, rad, and of its place ahead, m."""
         self.car, self.u = car, period
         self._turn_of_imu, self._ahead_of_imu = imu
@@ -228,15 +228,18 @@ def rates_of_wheels(wheels: tuple[float, float, float, float], steer: float, car
 def lateral_bank(car: Car) -> Bank:
     """Filters of `Turning`."""
     imu = next(iter(car.imus))
-    function = _function(car.vehicle, car.std(f"imu.{imu}.yaw"), car.std(f"imu.{imu}.x"))
-    return Bank(function.twin(), prior(car), FAST, Turning.judged)
+    numbers = *car.vehicle.model_dump().values(), car.std(f"imu.{imu}.yaw"), car.std(f"imu.{imu}.x")
+    return Bank(_function().twin(), numbers, prior(car), FAST, Turning.judged)
 
 
 @cache
-def _function(car: Vehicle, imu_yaw: float, imu_x: float) -> CompiledFunction:
-    period = ca.SX.sym("period", len(LateralPeriod._fields))
-    model = Turning(car, (imu_yaw, imu_x), LateralPeriod(*_entries(period)))
-    return step_function("lateral", model, period, GATE, FILTERS)
+def _function() -> CompiledFunction:
+    """For all cars: their numbers are given with the period."""
+    reported, names = len(LateralPeriod._fields), list(Vehicle.model_fields)
+    given = ca.SX.sym("given", reported + len(names) + 2)
+    period, (*car, yaw, ahead) = _entries(given)[:reported], _entries(given)[reported:]
+    vehicle = Vehicle.model_construct(**dict(zip(names, car, strict=True)))
+    return step_function("lateral", Turning(vehicle, (yaw, ahead), LateralPeriod(*period)), given, GATE, FILTERS)
 
 
 def _entries(vector: Expr) -> list[Any]:

@@ -133,14 +133,17 @@ class Speeding:
 
 def longitudinal_bank(car: Car) -> Bank:
     """Filters of `Speeding`."""
-    return Bank(_function(car.vehicle).twin(), prior(car), FAST, Speeding.judged)
+    return Bank(_function().twin(), [*car.vehicle.model_dump().values()], prior(car), FAST, Speeding.judged)
 
 
 @cache
-def _function(car: Vehicle) -> CompiledFunction:
-    period = ca.SX.sym("period", len(LongitudinalPeriod._fields))
-    model = Speeding(car, LongitudinalPeriod(*_entries(period)))
-    return step_function("longitudinal", model, period, GATE, FILTERS)
+def _function() -> CompiledFunction:
+    """For all cars: their numbers are given with the period."""
+    reported, names = len(LongitudinalPeriod._fields), list(Vehicle.model_fields)
+    given = ca.SX.sym("given", reported + len(names))
+    period, car = _entries(given)[:reported], _entries(given)[reported:]
+    vehicle = Vehicle.model_construct(**dict(zip(names, car, strict=True)))
+    return step_function("longitudinal", Speeding(vehicle, LongitudinalPeriod(*period)), given, GATE, FILTERS)
 
 
 def _entries(vector: Expr) -> list[Any]:
