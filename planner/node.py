@@ -64,10 +64,10 @@ class Planner:
         self.settings = settings_of(config)
         p = config.planner
         start = starting_revision(config, p.model)
-        held = starting_limits(p)
+        sustained = starting_limits(p)
         track = track or load_track(config.track)
         self._track = _declared_road(config, track)
-        self.adoption = Adoption(config, self._track, self.settings, held, start, background=background)
+        self.adoption = Adoption(config, self._track, self.settings, sustained, start, background=background)
         self._estimate: LatestReader[Estimate] = LatestReader(bus, topics.ESTIMATE)
         self._belief = LatestReader(bus, topics.BELIEF)
         self._revision = LatestReader(bus, topics.MODEL_REVISION)
@@ -128,7 +128,7 @@ class Planner:
 
     def next_limits(self) -> LoadLimits:
         """Loads the next run may start from."""
-        return self.adoption.held
+        return self.adoption.sustained
 
     def _prepare(self, now_ns: int) -> None:
         """What was sent since the last plan, and a guess that is as old as that plan an interval on."""
@@ -334,8 +334,8 @@ class Planner:
         assert estimate is not None
         for held, load in zip(self._held, self.adoption.carried((front, rear), estimate), strict=True):
             held.push(load)
-        before = self.adoption.held
-        self.adoption.held = LoadLimits(
+        before = self.adoption.sustained
+        self.adoption.sustained = LoadLimits(
             max(before.front, self._held[0].value), max(before.rear, self._held[1].value)
         )  # fmt: skip
 

@@ -97,7 +97,7 @@ class Effect:
     """whether the state filter estimates it itself while driving"""
     unsought_while_driving: str = ""
     """why a running loop does not look for it; empty where it does"""
-    beside_tyres: Literal["", "loads", "forces"] = ""
+    fitted_with_tyres: Literal["", "loads", "forces"] = ""
     """of what on a fast car tyres are identified beside: axle loads, or forces, for which the loads must be known"""
     as_logged: Effect | None = None
     """the same by signals of a log that are no part of the model"""

@@ -217,7 +217,7 @@ class Gateway:
         self._actor.steering_reversed = self.monitors.steering_reversed
         self._actor.caution_speed = caution_speed(self.builder, self._caution_speed)
         sent, limited = self._actor.step(now_ns, state, motion, decision, command, pose)
-        self._reporter.note_answer(now_ns, decision, command)
+        self._reporter.measure_latency(now_ns, decision, command)
         self._bus.publish(topics.APPLIED, self._actor.applied(now_ns, self._seq, state, decision, sent, limited))
         self._seq += 1
 

@@ -48,7 +48,7 @@ class Reporter:
         self.why = fixes.get(after.failsafe.cause, late)
         self._detail = f"{late}; {self._load()}".removesuffix("; ") if late else self.why
 
-    def note_answer(self, now_ns: int, decision: Decision, command: Command | None) -> None:
+    def measure_latency(self, now_ns: int, decision: Decision, command: Command | None) -> None:
         """CAN report in to the first command frame that answers it."""
         driving = decision.action is FailsafeAction.DRIVE
         if driving and command is not None and command.seq != self._answered_seq:

@@ -26,8 +26,8 @@ class ProcessSpec:
     """One process of the loop: `hil <name> run --config FILE`.
 
     Stage 0 starts first, the rest when the recorder listens, so that a recording begins before what it records.
-    `stops_last`: it has the end of the others to hear. Losing an `optional` one is no reason to end. `beside`: it gives
-    way to all of them. `waits`: asked once it ends in its own time, asked twice at once.
+    `stops_last`: it has the end of the others to hear. Losing an `optional` one is no reason to end. `low_priority`:
+    it gives way to all of them. `waits`: asked once it ends in its own time, asked twice at once.
     `arguments`: of this process alone.
     """
 
@@ -35,7 +35,7 @@ class ProcessSpec:
     stage: int = 1
     stops_last: bool = False
     optional: bool = False
-    beside: bool = False
+    low_priority: bool = False
     waits: bool = False
     arguments: tuple[str, ...] = ()
 
@@ -49,7 +49,7 @@ PROCESSES: tuple[ProcessSpec, ...] = (
 )
 DASHBOARD = ProcessSpec("dashboard", optional=True)
 RECEIVER = ProcessSpec("receiver")
-LEARNER = ProcessSpec("learner", optional=True, beside=True)
+LEARNER = ProcessSpec("learner", optional=True, low_priority=True)
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Supervisor:
                     self.command(spec), stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
                     env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
                 )  # fmt: skip
-            if not spec.beside:
+            if not spec.low_priority:
                 _prefer(self._running[spec.name].pid)
 
     def prefer_real_time(self) -> None:

@@ -63,16 +63,16 @@ class Adoption:
     """The model in force; `offer` revisions and beliefs, call `advance` and `catch_up` between two plans."""
 
     def __init__(
-        self, config: Config, track: Track, settings: Settings, held: LoadLimits, revision: ModelRevision,
+        self, config: Config, track: Track, settings: Settings, sustained: LoadLimits, revision: ModelRevision,
         *, background: bool = False,
     ) -> None:  # fmt: skip
         self._config, self._track, self._settings = config, track, settings
-        self.held = held
+        self.sustained = sustained
         """loads over axle load that the car has held, in this run or an earlier one"""
         self._background = background
         self.load_cap = 1.0
         """share of the grip that the speeds of the race line may use"""
-        self._lap, self._held_by_lap = 0, LoadLimits(0.0, 0.0)
+        self._lap, self._sustained_by_lap = 0, LoadLimits(0.0, 0.0)
         self._belief: Belief | None = None
         self._refused: set[str] = set()
         self._given_back: set[Effects] = set()
@@ -177,7 +177,7 @@ class Adoption:
     def begin_lap(self, lap: int) -> None:
         """What was held in the laps before `lap` may be asked for again; nothing where it is not a new one."""
         if lap > self._lap:
-            self._lap, self._held_by_lap, self._changed = lap, self.held, True
+            self._lap, self._sustained_by_lap, self._changed = lap, self.sustained, True
 
     def carried(self, modelled: tuple[float, float], estimate: Estimate) -> tuple[float, float]:
         """Forces over axle load (front, rear) that tyres bear, from those by the model in force."""
@@ -254,8 +254,10 @@ class Adoption:
     ) -> TyreKnowledge:
         """Tyre parameters one slew step from those `before` towards the revision, with the newest belief."""
         belief = self._belief if before is not None else None  # a model being built has its own tyres
-        held = sustained_next(self.held.pair, self._held_by_lap.pair)
-        return next_knowledge(before, revised, tyre, revision, belief, GripState(self.delivered, held, self._reserves))
+        sustained = sustained_next(self.sustained.pair, self._sustained_by_lap.pair)
+        return next_knowledge(
+            before, revised, tyre, revision, belief, GripState(self.delivered, sustained, self._reserves)
+        )
 
     def _reference(self, revised: RevisedModel, tyre: TyreNames, knowledge: TyreKnowledge) -> Reference:
         """Race line of a model, or the line in use with the speed profile of this model."""

@@ -73,7 +73,7 @@ class GripState:
     """What tyres and brakes deliver, the forces over axle load (front, rear) that were held, and what is kept back."""
 
     delivered: DeliveredShares
-    held: tuple[float, float]
+    sustained: tuple[float, float]
     reserves: Reserves
 
 
@@ -93,7 +93,7 @@ def next_knowledge(  # noqa: PLR0917 - all that a plan's tyres depend on
     factors = grip_factors(tyre.axles, state.delivered.tyres, len(lasting))
     theta, mean, covariance = factors * lasting, factors * mean, covariance * np.outer(factors, factors)
     # a belief that has learnt of less grip tells at once, before the model in force follows
-    asked = capacity(tyre.axles, np.minimum(mean, theta), covariance, use=use, level=level, held=state.held)
+    asked = capacity(tyre.axles, np.minimum(mean, theta), covariance, use=use, level=level, sustained=state.sustained)
     doubt = brake_doubt(brake_spread(revision), np.sqrt(np.diag(covariance)[peaks]) / mean[peaks], level)
     front, rear = (d / rolling for d, rolling in zip(doubt, state.delivered.rolling, strict=True))
     return TyreKnowledge(

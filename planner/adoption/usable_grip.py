@@ -27,14 +27,14 @@ Axles = tuple[tuple[int, int, int], tuple[int, int, int]]
 
 
 def capacity(
-    axles: Axles, mean: Array, covariance: Array, *, use: Array, level: float, held: tuple[float, float]
+    axles: Axles, mean: Array, covariance: Array, *, use: Array, level: float, sustained: tuple[float, float]
 ) -> tuple[float, float]:
     """Force over axle load (front, rear) that may be asked of the tyres when a bend is entered.
 
     Two bounds, each with the probability of `level` standard deviations:
 
-    - the force that a tyre with less grip than believed still gives within the share `use` of its peak. A force `held`
-      before bounds it from below, as far as the mean agrees: where the car has been, the tyre has answered;
+    - the force that a tyre with less grip than believed still gives within the share `use` of its peak. A force
+      `sustained` before bounds it from below, as far as the mean agrees: where the car has been, the tyre has answered;
     - the force at the slip where the first of the sigma points reaches that share. The load rows hold there, so a
       profile that asks for more is not followed. Parameters that are only known together cost nothing where the force
       they give is known.
@@ -42,8 +42,8 @@ def capacity(
     rows = np.array(axles)
     marginal = covariance[rows[:, :, None], rows[:, None, :]]
     peak, spread = mean[rows[:, 2]], np.sqrt(marginal[:, 2, 2])
-    borne = np.maximum(use * (peak - level * spread), np.minimum(held, use * peak))
-    front, rear = np.maximum(np.minimum(borne, _force_within(mean[rows], marginal, use, level)), MIN_CAPACITY)
+    usable = np.maximum(use * (peak - level * spread), np.minimum(sustained, use * peak))
+    front, rear = np.maximum(np.minimum(usable, _force_within(mean[rows], marginal, use, level)), MIN_CAPACITY)
     return float(front), float(rear)
 
 
@@ -52,9 +52,9 @@ def rear_share(peaks: Array) -> float:
     return min(1.0, max(LEAST_REAR, STABLE * float(peaks[1] / peaks[0])))
 
 
-def sustained_next(held: tuple[float, float], laps_before: tuple[float, float]) -> tuple[float, float]:
-    """What `capacity` may count on as held: forces over axle load (front, rear) `held` so far, and in whole laps."""
-    return max(held[0], NEXT_LAP / PROFILE_SHARE * laps_before[0]), held[1]
+def sustained_next(sustained: tuple[float, float], laps_before: tuple[float, float]) -> tuple[float, float]:
+    """What `capacity` may count on: forces over axle load (front, rear) `sustained` so far, and in whole laps."""
+    return max(sustained[0], NEXT_LAP / PROFILE_SHARE * laps_before[0]), sustained[1]
 
 
 def _force_within(mean: Array, covariance: Array, use: Array, level: float) -> Array:

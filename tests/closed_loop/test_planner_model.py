@@ -150,7 +150,7 @@ def test_what_front_tyres_held_is_asked_for_with_a_little_more_from_the_next_lap
     length = adoption.controller.reference.length
 
     def asked(s: float) -> tuple[float, float]:
-        adoption.held = LoadLimits(*(0.85 * theta[peaks]).tolist())
+        adoption.sustained = LoadLimits(*(0.85 * theta[peaks]).tolist())
         adoption.offer_belief(belief)
         adoption.watch(estimate, s)
         adoption.advance()

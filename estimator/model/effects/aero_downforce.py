@@ -51,7 +51,7 @@ EFFECT = Effect(
             quantity=Quantity.DOWNFORCE,
         ),
     ),
-    beside_tyres="loads",
+    fitted_with_tyres="loads",
     declare=_declare,
     channels=("ay", "yaw_acc", "vy_dot"),
     cause="vx",

@@ -43,6 +43,6 @@ EFFECT = Effect(
     separated_by="coasting from high to low speed separates v^2 (drag) from a constant (rolling resistance, bias)",
     on_every_car=True,
     constant_at="air_force",
-    beside_tyres="forces",
+    fitted_with_tyres="forces",
     declare=_declare,
 )

@@ -46,6 +46,6 @@ EFFECT = Effect(
     initial=(0.6,),
     separated_by="braking and accelerating in the same corner (load transfer changes sign between them)",
     on_every_car=True,
-    beside_tyres="forces",
+    fitted_with_tyres="forces",
     declare=_declare,
 )

@@ -58,7 +58,7 @@ _BY_FORCES = Effect(
     hooks={"LOAD": _load},
     separated_by="braking and accelerating in the same corner (combined slip acts alike for both signs of force)",
     on_every_car=True,
-    beside_tyres="loads",
+    fitted_with_tyres="loads",
     declare=_declare,
 )
 _BY_AX = replace(

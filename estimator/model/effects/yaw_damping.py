@@ -37,6 +37,6 @@ EFFECT = Effect(
     channels=("yaw_acc",),
     cause="yaw_rate",
     hooks={"BODY": _body},
-    beside_tyres="forces",
+    fitted_with_tyres="forces",
     separated_by="shows in the yaw acceleration and not in ay; steady tight corners",
 )

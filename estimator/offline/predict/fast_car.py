@@ -27,7 +27,7 @@ def presses(fast: float, vehicle: Vehicle) -> bool:
 
 def loads() -> tuple[Effect, ...]:
     """Axle loads by the air and by ax."""
-    return _beside_tyres("loads")
+    return _fitted_with_tyres("loads")
 
 
 def forces() -> tuple[Effect, ...]:
@@ -36,11 +36,11 @@ def forces() -> tuple[Effect, ...]:
     Without them, both grow on the wrong side of the peak of a tyre that is not known yet. Of the differential the form
     that goes with the yaw rate alone: lever and compliance of the other are not told apart on an oval.
     """
-    return (drive_zero(), *_beside_tyres("forces"))
+    return (drive_zero(), *_fitted_with_tyres("forces"))
 
 
-def _beside_tyres(part: str) -> tuple[Effect, ...]:
-    return tuple(along(e.as_logged or e) for e in catalogue().values() if e.beside_tyres == part)
+def _fitted_with_tyres(part: str) -> tuple[Effect, ...]:
+    return tuple(along(e.as_logged or e) for e in catalogue().values() if e.fitted_with_tyres == part)
 
 
 def _from_zero(terms: Terms, zero: Expr) -> None:

@@ -38,7 +38,7 @@ class LadderInputs:
     rungs: frozenset[int] = frozenset(SysState)
     """states that the car's ladder has"""
 
-    def answers(self, sys_state: int, needed: SysState) -> bool:
+    def has_reached(self, sys_state: int, needed: SysState) -> bool:
         """Whether the car is as far as `needed`, or as the state before it where its ladder lacks that."""
         known = max((rung for rung in self.rungs if rung <= needed), default=needed)
         return known <= sys_state <= SysState.DRIVING
@@ -123,7 +123,7 @@ def _may_climb(ct: CtState, sys_state: int, inputs: LadderInputs, heartbeat: boo
         CtState.CRANK_READY: SysState.CRANK_READY,
         CtState.CRANKING: SysState.IDLE,
     }.get(ct)
-    if needed is None or not inputs.answers(sys_state, needed):
+    if needed is None or not inputs.has_reached(sys_state, needed):
         return False
     return inputs.mode_switch or ct is not CtState.CRANK_READY
 

@@ -30,7 +30,7 @@ load = st.floats(0.0, 2.0)
 
 
 def asked(covariance: np.ndarray, level: float = 1.0, held: tuple[float, float] = NOTHING) -> np.ndarray:
-    return np.array(capacity(AXLES, THETA, covariance, use=np.full(2, USE), level=level, held=held))
+    return np.array(capacity(AXLES, THETA, covariance, use=np.full(2, USE), level=level, sustained=held))
 
 
 def test_a_certain_belief_leaves_the_whole_share_of_the_peak() -> None:
