@@ -69,6 +69,8 @@ class LocalSubscription(Generic[M]):
         self._messages.append(message)
 
     def poll(self, now_ns: int) -> list[M]:
+        if not self._messages:
+            return []
         messages = list(self._messages)
         self._messages.clear()
         return messages

@@ -30,7 +30,7 @@ from hil_gateway.process.cache import cache_directory
 
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
 """No -ffast-math: NaN must survive, it is how a broken step is recognised."""
-EXACT = ("-O2", "-ffp-contract=off", "-fno-math-errno", "-shared", "-fPIC")
+EXACT = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-shared", "-fPIC")
 """The bits of the virtual machine on every computer: no product is fused with a sum."""
 
 COMPILE_TIMEOUT_S = 120.0

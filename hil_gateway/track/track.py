@@ -186,11 +186,19 @@ class Track:
     def inside(self, s: float, lateral: float) -> float:
         """Distance from such a place to the nearer edge of where a car may be, m; negative beyond it."""
         i = min(int(s / self.length * len(self.s)), len(self.s) - 1)
-        lane = self.pit_lane
-        if lane is not None and (s - lane.s[0]) % self.length < lane.s[-1] - lane.s[0]:
+        if self._has_lane(s):
             room = self.room(s, lateral)
             return float(min(room.left, room.right))
         return float(self.width_left[i] if lateral > 0 else self.width_right[i]) - abs(lateral)
+
+    def in_lane(self, s: float, lateral: float) -> bool:
+        """Whether such a place is in the pit lane alone."""
+        return self._has_lane(s) and bool(self.room(s, lateral).in_lane)
+
+    def _has_lane(self, s: float) -> bool:
+        """Whether the pit lane runs beside the track there."""
+        lane = self.pit_lane
+        return lane is not None and bool((s - lane.s[0]) % self.length < lane.s[-1] - lane.s[0])
 
     def near(self, x: float, y: float) -> bool:
         """Whether a car that drives here can be at a point; one that is no number is nowhere."""

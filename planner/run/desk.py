@@ -112,7 +112,7 @@ class RunDesk:
 
     def in_lane(self, x: float, y: float) -> bool:
         """Whether a car at a place (m) is in the pit lane alone."""
-        self._in_lane = self._lane is not None and bool(self._track.room(*self._track.project(x, y)).in_lane)
+        self._in_lane = self._lane is not None and self._track.in_lane(*self._track.project(x, y))
         return self._in_lane
 
     def coming(self, s: float, lap: float) -> PitRoute | None:

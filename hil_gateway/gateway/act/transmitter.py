@@ -90,18 +90,21 @@ class Transmitter:
     def race_control(self, now_ns: int, ct_state: CtState, flags: Flags) -> None:
         """State and acknowledged flags, on every change and once a period of each message."""
         changed, self._reported = (ct_state, flags) != self._reported, (ct_state, flags)
-        content = {
-            "ct_state": self._states[ct_state],
-            "vehicle_number": self._vehicle_number,
-            **{f"{flag}_ack": code for flag, code in flags.items()},
-        }
-        for message in self._status:
-            name = message.layout.name
-            if changed or now_ns >= self._due_ns[name]:
-                self._due_ns[name] = now_ns + round(message.layout.period_s * 1e9)
-                places = self._codec.signals.commands
-                raw = {signal: places[key].raw(content[key]) for key, signal in message.signals.items()}
-                self._message(message, raw)
+        due = [m for m in self._status if changed or now_ns >= self._due_ns[m.layout.name]]
+        if not due:
+            return
+        places, content = (
+            self._codec.signals.commands,
+            {
+                "ct_state": self._states[ct_state],
+                "vehicle_number": self._vehicle_number,
+                **{f"{flag}_ack": code for flag, code in flags.items()},
+            },
+        )
+        for message in due:
+            self._due_ns[message.layout.name] = now_ns + round(message.layout.period_s * 1e9)
+            raw = {signal: places[key].raw(content[key]) for key, signal in message.signals.items()}
+            self._message(message, raw)
 
     def _message(self, message: _Sent, raw: Mapping[str, int]) -> bool:
         """Add what rests and the counter, pack, send: the integers that were checked are those in the bytes."""

@@ -59,20 +59,20 @@ class Senders:
     def __init__(self, periods: Mapping[int, float]) -> None:
         """`periods`: identifier -> declared period, s."""
         self._surplus = {
-            identifier: LeakyBucket(round(period * NS_PER_S / OVER), highest=2 * _most(period))
+            identifier: (LeakyBucket(round(period * NS_PER_S / OVER), highest=2 * _most(period)), _most(period))
             for identifier, period in periods.items()
         }
-        self._most = {identifier: _most(period) for identifier, period in periods.items()}
         self.doubled: set[int] = set()
         """identifiers that more than one sender sends, as of their newest frames"""
 
     def add(self, identifier: int, now_ns: int) -> None:
         """Count one frame."""
-        bucket = self._surplus.get(identifier)
-        if bucket is None:
+        known = self._surplus.get(identifier)
+        if known is None:
             return
+        bucket, most = known
         bucket.add(now_ns)
-        if bucket.level >= self._most[identifier]:
+        if bucket.level >= most:
             self.doubled.add(identifier)
         elif self.doubled:
             self.doubled.discard(identifier)

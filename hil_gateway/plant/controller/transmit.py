@@ -60,14 +60,20 @@ class ReportTransmitter:
         self._race_control = race_control
         self._received = ReceivedCommand()
         self._states = self._codes_of_states()
+        reports = self._codec.signals.reports
+        self._warm = {
+            wheel: dict.fromkeys((name for name in reports if name.startswith(f"tyre.{wheel}.")), WARM_TYRE_C)
+            for wheel in WHEELS
+        }
+        """temperatures of a tyre"""
         self._sources = self._sources_of_quantities()
         self._by_period: dict[int, list[_Report]] = {}
         placing = f"receiver.{next(iter(platform.receivers))}.latitude"
         for message in self._codec.messages.values():
             quantities = self._codec.quantities(message.name)
             if message.direction == "car" and (positions or placing not in quantities):
-                reports = self._by_period.setdefault(round(message.period_s * NS_PER_S), [])
-                reports.append(self._report(message, quantities, reports))
+                together = self._by_period.setdefault(round(message.period_s * NS_PER_S), [])
+                together.append(self._report(message, quantities, together))
         self._due_ns: dict[int, int] = {}
         self.next_ns = 0
         """when the next message is due; nothing needs to be called before"""
@@ -220,8 +226,7 @@ class ReportTransmitter:
 
     def _tyre(self, wheel: str) -> Values:
         over = TYRE_PA * (1.0 - self._car.flats[WHEELS.index(wheel)])
-        warm = dict.fromkeys((n for n in self._codec.signals.reports if n.startswith(f"tyre.{wheel}.")), WARM_TYRE_C)
-        return warm | {f"tyre.{wheel}.pressure": AIR_PA + over, f"tyre.{wheel}.gauge": over}
+        return self._warm[wheel] | {f"tyre.{wheel}.pressure": AIR_PA + over, f"tyre.{wheel}.gauge": over}
 
     def _base(self) -> Values:
         control = self._race_control
