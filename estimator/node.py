@@ -30,7 +30,7 @@ from hil_gateway.car.actuation import brake_balance
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array
-from hil_gateway.process.clock import NS_PER_S, SystemClock
+from hil_gateway.process.clock import NS_PER_S, Arrivals, SystemClock
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
@@ -89,12 +89,14 @@ class Estimator:
         """Whether a vehicle state has ever come."""
         return self._seq > 0
 
-    def step(self, now_ns: int) -> None:
-        """Work through the vehicle states that have arrived, in order."""
+    def step(self, now_ns: int) -> bool:
+        """Work through the vehicle states that have arrived, in order; whether any has."""
         for proposal in self._proposals.poll(now_ns):
             self._succession.offer(proposal, self.policy.current)
-        for state in self._states.poll(now_ns):
+        states = self._states.poll(now_ns)
+        for state in states:
             self._take(state)
+        return bool(states)
 
     def _take(self, state: VehicleState) -> None:
         if (following := self._succession.take(state.stamp_ns)) is not None:
@@ -250,7 +252,7 @@ def belief_message(model: ModelInUse, stamp_ns: int, seq: int) -> Belief:
     )
 
 
-def run(config: Config, period_s: float = 0.001) -> None:
+def run(config: Config) -> None:
     """Run the process until SIGINT or SIGTERM."""
     from hil_gateway.bus.zenoh_bus import open_bus
     from hil_gateway.process.lifecycle import SilenceNotice, StopRequest
@@ -260,12 +262,13 @@ def run(config: Config, period_s: float = 0.001) -> None:
     bus = open_bus(config.zenoh, "estimator")
     estimator = Estimator(config, bus, background=True)
     punctual("estimator")
+    arrivals = Arrivals(round(NS_PER_S / topics.VEHICLE_STATE.rate_hz))
     notice = SilenceNotice("vehicle state", config.zenoh.connect, clock.now_ns())
     try:
         while not stopped():
             now_ns = clock.now_ns()
-            estimator.step(now_ns)
+            arrived = estimator.step(now_ns)
             notice.step(now_ns, estimator.received)
-            clock.sleep_until(now_ns + round(period_s * NS_PER_S))
+            clock.sleep_until(arrivals.next_look_ns(now_ns, arrived))
     finally:
         bus.close()

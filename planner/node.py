@@ -76,6 +76,8 @@ class Planner:
         self._plan: Trajectory | None = None
         self._guess_start_ns: int | None = None
         self._fresh_ns, self._boldness, self._seq = 0, 0.0, 0
+        self._estimates_before = 0
+        """that had come when a plan was prepared"""
         self._check = PlanCheck(self.settings)
         clearance = self.adoption.controller.clearance
         ways = self._track, config.vehicle.wheelbase, self.settings.limits, clearance
@@ -90,14 +92,24 @@ class Planner:
         self._run = RunDesk(bus, _progress(config, self.adoption, ours.car), self._track, lane)
 
     def step(self, now_ns: int) -> Plan | None:
-        """Plan from the newest estimate and publish; None while there has never been one.
+        """Plan from the newest estimate and publish; None while there has never been one."""
+        self.prepare(now_ns)
+        return self.plan(now_ns)
 
-        What does not need the estimate is done before it is read: it adds nothing to the age of the command, and
-        leaves in the processor's caches what the plan needs next.
-        """
-        self._prepare(now_ns)
+    def prepare(self, now_ns: int) -> None:
+        """What does not need the estimate: it adds nothing to the age of the command, and leaves in the processor's
+        caches what the plan needs next."""
+        self._carry_on(now_ns)
+        self._estimates_before = self._estimate.update(now_ns).count
         self._run.step(now_ns, 0.0 if self._plan is None else float(self._plan.z[S, 0]), self._base)
         self.adoption.cap_load(self._run.progress.caps.load_use)
+
+    def has_news(self, now_ns: int) -> bool:
+        """Whether an estimate has come since `prepare`."""
+        return self._estimate.update(now_ns).count != self._estimates_before
+
+    def plan(self, now_ns: int) -> Plan | None:
+        """See `step`; once after `prepare`."""
         message = self._plan_and_publish(now_ns)
         self._adopt(now_ns)
         return message
@@ -130,7 +142,7 @@ class Planner:
         """Loads the next run may start from."""
         return self.adoption.sustained
 
-    def _prepare(self, now_ns: int) -> None:
+    def _carry_on(self, now_ns: int) -> None:
         """What was sent since the last plan, and a guess that is as old as that plan an interval on."""
         self._record(self._applied.poll(now_ns), now_ns)
         if self._guess_start_ns is not None and self._guess_start_ns == self._fresh_ns:

@@ -5,16 +5,20 @@ from __future__ import annotations
 import gc
 import time
 
+from hil_gateway.bus.topics import ESTIMATE
 from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.config import Config
-from hil_gateway.process.clock import NS_PER_S, SystemClock
+from hil_gateway.process.clock import NS_PER_S, SystemClock, wait_for
 from hil_gateway.process.lifecycle import SilenceNotice, StopRequest
 from hil_gateway.process.scheduling import punctual, use_large_pages
 from planner.node import Planner
 
+HALF_ESTIMATE_NS = round(0.5 * NS_PER_S / ESTIMATE.rate_hz)
+"""A plan is prepared so long before the estimate that it begins from is due, and waits as long beyond that."""
+
 
 def run(config: Config) -> None:
-    """Plan at 20 Hz until asked to stop."""
+    """Plan every `planner.dt`, from an estimate as it comes, until asked to stop."""
     stop, clock = StopRequest(), SystemClock()
     bus = open_bus(config.zenoh, "planner")
     planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
@@ -23,13 +27,17 @@ def run(config: Config) -> None:
     use_large_pages()
     period_ns = round(config.planner.dt * NS_PER_S)
     due_ns = clock.now_ns()
+    """when an estimate is due that a plan begins from"""
     notice = SilenceNotice("estimate", config.zenoh.connect, due_ns)
     try:
         while not stop():
-            plan = planner.step(clock.now_ns())
+            planner.prepare(clock.now_ns())
+            if wait_for(clock, lambda: planner.has_news(clock.now_ns()), due_ns + HALF_ESTIMATE_NS):
+                due_ns = clock.now_ns()
+            plan = planner.plan(clock.now_ns())
             notice.step(clock.now_ns(), received=plan is not None)
             due_ns = max(due_ns + period_ns, clock.now_ns())
-            clock.sleep_until(due_ns)
+            clock.sleep_until(due_ns - HALF_ESTIMATE_NS)
     finally:
         planner.store_limits()
         bus.close()

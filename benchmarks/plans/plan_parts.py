@@ -37,7 +37,7 @@ COLD = 40
 WHOLE, REST, READY, BETWEEN = "whole plan", "rest", "made ready", "between plans"
 """the last two are no part of the whole: what is done before the estimate is read, and after the plan is published"""
 PARTS: tuple[tuple[str, type, str], ...] = (
-    (READY, Planner, "_prepare"),
+    (READY, Planner, "_carry_on"),
     (BETWEEN, Planner, "_adopt"),
     ("predicted state", Planner, "_initial_state"),
     ("parameters", Controller, "shift"),

@@ -10,9 +10,13 @@ from enum import StrEnum
 
 from hil_gateway.bus.messages import Command
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.settings.gateway import PERIOD_NS
 
 SOURCE_TIMEOUT_S = 0.5
 """A source silent for so long may be replaced or start over, but only while disarmed."""
+
+EARLIER_NS = 3 * PERIOD_NS // 4
+"""by which a command may come earlier than an interval after one that was taken late, in the period after its own"""
 
 
 class Refusal(StrEnum):
@@ -33,6 +37,8 @@ class CommandGate:
     received_ns: int | None = None
     successor: str = ""
     """a source that a person has given the right to; empty: nobody is to follow"""
+    interval_ns: int | None = None
+    """between the two newest, ns"""
 
     def offer(self, command: Command, now_ns: int, armed: bool, *, by_hand: bool = False) -> Refusal | None:
         """Take `command` or say why not; one `by_hand` takes over from any other source."""
@@ -47,9 +53,16 @@ class CommandGate:
             return Refusal.FROM_THE_FUTURE
         if now_ns - command.state_stamp_ns > self.latency_max_s * NS_PER_S:
             return Refusal.STALE
+        self.interval_ns = None if self.received_ns is None else now_ns - self.received_ns
         self.newest, self.received_ns = command, now_ns
         self.successor = "" if command.source == self.successor else self.successor
         return None
+
+    def expects(self, now_ns: int) -> bool:
+        """Whether the next command is due in this period, if they come as regularly as the last two."""
+        if self.received_ns is None or self.interval_ns is None:
+            return False
+        return now_ns - self.received_ns > self.interval_ns - EARLIER_NS
 
     def age_s(self, now_ns: int) -> float:
         """Seconds since the newest believed command arrived; infinite before the first."""

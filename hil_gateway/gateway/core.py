@@ -1,18 +1,20 @@
 """The gateway: frames in, vehicle state out; commands in, limited and supervised frames out (100 Hz).
 
-`step` is one period: perceive (frames, messages), decide (failsafe, ladder), act (actuation, limits, frames), report.
-It reads no clock and raises nothing but bugs.
+A period has two phases: `observe` perceives (frames, messages) and decides (failsafe, ladder), `answer` acts
+(actuation, limits, frames) and reports. In between, estimator and planner may answer what was observed; `step` is both
+at once. Nothing here reads a clock, or raises anything but bugs.
 """
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 from hil_gateway.agreement import agreement
 from hil_gateway.bus import topics
 from hil_gateway.bus.interface import Bus
-from hil_gateway.bus.messages import VehicleState
+from hil_gateway.bus.messages import FailsafeAction, VehicleState
 from hil_gateway.can_link import CanLink
 from hil_gateway.car.actuation import Actuation
 from hil_gateway.car.states import CtState
@@ -39,6 +41,15 @@ from hil_gateway.track.track import Track
 
 Measures = Mapping[str, float]
 """name of a measure of the failsafe table -> seconds it has held"""
+
+
+class _Observed(NamedTuple):
+    """What the first phase of a period leaves to the second."""
+
+    state: VehicleState
+    motion: Motion
+    pose: Pose | None
+    situation: Situation
 
 
 class Gateway:
@@ -72,6 +83,7 @@ class Gateway:
         self._seq = 0
         self.seen: tuple[VehicleState, Inputs] | None = None
         """what the newest period decided on"""
+        self._observed: _Observed | None = None
         self.speed = 0.0
         """m/s in the newest period, by whatever sensors are left"""
 
@@ -102,8 +114,28 @@ class Gateway:
         """From the next period on the table asks for a stop: this process is to end."""
         self._conditions.ending = True
 
+    @property
+    def newest_report_ns(self) -> int:
+        """When the newest report of the car came."""
+        return 0 if self._observed is None else self._observed.state.stamp_ns
+
+    @property
+    def awaits_command(self) -> bool:
+        """Whether a planner's command is what leaves next; a stop waits for nobody."""
+        return self.decision.action is FailsafeAction.DRIVE
+
+    def has_command(self, now_ns: int) -> bool:
+        """Whether the planner's command of this period has come, or none is due."""
+        self.inbox.read_commands(now_ns, self.decision.failsafe.armed)
+        return not self.inbox.gate.expects(now_ns)
+
     def step(self, now_ns: int) -> None:
-        """One 10 ms period."""
+        """One 10 ms period without time in between."""
+        self.observe(now_ns)
+        self.answer(now_ns)
+
+    def observe(self, now_ns: int) -> None:
+        """First phase: what the car reports, published, and what is decided on it."""
         before = self.decision
         state = self._read_car(now_ns, before)
         self._read_bus(now_ns, before)
@@ -111,6 +143,13 @@ class Gateway:
         self.speed = motion.speed
         self._stood.step(now_ns, state, self.inbox.estimate)
         situation = self._decide(now_ns, state, monitored, before)
+        self._observed = _Observed(state, motion, pose, situation)
+
+    def answer(self, now_ns: int) -> None:
+        """Second phase: the command that has arrived by now, or the gateway's own, on the wire."""
+        assert self._observed is not None, "nothing was observed"
+        state, motion, pose, situation = self._observed
+        self.inbox.read_commands(now_ns, self.decision.failsafe.armed)
         self._act(now_ns, state, motion, pose)
         self._report(situation)
 

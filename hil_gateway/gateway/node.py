@@ -16,12 +16,12 @@ from hil_gateway.config import Config
 from hil_gateway.gateway.core import Gateway
 from hil_gateway.gateway.ending import OrderlyEnd
 from hil_gateway.gateway.events.log import EventLog, to_journal
+from hil_gateway.gateway.period import ANSWER_NS, LATEST_NS, next_period
 from hil_gateway.gateway.running import announced
-from hil_gateway.process.clock import SystemClock
+from hil_gateway.process.clock import SystemClock, wait_for
 from hil_gateway.process.lifecycle import StopRequest
 from hil_gateway.process.processor_wait import describe_load
 from hil_gateway.process.scheduling import punctual
-from hil_gateway.settings.gateway import PERIOD_NS
 from hil_gateway.track.loading import load_track
 
 
@@ -51,22 +51,21 @@ def run(config: Config) -> None:
     try:
         with announced(config):
             while not ending.over(clock.now_ns(), stopped.count):
-                gateway.step(clock.now_ns())
+                began_ns = clock.now_ns()
+                gateway.observe(began_ns)
+                if gateway.awaits_command:
+                    clock.sleep_until(due_ns + ANSWER_NS)
+                    wait_for(clock, lambda: gateway.has_command(clock.now_ns()), due_ns + LATEST_NS)
+                gateway.answer(clock.now_ns())
                 events.step(clock.now_ns(), gateway, link.stats().bus_state)
                 notify.send("WATCHDOG=1")
-                due_ns = next_period(due_ns, clock.now_ns())
+                due_ns = next_period(due_ns, clock.now_ns(), began_ns - gateway.newest_report_ns)
                 clock.sleep_until(due_ns)
         gateway.shut_down(clock.now_ns())
     finally:
         notify.send("STOPPING=1")
         bus.close()
         link.close()
-
-
-def next_period(due_ns: int, now_ns: int) -> int:
-    """Next multiple of the period; periods that were missed are left out, never caught up in a burst."""
-    missed = max((now_ns - due_ns) // PERIOD_NS, 0)
-    return due_ns + (missed + 1) * PERIOD_NS
 
 
 class Notifier:

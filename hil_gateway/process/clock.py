@@ -8,9 +8,14 @@ of the vehicle state it answers, so that the gateway ages it by its own.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 NS_PER_S = 1_000_000_000
+LOOK_NS = 200_000
+"""between two looks for a message that is due"""
+IDLE_NS = 1_000_000
+"""between two looks where none is due"""
 
 
 class Clock(Protocol):
@@ -59,3 +64,28 @@ class VirtualClock:
 def wall_offset_ns() -> int:
     """Nanoseconds to add to a monotonic stamp to get Unix time (for recordings and kernel time stamps)."""
     return time.time_ns() - time.monotonic_ns()
+
+
+class Arrivals:
+    """When to look again for messages that come every `period_ns`, on a bus that is only asked: often when one is due,
+    seldom else."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._before_ns = period_ns - 2 * IDLE_NS
+        self._after_ns = period_ns + 2 * IDLE_NS
+        self._last_ns: int | None = None
+
+    def next_look_ns(self, now_ns: int, arrived: bool) -> int:
+        """After a look at `now_ns` that found one or not."""
+        if arrived:
+            self._last_ns = now_ns
+        if self._last_ns is None or now_ns > self._last_ns + self._after_ns:
+            return now_ns + IDLE_NS
+        return max(self._last_ns + self._before_ns, now_ns + LOOK_NS)
+
+
+def wait_for(clock: Clock, arrived: Callable[[], bool], until_ns: int) -> bool:
+    """Look until `arrived` says so or `until_ns` has passed; whether it has."""
+    while not (found := arrived()) and clock.now_ns() < until_ns:
+        clock.sleep_until(clock.now_ns() + LOOK_NS)
+    return found

@@ -54,6 +54,27 @@ def test_what_is_refused(gate, offered, now_ms, armed, refusal):
     assert (gate.received_ns == now_ms * MS) == taken
 
 
+@pytest.mark.parametrize(
+    ("taken_ms", "expected_ms"),
+    [
+        ([], []),
+        ([6], []),  # one says nothing of the next
+        ([6, 56], [95 + 10]),  # in the fifth period after it, not before
+        ([10, 60], [95 + 10]),  # too late for its period, taken in the next one: due in the fourth after that
+        ([5, 15], [25, 35]),
+    ],
+)
+def test_a_command_is_expected_when_the_interval_of_the_last_two_is_over(
+    taken_ms: list[int], expected_ms: list[int]
+) -> None:
+    """Asked 5 ms after the beginning of every period."""
+    gate = CommandGate(0.15)
+    for seq, ms in enumerate(taken_ms):
+        assert gate.offer(command(seq, ms), ms * MS, armed=True) is None
+    asked_ms = range((max(taken_ms, default=0) // 10) * 10 + 15, 10**3, 10)
+    assert [ms for ms in asked_ms if gate.expects(ms * MS)][: len(expected_ms)] == expected_ms
+
+
 def test_sequence_numbers_of_taken_commands_only_rise():
     rng = random.Random(5)
     gate, taken = CommandGate(0.15), []
