@@ -21,9 +21,10 @@ from estimator.offline.record.window_columns import WindowColumns
 from hil_gateway.process.arrays import Array
 
 MAX_ITERATIONS = 14
-CONVERGED = 0.3, 1e-4
-"""A step that lowers the deviance by less, absolutely or relative to all it was lowered by, ends the fit where an
-undamped one would not lower it by more: in a curved valley short steps gain little long before its end."""
+CONVERGED = 0.03, 1e-4
+"""A fit ends where an undamped step is predicted to lower the deviance by less, absolutely or relative to all it was
+lowered by: no parameter would move by a fifth of its standard deviation. What the last step gained says less: in a
+curved valley short ones gain little long before its end, and a good one much that is not to be had again."""
 SETTLED = 0.01
 """Predicted fall of the deviance below which a step is not made: no parameter would move by more than a tenth of its
 standard deviation."""
@@ -137,7 +138,7 @@ def fit(
 ) -> Fit:
     """Fit all parameters from `start`; `noise` weighs the channels, default: that of the sensors.
 
-    A step that lowers the deviance by less than `least` is the last.
+    It ends where a step would lower the deviance by less than `least`.
     At the end the noise is estimated from the residuals up to `reweighings` times, and the fit goes on from there.
     """
     noise = noise or ResidualNoise.white(predictor.record.block_noise)
@@ -175,9 +176,9 @@ def _descended(point: Point, iterations: int, least: float) -> tuple[Point, Norm
             if damping > 1e4:
                 break
             continue
-        gained, best, damping = best - value, value, damping / relief
+        best, damping = value, damping / relief
         point, normal = tried, new
-        if gained < enough and coordinates.damped_step(normal, point.parameters, 0.0)[1] < enough:
+        if coordinates.damped_step(normal, point.parameters, 0.0)[1] < enough:
             break
     return point, normal
 

@@ -135,12 +135,9 @@ class Predictor:
 
     def _remembered(self, parameters: Array) -> Array:
         """(m, windows * blocks) what the effects with memory make of the past."""
-        signals = dict(self.record.signals_and_courses)
-        for block in self._memory:
-            assert block.effect.prepare is not None
-            signals |= block.effect.prepare(signals, self.record.vehicle, tuple(parameters[block.parameters]))
-        made = [self.record.thin(signals[name]).ravel() for name in memory_names(self.model)]
-        return np.reshape(made, (len(made), self.record.rows.shape[0] * self.record.rows.shape[1]))
+        effects = [(block.effect, tuple(parameters[block.parameters].tolist())) for block in self._memory]
+        windows, blocks = self.record.rows.shape[:2]
+        return self.record.past(effects, memory_names(self.model)).reshape(-1, windows * blocks)
 
     def _theta(self, parameters: Array) -> Array:
         return parameters[[*range(len(self.model.tyre_table)), *self._points]]

@@ -27,6 +27,7 @@ from estimator.model.memory import axle_courses
 from estimator.model.parameters import table_car
 from estimator.model.single_track import AUXILIARY, SIGNALS
 from estimator.offline.record.laps import lap_numbers, scored_laps, track_position
+from estimator.offline.record.past import Past
 from estimator.offline.record.prepare import smoothed_velocity
 from estimator.offline.record.reported_inputs import without_noise
 from estimator.offline.record.window_columns import WindowBasis
@@ -179,9 +180,9 @@ class Record:
         return np.stack([self.thin(self.signals[n]) for n in STATES])
 
     @cached_property
-    def signals_and_courses(self) -> Mapping[str, Array]:
-        """The signals with the courses of the axles, which effects with memory need whatever their parameters."""
-        return {**self.signals, **axle_courses(self.signals, self.vehicle)}
+    def past(self) -> Past:
+        """What effects with memory make of the signals and of the courses of the axles."""
+        return Past({**self.signals, **axle_courses(self.signals, self.vehicle)}, self.vehicle, self.thin)
 
     def basis_over_windows(self, name: str) -> WindowBasis:
         """The basis of a profile over the windows."""
