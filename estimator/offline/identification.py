@@ -276,7 +276,11 @@ def _with_own_ay(fitted: _Fitted, task: _Task, health: HealthReport) -> tuple[_F
     task, health = _repaired(task, health, found)
     samples = prepare(task.log)
     fit = without(fitted.fit, found)
-    return replace(fitted, samples=samples, split=split(task.log, samples), fit=fit), task, health
+    return (
+        replace(fitted, samples=samples, split=split(task.log, samples, task.vehicle.own_time), fit=fit),
+        task,
+        health,
+    )
 
 
 def _repaired(task: _Task, health: HealthReport, found: Iterable[LogFinding]) -> tuple[_Task, HealthReport]:
@@ -289,7 +293,7 @@ def _fit_and_split(task: _Task, health: HealthReport, known: Mapping[str, float]
     """A fit that may start from parameters that are `known`; only then a fast car's forces are fitted as well."""
     task.progress("smoothing", EXAMINED)
     samples = prepare(task.log)
-    divided = split(task.log, samples)
+    divided = split(task.log, samples, task.vehicle.own_time)
     columns = _columns(task, health, with_forces=known is not None)
     train, test = samples.select(divided.train), samples.select(divided.test)
     result, recursion = _fit(task, columns, train, test, known)

@@ -175,7 +175,9 @@ class OutputErrorProblem(FitProblem):
         self._pass_spread()
         H, scatter, _ = self.algebraic.information_and_scatter(u)
         step = self.windows.step
-        length = block_length(self.settings, float(self.windows.weight.sum()) * step, self.size)
+        length = block_length(
+            self, float(self.windows.weight.sum()) * step, self.algebraic.columns.model.vehicle.own_time
+        )
         information, scores = self._reduced(u, max(1, round(length / step)))
         return H + information, scatter + scores @ scores.T, scores.shape[1]
 

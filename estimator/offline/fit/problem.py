@@ -26,8 +26,8 @@ LATERAL_AND_LONGITUDINAL = ("ax", "ay", "yaw_acc")
 BLOCKS_WANTED = 5.0
 """Time blocks per parameter from which their scatter is known well enough; blocks are shortened to have so many."""
 
-SHORTEST_BLOCK_S = 1.0
-"""Blocks are never shorter: what a model lacks lasts as long as a manoeuvre."""
+SHORTEST_BLOCK = 1.82
+"""No block is shorter over the car's own time, 1 s for an AV-24: what a model lacks lasts as long as a manoeuvre."""
 
 
 SLIP_QUANTILES = (0.5, 0.9, 0.995)
@@ -162,7 +162,7 @@ class AlgebraicProblem(FitProblem):
 
     def information_and_scatter(self, u: Array) -> tuple[Array, Array, int]:
         duration_s = len(self.samples) * self.samples.step
-        block = time_blocks(self.samples, block_length(self.settings, duration_s, self.size))
+        block = time_blocks(self.samples, block_length(self, duration_s, self.columns.model.vehicle.own_time))
         scores = np.zeros((self.size, int(block[-1]) + 1))
         H = np.zeros((self.size, self.size))
         for rows, errors, J in self._linearised(u):
@@ -196,10 +196,10 @@ def huber_loss(z: Array, limit: float) -> Array:
     return np.where(size <= limit, 0.5 * size * size, limit * (size - 0.5 * limit))
 
 
-def block_length(settings: FitSettings, duration_s: float, parameters: int) -> float:
-    """Length of the time blocks whose scores are taken as independent."""
-    wanted = duration_s / (BLOCKS_WANTED * parameters)
-    return min(settings.block_s, max(wanted, SHORTEST_BLOCK_S))
+def block_length(problem: FitProblem, duration_s: float, own_time: float) -> float:
+    """Length of the time blocks whose scores are taken as independent, s, as is the `own_time` of the car."""
+    wanted = duration_s / (BLOCKS_WANTED * problem.size)
+    return min(problem.settings.block_s, max(wanted, SHORTEST_BLOCK * own_time))
 
 
 def time_blocks(samples: Samples, length_s: float) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ from estimator.drive_log.table import DriveLog
 from estimator.model.single_track import SIGNALS
 from estimator.offline.record.prepare import Samples
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.errors import InputError
 
 MIN_WINDOW_SHARE = 0.25
 """A shorter rest of a stretch is joined to nothing and left out."""
@@ -42,9 +43,19 @@ class Windows:
 
 
 def cut(log: DriveLog, samples: Samples, length_s: float) -> Windows:
-    """Windows of `length_s` from every uninterrupted stretch of `samples` (not thinned)."""
+    """Windows of `length_s` from every uninterrupted stretch of `samples` (not thinned).
+
+    Raises:
+        InputError: no stretch is long enough for one.
+    """
     size = max(8, round(length_s / samples.step) + 1)
     index, weight = _lanes(samples, size)
+    if not index.size:
+        least_s = max(8, MIN_WINDOW_SHARE * size) * samples.step
+        raise InputError(
+            f"the log has no uninterrupted {least_s:.2g} s to simulate among what is fitted, or what is held out:"
+            " drive longer without spinning, or give a shorter --window"
+        )
     row = samples.row[index]
     return Windows(
         inputs=samples.inputs[:, index],

@@ -16,6 +16,7 @@ from estimator.offline.record.declared import default_tyre_prior, read_vehicle
 from estimator.offline.record.record import make_record
 from estimator.offline.report.diagnosis_result import as_revision
 from hil_gateway.car.car import load_car
+from hil_gateway.process.errors import InputError
 
 MODEL_CAR = {"mass": 1.58, "yaw_inertia": 0.0048, "lf": 0.0805, "lr": 0.0930}
 """1:10, of the measured runs"""
@@ -56,6 +57,39 @@ def test_nothing_is_found_on_a_car_of_any_size_that_lacks_nothing(name: str, tmp
     result = diagnose(make_record(_log(car), vehicle), "per_axle", default_tyre_prior("per_axle", vehicle, load_car()))
     assert result.verdict == "none"
     assert np.isfinite(as_revision(result, "per_axle", ()).covariance).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
+def test_a_short_run_of_a_model_car_is_enough_for_what_it_determines(seed: int, tmp_path: Path) -> None:
+    """A small car does in a second what a large one does in four: the interval of every parameter holds the truth."""
+    car = CARS["1:10"]
+    vehicle, columns = read_vehicle(_vehicle_file(tmp_path, car.vehicle), load_car()), car.drive(seed, seconds=20.0)
+    log = DriveLog(columns, np.zeros(len(columns["t"]), np.int64))
+    found = identify(log, vehicle, default_tyre_prior("per_axle", vehicle, load_car()), Options())
+    truth = {
+        f"{p}{axle}": v for axle in "fr" for p, v in zip("bcd", {"f": car.front, "r": car.rear}[axle], strict=True)
+    }
+    assert all(abs(found.final[name] - v) < 2.6 * found.fit.std[name] for name, v in truth.items())
+    stiffness = [np.prod([found.final[f"{p}{axle}"] for p in "bcd"]) for axle in "fr"]
+    np.testing.assert_allclose(stiffness, [np.prod(car.front), np.prod(car.rear)], rtol=0.03)
+
+
+def test_too_short_a_run_is_refused_by_the_size_of_the_car(tmp_path: Path) -> None:
+    car = CARS["1:10"]
+    vehicle, columns = read_vehicle(_vehicle_file(tmp_path, car.vehicle), load_car()), car.drive(1, seconds=6.0)
+    log = DriveLog(columns, np.zeros(len(columns["t"]), np.int64))
+    with pytest.raises(InputError, match=r"a car of this size needs 5\.2 s"):
+        identify(log, vehicle, default_tyre_prior("per_axle", vehicle, load_car()), Options())
+
+
+@pytest.mark.slow
+def test_the_shortest_measured_run_of_a_model_car_is_identified(measured_data: Path, tmp_path: Path) -> None:
+    (log,) = (measured_data / "dart").glob("*fast*.csv")
+    vehicle = read_vehicle(_vehicle_file(tmp_path, MODEL_CAR), load_car())
+    result = identify(read_logs([log]), vehicle, default_tyre_prior("per_axle", vehicle, load_car()), Options())
+    assert result.rmse["vy"][1] < 0.3 * result.rmse["vy"][0]
+    assert not result.identifiability.identifiable["cx"]
 
 
 def test_what_a_vehicle_file_leaves_out_is_in_proportion_to_the_car(tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ def test_one_tyre_for_both_axles_is_fitted_to_measured_accelerations(log_file: P
 def test_a_log_too_short_to_hold_anything_out_is_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "short.csv"
     path.write_text(to_csv(simulate([TYRE], 15.0, seed=32)[0].columns))
-    with pytest.raises(InputError, match="s of driving in the log: at least 20 s are needed"):
+    with pytest.raises(InputError, match="s of driving in the log: a car of this size needs 20 s"):
         identify(read_logs([path]), load_car().vehicle, tyre_prior(load_car(), "per_axle"), Options(method="batch"))
 
 

@@ -288,6 +288,22 @@ def test_a_corrupt_chunk_is_named_and_the_rest_is_read(tmp_path: Path, where: st
     assert reader.complete
 
 
+def test_an_index_that_is_wrong_hides_no_message_of_its_chunk_or_of_others(tmp_path: Path) -> None:
+    """Chunks are read together: the places of one that are no messages are looked for, those of the others are used."""
+    recorded(tmp_path / "s.mcap")
+    raw = bytearray((tmp_path / "s.mcap").read_bytes())
+    whole = [item.data for item in SessionReader(tmp_path / "s.mcap").items()]
+    _, index = chunk_spans(bytes(raw))[1]
+    assert raw[index] == 7
+    raw[index + 9 + 6 + 8] ^= 0x05  # place of the first message of the first index behind the second chunk
+    (tmp_path / "bad.mcap").write_bytes(raw)
+    reader = SessionReader(tmp_path / "bad.mcap")
+    assert [item.data for item in reader.items()] == whole
+    assert [damage.what for damage in reader.damage] == [
+        "what lies between the chunks is corrupt: its checksum is wrong; every message is whole"
+    ]
+
+
 @pytest.mark.promise("R3")
 def test_first_chunk_corrupt_still_gives_the_other_chunks_with_their_topics(tmp_path: Path) -> None:
     recorded(tmp_path / "s.mcap")
