@@ -21,7 +21,8 @@ import zstandard
 from hil_gateway.process.errors import InputError
 from hil_gateway.text_file import check_ends, text_of
 
-HEAD_BYTES = 1 << 16
+HEAD_BYTES, HEAD_PIECE = 1 << 16, 1 << 10
+"""of a file that its reader is chosen by, read in such pieces: a packed file that is cut off fails in its last one"""
 LINE_BYTES_MAX = 1 << 16
 """of a line of a log: longer ones are no text"""
 
@@ -73,13 +74,15 @@ class Source:
 
     @cached_property
     def head(self) -> bytes:
-        """The first bytes, unpacked."""
+        """The first bytes, unpacked; of a packed file that is cut off, what is there."""
+        head = bytearray()
         with self.open() as file:
             try:
-                return bytes(file.read(HEAD_BYTES))
+                while len(head) < HEAD_BYTES and (piece := file.read(min(HEAD_PIECE, HEAD_BYTES - len(head)))):
+                    head += piece
             except DAMAGED:
                 self.cut = True
-                return b""
+        return bytes(head)
 
     @property
     def packed(self) -> bool:

@@ -376,6 +376,15 @@ def test_a_packed_log_that_was_cut_off_says_so(tmp_path: Path) -> None:
         assert log.left_out["end that was cut off"] >= 1
 
 
+def test_a_short_packed_log_that_was_cut_off_gives_what_is_there(tmp_path: Path) -> None:
+    """Shorter than what its kind is recognised by: what is whole of it is not lost with its end."""
+    text = "".join(f"(1700000000.{n:06d}) slcan3 123#{(n * 2654435761) % 2**64:016X}\n" for n in range(800))
+    (tmp_path / "a.log.gz").write_bytes((packed := gzip.compress(text.encode()))[: len(packed) * 7 // 10])
+    log = open_log(tmp_path / "a.log.gz")
+    assert 400 < len(list(log.frames())) < 800
+    assert log.left_out["end that was cut off"] == 1
+
+
 def test_what_is_printed_without_times_is_refused_for_that(tmp_path: Path) -> None:
     (tmp_path / "a.log").write_text("  can0  123   [2]  11 22\n")
     with pytest.raises(InputError, match="no time: candump prints it with -t a"):
