@@ -158,7 +158,7 @@ class StateFilter:
 
     def std(self) -> Array:
         """Standard deviations of `STATES`, shape (n,)."""
-        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+        return np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
 
     @property
     def yaw_rate_std(self) -> float:

@@ -25,8 +25,8 @@ def brake_spread(revision: ModelRevision) -> tuple[float, float]:
     if Quantity.FRONT_BRAKE_SHARE not in effects or not learns_effects(revision):
         return 0.0, 0.0
     (place, share), (other, gain) = effects[Quantity.FRONT_BRAKE_SHARE], effects[Quantity.BRAKE_GAIN]
-    rows = np.array([[*revision.tyre].index("cx"), place, other])
-    covariance = np.array(revision.covariance)[rows[:, None], rows]
+    rows = [*revision.tyre].index("cx"), place, other
+    covariance = np.array([[revision.covariance[i][j] for j in rows] for i in rows])
     slopes = 1.0 / np.array([[revision.tyre["cx"], share, gain]] * 2)
     slopes[1, 1] = -1.0 / (1.0 - share)
     front, rear = np.sqrt(np.maximum(np.einsum("ai,ij,aj->a", slopes, covariance, slopes), 0.0)).tolist()

@@ -104,8 +104,8 @@ def next_knowledge(  # noqa: PLR0917 - all that a plan's tyres depend on
 
 def target_of(revised: RevisedModel, revision: ModelRevision, tyre: TyreNames, reserves: Reserves) -> Array:
     """theta that parameters in force go to."""
-    stated, response = tyre_covariance(revision), reserves.front_response
-    if response is None or stated is None:
+    response = reserves.front_response
+    if response is None or (stated := tyre_covariance(revision)) is None:
         return revised.theta
     return oversteering(revised.theta, stated, tyre.axles, response)
 
