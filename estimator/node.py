@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from itertools import pairwise
 
 import numpy as np
@@ -138,7 +138,7 @@ class Estimator:
     def _believed(self, sample: Sample) -> tuple[Sample, Array]:
         """The sample with the effects, and the tyre parameters, that are now believed."""
         mean, tyres = self.belief.mean, self.belief.tyres
-        return replace(sample, phi=mean[tyres:]) if self.belief.with_effects else sample, mean[:tyres]
+        return sample._replace(phi=mean[tyres:]) if self.belief.with_effects else sample, mean[:tyres]
 
 
 def _is_due(due_ns: int, period_ns: int, stamp_ns: int) -> bool:
@@ -150,8 +150,8 @@ def in_kind(sample: Sample, kind: MeasurementKind, vehicle: Vehicle) -> Sample:
     """An `imu_yaw` sample as another measurement variant."""
     if kind == "tyre_force":
         ax, ay, yaw_acc = sample.z.tolist()
-        return replace(sample, z=axle_forces(vehicle, ax, ay, yaw_acc, float(sample.signals[3])))
-    return sample if kind == "imu_yaw" else replace(sample, z=sample.z[:2])
+        return sample._replace(z=axle_forces(vehicle, ax, ay, yaw_acc, float(sample.signals[3])))
+    return sample if kind == "imu_yaw" else sample._replace(z=sample.z[:2])
 
 
 def late_drive(model: SingleTrack) -> int:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import atan2, isfinite, sqrt
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -56,8 +57,7 @@ class BeliefSettings:
         return np.asarray(np.array([table[c] for c in CHANNELS[self.kind]]) * np.sqrt(self.correlation_samples))
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """One measurement with the state it was taken in.
 
     `signals`: vx, vy, yaw_rate, steer, drive; `signal_covariance` (3, 3) of the first three;

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from benchmarks.faults.best_stop import best_stop
@@ -30,7 +28,7 @@ def before_a_bend(plant: Plant, speed: float, distance_m: float) -> Plant:
 
 
 def without_brakes(asked: Commands, before: Commands) -> Commands:
-    return replace(asked, brake_front=0.0, brake_rear=0.0)
+    return asked._replace(brake_front=0.0, brake_rear=0.0)
 
 
 def test_a_sound_car_before_a_bend_can_be_stopped_on_the_road(plant: Plant) -> None:

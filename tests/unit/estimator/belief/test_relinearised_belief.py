@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -89,7 +87,7 @@ def test_memory_is_bounded_and_old_samples_keep_their_weight() -> None:
 
 def with_less_force_when_driven(samples: list[Sample]) -> list[Sample]:
     """What a friction ellipse does and Eq. (2) leaves out: a tenth less lateral force for half of each drive cycle."""
-    return [replace(s, z=s.z * [1.0, 0.9 if s.signals[4] > 0.0 else 1.0, 1.0]) for s in samples]
+    return [s._replace(z=s.z * [1.0, 0.9 if s.signals[4] > 0.0 else 1.0, 1.0]) for s in samples]
 
 
 def test_errors_that_keep_their_sign_count_less(monkeypatch: pytest.MonkeyPatch) -> None:

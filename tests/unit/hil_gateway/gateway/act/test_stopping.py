@@ -387,5 +387,5 @@ def test_a_stop_at_speed_steers_by_where_the_car_goes_not_by_where_it_points(rig
 def test_a_stop_steers_more_with_a_car_that_understeers(rig):
     stop, pose = on_a_circle(rig)
     steady = Motion(30.0, 30.0 / 80.0, 30.0**2 / 80.0)
-    plain, pushing = (stop.command(replace(steady, understeer=k), pose, emergency=False)[0] for k in (0.0, 1e-3))
+    plain, pushing = (stop.command(steady._replace(understeer=k), pose, emergency=False)[0] for k in (0.0, 1e-3))
     assert pushing > plain + 0.3 * 1e-3 * steady.ay
