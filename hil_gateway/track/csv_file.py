@@ -2,9 +2,10 @@
 
 Header `x_m,y_m,w_tr_right_m,w_tr_left_m` (a leading `#` is allowed), optionally `z_m` and `bank_rad`, in any
 order, apart by commas, or by semicolons or tabs with either decimal mark; places on a UTM grid are moved, and that is
-logged; one row a point, in driving order, the last not repeating the first. A pit lane is the same, not closed, in
-`NAME.pit.csv` beside `NAME.csv`, from where it leaves the road to where it is back, `speed_mps` (optional) where its
-limit holds, else 0; its boxes are `NAME.boxes.csv`, `x_m,y_m,heading_rad` of the car's centre of gravity in each.
+logged; `lat_deg,lon_deg` in place of x and y become metres from the first point; one row a point, in driving order,
+the last not repeating the first. A pit lane is the same, not closed, in `NAME.pit.csv` beside `NAME.csv`, from where
+it leaves the road to where it is back, `speed_mps` (optional) where its limit holds, else 0; its boxes are
+`NAME.boxes.csv`, `x_m,y_m,heading_rad` of the car's centre of gravity in each.
 """
 
 from __future__ import annotations
@@ -14,19 +15,26 @@ from pathlib import Path
 
 import numpy as np
 
+from hil_gateway.config import OriginConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.text_file import read_text
+from hil_gateway.track.geodesy import LocalMap
 from hil_gateway.track.pit_lane import LaneSurvey, Place
 from hil_gateway.track.smoothing import Survey
 
 log = logging.getLogger(__name__)
 REQUIRED = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
+GEODETIC = ("lat_deg", "lon_deg", *REQUIRED[2:])
+ALSO = {"lat": "lat_deg", "latitude": "lat_deg", "lon": "lon_deg", "lng": "lon_deg", "longitude": "lon_deg"}
+"""other name of a column -> its name"""
 OPTIONAL = ("z_m", "bank_rad", "speed_mps")
 BOX = ("x_m", "y_m", "heading_rad")
 LIMITS: dict[str, tuple[float, float]] = {
     "x_m": (-1e7, 1e7),
     "y_m": (-1e7, 1e7),
+    "lat_deg": (-90.0, 90.0),
+    "lon_deg": (-180.0, 180.0),
     "w_tr_right_m": (0.1, 100.0),
     "w_tr_left_m": (0.1, 100.0),
     "z_m": (-1e4, 1e4),
@@ -54,7 +62,9 @@ def read_csv(path: Path) -> Survey:
     Raises:
         InputError: with file, row (line number), column, value and remedy.
     """
-    columns, numbers = _columns(path)
+    columns, numbers = _columns(path, REQUIRED, GEODETIC)
+    if "x_m" not in columns:
+        columns |= _on_map(path, columns["lat_deg"], columns["lon_deg"])
     moved = _moved_by(columns)
     if moved != (0.0, 0.0):
         log.warning("%s: x, y are on a grid: moved by %.0f, %.0f m", path, -moved[0], -moved[1])
@@ -119,13 +129,27 @@ def _read_boxes(path: Path, moved: tuple[float, float]) -> tuple[Place, ...]:
     return tuple(zip(x.tolist(), y.tolist(), yaw.tolist(), strict=True))
 
 
-def _columns(path: Path, required: tuple[str, ...] = REQUIRED) -> tuple[dict[str, Array], list[int]]:
-    """Columns by name, and the line number of every row."""
+def _on_map(path: Path, latitude: Array, longitude: Array) -> dict[str, Array]:
+    """`x_m`, `y_m` of places (n,), degrees: m east and north of the first, which is said."""
+    if not len(latitude):
+        return {"x_m": latitude, "y_m": longitude}
+    origin = OriginConfig(latitude=float(latitude[0]), longitude=float(longitude[0]))
+    log.warning("%s: m from %.7f, %.7f: the car's origin has to be there", path, origin.latitude, origin.longitude)
+    to_map = LocalMap(origin).to_map
+    places = [to_map(*place) for place in zip(latitude.tolist(), longitude.tolist(), strict=True)]
+    return dict(zip(("x_m", "y_m"), np.array(places).T, strict=True))
+
+
+def _columns(
+    path: Path, required: tuple[str, ...] = REQUIRED, instead: tuple[str, ...] = REQUIRED
+) -> tuple[dict[str, Array], list[int]]:
+    """Columns by name, those `required` or all that may stand `instead`, and the line number of every row."""
     lines = read_text(path, BYTES_MAX, "track").splitlines()
     separator = max(SEPARATORS, key=lines[0].count) if lines else ","
     if separator != ",":
         lines = [lines[0].replace(separator, ","), *(_with_commas(line, separator) for line in lines[1:])]
-    names = [name.strip() for name in lines[0].lstrip("# ").split(",")] if lines else []
+    names = [ALSO.get(n.strip(), n.strip()) for n in lines[0].lstrip("# ").split(",")] if lines else []
+    required = instead if set(instead) <= set(names) and not set(required) <= set(names) else required
     if twice := next((name for name in LIMITS if names.count(name) > 1), ""):
         raise InputError(f"{path}:1: column {twice} is there twice; leave one")
     missing = [name for name in required if name not in names]

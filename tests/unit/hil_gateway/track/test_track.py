@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil_gateway.process.errors import InputError
+from hil_gateway.track.csv_file import read_csv
 from hil_gateway.track.loading import load_track, shipped_tracks
 from hil_gateway.track.track import Track
 
@@ -280,6 +281,21 @@ def test_other_separators_and_decimal_commas_give_the_same_track(tmp_path: Path,
     other = [row.replace(",", separator).replace(".", decimal) for row in rows]
     (tmp_path / "u.csv").write_text("\n".join(other))
     assert np.array_equal(load_track(tmp_path / "u.csv").x, first.x)
+
+
+def test_places_by_latitude_and_longitude_are_metres_from_the_first(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A degree of latitude is 111.2 km at 48 degrees north, one of longitude 74.5 km (WGS 84 tables)."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    places = zip(48.0 + 3e-4 * np.sin(turn), 11.0 + 6e-4 * np.cos(turn), strict=True)
+    rows = "".join(f"{lat:.9f},{lon:.9f},1.1,1.2\n" for lat, lon in places)
+    (tmp_path / "t.csv").write_text("latitude,longitude,w_tr_right_m,w_tr_left_m\n" + rows)
+    survey = read_csv(tmp_path / "t.csv")
+    assert np.ptp(survey.y) == pytest.approx(6e-4 * 111_200, rel=2e-3)
+    assert np.ptp(survey.x) == pytest.approx(12e-4 * 74_500, rel=2e-3)
+    assert (survey.x[0], survey.y[0]) == (0.0, 0.0)
+    assert "the car's origin has to be there" in caplog.text
 
 
 def test_places_on_a_utm_grid_are_moved_and_that_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
