@@ -39,7 +39,6 @@ from estimator.offline.predict.nuisance import (
 from estimator.offline.predict.rollout import Rollout
 from estimator.offline.progress import approached
 from estimator.offline.record.prepare import Samples, fast_speed, prepare, spinning
-from estimator.offline.record.split import Split, split
 from estimator.offline.result.grip import Grip, grip_of, slides
 from estimator.offline.result.identification_score import (
     LogScore,
@@ -49,6 +48,7 @@ from estimator.offline.result.identification_score import (
     score_samples,
     simulations,
 )
+from estimator.offline.split import Split, split
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.arrays import Array
 
