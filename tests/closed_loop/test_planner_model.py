@@ -57,10 +57,10 @@ def test_predicted_start_of_the_next_plan_is_met() -> None:
 def test_what_does_not_need_the_estimate_is_done_before_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     rig, done = ModelCar(planner_config()), []
     rig.run(1.0)
-    controller, reader = rig.planner.adoption.controller, rig.planner._estimate
-    prepare, update = controller.prepare, reader.update
+    controller, planner = rig.planner.adoption.controller, rig.planner
+    prepare, plan = controller.prepare, planner._plan_and_publish
     monkeypatch.setattr(controller, "prepare", lambda: (done.append("ready"), prepare()))
-    monkeypatch.setattr(reader, "update", lambda now_ns: (done.append("estimate"), update(now_ns))[1])
+    monkeypatch.setattr(planner, "_plan_and_publish", lambda now_ns: (done.append("estimate"), plan(now_ns))[1])
     rig.run(0.1)
     assert done == ["ready", "estimate"] * 2
 
