@@ -37,15 +37,18 @@ class CommandGate:
     received_ns: int | None = None
     successor: str = ""
     """a source that a person has given the right to; empty: nobody is to follow"""
+    by_hand: bool = False
+    """whether the newest is a person's"""
     interval_ns: int | None = None
     """between the two newest, ns"""
 
     def offer(self, command: Command, now_ns: int, armed: bool, *, by_hand: bool = False) -> Refusal | None:
-        """Take `command` or say why not; one `by_hand` takes over from any other source."""
+        """Take `command` or say why not; one `by_hand` takes over from any source but another person."""
         known = self.newest
         if known is not None and not (self.age_s(now_ns) > SOURCE_TIMEOUT_S and not armed):
             same = command.source == known.source
-            if not (same or by_hand or command.source == self.successor):
+            takes_over = (by_hand and not self.by_hand) or command.source == self.successor
+            if not (same or takes_over):
                 return Refusal.SECOND_SOURCE
             if same and (command.seq <= known.seq or command.state_stamp_ns < known.state_stamp_ns):
                 return Refusal.OUT_OF_ORDER
@@ -54,7 +57,7 @@ class CommandGate:
         if now_ns - command.state_stamp_ns > self.latency_max_s * NS_PER_S:
             return Refusal.STALE
         self.interval_ns = None if self.received_ns is None else now_ns - self.received_ns
-        self.newest, self.received_ns = command, now_ns
+        self.newest, self.received_ns, self.by_hand = command, now_ns, by_hand
         self.successor = "" if command.source == self.successor else self.successor
         return None
 

@@ -75,6 +75,21 @@ def test_a_command_is_expected_when_the_interval_of_the_last_two_is_over(
     assert [ms for ms in asked_ms if gate.expects(ms * MS)][: len(expected_ms)] == expected_ms
 
 
+def test_a_person_takes_over_at_once_and_from_no_other_person(gate):
+    assert gate.offer(command(1, 1000, "joystick 1"), 1010 * MS, armed=True, by_hand=True) is None
+    assert gate.offer(command(12, 1005), 1020 * MS, armed=True) is Refusal.SECOND_SOURCE
+    assert gate.offer(command(1, 1005, "joystick 2"), 1020 * MS, armed=True, by_hand=True) is Refusal.SECOND_SOURCE
+    assert gate.offer(command(1, 1010, "joystick 1"), 1020 * MS, armed=True, by_hand=True) is Refusal.OUT_OF_ORDER
+
+
+def test_a_successor_follows_once_and_what_it_followed_is_refused(gate):
+    gate.successor = "planner 2"
+    assert gate.offer(command(11, 1000), 1010 * MS, armed=True) is None
+    assert gate.offer(command(1, 1005, "planner 2"), 1020 * MS, armed=True) is None
+    assert gate.offer(command(12, 1010), 1030 * MS, armed=True) is Refusal.SECOND_SOURCE
+    assert gate.successor == ""
+
+
 def test_sequence_numbers_of_taken_commands_only_rise():
     rng = random.Random(5)
     gate, taken = CommandGate(0.15), []
