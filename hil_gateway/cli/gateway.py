@@ -79,9 +79,10 @@ def _request(config: Path | None, *actions: OperatorAction) -> None:
         statuses = bus.subscribe(topics.GATEWAY_STATUS)
         if (before := wait(statuses, lambda status: True)) is None:
             raise InputError(f"no gateway answers at {', '.join(reached.zenoh.connect)}; {reached.remedy}")
+        crank = REQUESTS[OperatorAction.CRANK]
         for action in actions:
             if action is OperatorAction.CRANK:
-                wait(statuses, lambda status: not status.missing_for_crank or "cranked" in status.missing_for_crank)
+                wait(statuses, lambda status: not status.missing_for_crank or crank.done(status, before))
             elif len(actions) > 1:
                 wait(statuses, lambda status: not status.missing_for_arming, seconds=CRANKED_S)
             _ask(bus, statuses, action, before)

@@ -27,6 +27,8 @@ def side_by_side(scheduler: str = "") -> Read:
         raise InputError("--scheduler needs dask: pip install 'hil-gateway[cluster]'")
 
     def read(sessions: Sequence[tuple[Path, ...]]) -> Iterator[dict[str, Any]]:
+        if not sessions:
+            return
         if len(sessions) <= FEW and not scheduler:
             yield from _with_bar(read_in_turn(sessions), len(sessions))
             return

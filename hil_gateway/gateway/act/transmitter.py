@@ -93,14 +93,12 @@ class Transmitter:
         due = [m for m in self._status if changed or now_ns >= self._due_ns[m.layout.name]]
         if not due:
             return
-        places, content = (
-            self._codec.signals.commands,
-            {
-                "ct_state": self._states[ct_state],
-                "vehicle_number": self._vehicle_number,
-                **{f"{flag}_ack": code for flag, code in flags.items()},
-            },
-        )
+        content = {
+            "ct_state": self._states[ct_state],
+            "vehicle_number": self._vehicle_number,
+            **{f"{flag}_ack": code for flag, code in flags.items()},
+        }
+        places = self._codec.signals.commands
         for message in due:
             self._due_ns[message.layout.name] = now_ns + round(message.layout.period_s * 1e9)
             raw = {signal: places[key].raw(content[key]) for key, signal in message.signals.items()}

@@ -127,9 +127,8 @@ def _restarting(situation: Situation, state: Decision) -> bool:
         return state.restarting or ct_state is CtState.EMERGENCY or (armed and not situation.may_hold)
     back = situation.ladder.car_alive and situation.ladder.sys_state <= SysState.CONNECTED
     reached = SysState.TEST_DONE if ct_state is CtState.CRANK_READY else SysState.CRANK_READY
-    left = not situation.ladder.has_reached(
-        situation.ladder.sys_state, reached
-    )  # a ladder may lack the rung of the test
+    # a ladder may lack the rung of the test
+    left = not situation.ladder.has_reached(situation.ladder.sys_state, reached)
     began = back and left and not armed and CtState.ACTUATOR_TEST < ct_state < CtState.EMERGENCY
     noticed = state.commanded_ns is None or situation.now_ns - state.commanded_ns > NOTICED_S * NS_PER_S
     return began or (state.restarting and not (back and noticed))

@@ -12,6 +12,7 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.run import recordings, runs_in
 from hil_gateway.session.logs.raw_bag import is_mcap, is_recording
 from hil_gateway.session.logs.source import Source
+from hil_gateway.session.overview.catalogue import STORED_EVERY
 from hil_gateway.session.overview.info import recording_info
 
 INDEX = ".hil-day.json"
@@ -22,8 +23,6 @@ KEPT = (
     "weather", "tyres", "km", "top_speed", "stops", "alerts", "revisions", "effects", "tyres_believed", "loop_ms",
 )  # fmt: skip
 """of what is known of a session"""
-STORED_EVERY = 50
-"""sessions read: who interrupts a long first call loses no more than these"""
 Read = Callable[[Sequence[tuple[Path, ...]]], Iterable[dict[str, Any]]]
 """Entries of sessions, in their order."""
 

@@ -116,18 +116,19 @@ def _pettitt(value: Array, level: float) -> int | None:
     u = 2.0 * np.cumsum(rankdata(value))[:-1] - np.arange(1, n) * (n + 1.0)
     place = LEAST + int(np.argmax(np.abs(u[LEAST - 1 : n - LEAST])))
     stepped = np.r_[value[:place] - np.median(value[:place]), value[place:] - np.median(value[place:])]
-    worth = (1.0 - _resemblance(stepped)) / (1.0 + _resemblance(stepped))
-    probability = 2.0 * np.exp(-6.0 * worth * u[place - 1] ** 2 / (n**3 + n**2))
+    probability = 2.0 * np.exp(-6.0 * _worth(stepped) * u[place - 1] ** 2 / (n**3 + n**2))
     if probability > level or np.abs(_off_line(value)).sum() <= np.abs(stepped).sum():
         return None
     return place
 
 
-def _resemblance(rest: Array) -> float:
-    """Correlation of neighbours, 0 to 1, without the bias of a short series (Marriott and Pope, 1954)."""
+def _worth(rest: Array) -> float:
+    """Independent values that one of these is worth, 0 to 1: the correlation of neighbours, without the bias of a short
+    series (Marriott and Pope, 1954), makes of n values n (1 - r) / (1 + r)."""
     power = float(rest @ rest)
     seen = rest[1:] @ rest[:-1] / power if power else 0.0
-    return float(np.clip(seen + (1.0 + 4.0 * seen) / len(rest), 0.0, 0.99))
+    alike = float(np.clip(seen + (1.0 + 4.0 * seen) / len(rest), 0.0, 0.99))
+    return (1.0 - alike) / (1.0 + alike)
 
 
 def _off_line(value: Array) -> Array:
@@ -154,8 +155,7 @@ def _slope(at: Array, value: Array, level: float) -> float | None:
     """Median slope; None where chance explains it."""
     if len(value) < 2 * LEAST or np.ptp(at) == 0.0 or np.ptp(value) == 0.0:
         return None
-    rest = _resemblance(_off_line(value))
-    chance = spearmanr(at, value).pvalue ** ((1.0 - rest) / (1.0 + rest))
+    chance = spearmanr(at, value).pvalue ** _worth(_off_line(value))  # its logarithm goes with their number
     return float(theilslopes(value, at)[0]) if chance <= level else None
 
 
