@@ -60,9 +60,9 @@ take the rest."""
 def _print_effects(wanted: bool) -> None:
     """Print the catalogue and end."""
     if wanted:
-        from estimator.model.catalogue_page import parameter_list
+        from estimator.model.catalogue_text import catalogue_text
 
-        print(parameter_list())
+        print(catalogue_text())
         raise typer.Exit
 
 
@@ -73,7 +73,7 @@ Seconds = Annotated[float | None, typer.Option(min=1.0, help="end after about so
 Catalogue = Annotated[
     bool,
     typer.Option(
-        "--effects", callback=_print_effects, is_eager=True, help="print the parameters of all effects and end"
+        "--effects", callback=_print_effects, is_eager=True, help="print equations, parameters, sources of all and end"
     ),
 ]
 
