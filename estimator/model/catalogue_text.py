@@ -7,8 +7,8 @@ from estimator.model.effects import catalogue, effect_with
 from estimator.model.look_alikes import LOOK_ALIKES
 from estimator.model.parameters import Parameter
 
-HEAD = """At its neutral parameters an effect changes nothing. Those with memory use the past of the signals on recorded data,
-and their first-order form in the planner.
+HEAD = """At its neutral parameters an effect changes nothing. Those with memory use the past of the signals on recorded
+data, and their first-order form in the planner.
 """
 
 
