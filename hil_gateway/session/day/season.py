@@ -17,6 +17,7 @@ import numpy as np
 from scipy.stats import rankdata, spearmanr, theilslopes
 
 from hil_gateway.process.arrays import Array
+from hil_gateway.process.errors import InputError
 
 FALSE_ALARM = 0.01
 """Probability that a season in which nothing changed names anything. Where sessions resemble each other it is 1 to 2 %
@@ -48,8 +49,14 @@ class Step:
 
 
 def season(day: dict[str, Any]) -> dict[str, Any]:
-    """Series, steps, drifts and changes of what `read_day` found, ready for JSON."""
+    """Series, steps, drifts and changes of what `read_day` found, ready for JSON.
+
+    Raises:
+        InputError: no recording that can be read.
+    """
     sessions = [s for s in day["sessions"] if "unreadable" not in s]
+    if not sessions:
+        raise InputError("; ".join(s["unreadable"] for s in day["sessions"]))
     found = list(series(sessions))
     level = FALSE_ALARM / max(len(found), 1)
     rows = [_row(one, sessions, level) for one in found]
@@ -62,7 +69,7 @@ def season(day: dict[str, Any]) -> dict[str, Any]:
 
 
 def series(sessions: Sequence[dict[str, Any]]) -> Iterator[Series]:
-    """What is followed: quantities of at least two sessions, by car."""
+    """What is followed, by car."""
     values: dict[tuple[str, str], list[tuple[int, float, float]]] = defaultdict(list)
     cars = {s["car"] for s in sessions}
     for s in sessions:
@@ -70,9 +77,8 @@ def series(sessions: Sequence[dict[str, Any]]) -> Iterator[Series]:
         for name, unit, value, std in _readings(s):
             values[where + name, unit].append((s["number"], value, std))
     for (name, unit), rows in sorted(values.items()):
-        if len(rows) > 1:
-            numbers = tuple(row[0] for row in rows)
-            yield Series(name, unit, numbers, np.array([row[1] for row in rows]), np.array([row[2] for row in rows]))
+        number, means, deviations = zip(*rows, strict=True)
+        yield Series(name, unit, number, np.array(means), np.array(deviations))
 
 
 def _readings(s: dict[str, Any]) -> Iterator[tuple[str, str, float, float]]:

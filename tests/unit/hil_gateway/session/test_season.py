@@ -13,6 +13,7 @@ from unit.hil_gateway.session.test_day import write
 from hil_gateway.cli.main import app
 from hil_gateway.cli.track_day.reading import side_by_side
 from hil_gateway.dashboard.day.season_page import page
+from hil_gateway.process.errors import InputError
 from hil_gateway.session.day.index import INDEX, read_day
 from hil_gateway.session.day.season import season
 
@@ -83,6 +84,16 @@ def test_sessions_that_say_nothing_and_such_as_cannot_be_read_are_no_trouble():
     found = season(day)
     assert found["unreadable"] == ["bad.mcap"] and found["sessions"] == 5
     assert "not readable: bad.mcap" in page(found, day["sessions"])
+
+
+def test_a_season_of_one_session_has_a_page_and_one_that_cannot_be_read_says_why(tmp_path):
+    write(tmp_path / "day" / "session.mcap", 0.0, 1.2, "A1")
+    assert CliRunner().invoke(app, ["season", str(tmp_path)]).exit_code == 0
+    assert "aero_drag c" in (tmp_path / "season.html").read_text()
+    (tmp_path / "broken" / "day").mkdir(parents=True)
+    (tmp_path / "broken" / "day" / "junk.mcap").write_bytes(b"junk")
+    refused = CliRunner().invoke(app, ["season", str(tmp_path / "broken")]).exception
+    assert isinstance(refused, InputError) and "junk.mcap" in str(refused)
 
 
 def test_days_are_read_side_by_side_as_one_after_the_other(tmp_path):
