@@ -52,7 +52,8 @@ class ZenohSubscription(Generic[M]):
         self._topic = topic
         self._subscriber = session.declare_subscriber(topic.key, RingChannel(depth))
         self._depth = depth
-        self._last_seq: dict[str, int] = {}
+        self._last: dict[str, tuple[int, int]] = {}
+        """by sender: number and stamp of its newest message"""
         self._since_back = SOON
         self.doubled = 0
         """times that messages of two processes met"""
@@ -88,11 +89,13 @@ class ZenohSubscription(Generic[M]):
 
     def _count_gap(self, message: M) -> None:
         sender = str(getattr(message, "source", ""))
-        if sender not in self._last_seq and len(self._last_seq) >= SENDERS_MAX:
+        if sender not in self._last and len(self._last) >= SENDERS_MAX:
             return
-        last = self._last_seq.get(sender, message.seq - 1)
+        last, stamp_ns = self._last.get(sender, (message.seq - 1, 0))
+        if (message.seq, message.stamp_ns) == (last, stamp_ns):  # sent again, until it is answered
+            return
         self.dropped += max(message.seq - last - 1, 0)
-        self._last_seq[sender] = message.seq
+        self._last[sender] = message.seq, message.stamp_ns
         self._since_back += 1
         if message.seq <= last:
             self._note_back()

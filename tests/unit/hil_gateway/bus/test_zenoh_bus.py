@@ -101,6 +101,9 @@ def test_two_processes_that_send_the_same_are_said_and_one_that_starts_over_is_n
         for seq in (*range(100, 150), *range(100)):
             one.publish(topics.OPERATOR, message(seq))
             _all_of(heard, 1)
+        for _ in range(5):  # a request is sent again until it is answered
+            one.publish(topics.OPERATOR, message(200))
+            _all_of(heard, 1)
         assert not caplog.messages
         for seq in range(100, 120):
             one.publish(topics.OPERATOR, message(seq))
