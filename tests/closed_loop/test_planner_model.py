@@ -65,15 +65,19 @@ def test_what_does_not_need_the_estimate_is_done_before_it_is_read(monkeypatch: 
     assert done == ["ready", "estimate"] * 2
 
 
-def test_a_new_model_is_adopted_without_missing_a_plan() -> None:
-    rig = ModelCar(planner_config())
-    rig.run(2.0)
-    effects = (
-        ActiveEffect(name="aero_drag", parameters={"k": 0.5}),
+def effects(drag: float) -> tuple[ActiveEffect, ...]:
+    """What the declared model has none of; one list of effects, so that its functions are compiled once."""
+    return (
+        ActiveEffect(name="aero_drag", parameters={"k": drag}),
         ActiveEffect(name="front_brake", parameters={"share": 0.5, "gain": 1.0}),
         ActiveEffect(name="speed_scale", parameters={"scale": 1.0, "lateral": 1.0}),  # divided by: never 0
     )
-    new = revision_with(rig, None, *effects)
+
+
+def test_a_new_model_is_adopted_without_missing_a_plan() -> None:
+    rig = ModelCar(planner_config())
+    rig.run(2.0)
+    new = revision_with(rig, None, *effects(drag=0.5))
     rig.bus.publish(topics.MODEL_REVISION, new)
     before = len(rig.plans)
     rig.run(4.0)
@@ -86,11 +90,7 @@ def test_a_model_built_beside_the_planner_is_swapped_in_between_two_plans() -> N
     """As the process does it: a child process builds, every plan meanwhile and afterwards is fresh."""
     rig = ModelCar(planner_config(), background=True)
     rig.run(1.0)
-    effects = (
-        ActiveEffect(name="aero_drag", parameters={"k": 0.6}),
-        ActiveEffect(name="front_brake", parameters={"share": 0.5, "gain": 1.0}),
-    )
-    new = revision_with(rig, None, *effects)
+    new = revision_with(rig, None, *effects(drag=0.6))
     rig.bus.publish(topics.MODEL_REVISION, new)
     started = time.monotonic()
     while rig.plans[-1].revision != new.revision and time.monotonic() - started < 120.0:
@@ -117,7 +117,7 @@ def test_a_revision_whose_plans_fail_is_rolled_back(monkeypatch: pytest.MonkeyPa
     rig = ModelCar(planner_config())
     rig.run(2.0)
     adoption, old = rig.planner.adoption, rig.planner.adoption.current.revision.revision
-    new = revision_with(rig, None, ActiveEffect(name="aero_drag", parameters={"k": 0.5}))
+    new = revision_with(rig, None, *effects(drag=0.5))
     rig.bus.publish(topics.MODEL_REVISION, new)
     rig.run(0.1)
     assert adoption.current.revision.revision == new.revision
@@ -125,7 +125,7 @@ def test_a_revision_whose_plans_fail_is_rolled_back(monkeypatch: pytest.MonkeyPa
     rig.run(0.05 * (PROBATION_FAILURES + 1))
     assert adoption.current.revision.revision == old
     assert "rolled back" in adoption.notes[-1]
-    refined = revision_with(rig, None, ActiveEffect(name="aero_drag", parameters={"k": 0.52}))
+    refined = revision_with(rig, None, *effects(drag=0.52))
     for again in (new, refined):
         rig.bus.publish(topics.MODEL_REVISION, again)
         rig.run(0.5)

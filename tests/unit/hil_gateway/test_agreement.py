@@ -45,7 +45,7 @@ def test_a_planner_on_another_track_is_named_and_the_car_is_not_armed() -> None:
         return Planner(config, bus, load_track("tri_oval"), stopwatch=lambda: 0)
 
     loop = Loop(
-        Config(track="oval", planner={"horizon": 10}), components={"planner": planner}, keep=[topics.GATEWAY_STATUS]
+        Config(track="oval", planner={"horizon": 20}), components={"planner": planner}, keep=[topics.GATEWAY_STATUS]
     )
     result = loop.run(seconds=1.0, time_limit_s=8.0)
     newest = result.messages[topics.GATEWAY_STATUS.key][-1]

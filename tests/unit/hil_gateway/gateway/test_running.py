@@ -16,6 +16,7 @@ import pytest
 
 from hil_gateway.config import Config, ZenohConfig
 from hil_gateway.gateway.running import announced, running_gateways
+from hil_gateway.process.cache import cache_directory
 
 
 def port(kind: socket.SocketKind) -> int:
@@ -26,8 +27,13 @@ def port(kind: socket.SocketKind) -> int:
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Folder of running gateways, in a cache with nothing of the usual one but compiled functions."""
+    own, usual = tmp_path / "cache" / "hil-gateway", cache_directory()
+    own.mkdir(parents=True)
+    for library in usual.glob("*.so"):
+        (own / library.name).symlink_to(library)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    return tmp_path / "cache" / "hil-gateway" / "run"
+    return own / "run"
 
 
 class Gateway:

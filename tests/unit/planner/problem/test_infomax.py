@@ -35,12 +35,9 @@ from planner.problem.settings import Information, declared_settings
 WEIGHT = 0.01
 
 
-def _controller(**changes: object) -> Controller:
-    information = replace(Information(weight=WEIGHT), **changes)
-    made, _ = bench_controller(
-        load_track(), load_car().vehicle, replace(declared_settings(load_car()), information=information)
-    )
-    return made
+def _controller(compiled: bool = True, **changes: object) -> Controller:
+    settings = replace(declared_settings(load_car()), information=replace(Information(weight=WEIGHT), **changes))
+    return bench_controller(load_track(), load_car().vehicle, settings, compiled=compiled)[0]
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +81,7 @@ def test_information_gradient_and_hessian_are_exact(controller: Controller, k: i
 @pytest.mark.parametrize("kind", ["tyre_force", "imu_yaw"])
 def test_abs_convexification_is_convex_and_of_the_exact_curvature(kind: str) -> None:
     """Along each of d, alpha_f, alpha_r alone its curvature is the magnitude of the exact one."""
-    controller = _controller(kind=kind)
+    controller = _controller(compiled=False, kind=kind)
     controller.cold_start(start_state(controller, 620.0), clock)
     f = _terms(controller)
     for k in (2, 15, 30):

@@ -188,7 +188,10 @@ def test_start_from_standstill_pulls_away(controller: Controller) -> None:
 
 def test_literal_load_limit_is_the_signed_sum_of_equation_10() -> None:
     literal, _ = bench_controller(
-        load_track(), load_car().vehicle, replace(declared_settings(load_car()), load_limit="literal")
+        load_track(),
+        load_car().vehicle,
+        replace(declared_settings(load_car()), load_limit="literal"),
+        compiled=False,
     )
     solution = literal.cold_start(start_state(literal, 620.0), clock)
     assert solution.usable
