@@ -39,10 +39,6 @@ fi
 [ -z "$missing" ] || echo "missing, some tests are skipped: apt-get install $missing" >&2
 
 export HIL_MADE_ONCE="$XDG_CACHE_HOME/made"    # what several tests share
-step ruff ruff check .
-[ $# != 0 ] || step drives env PYTHONPATH=tests python tests/support/drives/practice_drives.py "$HIL_MADE_ONCE" &
-step mypy mypy
-wait
 # What fails is run again alone, to tell a machine that was busy from a defect; it has failed all the same, unless
 # tests/second_try.toml names it with the reason that was measured (deploy/summary.py).
 tests() {
@@ -51,19 +47,27 @@ tests() {
     "$@" -n 0 --last-failed --last-failed-no-failures none --junitxml="$results/$name-alone.xml"
     python deploy/summary.py "$results" "$name"
 }
-echo "tests: about twenty minutes" >&2
+# Two processors: the tests on vcan, in a guest with one processor, run beside what is no test.
+on_vcan() {
+    if deploy/with-vcan --which >"$results/vcan-kind" 2>"$results/vcan.log"; then
+        step vcan-tests tests vcan deploy/with-vcan python -m pytest -m vcan tests/vcan "$@"
+    else
+        echo "vcan tests not run: $(tail -n 1 "$results/vcan.log")" >&2
+        [ "${HIL_REQUIRE_VCAN:-0}" != 1 ] || echo vcan-tests >>"$results/failed"
+    fi
+}
+echo "all of it: about a quarter of an hour" >&2
+step ruff ruff check .
+on_vcan "$@" &
+step mypy mypy
+[ $# != 0 ] || step drives env PYTHONPATH=tests python tests/support/drives/practice_drives.py "$HIL_MADE_ONCE"
+wait
 crowd="not vcan"
 if [ $# = 0 ]; then
     step quiet-tests tests quiet python -m pytest -m quiet tests/faults
     crowd="not vcan and not quiet"
 fi
 step tests tests normal python -m pytest -n 2 --dist worksteal -m "$crowd" "$@"
-if deploy/with-vcan --which >"$results/vcan-kind" 2>"$results/vcan.log"; then
-    step vcan-tests tests vcan deploy/with-vcan python -m pytest -m vcan tests/vcan "$@"
-else
-    echo "vcan tests not run: $(tail -n 1 "$results/vcan.log")" >&2
-    [ "${HIL_REQUIRE_VCAN:-0}" != 1 ] || echo vcan-tests >>"$results/failed"
-fi
 step promises hil verify --from "$HIL_PROMISE_FIGURES" --page "$results/promises.md"
 # A figure missed on a busy machine is shown, it does not fail the run; nor do figures take it past its time.
 for benchmark in codec gateway loop recorder identify planner; do
