@@ -15,7 +15,7 @@ from hil_gateway.session.files.format import CAN_TOPIC, unpack_frame
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.recover import recover
 
-KILLS = volume(10, 100)
+KILLS = volume(5, 100)
 PROMISED_S = 0.2
 MESSAGES_AT_ONCE = 20
 

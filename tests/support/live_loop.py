@@ -50,8 +50,9 @@ class LiveLoop:
 
     def __enter__(self) -> LiveLoop:
         self.link = open_link(self.config.can)
-        for name in sorted(self.specs, key=lambda name: self.specs[name].stage):
-            self.start(name)
+        for stage in sorted({spec.stage for spec in self.specs.values()}):
+            for supervisor in self.supervisors.values():
+                supervisor.start(stage)
             time.sleep(1.0)
         self.bus = open_bus(self.config.zenoh, "operator")
         self.status = LatestReader(self.bus, topics.GATEWAY_STATUS)

@@ -10,7 +10,7 @@ from hil_gateway.process.arrays import Array
 
 MASS, INERTIA, LF, LR, G = 787.3, 1000.0, 1.724, 1.248, 9.80665
 LOAD_F, LOAD_R = MASS * G * LR / (LF + LR), MASS * G * LF / (LF + LR)
-SUBSTEPS = 5
+SUBSTEPS = 2
 RATE_HZ = 100
 NOISE = {"vx": 0.02, "vy": 0.02, "yaw_rate": 0.003, "ax": 0.15, "ay": 0.15, "yaw": 0.001}
 TYRE = {"cx": 62000.0, "bf": 11.5, "cf": 1.55, "df": 1.6, "br": 13.0, "cr": 1.6, "dr": 1.58}

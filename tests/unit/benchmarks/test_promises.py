@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from hil_gateway.process.errors import InputError
 TESTS = Path(__file__).resolve().parents[2]
 
 
+@cache
 def marked() -> dict[str, set[str]]:
     """Promise -> tests marked with it, read from the sources."""
     found: dict[str, set[str]] = {}

@@ -68,14 +68,16 @@ def test_which_answers_from_a_boot_and_not_from_files_being_there(tmp_path: Path
 
 
 @pytest.mark.slow
-def test_two_guests_run_side_by_side() -> None:
+def test_exit_code_output_environment_and_directory_pass_through_side_by_side(tmp_path: Path) -> None:
     which_or_skip()
-    if run("--which").stdout.startswith("native"):
-        pytest.skip("native vcan0: there is no guest")
-    script = "sleep 1; test -d /sys/class/net/vcan0 && exit $CODE"
+    script = 'echo "$WORD"; pwd; echo problem >&2; sleep 1; test -d /sys/class/net/vcan0 && (sleep 60 &); exit $CODE'
+    word = "two words; $HOME 'x'"
     with ThreadPoolExecutor() as pool:
-        results = list(pool.map(lambda code: run("bash", "-c", script, CODE=str(code)).returncode, (3, 4)))
-    assert results == [3, 4]
+        results = list(pool.map(lambda code: run("bash", "-c", script, folder=tmp_path, WORD=word, CODE=code), "34"))
+    assert [result.returncode for result in results] == [3, 4]
+    for result in results:
+        assert result.stdout.splitlines() == [word, str(tmp_path)]
+        assert result.stderr.splitlines() == ["problem"]
 
 
 @pytest.mark.slow
@@ -97,13 +99,3 @@ def test_numbers_of_a_guest_are_those_of_the_host() -> None:
 def which_or_skip() -> None:
     if (result := run("--which")).returncode:
         pytest.skip(result.stderr.strip())
-
-
-@pytest.mark.slow
-def test_exit_code_output_environment_and_directory_pass_through(tmp_path: Path) -> None:
-    which_or_skip()
-    script = 'echo "$WORD"; pwd; echo problem >&2; test -d /sys/class/net/vcan0 && (sleep 60 &); exit 7'
-    result = run("bash", "-c", script, folder=tmp_path, WORD="two words; $HOME 'x'")
-    assert result.returncode == 7
-    assert result.stdout.splitlines() == ["two words; $HOME 'x'", str(tmp_path)]
-    assert result.stderr.splitlines() == ["problem"]

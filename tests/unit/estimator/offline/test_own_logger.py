@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -179,9 +180,14 @@ def test_zero_and_scales_of_pedals_are_fitted_where_the_drive_comes_from_them(dr
     assert not record_of(drive).pedals
 
 
+@cache
+def late_drive() -> dict[str, np.ndarray]:
+    return simulate([TYRE], 90.0, seed=41)[0].columns
+
+
 def late(lag: float, *, ay: bool) -> DriveLog:
     """A minute with the yaw rate late and a displaced sensor of vy; with a lateral accelerometer or without."""
-    c = dict(simulate([TYRE], 90.0, seed=41)[0].columns)
+    c = dict(late_drive())
     c["yaw_rate"] = np.interp(c["t"] - lag, c["t"], c["yaw_rate"])
     c["vy"] = c["vy"] + 0.014 * c["vx"] + 0.1
     if not ay:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from hil_gateway.plant.car import Car, Commands
 from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.physics.parameters import AV24, PRESSURE_MAX
 from hil_gateway.plant.physics.road import Slopes
+from hil_gateway.plant.referee import limit_envelope, limit_line
 from hil_gateway.plant.referee.lap_limit import lap_limit
 from hil_gateway.plant.referee.limit_envelope import LimitEnvelope, Side, best_ratio, measure_envelope
 from hil_gateway.plant.referee.limit_line import A0, POWERS, V0, fastest_line, fit
@@ -47,8 +49,12 @@ PLAIN = np.zeros(400)
 
 
 @pytest.fixture(scope="module")
-def envelope() -> LimitEnvelope:
-    return measure_envelope(AV24)
+def envelope() -> Iterator[LimitEnvelope]:
+    """Of roads that are level, as all are here: around the weight of the car, without crests and banked turns."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (limit_envelope, limit_line):
+            patch.setattr(module, "NORMALS", GRAVITY * np.array([0.6, 1.0, 1.5]))
+        yield measure_envelope(AV24)
 
 
 @pytest.mark.parametrize(("effect", "size", "speed", "weights"), [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil_gateway.track.lap_clock import SECTORS, LapClock
@@ -17,6 +17,7 @@ def drive(clock: LapClock, speed: float, seconds: float, step_s: float = 0.1, *,
     return clock
 
 
+@settings(max_examples=30)
 @given(speed=st.floats(10, 90), step_s=st.floats(0.01, 0.3))
 def test_laps_of_a_constant_speed_take_length_over_speed(speed, step_s):
     clock = drive(LapClock(LENGTH), speed, 3.5 * LENGTH / speed, step_s)

@@ -80,7 +80,7 @@ def random_measures(rng: random.Random) -> dict[str, float]:
 @pytest.mark.promise("S7")
 def test_an_oracle_written_from_the_table_agrees():
     rng = random.Random(7)
-    sequences = volume(20_000, 100_000)
+    sequences = volume(6_000, 100_000)
     reached: dict[str, int] = {}
     for sequence in range(sequences):
         failsafe, expected = Failsafe(), 0

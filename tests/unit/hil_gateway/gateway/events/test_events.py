@@ -23,7 +23,7 @@ class LoggedRig(Rig):
     def __init__(self) -> None:
         super().__init__()
         self.events: list[Event] = []
-        log = EventLog(self.bus, self.events.append)
+        self.log = log = EventLog(self.bus, self.events.append)
         self.published = self.bus.subscribe(topics.EVENT, depth=1000)
         self.hooks.append(lambda rig: log.step(rig.now_ns, rig.gateway) if rig.gateway_runs else None)
 
@@ -171,11 +171,18 @@ def test_a_flood_of_one_kind_is_bounded_what_is_left_out_is_counted_and_a_stop_s
 
 def test_a_flood_that_goes_on_is_one_line_a_second_at_most():
     rig = LoggedRig()
+    rig.run(0.1)
     told = ModelProposal(stamp_ns=1, seq=0, outcome="kept", lap=3, reason="nothing better")
-    rig.hooks.append(lambda rig: rig.bus.publish(topics.MODEL_PROPOSAL, told))
-    rig.run(50.0)
+
+    def flood(seconds: float) -> None:
+        for _ in range(round(100 * seconds)):
+            rig.bus.publish(topics.MODEL_PROPOSAL, told)
+            rig.clock.advance(NS_PER_S // 100)
+            rig.log.step(rig.now_ns, rig.gateway)
+
+    flood(50.0)
     assert len(rig.of(EventKind.LEARNING)) == MOST_A_MINUTE
-    rig.run(20.0)
+    flood(20.0)
     assert any("more in between not listed" in event.text for event in rig.of(EventKind.LEARNING))
 
 
