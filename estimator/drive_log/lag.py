@@ -34,7 +34,7 @@ def lag_between(  # noqa: PLR0917 - a signal pair, where it counts, and three ti
     reach = max(2, round(longest / step))
     if usable.sum() < 20 * reach:
         return None
-    a, b = (np.where(usable, _fast_part(x, round(slowest * reach)), 0.0) for x in (earlier, later))
+    a, b = (np.where(usable, fast_part(x, round(slowest * reach)), 0.0) for x in (earlier, later))
     edges = np.linspace(0, len(a), PARTS + 1).astype(int)
     sums = np.stack([_cross_sums(a[i:j], b[i:j], reach) for i, j in itertools.pairwise(edges)])
     whole = sums.sum(axis=0)
@@ -47,8 +47,8 @@ def lag_between(  # noqa: PLR0917 - a signal pair, where it counts, and three ti
     return Lag((value - reach) * step, max(std, 0.02) * step, peak / scale, peak / float(a @ a))
 
 
-def _fast_part(values: Array, window: int) -> Array:
-    """Values minus their moving average over `window` samples."""
+def fast_part(values: Array, window: int) -> Array:
+    """(n,) values minus their moving average over `window` samples."""
     total = np.concatenate([[0.0], np.cumsum(np.pad(values, (window // 2, window - window // 2), mode="edge"))])
     return np.asarray(values - ((total[window:] - total[:-window]) / window)[: len(values)])
 

@@ -35,10 +35,12 @@ STATES = (
     "imu_ahead",
     "drift_x",
     "drift_y",
+    "heading_turn",
 )
 X, Y, YAW, VX, VY, BIAS_AX, BIAS_AY, BIAS_YAW_RATE, WHEEL_SCALE, GRADE_SHARE, BANK_SHARE = range(11)
 IMU_TURN, IMU_AHEAD, DRIFT_X = range(11, 14)
 """followed by that along y"""
+HEADING_TURN = len(STATES) - 1
 
 
 def rear_slip_yield(tyres: TyrePrior) -> float:
@@ -76,6 +78,10 @@ class FilterNoise:
     """s, for how long: orbits, clocks and ionosphere of a receiver without corrections"""
     position_delay: float = 0.006
     """s: a fix whose frame just misses a state comes with the next one, 10 ms older"""
+    heading: float = 0.005
+    """of a receiver that states none, rad: two antennas 2 m apart, each to 1 cm"""
+    heading_turn_walk: float = 2e-4
+    """rad per square root of a second: of an inertial solution 0.08 degrees that wander within 100 s"""
     wheel_speed: float = 0.03
     """per axle, m/s: resolution and noise of the sensors"""
     wheel_rolling: float = 0.01
@@ -98,6 +104,8 @@ class FilterNoise:
     """rad: a unit mounted by eye; by 0.03 the force of a bend of 2.5 g passes for 0.75 m/s2 along"""
     initial_imu_ahead: float = 0.3
     """m: a unit whose distance to the centre of gravity is taken from a drawing"""
+    initial_heading_turn: float = 0.01
+    """rad: what is left of how a receiver's axes, or the line of its antennas, are declared"""
 
 
 GATE = 5.0**2
@@ -177,7 +185,8 @@ def predict(moment: FilterMoment, *imu: Expr) -> None:
     """
     ax, ay, gyro, gravity_x, gravity_y, dt, moves, accel_variance, rate_variance = imu
     n, m = moment.noise, moment.mean
-    x, y, yaw, vx, vy, bias_ax, bias_ay, bias_yaw_rate, _, grade, bank, turn, ahead, drift_x, drift_y = ca.vertsplit(m)
+    x, y, yaw, vx, vy, bias_ax, bias_ay, bias_yaw_rate, _, grade, bank, turn, ahead, *drift, _ = ca.vertsplit(m)
+    drift_x, drift_y = drift
     rate = gyro - bias_yaw_rate
     r = moves * rate
     # known by difference: a bias is not in it, and what noise adds the next step takes away again
@@ -194,7 +203,8 @@ def predict(moment: FilterMoment, *imu: Expr) -> None:
     east, north = cy * forward - sy * left + drift_x, sy * forward + cy * left + drift_y
     kept = ca.exp(-dt / n.position_drift_s)
     after = ca.vertcat(
-        x + dt * east, y + dt * north, yaw + r * dt, vx1, vy1, m[BIAS_AX : DRIFT_X], kept * drift_x, kept * drift_y
+        x + dt * east, y + dt * north, yaw + r * dt, vx1, vy1, m[BIAS_AX : DRIFT_X], kept * drift_x, kept * drift_y,
+        m[HEADING_TURN],
     )  # fmt: skip
     F, G = ca.jacobian(after, m), ca.jacobian(after, ca.vertcat(ax, ay, gyro))
     after, F, G = ca.substitute([after, F, G], [change], [rate - moment.yaw_rate])
@@ -215,7 +225,7 @@ def _walks(n: FilterNoise, dt: Expr) -> Expr:
     walk = (
         n.position_wander, n.position_wander, 0.0, 0.0, 0.0, n.bias_accel_walk, n.bias_accel_walk,
         n.bias_yaw_rate_walk, n.wheel_scale_walk, n.slope_share_walk, n.slope_share_walk, n.imu_turn_walk,
-        n.imu_ahead_walk, drift, drift,
+        n.imu_ahead_walk, drift, drift, n.heading_turn_walk,
     )  # fmt: skip
     return ca.diag(ca.DM(walk) ** 2) * dt
 
@@ -237,6 +247,12 @@ def position(moment: FilterMoment, x: Expr, y: Expr) -> None:
     for k, (row, variance) in enumerate(zip(rows, variances, strict=True)):
         moment.update(row, off()[k], variance)
     moment.keep_if(nis, GATE_POSITION, before)
+
+
+def heading(moment: FilterMoment, yaw: Expr, std: Expr) -> None:
+    """Where a receiver points, rad, whose axes are turned against those of the car."""
+    off = yaw - moment.mean[YAW] - moment.mean[HEADING_TURN]
+    moment.gated(_row({YAW: 1.0, HEADING_TURN: 1.0}), ca.atan2(ca.sin(off), ca.cos(off)), std**2)
 
 
 def wheel_speeds(moment: FilterMoment, front: Expr, rear: Expr, steer: Expr, drive: Expr) -> None:

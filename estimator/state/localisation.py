@@ -1,10 +1,10 @@
 """From vehicle states to estimates: alignment, gravity from the track map, standstill, gaps, recovery.
 
-The filter starts at the first valid position fix. Where the car points is not known before it has moved by some metres
-(`alignment.py`); what is missing meanwhile is said in `lacks`, and the heading given is the track's. A standing car
-does not turn. A sample or some that are missing are bridged by prediction, ever less certain. If fixes keep being
-refused while the car drives, the estimate is invalid and goes on without them: what a receiver says after it has jumped
-is no place to start from at speed. At walking pace the filter goes on from them.
+The filter starts at the first valid position fix. Where the car points a receiver may say; else it is not known before
+the car has moved by some metres (`alignment.py`); what is missing meanwhile is said in `lacks`, and the heading given
+is the track's. A standing car does not turn. A sample or some that are missing are bridged by prediction, ever less
+certain. If fixes keep being refused while the car drives, the estimate is invalid and goes on without them: what a
+receiver says after it has jumped is no place to start from at speed. At walking pace the filter goes on from them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from estimator.state.alignment import UNKNOWN_STD, Alignment
 from estimator.state.filter_steps import BANK_SHARE, BIAS_AX, BIAS_YAW_RATE, GRADE_SHARE, STATES, VX, VY, YAW, X, Y
 from estimator.state.state_filter import SEEN, ImuReading, StateFilter, Unseen
-from hil_gateway.bus.messages import Estimate, Lacks, VehicleState
+from hil_gateway.bus.messages import Estimate, Heading, Lacks, VehicleState
 from hil_gateway.car.car import Car
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.gateway.perceive.road_speed import rests
@@ -66,6 +66,8 @@ class Localisation:
         """while the heading is not known"""
         self._stamp_ns: int | None = None
         self._position_seq: int | None = None
+        self._pointed_by = ""
+        """receiver of the newest heading"""
         self._refused = self._bridged = 0
         self._read = 0.0, 0.0, 0.0
         """last good sample of the inertial unit: ax, ay, yaw rate"""
@@ -172,6 +174,8 @@ class Localisation:
         if _fresh(state, "wheel_speeds"):
             f.update_wheel_speeds(*_axle_speeds(state), state.steer, state.drive)
             f.update_rear_slip(f.specific_force(*self._read[:2])[1])
+        if state.heading is not None:
+            self._point(state.heading, state.receiver)
         if fix is not None and self._alignment is not None:
             self._align(*fix, self._alignment)
         elif fix is not None:
@@ -179,6 +183,17 @@ class Localisation:
         if not f.healthy:
             f.initialise(0.0, 0.0, 0.0)
             self._started = False
+
+    def _point(self, heading: Heading, receiver: str) -> None:
+        """A receiver's heading."""
+        f = self.filter
+        if receiver != self._pointed_by:
+            f.change_receiver()
+            self._pointed_by = receiver
+        if self._alignment is not None:
+            self._alignment = None
+            f.align(heading.yaw, UNKNOWN_STD, *self._gravity(float(f.mean[X]), float(f.mean[Y]), heading.yaw))
+        f.update_heading(heading.yaw, heading.std)
 
     def _align(self, x: float, y: float, alignment: Alignment) -> None:
         """A fix of a car whose heading is not known."""

@@ -10,6 +10,7 @@ The IMU drives the prediction, so the filter does not depend on the tyre model i
     imu_turn                       angle of the IMU about the vertical axis, rad
     imu_ahead                      distance of the IMU ahead of the CoG, beyond what is declared, m
     drift_x, drift_y               velocity at which the fixes lead away from the car, m/s
+    heading_turn                   angle of a receiver's heading to the left of the car's, rad: mounting, slow error
 
 Errors of position fixes are no white noise: they wander and drift. The place is therefore the one the fixes give, and
 how it wanders is noise of the prediction: fixes of a car that stands move it and do not turn it.
@@ -33,6 +34,7 @@ from estimator.state.filter_steps import (
     BIAS_AY,
     BIAS_YAW_RATE,
     GRADE_SHARE,
+    HEADING_TURN,
     IMU_AHEAD,
     IMU_TURN,
     STATES,
@@ -85,6 +87,7 @@ class StateFilter:
         self.rejected = 0
         self._predict = self._step(filter_steps.predict, 9)
         self._position = self._step(filter_steps.position, 2)
+        self._heading = self._step(filter_steps.heading, 2)
         self._wheel_speeds = self._step(filter_steps.wheel_speeds, 4)
         self._rear_slip = self._step(filter_steps.rear_slip, 1)
         self._standstill = self._step(filter_steps.standstill, 5)
@@ -104,7 +107,7 @@ class StateFilter:
             "wheel_scale": n.initial_wheel_scale,
             "grade_share": n.initial_slope_share, "bank_share": n.initial_slope_share,
             "imu_turn": n.initial_imu_turn, "imu_ahead": n.initial_imu_ahead,
-            "drift_x": n.position_drift, "drift_y": n.position_drift,
+            "drift_x": n.position_drift, "drift_y": n.position_drift, "heading_turn": n.initial_heading_turn,
         }  # fmt: skip
         self.covariance = np.diag([std.get(f"{name}_std", usual[name]) ** 2 for name in STATES])
 
@@ -121,8 +124,17 @@ class StateFilter:
     def place(self, x: float, y: float) -> None:
         """Be where a fix is, whatever was known of the place."""
         self.mean[[X, Y]] = x, y
-        self.covariance[[X, Y]], self.covariance[:, [X, Y]] = 0.0, 0.0
-        self.covariance[[X, Y], [X, Y]] = self.noise.initial_position**2
+        self._forget([X, Y], self.noise.initial_position)
+
+    def change_receiver(self) -> None:
+        """Headings come from another receiver, whose axes are turned otherwise."""
+        self.mean[HEADING_TURN] = 0.0
+        self._forget([HEADING_TURN], self.noise.initial_heading_turn)
+
+    def _forget(self, states: list[int], std: float) -> None:
+        """All that is known of these is their deviation."""
+        self.covariance[states], self.covariance[:, states] = 0.0, 0.0
+        self.covariance[states, states] = std**2
 
     def predict(self, imu: ImuReading, dt: float, unseen: Unseen = SEEN, *, moves: bool = True) -> None:
         """Strap-down step over `dt` s, second order in it; a car that stands (`moves` false) only gathers speed."""
@@ -135,6 +147,11 @@ class StateFilter:
     def update_position(self, x: float, y: float) -> float | None:
         """Position fix of the CoG, m. Returns the normalised innovation squared, None where it was gated out."""
         used = self._gated(self._position, filter_steps.GATE_POSITION, x, y)
+        return used[0] if used else None
+
+    def update_heading(self, yaw: float, std: float | None) -> float | None:
+        """Where a receiver points, and the deviation it states, rad. Returns the NIS, None where it was gated out."""
+        used = self._gated(self._heading, filter_steps.GATE, yaw, std or self.noise.heading)
         return used[0] if used else None
 
     def update_wheel_speeds(self, front: float, rear: float, steer: float, drive: float) -> list[float]:

@@ -40,6 +40,7 @@ Text = Annotated[str, Field(max_length=4000)]
 FilePath = Annotated[str, Field(max_length=4096)]
 """of a file, as long as Linux has them"""
 Count = Annotated[int, Field(ge=0, lt=1 << 63)]
+Deviation = Annotated[float, Field(gt=0, le=1e6)]
 Errors = Annotated[dict[Name, Parameter], Field(max_length=64)]
 """by channel"""
 Horizon = Field(max_length=400)
@@ -76,6 +77,13 @@ class SourceHealth(Model):
 
     age_s: Parameter | None = Field(description="seconds since the last frame; null before the first")
     valid: bool
+
+
+class Heading(Model):
+    """Where the car points, rad, in the map's axes: 0 east, positive to the left; std null where none is stated."""
+
+    yaw: Angle
+    std: Deviation | None
 
 
 Lacks = Literal["", "start", "position", "heading"]
@@ -143,6 +151,7 @@ class VehicleState(Message):
     position_x: Position
     position_y: Position
     position_seq: int = Field(ge=0, lt=1 << 63, description="advances when a new position fix arrived")
+    heading: Heading | None = Field(default=None, description="of the receiver; null where none has come")
     sys_state: Code
     ct_state: Code
     track_flag: Code

@@ -7,10 +7,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from hil_gateway.bus.messages import Angle, Count, Message, Motion, Name, Parameter, Text
+from hil_gateway.bus.messages import Count, Deviation, Heading, Message, Motion, Name, Parameter, Text
 from hil_gateway.process.model import Model
 
-Deviation = Annotated[float, Field(gt=0, le=1e6)]
 Counts = Annotated[dict[Name, Count], Field(max_length=64)]
 
 
@@ -40,13 +39,6 @@ class Velocity(Model):
     north: Motion
     up: Motion | None
     std: Deviation | None = Field(description="of east and north, the larger")
-
-
-class Heading(Model):
-    """Where the car points, rad, in the map's axes: 0 east, positive to the left."""
-
-    yaw: Angle
-    std: Deviation | None
 
 
 class Rates(Model):

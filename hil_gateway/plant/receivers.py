@@ -39,6 +39,10 @@ VELOCITY_MPS = 0.03
 """of the GNSS; data sheet 0.03 m/s. It is the mean since the position before, and late by half of that"""
 INS_VELOCITY_MPS, AZIMUTH_DEG = 0.015, 0.08
 """of the inertial solution; data sheets of tactical units"""
+AZIMUTH_NOISE_DEG, AZIMUTH_S = 0.01, 60.0
+"""its azimuth hardly scatters from log to log: its error wanders, with this time constant"""
+MOUNTED_DEG = 0.4
+"""deviation of how its axes are turned against the car's, after a calibration"""
 RATE_RADPS, FORCE_MPS2 = 0.001, 0.03
 """of its unit, of a mean over 0.01 s"""
 REFIX_S = 4.0
@@ -58,7 +62,7 @@ QUEUE = 1 << 20
 
 
 class Wander:
-    """First-order Gauss-Markov process in east and north, m."""
+    """Two first-order Gauss-Markov processes: of a place in east and north, m."""
 
     def __init__(self, draw: np.random.Generator, std: float, time_s: float) -> None:
         self._draw, self._std, self._time_s = draw, std, time_s
@@ -81,6 +85,7 @@ class SimulatedReceiver:
         self._draw = np.random.default_rng(seed)
         self._rtk = Wander(self._draw, RTK_WANDER_M, RTK_WANDER_S)
         self._single = Wander(self._draw, SINGLE_WANDER_M, SINGLE_WANDER_S)
+        self._azimuth, self._mounted = Wander(self._draw, AZIMUTH_DEG, AZIMUTH_S), MOUNTED_DEG * self._draw.normal()
         self._ticks, self._aligned = 0, False
         self._corrected_s = REFIX_S
         """since corrections came back"""
@@ -155,7 +160,8 @@ class SimulatedReceiver:
         wander = self._single.step(dt) if worth == 2 else self._rtk.step(dt)
         latitude, longitude = self._map.to_geodetic(x + wander[0], y + wander[1])
         noise, std = INS_VELOCITY_MPS * self._draw.standard_normal(2), (0.02, FLOAT_M, SINGLE_WANDER_M)[worth]
-        azimuth = 90.0 - math.degrees(self._car["yaw"]) + AZIMUTH_DEG * self._draw.standard_normal()
+        off = self._mounted + self._azimuth.step(dt)[0] + AZIMUTH_NOISE_DEG * self._draw.standard_normal()
+        azimuth = 90.0 - math.degrees(self._car["yaw"]) + off
         return "INSPVAX", {
             "ins_status": GOOD if self._aligned else ALIGNING, "position_type": (INS_INT, INS_FLOAT, INS_SINGLE)[worth],
             "latitude": latitude, "longitude": longitude, "height_msl": -UNDULATION_M, "undulation": UNDULATION_M,

@@ -10,7 +10,8 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from hil_gateway.bus.outside import Heading, Place, Quality, Rates, Velocity
+from hil_gateway.bus.messages import Heading
+from hil_gateway.bus.outside import Place, Quality, Rates, Velocity
 from hil_gateway.car.car import Receiver
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.receiver.gates import judge, judge_sentence

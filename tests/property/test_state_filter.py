@@ -10,6 +10,7 @@ from support.promise_figures import record_figure, volume
 from estimator.state.filter_steps import (
     BIAS_AX,
     BIAS_AY,
+    HEADING_TURN,
     IMU_AHEAD,
     IMU_TURN,
     STATES,
@@ -23,6 +24,8 @@ from estimator.state.state_filter import ImuReading, StateFilter
 from hil_gateway.car.car import load_car
 
 DT, FINE = 0.01, 10
+HEADING_STD = 0.0014
+"""rad that a receiver states"""
 NOISE = FilterNoise(rear_slip_yield(load_car().tyres), initial_yaw=0.1)
 """Consistency is a promise about the aligned filter: a linearised one has no 95 % band for a heading 1 rad off."""
 
@@ -47,10 +50,10 @@ class Drive:
         walk = np.array([
             noise.bias_accel_walk, noise.bias_accel_walk, noise.bias_yaw_rate_walk,
             noise.wheel_scale_walk, noise.slope_share_walk, noise.slope_share_walk,
-            noise.imu_turn_walk, noise.imu_ahead_walk, 0.0, 0.0,
+            noise.imu_turn_walk, noise.imu_ahead_walk, 0.0, 0.0, noise.heading_turn_walk,
         ]) * np.sqrt(DT)  # fmt: skip
         start = initial_std()[5:]
-        drift = rng.normal(0, start) + np.cumsum(rng.normal(0, walk, (n + 1, 10)), axis=0)
+        drift = rng.normal(0, start) + np.cumsum(rng.normal(0, walk, (n + 1, 11)), axis=0)
         drift[:, 4:6] += 1.0
         if ahead is not None:
             drift[:, 7] = ahead
@@ -63,10 +66,11 @@ class Drive:
         self.imu += drift[:-1, :3] + rng.normal(0, [accel_std, accel_std, noise.yaw_rate], (n, 3))
         self.truth = np.column_stack([a[::FINE] for a in (x, y, yaw, self.vx, self.vy)] + [drift])
         # the receiver's place of the car wanders away from it
-        wander = rng.normal(0, noise.position_wander * np.sqrt(DT), (n + 1, 2)) + drift[:, 8:] * DT
+        wander = rng.normal(0, noise.position_wander * np.sqrt(DT), (n + 1, 2)) + drift[:, 8:10] * DT
         self.truth[:, :2] += np.cumsum(wander, axis=0)
         late = noise.position_delay * self.truth[:, VX] * rng.normal(0, 1, n + 1)
         way = np.column_stack([np.cos(self.truth[:, YAW]), np.sin(self.truth[:, YAW])])
+        self.headings = self.truth[:, YAW] + self.truth[:, HEADING_TURN] + rng.normal(0, HEADING_STD, n + 1)
         self.fixes = self.truth[:, :2] + rng.normal(0, noise.position, (n + 1, 2)) + late[:, None] * way
         self.wheels = self.truth[:, [VX, VX]] * (1 + self.truth[:, [8, 8]])
         slip = np.hypot(noise.wheel_speed, noise.wheel_rolling * self.truth[:, [VX, VX]])
@@ -94,7 +98,7 @@ def initial_std() -> np.ndarray:
         n.initial_position, n.initial_position, n.initial_yaw, n.initial_speed, n.initial_speed,
         n.initial_bias_accel, n.initial_bias_accel, n.initial_bias_yaw_rate, n.initial_wheel_scale,
         n.initial_slope_share, n.initial_slope_share, n.initial_imu_turn, n.initial_imu_ahead,
-        n.position_drift, n.position_drift,
+        n.position_drift, n.position_drift, n.initial_heading_turn,
     ])  # fmt: skip
 
 
@@ -102,22 +106,26 @@ def started(drive: Drive, rng: np.random.Generator) -> StateFilter:
     f = StateFilter(load_car())
     f.covariance = np.diag(initial_std() ** 2)
     f.mean = drive.truth[0] + rng.normal(0, initial_std())
-    f.mean[5:] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]
+    f.mean[5:] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     f.yaw_rate = drive.imu[0, 2]
     return f
 
 
-def step(f: StateFilter, drive: Drive, k: int) -> tuple[float, int]:
-    """One sample of all sensors; returns the sum of the wheels' and positions' NIS and its degrees of freedom."""
+def step(f: StateFilter, drive: Drive, k: int, *, headed: bool = False) -> tuple[float, int]:
+    """One sample of all sensors, a receiver's heading too where `headed`; returns the sum of their NIS and its degrees
+    of freedom."""
     f.predict(ImuReading(*drive.imu[k - 1], *drive.gravity[k]), DT)
     nis = f.update_wheel_speeds(*drive.wheels[k], steer=0.0, drive=0.0)
+    if headed and (found := f.update_heading(drive.headings[k] + 2 * np.pi, HEADING_STD)) is not None:
+        nis.append(found)
     if k % 5 == 0 and (fix := f.update_position(*drive.fixes[k])) is not None:
         return sum(nis) + fix, len(nis) + 2
     return sum(nis), len(nis)
 
 
 @pytest.mark.promise("N3")
-def test_state_filter_is_consistent_over_many_runs_with_known_truth() -> None:
+@pytest.mark.parametrize("headed", [False, True], ids=["positions alone", "with headings"])
+def test_state_filter_is_consistent_over_many_runs_with_known_truth(headed: bool) -> None:
     roots, runs, seconds = (101, 103), volume(100, 400), 6.0
     checks = range(200, round(seconds / DT) + 1, 50)
     nees = np.zeros((runs, len(checks)))
@@ -127,7 +135,7 @@ def test_state_filter_is_consistent_over_many_runs_with_known_truth() -> None:
         drive = Drive(rng, seconds)
         f = started(drive, rng)
         for k in range(1, len(drive.truth)):
-            added, degrees = step(f, drive, k)
+            added, degrees = step(f, drive, k, headed=headed)
             nis, freedom = nis + added, freedom + degrees
             if k in checks:
                 error = f.mean - drive.truth[k]
@@ -142,7 +150,8 @@ def test_state_filter_is_consistent_over_many_runs_with_known_truth() -> None:
     of_nees = f"NEES {nees[:, -1].mean():.2f} in {low:.2f} to {high:.2f} at the end, at {inside:.0%} of the moments"
     figure = f"{of_nees}; NIS {mean:.4f} in {nis_low:.4f} to {nis_high:.4f}"
     within = inside >= 0.85 and low < nees[:, -1].mean() < high and nis_low < mean < nis_high
-    record_figure("N3", f"state filter, {runs} unseen runs: {figure}", missed=not within)
+    of = "with headings of a receiver, " if headed else ""
+    record_figure("N3", f"state filter, {of}{runs} unseen runs: {figure}", missed=not within)
 
 
 @pytest.mark.parametrize("turn", [-0.03, 0.03])

@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from estimator.drive_log.derived import specific_force
-from estimator.drive_log.lag import Lag, lag_between
+from estimator.drive_log.lag import Lag, fast_part, lag_between
 from estimator.drive_log.smoothing import second_difference_noise
 from estimator.drive_log.table import DriveLog
 from estimator.offline.health.finding import Action, LogFinding
@@ -16,7 +16,8 @@ from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 
-LONGEST_S = 2.5
+LONGEST_S, SLOWEST = 2.5, 4.0
+"""of a lag, and of the motion that tells one, over it"""
 LATE_S = 0.15
 GAIN_BAND = (0.6, 1.5)
 LEAST_MOTION = 0.5
@@ -34,12 +35,11 @@ def find(log: DriveLog, vehicle: Vehicle) -> list[LogFinding]:
         names = [axis] if axis not in log.derived else []
         names += [n for n in log.extra if re.match(rf"{axis}(_|$)", n)]
         for name in names:
-            lag = lag_between(expected, log[name], moving, log.step, LONGEST_S, slowest=4.0)
-            if (
-                lag is not None
-                and _useless(lag, motion_in(log[name][moving]))
-                and not (axis == "ay" and _on_a_bank(lag))
-            ):
+            lag = lag_between(expected, log[name], moving, log.step, LONGEST_S, SLOWEST)
+            if lag is None or (axis == "ay" and _on_a_bank(lag)):
+                continue
+            compared = fast_part(log[name], round(SLOWEST * LONGEST_S / log.step))
+            if _useless(lag, motion_in(compared[moving])):
                 findings.append(_finding(log, name, axis, lag))
     return findings
 

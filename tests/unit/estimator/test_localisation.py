@@ -6,7 +6,7 @@ its sensors have offsets, its fixes wander by 0.3 m a minute and drift by 1 cm/s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from support.cars.pushed_car import Errors, PushedCar
 from support.promise_figures import record_figure, volume
 
 from estimator.state.localisation import Localisation
-from hil_gateway.bus.messages import Estimate, SourceHealth, VehicleState
+from hil_gateway.bus.messages import Estimate, Heading, SourceHealth, VehicleState
 from hil_gateway.car.car import load_car
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
@@ -232,3 +232,79 @@ def test_wheels_that_say_nothing_below_their_threshold_leave_the_heading_alone(s
     last = _estimates(car, localisation, car.states(60.0))[-1]
     assert _wrong(car, last) < HEADING
     assert np.hypot(last.x - car.place[0], last.y - car.place[1]) < 0.3
+
+
+class HeadedCar(PushedCar):
+    """One with a receiver that says where it points, turned and wandering as inertial solutions on a car are."""
+
+    MOUNTED, WANDER, WANDER_S, NOISE, STATED = 0.007, 0.0014, 60.0, 2e-4, 0.0014
+    """rad of the first two, s, rad; what the receiver says of itself"""
+
+    def __init__(  # noqa: PLR0917 - as of its base
+        self, track: Track, s: float, turned: float, errors: Errors, seed: int, speed: Callable[[float], float]
+    ) -> None:
+        super().__init__(track, s, turned, errors, seed, speed)
+        self._draw = np.random.default_rng([seed, 17])
+        self.off, self._wanders = self.MOUNTED * self._draw.normal(), self.WANDER * self._draw.normal()
+
+    def headed(self, seconds: float, jump: float = 0.0) -> Iterator[VehicleState]:
+        """States with a heading, wrong by `jump` more."""
+        kept = np.exp(-0.01 / self.WANDER_S)
+        for state in self.states(seconds):
+            self._wanders = kept * self._wanders + self.WANDER * np.sqrt(1.0 - kept**2) * self._draw.normal()
+            yaw = self.yaw + self.off + self._wanders + self.NOISE * self._draw.normal() + jump
+            heading = Heading(yaw=float(np.remainder(yaw, 2 * np.pi)), std=self.STATED)
+            yield state.model_copy(update={"heading": heading, "receiver": "novatel_top"})
+
+
+@pytest.mark.promise("G2")
+@pytest.mark.promise("N3")
+def test_a_receivers_heading_is_the_cars_at_once_and_better_known_after_the_first_metres() -> None:
+    """Normalised errors squared of a car that has never moved, then of one at rest; and against no such receiver."""
+    track, s = _steepest("road_course", "grade")
+    phases, runs = {"at the start": 2.0, "after a stand": 45.0}, volume(10, 24)
+    squares: dict[str, list[float]] = {name: [] for name in phases}
+    wrong: dict[bool, list[float]] = {True: [], False: []}
+    for seed in range(runs):
+        rng = np.random.default_rng([seed, 47])
+        drift, drift_yaw = float(rng.normal(0.0, 0.01)), float(rng.uniform(0, 6))
+        errors = Errors(*rng.normal(0.0, [0.15, 0.15, 0.004]), drift=drift, drift_yaw=drift_yaw)
+        turned = float(rng.uniform(-3, 3))
+        for headed in (True, False):
+            car = HeadedCar(track, s, turned, errors, seed, _pushed(60.0, 12.0))
+            localisation = Localisation(load_car(), track)
+            for state in (car.headed if headed else car.states)(max(phases.values())):
+                estimate = localisation.step(state, car.k)
+                if headed and (name := next((n for n, t in phases.items() if car.k == round(t * 100)), "")):
+                    assert estimate.valid, name
+                    squares[name].append((_wrong(car, estimate) / estimate.std[2]) ** 2)
+            wrong[headed].append(_wrong(car, estimate))
+    high = stats.chi2.ppf(0.975, runs) / runs
+    means = {name: float(np.mean(values)) for name, values in squares.items()}
+    of_both = " against ".join(f"{np.sqrt(np.mean(np.square(wrong[k]))):.4f}" for k in (True, False))
+    record_figure("N3", f"heading of a receiver, {runs} runs, NEES below {high:.2f}: {means}; {of_both} rad without")
+    assert max(means.values()) < high
+    assert np.sum(np.square(wrong[True])) < np.sum(np.square(wrong[False]))
+
+
+def test_a_heading_that_jumps_is_refused_and_counted(steep: Place) -> None:
+    track, s = steep
+    car = HeadedCar(track, s, 0.2, Errors(), 11, _pushed(15.0, 10.0))
+    localisation = Localisation(load_car(), track)
+    before = _estimates(car, localisation, car.headed(16.0))[-1]
+    after = _estimates(car, localisation, car.headed(3.0, jump=0.1))[-1]
+    assert after.innovations_rejected >= before.innovations_rejected + 300
+    assert _wrong(car, after) < 3.0 * after.std[2]
+    assert after.yaw == pytest.approx(before.yaw, abs=before.std[2])
+
+
+def test_headings_of_another_receiver_are_taken_with_its_own_mounting(steep: Place) -> None:
+    """The receiver in use is lost while the car stands; that of the other one is turned by 0.02 rad."""
+    track, s = steep
+    car = HeadedCar(track, s, 0.2, Errors(), 12, _pushed(15.0, 10.0))
+    localisation = Localisation(load_car(), track)
+    before = _estimates(car, localisation, car.headed(16.0))[-1]
+    other = (s.model_copy(update={"receiver": "novatel_bottom"}) for s in car.headed(3.0, jump=0.02))
+    after = _estimates(car, localisation, other)[-1]
+    assert after.innovations_rejected == before.innovations_rejected
+    assert after.yaw == pytest.approx(before.yaw, abs=2.0 * before.std[2])

@@ -1,7 +1,8 @@
-"""Position fixes of receivers on the network, brought up to the time of the vehicle state.
+"""Position fixes and headings of receivers on the network, brought up to the time of the vehicle state.
 
 A fix is some time old when it arrives. Since then the car has gone on by the receiver's own velocity, turned by the
-gyro and changed by the longitudinal force: within 0.1 s that is right to a few centimetres.
+gyro and changed by the longitudinal force: within 0.1 s that is right to a few centimetres. A heading has turned with
+the gyro.
 The receiver in use stays so while it places the car, then the first of the configuration that does.
 """
 
@@ -12,7 +13,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from hil_gateway.bus.messages import SourceHealth
+from hil_gateway.bus.messages import Heading, SourceHealth
 from hil_gateway.bus.outside import Navigation, Quality, Velocity
 from hil_gateway.bus.topics import NAVIGATION
 from hil_gateway.car.car import Receiver
@@ -25,6 +26,8 @@ VELOCITY_NS = NS_PER_S // 5
 """between a fix and the velocity that goes with it"""
 WALKING = 2.0
 """m/s from which the course of an antenna says where the car points, where no heading does"""
+POINTING = ("INSPVAX", "INSPVAS", "HEADING2", "DUALANTENNAHEADING", "HDT")
+"""logs that say where the car points, best first: two of one receiver differ by how its parts are mounted"""
 KEPT = 64
 """periods of 10 ms: `OLDEST_NS` and some"""
 
@@ -106,7 +109,7 @@ class _Newest:
             return
         if message.velocity is not None and self._is_better(message):
             self.velocity = message
-        self.heading = message if message.heading is not None else self.heading
+        self.heading = message if self._points_better(message) else self.heading
         if message.places and self._has_velocity(message):
             self.fix, self.came_ns = message, now_ns
 
@@ -123,14 +126,22 @@ class _Newest:
             return True
         return old.velocity.std is None or (message.velocity is not None and message.velocity.std is not None)
 
+    def _points_better(self, message: Navigation) -> bool:
+        """Whether its heading is of the best log that has said one lately."""
+        old = self.heading
+        if message.heading is None or message.log not in POINTING:
+            return False
+        late = old is None or message.stamp_ns - old.stamp_ns > OLDEST_NS
+        return late or old is None or POINTING.index(message.log) <= POINTING.index(old.log)
+
 
 class NetworkReceivers:
-    """`take` what arrives, then `step` once a period."""
+    """`take` what arrives, then once a period `step`, then `heading`."""
 
     def __init__(self, config: Config) -> None:
         declared = config.car.network_receivers
         self._newest = {name: _Newest(declared[name]) for name in config.receivers}
-        self._motion, self._used = Motion(), (0, "")
+        self._motion, self._used, self._pointed = Motion(), (0, ""), (0, "")
         self.name = next(iter(self._newest), "")
         """the receiver in use; empty where none is configured"""
 
@@ -173,6 +184,16 @@ class NetworkReceivers:
             return None
         ahead, left = self._lever(newest, velocity.velocity, velocity.stamp_ns)
         return fix.place.latitude, fix.place.longitude, way[0] - ahead, way[1] - left
+
+    def heading(self, stamp_ns: int) -> Heading | None:
+        """Of the receiver in use, turned on to `stamp_ns`; None where none has come since the last call."""
+        newest = self._newest[self.name].heading
+        if newest is None or newest.heading is None or (newest.stamp_ns, self.name) == self._pointed:
+            return None
+        self._pointed = newest.stamp_ns, self.name
+        if stamp_ns - newest.stamp_ns > OLDEST_NS:
+            return None
+        return Heading(yaw=newest.heading.yaw + self._motion.turned_since(newest.stamp_ns), std=newest.heading.std)
 
     def _lever(self, newest: _Newest, velocity: Velocity, at_ns: int) -> tuple[float, float]:
         """From the centre of gravity to the point that the receiver reports, m in the map; none where the car points

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.drives.any_car import AnyCar
+from support.drives.similar_car import SimilarCar
 
 from estimator.drive_log.table import DriveLog, read_logs
 from estimator.offline.diagnosis import diagnose
@@ -47,6 +48,32 @@ def test_tyres_of_a_car_of_any_size_are_found(name: str, tmp_path: Path) -> None
     stiffness = [np.prod([found[f"{p}{axle}"] for p in "bcd"]) for axle in "fr"]
     np.testing.assert_allclose(stiffness, [np.prod(car.front), np.prod(car.rear)], rtol=0.05)
     assert found["cx"] == pytest.approx(car.slip_stiffness * car.mass * 9.80665, rel=0.05)
+
+
+def _found_of_the_plants(car: SimilarCar, folder: Path) -> list[float]:
+    """Stiffness of front and rear axle and along, over those of the car; a sound log has nothing found wrong."""
+    vehicle, columns = read_vehicle(_vehicle_file(folder, car.vehicle), load_car()), car.log()
+    log = DriveLog(columns, np.zeros(len(columns["t"]), np.int64))
+    result = identify(log, vehicle, default_tyre_prior("per_axle", vehicle, load_car()), Options())
+    assert not result.health.findings
+    across = [np.prod([result.final[f"{p}{axle}"] for p in "bcd"]) for axle in "fr"]
+    return [found / true for found, true in zip((*across, result.final["cx"]), car.stiffness, strict=True)]
+
+
+@pytest.mark.slow
+def test_what_is_found_of_a_four_wheel_car_does_not_depend_on_its_size(tmp_path: Path) -> None:
+    small, large = (_found_of_the_plants(SimilarCar(5, *size), tmp_path) for size in ((0.2, 2.0), (4.0, 3000.0)))
+    assert small == pytest.approx(large, rel=0.01)
+    assert small == pytest.approx([1.0, 1.0, 1.0], rel=0.06)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.long] * (seed > 0)) for seed in range(8)])
+def test_axles_of_random_four_wheel_cars_are_found(seed: int, tmp_path: Path) -> None:
+    """Lengths of 0.2 to 4 m and masses of 2 kg to 3 t; loads move between their wheels, and slip takes its way."""
+    front, rear, along = _found_of_the_plants(SimilarCar.random(seed), tmp_path)
+    assert (front, rear) == pytest.approx((1.0, 1.0), rel=0.05)
+    assert along == pytest.approx(1.0, rel=0.15)  # saturates in slip, which Eq. 2 leaves out
 
 
 @pytest.mark.slow

@@ -129,6 +129,21 @@ def test_on_one_circle_nothing_is_said_of_vy_and_an_acceleration_in_noise_is_kep
     assert not {"offset_vy", "position_vy", "useless_ax"} & {f.name for f in examine(circles(), VEHICLE).findings}
 
 
+def test_an_acceleration_that_changes_more_slowly_than_a_lag_can_be_told_from_is_kept() -> None:
+    """3 m/s up and down within 60 s: what is quicker in the accelerometer is noise."""
+    t, rng = np.arange(0.0, 240.0, 0.02), np.random.default_rng(4)
+    rate, about = 0.3 * np.sin(0.8 * t), 2.0 * np.pi / 60.0
+    vx = 30.0 + 3.0 * np.sin(about * t)
+    columns = {
+        "t": t, "vx": vx + 0.02 * rng.standard_normal(len(t)), "vy": 0.02 * rng.standard_normal(len(t)),
+        "yaw_rate": rate, "ax": 3.0 * about * np.cos(about * t) + 0.1 * rng.standard_normal(len(t)),
+        "ay": vx * rate + 0.1 * rng.standard_normal(len(t)), "steer": 2.97 * rate / vx + 0.002 * vx * rate,
+        "drive": 0.01 * np.cos(about * t),
+    }  # fmt: skip
+    log = DriveLog(columns, np.zeros(len(t), np.int64))
+    assert "useless_ax" not in {finding.name for finding in examine(log, VEHICLE).findings}
+
+
 def test_late_and_attenuated_acceleration_is_found_useless() -> None:
     useless = 0.4 * _late("ax", 1.2)
     finding = _only(_log(ax_logged=useless), "useless_ax_logged")

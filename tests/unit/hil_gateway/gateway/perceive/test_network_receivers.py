@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from hil_gateway.bus.outside import Heading, Navigation, Place, Quality, Velocity
+from hil_gateway.bus.messages import Heading
+from hil_gateway.bus.outside import Navigation, Place, Quality, Velocity
 from hil_gateway.config import Config, load_config
 from hil_gateway.gateway.perceive.positions.network import NetworkReceivers
 from hil_gateway.track.geodesy import LocalMap
@@ -98,6 +99,42 @@ def test_antenna_ahead_of_the_centre_of_gravity_is_taken_off_by_where_the_car_po
     ahead, left = 1.5, -0.2
     expected = x - math.cos(yaw) * ahead + math.sin(yaw) * left, y - math.sin(yaw) * ahead - math.cos(yaw) * left
     assert played.step(300) == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize("late_ms", [0, 80, 200])
+def test_a_late_heading_has_turned_with_the_car(late_ms):
+    played = Played(config())
+    for ms in range(0, 300, 10):
+        played.step(ms)
+    played.say("novatel_top", 300 - late_ms, 300, heading=Heading(yaw=true_way(300 - late_ms)[2], std=0.002))
+    played.step(300)
+    found = played.receivers.heading((START_MS + 300) * MS)
+    assert found is not None
+    assert (found.yaw, found.std) == (pytest.approx(true_way(300)[2], abs=1e-3), 0.002)
+    assert played.receivers.heading((START_MS + 300) * MS) is None  # once
+
+
+def test_of_two_logs_that_say_where_the_car_points_one_is_used():
+    """The line of the antennas, and the inertial unit, are not mounted alike."""
+    played = Played(config())
+    for ms in range(0, 400, 10):
+        if ms % 50 == 0:
+            played.say("novatel_top", ms, ms, heading=Heading(yaw=0.1, std=0.002))
+        if ms >= 200:
+            antennas = Heading(yaw=0.5, std=0.002)
+            played.say("novatel_top", ms, ms, log="HEADING2", place=None, velocity=None, places=False, heading=antennas)
+        played.step(ms)
+        found = played.receivers.heading((START_MS + ms) * MS)
+        assert found is None or abs(found.yaw - 0.1) < 0.1, ms
+
+
+def test_a_heading_that_is_not_of_fixed_quality_is_left_out():
+    played = Played(config())
+    for ms in range(0, 300, 10):
+        played.step(ms)
+    played.say("novatel_top", 290, 300, Quality.DEGRADED, heading=Heading(yaw=0.1, std=0.002))
+    played.step(300)
+    assert played.receivers.heading((START_MS + 300) * MS) is None
 
 
 def test_receiver_in_use_stays_so_while_it_places_the_car():
