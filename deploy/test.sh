@@ -16,6 +16,9 @@ else
 fi
 export PATH="$root/.venv/bin:$PATH" OMP_NUM_THREADS=1 HIL_PROMISE_FIGURES="$results/figures"
 export XDG_CACHE_HOME="$results/cache"    # a new user's: empty
+# Hundreds of processes are started: where byte code may not be kept beside the modules, each would compile them all.
+unset PYTHONDONTWRITEBYTECODE
+export PYTHONPYCACHEPREFIX="$results/bytecode"
 started=$SECONDS
 
 # step NAME CMD...: output goes to a file and is shown only when CMD fails; the result is a line of the summary

@@ -3,7 +3,7 @@
 The test fails on a fault that takes the car off the road unnoticed, on a wrong cause and on a car that does not stand;
 how many stops leave the road where the plant shows that one could have kept to it is a figure, and the verdict of D2 is
 that figure against what it requires. The usual run
-takes every fourth fault from one place and the next ones from another; `hil verify --car-faults` takes all of them.
+takes every sixth fault from one place and the next ones from another; `hil verify --car-faults` takes all of them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def unnoticed(result: FaultResult) -> bool:
 @pytest.mark.promise("D2")
 def test_single_faults_are_noticed_by_the_right_cause_and_stop_the_car() -> None:
     tracks = ("road_course", "oval", "tri_oval")[: volume(1, 3)]
-    results = [r for track in tracks for r in campaign(track, volume(1, 40), volume(18, 3), shares=volume(4, 1))]
+    results = [r for track in tracks for r in campaign(track, volume(1, 40), volume(18, 3), shares=volume(6, 1))]
     for result in results:
         fault = FAULTS[result.fault]
         if fault.noticed_by and result.noticed_s is not None:

@@ -17,7 +17,9 @@ from can_dbc.folder import SHIPPED
 
 CODEC = load_codec()
 PEER = cantools.database.load_file(SHIPPED / "av24/av24.dbc")
-FUZZ_FRAMES = volume(200_000, 1_000_000)
+FUZZ_FRAMES = volume(100_000, 1_000_000)
+EXAMPLES = volume(20, 40)
+"""of every message"""
 
 
 def raw_values(message: BusMessage) -> st.SearchStrategy[dict[str, int]]:
@@ -31,7 +33,7 @@ def physical(message: BusMessage, raws: dict[str, int]) -> dict[str, float]:
 
 @pytest.mark.promise("F2")
 @pytest.mark.parametrize("name", CODEC.messages)
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=EXAMPLES, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_encode_and_decode_agree_with_cantools_over_the_whole_raw_range(name: str, data: st.DataObject) -> None:
     message, peer = CODEC.messages[name], PEER.get_message_by_name(name)
@@ -56,7 +58,7 @@ def test_the_ends_of_every_signal_of_every_message_agree_with_cantools() -> None
 
 @pytest.mark.promise("F2")
 @pytest.mark.parametrize("name", CODEC.messages)
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=EXAMPLES, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_packed_integers_are_the_integers_on_the_wire(name: str, data: st.DataObject) -> None:
     message = CODEC.messages[name]
@@ -85,7 +87,7 @@ def test_an_integer_beyond_its_field_is_held_to_it_and_nothing_but_integers_is_p
 
 @pytest.mark.promise("F2")
 @pytest.mark.parametrize("name", CODEC.messages)
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=EXAMPLES, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_decode_and_encode_are_inverse_in_si(name: str, data: st.DataObject) -> None:
     message = CODEC.messages[name]
@@ -109,7 +111,7 @@ def test_si_is_the_dbc_value_times_its_unit(name: str) -> None:
 
 @pytest.mark.promise("F2")
 @pytest.mark.parametrize("name", CODEC.messages)
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=EXAMPLES, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_any_number_is_encoded_within_half_a_step_or_at_the_end_of_the_field(name: str, data: st.DataObject) -> None:
     message = CODEC.messages[name]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.drives.any_car import AnyCar
 from support.drives.similar_car import SimilarCar
+from support.promise_figures import volume
 
 from estimator.drive_log.table import DriveLog, read_logs
 from estimator.offline.diagnosis import diagnose
@@ -28,6 +30,7 @@ CARS = {
 }
 
 
+@cache
 def _log(car: AnyCar) -> DriveLog:
     columns = car.drive(seed=1)
     return DriveLog(columns, np.zeros(len(columns["t"]), np.int64))
@@ -87,7 +90,7 @@ def test_nothing_is_found_on_a_car_of_any_size_that_lacks_nothing(name: str, tmp
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(volume(1, 2)))
 def test_a_short_run_of_a_model_car_is_enough_for_what_it_determines(seed: int, tmp_path: Path) -> None:
     """A small car does in a second what a large one does in four: the interval of every parameter holds the truth."""
     car = CARS["1:10"]
