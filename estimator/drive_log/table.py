@@ -18,6 +18,7 @@ from estimator.drive_log.tables import is_bag
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.writable import RECORDING
+from hil_gateway.session.drive_table import VY_STD
 from hil_gateway.session.logs.raw_bag import bag_files
 
 REQUIRED = ("t", "vx", "vy", "yaw_rate", "steer")
@@ -28,7 +29,7 @@ DERIVABLE = ("ax", "ay", "drive")
 
 OPTIONAL = (
     "x", "y", "z", "yaw", "az", "lap", "throttle", "brake", "brake_balance", "gear", "engine_speed",
-    "wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr",
+    "wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr", VY_STD,
 )  # fmt: skip
 
 WATCHED = (*REQUIRED[1:], *DERIVABLE, "x", "y", "yaw", *(n for n in OPTIONAL if n.startswith("wheel_speed")))
@@ -135,7 +136,7 @@ def read_log(path: Path, mapping: ColumnMap | None = None) -> DriveLog:
     _check_driven(path, columns["vx"])
     segment = segment_numbers(columns["t"])
     columns, derived = add_missing_channels(path, columns, segment)
-    derived |= BY_STATE_FILTER if _is_session(path) else {}
+    derived |= BY_STATE_FILTER if VY_STD in columns else {}
     gaps = int(segment[-1])
     return DriveLog(
         columns=columns,

@@ -131,13 +131,13 @@ def _layout(head: Sequence[tuple[int, str]], separator: str) -> _Layout | None:
     for k, (at, cells) in enumerate(rows):
         if len(cells) < 2 or not _is_data(cells):
             continue
-        above = [(i, row) for i, row in rows[:k] if len(row) == len(cells) and not _is_data(row)]
-        if not above:
-            continue
+        above = [(i, row) for i, row in rows[:k] if len(row) in (len(cells) - 1, len(cells)) and not _is_data(row)]
         units: Sequence[str] = ()
         if len(above) > 1 and all(is_unit(cell) for cell in above[-1][1]):
-            units = above.pop()[1]
-        return _Layout(separator, above[-1][0], at, *_named(above[-1][1], units))
+            units = above.pop()[1]  # the last of them may be empty, and then looks like a separator at the end
+        names = [(i, row) for i, row in above if len(row) == len(cells)]
+        if names:
+            return _Layout(separator, names[-1][0], at, *_named(names[-1][1], units))
     return None
 
 

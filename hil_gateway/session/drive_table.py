@@ -25,6 +25,8 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.format import named, unpack_message
 from hil_gateway.session.files.reader import Item, SessionReader
 
+VY = 4
+"""of the deviations of an estimate"""
 FROM_ESTIMATE: Mapping[str, Callable[[Estimate], float]] = {
     "vx": lambda e: e.vx,
     "vy": lambda e: e.vy,
@@ -33,6 +35,8 @@ FROM_ESTIMATE: Mapping[str, Callable[[Estimate], float]] = {
     "y": lambda e: e.y,
     "yaw": lambda e: e.yaw,
 }
+VY_STD = "vy_std"
+"""column with the deviation of a `vy` that a filter has estimated, m/s: where it is, no sensor has measured `vy`"""
 FROM_STATE: Mapping[str, Callable[[VehicleState], float]] = {
     "ax": lambda v: v.ax,
     "ay": lambda v: v.ay,
@@ -79,6 +83,7 @@ def read_drive_table(path: Path, *following: Path) -> DriveTable:
     stamps = np.array([state.stamp_ns for state, _ in rows], dtype=np.int64)
     columns = {"t": (stamps - stamps[0]) / NS_PER_S}
     columns |= {name: np.array([get(e) for _, e in rows], dtype=float) for name, get in FROM_ESTIMATE.items()}
+    columns[VY_STD] = np.array([e.std[VY] for _, e in rows], dtype=float)
     columns |= {name: np.array([get(v) for v, _ in rows], dtype=float) for name, get in FROM_STATE.items()}
     if laps:
         columns["lap"] = _lap_at(stamps, laps)

@@ -22,11 +22,12 @@ from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import OriginConfig
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
+from hil_gateway.session.drive_table import VY_STD
 from hil_gateway.session.logs.bag import KINDS as CAN_KINDS
 from hil_gateway.track.geodesy import LocalMap
 
 TOGETHER: tuple[tuple[str, ...], ...] = (
-    ("vx", "vy"), ("yaw",), ("yaw_rate",), ("ax", "ay", "az"), ("x", "y"), ("z",), ("steer",), ("throttle",),
+    ("vx", "vy", VY_STD), ("yaw",), ("yaw_rate",), ("ax", "ay", "az"), ("x", "y"), ("z",), ("steer",), ("throttle",),
     ("brake", "brake_balance"), ("engine_speed", "gear"),
     ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr"),
 )  # fmt: skip
@@ -264,12 +265,16 @@ def _without_delays(t: Array, columns: dict[str, Array], chosen: Sequence[Chosen
     return columns | moved
 
 
+UNDRIVEN = "wheel_speed_f"
+"""wheels whose speeds tell a delay: the slip of driven ones grows with ax, and lets them lead by v m / C_x, to 0.2 s"""
+
+
 def _delays(t: Array, columns: Mapping[str, Array], chosen: Sequence[Chosen]) -> Iterator[tuple[str, float]]:
     if "ax" not in columns:
         return
     of_ax = next(one.source.topic for one in chosen if "ax" in one.names)
     for one in chosen:
-        speeds = [n for n in one.names if n == "vx" or n.startswith("wheel_speed_r")]
+        speeds = [n for n in one.names if n == "vx" or n.startswith(UNDRIVEN)]
         if not speeds or one.source.topic == of_ax:
             continue
         lag = _lag(t, columns["ax"], np.mean([columns[n] for n in speeds], axis=0))

@@ -17,10 +17,13 @@ from estimator.drive_log.bag.layout import Columns
 from hil_gateway.car.actuation import PRESSED
 from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
+from hil_gateway.session.drive_table import VY_STD
 
 KMH, DEGREE, KPA, PERCENT, RPM = 1.0 / 3.6, math.pi / 180.0, 1e3, 1e-2, math.pi / 30.0
 INS_USABLE = (3, 6, 7)
 """INS_SOLUTION_GOOD, INS_SOLUTION_FREE, INS_ALIGNMENT_COMPLETE of NovAtel"""
+VY_VARIANCE = "twist.covariance[7]"
+"""of a filter that states it"""
 COMPUTED = 0
 """SOL_COMPUTED of NovAtel"""
 Quantities = Mapping[str, Array]
@@ -44,6 +47,8 @@ def _imu(m: Columns) -> Quantities:
 def _odometry(m: Columns) -> Quantities:
     place = {axis: m[f"pose.pose.position.{axis}"] for axis in "xyz"}
     motion = {"vx": m["twist.twist.linear.x"], "vy": m["twist.twist.linear.y"]}
+    if (m[VY_VARIANCE] > 0.0).any():
+        motion[VY_STD] = np.sqrt(np.maximum(m[VY_VARIANCE], 0.0))
     return place | motion | {"yaw": _yaw(m, "pose.pose.orientation"), "yaw_rate": m["twist.twist.angular.z"]}
 
 

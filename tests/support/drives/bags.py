@@ -122,12 +122,13 @@ class Car:
             )  # fmt: skip
             yield topic, kind, START_NS + round(1e9 * (s + late_s)), message
 
-    def wheels(self, late_s: float = 0.0) -> Iterator[Message]:
-        """km/h, each sent twice with one stamp."""
+    def wheels(self, late_s: float = 0.0, slip: float = 0.0) -> Iterator[Message]:
+        """km/h, each sent twice with one stamp; the rear wheels slip by `slip` a m/s2 forward."""
         t = self.times(100.0)
-        for s, vx in zip(t, 3.6 * self.at("vx", t - late_s), strict=True):
+        at = 3.6 * self.at("vx", t - late_s), 1.02 + slip * self.at("ax", t - late_s)
+        for s, vx, rear in zip(t, *at, strict=True):
             kind = "raptor_dbw_msgs/msg/WheelSpeedReport"
-            message = self._types[kind](self.header(s), vx, vx, 1.02 * vx, 1.02 * vx)
+            message = self._types[kind](self.header(s), vx, vx, rear * vx, rear * vx)
             for again_ns in (0, 5_000_000):
                 yield "/raptor/wheel_speed_report", kind, START_NS + round(1e9 * s) + again_ns, message
 

@@ -92,8 +92,13 @@ def test_every_conversion_is_said(tmp_path: Path) -> None:
     assert "ay is 'G Force Lat' in G" in notes
 
 
-def test_what_is_exported_for_i2_is_read_back_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    table = DriveTable(dict(DRIVE), 0, {}, (), np.zeros(len(DRIVE["t"]), bool))
+@pytest.mark.parametrize("last", ["y", "lap"])
+def test_what_is_exported_for_i2_is_read_back_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, last: str
+) -> None:
+    """Also where the last column has no unit."""
+    columns = {**DRIVE, "lap": np.floor(DRIVE["t"] / 3.0)} if last == "lap" else dict(DRIVE)
+    table = DriveTable(columns, 0, {}, (), np.zeros(len(DRIVE["t"]), bool))
     monkeypatch.setattr(motec_export, "read_drive_table", lambda _: table)
     (tmp_path / "s.mcap").touch()
     motec_export.export_motec(tmp_path / "s.mcap", tmp_path / "s_motec.csv")

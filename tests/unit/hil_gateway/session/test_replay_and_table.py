@@ -91,7 +91,7 @@ def test_drive_table_has_the_columns_of_the_format_and_nothing_of_the_truth(sess
     assert set(read_drive_table(session).columns) == {
         "t", "vx", "vy", "yaw_rate", "ax", "ay", "az", "steer", "drive", "x", "y", "yaw", "lap", "throttle", "brake",
         "brake_balance", "wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr", "gear",
-        "engine_speed",
+        "engine_speed", "vy_std",
     }  # fmt: skip
     assert not set(FROM_ESTIMATE) & set(FROM_STATE)
 
