@@ -9,7 +9,7 @@ A map file is TOML, one table a quantity:
     delay = 0.0     # s that the channel lags the others
     ratio = 1.0     # of the steering: angle in the file over that of the road wheel
 
-Every conversion becomes a line of the report.
+A quantity that a map does not name is not used. Every conversion becomes a line of the report.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from estimator.drive_log.quantities import NO_UNIT, QUANTITIES, UNITS, normal_unit, plain_name, quantity_of, to_si
-from hil_gateway.process.arrays import Array
+from hil_gateway.process.arrays import Array, Ints
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
 from hil_gateway.text_file import read_toml
@@ -64,7 +64,22 @@ def read_map(path: Path) -> ColumnMap:
             raise InputError(f"{path}: [{name}] {'.'.join(map(str, first['loc']))}: {first['msg'].lower()}") from None
         if sources[name].unit and to_si(name, sources[name].unit) is None:
             raise InputError(f"{path}: [{name}] unit = {sources[name].unit!r}: {_known_units(name)}")
+    _check_sense(path, sources)
     return ColumnMap(sources, declared=True)
+
+
+def _check_sense(path: Path, sources: Mapping[str, ColumnSource]) -> None:
+    """What is well written and cannot be meant."""
+    quantity_from = dict[str, str]()
+    for name, source in sources.items():
+        if (other := quantity_from.setdefault(source.source, name)) != name:
+            raise InputError(
+                f"{path}: [{name}] from = {source.source!r}: [{other}] has it already; name another column"
+            )
+        if name == "t" and (source.sign != 1 or source.delay):
+            raise InputError(f"{path}: [t] has a sign or a delay; give the delay to the channels that lag")
+        if name != "steer" and source.ratio != 1.0:
+            raise InputError(f"{path}: [{name}] ratio = {source.ratio:g}: only [steer] has one")
 
 
 def _known_units(name: str) -> str:
@@ -112,8 +127,10 @@ def apply(
         notes += _conversion_notes(quantity, source, factor)
     used = {source.source for source in mapping.sources.values()}
     rest = [name for name in names if name not in used and name not in columns]
-    columns |= {name: values[:, list(names).index(name)] for name in rest}
-    return _delayed(columns, mapping, notes), notes
+    unused = [name for name in rest if mapping.declared and name in QUANTITIES]
+    notes += [f"column {name} is not in the map: left out" for name in unused]
+    columns |= {name: values[:, list(names).index(name)] for name in rest if name not in unused}
+    return columns, notes
 
 
 def _factor(path: Path, quantity: str, source: ColumnSource) -> float:
@@ -136,13 +153,22 @@ def _conversion_notes(quantity: str, source: ColumnSource, factor: float) -> lis
     return [f"{quantity} is {source.source!r}{unit}" + ("" if factor == 1.0 else f": multiplied by {factor:.6g}")]
 
 
-def _delayed(columns: dict[str, Array], mapping: ColumnMap, notes: list[str]) -> dict[str, Array]:
-    """Channels that lag put where the others are, by interpolation."""
-    for quantity, source in mapping.sources.items():
-        if source.delay and "t" in columns and quantity != "t":
-            columns[quantity] = np.interp(columns["t"] + source.delay, columns["t"], columns[quantity])
-            notes.append(f"{quantity} is put {source.delay:g} s earlier, as declared")
-    return columns
+def without_delays(
+    columns: Mapping[str, Array], lines: Ints, mapping: ColumnMap, notes: list[str]
+) -> tuple[dict[str, Array], Ints]:
+    """Channels that lag put where the others are, by interpolation, and the lines (n,) of the rows that all reach.
+
+    `columns` with `t` in s, increasing.
+    """
+    t = columns["t"]
+    lags = {name: source.delay for name, source in mapping.sources.items() if source.delay}
+    there = np.ones(len(t), bool)
+    moved = dict(columns)
+    for name, lag in lags.items():
+        there &= (t + lag >= t[0]) & (t + lag <= t[-1])
+        moved[name] = np.interp(t + lag, t, columns[name])
+        notes.append(f"{name} is put {lag:g} s earlier, as declared")
+    return {name: values[there] for name, values in moved.items()}, lines[there]
 
 
 def as_toml(mapping: ColumnMap) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.drive_log.column_map import ColumnMap, apply, proposed
+from estimator.drive_log.column_map import ColumnMap, apply, proposed, without_delays
 from estimator.drive_log.tables import read_table
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
@@ -44,10 +44,11 @@ def read_csv(
     table, lines = np.column_stack([*columns.values()]), written.lines
     _check_finite(path, header, table, lines)
     table, lines = _without_repeated_rows(header, table, lines, notes)
-    if len(table) < min_rows:
-        raise InputError(f"{path}: {len(table)} rows are too few: at least {min_rows} are needed")
     columns = {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(header)}
     _check_time(path, columns["t"], lines)
+    columns, lines = without_delays(columns, lines, mapping, notes)
+    if len(lines) < min_rows:
+        raise InputError(f"{path}: {len(lines)} rows are too few: at least {min_rows} are needed")
     _check_frozen(path, columns, lines, watched)
     return columns, [*written.notes, *notes]
 

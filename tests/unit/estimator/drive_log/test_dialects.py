@@ -163,6 +163,40 @@ def test_the_proposed_map_reads_the_log_as_it_is_read_without(tmp_path: Path) ->
     assert same(read_log(tmp_path / "a.csv", read_map(tmp_path / "map.toml")))
 
 
+def edited(content: str, *changes: tuple[str, str], folder: Path) -> DriveLog:
+    """A log by the map that is proposed for it, changed by a person: a table, and what is put in its stead."""
+    (folder / "a.csv").write_text(content)
+    table = read_table(folder / "a.csv")
+    tables = dict(zip(("", *(q := proposed(table.names, table.units)).sources), as_toml(q).split("["), strict=True))
+    for quantity, entry in changes:
+        tables[quantity] = f"{quantity}]\n{entry}\n" if entry else ""
+    (folder / "map.toml").write_text("".join(f"[{entry}" for entry in tables.values() if entry))
+    return read_log(folder / "a.csv", read_map(folder / "map.toml"))
+
+
+def test_a_unit_that_the_file_has_wrong_is_corrected_in_the_map(tmp_path: Path) -> None:
+    wrong = motec().replace('"km/h","km/h"', '"m/s","m/s"')
+    speeds = ("vx", 'from = "Ground Speed"\nunit = "km/h"'), ("vy", 'from = "Lateral Velocity"\nunit = "km/h"')
+    assert same(edited(wrong, *speeds, folder=tmp_path))
+
+
+@pytest.mark.parametrize("content", [text(DRIVE), motec()])
+def test_a_quantity_that_is_taken_out_of_the_map_is_not_used(tmp_path: Path, content: str) -> None:
+    log = edited(content, ("ay", ""), folder=tmp_path)
+    assert "ay" in log.derived
+    with pytest.raises(InputError, match="column vy is missing"):
+        edited(content, ("vy", ""), folder=tmp_path)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e3])
+def test_a_declared_delay_is_in_seconds_and_makes_up_no_row(tmp_path: Path, scale: float) -> None:
+    """Also where t is in ms and nobody says so."""
+    late = {**DRIVE, "yaw_rate": np.interp(DRIVE["t"] - 0.1, DRIVE["t"], DRIVE["yaw_rate"]), "t": scale * DRIVE["t"]}
+    log = edited(text(late), ("yaw_rate", 'from = "yaw_rate"\ndelay = 0.1'), folder=tmp_path)
+    assert len(log) == len(DRIVE["t"]) - 10
+    assert np.allclose(log["yaw_rate"], DRIVE["yaw_rate"][:-10], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -170,6 +204,10 @@ def test_the_proposed_map_reads_the_log_as_it_is_read_without(tmp_path: Path) ->
         ('vx = {from = "v", unit = "volts"}\n', "no unit of vx"),
         ('vx = {from = "v", sing = -1}\n', "sing"),
         ('vx = {from = "v", sign = 2}\n', "sign"),
+        ('vx = {from = "v"}\nvy = {from = "v"}\n', r"\[vy\] from = 'v': \[vx\] has it already"),
+        ('[vx]\nfrom = "v"\n[vx]\nfrom = "w"\n', "twice"),
+        ('t = {from = "t", delay = 0.1}\n', "give the delay to the channels that lag"),
+        ('vx = {from = "v", ratio = 15.0}\n', r"only \[steer\] has one"),
     ],
 )
 def test_a_map_that_means_nothing_is_refused(tmp_path: Path, content: str, words: str) -> None:
