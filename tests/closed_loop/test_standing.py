@@ -191,7 +191,7 @@ def test_switched_off_a_car_on_a_hill_rolls():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hold", [True, False])
+@pytest.mark.parametrize("hold", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_one_disarm_is_enough_after_an_emergency_in_which_the_car_lost_its_power(hold):
     scene = Scene(0.0, driven=True, hold=hold)
     scene.reach(CtState.NOMINAL_RACE)

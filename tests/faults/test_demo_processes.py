@@ -107,6 +107,7 @@ def test_losing_any_process_ends_in_a_stop_and_the_demo_says_so(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_ctrl_c_ends_everything_within_3_s_with_a_readable_recording(tmp_path: Path, record_property: Recorder) -> None:
     with Demo(tmp_path / "out", record_property) as demo:
         demo.wait_under_way()  # and at once: where the machine is late, the gateway stops the car and the demo ends
@@ -125,9 +126,12 @@ def test_ctrl_c_ends_everything_within_3_s_with_a_readable_recording(tmp_path: P
 
 
 @pytest.mark.slow
-def test_ctrl_c_at_speed_stops_the_car_on_the_road_before_all_ends(tmp_path: Path, record_property: Recorder) -> None:
+def test_ctrl_c_at_speed_stops_the_car_on_the_road_before_all_ends_with_a_readable_recording(
+    tmp_path: Path, record_property: Recorder
+) -> None:
     with Demo(tmp_path / "out", record_property) as demo:
         demo.wait_under_way()
+        pids = [demo.pid_of(p.name) for p in PROCESSES]
         time.sleep(5.0)  # 20 m/s
         demo.process.send_signal(signal.SIGINT)
         summary = demo.result(timeout_s=25)
@@ -135,5 +139,9 @@ def test_ctrl_c_at_speed_stops_the_car_on_the_road_before_all_ends(tmp_path: Pat
     assert summary["ending"] == "interrupted"
     assert [stop["cause"] for stop in summary["failsafes"]] == ["gateway_ending"]
     assert summary["off_track"] == 0
+    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+    info = session_info(tmp_path / "out" / "session.mcap", car=load_car())
+    assert info["complete"]
+    assert not info["damage"]
     *_, last = SessionReader(tmp_path / "out" / "session.mcap", frozenset({TRUTH.key})).items()
     assert abs(unpack_message(TRUTH, last.data).vx) < 1.0

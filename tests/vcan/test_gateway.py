@@ -280,7 +280,9 @@ def test_the_check_agrees_with_candump(shared_channel: str, log: Path) -> None:
         assert check.stderr is not None
         assert "nothing is sent" in check.stderr.readline()
         rows = dumped(shared_channel, 2.0)
-        report = json.loads(check.communicate(timeout=60)[0])
+        said, why_not = check.communicate(timeout=60)
+    assert said, why_not
+    report = json.loads(said)
     heard = {row["id"]: row["hz"] for row in report["messages"] if row["frames"]}
     dumped_ids = {frame_id for _, frame_id, _ in rows}
     assert {PEER.get_message_by_name(name).frame_id for name in REPORTS} <= set(heard) <= dumped_ids

@@ -148,8 +148,8 @@ def test_grip_that_falls_with_the_heat_of_the_tyres_is_no_drift(diagnosed: Calla
 @pytest.mark.parametrize(
     ("drive", "signal", "term", "parameters"),
     [
-        ("gyro", "yaw_rate", "gyro_gain", {"gain": 1.04}),
-        ("stiffer", "t", "stiffness_drift", {}),
+        pytest.param("gyro", "yaw_rate", "gyro_gain", {"gain": 1.04}, marks=pytest.mark.long),
+        pytest.param("stiffer", "t", "stiffness_drift", {}, marks=pytest.mark.long),
         ("dragging", "t", "brake_drag", {"time_constant": 4.0, "kept": 700.0 / (0.05 * 62e3)}),
         ("bent", "drive", "drive_curve", {"exponent": 0.25, "gain": 1.0}),
     ],
