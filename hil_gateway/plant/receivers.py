@@ -37,8 +37,9 @@ SINGLE_M, SINGLE_WANDER_M, SINGLE_WANDER_S = 0.3, 1.2, 60.0
 FLOAT_M = 0.25
 VELOCITY_MPS = 0.03
 """of the GNSS; data sheet 0.03 m/s. It is the mean since the position before, and late by half of that"""
-INS_VELOCITY_MPS, AZIMUTH_DEG = 0.015, 0.08
-"""of the inertial solution; data sheets of tactical units"""
+INS_VELOCITY_MPS, INS_VELOCITY_S, AZIMUTH_DEG = (0.015, 0.02, 0.03), 10.0, 0.08
+"""of the inertial solution with fixed and float ambiguities and without corrections, how long its error lasts, s; data
+sheets of tactical units"""
 AZIMUTH_NOISE_DEG, AZIMUTH_S = 0.01, 60.0
 """its azimuth hardly scatters from log to log: its error wanders, with this time constant"""
 MOUNTED_DEG = 0.4
@@ -86,6 +87,7 @@ class SimulatedReceiver:
         self._rtk = Wander(self._draw, RTK_WANDER_M, RTK_WANDER_S)
         self._single = Wander(self._draw, SINGLE_WANDER_M, SINGLE_WANDER_S)
         self._azimuth, self._mounted = Wander(self._draw, AZIMUTH_DEG, AZIMUTH_S), MOUNTED_DEG * self._draw.normal()
+        self._gains = Wander(self._draw, 1.0, INS_VELOCITY_S)
         self._ticks, self._aligned = 0, False
         self._corrected_s = REFIX_S
         """since corrections came back"""
@@ -159,15 +161,16 @@ class SimulatedReceiver:
         worth, dt = self._worth, PERIOD_NS / NS_PER_S
         wander = self._single.step(dt) if worth == 2 else self._rtk.step(dt)
         latitude, longitude = self._map.to_geodetic(x + wander[0], y + wander[1])
-        noise, std = INS_VELOCITY_MPS * self._draw.standard_normal(2), (0.02, FLOAT_M, SINGLE_WANDER_M)[worth]
+        std, std_speed = (0.02, FLOAT_M, SINGLE_WANDER_M)[worth], INS_VELOCITY_MPS[worth]
+        noise = std_speed * np.array(self._gains.step(dt))
         off = self._mounted + self._azimuth.step(dt)[0] + AZIMUTH_NOISE_DEG * self._draw.standard_normal()
         azimuth = 90.0 - math.degrees(self._car["yaw"]) + off
         return "INSPVAX", {
             "ins_status": GOOD if self._aligned else ALIGNING, "position_type": (INS_INT, INS_FLOAT, INS_SINGLE)[worth],
             "latitude": latitude, "longitude": longitude, "height_msl": -UNDULATION_M, "undulation": UNDULATION_M,
             "east": east + noise[0], "north": north + noise[1], "azimuth": azimuth % 360.0, "std_north": std,
-            "std_east": std, "std_up": 2.0 * std, "std_speed_north": INS_VELOCITY_MPS,
-            "std_speed_east": INS_VELOCITY_MPS, "std_speed_up": INS_VELOCITY_MPS, "std_roll": AZIMUTH_DEG,
+            "std_east": std, "std_up": 2.0 * std, "std_speed_north": std_speed,
+            "std_speed_east": std_speed, "std_speed_up": std_speed, "std_roll": AZIMUTH_DEG,
             "std_pitch": AZIMUTH_DEG, "std_azimuth": AZIMUTH_DEG,
         }  # fmt: skip
 

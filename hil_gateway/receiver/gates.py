@@ -1,6 +1,7 @@
 """Whether a log may be used, by what the receiver says of its own solution. Pure.
 
-Position and heading count only with integer ambiguities or their INS counterpart; with float ones they are degraded.
+Position and heading count only with integer ambiguities or their INS counterpart; with float ones they are degraded,
+and so is an inertial solution without corrections: its velocity stays good.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ def judge(log: ReceiverLog) -> tuple[Quality, str]:
     values, kind = log.values, log.values.get("position_type", NARROW_INT)
     if max(values.get("differential_age_s", 0.0), values.get("solution_age_s", 0.0)) > SOLUTION_AGE_MAX_S:
         return Quality.DEGRADED, f"corrections older than {SOLUTION_AGE_MAX_S:g} s"
+    if kind not in FIXED | FLOAT:
+        return Quality.DEGRADED if "ins_status" in values else Quality.REFUSED, f"no RTK (type {kind})"
     return (Quality.DEGRADED, f"float (type {kind})") if kind in FLOAT else (Quality.FIXED, "")
 
 
@@ -52,7 +55,6 @@ def judge_sentence(sentence: Sentence) -> tuple[Quality, str]:
 
 def _refusal(log: ReceiverLog) -> str:
     values = log.values
-    kind = values.get("position_type", NARROW_INT)
     if log.time_status < FINE:
         return f"clock of the receiver not set (time status {log.time_status})"
     if values.get("solution_status", 0) != 0:
@@ -63,4 +65,4 @@ def _refusal(log: ReceiverLog) -> str:
         return "a value is not a number"
     if not 0.0 <= values.get("latency_s", 0.0) <= LATENCY_MAX_S:
         return "latency of the velocity out of range"
-    return "" if kind in FIXED | FLOAT else f"no RTK (type {kind})"
+    return ""

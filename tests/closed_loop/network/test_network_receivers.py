@@ -99,6 +99,21 @@ def test_lost_corrections_stop_the_car_on_the_road_and_say_so(drive: Drive, sess
     assert any('"receiver"' in event and "places the car" in event for event in recorded)
 
 
+def test_a_bridge_is_passed_by_the_velocity_of_the_inertial_solution() -> None:
+    """Corrections are away for 0.6 s, and ambiguities float for 4 s more: no fix for the first bend of the oval."""
+    car = SimulatedCar(events=(RtkEvent(kind="rtk", t=LOST_S, for_s=0.6),))
+    loop, errors = Loop(config(), simulated=car, keep=(topics.ESTIMATE, topics.VEHICLE_STATE)), list[float]()
+    while loop.elapsed_s < 30.0 and not loop.result.failsafes:
+        loop.step()
+        newest, car = loop.result.messages[topics.ESTIMATE.key], loop.plant.car
+        if newest and isinstance(estimate := newest[-1], Estimate) and estimate.valid and car["vx"] > 10.0:
+            errors.append(math.hypot(estimate.x - car["x"], estimate.y - car["y"]))
+    assert loop.finish().failsafes == []
+    assert loop.result.worst_margin_m > 0.3
+    assert max(errors) < 0.3
+    assert errors[-1] < 0.15
+
+
 def test_recording_holds_what_the_receivers_said_and_replays_byte_for_byte(drive: Drive, session: Path) -> None:
     given = required_config(session)
     assert given == config()

@@ -2,7 +2,8 @@
 
 A fix is some time old when it arrives. Since then the car has gone on by the receiver's own velocity, turned by the
 gyro and changed by the longitudinal force: within 0.1 s that is right to a few centimetres. A heading has turned with
-the gyro.
+the gyro. Where corrections are lost, under a bridge, the place goes on by the velocity of the receiver's inertial
+solution, as far as the deviation that it states allows.
 The receiver in use stays so while it places the car, then the first of the configuration that does.
 """
 
@@ -12,6 +13,7 @@ import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from hil_gateway.bus.messages import Heading, SourceHealth
 from hil_gateway.bus.outside import Navigation, Quality, Velocity
@@ -24,8 +26,14 @@ OLDEST_NS = NS_PER_S // 2
 """of a fix that is brought up: a race car changes its speed by 10 m/s in it"""
 VELOCITY_NS = NS_PER_S // 5
 """between a fix and the velocity that goes with it"""
+SAME_NS = NS_PER_S // 200
+"""between a fix and a velocity that are of one time; more, at speed, is decimetres"""
 WALKING = 2.0
 """m/s from which the course of an antenna says where the car points, where no heading does"""
+CARRIED_M = 0.1
+"""deviation up to which a place goes on without a fix, m: the state filter takes the next fix all the same"""
+MISSING_NS, CARRIED_NS = NS_PER_S // 10, NS_PER_S // 20
+"""since the last fix: two of them are missing; and between two places that go on so"""
 POINTING = ("INSPVAX", "INSPVAS", "HEADING2", "DUALANTENNAHEADING", "HDT")
 """logs that say where the car points, best first: two of one receiver differ by how its parts are mounted"""
 KEPT = 64
@@ -89,6 +97,21 @@ class Motion:
         return _Period(min(then_ns, b.stamp_ns), turned, gained)
 
 
+class _Way(NamedTuple):
+    """How far a receiver's point has gone by its velocities since the first one, m in the map, and with what error."""
+
+    stamp_ns: int
+    east: float = 0.0
+    north: float = 0.0
+    std: float = 0.0
+
+    def by(self, before: Velocity, after: Velocity, std: float, stamp_ns: int) -> _Way:
+        """On to a later time by the velocities now and then, whose error lasts, so that it adds up."""
+        dt = (stamp_ns - self.stamp_ns) / NS_PER_S
+        east, north = 0.5 * (before.east + after.east), 0.5 * (before.north + after.north)
+        return _Way(stamp_ns, self.east + dt * east, self.north + dt * north, self.std + dt * std)
+
+
 class _Newest:
     """What one receiver has said last that may be used."""
 
@@ -99,19 +122,54 @@ class _Newest:
         self.heading: Navigation | None = None
         self.came_ns: int | None = None
         """when the fix came"""
+        self._ways: deque[_Way] = deque(maxlen=KEPT)
+        self._fixed: _Way | None = None
+        """way at the time of the fix"""
+        self.carried: _Way | None = None
+        """way from the fix to where the point is without one"""
         self.cause = "nothing has come: `hil receiver run`"
 
     def take(self, message: Navigation, now_ns: int) -> None:
         """The next message."""
         if message.places:
             self.cause = message.reason
+        if message.velocity is not None and self._is_better(message):
+            self._go_on(message, message.velocity, now_ns)
+            self.velocity = message
         if message.quality is not Quality.FIXED:
             return
-        if message.velocity is not None and self._is_better(message):
-            self.velocity = message
         self.heading = message if self._points_better(message) else self.heading
         if message.places and self._has_velocity(message):
             self.fix, self.came_ns = message, now_ns
+            self._fixed = self.carried = None
+
+    def _go_on(self, message: Navigation, velocity: Velocity, now_ns: int) -> None:
+        """The next velocity; one that states no deviation carries nothing."""
+        stamp_ns, last = message.stamp_ns, self._ways[-1] if self._ways else _Way(0)
+        before = None if self.velocity is None else self.velocity.velocity
+        follows = 0 < stamp_ns - last.stamp_ns <= VELOCITY_NS
+        if before is None or velocity.std is None or not follows:
+            self._ways.clear()
+            self._ways.append(_Way(stamp_ns))
+            self._fixed = self.carried = None
+            return
+        self._ways.append(last.by(before, velocity, velocity.std, stamp_ns))
+        if self.fix is not None:
+            self._carry(self.fix.stamp_ns, now_ns)
+
+    def _carry(self, fixed_ns: int, now_ns: int) -> None:
+        """The place goes on from its fix, where fixes are missing."""
+        newest = self._ways[-1]
+        if self._fixed is None:
+            self._fixed = next((way for way in self._ways if way.stamp_ns >= fixed_ns), None)
+        if self._fixed is None or abs(self._fixed.stamp_ns - fixed_ns) > SAME_NS:
+            return
+        std = newest.std - self._fixed.std
+        before_ns = fixed_ns if self.carried is None else self.carried.stamp_ns
+        due = newest.stamp_ns - fixed_ns > MISSING_NS and newest.stamp_ns - before_ns >= CARRIED_NS
+        if due and std <= CARRIED_M:
+            east, north = newest.east - self._fixed.east, newest.north - self._fixed.north
+            self.carried, self.came_ns = _Way(newest.stamp_ns, east, north, std), now_ns
 
     def _has_velocity(self, fix: Navigation) -> bool:
         """Whether the fix can be brought up; one that cannot does not place the car, and the next receiver may."""
@@ -174,16 +232,19 @@ class NetworkReceivers:
         self._motion.step(stamp_ns, ax, yaw_rate)
         newest = self._newest[self.name]
         fix, velocity = newest.fix, newest.velocity
-        if fix is None or fix.place is None or (fix.stamp_ns, self.name) == self._used:
+        if fix is None or fix.place is None:
             return None
-        self._used = fix.stamp_ns, self.name
+        then = newest.carried or _Way(fix.stamp_ns)
+        if (then.stamp_ns, self.name) == self._used:
+            return None
+        self._used = then.stamp_ns, self.name
         if velocity is None or velocity.velocity is None:
             return None
-        way = self._motion.way_since(fix.stamp_ns, velocity.velocity, velocity.stamp_ns)
-        if way is None or stamp_ns - fix.stamp_ns > OLDEST_NS:
+        way = self._motion.way_since(then.stamp_ns, velocity.velocity, velocity.stamp_ns)
+        if way is None or stamp_ns - then.stamp_ns > OLDEST_NS:
             return None
         ahead, left = self._lever(newest, velocity.velocity, velocity.stamp_ns)
-        return fix.place.latitude, fix.place.longitude, way[0] - ahead, way[1] - left
+        return fix.place.latitude, fix.place.longitude, then.east + way[0] - ahead, then.north + way[1] - left
 
     def heading(self, stamp_ns: int) -> Heading | None:
         """Of the receiver in use, turned on to `stamp_ns`; None where none has come since the last call."""

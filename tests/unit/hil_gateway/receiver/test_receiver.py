@@ -127,6 +127,12 @@ def test_ins_counts_only_when_its_solution_is_good():
         assert judge(replace(ready, values={"ins_status": status}))[0] is Quality.REFUSED
 
 
+def test_an_inertial_solution_without_corrections_keeps_its_velocity():
+    log = ReceiverLog("INSPVAX", 2400, 0, 180, {"ins_status": 3, "position_type": 53})
+    assert judge(log) == (Quality.DEGRADED, "no RTK (type 53)")
+    assert judge(replace(log, values=log.values | {"ins_status": 1}))[0] is Quality.REFUSED
+
+
 def test_nmea_sentences_with_their_signs_units_and_checksums():
     text = (
         b"$GPGGA,123519,4807.038,N,01131.000,W,4,08,0.9,545.4,M,46.9,M,,*50\r\n"

@@ -137,6 +137,38 @@ def test_a_heading_that_is_not_of_fixed_quality_is_left_out():
     assert played.receivers.heading((START_MS + 300) * MS) is None
 
 
+def test_a_place_goes_on_by_the_stated_velocity_while_corrections_are_missing():
+    """Half a second under a bridge; the velocity is of an inertial solution, 80 ms late, the last fix comes as late."""
+    played, without = Played(config()), {"place": None, "places": False}
+    for ms in range(0, 1000, 10):
+        if ms >= 80:
+            of_ms = ms - 80
+            played.say("novatel_top", of_ms, ms, Quality.FIXED if of_ms <= 300 else Quality.DEGRADED, **without)
+            if of_ms <= 300 and of_ms % 50 == 0:
+                played.say("novatel_top", of_ms, ms, velocity=None)
+        found = played.step(ms)
+        played.in_use(ms)
+        if found is not None:
+            assert found == pytest.approx(true_way(ms)[:2], abs=0.02), ms
+    assert found is not None or played.step(1000) is not None
+    assert played.receivers.healths((START_MS + 1000) * MS)["position"].valid
+
+
+@pytest.mark.parametrize("std", [0.5, None])
+def test_a_place_goes_on_no_further_than_its_velocity_is_good_for(std):
+    """0.1 m at 0.5 m/s; nothing where none is stated."""
+    played, last = Played(config()), 0
+    for ms in range(0, 1000, 10):
+        _, _, yaw, speed = true_way(ms)
+        velocity = Velocity(east=speed * math.cos(yaw), north=speed * math.sin(yaw), up=None, std=std)
+        quality = Quality.FIXED if ms <= 300 else Quality.DEGRADED
+        played.say("novatel_top", ms, ms, quality, velocity=velocity, place=None, places=False)
+        if ms <= 300 and ms % 50 == 0:
+            played.say("novatel_top", ms, ms, velocity=None)
+        last = ms if played.step(ms) is not None else last
+    assert 450 <= last <= 500 if std else last == 300
+
+
 def test_receiver_in_use_stays_so_while_it_places_the_car():
     played = Played(config())
     assert played.in_use(0) == "novatel_top"
