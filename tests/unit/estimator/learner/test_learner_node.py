@@ -42,7 +42,7 @@ FOUND = Found(("aero_drag",), with_drag(), "", {"refit": GOOD, "in_force": GOOD,
 NOTHING = Found((), DECLARED, "nothing better", {"refit": GOOD, "in_force": GOOD, "found": GOOD})
 
 
-UNKNOWN = {"imu": "", "receiver": "", "stood": None}
+UNKNOWN = {"imu": "", "receiver": "", "stood": None, "heading": None}
 """of a state: which sensors made it, and where the car stood before"""
 
 
