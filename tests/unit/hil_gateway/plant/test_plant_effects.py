@@ -18,8 +18,8 @@ from hil_gateway.process.errors import InputError
 CAR = PAPER.car
 
 
-def _drive(effects: dict[str, float] | None = None, seed: int = 3, seconds: float = 36.0) -> Drive:
-    """From the climb through the Corkscrew to the last corners."""
+def _drive(effects: dict[str, float] | None = None, seed: int = 3, seconds: float = 24.0) -> Drive:
+    """From the climb through the Corkscrew."""
     return drive(effects, laps=1, seconds=seconds, start_s=1850.0, seed=seed, levels=(0.85, 0.85))
 
 
@@ -73,7 +73,7 @@ def test_without_sensor_noise_the_paper_base_is_eq_1_to_3() -> None:
 @pytest.mark.parametrize("name", SWITCHES)
 def test_each_effect_shows_and_leaves_the_car_drivable(plain: Drive, name: str) -> None:
     effect = _drive({name: SWITCHES[name].example})
-    assert effect.columns["t"][-1] > 35.9
+    assert effect.columns["t"][-1] > 23.9
     assert effect.off_track == 0
     before, after = _single_track_error(plain), _single_track_error(effect)
     weak = {"load_transfer": 1.005, "engine_braking": 1.005, "combined_slip": 1.005, "drive_saturation": 1.002}

@@ -237,7 +237,7 @@ def test_a_recording_cut_at_any_byte_of_its_last_64_kib_gives_every_whole_chunk(
     first = len(whole) - 65536
     assert first > 1000
     cut.write_bytes(whole)
-    sizes = range(len(whole) - 1, first - 1, -volume(31, 1))
+    sizes = range(len(whole) - 1, first - 1, -volume(97, 1))
     for size in sizes:
         os.truncate(cut, size)
         reader = SessionReader(cut)
