@@ -21,6 +21,7 @@ from hil_gateway.bus.topics import ESTIMATE, VEHICLE_STATE
 from hil_gateway.can_link import Frame
 from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.process.errors import InputError
+from hil_gateway.session.exchange.formats import EXPORTS
 from hil_gateway.session.exchange.ros2 import export_ros2
 from hil_gateway.session.files.format import CAN_TOPIC
 from hil_gateway.session.files.writer import SessionFile
@@ -173,7 +174,7 @@ def _session(path: Path) -> Path:
         for i in range(500):
             ns, row = i * 10_000_000, {name: float(DRIVEN[name][i]) for name in DRIVEN}
             speeds = {f"wheel_speed_{w}": row["vx"] for w in ("fl", "fr", "rl", "rr")}
-            shared = {n: row[n] for n in ("ax", "ay", "yaw_rate", "steer")}
+            shared = {n: row[n] for n in ("ax", "ay", "yaw_rate", "steer", "drive")}
             said = m.VehicleState.model_validate(state | {"stamp_ns": ns, "seq": i, "az": 9.8} | speeds | shared)
             moving = {n: row[n] for n in ("x", "y", "yaw", "vx", "vy", "yaw_rate", "steer")}
             estimate = m.Estimate(
@@ -191,12 +192,25 @@ def test_a_session_exported_to_ros_2_is_the_same_drive(tmp_path: Path) -> None:
     session = _session(tmp_path / "s.mcap")
     assert export_ros2(session, tmp_path / "ros.mcap").rows == 1
     log = read_log(tmp_path / "ros.mcap")
+    assert "vy" in log.derived
     for name in ("vx", "vy", "yaw_rate", "ax", "ay", "steer", "x", "y", "wheel_speed_rl"):
         there = np.interp(log["t"], np.arange(500) / 100.0, DRIVEN["vx" if "wheel" in name else name][:500])
         assert np.allclose(log[name], there, atol=1e-3 * np.ptp(there)), name
     with AnyReader([tmp_path / "ros.mcap"]) as reader:
         kinds = {c.msgtype for c, _, data in reader.messages() if reader.deserialize(data, c.msgtype)}
     assert {"nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "raptor_dbw_msgs/msg/SteeringReport"} <= kinds
+
+
+@pytest.mark.parametrize("name", ["csv", "parquet", "motec", "foxglove"])
+def test_a_session_is_the_same_drive_log_in_every_format(tmp_path: Path, name: str) -> None:
+    """And says in each that its vy is estimated: as a sensor's, it would bend the tyres that are found by a fifth."""
+    session, target = _session(tmp_path / "s.mcap"), tmp_path / f"exported{'.mcap' * (name == 'foxglove')}"
+    EXPORTS[name](session, target)
+    recorded, exported = read_log(session), read_log(target)
+    assert exported.derived == recorded.derived
+    assert "vy" in exported.derived
+    assert set(exported.columns) == set(recorded.columns)
+    assert all(np.allclose(exported[n], recorded[n], rtol=1e-8, atol=1e-8) for n in recorded.columns)
 
 
 def test_damage_never_ends_in_a_traceback(tmp_path: Path, indy_bag: Path) -> None:
