@@ -71,7 +71,8 @@ def test_what_is_found_of_a_four_wheel_car_does_not_depend_on_its_size(tmp_path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.long] * (seed > 0)) for seed in range(8)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(8))
 def test_axles_of_random_four_wheel_cars_are_found(seed: int, tmp_path: Path) -> None:
     """Lengths of 0.2 to 4 m and masses of 2 kg to 3 t; loads move between their wheels, and slip takes its way."""
     front, rear, along = _found_of_the_plants(SimilarCar.random(seed), tmp_path)

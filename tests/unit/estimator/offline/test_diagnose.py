@@ -138,6 +138,7 @@ def test_wheels_that_swing_are_unexplained_steering_and_no_delay(diagnosed: Call
     assert result["channels"]["yaw_acc"]["catalogue"] > 1.25 * result["channels"]["yaw_acc"]["noise_floor"]
 
 
+@pytest.mark.long
 def test_grip_that_falls_with_the_heat_of_the_tyres_is_no_drift(diagnosed: Callable[[str], Diagnosis]) -> None:
     result = as_json(diagnosed("heat"), "r", "")
     assert (result["verdict"], result["effects"]) == ("unexplained", [])
@@ -151,7 +152,7 @@ def test_grip_that_falls_with_the_heat_of_the_tyres_is_no_drift(diagnosed: Calla
         pytest.param("gyro", "yaw_rate", "gyro_gain", {"gain": 1.04}, marks=pytest.mark.long),
         pytest.param("stiffer", "t", "stiffness_drift", {}, marks=pytest.mark.long),
         ("dragging", "t", "brake_drag", {"time_constant": 4.0, "kept": 700.0 / (0.05 * 62e3)}),
-        ("bent", "drive", "drive_curve", {"exponent": 0.25, "gain": 1.0}),
+        pytest.param("bent", "drive", "drive_curve", {"exponent": 0.25, "gain": 1.0}, marks=pytest.mark.long),
     ],
 )
 def test_what_resembles_an_effect_is_unexplained_with_its_own_numbers(
@@ -180,6 +181,7 @@ def test_what_comes_and_goes_is_said_of_time_and_not_of_a_heading_that_goes_on(d
     assert {(u["channel"], u["signal"]) for u in result["unexplained"]} == {("ax", "t")}
 
 
+@pytest.mark.long
 def test_a_force_along_the_car_does_not_hide_a_wrong_yaw_inertia(drives: dict[str, Any]) -> None:
     wrong = load_car().vehicle.model_copy(update={"yaw_inertia": 1.2 * load_car().vehicle.yaw_inertia})
     record = replace(record_of(drives["none"]), vehicle=wrong)
