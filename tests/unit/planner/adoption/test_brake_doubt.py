@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -11,11 +13,13 @@ from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.car.car import load_car
 from hil_gateway.config import load_config
 from hil_gateway.track.loading import load_track
+from planner.adoption import adoption as adoption_of
 from planner.adoption.adoption import Adoption
 from planner.adoption.brake_doubt import brake_doubt, brake_spread
 from planner.line.envelope import Brakes, envelope_of
 from planner.problem.load_limits import LoadLimits
 from planner.problem.settings import settings_of
+from planner.solver.functions import build_functions
 
 START = race_car_revision(load_car(), "per_axle")
 
@@ -68,7 +72,10 @@ def test_a_first_lap_keeps_more_standard_deviations_and_later_laps_those_stated(
     assert all(now < then for now, then in zip(later.brake_doubt, first.brake_doubt, strict=True))
 
 
-def test_without_a_data_sheet_the_stated_deviations_hold_in_a_first_lap_and_either_axle_may_use_as_much() -> None:
+def test_without_a_data_sheet_the_stated_deviations_hold_in_a_first_lap_and_either_axle_may_use_as_much(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(adoption_of, "build_functions", partial(build_functions, compiled=False))  # none is called
     config = load_config(None, {"track": "oval", "declared_model": "paper"})
     start = declared_revision(tyre_prior(load_car(), "per_axle"))
     weak_rear = start.model_copy(update={"tyre": {**start.tyre, "dr": 0.7 * start.tyre["dr"]}})
