@@ -31,6 +31,8 @@ from hil_gateway.session.logs.wall_clock import of_day_ns, parse_date
 _DATE = re.compile(r"\s*date\s+(.+)", re.IGNORECASE)
 _BASE = re.compile(r"\s*base\s+(hex|dec)\b(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
 _TRIGGER = re.compile(r"\s*begin\s+trigger\s?block\s+(.+)", re.IGNORECASE)
+_MILLISECONDS = re.compile(r"(?<=:\d\d\.)\d{1,2}(?!\d)")
+"""python-can writes those of a date without leading zeros"""
 _EVENT = re.compile(r"\s*(\d+[.,]\d+)\s+(\S+)\s+(.*)")
 _CLASSIC = re.compile(r"(\S+)\s+(Rx|Tx|TxRq)\s+([dr])\b\s*(?:([0-9A-F]{1,2})\b)?\s*(.*)", re.IGNORECASE)
 _LONGER = re.compile(r"(\d+)\s+(Rx|Tx|TxRq)\s+(\S+)\s+(.*)", re.IGNORECASE)
@@ -68,6 +70,11 @@ def read_asc(source: Source, names: Mapping[str, int]) -> Iterator[Entry]:
             yield entry
 
 
+def _padded(date: str) -> str:
+    """A date whose milliseconds have three digits, as the format has them."""
+    return _MILLISECONDS.sub(lambda found: found[0].rjust(3, "0"), date)
+
+
 @dataclass
 class _AscLog:
     """What the header and the lines so far say."""
@@ -89,7 +96,7 @@ class _AscLog:
             self.base = 10 if found[1].lower() == "dec" else 16
             self.relative, self.since_midnight = (found[2] or "").lower() == "relative", found[2] is None
         elif found := _DATE.match(line.text) or _TRIGGER.match(line.text):
-            self.start_ns = parse_date(found[1]) or self.start_ns
+            self.start_ns = parse_date(_padded(found[1])) or self.start_ns
         return None
 
     def _event(self, time: str, where: str, rest: str) -> Entry | None:

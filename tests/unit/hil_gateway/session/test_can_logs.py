@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 
+import can
 import pytest
 import zstandard
 from mcap.writer import CompressionType, Writer
@@ -144,6 +145,16 @@ def read(path: Path) -> list[Frame]:
 
 def content(frames: list[Frame]) -> list[tuple[int, bytes]]:
     return [(frame.id, frame.data) for frame in frames]
+
+
+def test_python_cans_own_asc_begins_at_its_first_frame(tmp_path: Path) -> None:
+    """Its milliseconds of a date have no leading zeros: 10 ms are no 100 ms."""
+    start_s = DATE // NS_PER_S + 0.01
+    with can.ASCWriter(tmp_path / "a.asc") as writer:
+        for i in range(3):
+            writer.on_message_received(can.Message(timestamp=start_s + 0.1 * i, arbitration_id=0x514, data=b"\1"))
+    stamps = [entry.frame.stamp_ns for entry in open_log(tmp_path / "a.asc").frames()]
+    assert [stamp - DATE // NS_PER_S * NS_PER_S for stamp in stamps] == [10_000_000, 110_000_000, 210_000_000]
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
