@@ -77,7 +77,7 @@ def test_axles_of_random_four_wheel_cars_are_found(seed: int, tmp_path: Path) ->
     """Lengths of 0.2 to 4 m and masses of 2 kg to 3 t; loads move between their wheels, and slip takes its way."""
     front, rear, along = _found_of_the_plants(SimilarCar.random(seed), tmp_path)
     assert (front, rear) == pytest.approx((1.0, 1.0), rel=0.05)
-    assert along == pytest.approx(1.0, rel=0.15)  # saturates in slip, which Eq. 2 leaves out
+    assert along == pytest.approx(1.0, rel=0.2)  # saturates in slip, and where wheels lift: Eq. 2 leaves it out
 
 
 @pytest.mark.slow
