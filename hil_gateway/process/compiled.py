@@ -28,8 +28,8 @@ import numpy as np
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.cache import cache_directory
 
-FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
-"""No -ffast-math: NaN must survive, it is how a broken step is recognised."""
+FLAGS = ("-O2", "-march=native", "-fno-math-errno", "-shared", "-fPIC")
+"""No -ffast-math: NaN must survive, it is how a broken step is recognised. -O3 compiles longer and is no faster."""
 EXACT = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-shared", "-fPIC")
 """The bits of the virtual machine on every computer: no product is fused with a sum."""
 
