@@ -115,7 +115,7 @@ _Kind = tuple[str, float, tuple[float, float], tuple[float, float], str]
 _KINDS: Mapping[str, _Kind] = {
     "cx": ("N", 0.5, (0.01, 20.0), (0.0, 1e7), "longitudinal force per unit slip ratio"),
     "b": ("1", 0.5, (0.05, 8.0), (0.0, 80.0), "stiffness factor of Eq. (2)"),
-    "c": ("1", 0.4, (0.3, 2.5), (0.5, 2.9), "shape factor of Eq. (2); above 2 the force can change sign"),
+    "c": ("1", 0.4, (0.3, 2.5), (0.5, 2.0), "shape factor of Eq. (2); above 2 a sliding tyre would push the wrong way"),
     "d": ("1", 0.4, (0.2, 3.0), (0.05, 4.0), "peak lateral force over axle load"),
 }
 

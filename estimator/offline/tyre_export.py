@@ -14,8 +14,6 @@ from estimator.model.tyre import AXLES, TyreAxle, slip_at_peak
 from estimator.offline.fit.identifiability import KNOWN_TO
 from estimator.offline.identification import Identification
 
-LARGEST_C = 2.0
-"""Above, the force of Eq. (2) changes sign at large slip: no tyre does (Pacejka, Tire and Vehicle Dynamics, ch. 4)."""
 LEAST_PEAK_SLIP = math.radians(2.0)
 """Race tyres on asphalt have their peak at 3 to 8 deg; one below 2 deg is a fit to something else."""
 
@@ -59,4 +57,4 @@ def _curve(result: Identification, axle: TyreAxle) -> tuple[float, ...]:
 
 def _tyre_like(curve: tuple[float, ...]) -> bool:
     B, C, _ = curve
-    return not _beyond(curve) and C <= LARGEST_C and slip_at_peak(B, C) >= LEAST_PEAK_SLIP
+    return not _beyond(curve) and slip_at_peak(B, C) >= LEAST_PEAK_SLIP

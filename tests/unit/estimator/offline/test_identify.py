@@ -69,9 +69,8 @@ def test_what_the_data_does_not_determine_stays_at_the_prior_in_the_export(ident
 
 def test_a_curve_no_tyre_has_is_not_exported(identified: Identification) -> None:
     known = replace(identified.identifiability, identifiable=dict.fromkeys(identified.initial, True))
-    strange = replace(
-        identified.fit, theta=np.array([{**identified.fit.values, "cf": 2.4}[n] for n in identified.fit.names])
-    )
+    peak_at_one_degree = identified.fit.values | {"bf": 50.0, "cf": 1.8, "df": 0.6}
+    strange = replace(identified.fit, theta=np.array([peak_at_one_degree[n] for n in identified.fit.names]))
     values = exported(replace(identified, identifiability=known, fit=strange))
     assert values["cf"] == identified.initial["cf"]
     assert values["cr"] == identified.final["cr"]
