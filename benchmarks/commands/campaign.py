@@ -1,6 +1,6 @@
 """`hil campaign`: `learn` (infomax), `diagnose` (effects of the simulated car), `closed` (drive, diagnose, drive),
 `laps` (lap times of cars nobody has driven, over their own limit), `cars` (named cars that nothing may stop), `explore`
-(how soon the limit is known), `places` (driving off from anywhere)."""
+(how soon the limit is known), `places` (driving off from anywhere), `soak` (everything lost in turn, for a night)."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from benchmarks.commands.campaign_diagnose import RESULTS, diagnose
 from benchmarks.commands.campaign_explore import explore
 from benchmarks.commands.campaign_laps import laps as campaign_laps
 from benchmarks.commands.campaign_places import places
+from benchmarks.commands.campaign_soak import soak
 from hil_gateway.config import PlannerConfig
 from hil_gateway.process.errors import EXIT_FAILURE, InputError
 from hil_gateway.process.figures import figure, print_json
@@ -35,6 +36,7 @@ app.command("laps")(campaign_laps)
 app.command()(cars)
 app.command()(places)
 app.command()(explore)
+app.command()(soak)
 
 
 @app.callback()

@@ -1,1 +1,1 @@
-"""Experiments on the plant alone, with a scripted driver."""
+"""Drives outside the campaigns: the plant alone with a scripted driver, and the loop of real processes."""

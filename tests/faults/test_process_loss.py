@@ -19,16 +19,15 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from support.live_loop import STOPS, UP_S, LiveLoop
 from support.promise_figures import long_run, record_figure, volume
 
+from benchmarks.driving.live_loop import STOPS, UP_S, WAYS, LiveLoop
 from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.demo.options import DemoOptions, prepare
 from hil_gateway.process.processor_wait import TIMING_CAUSES
 
 ESSENTIAL = ("planner", "estimator")
 LISTENING = ("recorder", "dashboard")
-WAYS = ("kill", "stop", "starve")
 
 
 STANDS_S, DISTANCE_M, WITHIN_S = 60.0, 100.0, 60.0
@@ -82,7 +81,7 @@ def test_losing_a_process_at_a_random_time_ends_in_the_specified_state(loop):
             late.append(loop.cause)
             continue
         loop.gaps.clear()
-        loop.lose(victim, way, rng)
+        loop.lose(victim, way, rng.uniform(0.7, 1.5))
         if victim in ESSENTIAL:
             assert loop.action in STOPS, (victim, way, loop.status.latest.message)
         elif loop.action is not FailsafeAction.DRIVE:

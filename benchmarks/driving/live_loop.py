@@ -1,11 +1,11 @@
-"""The whole loop as real processes, with a person, a judge on the wire and a look at the gateway's status."""
+"""The whole loop as real processes, with a person, a judge on the wire and a referee."""
 
 from __future__ import annotations
 
 import os
-import random
 import signal
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.promises.wire_judge import DLC, Judge
@@ -15,10 +15,12 @@ from hil_gateway.bus.messages import FailsafeAction, OperatorAction, OperatorCom
 from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.can_link import open_link
 from hil_gateway.demo.options import DemoOptions, prepare
+from hil_gateway.demo.referee import DriveReferee
 from hil_gateway.process.supervisor import DASHBOARD, PROCESSES, ProcessSpec, Supervisor
 
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 UP_S = 180.0
+WAYS = ("kill", "stop", "starve")
 SILENCE_NS = 200_000_000
 """after which the car has noticed that commands ended: what follows begins anew, at the angle that the car reports"""
 
@@ -31,10 +33,10 @@ class Ordinary(Supervisor):
 
 
 class LiveLoop:
-    """The supervised processes with a person, a judge on the wire and a look at the gateway's status."""
+    """The supervised processes with a person, a judge on the wire and a referee who sees the car's truth."""
 
-    def __init__(self, folder: Path, real_time: bool = True) -> None:
-        setup = prepare(DemoOptions(seconds=3600.0, out=folder, headless=True))
+    def __init__(self, folder: Path, real_time: bool = True, track: str = "") -> None:
+        setup = prepare(DemoOptions(seconds=3600.0, out=folder, headless=True, track=track))
         self.lock, self.config = setup.lock, setup.config
         self.specs = {spec.name: spec for spec in (*PROCESSES, DASHBOARD)}
         kind = Supervisor if real_time else Ordinary
@@ -57,6 +59,7 @@ class LiveLoop:
         self.bus = open_bus(self.config.zenoh, "operator")
         self.status = LatestReader(self.bus, topics.GATEWAY_STATUS)
         self.state = LatestReader(self.bus, topics.VEHICLE_STATE)
+        self.referee = DriveReferee(self.bus)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -74,6 +77,12 @@ class LiveLoop:
 
     def pid(self, name: str) -> int:
         return self.supervisors[name].pids[name]
+
+    def memory_mb(self) -> dict[str, float]:
+        """Resident memory of every process that runs, MB, from proc(5) statm."""
+        page_mb = os.sysconf("SC_PAGE_SIZE") / 1e6
+        pids = {name: pid for supervisor in self.supervisors.values() for name, pid in supervisor.pids.items()}
+        return {n: int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * page_mb for n, pid in pids.items()}
 
     def died(self) -> list[str]:
         """Processes that ended by themselves."""
@@ -97,6 +106,7 @@ class LiveLoop:
             now_ns = time.monotonic_ns()
             self.status.update(now_ns)
             self.state.update(now_ns)
+            self.referee.update(now_ns)
             if time.monotonic() >= deadline:
                 return
 
@@ -123,10 +133,14 @@ class LiveLoop:
 
     def drive_off(self) -> None:
         """Whatever it takes to drive: stand, disarm, crank, arm."""
-        deadline = time.monotonic() + UP_S
+        assert self.drives_off(UP_S), f"{self.done}: {self.missing}"
+
+    def drives_off(self, within_s: float) -> bool:
+        """`drive_off`, and whether the car drives within that time."""
+        deadline = time.monotonic() + within_s
         while self.action is not FailsafeAction.DRIVE or self.speed < 5.0:
-            message = self.status.latest.message
-            assert time.monotonic() < deadline, f"{self.done}: {message.missing_for_arming if message else message}"
+            if time.monotonic() > deadline:
+                return False
             self.look(0.2)
             message = self.status.latest.message
             if message is None or self.action is FailsafeAction.DRIVE:
@@ -138,22 +152,33 @@ class LiveLoop:
                 self.ask(OperatorAction.DISARM)
             elif self.action is FailsafeAction.SILENT and not message.missing_for_arming:
                 self.ask(OperatorAction.ARM)
+        return True
 
-    def lose(self, victim: str, way: str, rng: random.Random) -> None:
-        """Take a process away, look on, and give it back."""
-        pid = self.pid(victim)
+    @property
+    def missing(self) -> str:
+        """What keeps the gateway from being armed; empty: nothing."""
+        message = self.status.latest.message
+        return "no status" if message is None else ", ".join(message.missing_for_arming)
+
+    def lose(self, victim: str, way: str, length_s: float) -> None:
+        """Take a process away by one of `WAYS`, look on, and give it back."""
         self.done.append(f"{victim} {way}")
         if way == "kill":
-            os.kill(pid, signal.SIGKILL)
+            os.kill(self.pid(victim), signal.SIGKILL)
             self.look(1.5)
             assert len(self.died()) == 1
             self.start(victim)
-            return
-        length_s = rng.uniform(0.7, 1.5)
+        else:
+            self.freeze([self.pid(victim)], length_s, 0.5 if way == "starve" else length_s)
+            self.look(0.3)
+
+    def freeze(self, pids: Sequence[int], length_s: float, slice_s: float) -> None:
+        """Stop processes for a while; after each slice they get one millisecond of work."""
         deadline = time.monotonic() + length_s
-        while time.monotonic() < deadline:  # starving: one millisecond of work in each half second
-            os.kill(pid, signal.SIGSTOP)
-            self.look(0.5 if way == "starve" else length_s)
-            os.kill(pid, signal.SIGCONT)
+        while time.monotonic() < deadline:
+            for pid in pids:
+                os.kill(pid, signal.SIGSTOP)
+            self.look(slice_s)
+            for pid in pids:
+                os.kill(pid, signal.SIGCONT)
             self.look(0.001)
-        self.look(0.3)
