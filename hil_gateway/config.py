@@ -88,7 +88,7 @@ class EstimatorConfig(Model):
     )
 
 
-Backend = Literal["auto", "fixed", "hpipm", "piqp", "conic"]
+Backend = Literal["auto", "fixed", "hpipm", "piqp"]
 """QP solvers (planner/solver/choice.py); auto: the fastest that works here"""
 
 
@@ -343,5 +343,5 @@ def _explain(error: ValidationError, path: Path | None, overrides: Mapping[str, 
     if first["type"] == "value_error":  # several keys that do not go together: the message says which
         return f"{where}: {key + ': ' if key else ''}{first['ctx']['error']}"
     if first["type"] == "extra_forbidden":
-        return f"{where}: unknown key {key}; `hil doctor --config` lists the known ones"
+        return f"{where}: unknown key {key}; `hil config show` lists the known ones"
     return f"{where}: {key} = {first['input']!r}: {KINDS.get(first['type'], first['msg'].lower())}"

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import gc
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-from hil_gateway.bus.topics import ESTIMATE
+from hil_gateway.bus.interface import Bus
+from hil_gateway.bus.topics import ESTIMATE, RUN
+from hil_gateway.bus.track_day.run import RunPhase, RunStatus
 from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.config import Config
-from hil_gateway.process.clock import NS_PER_S, SystemClock, wait_for
+from hil_gateway.process.clock import NS_PER_S, Clock, SystemClock, wait_for
 from hil_gateway.process.lifecycle import SilenceNotice, StopRequest
 from hil_gateway.process.scheduling import punctual, use_large_pages
 from planner.node import Planner
@@ -21,7 +26,8 @@ def run(config: Config) -> None:
     """Plan every `planner.dt`, from an estimate as it comes, until asked to stop."""
     stop, clock = StopRequest(), SystemClock()
     bus = open_bus(config.zenoh, "planner")
-    planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
+    with announced(bus, clock):
+        planner = Planner(config, bus, stopwatch=time.perf_counter_ns, background=True)
     punctual("planner")
     gc.freeze()  # what start-up allocated is never collected: shorter pauses
     use_large_pages()
@@ -41,3 +47,23 @@ def run(config: Config) -> None:
     finally:
         planner.store_limits()
         bus.close()
+
+
+@contextmanager
+def announced(bus: Bus, clock: Clock) -> Iterator[None]:
+    """Says that a planner is there while it is made: the first time, compiling takes half a minute."""
+    made = threading.Event()
+
+    def announce() -> None:
+        seq = 0
+        while not made.wait(1.0 / RUN.rate_hz):
+            bus.publish(RUN, RunStatus(stamp_ns=clock.now_ns(), seq=seq, phase=RunPhase.STARTING, number=0))
+            seq += 1
+
+    thread = threading.Thread(target=announce)
+    thread.start()
+    try:
+        yield
+    finally:
+        made.set()
+        thread.join()

@@ -75,8 +75,7 @@ def rungs(
     }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for name in ("piqp", "conic"):
-            found[name] = sqp_rung(Sqp(problem, vector, name), stopwatch, seldom)
+        found["piqp"] = sqp_rung(Sqp(problem, vector, "piqp"), stopwatch, seldom)
     found["ipopt, compiled"] = nlp_rung(controller, ReferenceNlp(controller, compiled=True), stopwatch, seldom)
     found["ipopt"] = nlp_rung(controller, ReferenceNlp(controller), stopwatch, seldom)
     return found

@@ -1,4 +1,4 @@
-"""`hil dashboard`: the page as a process of its own, or the same bus for Foxglove."""
+"""`hil dashboard`: the page as a process of its own."""
 
 from __future__ import annotations
 
@@ -40,30 +40,5 @@ def run(
     typer.echo(f"dashboard: http://{page.host}:{page.port}/", err=True)
     try:
         serve(create_app(source, setup_of(track, config, limit_s=lap_limit), 1 / page.rate_hz), listener)
-    finally:
-        bus.close()
-
-
-@app.command()
-def foxglove(
-    config_file: Annotated[Path | None, typer.Option("--config", help="TOML file")] = None,
-    host: Annotated[str, typer.Option(help="address to listen on")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65_535, help="TCP port; 0: a free one")] = 8765,
-) -> None:
-    """Serve the bus to Foxglove (Open connection, Foxglove WebSocket) until interrupted."""
-    from hil_gateway.bus.zenoh_bus import open_bus
-    from hil_gateway.config import load_config
-    from hil_gateway.dashboard.foxglove_live import FoxgloveLive
-    from hil_gateway.dashboard.foxglove_live import run as serve_until_interrupted
-    from hil_gateway.process.clock import SystemClock
-    from hil_gateway.track.loading import load_track
-
-    config = load_config(config_file)
-    track = load_track(config.track)
-    bus = open_bus(config.zenoh, "dashboard")
-    try:
-        live = FoxgloveLive(bus, track, config, host, port)
-        typer.echo(f"foxglove: ws://{host}:{live.port}", err=True)
-        serve_until_interrupted(live, SystemClock())
     finally:
         bus.close()

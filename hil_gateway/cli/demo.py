@@ -30,11 +30,7 @@ Channel = Annotated[str, typer.Option(help="SocketCAN interface (default: vcan0 
 Port = Annotated[int | None, typer.Option(help="TCP port of the gateway (default: a free one)")]
 Model = Annotated[str, typer.Option(help="model revision (model.json) to start from")]
 Learn = Annotated[
-    bool | None,
-    typer.Option(
-        "--learn/--no-learn",
-        help="diagnose the whole drive too and drive again; --no-learn: never diagnose (default: beside the drive)",
-    ),
+    bool, typer.Option("--learn/--no-learn", help="diagnose the laps beside the drive, and drive with what is found")
 ]
 Receivers = Annotated[
     bool, typer.Option("--receivers", help="positions from NovAtel receivers on the network, and none on CAN")
@@ -58,7 +54,7 @@ def demo(
     channel: Channel = "",
     zenoh_port: Port = None,
     model: Model = "",
-    learn: Learn = None,
+    learn: Learn = True,
     receivers: Receivers = False,
     stay: Stay = False,
     dashboard: Dashboard = False,
@@ -69,31 +65,28 @@ def demo(
 
     Exit 0: driven as asked; 1: something went wrong on the way; 2: bad arguments; 130: Ctrl-C; 143: SIGTERM.
     """
-    from hil_gateway.demo.learn import DEFAULT_LAPS
     from hil_gateway.demo.options import DemoOptions
 
     effects = tuple(effect or ())
     if laps is None and seconds is None:
-        laps = DEFAULT_LAPS if learn else EFFECT_LAPS if effects else None
+        laps = EFFECT_LAPS if effects else None
     where = (track, effects, out, config_file, channel, zenoh_port, model)
     options = DemoOptions(
-        laps, seconds, *where, dashboard, headless, car, learner=learn is not False, receivers=receivers, stay=stay
+        laps, seconds, *where, dashboard, headless, car, learner=learn, receivers=receivers, stay=stay
     )
-    _drive(options, bool(learn), as_json)
+    _drive(options, as_json)
 
 
-def _drive(options: DemoOptions, learn: bool, as_json: bool) -> None:
+def _drive(options: DemoOptions, as_json: bool) -> None:
     """Drive, print the summary and end with its exit code."""
     from hil_gateway.demo.drive import drive
-    from hil_gateway.demo.learn import describe_learning, drive_learn_drive
     from hil_gateway.demo.summary import describe
 
-    summary = drive_learn_drive(options) if learn else drive(options)
-    lines = [*describe(summary), *describe_learning(summary)]
+    summary = drive(options)
     if as_json:
         print_json(summary)
     else:
-        print("\n".join(lines))
+        print("\n".join(describe(summary)))
     if summary["signal"]:
         raise typer.Exit(EXIT_SIGNAL + summary["signal"])
     if not summary["ok"]:

@@ -1,4 +1,4 @@
-"""`hil doctor`: what this machine lacks, what for, and the remedy; `--config` lists every setting and its origin."""
+"""`hil doctor`: what this machine lacks, what for, and the remedy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hil_gateway.config import Config, load_config, origins
+from hil_gateway.config import Config, load_config
 from hil_gateway.process.cache import cache_directory
 from hil_gateway.process.errors import EXIT_FAILURE
 from hil_gateway.process.figures import print_json
@@ -246,21 +246,10 @@ def _print_findings(rows: list[Requirement], echo: Callable[[str], None]) -> Non
             echo(f"     {'':20} remedy: {row.remedy}")
 
 
-def _print_config(path: Path | None, as_json: bool) -> None:
-    table = origins(path)
-    if as_json:
-        print_json({key: {"value": value, "origin": origin} for key, (value, origin) in table.items()})
-        return
-    width = max(map(len, table))
-    for key, (value, origin) in table.items():
-        print(f"{key:{width}} = {json.dumps(value)}  ({origin})")
-
-
 @app.command()
 def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
-    show_config: Annotated[bool, typer.Option("--config", help="list every setting, its value and its origin")] = False,
-    config_file: Annotated[Path | None, typer.Option("--file", help="TOML file to read settings from")] = None,
+    config_file: Annotated[Path | None, typer.Option("--config", help="TOML file to read settings from")] = None,
     packages: Annotated[bool, typer.Option("--packages", help="only the Debian packages that are missing")] = False,
     template_name: Annotated[
         str, typer.Option("--template", help="print a shipped file, to edit: av24.toml, secure.json5, a layout")
@@ -272,9 +261,6 @@ def doctor(
         return
     if packages:
         print(" ".join(missing_packages()))
-        return
-    if show_config:
-        _print_config(config_file, as_json)
         return
     rows = list(findings(load_config(config_file)))
     can_run = all(row.ok for row in rows if row.required)

@@ -33,7 +33,6 @@ class ExportFormat(StrEnum):
     PARQUET = "parquet"
     CANDUMP = "candump"
     SIGNALS = "signals"
-    FOXGLOVE = "foxglove"
     MOTEC = "motec"
     ROS2 = "ros2"
 
@@ -43,7 +42,6 @@ SIGNAL_SUFFIXES = (".csv", ".parquet")
 ENDINGS = {
     **SUFFIXES,
     ExportFormat.SIGNALS: "_signals.csv",
-    ExportFormat.FOXGLOVE: "_foxglove.mcap",
     ExportFormat.MOTEC: "_motec.csv",
     ExportFormat.ROS2: "_ros2.mcap",
 }
@@ -100,15 +98,12 @@ def export(
     file: OneSession,
     format: Annotated[
         ExportFormat | None,
-        typer.Option(
-            "--format",
-            help="drive log: csv, parquet, motec; raw frames: candump, ros2; signals; foxglove: with its topics",
-        ),
+        typer.Option("--format", help="drive log: csv, parquet, motec; raw frames: candump; both: ros2; signals"),
     ] = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a drive log, the raw frames, every decoded signal, or the session with topics Foxglove draws by itself."""
+    """Write a drive log, the raw frames, or every decoded signal."""
     from hil_gateway.session.exchange.formats import EXPORTS
     from hil_gateway.session.files.output import output_path
 

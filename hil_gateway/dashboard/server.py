@@ -17,7 +17,6 @@ from starlette.responses import FileResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from hil_gateway.dashboard.connection import Connection
-from hil_gateway.dashboard.metrics import MEDIA_TYPE, exposition
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.shipped import shipped
 
@@ -65,16 +64,13 @@ def create_app(source: PageSource, setup: dict[str, Any], period_s: float) -> St
     def line(request: Request) -> Response:
         return json_response(source.line(request.query_params.get("name", "")))
 
-    async def metrics(request: Request) -> Response:
-        return Response(exposition(shared.newest()), media_type=MEDIA_TYPE, headers=HEADERS)
-
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         task = asyncio.create_task(shared.keep())
         yield
         task.cancel()
 
-    answers = {"/events": events, "/history.json": history, "/line.json": line, "/metrics": metrics}
+    answers = {"/events": events, "/history.json": history, "/line.json": line}
     return page_app(setup, [Route(name, answer) for name, answer in answers.items()], lifespan)
 
 
@@ -107,20 +103,13 @@ class _Shared:
         self._source, self._period_s = source, period_s
         self._quick = self._slow = ""
         self._taken_s = self._slow_s = float("-inf")
-        self._newest: dict[str, Any] = {}
-
-    def newest(self) -> dict[str, Any]:
-        """The quick part as data, at most a period old."""
-        self.texts()
-        return self._newest
 
     def texts(self) -> tuple[str, str]:
         """Both parts as events, at most a period and a second old."""
         now_s = asyncio.get_running_loop().time()
         if now_s - self._taken_s >= 0.5 * self._period_s:
             self._taken_s = now_s
-            self._newest = self._source.snapshot()
-            self._quick = f"data: {text_of(self._newest)}\n\n"
+            self._quick = f"data: {text_of(self._source.snapshot())}\n\n"
         if now_s - self._slow_s >= SLOW_S:
             self._slow_s = now_s
             self._slow = f"event: slow\ndata: {text_of(self._source.slow())}\n\n"

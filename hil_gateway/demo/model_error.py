@@ -16,24 +16,20 @@ FIGURE = "position"
 """channel that stands for the others: m after one second of open-loop prediction"""
 
 
-def measure(session: Path, models: tuple[Path, Path] | None = None) -> dict[str, Any]:
+def measure(session: Path) -> dict[str, Any]:
     """`before` and `after`, m, on the session of a drive; null with a `reason` where they could not be measured.
 
-    Without `models`: the revision the session began with and the one it had learnt, on its last third. With: these
-    two, on the whole session.
+    The revision the session began with and the one it had learnt, on its last third.
     """
     arguments = ["estimator", "score", str(session), "--config", str(session.with_name(CONFIG_NAME))]
-    if models:
-        arguments += ["--before", str(models[0]), "--after", str(models[1])]
     answer = ask(arguments, TIMEOUT_S)
     if answer.reason:
         return unknown(answer.reason)
     score = answer.content
-    part = "a session neither model has learnt from" if models else "last third of the session"
     return {
         "before": score["before"][FIGURE],
         "after": score["after"][FIGURE],
-        "unit": f"m, position after {score['horizon_s']:g} s of open-loop prediction, {part}",
+        "unit": f"m, position after {score['horizon_s']:g} s of open-loop prediction, last third of the session",
         "channels": {
             name: {"before": score["before"][name], "after": score["after"][name]} for name in score["before"]
         },

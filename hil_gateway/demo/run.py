@@ -13,10 +13,8 @@ from hil_gateway.demo.operator import Operator
 from hil_gateway.demo.options import DemoOptions, DemoSetup
 from hil_gateway.demo.referee import DriveReferee
 from hil_gateway.demo.view import Scene, View, before_arming
-from hil_gateway.demo.waiting import Account, Waiting
 from hil_gateway.process.clock import NS_PER_S, Clock, SystemClock
 from hil_gateway.process.lifecycle import StopRequest
-from hil_gateway.process.processor_wait import TIMING_CAUSES
 from hil_gateway.process.supervisor import Exit, Supervisor
 
 PERIOD_NS = NS_PER_S // 20
@@ -54,8 +52,6 @@ class RunResult:
     """event times count from here: when the car was first driven by commands, before that the start of the run"""
     cpu_share: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
-    account: Account | None = None
-    """processor time around a stop for lateness"""
     signal: int = 0
     """number of the signal that ended it; 0: none did"""
 
@@ -82,7 +78,6 @@ class Run:
         self._asked_to_stop = False
         self._interrupted_ns: int | None = None
         self._cpu = CpuMeter(supervisor)
-        self._waiting = Waiting()
 
     def drive(self) -> RunResult:
         """Run until the extent is reached, the car has been stopped, or the user has had enough."""
@@ -93,8 +88,6 @@ class Run:
         finally:
             self.result.seconds = self._driving_s(self._clock.now_ns())
             self.result.cpu_share = self._cpu.share()
-            self._waiting.close()
-            self.result.account = self._waiting.account
             self.result.signal = self._stopping.signal
         return self.result
 
@@ -119,8 +112,6 @@ class Run:
         self._watch_gateway(now_ns)
         for text in monitor.journal.news():
             self._view.say(text)
-        if self._waiting.update(now_ns, self._supervisor.pids):
-            self._tell(f"around the stop: {self._waiting.account}")
         self._view.show(self._scene(now_ns))
         return self._ending(now_ns)
 
@@ -149,8 +140,6 @@ class Run:
         for failsafe in new:
             why = f"{failsafe.cause} ({failsafe.detail})" if failsafe.detail else failsafe.cause
             self._tell(f"gateway: {failsafe.action.replace('_', ' ')}, because {why}")
-            if failsafe.cause in TIMING_CAUSES:
-                self._waiting.stop_began(now_ns)
 
     def _begin_stop(self, now_ns: int) -> None:
         if self._stop_ns is None:

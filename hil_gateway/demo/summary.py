@@ -22,7 +22,6 @@ def summarise(
         **_driven(result, limit_s),
         **_reported(result),
         "failsafes": [asdict(failsafe) for failsafe in result.monitor.failsafes],
-        "held_up": result.account.as_json() if result.account else None,
         "model_error": error,
         "bus": setup.bus,
         "session": str(setup.session),

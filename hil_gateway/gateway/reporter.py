@@ -20,6 +20,10 @@ STATUS_PERIOD_NS = NS_PER_S // 10
 LATENCY_WINDOW = 1000
 """answers whose latency is kept: 50 s of commands at 20 Hz"""
 
+OF_THE_PLANNER = ("command_dead", "command_stale", "plan_standing")
+"""what is missing before arming while no planner plans"""
+COMPILES = "the planner compiles what it plans with: half a minute the first time"
+
 
 class Reporter:
     """Keeps what `GatewayStatus` says beyond the present period."""
@@ -72,6 +76,7 @@ class Reporter:
         counts, stats = builder.counts, link.stats()
         armed, before_crank = decision.failsafe.armed, self._missing_for_crank(situation, decision)
         engine_off = {} if before_crank else {"car_not_driving": "the engine is off: `hil gateway crank`"}
+        compiles = dict.fromkeys(OF_THE_PLANNER if inbox.planner_starts(situation.now_ns) else (), COMPILES)
         return GatewayStatus(
             stamp_ns=situation.now_ns,
             seq=self._seq - 1,
@@ -80,7 +85,7 @@ class Reporter:
             action=decision.action,
             cause=decision.cause,
             missing_for_arming=() if armed else missing_for_arming(situation.conditions),
-            advice={} if armed else {**situation.conditions.unready, **engine_off},
+            advice={} if armed else {**situation.conditions.unready, **engine_off, **compiles},
             missing_for_crank=before_crank,
             holding=decision.holding,
             bus=link.kind,

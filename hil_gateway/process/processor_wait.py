@@ -1,7 +1,6 @@
 """Who was held up, for how long, and whether the computer was too busy: what a stop for lateness has to say.
 
-The gateway sees when each link of the loop last spoke; the kernel knows how long each process waited for a processor
-(proc(5), schedstat: ns on a processor, ns ready and waiting).
+The gateway sees when each link of the loop last spoke.
 """
 
 from __future__ import annotations
@@ -105,21 +104,3 @@ def describe_load() -> str:
     """Load and remedy, to go behind who was late."""
     load = read_load()
     return f"{load}: {load.remedy}"
-
-
-@dataclass(frozen=True)
-class ProcessorTime:
-    """Of the main thread of a process, which is its loop, since it started."""
-
-    computed_s: float
-    waited_s: float
-    """ready to run, and no processor free"""
-
-
-def processor_time(pid: int) -> ProcessorTime | None:
-    """None when the process is gone or the kernel does not say."""
-    try:
-        words = Path(f"/proc/{pid}/schedstat").read_text().split()
-        return ProcessorTime(int(words[0]) / 1e9, int(words[1]) / 1e9)
-    except (OSError, ValueError, IndexError):
-        return None

@@ -17,7 +17,6 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "hil_gateway": (
         "data/av24.toml",
         "data/secure.json5",
-        "data/foxglove-layout.json",
         "data/plotjuggler-layout.xml",
         "data/tracks/oval.toml",
         "data/tracks/road_course.toml",
@@ -30,8 +29,8 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "estimator": ("offline/report/templates/report.html",),
 }
 """package -> files without which a command would fail; `hil doctor` looks for them"""
-TEMPLATES = ("av24.toml", "secure.json5", "foxglove-layout.json", "plotjuggler-layout.xml")
-"""to be copied and edited: configuration of the car, Zenoh with certificates, layouts of two viewers for recordings;
+TEMPLATES = ("av24.toml", "secure.json5", "plotjuggler-layout.xml")
+"""to be copied and edited: configuration of the car, Zenoh with certificates, a layout of PlotJuggler for recordings;
 `hil doctor --template` prints them"""
 
 

@@ -11,7 +11,7 @@ from hil_gateway.process.compiled import find_compiler
 from planner.solver import fixed
 from planner.solver.hpipm import HpipmSolver, self_test
 from planner.solver.qp import QpSolver, QpWarning, StageQp
-from planner.solver.qp_sparse import ConicSolver, PiqpSolver
+from planner.solver.qp_sparse import PiqpSolver
 from planner.solver.self_test import small_qp
 
 
@@ -28,7 +28,7 @@ def _tested_hpipm(qp: StageQp) -> QpSolver:
     return HpipmSolver(qp)
 
 
-SOLVERS = {"hpipm": Listed(_tested_hpipm, 1), "piqp": Listed(PiqpSolver, 18), "conic": Listed(ConicSolver, 50)}
+SOLVERS = {"hpipm": Listed(_tested_hpipm, 1), "piqp": Listed(PiqpSolver, 18)}
 """in the order in which they are tried"""
 
 

@@ -118,30 +118,3 @@ class PiqpSolver:
             return QpStatus.ITERATION_LIMIT if limit else QpStatus.INFEASIBLE
         self.form.store_multipliers(np.asarray(solver.result.z_u))
         return self.form.store(np.asarray(solver.result.x))
-
-
-class ConicSolver:
-    """CasADi's conic interface with the OSQP plug-in, present in every CasADi wheel."""
-
-    name = "conic"
-
-    def __init__(self, qp: StageQp) -> None:
-        self.form = SparseForm(qp)
-        self.iterations = 0
-
-    def solve(self) -> QpStatus:
-        import casadi as ca
-
-        P, c, A, low, up, lower_x, upper_x = self.form.matrices()
-        P_dm, A_dm = ca.DM(P.tocsc()), ca.DM(A.tocsc())
-        osqp = {"verbose": False, "eps_abs": 1e-5, "eps_rel": 1e-5, "max_iter": 20000}
-        options: Any = {"error_on_fail": False, "osqp": osqp}
-        solver = ca.conic("qp", "osqp", {"h": P_dm.sparsity(), "a": A_dm.sparsity()}, options)
-        result = solver(h=P_dm, g=c, a=A_dm, lba=low, uba=up, lbx=lower_x, ubx=upper_x)
-        stats = solver.stats()
-        self.iterations = int(stats.get("iter_count", 0))
-        if not stats["success"]:
-            return QpStatus.INFEASIBLE
-        soft = np.asarray(low != up)
-        self.form.store_multipliers(np.maximum(np.array(result["lam_a"]).ravel()[soft], 0.0))
-        return self.form.store(np.array(result["x"]).ravel())

@@ -127,8 +127,9 @@ def test_templates_can_be_had_without_the_checkout(installed: Installed, empty: 
     result = installed.run("hil", "doctor", "--template", "av24.toml", cwd=empty)
     assert result.stdout == (ROOT / "deploy" / "av24.toml").read_text()
     (empty / "car.toml").write_text(result.stdout)
-    shown = installed.run("hil", "doctor", "--config", "--json", "--file", "car.toml", cwd=empty)
-    assert json.loads(shown.stdout)["gateway.mode"] == {"value": "listen", "origin": "car.toml"}
+    shown = installed.run("hil", "config", "show", "--config", "car.toml", "--json", cwd=empty)
+    table = {row["key"]: row for row in json.loads(shown.stdout)["settings"]}
+    assert (table["gateway.mode"]["value"], table["gateway.mode"]["origin"]) == ("listen", "car.toml")
 
 
 def test_page_of_the_package_names_authors_and_version_and_has_no_link_that_leads_nowhere(installed: Installed) -> None:

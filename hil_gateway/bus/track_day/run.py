@@ -108,6 +108,8 @@ class RunRequest(Message):
 class RunPhase(StrEnum):
     """Where in the run the car is."""
 
+    STARTING = "starting"
+    """the planner is there, and compiles what it plans with"""
     NONE = "none"
     """nobody has started one: no caps"""
     OUT_LAP = "out lap"

@@ -7,7 +7,7 @@ from hil_gateway.bus.interface import Bus, LatestReader
 from hil_gateway.bus.latest import Latest
 from hil_gateway.bus.messages import Estimate, OperatorAction, OperatorCommand, Plan
 from hil_gateway.bus.outside import Navigation
-from hil_gateway.bus.track_day.run import RunStatus
+from hil_gateway.bus.track_day.run import RunPhase, RunStatus
 from hil_gateway.gateway.command_gate import CommandGate, Refusal
 from hil_gateway.gateway.requests import REQUESTS
 from hil_gateway.process.clock import NS_PER_S
@@ -89,6 +89,11 @@ class Inbox:
     def read_run(self, now_ns: int) -> Latest[RunStatus]:
         """Where in its run the planner says that the car is."""
         return self._run.update(now_ns)
+
+    def planner_starts(self, now_ns: int) -> bool:
+        """Whether a planner has announced itself that cannot plan yet."""
+        run = self._run.latest
+        return run.alive(now_ns) and run.message is not None and run.message.phase is RunPhase.STARTING
 
     def read_request(self, now_ns: int) -> OperatorAction | None:
         """The most urgent request of a person that arrived this period."""

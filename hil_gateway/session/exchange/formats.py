@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from hil_gateway.session.exchange.export import Exported, export_candump, export_csv, export_parquet
-from hil_gateway.session.exchange.foxglove import export_foxglove
 from hil_gateway.session.exchange.motec import export_motec
 from hil_gateway.session.exchange.ros2 import export_ros2
 from hil_gateway.session.exchange.signals import export_signals
@@ -16,7 +15,6 @@ EXPORTS: Mapping[str, Callable[[Path, Path], Exported]] = {
     "parquet": export_parquet,
     "candump": export_candump,
     "signals": export_signals,
-    "foxglove": export_foxglove,
     "motec": export_motec,
     "ros2": export_ros2,
 }

@@ -100,7 +100,7 @@ def test_every_command_of_the_table_can_be_asked_for_help(name: str) -> None:
         (("demo", "--effect", "aero_drag"), "NAME=SIZE"),
         (("session", "info", "absent.mcap"), "absent.mcap"),
         (("session", "export", "absent.mcap", "--format", "pdf"), "pdf"),
-        (("doctor", "--file", "absent.toml"), "absent.toml"),
+        (("doctor", "--config", "absent.toml"), "absent.toml"),
     ],
 )
 def test_bad_input_is_one_clear_line_and_exit_code_2(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
@@ -230,12 +230,12 @@ def test_doctor_names_the_package_of_every_missing_program(monkeypatch: pytest.M
     assert lacking[0].remedy == "apt-get install can-utils"
 
 
-def test_doctor_lists_every_setting_with_its_origin(tmp_path: Path) -> None:
+def test_config_show_lists_every_setting_with_its_origin(tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text("[planner]\nhorizon = 30\n")
-    shown = hil("doctor", "--config", "--json", "--file", str(tmp_path / "c.toml"), HIL_CAN__CHANNEL="can9")
-    table = json.loads(shown.stdout)
-    assert table["planner.horizon"] == {"value": 30, "origin": str(tmp_path / "c.toml")}
-    assert table["can.channel"] == {"value": "can9", "origin": "HIL_CAN__CHANNEL"}
+    shown = hil("config", "show", "--config", str(tmp_path / "c.toml"), "--json", HIL_CAN__CHANNEL="can9")
+    table = {row["key"]: row for row in json.loads(shown.stdout)["settings"]}
+    assert (table["planner.horizon"]["value"], table["planner.horizon"]["origin"]) == (30, str(tmp_path / "c.toml"))
+    assert (table["can.channel"]["value"], table["can.channel"]["origin"]) == ("can9", "HIL_CAN__CHANNEL")
     assert table["vehicle.mass"]["origin"] == "default"
     assert {key.split(".")[0] for key in table} == set(Config.model_fields)
 

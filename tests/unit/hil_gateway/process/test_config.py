@@ -130,5 +130,5 @@ def test_config_diff_names_what_was_changed_where_and_config_show_its_range(tmp_
         "dashboard.port": (9000, 8024, "HIL_DASHBOARD__PORT"),
     }
     shown = run.invoke(app, ["config", "show"]).output
-    assert "planner.backend = auto   # auto | fixed | hpipm | piqp | conic" in shown
+    assert "planner.backend = auto   # auto | fixed | hpipm | piqp" in shown
     assert "dashboard.rate_hz = 10.0   # > 0, <= 50; updates a second sent to each page" in shown

@@ -1,25 +1,18 @@
-"""A stop for lateness names who was held up, for how long, the load and the remedy; by the kernel's account too."""
+"""A stop for lateness names who was held up, for how long, the load and the remedy."""
 
 from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
-import time
 
 import pytest
 from support.cars.scripted_car import Rig
 
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction
-from hil_gateway.demo.waiting import Account, Waiting
 from hil_gateway.gateway.decide.failsafe import TABLE
-from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.processor_wait import (
     TIMING_CAUSES,
     Load,
-    ProcessorTime,
-    processor_time,
     read_load,
     who_was_late,
 )
@@ -85,46 +78,3 @@ def test_the_remedy_depends_on_whether_the_computer_is_busy() -> None:
     assert load.average >= 0
     assert load.ready >= 1
     assert load.processors == len(os.sched_getaffinity(0))
-
-
-def test_a_process_that_really_waits_for_a_processor_is_named_by_the_kernels_account() -> None:
-    """Two busy processes on one processor: the one that gives way waits; beside other programs the other may, too, and
-    longer."""
-    processor = min(os.sched_getaffinity(0))
-    spin = f"import os, sys; os.sched_setaffinity(0, [{processor}]); os.nice(int(sys.argv[1]))\nwhile True: pass"
-    pair = {
-        "planner": subprocess.Popen([sys.executable, "-c", spin, "8"]),
-        "plant": subprocess.Popen([sys.executable, "-c", spin, "0"]),
-    }
-    waiting, pids = Waiting(), {name: process.pid for name, process in pair.items()}
-    try:
-        while any((processor_time(pid) or ProcessorTime(0, 0)).computed_s < 0.2 for pid in pids.values()):
-            time.sleep(0.01)  # both are up and share the processor
-        start = time.monotonic_ns()
-        waiting.stop_began(start)
-        while not waiting.update(time.monotonic_ns(), pids):
-            time.sleep(0.05)
-    finally:
-        for process in pair.values():
-            process.kill()
-            process.wait()
-    account = waiting.account
-    assert account is not None
-    assert account.times["planner"].waited_s > account.times["planner"].computed_s
-    waited_longest = max(account.times, key=lambda name: account.times[name].waited_s)
-    assert str(account).startswith(f"{waited_longest} waited ")
-    assert re.search(r"of \d+(\.\d+)? s for a processor; load \d", str(account))
-    assert account.as_json()["waited_s"]["planner"] == account.times["planner"].waited_s
-
-
-def test_where_nobody_waited_the_busiest_is_named() -> None:
-    times = {"planner": ProcessorTime(1.2, 0.01), "plant": ProcessorTime(0.3, 0.02)}
-    assert str(Account(2.0, times, "-")) == "no process waited for a processor; planner computed 1.2 s of 2 s"
-
-
-def test_without_a_stop_there_is_no_account() -> None:
-    waiting = Waiting()
-    for period in range(100):
-        assert not waiting.update(period * NS_PER_S // 20, {"self": os.getpid()})
-    waiting.close()
-    assert waiting.account is None

@@ -10,7 +10,7 @@ from planner.solver import self_test as known
 from planner.solver.choice import make_qp_solver
 from planner.solver.hpipm import HpipmSolver, self_test
 from planner.solver.qp import QpSize, QpStatus, QpWarning, StageQp, objective, violation
-from planner.solver.qp_sparse import ConicSolver, PiqpSolver
+from planner.solver.qp_sparse import PiqpSolver
 
 
 def random_qp(seed: int, N: int = 12) -> StageQp:
@@ -44,15 +44,6 @@ def test_hpipm_finds_the_optimum_of_an_independent_solver(seed: int, stages: int
     assert violation(problem) < 1e-3
     assert objective(problem) == pytest.approx(best, rel=2e-3, abs=5e-3)
     np.testing.assert_allclose(problem.du, step, atol=5e-2)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_conic_fallback_agrees(seed: int) -> None:
-    problem = random_qp(seed)
-    PiqpSolver(problem).solve()
-    best = objective(problem)
-    assert ConicSolver(problem).solve() is QpStatus.SOLVED
-    assert objective(problem) == pytest.approx(best, rel=1e-3, abs=1e-3)
 
 
 @pytest.mark.parametrize("solver", [HpipmSolver, PiqpSolver])

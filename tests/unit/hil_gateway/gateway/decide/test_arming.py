@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 from support.cars.scripted_car import Rig
 from support.promise_figures import record_figure
@@ -9,6 +11,8 @@ from support.promise_figures import record_figure
 from hil_gateway.bus import topics
 from hil_gateway.bus.messages import FailsafeAction, OperatorAction, OperatorCommand, PlanStatus
 from hil_gateway.config import Config
+from hil_gateway.process.clock import SystemClock
+from planner.process import announced
 
 
 @pytest.mark.promise("S5")
@@ -234,3 +238,22 @@ def test_the_first_metres_may_show_the_heading_and_end_where_they_have_not() -> 
     rig = Rig()
     rig.drive_off()
     assert rig.action is FailsafeAction.DRIVE
+
+
+def test_a_planner_that_compiles_is_not_called_missing() -> None:
+    """From its announcement until it plans, and not beyond its end."""
+    rig = Rig()
+    rig.planner_runs = False
+    rig.run(1.5)
+    missing = rig.status.missing_for_arming
+    assert "command_dead" in missing
+    assert "command_dead" not in rig.status.advice
+    announcements = rig.bus.subscribe(topics.RUN, depth=10)
+    with announced(rig.bus, SystemClock()):
+        time.sleep(3.0 / topics.RUN.rate_hz)
+    assert len(announcements.poll(0)) >= 2
+    rig.run(0.2)
+    assert rig.status.missing_for_arming == missing
+    assert {"command_dead", "plan_standing"} <= {k for k, v in rig.status.advice.items() if "compiles" in v}
+    rig.run(1.5 * topics.RUN.deadline_s)
+    assert not any("compiles" in text for text in rig.status.advice.values())
