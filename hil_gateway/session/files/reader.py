@@ -13,6 +13,7 @@ import struct
 import zlib
 from bisect import insort
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -122,6 +123,8 @@ class SessionReader:
     ours: bool = True
     """whether the file was written by this program, so far as its header says"""
     chunks: int = 0
+    offset: int = 0
+    """where it goes on"""
     streams: dict[int, Stream] = field(init=False)
     _schemas: dict[int, Schema] = field(default_factory=dict)
     _contents: list[Content] = field(default_factory=list)
@@ -131,6 +134,8 @@ class SessionReader:
     """of the newest chunk"""
     _loose: bytearray = field(default_factory=bytearray)
     """messages behind it"""
+    _checksum: int = 0
+    """of what is before `offset`"""
 
     def __post_init__(self) -> None:
         self.streams = _default_streams()
@@ -152,8 +157,9 @@ class SessionReader:
             content, stream = data[at + MESSAGE.size : at + size], streams[channel]
             yield Item(stream.topic, log_ns, publish_ns, sequence, content, stream)
 
-    def batches(self) -> Iterator[Messages]:
-        """Every readable message of any topic, in file order, many at once; what they are is in `streams`."""
+    def batches(self, end: int | None = None) -> Iterator[Messages]:
+        """Every readable message of any topic, in file order, many at once, up to the first record that does not begin
+        before `end`; what they are is in `streams`."""
         check_ends(self.path, "session")
         try:
             file = self.path.open("rb")
@@ -163,38 +169,70 @@ class SessionReader:
             try:
                 if file.read(len(MAGIC)) != MAGIC:
                     raise InputError(f"{self.path}: not an MCAP recording (wrong first bytes)")
-                yield from self._records(file, os.fstat(file.fileno()).st_size)
+                if self.offset == 0:
+                    self.offset, self._checksum = len(MAGIC), zlib.crc32(MAGIC)
+                file.seek(self.offset)
+                size = os.fstat(file.fileno()).st_size
+                yield from self._records(file, size, size if end is None else min(end, size))
             except OSError as error:
                 raise InputError(f"{self.path}: cannot read the session: {error.strerror}") from None
 
-    def _records(self, file: BinaryIO, size: int) -> Iterator[Messages]:
-        checksum = zlib.crc32(MAGIC)
-        offset = len(MAGIC)
-        while offset < size:
+    def chunk_behind(self, place: int) -> int | None:
+        """Where the first chunk from `place` on seems to begin."""
+        with self.path.open("rb") as file:
+            return _next_chunk(file, place, os.fstat(file.fileno()).st_size)
+
+    def ahead(self, begin: int) -> SessionReader:
+        """A reader of what is behind `begin`, which knows what has been declared up to now."""
+        names = ("streams", "_schemas", "profile", "ours")
+        other = SessionReader(self.path, self.topics, self.kinds, offset=begin)
+        vars(other).update((name, copy(getattr(self, name))) for name in names)
+        return other
+
+    def went_as(self, other: SessionReader) -> bool:
+        """Whether what `ahead` gave out before this one came there is what it would give out now."""
+        return self.ahead(self.offset) == other
+
+    def go_on_behind(self, other: SessionReader) -> bool:
+        """Be where a reader is that began here; not behind damage, which is told by the number of its chunk."""
+        if other.damage:
+            return False
+        with self.path.open("rb") as file:
+            file.seek(self.offset)
+            self._checksum = zlib.crc32(file.read(other.offset - self.offset), self._checksum)
+        self.offset, self.streams, self._schemas = other.offset, other.streams, other._schemas
+        self.chunks += other.chunks
+        self.metadata |= other.metadata
+        return True
+
+    def _records(self, file: BinaryIO, size: int, end: int) -> Iterator[Messages]:
+        while self.offset < end:
             head = file.read(HEADER.size)
             opcode, length = HEADER.unpack(head.ljust(HEADER.size, b"\0"))
-            behind = offset + HEADER.size + length
+            offset, behind = self.offset, self.offset + HEADER.size + length
             readable = opcode in _KNOWN_OPCODES and behind <= size
             whole = opcode != Opcode.MESSAGE_INDEX and self._bytes + len(self._loose) > _TOGETHER_BYTES
             if not readable or whole or opcode == Opcode.DATA_END:
                 yield from self._gathered()
             if len(head) < HEADER.size:
                 self._note(offset, f"cut off {len(head)} bytes into a record", cut=True)
+                self.offset = size
                 return
             if not readable:
-                offset = self._resume(file, offset, size)
+                self.offset = self._resume(file, offset, size)
                 continue
             body = file.read(length)
             if opcode == Opcode.DATA_END:
-                self._check(offset, "what lies between the chunks", _expected(body), checksum)
+                self._check(offset, "what lies between the chunks", _expected(body), self._checksum)
                 self._read_index(file, offset)
+                self.offset = size
                 return
-            checksum = zlib.crc32(body, zlib.crc32(head, checksum))
+            self._checksum = zlib.crc32(body, zlib.crc32(head, self._checksum))
             self._read(opcode, head, body, offset)
             if opcode == Opcode.FOOTER:
                 self.complete = file.read() == MAGIC
                 self._note(offset, "the record that ends the messages is corrupt")
-            offset = behind
+            self.offset = behind
         yield from self._gathered()
 
     def _read(self, opcode: int, head: bytes, body: bytes, offset: int) -> None:
@@ -317,22 +355,28 @@ class SessionReader:
     def _resume(self, file: BinaryIO, offset: int, size: int) -> int:
         """Position `file` at the next recognisable chunk after `offset`, and say where that is; `size` when there is
         none."""
-        start = offset + 1
-        while start < size:
-            file.seek(start)
-            window = file.read(_SCAN_BYTES)
-            for found in CHUNK_START.finditer(window):
-                position = start + found.start()
-                length = HEADER.unpack_from(window, found.start())[1]
-                if position + HEADER.size + length <= size and is_chunk(window, found):
-                    self._note(offset, f"{position - offset} unreadable bytes")
-                    return file.seek(position)
-            start += max(len(window) - _SCAN_OVERLAP, 1)
-        self._note(offset, f"cut off: the last {size - offset} bytes are no whole record", cut=True)
-        return size
+        if (found := _next_chunk(file, offset + 1, size)) is None:
+            self._note(offset, f"cut off: the last {size - offset} bytes are no whole record", cut=True)
+            return size
+        self._note(offset, f"{found - offset} unreadable bytes")
+        return file.seek(found)
 
     def _note(self, offset: int, what: str, cut: bool = False) -> None:
         insort(self.damage, Damage(offset, what, cut), key=lambda damage: damage.offset)
+
+
+def _next_chunk(file: BinaryIO, start: int, size: int) -> int | None:
+    """Where the first recognisable chunk from `start` on begins, that ends within `size`."""
+    while start < size:
+        file.seek(start)
+        window = file.read(_SCAN_BYTES)
+        for found in CHUNK_START.finditer(window):
+            position = start + found.start()
+            length = HEADER.unpack_from(window, found.start())[1]
+            if position + HEADER.size + length <= size and is_chunk(window, found):
+                return position
+        start += max(len(window) - _SCAN_OVERLAP, 1)
+    return None
 
 
 def _default_streams() -> dict[int, Stream]:

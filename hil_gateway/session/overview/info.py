@@ -21,11 +21,12 @@ from hil_gateway.session.files.chunk import MESSAGE, Messages
 from hil_gateway.session.files.format import MessageError, recorded_source, source_places
 from hil_gateway.session.files.reader import Item, SessionReader, Stream
 from hil_gateway.session.files.run import recordings, run_of, runs_in
+from hil_gateway.session.files.two_readers import in_turn
 from hil_gateway.session.logs.bag import KINDS
 from hil_gateway.session.logs.entry import CUT_OFF
 from hil_gateway.session.logs.raw_bag import Bag, bag_files, is_mcap, is_recording, is_sqlite
 from hil_gateway.session.logs.source import Source
-from hil_gateway.session.overview.summary import RunStory
+from hil_gateway.session.overview.summary import RunStory, looked_at
 from hil_gateway.track.lap_clock import Mark
 
 
@@ -112,6 +113,12 @@ class _SeenTopics:
                 self.frames += _sources(messages, messages.channel == number)
         self._span(int(messages.log_ns.min()), int(messages.log_ns.max()))
 
+    def add(self, further: _SeenTopics) -> None:
+        """Count what was counted elsewhere; it is not empty."""
+        self.topics += further.topics
+        self.frames += further.frames
+        self._span(further.start_ns or 0, further.end_ns)
+
     def _span(self, start_ns: int, end_ns: int) -> None:
         self.start_ns = start_ns if self.start_ns is None else min(self.start_ns, start_ns)
         self.end_ns = max(self.end_ns, end_ns)
@@ -129,13 +136,12 @@ def recording_info(*files: Path) -> dict[str, Any]:
     story = RunStory(readers[0])
     for reader in readers:
         before_ns = seen.end_ns
-        for number, messages in enumerate(reader.batches()):
+        for number, held in enumerate(in_turn(reader, _held)):
             if number == 0 and before_ns:
-                gap_ns = int(messages.log_ns[0]) - before_ns
+                gap_ns = held.first_ns - before_ns
                 gaps.append({"before": reader.path.name, "seconds": round(gap_ns / NS_PER_S, 3)})
-            seen.note_all(messages, reader.streams)
-            if readers[0].ours:
-                story.take(reader, messages)
+            seen.add(held.seen)
+            story.take(held.items)
     first, newest = readers[0], readers[-1]
     session = dict(first.metadata.get("session", {}))
     damage = [(f"{reader.path.name}: " if len(files) > 1 else "") + str(d) for reader in readers for d in reader.damage]
@@ -153,6 +159,22 @@ def recording_info(*files: Path) -> dict[str, Any]:
         "config": config, "session": session, "model_revision": newest.metadata.get("model_revision", {}),
         **(_story(story) if first.ours else {}),
     }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Held:
+    """What is taken of messages that were read together: their numbers, the first's time of logging in Unix ns, and
+    those the story is told by."""
+
+    first_ns: int
+    seen: _SeenTopics
+    items: list[Item]
+
+
+def _held(reader: SessionReader, messages: Messages) -> _Held:
+    seen = _SeenTopics()
+    seen.note_all(messages, reader.streams)
+    return _Held(int(messages.log_ns[0]), seen, looked_at(reader, messages) if reader.ours else [])
 
 
 def _sources(messages: Messages, chosen: Bools) -> Counter[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,6 @@ from hil_gateway.bus.topics import (
 from hil_gateway.car.states import under_yellow
 from hil_gateway.car.tyre_names import named as tyre_name
 from hil_gateway.config import Config
-from hil_gateway.process.arrays import Bools, Ints
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.errors import InputError
 from hil_gateway.session.files.chunk import Messages
@@ -42,6 +42,7 @@ TOLD = (VEHICLE_STATE, ESTIMATE, EVENT, GATEWAY_STATUS, ALERT, MODEL_REVISION, B
 WANTED = frozenset(topic.key for topic in TOLD)
 LOOK_NS = NS_PER_S // 10
 """between the positions, and the flags, that are looked at: often enough for lap times"""
+SAMPLED = (VEHICLE_STATE.key, ESTIMATE.key)
 FLAGS = re.compile(rb'"(?:track|vehicle)_flag":\d+')
 """in the JSON of a vehicle state"""
 STOPS = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
@@ -58,7 +59,7 @@ def session_summary(path: Path, *following: Path) -> dict[str, Any]:
     run = RunStory(readers[0])
     for reader in readers:
         for messages in reader.batches():
-            run.take(reader, messages)
+            run.take(looked_at(reader, messages))
     return run.tree()
 
 
@@ -69,18 +70,25 @@ class RunStory:
         self._first = first
         self._story: Story | None = None
         self._fault = ""
-        self._due_ns = {VEHICLE_STATE.key: 0, ESTIMATE.key: 0}
+        self._newest = dict.fromkeys(SAMPLED, -1)
 
-    def take(self, reader: SessionReader, messages: Messages) -> None:
-        """What `reader` has just given out."""
+    def take(self, items: Iterable[Item]) -> None:
+        """What is `looked_at`, in the order of the file."""
         if self._fault:
             return
         try:
-            for item in reader.items_of(messages, self._looked_at(reader, messages)):
+            for item in filter(self._is_due, items):
                 self._story = self._story or self._begun(item.publish_ns)
                 self._story.take(item)
         except InputError as error:
             self._fault = f"{self._first.path}: {error}" if isinstance(error, MessageError) else str(error)
+
+    def _is_due(self, item: Item) -> bool:
+        """Not of a period of which one was looked at, in what was given before."""
+        before, now = self._newest.get(item.topic), item.publish_ns // LOOK_NS
+        if before is not None:
+            self._newest[item.topic] = now
+        return before != now
 
     def tree(self) -> dict[str, Any]:
         """For JSON.
@@ -102,23 +110,14 @@ class RunStory:
         config = config_of(self._first.metadata.get(METADATA_SESSION, {}))
         return Story(config, zero_ns, self._first.path.parent)
 
-    def _looked_at(self, reader: SessionReader, messages: Messages) -> Bools:
-        """(n,) the messages of `WANTED`, of positions and flags one every `LOOK_NS`."""
-        chosen = reader.among(messages, lambda stream: stream.topic in WANTED)
-        for topic in self._due_ns:
-            rows = np.flatnonzero(reader.among(messages, partial(_is_of, topic)))
-            chosen[rows] = False
-            chosen[rows[self._due(topic, messages.publish_ns[rows])]] = True
-        return chosen
 
-    def _due(self, topic: str, stamps_ns: Ints) -> list[int]:
-        """Which of these, in their order, are looked at."""
-        due = list[int]()
-        for row, stamp_ns in enumerate(stamps_ns.tolist()):
-            if stamp_ns >= self._due_ns[topic]:
-                self._due_ns[topic] = stamp_ns + LOOK_NS
-                due.append(row)
-        return due
+def looked_at(reader: SessionReader, messages: Messages) -> list[Item]:
+    """Messages of `WANTED`, of positions and flags the first of every `LOOK_NS`."""
+    chosen = reader.among(messages, lambda stream: stream.topic in WANTED)
+    for topic in SAMPLED:
+        rows = np.flatnonzero(reader.among(messages, partial(_is_of, topic)))
+        chosen[rows] = np.diff(messages.publish_ns[rows] // LOOK_NS, prepend=-1) != 0
+    return list(reader.items_of(messages, chosen))
 
 
 def _is_of(topic: str, stream: Stream) -> bool:

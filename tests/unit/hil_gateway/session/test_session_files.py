@@ -23,6 +23,7 @@ from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.can_link.cdr import pack_frame
 from hil_gateway.car.car import load_car
 from hil_gateway.process.errors import InputError
+from hil_gateway.session.files import two_readers
 from hil_gateway.session.files.format import CAN_TOPIC, MessageError, recorded_source, software_version, unpack_frame
 from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.session.files.writer import SessionWriter
@@ -351,3 +352,23 @@ def test_what_is_no_recording_gets_one_clear_line(tmp_path: Path, name: str, con
         (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=words):
         session_info(tmp_path / name, car=load_car())
+
+
+def test_two_readers_in_turn_say_what_one_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also of files that are cut off or damaged, at places in the pieces of either."""
+    path = tmp_path / "s.mcap"
+    rig = Rig(path).run(600)
+    rig.recorder.close(rig.clock.now_ns())
+    whole, shared = path.read_bytes(), list[bool]()
+    hurt = [whole[:at] + bytes(40) + whole[at + 40 :] for at in range(10_000, len(whole), len(whole) // 5)]
+    go_on = SessionReader.go_on_behind
+    monkeypatch.setattr(SessionReader, "go_on_behind", lambda *pair: shared.append(go_on(*pair)) or shared[-1])
+    monkeypatch.setattr(two_readers, "PIECE_BYTES", len(whole) // 20)
+    for raw in (whole, whole[: len(whole) * 3 // 4], *hurt):
+        path.write_bytes(raw)
+        monkeypatch.setattr(two_readers, "LONG_BYTES", len(raw) + 1)
+        alone = session_info(path, car=load_car())
+        monkeypatch.setattr(two_readers, "LONG_BYTES", 0)
+        assert session_info(path, car=load_car()) == alone
+    assert True in shared
+    assert False in shared
