@@ -23,8 +23,6 @@ from hil_gateway.process.model import Model
 from hil_gateway.text_file import read_text
 
 ROOT = Path(__file__).resolve().parents[1]
-BYTES_MAX = 10_000_000
-"""of a report: that of 20 cars has 200 kB"""
 
 Rows = tuple[tuple[str, ...], ...]
 
@@ -181,7 +179,7 @@ def main(arguments: Sequence[str]) -> None:
     if len(arguments) < 4 or arguments[0] not in READERS:
         raise InputError(f"usage: python -m benchmarks.results {'|'.join(READERS)} HEADING FILE COMMAND...")
     area, heading, file, *command = arguments
-    report = json.loads(read_text(file, BYTES_MAX, "report"))
+    report = json.loads(read_text(file, "report"))
     write(area, keep(area, heading, report, shlex.join(command)))
 
 

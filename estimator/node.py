@@ -34,8 +34,6 @@ from hil_gateway.process.clock import NS_PER_S, Arrivals, SystemClock
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
-BELIEF_PERIOD_NS = NS_PER_S // 10
-REVISION_PERIOD_NS = NS_PER_S
 PROPOSALS = 4
 QUEUE_DEPTH = 50
 """half a second of vehicle states: a pause shorter than that loses no sample"""
@@ -111,12 +109,12 @@ class Estimator:
             self._compare(sample, wheel_slips(state, estimate.vx))
         else:
             self.model.delivery.clear()
-        if _is_due(self._belief_due_ns, BELIEF_PERIOD_NS, state.stamp_ns):
-            self._belief_due_ns = state.stamp_ns + BELIEF_PERIOD_NS
+        if _is_due(self._belief_due_ns, topics.BELIEF.period_ns, state.stamp_ns):
+            self._belief_due_ns = state.stamp_ns + topics.BELIEF.period_ns
             self._bus.publish(topics.BELIEF, belief_message(self.model, state.stamp_ns, self._belief_seq))
             self._belief_seq += 1
-        if _is_due(self._revision_due_ns, REVISION_PERIOD_NS, state.stamp_ns):
-            self._revision_due_ns = state.stamp_ns + REVISION_PERIOD_NS
+        if _is_due(self._revision_due_ns, topics.MODEL_REVISION.period_ns, state.stamp_ns):
+            self._revision_due_ns = state.stamp_ns + topics.MODEL_REVISION.period_ns
             revision = self.policy.message(self.belief, state.stamp_ns, self._revision_seq)
             self._bus.publish(topics.MODEL_REVISION, revision)
             self._revision_seq += 1

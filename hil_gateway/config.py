@@ -228,10 +228,6 @@ def _merged(own: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     return {**own, **given, **{key: _merged(own[key], value) for key, value in both.items()}}
 
 
-CONFIG_BYTES_MAX = 1_000_000
-"""of a configuration file; ours have some hundreds"""
-
-
 def load_config(path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Config:
     """Merge defaults, TOML file, environment and dotted `overrides` ("can.channel": "can0").
 
@@ -272,7 +268,7 @@ def _leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
-    return read_toml(path, "configuration", CONFIG_BYTES_MAX)
+    return read_toml(path, "configuration")
 
 
 def _environment() -> dict[tuple[str, ...], Any]:

@@ -13,14 +13,14 @@ from typing import Any
 
 from hil_gateway.process.errors import InputError
 
-TREE_BYTES_MAX = 20_000_000
-"""of a JSON or TOML file nobody bounds more closely: a hundred times the largest of the project"""
+BYTES_MAX = 20_000_000
+"""of a file: a hundred times the largest of the project"""
 KEY_PARTS_MAX = 20
 """of a dotted key or table: `tomllib` takes time and memory by the square of it"""
 _LONG_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{KEY_PARTS_MAX}}}")
 
 
-def read_text(path: Path | str, bytes_max: int, of: str = "file") -> str:
+def read_text(path: Path | str, of: str = "file", bytes_max: int = BYTES_MAX) -> str:
     """All of a UTF-8 file; `of` says what it should hold ("track", "configuration").
 
     Raises:
@@ -65,13 +65,13 @@ def check_ends(path: Path | str, of: str) -> None:
         raise InputError(f"{path}: cannot read the {of}: a pipe, socket or device; write it to a file first")
 
 
-def read_json(path: Path | str, of: str = "file", bytes_max: int = TREE_BYTES_MAX) -> Any:
+def read_json(path: Path | str, of: str = "file") -> Any:
     """What a JSON file holds; a key that is there twice is refused.
 
     Raises:
         InputError: as `read_text`, or not JSON.
     """
-    return parse_json(path, read_text(path, bytes_max, of))
+    return parse_json(path, read_text(path, of))
 
 
 def parse_json(path: Path | str, text: str) -> Any:
@@ -88,13 +88,13 @@ def parse_json(path: Path | str, text: str) -> Any:
         raise InputError(f"{path}: not valid JSON: {_short(error)}") from None
 
 
-def read_toml(path: Path | str, of: str = "file", bytes_max: int = TREE_BYTES_MAX) -> dict[str, Any]:
+def read_toml(path: Path | str, of: str = "file") -> dict[str, Any]:
     """What a TOML file holds.
 
     Raises:
         InputError: as `read_text`, or not TOML.
     """
-    return parse_toml(path, read_text(path, bytes_max, of))
+    return parse_toml(path, read_text(path, of))
 
 
 def parse_toml(path: Path | str, text: str) -> dict[str, Any]:

@@ -11,9 +11,10 @@ from hil_gateway.bus.topics import COMMAND, ESTIMATE
 from hil_gateway.can_link.wire import WireLink
 from hil_gateway.plant.controller.ladder import CarState
 from hil_gateway.process.clock import NS_PER_S
-from planner.simulation.loop import TICK_NS, Loop
+from hil_gateway.settings.gateway import PERIOD_NS
+from planner.simulation.loop import Loop
 
-TICK_S = TICK_NS / NS_PER_S
+TICK_S = PERIOD_NS / NS_PER_S
 STOPPING = (FailsafeAction.CONTROLLED_STOP, FailsafeAction.EMERGENCY_STOP)
 ACTUATORS = frozenset({0x578, 0x579, 0x57A, 0x57B})
 

@@ -10,9 +10,10 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from can_dbc import units
 from hil_gateway.car.vehicle import GRAVITY
 
-DEGREE = math.pi / 180.0
+DEGREE = units.UNITS["deg"].factor
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0},
     "speed": {
@@ -102,7 +103,7 @@ SUFFIX_UNITS: Mapping[str, str] = {
 def normal_unit(text: str) -> str:
     """One spelling of a unit: small letters, plain marks, no brackets."""
     plain = text.strip().strip("[]()").lower().replace("²", "2").replace("^", "").replace("°", "deg").replace("**", "")
-    return re.sub(r"\s+", " ", plain.replace("·", " ").replace("*", " ").replace("degree/s", "deg/s")).strip()
+    return re.sub(r"\s+", " ", plain.replace("·", " ").replace("*", " ").replace("DEGREE/s", "deg/s")).strip()
 
 
 def is_unit(text: str) -> bool:

@@ -22,7 +22,6 @@ from hil_gateway.track.geodesy import LocalMap
 
 _SECTION = re.compile(r"\s*\[([^\]]+)\]\s*")
 OWN_UNITS = {"velocity": "km/h", "velocity kmh": "km/h", "time": "s", "height": "m"}
-MINUTES = 60.0
 PLACE = (("lat", "latitude"), ("long", "longitude"))
 
 
@@ -94,7 +93,7 @@ def _localised(names: list[str], units: list[str], values: Array, lines: Ints, h
         columns[at["time"]] = clock + DAY_S * np.cumsum(np.diff(clock, prepend=clock[0]) < -0.5 * DAY_S)
     north, west = (next((at[n] for n in known if n in at), None) for known in PLACE)
     if north is not None and west is not None:
-        columns[west], columns[north], origin = _on_a_map(columns[north] / MINUTES, -columns[west] / MINUTES)
+        columns[west], columns[north], origin = _on_a_map(columns[north] / 60.0, -columns[west] / 60.0)
         names[west], names[north], units[west], units[north] = "x", "y", "m", "m"
         notes.append(f"x, y are east and north of {origin[0]:.6f}, {origin[1]:.6f} deg, where the log begins")
     if "heading" in at:

@@ -15,7 +15,6 @@ from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.errors import InputError
 from hil_gateway.text_file import read_text
 
-BYTES_MAX = 1_000_000
 NEEDED = ("PCY1", "PDY1", "PKY1")
 _ENTRY = re.compile(r"\s*([A-Za-z]\w*)\s*=\s*([^$]*)")
 
@@ -39,7 +38,7 @@ def read_tyre_file(path: Path, vehicle: Vehicle) -> dict[str, float]:
 
 def _coefficients(path: Path) -> dict[str, float]:
     """Every entry that is a number."""
-    found = (_ENTRY.match(line) for line in read_text(path, BYTES_MAX, "tyre").splitlines())
+    found = (_ENTRY.match(line) for line in read_text(path, "tyre").splitlines())
     values = {}
     for entry in filter(None, found):
         try:

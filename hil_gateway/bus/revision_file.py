@@ -10,9 +10,6 @@ from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.process.errors import InputError
 from hil_gateway.text_file import read_text
 
-BYTES_MAX = 1_000_000
-"""of a revision: those of the project have 10 kB"""
-
 
 def read_revision(path: str | Path) -> ModelRevision:
     """The revision in a file.
@@ -21,7 +18,7 @@ def read_revision(path: str | Path) -> ModelRevision:
         InputError: unreadable, or not a revision.
     """
     try:
-        return ModelRevision.model_validate_json(read_text(path, BYTES_MAX, "model revision"))
+        return ModelRevision.model_validate_json(read_text(path, "model revision"))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"])) or "file"

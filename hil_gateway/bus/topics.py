@@ -18,6 +18,7 @@ from hil_gateway.bus.track_day.note import Note
 from hil_gateway.bus.track_day.race_control import RaceControlRequest, RaceControlShown
 from hil_gateway.bus.track_day.run import RunRequest, RunStatus
 from hil_gateway.bus.tyres import Tyres
+from hil_gateway.process.clock import NS_PER_S
 
 M = TypeVar("M", bound=m.Message)
 
@@ -35,6 +36,11 @@ class Topic(Generic[M]):
     priority: str = "data"
     max_bytes: int = 16_384
     """of one message; larger ones are counted and not parsed"""
+
+    @property
+    def period_ns(self) -> int:
+        """Between two messages, ns; of a topic with a rate."""
+        return round(NS_PER_S / self.rate_hz)
 
     def __str__(self) -> str:
         return self.key

@@ -20,7 +20,7 @@ from hil_gateway.bus.topics import Topic
 from hil_gateway.config import ZenohConfig
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.lifecycle import worth_a_line
-from hil_gateway.text_file import TREE_BYTES_MAX, parse_json, read_text
+from hil_gateway.text_file import parse_json, read_text
 
 M = TypeVar("M", bound=Message)
 log = logging.getLogger(__name__)
@@ -230,7 +230,7 @@ def read_json5(path: Path) -> dict[str, Any]:
     Raises:
         InputError: unreadable, or not that.
     """
-    text = read_text(path, TREE_BYTES_MAX, "Zenoh configuration (zenoh.extra)")
+    text = read_text(path, "Zenoh configuration (zenoh.extra)")
     lines = (line for line in text.splitlines() if not line.lstrip().startswith("//"))
     try:
         tree = parse_json(path, "\n".join(lines))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from can_dbc.units import UNITS
 from hil_gateway.bus.race_line import RaceLine
 from hil_gateway.bus.topics import (
     APPLIED,
@@ -23,10 +24,9 @@ from hil_gateway.bus.topics import (
 )
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 
+BAR, KPA, RPM = (UNITS[unit].factor for unit in ("bar", "kPa", "rpm"))
 SLOWEST = 5.0
 """m/s; slower than this a slip angle is noise over noise"""
-PA_PER_BAR, KPA_PER_BAR = 1e5, 100.0
-RPM = 60.0 / (2.0 * math.pi)
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,12 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("steer_sent", APPLIED, lambda a: math.degrees(a.steer) if a.sent else None),
     Channel("accelerator", VEHICLE_STATE, lambda v: 100.0 * v.accelerator, 1),
     Channel("accelerator_sent", APPLIED, lambda a: a.accelerator_percent if a.sent else None, 1),
-    Channel("brake", VEHICLE_STATE, lambda v: v.brake_front / PA_PER_BAR, 1),
-    Channel("brake_sent", APPLIED, lambda a: a.brake_front_kpa / KPA_PER_BAR if a.sent else None, 1),
+    Channel("brake", VEHICLE_STATE, lambda v: v.brake_front / BAR, 1),
+    Channel("brake_sent", APPLIED, lambda a: a.brake_front_kpa * KPA / BAR if a.sent else None, 1),
     Channel("residual_ax", BELIEF, lambda b: b.residual[0] if b.residual else None),
     Channel("residual_ay", BELIEF, lambda b: b.residual[1] if b.residual else None),
     Channel("gear", VEHICLE_STATE, lambda v: float(v.gear), 0),
-    Channel("engine", VEHICLE_STATE, lambda v: v.engine_speed * RPM, 0),
+    Channel("engine", VEHICLE_STATE, lambda v: v.engine_speed / RPM, 0),
     Channel("plan_ms", PLAN, lambda p: p.solve_ms),
     Channel("latency_ms", GATEWAY_STATUS, lambda g: g.loop_latency_p99_ms, 1),
 )

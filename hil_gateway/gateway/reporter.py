@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from hil_gateway.bus.messages import Command, FailsafeAction, GatewayStatus
+from hil_gateway.bus.topics import GATEWAY_STATUS
 from hil_gateway.can_link import CanLink
 from hil_gateway.gateway.act.actor import Actor
 from hil_gateway.gateway.decide.decision import Decision, Situation
@@ -13,10 +14,8 @@ from hil_gateway.gateway.decide.race_control import missing_for_crank
 from hil_gateway.gateway.perceive.inbox import Inbox
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
 from hil_gateway.gateway.rolling import Rolling
-from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.processor_wait import LatelyLate, who_was_late
 
-STATUS_PERIOD_NS = NS_PER_S // 10
 LATENCY_WINDOW = 1000
 """answers whose latency is kept: 50 s of commands at 20 Hz"""
 
@@ -71,7 +70,7 @@ class Reporter:
         """The message, when it is due."""
         if situation.now_ns < self._due_ns:
             return None
-        self._due_ns = situation.now_ns + STATUS_PERIOD_NS
+        self._due_ns = situation.now_ns + GATEWAY_STATUS.period_ns
         self._seq += 1
         counts, stats = builder.counts, link.stats()
         armed, before_crank = decision.failsafe.armed, self._missing_for_crank(situation, decision)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Mapping
+from enum import IntEnum
 from fcntl import ioctl
 from pathlib import Path
 
@@ -16,9 +17,6 @@ from hil_gateway.process.errors import InputError
 
 EVENT = struct.Struct("llHHi")
 """s, us, type, code, value"""
-SYNCHRONISE, KEY, AXIS = 0, 1, 3
-DROPPED = 3
-"""code of SYNCHRONISE: events were lost"""
 AXES: Mapping[str, int] = {
     name: code
     for code, name in enumerate(("x", "y", "z", "rx", "ry", "rz", "throttle", "rudder", "wheel", "gas", "brake"))
@@ -27,6 +25,18 @@ AXES: Mapping[str, int] = {
 _RANGE = struct.Struct("6i")
 """value, minimum, maximum, fuzz, flat, resolution"""
 READ_BYTES = 64 * EVENT.size
+
+
+class EventType(IntEnum):
+    """EV_SYN, EV_KEY and EV_ABS."""
+
+    SYNCHRONISE = 0
+    KEY = 1
+    AXIS = 3
+
+
+DROPPED = (EventType.SYNCHRONISE, 3)
+"""type and code (SYN_DROPPED): events were lost"""
 
 
 class Device:
@@ -77,12 +87,12 @@ class Controls:
     def take(self, data: bytes) -> None:
         """Whole events, in order. Where some were lost no button counts as pressed: it has to be pressed again."""
         for _, _, kind, code, value in EVENT.iter_unpack(data[: len(data) // EVENT.size * EVENT.size]):
-            if kind == KEY:
+            if kind == EventType.KEY:
                 (self.pressed.add if value else self.pressed.discard)(code)
-            elif kind == AXIS and code in self._name:
+            elif kind == EventType.AXIS and code in self._name:
                 low, high = self.ranges[self._name[code]]
                 self.axes[self._name[code]] = min(max(2.0 * (value - low) / (high - low) - 1.0, -1.0), 1.0)
-            elif (kind, code) == (SYNCHRONISE, DROPPED):
+            elif (kind, code) == DROPPED:
                 self.release()
 
     def release(self) -> None:

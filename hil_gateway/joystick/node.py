@@ -12,12 +12,11 @@ from hil_gateway.bus.zenoh_bus import open_bus
 from hil_gateway.config import Config
 from hil_gateway.joystick.commands import Hands
 from hil_gateway.joystick.device import Device
-from hil_gateway.process.clock import NS_PER_S, SystemClock
+from hil_gateway.process.clock import SystemClock
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.lifecycle import StopRequest
 from hil_gateway.process.scheduling import punctual
 
-PERIOD_NS = NS_PER_S // 100
 log = logging.getLogger(__name__)
 
 
@@ -44,7 +43,7 @@ def run(config: Config, path: Path) -> None:
                 command = hands.command(device.state, state.message, now_ns)
                 if command is not None:
                     bus.publish(topics.JOYSTICK_COMMAND, command)
-            clock.sleep_until(now_ns + PERIOD_NS)
+            clock.sleep_until(now_ns + topics.JOYSTICK_COMMAND.period_ns)
     finally:
         bus.close()
         device.close()

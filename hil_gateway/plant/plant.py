@@ -27,7 +27,6 @@ from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
 STEP_NS = round(STEP_S * NS_PER_S)
-TRUTH_PERIOD_NS = NS_PER_S // 20
 CONTROLLER_STEPS = 10
 """the vehicle controller runs at 100 Hz"""
 FARTHEST = 10.0
@@ -113,7 +112,7 @@ class Plant:
             if reached_ns >= transmitter.next_ns:
                 transmitter.step(reached_ns, self._receiver.received)
         self._reached_ns = reached_ns
-        if self._truth_bus is not None and reached_ns - self._truth_ns >= TRUTH_PERIOD_NS:
+        if self._truth_bus is not None and reached_ns - self._truth_ns >= TRUTH.period_ns:
             self._truth_ns = reached_ns
             self._truth_bus.publish(TRUTH, self.referee.truth(reached_ns))
 

@@ -12,6 +12,7 @@ import math
 import socket
 from collections import deque
 from collections.abc import Iterable, Mapping
+from enum import IntEnum
 
 import numpy as np
 
@@ -50,9 +51,6 @@ REFIX_S = 4.0
 """of float ambiguities after corrections are back"""
 WALKING = 1.4
 """m/s at which the inertial solution finds where the car points"""
-INT, FLOAT, SINGLE, INS_INT, INS_FLOAT, INS_SINGLE = 50, 34, 16, 56, 55, 53
-"""position types (OEM7 manual, BESTPOS and INSPVAX)"""
-ALIGNING, GOOD = 1, 3
 DATUM, UNDULATION_M = 61, -30.0
 """WGS 84; geoid above the ellipsoid"""
 FINESTEERING = 180
@@ -60,6 +58,29 @@ SEED = 7
 """beside that of all sensor noise: receivers have their own"""
 QUEUE = 1 << 20
 """bytes that a reader may be behind before it is disconnected, as the receiver's own port does"""
+
+
+class PositionType(IntEnum):
+    """OEM7 manual, BESTPOS and INSPVAX."""
+
+    SINGLE = 16
+    FLOAT = 34
+    INT = 50
+    INS_SINGLE = 53
+    INS_FLOAT = 55
+    INS_INT = 56
+
+
+class InsStatus(IntEnum):
+    """OEM7 manual, INSPVAX."""
+
+    ALIGNING = 1
+    GOOD = 3
+
+
+GNSS_TYPES = (PositionType.INT, PositionType.FLOAT, PositionType.SINGLE)
+INS_TYPES = (PositionType.INS_INT, PositionType.INS_FLOAT, PositionType.INS_SINGLE)
+"""with fixed and float ambiguities, and without corrections"""
 
 
 class Wander:
@@ -142,7 +163,7 @@ class SimulatedReceiver:
         latitude, longitude = self._map.to_geodetic(x + wander[0] + noise[0], y + wander[1] + noise[1])
         std = (math.hypot(RTK_M, RTK_WANDER_M), FLOAT_M, math.hypot(SINGLE_M, SINGLE_WANDER_M))[worth]
         position = {
-            "position_type": (INT, FLOAT, SINGLE)[worth], "latitude": latitude, "longitude": longitude,
+            "position_type": GNSS_TYPES[worth], "latitude": latitude, "longitude": longitude,
             "height_msl": -UNDULATION_M, "undulation": UNDULATION_M, "datum": DATUM, "std_north": std, "std_east": std,
             "std_up": 2.0 * std, "differential_age_s": 0.0 if worth == 2 else 1.0, "satellites": 24,
             "satellites_used": 20,
@@ -151,7 +172,7 @@ class SimulatedReceiver:
         east, north = ((now - then) / dt + VELOCITY_MPS * self._draw.standard_normal() for now, then in
                        ((x, before[0]), (y, before[1])))  # fmt: skip
         velocity = {
-            "velocity_type": (INT, FLOAT, SINGLE)[worth], "speed": math.hypot(east, north),
+            "velocity_type": GNSS_TYPES[worth], "speed": math.hypot(east, north),
             "track": math.degrees(math.atan2(east, north)) % 360.0,
         }  # fmt: skip
         return [("BESTPOS", position), ("BESTVEL", velocity)]
@@ -166,7 +187,7 @@ class SimulatedReceiver:
         off = self._mounted + self._azimuth.step(dt)[0] + AZIMUTH_NOISE_DEG * self._draw.standard_normal()
         azimuth = 90.0 - math.degrees(self._car["yaw"]) + off
         return "INSPVAX", {
-            "ins_status": GOOD if self._aligned else ALIGNING, "position_type": (INS_INT, INS_FLOAT, INS_SINGLE)[worth],
+            "ins_status": InsStatus.GOOD if self._aligned else InsStatus.ALIGNING, "position_type": INS_TYPES[worth],
             "latitude": latitude, "longitude": longitude, "height_msl": -UNDULATION_M, "undulation": UNDULATION_M,
             "east": east + noise[0], "north": north + noise[1], "azimuth": azimuth % 360.0, "std_north": std,
             "std_east": std, "std_up": 2.0 * std, "std_speed_north": std_speed,

@@ -9,7 +9,6 @@ from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.outside import Ros2Status
 from hil_gateway.can_link import CanLink
 from hil_gateway.config import Config
-from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.process.lifecycle import worth_a_line
 from hil_gateway.ros2 import topics as ros
 from hil_gateway.ros2.graph import Graph
@@ -20,7 +19,6 @@ from hil_gateway.ros2.session import RosNode
 from hil_gateway.ros2.topics import RosTopic
 from hil_gateway.ros2.types import Types
 
-STATUS_PERIOD_NS = NS_PER_S
 NOTES_MAX = 16
 log = logging.getLogger(__name__)
 
@@ -53,7 +51,7 @@ class Bridge:
         self._publishing.step(now_ns, unix_offset_ns, self._link.receive(0.0), (self._diagnosis(),))
         self._take_commands(now_ns, unix_offset_ns)
         if now_ns >= self._status_ns:
-            self._status_ns = now_ns + STATUS_PERIOD_NS
+            self._status_ns = now_ns + topics.ROS2_STATUS.period_ns
             self._bus.publish(topics.ROS2_STATUS, self._status(now_ns))
 
     def _take_commands(self, now_ns: int, unix_offset_ns: int) -> None:

@@ -19,7 +19,6 @@ from hil_gateway.session.files.writer import SessionWriter
 
 QUEUE_S = 2.0
 """how long the recorder may be held up before messages are lost (and counted)"""
-STATUS_PERIOD_NS = NS_PER_S
 
 
 class Recorder:
@@ -55,7 +54,7 @@ class Recorder:
             self._next_flush_ns = now_ns + self._flush_ns
             self.writer.flush(now_ns + self._offset_ns)
         if now_ns >= self._next_status_ns:
-            self._next_status_ns = now_ns + STATUS_PERIOD_NS
+            self._next_status_ns = now_ns + RECORDER_STATUS.period_ns
             self._bus.publish(RECORDER_STATUS, self.status(now_ns))
 
     def close(self, now_ns: int) -> None:

@@ -47,8 +47,6 @@ SEPARATORS = ",;\t"
 GRID_M = 1e5
 """Places further from the origin are on a national or UTM grid: no track is 100 km from its own origin."""
 POINTS_MIN = 12
-BYTES_MAX = 50_000_000
-"""of a file: 60 km in steps of 0.1 m with six columns"""
 GAP_RATIO = 20.0
 """a step this many times the median one is a jump, not a track"""
 GAP_MIN_M = 30.0
@@ -144,7 +142,7 @@ def _columns(
     path: Path, required: tuple[str, ...] = REQUIRED, instead: tuple[str, ...] = REQUIRED
 ) -> tuple[dict[str, Array], list[int]]:
     """Columns by name, those `required` or all that may stand `instead`, and the line number of every row."""
-    lines = read_text(path, BYTES_MAX, "track").splitlines()
+    lines = read_text(path, "track").splitlines()
     separator = max(SEPARATORS, key=lines[0].count) if lines else ","
     if separator != ",":
         lines = [lines[0].replace(separator, ","), *(_with_commas(line, separator) for line in lines[1:])]

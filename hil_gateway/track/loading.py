@@ -15,8 +15,6 @@ from hil_gateway.track.smoothing import Survey, smooth
 from hil_gateway.track.track import Track
 
 DEFAULT_TRACK = "road_course"
-KEPT = 8
-"""tracks a process keeps"""
 READERS: dict[str, Callable[[Path], Survey]] = {".csv": read_csv, ".toml": read_layout}
 """file name ending -> reader: a further format is one module and one line here"""
 
@@ -51,7 +49,7 @@ def _parts(file: Path) -> tuple[Path, ...]:
     return file, *lane_files(file)
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache
 def _read(
     file: Path, _folder: Path, reader: Callable[[Path], Survey], _changed: tuple[tuple[int, int], ...]
 ) -> Track:  # fmt: skip

@@ -10,16 +10,14 @@ from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.race_line import RaceLine as Told
 from hil_gateway.bus.topics import RACE_LINE
 from hil_gateway.process.arrays import Array
-from hil_gateway.process.clock import NS_PER_S
 from planner.line.raceline import OptimisedLine
 
 POINTS = 500
 """at most; some 10 m on a 5 km lap, finer than a pixel of a map"""
-PERIOD_NS = round(NS_PER_S / RACE_LINE.rate_hz)
 
 
 class LinePublisher:
-    """Publishes the line in use, at once and then every `PERIOD_NS`."""
+    """Publishes the line in use, at once and then every `RACE_LINE.period_ns`."""
 
     def __init__(self, bus: Bus) -> None:
         self._bus, self._due_ns, self._seq = bus, 0, 0
@@ -28,7 +26,7 @@ class LinePublisher:
         """Say what is aimed at, when it is time; `clearance` as in the message, m."""
         if now_ns < self._due_ns:
             return
-        self._due_ns = now_ns + PERIOD_NS
+        self._due_ns = now_ns + RACE_LINE.period_ns
         self._bus.publish(RACE_LINE, race_line_message(line, clearance, now_ns, self._seq))
         self._seq += 1
 

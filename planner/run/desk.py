@@ -12,7 +12,6 @@ from hil_gateway.bus.messages import FailsafeAction
 from hil_gateway.bus.track_day.run import RunAction, RunPhase, RunPlan, RunRequest, RunStatus
 from hil_gateway.car.states import VehicleFlag
 from hil_gateway.process.arrays import Array
-from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.track.track import Track
 from planner.line.pit_route import PitRoute, PitRoutes
 from planner.line.raceline import OptimisedLine
@@ -20,7 +19,6 @@ from planner.line.track import Reference
 from planner.run.expansion import MOST_SPEED, Caps
 from planner.run.progress import CREEP, CREEP_M, GENTLE, Progress
 
-PERIOD_NS = NS_PER_S // 5
 BEFORE_LINE_M = 30.0
 """where the in lap ends if nobody says otherwise: on the start straight, so far before the line"""
 SHOWN_AHEAD = 0.9
@@ -69,7 +67,7 @@ class RunDesk:
         if status is not None and status.action in STOPS:
             self.progress.note(f"stopped by the gateway: {status.cause}")
         if news or now_ns >= self._due_ns:
-            self._due_ns, self._seq = now_ns + PERIOD_NS, self._seq + 1
+            self._due_ns, self._seq = now_ns + topics.RUN.period_ns, self._seq + 1
             self._bus.publish(topics.RUN, self._status(now_ns))
 
     def _black(self, now_ns: int) -> bool:

@@ -13,7 +13,6 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure
 from hil_gateway.text_file import read_json
 
-CAPS_BYTES_MAX = 1_000_000
 SPEED_STEP = 10.0
 """m/s a clean run"""
 LOAD_STEP = 0.15
@@ -86,7 +85,7 @@ class Expansion:
 
 def _read(path: Path) -> dict[str, Caps]:
     try:
-        tree = read_json(path, "caps", CAPS_BYTES_MAX)
+        tree = read_json(path, "caps")
         return {key: Caps(float(row["speed"]), float(row["load_use"])) for key, row in tree.items()}
     except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"{path}: not a file of caps; delete it, and they begin anew") from None

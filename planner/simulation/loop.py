@@ -24,13 +24,12 @@ from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.plant import Plant
 from hil_gateway.process.clock import NS_PER_S, VirtualClock
 from hil_gateway.receiver.core import Receivers
+from hil_gateway.settings.gateway import PERIOD_NS
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
 M = TypeVar("M", bound=Message)
 
-TICK_NS = NS_PER_S // 100
-PLAN_PERIOD_NS = NS_PER_S // 20
 LEARNER_PERIOD_NS = NS_PER_S // 10
 UNIX_OFFSET_NS = 1_767_225_600 * NS_PER_S
 """virtual time begins in 2026: receivers tell GPS time"""
@@ -188,11 +187,11 @@ class Loop:
         self.planner = made["planner"](config, self.bus, track)
         self._status: LocalSubscription[GatewayStatus] = self.bus.subscribe(topics.GATEWAY_STATUS)
         self._schedule: tuple[tuple[str, Core, int], ...] = (
-            ("plant", self.plant, TICK_NS),
-            *((("receiver", PipedReceivers(config, self.bus, self.plant), TICK_NS),) if config.receivers else ()),
-            ("gateway", self.gateway, TICK_NS),
-            ("estimator", self.estimator, TICK_NS),
-            ("planner", self.planner, PLAN_PERIOD_NS),
+            ("plant", self.plant, PERIOD_NS),
+            *((("receiver", PipedReceivers(config, self.bus, self.plant), PERIOD_NS),) if config.receivers else ()),
+            ("gateway", self.gateway, PERIOD_NS),
+            ("estimator", self.estimator, PERIOD_NS),
+            ("planner", self.planner, topics.PLAN.period_ns),
             *((("learner", made["learner"](config, self.bus, track), LEARNER_PERIOD_NS),) if "learner" in made else ()),
         )
 
@@ -206,7 +205,7 @@ class Loop:
 
     def step(self) -> None:
         """Advance everything by 10 ms, in the order of the data flow."""
-        self.clock.advance(TICK_NS)
+        self.clock.advance(PERIOD_NS)
         now_ns = self.clock.now_ns()
         self.bus.flush(now_ns)
         for name, core, period_ns in self._schedule:

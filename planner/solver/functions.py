@@ -21,6 +21,7 @@ from estimator.model.single_track import SingleTrack
 from hil_gateway.car.powertrain import Powertrain
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.process.compiled import (
+    COMPILE_TIMEOUT_S,
     CompiledFunction,
     compile_function,
     compile_library,
@@ -34,8 +35,6 @@ from planner.problem.mpcc import Problem
 from planner.problem.settings import Information, PlanLimits, Settings, Slack, Weights
 from planner.solver.fixed import FixedHorizon, build_library
 from planner.solver.fixed_check import FixedCheck, build_check
-
-BUILD_TIMEOUT_S = 120.0
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ def build_in_child(problem: Problem) -> Functions:
     command = [sys.executable, "-m", "planner.solver.functions"]
     try:
         child = subprocess.run(
-            command, input=_describe(problem), capture_output=True, text=True, timeout=BUILD_TIMEOUT_S, check=False
+            command, input=_describe(problem), capture_output=True, text=True, timeout=COMPILE_TIMEOUT_S, check=False
         )
     except (OSError, subprocess.SubprocessError) as error:
         raise RuntimeError(f"cannot build the planner's functions: {error}") from None

@@ -6,20 +6,20 @@ are the unit's own: how it is mounted is found from the motion.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from can_dbc.units import UNITS
 from estimator.drive_log.bag.layout import Columns
 from hil_gateway.car.actuation import PRESSED
 from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
 from hil_gateway.session.drive_table import VY_STD
 
-KMH, DEGREE, KPA, PERCENT, RPM = 1.0 / 3.6, math.pi / 180.0, 1e3, 1e-2, math.pi / 30.0
+KMH, DEGREE, KPA, PERCENT, RPM = (UNITS[unit].factor for unit in ("km/h", "deg", "kPa", "%", "rpm"))
 INS_USABLE = (3, 6, 7)
 """INS_SOLUTION_GOOD, INS_SOLUTION_FREE, INS_ALIGNMENT_COMPLETE of NovAtel"""
 VY_VARIANCE = "twist.covariance[7]"
@@ -127,7 +127,7 @@ def _brakes(m: Columns) -> Quantities:
 
 
 def _engine(m: Columns) -> Quantities:
-    return {"engine_speed": RPM * m["engine_rpm"], "gear": m["current_gear"]}
+    return {"engine_speed": m["engine_rpm"] * RPM, "gear": m["current_gear"]}
 
 
 def _simulator(m: Columns) -> Quantities:

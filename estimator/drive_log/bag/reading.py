@@ -18,11 +18,11 @@ from estimator.drive_log.bag.messages import MESSAGES, Message, kinds
 from estimator.drive_log.bag.types import SAMPLES, full_name, of_generation, written
 from hil_gateway.process.arrays import Array, Ints
 from hil_gateway.process.clock import NS_PER_S
+from hil_gateway.receiver.clock import LEAP_S
+from hil_gateway.receiver.oem7 import GPS_EPOCH_UNIX_S, WEEK_S
 from hil_gateway.session.files.reader import Item
 from hil_gateway.session.logs.raw_bag import Bag
 
-GPS_EPOCH_S, LEAP_S, WEEK_S = 315_964_800, 18, 604_800
-"""Unix time of GPS week 0; leap seconds since 2017"""
 STRAY_S = 600.0
 """A stamp so far from the others of its topic is damaged: no message waits so long in a computer"""
 SAME_CLOCK_S = 0.5
@@ -182,7 +182,7 @@ def _gps(columns: Columns, start_ns: int) -> Array | None:
         return None
     if not (weeks > 0).all():
         return None
-    unix_s = GPS_EPOCH_S + WEEK_S * weeks - LEAP_S
+    unix_s = GPS_EPOCH_UNIX_S + WEEK_S * weeks - LEAP_S
     return np.asarray((unix_s * 1000 + ms - start_ns // 1_000_000) / 1e3 - (start_ns % 1_000_000) / NS_PER_S)
 
 

@@ -34,11 +34,9 @@ MEASURED_INPUTS = {"vx": 8, "vy": 9, "yaw_rate": 10}
 is fitted (`unknown_inputs`), and no effect is told by when ax was."""
 CHANGES = {"vx": 3, "vy": 4, "yaw_rate": 2}
 """Predicted channel that is the change of a measured signal."""
-KEPT = 32
-"""Fits whose moves are kept: each of its effects is judged by them."""
 
 
-@lru_cache(KEPT)
+@lru_cache  # each effect of a fit is judged by the same moves
 def by_sampling(fit: Fit) -> Array:
     """(3, p) by which the parameters move where one signal was read by a standard deviation later than the others."""
     at = Point.at(fit.predictor, fit.parameters, fit.noise)

@@ -14,7 +14,6 @@ from hil_gateway.process.errors import InputError
 from hil_gateway.process.model import Model
 from hil_gateway.text_file import read_toml
 
-RUN_BYTES_MAX = 100_000
 MOST_METRES = 1e6
 """along a track: no circuit is as long"""
 Speed = Annotated[float, Field(ge=5, le=100)]
@@ -69,7 +68,7 @@ def read_run(path: Path) -> RunPlan:
         InputError: unreadable, an unknown key, a value out of range.
     """
     try:
-        return RunPlan.model_validate(read_toml(path, "run", RUN_BYTES_MAX))
+        return RunPlan.model_validate(read_toml(path, "run"))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"]))

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 
 from can_dbc.quantities import WHEELS
+from hil_gateway.bus.topics import TYRES
 from hil_gateway.bus.tyres import Tyres
 from hil_gateway.gateway.perceive.monitors.duration import ConditionTime
 from hil_gateway.gateway.perceive.vehicle_state import VehicleStateBuilder
-from hil_gateway.process.clock import NS_PER_S
 
-PERIOD_NS = NS_PER_S // 5
 AIR_PA = 101_325.0
 """standard atmosphere; `tyre.*.pressure` counts from vacuum, `tyre.*.gauge` from here"""
 READS_PA = 70_000.0
@@ -49,7 +48,7 @@ class TyreReports:
         """The message, when it is due."""
         if now_ns < self._due_ns:
             return None
-        self._due_ns = now_ns + PERIOD_NS
+        self._due_ns = now_ns + TYRES.period_ns
         self._seq += 1
         treads = [self._tread(wheel) for wheel in WHEELS]
         return Tyres(

@@ -8,9 +8,6 @@ from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.topics import RACE_CONTROL, RACE_CONTROL_REQUEST
 from hil_gateway.bus.track_day.race_control import RaceControlShown
 from hil_gateway.car.states import TrackFlag, VehicleFlag
-from hil_gateway.process.clock import NS_PER_S
-
-PERIOD_NS = NS_PER_S // 5
 
 
 @dataclass
@@ -41,7 +38,7 @@ class Desk:
                 if (value := getattr(request, name)) is not None:
                     setattr(self._shown, name, value)
         if requests or now_ns >= self._due_ns:
-            self._due_ns, self._seq = now_ns + PERIOD_NS, self._seq + 1
+            self._due_ns, self._seq = now_ns + RACE_CONTROL.period_ns, self._seq + 1
             self._bus.publish(RACE_CONTROL, self._message(now_ns))
 
     def _message(self, now_ns: int) -> RaceControlShown:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from can_dbc.units import UNITS
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.session.drive_table import as_rows, read_drive_table
 from hil_gateway.session.exchange.export import Exported
 from hil_gateway.session.files.output import output_file
 
-KMH, DEGREE, RPM = 3.6, math.degrees(1.0), 30.0 / math.pi
+KMH, DEGREE, RPM = (1.0 / UNITS[unit].factor for unit in ("km/h", "deg", "rpm"))
 CHANNELS: Mapping[str, tuple[str, str, float]] = {
     "t": ("Time", "s", 1.0),
     "vx": ("Ground Speed", "km/h", KMH),

@@ -7,6 +7,7 @@ microsecond, makes extended data frames of most error frames, and does not know 
 from __future__ import annotations
 
 import re
+import socket
 from collections.abc import Iterator
 from datetime import UTC, datetime
 
@@ -25,7 +26,6 @@ from hil_gateway.session.logs.entry import (
 )
 from hil_gateway.session.logs.source import Source
 
-ERROR_FLAG = 0x20000000
 _STAMP = r"\s*\(([^)]*)\)\s+"
 _LINE = re.compile(_STAMP + r"(\S+)\s+([0-9A-F]{3}|[0-9A-F]{8})#(.*?)(?:\s+[RT])?\s*", re.IGNORECASE)
 _DATA = re.compile(r"((?:[0-9A-F]{2}\.?){0,8})(?:_[9A-F])?", re.IGNORECASE)
@@ -48,7 +48,7 @@ def format_line(frame: Frame, channel: str) -> str:
 def _number(frame: Frame) -> str:
     """Identifier as candump writes it: three digits, eight for extended and error frames."""
     if frame.is_error:
-        return f"{frame.id | ERROR_FLAG:08X}"
+        return f"{frame.id | socket.CAN_ERR_FLAG:08X}"
     return f"{frame.id & ~EXTENDED_ID:08X}" if frame.id & EXTENDED_ID else f"{frame.id:03X}"
 
 
@@ -103,8 +103,8 @@ def _time(stamp: str) -> int:
 
 def _frame(channel: str, number: str, data: bytes, stamp_ns: int) -> Entry:
     value, extended = int(number, 16), len(number) == 8
-    if extended and value & ERROR_FLAG:
-        return error_frame(channel, stamp_ns, value & ~ERROR_FLAG & EXTENDED_ID_MAX, data)
+    if extended and value & socket.CAN_ERR_FLAG:
+        return error_frame(channel, stamp_ns, value & ~socket.CAN_ERR_FLAG & EXTENDED_ID_MAX, data)
     return data_frame(channel, value, data, stamp_ns, extended=extended)
 
 

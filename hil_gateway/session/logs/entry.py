@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+import socket
 from dataclasses import dataclass
 
 from can_dbc.database import DLC_MAX
 from hil_gateway.can_link import EXTENDED_ID, Frame
 from hil_gateway.process.clock import NS_PER_S
 
-EXTENDED_ID_MAX, STANDARD_ID_MAX = 0x1FFFFFFF, 0x7FF
+EXTENDED_ID_MAX, STANDARD_ID_MAX = socket.CAN_EFF_MASK, socket.CAN_SFF_MASK
 _SECONDS = re.compile(r"(-?)(\d{1,12})(?:[.,](\d*))?")
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from can_dbc.units import UNITS
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.errors import InputError
@@ -19,7 +20,6 @@ from hil_gateway.track.track import Track
 STATION_M = 2.0
 CHANNELS = ("speed", "steer", "accelerator", "brake", "ax", "ay")
 """km/h, deg at the road wheel, 0..100 %, bar, g, g"""
-KMH, PA_PER_BAR = 3.6, 1e5
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ def _resampled(name: str, lap: Lap, columns: dict[str, Array], along: Array, tra
 
     steer = np.degrees(columns["steer"])
     values = {
-        "speed": KMH * columns["vx"], "steer": steer, "accelerator": 100.0 * columns["throttle"],
-        "brake": columns["brake"] / PA_PER_BAR, "ax": columns["ax"] / GRAVITY, "ay": columns["ay"] / GRAVITY,
+        "speed": columns["vx"] / UNITS["km/h"].factor, "steer": steer, "accelerator": 100.0 * columns["throttle"],
+        "brake": columns["brake"] / UNITS["bar"].factor, "ax": columns["ax"] / GRAVITY, "ay": columns["ay"] / GRAVITY,
     }  # fmt: skip
     channels = {channel: over(values[channel]) for channel in CHANNELS}
     return LapTable(name, lap, stations, over(t - lap.start_s), over(columns["x"]), over(columns["y"]), channels)

@@ -38,7 +38,7 @@ def test_what_is_no_file_is_named_and_not_waited_for(tmp_path: Path, kind: str) 
     make, said = NO_FILES[kind]
     make(tmp_path / "in")
     with pytest.raises(InputError, match=said):
-        read_text(tmp_path / "in", 1000, "track")
+        read_text(tmp_path / "in", "track", 1000)
 
 
 @pytest.mark.parametrize(

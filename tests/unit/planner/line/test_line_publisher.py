@@ -7,7 +7,7 @@ import pytest
 
 from hil_gateway.bus.interface import LocalBus
 from hil_gateway.bus.topics import RACE_LINE
-from planner.line.line_publisher import PERIOD_NS, POINTS, LinePublisher
+from planner.line.line_publisher import POINTS, LinePublisher
 from planner.line.raceline import OptimisedLine
 
 CLEARANCE = 1.4
@@ -28,9 +28,9 @@ def test_a_listener_that_comes_late_hears_the_line_within_a_period() -> None:
     teller = LinePublisher(bus)
     teller.step(0, circle(800), CLEARANCE)
     late = bus.subscribe(RACE_LINE, depth=9)
-    for now_ns in range(0, 2 * PERIOD_NS + 1, 50_000_000):
+    for now_ns in range(0, 2 * RACE_LINE.period_ns + 1, 50_000_000):
         teller.step(now_ns, circle(800), CLEARANCE)
-    assert [message.stamp_ns for message in late.poll(0)] == [PERIOD_NS, 2 * PERIOD_NS]
+    assert [message.stamp_ns for message in late.poll(0)] == [RACE_LINE.period_ns, 2 * RACE_LINE.period_ns]
 
 
 def test_a_long_line_is_thinned_and_stays_the_same_line_within_the_topic_s_bound() -> None:
