@@ -16,7 +16,7 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from can_dbc.units import UNITS as SI
+from can_dbc.units import UNITS as FACTORS
 from estimator.drive_log.derived import derivative, smoothed
 from estimator.drive_log.table import DriveLog
 from estimator.model.parameters import STIFFNESS
@@ -26,8 +26,8 @@ from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
 
-SPEEDS = {"m/s": 1.0, "km/h": 1.0 / SI["km/h"].factor, "mph": 1.0 / SI["mph"].factor}
-ANGLES = {"rad": 1.0, "degrees": 1.0 / SI["deg"].factor}
+SPEEDS = {"m/s": 1.0, "km/h": 1.0 / FACTORS["km/h"].factor, "mph": 1.0 / FACTORS["mph"].factor}
+ANGLES = {"rad": 1.0, "degrees": 1.0 / FACTORS["deg"].factor}
 ACCELERATIONS = {"m/s2": 1.0, "g": 1.0 / GRAVITY}
 SLIPS = {"slip": 1.0, "percent": 100.0}
 UNITS: Mapping[str, Mapping[str, float]] = {
