@@ -16,8 +16,7 @@ from estimator.model.parameters import Layout
 from estimator.offline.health.acceleration import rederived
 from estimator.offline.identification import Identification, Options, Progress, identify
 from estimator.offline.predict.nuisance import KNOWN_BANK
-from estimator.offline.record.record import Record
-from estimator.offline.search.stretches.cells import LATERAL_ROWS
+from estimator.offline.record.record import LATERAL_ROWS, Record
 from estimator.offline.tyre_export import exported
 from hil_gateway.car.vehicle import Vehicle
 
@@ -36,7 +35,7 @@ def identified_laterally(  # noqa: PLR0917 - as `identify`
     progress: Progress = lambda what, share: None,
 ) -> Identification | None:
     """The identification of a `log` whose `record` has no lateral sensor that can be used; None where it has one."""
-    if record.used[list(LATERAL_ROWS)].any():
+    if record.used[LATERAL_ROWS].any():
         return None
     return identify(log, vehicle, prior, Options(layout=layout), progress)
 

@@ -24,6 +24,7 @@ from estimator.belief.information import stage_information
 from estimator.belief.tyre_belief import DEFAULT_STD, BeliefSettings
 from estimator.model.measurement import CHANNELS
 from hil_gateway.process.arrays import Array, Expr
+from planner.problem.motion import STATES
 from planner.problem.stage_model import StageModel
 
 LEARNING_SPEED = (12.0, 20.0)
@@ -36,8 +37,8 @@ CAUTION, MIN_SPREAD = 0.2, 0.05
 """spread of the belief over the prior's at which q_I is what is configured, and below which it no longer rises"""
 SAMPLES_PER_S = 100.0
 """measurements the belief takes in"""
-FORCE_STATES = (3, 4, 5, 7, 8)
-"""vx, vy, yaw_rate, drive, steer: entries of z that tyre forces depend on"""
+FORCE_STATES = tuple(map(STATES.index, ("vx", "vy", "yaw_rate", "drive", "steer")))
+"""entries of z that tyre forces depend on"""
 
 
 @dataclass(frozen=True)

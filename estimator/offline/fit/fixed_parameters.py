@@ -32,8 +32,6 @@ UNIFORM = 12.0**-0.5
 MEASURED_INPUTS = {"vx": 8, "vy": 9, "yaw_rate": 10}
 """Rows of the predictor's inputs (`Linearised.inputs`) of a measured signal less its prediction. When ay was read
 is fitted (`unknown_inputs`), and no effect is told by when ax was."""
-CHANGES = {"vx": 3, "vy": 4, "yaw_rate": 2}
-"""Predicted channel that is the change of a measured signal."""
 
 
 @lru_cache  # each effect of a fit is judged by the same moves
@@ -84,7 +82,7 @@ def _read_later(at: Point) -> Iterator[Array]:
     record, predicted = at.predictor.record, at.predictor.predict(at.parameters)
     for signal, row in MEASURED_INPUTS.items():
         inputs = np.zeros_like(at.left.inputs)
-        inputs[:, :, row, 0] = record.step * UNIFORM * predicted[CHANGES[signal]].T
+        inputs[:, :, row, 0] = record.step * UNIFORM * predicted[MEASURED.index(signal)].T
         yield at.left.innovations.run(inputs)[..., 0].transpose(2, 1, 0)
 
 

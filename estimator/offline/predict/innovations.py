@@ -17,12 +17,10 @@ import numpy as np
 from estimator.offline.predict.compiled_windows import VECTOR, windows_library
 from estimator.offline.predict.propagate import Propagator, product
 from estimator.offline.record.noise import ResidualNoise
-from estimator.offline.record.record import Record
+from estimator.offline.record.record import MEASURED, STATE_ROWS, Record
 from hil_gateway.process.arrays import Array
 
-YAW_RATE_ROW, VY_ROW = 2, 4
-STATE_ROWS = [3, VY_ROW, YAW_RATE_ROW]
-"""Measured rows (see `record.MEASURED`) of vx, vy, yaw_rate."""
+YAW_RATE_ROW, VY_ROW = MEASURED.index("yaw_rate"), MEASURED.index("vy")
 START_ERRORS = 2.0
 """The state at the start of a window is taken to be the smoothed one within so many of its stated deviations."""
 UNKNOWN_START = np.array([1.0, 0.5, 0.1])

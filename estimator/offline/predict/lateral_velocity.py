@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.model.single_track import SingleTrack
-from estimator.offline.predict.innovations import STATE_ROWS, VY_ROW
+from estimator.offline.predict.innovations import VY_ROW
 from estimator.offline.predict.linearised import linearised
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import ResidualNoise
-from estimator.offline.record.record import Record
+from estimator.offline.record.record import STATE_ROWS, Record
 from hil_gateway.process.arrays import Array, Ints
 
 VY = STATE_ROWS.index(VY_ROW)

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.offline.predict.innovations import STATE_ROWS, VY_ROW, YAW_RATE_ROW, Innovations, residuals
-from estimator.offline.predict.propagate import MOTION, Propagator
+from estimator.offline.predict.innovations import VY_ROW, YAW_RATE_ROW, Innovations, residuals
+from estimator.offline.predict.propagate import Propagator
 from estimator.offline.record.noise import ResidualNoise
-from estimator.offline.record.record import Record
+from estimator.offline.record.record import STATE_ROWS, Record
 from estimator.offline.record.window_columns import WindowColumns
 from hil_gateway.process.arrays import Array
 
@@ -81,7 +81,7 @@ def _errors(record: Record, values: Array) -> Array:
     step, measured = record.block_step, record.measured_blocks
     windows, blocks = record.rows.shape[:2]
     inputs = np.zeros((blocks, windows, 11, 1))
-    defect = values[list(MOTION)] * step - np.diff(record.state_edges, axis=2)
+    defect = valuesSTATE_ROWS * step - np.diff(record.state_edges, axis=2)
     inputs[:, :, 3:6, 0] = defect.transpose(2, 1, 0)
     inputs[:, :, 6:8, 0] = (measured[:2] - values[:2]).transpose(2, 1, 0)
     inputs[:, :, 8:, 0] = (measured[STATE_ROWS] - record.state_means).transpose(2, 1, 0)

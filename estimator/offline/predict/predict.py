@@ -17,7 +17,7 @@ from estimator.model.parameters import Parameter
 from estimator.model.single_track import CHANNELS, SingleTrack
 from estimator.offline.predict.compiled_windows import arrange
 from estimator.offline.predict.expressions import STATES, ModelExpressions, functions_of, memory_names
-from estimator.offline.record.record import Record
+from estimator.offline.record.record import LATERAL_ROWS, Record
 from estimator.offline.record.window_columns import WindowBasis, WindowColumns
 from hil_gateway.process.arrays import Array
 
@@ -125,7 +125,7 @@ class Predictor:
 
         The forward motion alone would bend them until the drag of the front tyres stands in for what the model lacks.
         """
-        lateral = self.record.used[list(LATERAL)].any()
+        lateral = self.record.used[LATERAL_ROWS].any()
         return [i for i, p in enumerate(self.model.tyre_table) if not lateral and p.name != "cx"]
 
     def inputs(self, parameters: Array) -> Array:
@@ -199,8 +199,6 @@ class Predictor:
         return self.record.basis_over_windows(block.effect.profile)
 
 
-LATERAL = (1, 2, 4)
-"""Rows of ay, yaw rate and vy (`record.MEASURED`)."""
 OFF_NEUTRAL = 0.1
 """Share of its start that an effect keeps whose neutral value, at its lower bound, is a stationary point."""
 MEMORY_STEP = 0.02

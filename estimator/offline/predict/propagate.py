@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.offline.predict.compiled_windows import VECTOR, windows_library
+from estimator.offline.record.record import STATE_ROWS
 from hil_gateway.process.arrays import Array
 
 ORDER = 8
 """Terms of the exponential series"""
 SERIES_NORM = 0.5
 """Largest norm of what the series is taken of: its first missing term is then below 1e-7."""
-MOTION = (3, 4, 2)
-"""Channels that are the derivatives of vx, vy, yaw_rate."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ class Propagator:
         `step` in s.
         """
         by_block = np.ascontiguousarray(state_by.swapaxes(2, 3))
-        decay, first, second = exponentials(by_block[list(MOTION)] * step)
+        decay, first, second = exponentials(by_block[STATE_ROWS] * step)
         return cls(decay, first, first, second, by_block[:2])
 
 

@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.offline.record.record import STATE_ROWS
 from hil_gateway.process.arrays import Array
 
-MOTION_ROWS = (2, 3, 4)
-"""Measured rows that are integrals: yaw rate, vx, vy."""
 DRIFTS = (0.0, *(float(d) for d in np.geomspace(1e-3, 1e3, 13)))
 """Variance of the random walk's step per block, relative to that of the white noise, that are tried."""
 
@@ -52,7 +51,7 @@ def likeliest(
 ) -> ResidualNoise:
     """`noise` with the drifts of least `deviance`: used channels in turn, along `DRIFTS` from where they are."""
     best = deviance(noise)
-    for row in (r for r in MOTION_ROWS if used[r]):
+    for row in (r for r in sorted(STATE_ROWS) if used[r]):
         at = int(np.argmin(np.abs(np.array(DRIFTS) - noise.drift[row])))
         for direction in (1, -1):
             start = at

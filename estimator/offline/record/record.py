@@ -56,6 +56,9 @@ STRAIGHT_BELOW = 1.0
 STATES = ("vx", "vy", "yaw_rate")
 MEASURED = ("ax", "ay", "yaw_rate", "vx", "vy")
 """Measured counterpart of each predicted channel of `single_track.CHANNELS`: itself, or its integral."""
+STATE_ROWS = [MEASURED.index(name) for name in STATES]
+"""Rows of `MEASURED` that are states, and of the channels that are their derivatives."""
+LATERAL_ROWS = [MEASURED.index(name) for name in ("ay", "yaw_rate", "vy")]
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from estimator.model.basis import Basis
 from estimator.model.effects import effect_with
 from estimator.model.parameters import Quantity
-from estimator.offline.record.record import Record, RoadProfile
+from estimator.offline.record.record import MEASURED, Record, RoadProfile
 from estimator.offline.record.roll import ROLL_PRIORS, ROLL_STD, ROLL_STRAIGHT, bank_by_roll, no_surer_than_roll
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.process.arrays import Array, Ints
@@ -66,8 +66,8 @@ PEDALS = ("drive", "throttle", "brake")
 """What the driver asks for along the car; either sign of each has its own force."""
 ANY_FORCE = 100.0
 """m/s2 (rms) of each force that may act along the car: more than any does"""
-SHOWN_BY = {Quantity.BANK: (1, 4), Quantity.GRADE: (0, 3)}
-"""Rows of `record.MEASURED` that say without any tyre whether there is a bank or a grade."""
+SHOWN_BY = {Quantity.BANK: ("ay", "vy"), Quantity.GRADE: ("ax", "vx")}
+"""What of `record.MEASURED` says without any tyre whether there is a bank or a grade."""
 
 
 def find_road(record: Record) -> dict[str, RoadProfile]:
@@ -128,7 +128,7 @@ def share_in_kinematics(record: Record, slope: Quantity, coefficients: Array) ->
 
 def _of(record: Record, slope: Quantity) -> _Kinematics | None:
     """The component of gravity that a bank or grade gives, where sensors of their own show it."""
-    if not record.used[list(SHOWN_BY[slope])].all():
+    if not all(record.used[MEASURED.index(name)] for name in SHOWN_BY[slope]):
         return None
     return _lateral(record) if slope is Quantity.BANK else _longitudinal(record)
 

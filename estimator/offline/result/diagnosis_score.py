@@ -16,15 +16,13 @@ from estimator.model.single_track import CHANNELS, SingleTrack
 from estimator.offline.predict.expressions import STATES
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.derivative import kernel, stretches
-from estimator.offline.record.record import Record
+from estimator.offline.record.record import STATE_ROWS, Record
 from hil_gateway.process.arrays import Array, Ints
 
 HORIZON_S, LONG_HORIZON_S = 1.0, 3.0
 """of open-loop prediction: what the next decision rests on, and a whole bend"""
 ROLLOUT_STATES = ("vx", "vy", "yaw_rate")
 VX_DOT = CHANNELS.index("vx_dot")
-DIFFERENTIATED = {2: 2, 3: 3, 4: 4}
-"""Channel -> measured row (`record.MEASURED`) it is the derivative of."""
 
 
 def rmse(record: Record, rows: Ints, model: SingleTrack, parameters: Array) -> dict[str, float]:
@@ -44,8 +42,8 @@ def channel_residuals(
         whole = replace(record, rows=run[None, :, None], lap=np.zeros(1, np.int64))
         predicted = _as_derived(record, run, Predictor(model, whole).predict(parameters)[:, 0])
         for c, name in enumerate(CHANNELS):
-            if c in DIFFERENTIATED:
-                measured = np.convolve(record.measured[DIFFERENTIATED[c], run], slope, "valid")
+            if c in STATE_ROWS:
+                measured = np.convolve(record.measured[c, run], slope, "valid")
                 parts[name].append((run[half:-half], measured - np.convolve(predicted[c], smooth, "valid")))
             else:
                 parts[name].append((run, record.measured[c, run] - predicted[c]))
@@ -77,8 +75,8 @@ def noise_floor(record: Record, rows: Ints, model: SingleTrack, parameters: Arra
     residuals = channel_residuals(record, rows, model, parameters)
     floor = {}
     for c, name in enumerate(CHANNELS):
-        if c in DIFFERENTIATED:
-            own = gain * second_difference_noise(record.measured[DIFFERENTIATED[c], rows])
+        if c in STATE_ROWS:
+            own = gain * second_difference_noise(record.measured[c, rows])
         else:
             own = second_difference_noise(residuals[name][1])
         floor[name] = float(np.hypot(own, through_states[c]))

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.model.single_track import CHANNELS, SingleTrack
-from estimator.offline.record.record import Record
+from estimator.offline.record.record import LATERAL_ROWS, Record
 from estimator.offline.result.diagnosis_score import channel_residuals
 from estimator.offline.search.acceptance import BEYOND_NOISE
 from estimator.offline.search.empirical import explanatory
-from estimator.offline.search.stretches.cells import LATERAL_ROWS, MOST, Candidate
+from estimator.offline.search.stretches.cells import MOST, Candidate
 from hil_gateway.process.arrays import Array, Ints
 
 AVERAGED_S = 0.2

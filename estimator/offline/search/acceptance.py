@@ -8,10 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.model.declared_vehicle import DECLARED, all_candidates
+from estimator.model.single_track import CHANNELS
 from estimator.offline.fit.normal import TINY
 from estimator.offline.fit.prediction_error import Fit, residual
-from estimator.offline.predict.predict import LATERAL, Predictor
+from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import ResidualNoise
+from estimator.offline.record.record import LATERAL_ROWS
 from estimator.offline.record.road import SLOW_BLOCKS
 from estimator.offline.search.evidence import Evidence
 from estimator.offline.search.plausible import believed
@@ -26,7 +28,7 @@ BEYOND_NOISE = 1.25
 """RMS over the noise floor: 56 % more variance than noise; the true model stays within 3 % on practice drives."""
 ACCELEROMETER = {0: 0, 1: 1, 3: 0, 4: 1}
 """Row of ax or ay for what shows in it or in the velocity along it."""
-YAW_ACC, AY = 2, 1
+YAW_ACC, AY = CHANNELS.index("yaw_acc"), CHANNELS.index("ay")
 """Rows of `CHANNELS`; what turns the car by the forces of its tyres shows in ay too."""
 WHITE_FOR_DATA = 1.3
 """Declared data compete where averages of what they leave vary no more than so many times what white noise would."""
@@ -111,4 +113,4 @@ def structured(fit: Fit, limit: float) -> bool:
 
 def laterally_structured(fit: Fit, limit: float) -> bool:
     """The same of the lateral channels and the yaw rate alone."""
-    return bool(np.any(slow_ratio(fit.predictor, fit.parameters, fit.deviation)[list(LATERAL)] > limit))
+    return bool(np.any(slow_ratio(fit.predictor, fit.parameters, fit.deviation)[LATERAL_ROWS] > limit))

@@ -14,8 +14,8 @@ from estimator.model.parameters import Layout
 from estimator.model.single_track import CHANNELS, SingleTrack
 from estimator.offline.fit.prediction_error import CONVERGED, MAX_ITERATIONS, Fit, fit
 from estimator.offline.predict.predict import Predictor
-from estimator.offline.record.noise import MOTION_ROWS, ResidualNoise
-from estimator.offline.record.record import Record
+from estimator.offline.record.noise import ResidualNoise
+from estimator.offline.record.record import STATE_ROWS, Record
 from estimator.offline.record.road_load import road_load
 from estimator.offline.record.unknown_inputs import pedal_effects, sampling_effects, vy_effects
 from estimator.offline.search.evidence import Evidence
@@ -133,7 +133,7 @@ def _first_noise(record: Record) -> ResidualNoise:
     spread = record.measured[:, record.rows.ravel()].std(axis=1)
     deviation = np.maximum(record.block_noise, UNFITTED_SHARE * spread)
     drift = np.zeros(len(spread))
-    drift[list(MOTION_ROWS)] = FIRST_DRIFT
+    drift[STATE_ROWS] = FIRST_DRIFT
     return ResidualNoise(deviation, drift)
 
 

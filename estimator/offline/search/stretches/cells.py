@@ -34,8 +34,6 @@ TELLS = 3.0
 """A lap says whether it has the other grip where that would be so many of its own standard errors."""
 MOST = 0.5
 """Share of what is left in the lateral channels that a stretch must hold to be named as its cause."""
-LATERAL_ROWS = (1, 2, 4)
-"""ay, yaw rate and vy of `record.MEASURED`"""
 PIECES = 4
 """of a stretch, whose errors are taken as independent: some seconds each"""
 LEAST_LAPS = 2

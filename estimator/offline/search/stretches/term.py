@@ -14,13 +14,12 @@ from estimator.model.basis import Proportional
 from estimator.model.effect import Effect, Hook
 from estimator.offline.fit.prediction_error import Fit, residual
 from estimator.offline.predict.predict import Predictor
-from estimator.offline.record.record import Record
+from estimator.offline.record.record import LATERAL_ROWS, Record
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import SIGNIFICANCE, compare
 from estimator.offline.search.stretches.cells import (
     FORMS,
     GRIP_STD,
-    LATERAL_ROWS,
     LEAST_LAPS,
     NOWHERE,
     Candidate,
@@ -126,12 +125,12 @@ def localised(setting: Setting, accepted: Sequence[str], current: Fit, least: fl
 
 def can_tell(record: Record) -> bool:
     """Whether there are laps, places, and a sensor of the lateral motion."""
-    return "track_position" in record.bases and bool(record.used[list(LATERAL_ROWS)].any())
+    return "track_position" in record.bases and bool(record.used[LATERAL_ROWS].any())
 
 
 def share_of_excess(fit: Fit, stretch: Stretch) -> float:
     """Of the squares beyond noise that a fit leaves in the lateral channels, the part on the stretch."""
-    record, rows = fit.predictor.record, list(LATERAL_ROWS)
+    record, rows = fit.predictor.record, LATERAL_ROWS
     squares = residual(fit.predictor, fit.parameters, fit.noise)[rows] ** 2
     weight = (record.used / fit.normal.variance)[rows]
     excess = np.einsum("cwb,c->wb", squares - fit.normal.floor[rows, None, None], weight)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from support.drives.practice_drives import record_of, shared_drives
 
-from estimator.offline.predict.innovations import STATE_ROWS, Innovations
+from estimator.offline.predict.innovations import Innovations
 from estimator.offline.predict.propagate import Propagator
 from estimator.offline.record.noise import ResidualNoise
-from estimator.offline.record.record import Record
+from estimator.offline.record.record import STATE_ROWS, Record
 
 DRIFT = {"simulated": 0.0, "between": 0.3, "followed": 30.0}
 
