@@ -81,7 +81,7 @@ def _errors(record: Record, values: Array) -> Array:
     step, measured = record.block_step, record.measured_blocks
     windows, blocks = record.rows.shape[:2]
     inputs = np.zeros((blocks, windows, 11, 1))
-    defect = valuesSTATE_ROWS * step - np.diff(record.state_edges, axis=2)
+    defect = values[STATE_ROWS] * step - np.diff(record.state_edges, axis=2)
     inputs[:, :, 3:6, 0] = defect.transpose(2, 1, 0)
     inputs[:, :, 6:8, 0] = (measured[:2] - values[:2]).transpose(2, 1, 0)
     inputs[:, :, 8:, 0] = (measured[STATE_ROWS] - record.state_means).transpose(2, 1, 0)
