@@ -10,7 +10,7 @@ import typer
 
 from hil_gateway.cli.process_app import process_app
 from hil_gateway.config import load_config
-from hil_gateway.process.errors import EXIT_FAILURE, InputError
+from hil_gateway.process.errors import EXIT_FAILURE
 from hil_gateway.process.figures import figure, print_json
 
 app = process_app(
@@ -23,17 +23,12 @@ app = process_app(
 def score(
     session: Annotated[Path, typer.Argument(help="a recorded .mcap file")],
     config: Annotated[Path | None, typer.Option(help="configuration (TOML)")] = None,
-    before: Annotated[Path | None, typer.Option(help="model revision (JSON), with --after")] = None,
-    after: Annotated[Path | None, typer.Option(help="model revision (JSON), with --before")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
-    """Prediction error over one second: of two given models, or of the first and the learnt one of the session."""
-    from estimator.offline.result.model_score import score_models, score_session
+    """Prediction error over one second: of the first and of the learnt model of the session."""
+    from estimator.offline.result.model_score import score_session
 
-    if (before is None) != (after is None):
-        raise InputError("--before and --after belong together: give both models, or none")
-    tree = load_config(config)
-    result = score_models(session, before, after, tree) if before and after else score_session(session, tree)
+    result = score_session(session, load_config(config))
     if as_json:
         print_json(result)
         return

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,7 +22,6 @@ from estimator.cli.offline import (
     progress_bar,
     read_data_set,
 )
-from estimator.offline.progress import approached
 from hil_gateway.process.figures import figure, plain, print_json
 
 if TYPE_CHECKING:
@@ -35,8 +33,6 @@ app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_mar
 
 RESULTS = ("report.html", "identification.json", "tyre.json")
 """what `--out` holds afterwards"""
-TYPICAL_SECTIONS = 4
-"""Sections of a report after which half of it is done."""
 
 
 class LayoutName(StrEnum):
@@ -89,7 +85,7 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
     as_json: AsJson = False,
 ) -> None:
     """Identify the tyre parameters and say what the data can and cannot tell."""
-    from estimator.offline.identification import Options
+    from estimator.offline.identification import SCORED, Options
 
     check_results(out, RESULTS, [*sessions, *(score or ()), vehicle, tyre])
     options = Options(layout.value, method.value, formulation.value, window, frozenset(keep or ()))
@@ -97,7 +93,8 @@ def identify(  # noqa: PLR0917 - every option of the command is a parameter
         result, scores = _identified((sessions, columns), (vehicle, tyre), score or [], options, progress)
         summary = _summary(result, scores)
         if out is not None:
-            summary["report"] = str(_write(result, scores, summary, out, _sections(progress)))
+            progress("report", SCORED)
+            summary["report"] = str(_write(result, scores, summary, out))
     if as_json:
         print_json(summary)
     else:
@@ -136,19 +133,10 @@ def _summary(result: Identification, scores: Mapping[str, LogScore]) -> dict[str
         **result.summary(),
         "scored": {path: as_summary(one.rmse) for path, one in scores.items()},
         "scored_at_states": {path: as_summary(one.at_states) for path, one in scores.items()},
-        "grip": {path: one.grip.summary() for path, one in scores.items()},
         "exported": exported(result),
         "usable_slip": usable_slip(result),
         "not_exported": not_exported(result),
     }
-
-
-def _sections(progress: Bar) -> Callable[[str], None]:
-    """What a report calls with the title of the section it begins."""
-    from estimator.offline.identification import SCORED
-
-    sections = itertools.count()
-    return lambda title: progress(title, approached(SCORED, 1.0, next(sections), TYPICAL_SECTIONS))
 
 
 def _write(
@@ -156,14 +144,12 @@ def _write(
     scores: Mapping[str, LogScore],
     summary: dict[str, Any],
     out: Path,
-    progress: Callable[[str], None],
 ) -> Path:
     from estimator.offline.report.identification_report import write_report
 
     out.mkdir(parents=True, exist_ok=True)
     page, whole, tyre = (out / name for name in RESULTS)
-    progress("report")
-    write_report(result, scores, page, progress)
+    write_report(result, scores, page)
     whole.write_text(json.dumps(plain(summary), indent=1))
     tyre.write_text(json.dumps(plain(summary["exported"]), indent=1))
     return page

@@ -6,7 +6,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, reduce
+from functools import reduce
 from typing import Any, Literal
 
 import numpy as np
@@ -39,7 +39,6 @@ from estimator.offline.predict.nuisance import (
 from estimator.offline.predict.rollout import Rollout
 from estimator.offline.progress import approached
 from estimator.offline.record.prepare import Samples, fast_speed, prepare, spinning
-from estimator.offline.result.grip import Grip, grip_of, slides
 from estimator.offline.result.identification_score import (
     LogScore,
     Scores,
@@ -110,11 +109,6 @@ class Identification:
     def final(self) -> dict[str, float]:
         """Tyre parameters identified."""
         return {n: self.fit.values[n] for n in self.initial}
-
-    @cached_property
-    def own_grip(self) -> Grip:
-        """Grip of the log identified over that of its own parameters: what the model is off by there."""
-        return _grip(self, self.samples)
 
     def summary(self) -> dict[str, Any]:
         """The `--json` object."""
@@ -199,15 +193,7 @@ def score_log(result: Identification, log: DriveLog) -> LogScore:
     return LogScore(
         score_samples(columns, theta, samples, rollouts if result.formulation == "output_error" else None),
         score_at_states(columns, theta, samples),
-        _grip(result, samples).over(result.own_grip),
     )
-
-
-def _grip(result: Identification, samples: Samples) -> Grip:
-    """Grip of a log's samples over that of the parameters of `result`, where they slip as much as in its own log."""
-    axles = result.identifiability.axles
-    sliding = slides(samples, result.vehicle, (axles[0].slip_99, axles[-1].slip_99))
-    return grip_of(result.columns, samples.select(sliding), result.fit.theta)
 
 
 @dataclass(frozen=True)

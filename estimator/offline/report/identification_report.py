@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from estimator.offline.identification import Identification
@@ -19,14 +19,9 @@ WORSE = 1.01
 """an error that has grown by more than this is said"""
 
 
-def write_report(
-    result: Identification, scores: Mapping[str, LogScore], path: Path, progress: Callable[[str], None] = lambda _: None
-) -> Path:
-    """Write the page of `result`, with its `scores` on other logs by their path, and return its path.
-
-    `progress` hears the title of every section that begins.
-    """
-    report = ReportPage("Tyre identification", _subtitle(result), progress)
+def write_report(result: Identification, scores: Mapping[str, LogScore], path: Path) -> Path:
+    """Write the page of `result`, with its `scores` on other logs by their path, and return its path."""
+    report = ReportPage("Tyre identification", _subtitle(result))
     with plot_style():
         _headline(report, result)
         _parameters(report, result)
@@ -110,12 +105,11 @@ def _predictions(report: ReportPage, result: Identification) -> None:
 
 
 def score_lines(result: Identification, scores: Mapping[str, LogScore]) -> list[str]:
-    """Every error before and after, simulated and at the measured states, and the grip of the logs scored."""
+    """Every error before and after, simulated and at the measured states."""
     lines = [*_lines("held-out", result.rmse), *_at_states("held-out", result.rmse, result.rmse_at_states)]
     for path, one in scores.items():
         name = Path(path).name
         lines += [*_lines(name, one.rmse), *_at_states(name, one.rmse, one.at_states)]
-        lines.append(f"{name}: {one.grip.words}")
     return lines
 
 
@@ -142,7 +136,6 @@ def _other_logs(report: ReportPage, scores: Mapping[str, LogScore]) -> None:
             at_states = "" if there is None else f"{there[0]:.3g} to {there[1]:.3g}"
             rows.append([Path(path).name, f"{channel}, {UNITS[channel]}", f"{before:.3g} to {after:.3g}", at_states])
     report.table(["Log", "Channel", "RMSE before to after", "At measured states"], rows)
-    report.items([f"{Path(path).name}: {one.grip.words}" for path, one in scores.items()])
 
 
 def _what_is_known(report: ReportPage, result: Identification) -> None:

@@ -10,7 +10,6 @@ from estimator.offline.fit.equation_error import rmse
 from estimator.offline.predict.rollout import Rollout, roll_out
 from estimator.offline.predict.simulate import OUTPUTS
 from estimator.offline.record.prepare import Samples
-from estimator.offline.result.grip import Grip
 from hil_gateway.process.arrays import Array
 
 Scores = dict[str, tuple[float, float]]
@@ -46,11 +45,10 @@ def score_at_states(columns: ModelColumns, theta: Array, samples: Samples) -> Sc
 
 @dataclass(frozen=True)
 class LogScore:
-    """What a result makes of another log: scores, those at its measured states, and its grip against that learnt."""
+    """What a result makes of another log: scores, and those at its measured states."""
 
     rmse: Scores
     at_states: Scores
-    grip: Grip
 
 
 def as_summary(scores: Scores) -> dict[str, dict[str, float]]:

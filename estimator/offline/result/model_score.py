@@ -16,7 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from estimator.belief.revision import RevisedModel, load_revision, model_of
+from estimator.belief.revision import RevisedModel, model_of
 from estimator.model.extra_load import extra_loads
 from estimator.model.single_track import AUXILIARY, SIGNALS, Terms
 from estimator.offline.record.map_road import projected
@@ -72,19 +72,10 @@ def score_session(path: Path, config: Config) -> dict[str, Any]:
     return score_revisions(table.columns, first, learnt, config, split_s)
 
 
-def score_models(path: Path, before: Path, after: Path, config: Config) -> dict[str, Any]:
-    """The same for two given models, on the whole of a session neither has learnt from.
-
-    Raises:
-        InputError: too short a session, or a file that is no model revision.
-    """
-    return score_revisions(read_drive_table(path).columns, load_revision(before), load_revision(after), config)
-
-
 def score_revisions(
     columns: Mapping[str, Array], first: ModelRevision, learnt: ModelRevision, config: Config, from_s: float = 0.0
 ) -> dict[str, Any]:
-    """The same for two revisions on the columns of a drive log from `from_s` on."""
+    """As `score_session`, for two revisions on the columns of a drive log from `from_s` on."""
     track = load_track(config.track)
     windows = held_out_windows(columns, from_s, track)
     before, after = (prediction_error(model_of(r, config.vehicle, track.length), windows) for r in (first, learnt))
