@@ -16,8 +16,9 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from benchmarks.campaign.laps import commit
 from benchmarks.campaign.run import Job
+from benchmarks.driving.random_car import random_car
 from hil_gateway.config import load_config
-from hil_gateway.plant.car_file import SimulatedCar, random_car
+from hil_gateway.plant.car_file import SimulatedCar
 from hil_gateway.plant.events import Event
 from hil_gateway.process.errors import InputError
 from hil_gateway.text_file import read_json

@@ -19,6 +19,7 @@ from benchmarks.campaign.driving import ADDED_SIGNAL, ExcitedBus
 from benchmarks.campaign.laps import SLOWEST, START_S, commit, figures
 from benchmarks.campaign.run import Job
 from benchmarks.campaign.trial import METHODS
+from benchmarks.driving.random_car import random_car
 from estimator.belief.revision import model_of
 from hil_gateway.bus.interface import Bus
 from hil_gateway.bus.messages import ModelRevision
@@ -26,7 +27,6 @@ from hil_gateway.bus.topics import MODEL_REVISION
 from hil_gateway.car.car import load_car
 from hil_gateway.car.vehicle import Vehicle
 from hil_gateway.config import Config, load_config
-from hil_gateway.plant.car_file import random_car
 from hil_gateway.plant.referee.lap_limit import lap_limit, lateral_limit
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.clock import NS_PER_S

@@ -16,10 +16,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks.campaign.run import Job
+from benchmarks.driving.random_car import random_car
 from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.bus.topics import MODEL_REVISION
 from hil_gateway.config import Config, load_config
-from hil_gateway.plant.car_file import SimulatedCar, random_car, read_car
+from hil_gateway.plant.car_file import SimulatedCar, read_car
 from hil_gateway.plant.referee.lap_limit import lap_limit, lap_ratios
 from hil_gateway.track.loading import load_track
 from planner.node import Planner

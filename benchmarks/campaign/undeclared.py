@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.campaign.laps import SLOWEST, START_S, figures
+from benchmarks.driving.random_car import random_car
 from hil_gateway.config import load_config
-from hil_gateway.plant.car_file import random_car
 from hil_gateway.plant.referee.lap_limit import lap_limit
 from hil_gateway.track.loading import load_track
 from planner.simulation.loop import Loop

@@ -11,9 +11,9 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
+from benchmarks.driving.random_car import random_car
 from hil_gateway.config import Config
 from hil_gateway.gateway.decide.failsafe import TABLE
-from hil_gateway.plant.car_file import random_car
 from hil_gateway.settings.gateway import PERIOD_S
 from planner.simulation.loop import Loop
 

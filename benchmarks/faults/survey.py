@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.campaign.run import with_bar
+from benchmarks.driving.random_car import random_car
 from benchmarks.faults.car_campaign import (
     NOTHING,
     SINGLE,
@@ -25,7 +26,6 @@ from benchmarks.faults.car_campaign import (
     pairs,
     summary,
 )
-from hil_gateway.plant.car_file import random_car
 
 FIRST_S, LAST_S = 14.0, 80.0
 """between which the places are: from the first place at speed to the second lap"""

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from estimator.belief.relinearised import TINY
+
 Errors = Mapping[str, float]
 """channel -> RMS error after one second, SI"""
 
@@ -20,8 +22,6 @@ WORTH = 0.97
 """geometric mean of the channels' ratios that is worth new functions of the planner: as much again"""
 IDLE = 1.01
 """an effect without which that mean is no worse than this predicts nothing"""
-TINY = 1e-12
-"""SI; errors are not divided by less"""
 SLOWER = 1.02
 """a lap longer by this factor than the last one before the adoption: laps of one model differ by 1 %"""
 

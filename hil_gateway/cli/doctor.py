@@ -20,6 +20,7 @@ import typer
 
 from hil_gateway.config import Config, load_config
 from hil_gateway.process.cache import cache_directory
+from hil_gateway.process.compiled import COMPILE_TIMEOUT_S
 from hil_gateway.process.errors import EXIT_FAILURE
 from hil_gateway.process.figures import print_json
 from hil_gateway.process.scheduling import PRIORITIES, permitted
@@ -30,10 +31,6 @@ app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_mar
 
 MIN_FREE_BYTES = 2 * 10**9
 """one hour of recording at about 500 kB/s, B"""
-
-
-SOLVER_TIMEOUT_S = 60.0
-"""s; the first time a C compiler is at work"""
 
 
 @dataclass(frozen=True)
@@ -184,7 +181,7 @@ def _solver() -> Requirement:
     name, purpose = "planner's solver", "plans in a tenth of the time"
     command = [sys.executable, "-m", "hil_gateway", "plan", "solver", "--json"]
     try:
-        child = subprocess.run(command, capture_output=True, text=True, timeout=SOLVER_TIMEOUT_S, check=True)
+        child = subprocess.run(command, capture_output=True, text=True, timeout=COMPILE_TIMEOUT_S, check=True)
         found: dict[str, str] = json.loads(child.stdout)
     except (OSError, ValueError, subprocess.SubprocessError) as error:
         return Requirement(name, False, f"not known: {error}"[:80], purpose, "hil plan solver")

@@ -11,9 +11,8 @@ from hil_gateway.bus.track_day.run import RunPhase, RunStatus
 from hil_gateway.car.states import SysState
 from hil_gateway.gateway.check.arming import EXPLANATION
 from hil_gateway.gateway.decide.decision import STOPS
+from hil_gateway.gateway.perceive.road_speed import STANDSTILL
 
-STANDS = 0.5
-"""m/s below which a car stands: noise of an estimate at rest"""
 UNDER_WAY = (RunPhase.OUT_LAP, RunPhase.FLYING, RunPhase.IN_LAP)
 
 
@@ -30,7 +29,7 @@ def phase_of(alive: Mapping[str, Any], timed: bool) -> dict[str, str]:
         cause = EXPLANATION.get(status.cause, status.cause)
         after = "" if status.missing_for_crank else "; the engine is off: `hil gateway crank`"
         return _said(f"stopped because {cause}", f"remove the cause, then arm again: `hil gateway arm`{after}")
-    if _speed(alive) >= STANDS:
+    if _speed(alive) >= STANDSTILL:
         return _moving(status, run, timed)
     return _standing(status, run, alive)
 

@@ -11,7 +11,6 @@ from typing import Any
 from hil_gateway.demo.folder import CONFIG_NAME
 from hil_gateway.process.own_command import ask
 
-TIMEOUT_S = 120.0
 FIGURE = "position"
 """channel that stands for the others: m after one second of open-loop prediction"""
 
@@ -22,7 +21,7 @@ def measure(session: Path) -> dict[str, Any]:
     The revision the session began with and the one it had learnt, on its last third.
     """
     arguments = ["estimator", "score", str(session), "--config", str(session.with_name(CONFIG_NAME))]
-    answer = ask(arguments, TIMEOUT_S)
+    answer = ask(arguments)
     if answer.reason:
         return unknown(answer.reason)
     score = answer.content

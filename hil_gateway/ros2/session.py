@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from hil_gateway.bus.zenoh_bus import LARGEST_MESSAGE, with_extra
 from hil_gateway.process.errors import InputError
+from hil_gateway.ros2.graph import TOKENS_MAX
 from hil_gateway.ros2.topics import NODE, RosTopic
 from hil_gateway.ros2.types import Types
 from hil_gateway.ros2.wire import ADMIN_SPACE, Attachment, Kind, Node, data_key, gid, parse_token, unpack_attachment
@@ -19,8 +20,6 @@ from hil_gateway.settings.ros2 import Ros2Config
 
 COMMAND_DEPTH = 16
 """unread messages of one command topic: 0.16 s at 100 Hz"""
-TOKENS_DEPTH = 4096
-"""changes of the graph between two looks; a large system has some thousand endpoints"""
 MESSAGE_BYTES_MAX = 1024
 """of a command; the longest is a stamped one with the name of its frame"""
 SETTLE_S = 1.0
@@ -136,7 +135,7 @@ class ZenohRosNode:
         from zenoh import SampleKind
 
         changes = []
-        for _ in range(TOKENS_DEPTH):
+        for _ in range(TOKENS_MAX):
             if (sample := self._graph.try_recv()) is None:
                 break
             changes.append((str(sample.key_expr), sample.kind == SampleKind.PUT))
@@ -153,7 +152,7 @@ class ZenohRosNode:
         from zenoh.handlers import RingChannel
 
         pattern = f"{ADMIN_SPACE}/{self._config.domain}/**"
-        return self._session.liveliness().declare_subscriber(pattern, RingChannel(TOKENS_DEPTH), history=True)
+        return self._session.liveliness().declare_subscriber(pattern, RingChannel(TOKENS_MAX), history=True)
 
 
 @dataclass(slots=True)

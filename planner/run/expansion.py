@@ -9,6 +9,7 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from hil_gateway.bus.track_day.race_control import MOST_SPEED
 from hil_gateway.process.errors import InputError
 from hil_gateway.process.figures import figure
 from hil_gateway.text_file import read_json
@@ -17,8 +18,6 @@ SPEED_STEP = 10.0
 """m/s a clean run"""
 LOAD_STEP = 0.15
 """share of the grip a clean run"""
-MOST_SPEED = 100.0
-"""m/s beyond which there is no cap"""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,9 @@ from typing import Any
 
 from estimator.drive_log.table import DriveLog
 
+LEAST_ERRORS = 3.0
+"""Standard errors by which something must be off to be there: 99.7 % of a normal distribution."""
+
 
 class Action(StrEnum):
     """What is done about a finding."""

@@ -9,14 +9,12 @@ import numpy as np
 
 from estimator.model.effect import VY_SENSOR
 from estimator.offline.fit.equation_error import EquationErrorFit
-from estimator.offline.health.finding import LogFinding
+from estimator.offline.health.finding import LEAST_ERRORS, LogFinding
 from estimator.offline.health.lateral_velocity import POSITION_VY
 from estimator.offline.health.offsets import OFFSET_YAW_RATE
 from estimator.offline.health.steering import LAG_STEER
 from estimator.offline.predict.nuisance import STEER_TIMING, YAW_RATE_TIMING
 
-LEAST_ERRORS = 3.0
-"""Standard errors: 99.7 % of a normal distribution"""
 ESTIMATED = {
     LAG_STEER: f"{STEER_TIMING}.tau", OFFSET_YAW_RATE: f"{YAW_RATE_TIMING}.tau", POSITION_VY: f"{VY_SENSOR}.x",
 }  # fmt: skip

@@ -22,6 +22,7 @@ from estimator.drive_log.table import DriveLog
 from estimator.model.parameters import STIFFNESS
 from estimator.offline.health.finding import Action, LogFinding
 from estimator.offline.health.regression import PARTS, jackknifed
+from estimator.offline.health.steering import GENTLE_SHARE
 from estimator.offline.record.prepare import moving_speed
 from hil_gateway.car.vehicle import GRAVITY, Vehicle
 from hil_gateway.process.arrays import Array
@@ -60,8 +61,6 @@ WRONG_SIGN, WORST = 12.0, 12.0
 UNEXPLAINED, STEER_UNEXPLAINED, SIGMAS = math.log(2.2), math.log(1.45), 3.0
 """Largest factors that weak correlation and a steering that is a little off leave, and deviations; more is a unit that
 nobody knows, or the ratio of a steering that nobody declared."""
-GENTLE = 0.5
-"""Share of the hardest cornering below which the curvature follows the steering."""
 LIMITS = {"vx": 150.0, "vy": 75.0, "yaw_rate": 12.0, "ax": 6.0 * GRAVITY, "ay": 6.0 * GRAVITY, "steer": 1.0}
 """What no car of any size does, SI: the fastest cars reach 150 m/s and 6 g, model cars turn with 12 rad/s"""
 ALMOST_ALL = 0.995
@@ -198,7 +197,7 @@ def _steered(
     """Steering over the angle of the path in gentle driving, beside what understeer and yaw acceleration add."""
     t, segment = log["t"], log.segment
     speed, rate = smooth["vx"], smooth["yaw_rate"]
-    rows = moving & (np.abs(speed * rate) < GENTLE * np.quantile(np.abs(speed * rate)[moving], 0.99))
+    rows = moving & (np.abs(speed * rate) < GENTLE_SHARE * np.quantile(np.abs(speed * rate)[moving], 0.99))
     path, steer = (vehicle.wheelbase * rate / np.maximum(speed, 1e-6))[rows], smoothed(t, log["steer"], segment)[rows]
     if rows.sum() < 50 * PARTS or np.std(path) == 0.0 or np.std(steer) == 0.0:
         return None

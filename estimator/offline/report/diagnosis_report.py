@@ -21,12 +21,12 @@ from estimator.offline.report.words import (
     verdict_sentence,
 )
 from estimator.offline.result.diagnosis_score import channel_residuals
+from estimator.offline.result.leftover import BINS
 from hil_gateway.car.tyre_names import label
 from hil_gateway.dashboard.look import COLOURS, new_figure, plot_style
 from hil_gateway.process.arrays import Array
 from hil_gateway.process.figures import figure
 
-BINS = 40
 MAP_POINTS = 6000
 TONES: Mapping[str, Tone] = {"none": "good", "effect": "good", "unexplained": "warn"}
 

@@ -17,9 +17,8 @@ from estimator.offline.predict.predict import Block
 from estimator.offline.report.unexplained import unexplained
 from estimator.offline.result.diagnosis_score import HORIZON_S, LONG_HORIZON_S, rmse
 from estimator.offline.result.handover import tempered
-from estimator.offline.search.acceptance import laterally_structured
+from estimator.offline.search.acceptance import NOT_WHITE, laterally_structured
 from estimator.offline.search.evidence import Evidence
-from estimator.offline.search.terms import WHITE_FOR_TERMS
 from hil_gateway.bus.messages import ActiveEffect, ModelRevision, Provenance
 from hil_gateway.process.arrays import Array
 
@@ -191,7 +190,7 @@ def _vehicle(diagnosis: Diagnosis, std: Array) -> list[dict[str, Any]]:
 
     A larger inertia, say, shrinks whatever error the predicted moment has: beside other structure it is no finding.
     """
-    if laterally_structured(diagnosis.fit, WHITE_FOR_TERMS):
+    if laterally_structured(diagnosis.fit, NOT_WHITE):
         return []
     blocks = {b.effect.name: b for b in diagnosis.fit.predictor.blocks}
     car, out = diagnosis.record.vehicle, []

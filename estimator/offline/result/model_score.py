@@ -20,6 +20,7 @@ from estimator.belief.revision import RevisedModel, model_of
 from estimator.model.extra_load import extra_loads
 from estimator.model.single_track import AUXILIARY, SIGNALS, Terms
 from estimator.offline.record.map_road import projected
+from estimator.offline.result.diagnosis_score import HORIZON_S
 from hil_gateway.bus.messages import ModelRevision
 from hil_gateway.bus.topics import MODEL_REVISION
 from hil_gateway.config import Config
@@ -31,7 +32,6 @@ from hil_gateway.session.files.reader import SessionReader
 from hil_gateway.track.loading import load_track
 from hil_gateway.track.track import Track
 
-HORIZON_S = 1.0
 SPACING_S = 0.25
 LONGEST_STEP_S = 0.06
 """a longer one is a gap, over which no window reaches"""

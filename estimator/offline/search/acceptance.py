@@ -30,7 +30,7 @@ ACCELEROMETER = {0: 0, 1: 1, 3: 0, 4: 1}
 """Row of ax or ay for what shows in it or in the velocity along it."""
 YAW_ACC, AY = CHANNELS.index("yaw_acc"), CHANNELS.index("ay")
 """Rows of `CHANNELS`; what turns the car by the forces of its tyres shows in ay too."""
-WHITE_FOR_DATA = 1.3
+NOT_WHITE = 1.3
 """Declared data compete where averages of what they leave vary no more than so many times what white noise would."""
 
 
@@ -47,7 +47,7 @@ def eligible(trial: Trial) -> bool:
     """
     if trial.fit is None or not believed(trial.fit, trial.name):
         return False
-    return trial.name not in DECLARED or not laterally_structured(trial.fit, WHITE_FOR_DATA)
+    return trial.name not in DECLARED or not laterally_structured(trial.fit, NOT_WHITE)
 
 
 def earns_its_place(evidence: Evidence, setting: Setting, total: float) -> bool:

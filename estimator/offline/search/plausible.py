@@ -12,6 +12,7 @@ import numpy as np
 from estimator.model.parameters import Parameter, Quantity
 from estimator.offline.fit.fixed_parameters import by_sampling
 from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.health.finding import LEAST_ERRORS
 from estimator.offline.predict.predict import Block
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
 from estimator.offline.search.sensor_place import (
@@ -23,8 +24,6 @@ from estimator.offline.search.sensor_place import (
 )
 from hil_gateway.process.arrays import Array
 
-LEAST_ERRORS = 3.0
-"""Standard errors that one parameter at least must be off its neutral value: 99.7 % of a normal distribution."""
 CONTRADICTED = 4.0
 """Standard errors by which two halves of the data may differ whatever their signs."""
 LEAST_STRETCHES = 4

@@ -14,14 +14,15 @@ from dataclasses import dataclass, field, replace
 from estimator.offline.fit.prediction_error import Fit
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import Record
-from estimator.offline.search.acceptance import earns_its_place, structured
+from estimator.offline.record.road import LEAST_LAPS
+from estimator.offline.search.acceptance import NOT_WHITE, earns_its_place, structured
 from estimator.offline.search.empirical import Term, search_terms
 from estimator.offline.search.evidence import Evidence, compare
 from estimator.offline.search.greedy import Checked, check_each, recheck
 from estimator.offline.search.look_alike_term import split_look_alikes
 from estimator.offline.search.plausible import believed
 from estimator.offline.search.search import Search, search, without_proxies
-from estimator.offline.search.stretches.cells import LEAST_LAPS, MOST, around
+from estimator.offline.search.stretches.cells import MOST, around
 from estimator.offline.search.stretches.term import StretchTerm, fitted, localised, search_stretch, without
 from estimator.offline.search.trial import Setting, fit_names
 
@@ -34,8 +35,6 @@ TERM_RELATIVE = 0.03
 MAX_TERMS = 2
 SECOND_TERM_SHARE = 0.2
 """A second term must gain this share of the first: less is the resolution of the first one's knots."""
-WHITE_FOR_TERMS = 1.3
-"""Empirical terms are looked for only where averages of the residual vary so much more than white noise does."""
 WHITE_WITH_ONE_TERM, SINGLE_TERM_GAIN = 1.5, 1.1
 """One term alone explains the session where averages of its residual vary no more than so many times white noise, and
 it must gain so much more than the effects found: less is the shape of one of them."""
@@ -86,7 +85,7 @@ class Rival:
 
     def _ratio(self, base: Fit, current: Fit) -> float:
         """What it gains relative to what `current` gains over `base`; 0 where `current` leaves no structure."""
-        if not structured(current, WHITE_FOR_TERMS):
+        if not structured(current, NOT_WHITE):
             return 0.0
         if not self.trials:
             self.trials = search_terms(self.setting, self.setting.found_road, base, self.progress)
@@ -124,7 +123,7 @@ def _with_stretches(setting: Setting, found: Search, rival: Rival, progress: Pro
 
 def _of_some_laps(setting: Setting, found: Search, progress: Progress) -> StretchTerm | None:
     """A stretch that not every lap has, if it earns its place; of one lap, if it gains as much and holds most."""
-    if setting.over() or not structured(found.final, WHITE_FOR_TERMS):
+    if setting.over() or not structured(found.final, NOT_WHITE):
         return None
     least = max(TERM_SHARE * _blocks(setting.record), TERM_RELATIVE * _total_gain(found.start, found.final))
     local = localised(setting, found.accepted, found.final, least)
@@ -164,7 +163,7 @@ def _with_terms(setting: Setting, found: Search, rival: Rival, progress: Progres
         terms, tried = rival.trials[:1], rival.trials[:SHOWN]
         setting, found = _on_top(terms[0], setting, found, progress)
     checked, current = found.checked, found.final
-    while len(terms) < MAX_TERMS and structured(current, WHITE_FOR_TERMS) and not setting.over():
+    while len(terms) < MAX_TERMS and structured(current, NOT_WHITE) and not setting.over():
         trials = _trials(setting, tuple(checked.gains), current, progress)
         tried.extend(trials[:SHOWN])
         least = SECOND_TERM_SHARE * terms[0].evidence.gain if terms else 0.0
@@ -222,7 +221,7 @@ def _on_top(term: Term, setting: Setting, found: Search, progress: Progress) -> 
     """What the catalogue still explains with the term always active; the base stays the declared model."""
     assert term.fit is not None
     setting = term.added_to(setting)
-    if not structured(term.fit, WHITE_FOR_TERMS):
+    if not structured(term.fit, NOT_WHITE):
         road, fit, checked = recheck(setting, list(setting.found_road), term.fit, progress)
         return setting, Search(found.base, found.start, fit, tuple(road), found.rounds, checked, {})
     on_top = search(setting, progress, term.fit)

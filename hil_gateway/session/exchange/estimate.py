@@ -12,8 +12,6 @@ from hil_gateway.process.own_command import ask
 from hil_gateway.session.exchange.importer import import_log
 from hil_gateway.session.exchange.perceive import perceive
 
-TIMEOUT_S = 3600.0
-
 
 def import_and_estimate(
     source: Path, target: Path, channel: str | None, config_file: Path | None
@@ -33,7 +31,7 @@ def import_and_estimate(
         if not seen.valid:
             reason = f"none of {seen.states} vehicle states is valid; never heard: {', '.join(missing) or '-'}"
             raise InputError(f"{source}: {reason}; is it a log of this --platform, and of the right --channel?")
-        answer = ask(["estimator", "estimate", str(states), "--out", str(target)], TIMEOUT_S)
+        answer = ask(["estimator", "estimate", str(states), "--out", str(target)])
         if answer.reason:
             raise InputError(f"{source}: {answer.reason}")
     counts = answer.content["counts"]

@@ -21,6 +21,7 @@ from estimator.offline.predict.places import LATERAL, PLACES
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.noise import ResidualNoise
 from estimator.offline.record.record import Record
+from estimator.offline.record.road import LEAST_LAPS
 from estimator.offline.record.window_columns import WindowBasis
 from hil_gateway.process.arrays import Array, Expr, Ints
 
@@ -36,8 +37,6 @@ MOST = 0.5
 """Share of what is left in the lateral channels that a stretch must hold to be named as its cause."""
 PIECES = 4
 """of a stretch, whose errors are taken as independent: some seconds each"""
-LEAST_LAPS = 2
-"""What acts in one lap predicts no other."""
 
 
 def _stiffness_kept(terms: Terms, change: Expr) -> None:

@@ -15,12 +15,12 @@ from estimator.model.effect import Effect, Hook
 from estimator.offline.fit.prediction_error import Fit, residual
 from estimator.offline.predict.predict import Predictor
 from estimator.offline.record.record import LATERAL_ROWS, Record
+from estimator.offline.record.road import LEAST_LAPS
 from estimator.offline.search.empirical import Term
 from estimator.offline.search.evidence import SIGNIFICANCE, compare
 from estimator.offline.search.stretches.cells import (
     FORMS,
     GRIP_STD,
-    LEAST_LAPS,
     NOWHERE,
     Candidate,
     Stretch,

@@ -11,11 +11,12 @@ import pytest
 from support.drives.sloped_track import place_of, sloped_track
 from support.promise_figures import record_figure, volume
 
+from benchmarks.driving.random_car import random_car
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.demo.drive import _with_arguments
 from hil_gateway.demo.options import DemoOptions, prepare
 from hil_gateway.plant.car import Car, Commands
-from hil_gateway.plant.car_file import SimulatedCar, random_car, read_car
+from hil_gateway.plant.car_file import SimulatedCar, read_car
 from hil_gateway.plant.physics.parameters import AV24
 from hil_gateway.plant.referee.judge import LoadJudge
 from hil_gateway.process.errors import InputError

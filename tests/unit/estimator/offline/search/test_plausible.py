@@ -11,10 +11,11 @@ from support.drives.practice_drives import PRIOR, record_of
 
 from estimator.model.parameters import Quantity
 from estimator.offline.fit.prediction_error import Fit
+from estimator.offline.health.finding import LEAST_ERRORS
 from estimator.offline.record.record import Record
 from estimator.offline.record.road import LEAST_ANGLE, share_in_kinematics
 from estimator.offline.result.uncertainty import insignificant
-from estimator.offline.search.plausible import LEAST_ERRORS, believed, there
+from estimator.offline.search.plausible import believed, there
 from estimator.offline.search.screening import candidates
 from estimator.offline.search.trial import Setting, fit_names
 
