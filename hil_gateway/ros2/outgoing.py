@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from hil_gateway.bus.messages import Estimate, FailsafeAction, GatewayStatus, Plan, VehicleState
+from hil_gateway.car.powertrain import RPM
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.ros2 import topics as ros
 from hil_gateway.ros2.topics import RosTopic
@@ -79,8 +80,8 @@ class Outgoing:
         )
 
     def report(self, topic: RosTopic, state: VehicleState, steering_ratio: float, unix_ns: int) -> Any:
-        """A raptor_dbw_msgs report as the teams' drive-by-wire node fills it: km/h, deg at the motor, % and kPa; what
-        the car does not say is 0."""
+        """A report as the teams' drive-by-wire node fills it: km/h, deg at the motor, %, kPa and rpm; what the car does
+        not say is 0."""
         values = {
             ros.WHEEL_SPEEDS: {
                 "front_left": 3.6 * state.wheel_speed_fl, "front_right": 3.6 * state.wheel_speed_fr,
@@ -91,9 +92,11 @@ class Outgoing:
             ros.BRAKES: {
                 "front_brake_pressure": 1e-3 * state.brake_front, "rear_brake_pressure": 1e-3 * state.brake_rear,
             },
+            ros.ENGINE: {"engine_rpm": state.engine_speed / RPM, "current_gear": state.gear},
         }[topic]  # fmt: skip
         kind, mode = self._types[topic.type], self._types["raptor_dbw_msgs/msg/ActuatorControlMode"](0)
-        known = {"header": self.header(unix_ns, BASE), "control_type": mode, **values}
+        stamps = {"header": self.header(unix_ns, BASE), "stamp": self.time(unix_ns)}
+        known = {**stamps, "control_type": mode, **values}
         return kind(**{field.name: known.get(field.name, 0) for field in dataclasses.fields(kind) if field.init})
 
     def path(self, plan: Plan, unix_ns: int) -> Any:

@@ -34,7 +34,8 @@ WHEEL_SPEEDS = RosTopic(f"{RAPTOR}/wheel_speed_report", "raptor_dbw_msgs/msg/Whe
 STEERING = RosTopic(f"{RAPTOR}/steering_report", "raptor_dbw_msgs/msg/SteeringReport")
 ACCELERATOR = RosTopic(f"{RAPTOR}/accelerator_pedal_report", "raptor_dbw_msgs/msg/AcceleratorPedalReport")
 BRAKES = RosTopic(f"{RAPTOR}/brake_2_report", "raptor_dbw_msgs/msg/Brake2Report")
-REPORTS = (WHEEL_SPEEDS, STEERING, ACCELERATOR, BRAKES)
+ENGINE = RosTopic(f"{RAPTOR}/pt_report", "deep_orange_msgs/msg/PtReport")
+REPORTS = (WHEEL_SPEEDS, STEERING, ACCELERATOR, BRAKES, ENGINE)
 STATE = (ODOMETRY, IMU, PLAN, TF, TF_STATIC, DIAGNOSTICS, *REPORTS)
 
 STEERING_CMD = RosTopic(f"{RAPTOR}/steering_cmd", "raptor_dbw_msgs/msg/SteeringCmd")

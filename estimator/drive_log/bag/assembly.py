@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.drive_log.bag.messages import Quantities
+from estimator.drive_log.bag.messages import STEERING_MOTOR, Quantities
 from estimator.drive_log.bag.reading import BagDrive, BagSource, read_sources
 from estimator.drive_log.derived import derivative
 from estimator.drive_log.lag import lag_between
 from estimator.drive_log.text_table import WrittenTable
+from hil_gateway.car.actuation import Actuation, ActuatorPositions
 from hil_gateway.car.vehicle import GRAVITY
 from hil_gateway.config import OriginConfig
 from hil_gateway.process.arrays import Array
@@ -65,12 +66,12 @@ def read_bag_drive(path: Path) -> WrittenTable:
         InputError: no bag, or one that lacks what a drive log needs.
     """
     drive = read_sources(path)
-    drive.sources = [_with_motion(source, drive) for source in _mapped(drive)]
+    drive.sources = [_with_motion(_steered(source, drive), drive) for source in _mapped(drive)]
     chosen = _choose(drive)
     _check(drive, chosen)
     t = _times(drive, chosen)
     columns = _mounted(t, _columns(t, chosen), drive)
-    columns = _without_delays(t, columns, chosen, drive)
+    columns = _with_drive(_without_delays(t, columns, chosen, drive), drive)
     names = [name for name in columns if np.isfinite(columns[name]).any()]
     whole = np.all([np.isfinite(columns[n]) for c in chosen if c.names[0] in NEEDED for n in c.names], axis=0)
     if not whole.all():
@@ -99,6 +100,26 @@ def _on_map(source: BagSource, local: LocalMap) -> BagSource:
     places = zip(source.quantities["latitude"], source.quantities["longitude"], strict=True)
     x, y = np.array([local.to_map(*p) if np.isfinite(p).all() else (np.nan, np.nan) for p in places]).T
     return replace(source, quantities={**rest, "x": x, "y": y})
+
+
+def _steered(source: BagSource, drive: BagDrive) -> BagSource:
+    """The angle at the steering motor as that of the road wheels."""
+    ratio = drive.config.vehicle.steering_ratio
+    named = {name: ("steer", 1.0 / ratio) if name == STEERING_MOTOR else (name, 1.0) for name in source.quantities}
+    return replace(source, quantities={n: k * source.quantities[old] for old, (n, k) in named.items()})
+
+
+def _with_drive(columns: dict[str, Array], drive: BagDrive) -> dict[str, Array]:
+    """With `drive` as the gateway makes it of the same reports, by the declared power train of the car."""
+    pedals = ("throttle", "brake", "engine_speed", "gear")
+    if not all(name in columns and np.isfinite(columns[name]).all() for name in pedals):
+        return columns
+    actuation = Actuation(drive.config.vehicle, drive.config.powertrain)
+    rows = zip(*(columns[name].tolist() for name in pedals), strict=True)
+    made = [actuation.to_drive(ActuatorPositions(0.0, a, p, p, int(gear)), w, int(gear)) for a, p, w, gear in rows]
+    car = drive.config.car.name
+    drive.notes.append(f"drive is made of {', '.join(pedals)} by the declared power train of the car {car}")
+    return columns | {"drive": np.array(made)}
 
 
 def _with_motion(source: BagSource, drive: BagDrive) -> BagSource:

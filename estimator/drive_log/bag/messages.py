@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from can_dbc.units import UNITS
 from estimator.drive_log.bag.layout import Columns
 from hil_gateway.car.actuation import PRESSED
-from hil_gateway.car.car import load_car
 from hil_gateway.process.arrays import Array
 from hil_gateway.session.drive_table import VY_STD
 
@@ -24,6 +23,8 @@ INS_USABLE = (3, 6, 7)
 """INS_SOLUTION_GOOD, INS_SOLUTION_FREE, INS_ALIGNMENT_COMPLETE of NovAtel"""
 VY_VARIANCE = "twist.covariance[7]"
 """of a filter that states it"""
+STEERING_MOTOR = "steering_motor"
+"""rad; becomes `steer` by the ratio of the car"""
 COMPUTED = 0
 """SOL_COMPUTED of NovAtel"""
 Quantities = Mapping[str, Array]
@@ -46,6 +47,8 @@ def _imu(m: Columns) -> Quantities:
 
 def _odometry(m: Columns) -> Quantities:
     place = {axis: m[f"pose.pose.position.{axis}"] for axis in "xyz"}
+    if np.ptp(place["z"]) == 0.0:  # of an estimator in the plane
+        del place["z"]
     motion = {"vx": m["twist.twist.linear.x"], "vy": m["twist.twist.linear.y"]}
     if (m[VY_VARIANCE] > 0.0).any():
         motion[VY_STD] = np.sqrt(np.maximum(m[VY_VARIANCE], 0.0))
@@ -118,7 +121,7 @@ def _wheels(m: Columns) -> Quantities:
 
 
 def _steering(path: str) -> Callable[[Columns], Quantities]:
-    return lambda m: {"steer": m[path] * DEGREE / load_car().vehicle.steering_ratio}
+    return lambda m: {STEERING_MOTOR: m[path] * DEGREE}
 
 
 def _brakes(m: Columns) -> Quantities:

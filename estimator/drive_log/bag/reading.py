@@ -16,10 +16,13 @@ import numpy as np
 from estimator.drive_log.bag.layout import Columns
 from estimator.drive_log.bag.messages import MESSAGES, Message, kinds
 from estimator.drive_log.bag.types import SAMPLES, full_name, of_generation, written
+from hil_gateway.config import Config
 from hil_gateway.process.arrays import Array, Ints
 from hil_gateway.process.clock import NS_PER_S
 from hil_gateway.receiver.clock import LEAP_S
 from hil_gateway.receiver.oem7 import GPS_EPOCH_UNIX_S, WEEK_S
+from hil_gateway.session.files.configuration import config_of
+from hil_gateway.session.files.format import METADATA_SESSION
 from hil_gateway.session.files.reader import Item
 from hil_gateway.session.logs.raw_bag import Bag
 
@@ -60,6 +63,8 @@ class BagDrive:
     notes: list[str] = field(default_factory=list)
     other: Counter[str] = field(default_factory=Counter)
     """kinds of topics that say nothing of a drive"""
+    config: Config = field(default_factory=Config)
+    """of the session that the bag was exported from, else the default one"""
 
 
 def read_sources(path: Path) -> BagDrive:
@@ -80,6 +85,7 @@ def read_sources(path: Path) -> BagDrive:
         else:
             waiting.setdefault(item.topic, []).append(item)
     _read_unnamed(waiting, topics, drive)
+    drive.config = config_of(bag.metadata.get(METADATA_SESSION, {}))
     drive.notes += [f"damaged: {damage}" for damage in bag.damage]
     drive.other = Counter(stream.kind for stream in bag.streams.values() if full_name(stream.kind) not in MESSAGES)
     start_ns = min((min(topic.stamps) for topic in topics.values()), default=0)

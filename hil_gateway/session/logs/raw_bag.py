@@ -81,6 +81,7 @@ class Bag:
     damage: list[str] = field(default_factory=list)
     streams: dict[str, Stream] = field(default_factory=dict)
     """topic -> what is known of it, of all that the files name"""
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
 
     def items(self) -> Iterator[Item]:
         """Every readable message that is wanted, file by file."""
@@ -96,6 +97,7 @@ class Bag:
         reader = SessionReader(plain, topics, kinds)
         yield from reader.items()
         self.streams |= {stream.topic: stream for stream in reader.streams.values()}
+        self.metadata |= reader.metadata
         self.damage += [str(damage) for damage in reader.damage]
 
     def _sqlite(self, file: Path, plain: Path) -> Iterator[Item]:

@@ -116,7 +116,7 @@ def test_reports_are_in_the_units_that_drive_by_wire_nodes_use(generation):
     bridge = Bridge(Config.model_validate({"ros2": {"messages": generation}}), bus, wire.link(), types, node)
     moves = {
         "wheel_speed_fl": 10.0, "wheel_speed_rr": 20.0, "steer": math.radians(2.0), "accelerator": 0.25,
-        "brake_front": 2.0e6, "brake_rear": 1.5e6,
+        "brake_front": 2.0e6, "brake_rear": 1.5e6, "engine_speed": 200.0 * math.pi, "gear": 4,
     }  # fmt: skip
     bus.publish(topics.VEHICLE_STATE, car_messages.vehicle_state(0, **moves))
     bridge.step(1, UNIX_NS)
@@ -127,6 +127,8 @@ def test_reports_are_in_the_units_that_drive_by_wire_nodes_use(generation):
     assert read[ros.ACCELERATOR].pedal_output == 25.0
     brakes = read[ros.BRAKES]
     assert (brakes.front_brake_pressure, brakes.rear_brake_pressure) == (2000.0, 1500.0)
+    engine = read[ros.ENGINE]
+    assert (engine.engine_rpm, engine.current_gear, engine.stamp.sec) == (6000.0, 4, UNIX_NS // 10**9)
 
 
 def test_frames_pass_with_identifier_length_and_bytes():
